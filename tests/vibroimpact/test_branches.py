@@ -22,7 +22,7 @@ from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
 from vibroimpact.orbits.chords import with_short_chords
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
-from vibroimpact.orbits.periodic import periodic_orbit, solved
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 
@@ -305,6 +305,36 @@ def test_the_cascade_of_flips():
     assert values[2] == pytest.approx(2.7291177, abs=5e-7)
 
 
+def test_the_orbits_just_beyond_a_flip_are_those_of_twice_the_period():
+    """The halves differ by the square root of the distance; nearer, they were taken for one."""
+    (flip,) = feigenbaum(0)
+    found, sizes = doubled_branch(flip.orbit, "omega", 2.4, 2.9), []
+    for away in (1e-6, 1e-7, 1e-8, 1e-9):
+        (orbit,) = found.at(flip.value + away)
+        assert (orbit.m, orbit.q) == (2, 2)
+        sizes.append(abs(np.diff(orbit.speeds)[0]) / math.sqrt(away))
+        again = branch(orbit, "omega", 2.4, 2.9)
+        assert [point.kind for point in again.special] == ["flip", "flip", "edge"]
+    assert sizes == pytest.approx([sizes[0]] * 4, rel=1e-3)
+    assert found.at(flip.value) == []
+
+
+@pytest.mark.parametrize("width", [1e-3, 1e-6, 1e-8])
+def test_a_weak_spring_hides_no_flip_in_a_narrow_range(width):
+    """A ball on a table, nearly: the speed p |clearance| is 2,000 times that of any impact."""
+    osc = Oscillator(h=0.0, R=0.15, omega=1.0, f=2.8, p=1e-4, clearance=-1e8)
+    first = branch(one_impact_orbit(osc), "f", 2.5, 4.0)
+    (start,) = [point.orbit for point in first.special if point.kind == "flip"]
+    whole = doubled_branch(start, "f", 2.5, 4.0)
+    (flip,) = special(whole, "flip")
+    (beside,) = whole.at(flip - 0.3 * width)
+    narrow = branch(beside, "f", flip - width, flip + width)
+    assert [point.kind for point in narrow.special] == ["edge", "flip", "edge"]
+    (value,) = special(narrow, "flip")
+    assert value == pytest.approx(flip, abs=1e-12)
+    assert narrow.stable.tolist() == (narrow.values < value).tolist()
+
+
 @pytest.mark.slow
 def test_feigenbaums_ratio_after_eight_further_flips():
     """4.6692; the last orbit has 512 impacts, and returns to itself in simulation."""
@@ -363,6 +393,13 @@ def test_a_tree_has_no_branch_twice_and_every_stable_orbit_attracts():
 def test_bad_ranges_are_refused(arguments, said):
     with pytest.raises(ValueError, match=said):
         branch(one_impact_orbit(LIGHT), *arguments)
+
+
+def test_a_solution_that_passes_the_stop_has_no_branch():
+    passing = one_impact_orbit(Oscillator(h=0.02, R=0.8, omega=0.3, f=1.0))
+    assert not passing.exists
+    with pytest.raises(OrbitError, match="the orbit does not exist: it passes the stop"):
+        branch(passing, "omega", 0.2, 7.0)
 
 
 def beside(osc, n, clearances):

@@ -19,10 +19,16 @@ import numpy as np
 from vibroimpact.orbits.continuation import continue_branch
 from vibroimpact.orbits.detection import ROUNDING
 from vibroimpact.orbits.ends import ending
-from vibroimpact.orbits.family import NEARBY_DISTANCE, ContinuationParameter, OrbitFamily
+from vibroimpact.orbits.family import (
+    NEARBY_DISTANCE,
+    ArclengthStep,
+    ContinuationParameter,
+    OrbitFamily,
+    Point,
+)
 from vibroimpact.orbits.halves import doubling, parents_flip
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit, orbit_of, steady_response
-from vibroimpact.orbits.periodic import OrbitError, least, refuse_long, solved
+from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
 from vibroimpact.orbits.special_points import special_points
 from vibroimpact.oscillator import Oscillator, refuse_other
 
@@ -130,23 +136,33 @@ class Branch:
         >>> [there.speeds.round(6) for there in branch(orbit, "omega", 2.3, 3.2).at(2.6)]
         [array([0.492335])]
         """
-        osc, orbits_there = self.oscillator_at(value), []
-        away = self.values - value
-        crossed = (away[:-1] * away[1:] < 0.0) | (away[:-1] == 0.0)
-        crossed[-1:] |= away[-1:] == 0.0
-        for i in np.flatnonzero(crossed).tolist():
-            share = away[i] / (away[i] - away[i + 1]) if away[i] else 0.0
-            between = [
-                (1.0 - share) * column[i] + share * column[i + 1]
-                for column in (self.phases, self.speeds)
-            ]
-            try:
-                orbit = solved(osc, self.m, *between)
-            except OrbitError:  # near a fold, or near an end of the branch
-                continue
-            if (orbit.m, orbit.q) == (self.m, self.q):
-                orbits_there.append(orbit)
-        return orbits_there
+        osc, away = self.oscillator_at(value), self.values - value
+        if self.q == 0:
+            return [free_orbit(osc)] if away.min() <= 0.0 <= away.max() else []
+        exact, crossed = away == 0.0, np.append(away[:-1] * away[1:] < 0.0, False)
+        there = [
+            (self.phases[i], self.speeds[i]) if exact[i] else self._between(i, value)
+            for i in np.flatnonzero(exact | crossed).tolist()
+        ]
+        orbits = [orbit_of(osc, self.m, *impacts) for impacts in there if impacts]
+        # At the flip where a branch ends, its orbit is that of half the period, taken twice.
+        return [orbit for orbit in orbits if least(orbit) is orbit]
+
+    def _between(self, i: int, value: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the impacts at a value between points i and i + 1; None if none are found."""
+        (name,) = self.parameters
+        axis = ContinuationParameter(name, float(self.values.min()), float(self.values.max()))
+        start = PeriodicOrbit(self.oscillator, self.m, self.phases[i], self.speeds[i])
+        family, two = OrbitFamily(start, (axis,)), slice(i, i + 2)
+        impacts = np.stack([self.phases[two], self.speeds[two] / family.speed], axis=2)
+        X = np.column_stack([impacts.reshape(2, -1), self.values[two] / axis.span])
+        length = family.distance(*X)
+        begin, end = (Point(Y, (X[1] - X[0]) / length, np.empty(0), math.nan, None) for Y in X)
+        step = ArclengthStep(family, begin, end, length)
+        root = step.root(lambda Y: float(family.values(Y)[0]) - value)
+        if root is None or family.inadmissible(root)[0] is not None:
+            return None
+        return family.impacts(root)
 
 
 def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
@@ -171,7 +187,8 @@ def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Bra
     Raises
     ------
     OrbitError
-        If a repetition of the orbit is too long to be solved for, as in `periodic_orbit`.
+        If the orbit does not exist, or a repetition of it is too long to be solved for, as in
+        `periodic_orbit`.
     TypeError, ValueError
         If an argument has the wrong type, the range is not valid, or the orbit is outside it.
 
@@ -191,6 +208,8 @@ def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Bra
     if orbit.q == 0:
         return _free_branch(orbit, axis)
     family = OrbitFamily(orbit, (axis,))
+    if orbit.speeds.all():  # a graze lies at the border of the orbits that exist
+        refuse_inadmissible(family)
     tangent = family.tangent(family.start)
     return both_directions(family, -tangent if tangent[-1] < 0.0 else tangent)
 

@@ -11,7 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from vibroimpact.orbits.corrector import correct, null_vector
-from vibroimpact.orbits.family import OrbitFamily
+from vibroimpact.orbits.ends import is_orbit
+from vibroimpact.orbits.family import Inadmissible, OrbitFamily
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps, values_of
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
@@ -203,7 +204,18 @@ def why_inadmissible(orbit: PeriodicOrbit) -> str:
         return f"its impacts miss the stop by {missed:.1e} of its size"
     family = OrbitFamily(orbit, ())
     found, _ = family.inadmissible(family.start)
-    return _REASONS[found.kind].format(found.where) if found else ""
+    return _reason(found) if found else ""
+
+
+def _reason(found: Inadmissible) -> str:
+    return _REASONS[found.kind].format(found.where)
+
+
+def refuse_inadmissible(family: OrbitFamily) -> None:
+    """Raise an OrbitError if a family begins at a solution that is not an orbit."""
+    start = family.point(family.start, np.zeros(family.start.size))
+    if start.inadmissible is not None and not is_orbit(family, start):
+        raise OrbitError(f"the orbit does not exist: {_reason(start.inadmissible)}")
 
 
 def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:

@@ -21,6 +21,8 @@ from vibroimpact.orbits.halves import difference_of_halves
 #: Greatest difference of the halves of an orbit at which the test of a fold, divided by the square
 #: of it, may be rounding.
 _ALIKE = 1e-4
+#: A bifurcation at an end of a step may lie beyond it by this share of the step, by rounding.
+_AT_END = 1e-6
 
 
 def special_points(
@@ -61,8 +63,8 @@ def _bifurcations(step: ArclengthStep, end: float) -> Iterator[tuple[str, np.nda
         if share is None:
             continue
         X = family.bifurcation(step.between(share), kind)
-        known = X is not None and -0.01 <= step.place(X) <= min(1.01, end)
-        if not known:
+        # Newton's method may also find the bifurcation of a step beside this one.
+        if X is None or not -_AT_END <= step.place(X) <= min(1.0 + _AT_END, end):
             X = step.root(partial(family.test, test))
         if X is not None and not (kind == "fold" and _is_twice_its_half(family, X)):
             yield kind, X
