@@ -83,8 +83,9 @@ def test_the_tolerance_is_a_share_of_the_greatest():
     for scale in (1e-9, 1.0, 1e9):
         for factor, m in ((0.5, 1), (2.0, 2)):
             x = scale * np.array([[1.0, 1.0 + factor * TOLERANCE] * 10])
-            assert record_class(FREE, x, np.ones((1, 20)), np.array([1.0]))[0] == m
-            assert record_class(FREE, np.ones((1, 20)), x, np.array([1.0]))[0] == m
+            other = np.full((1, 20), 100.0 * scale)
+            assert record_class(FREE, x, other, np.array([1.0]))[0] == m
+            assert record_class(FREE, other, x, np.array([1.0]))[0] == m
     zero = np.zeros((1, 20))
     assert record_class(FREE, zero, zero, np.array([0.0])) == (1, 0)
 
@@ -191,6 +192,28 @@ def test_the_class_changes_at_the_flip(h, R, n, low, high):
     assert (out["period"][below] == n).all()
     assert not np.isin(out["period"][~below], [n]).any()
     assert (out["class_evidence"][~below] != Evidence.NONE).all()
+
+
+@pytest.mark.parametrize("after", [-1e-8, -1e-9, -1e-10, -1e-12, 1e-12, 1e-10, 1e-9, 1e-8])
+def test_a_section_beside_an_impact(after):
+    """Its phase is so near that of the impact that the distance from the stop is rounding."""
+    osc = Oscillator(h=0.02, R=0.8, omega=1.3, f=1.0)
+    orbit = one_impact_orbit(osc)
+    (phase,), (speed,) = orbit.phases, orbit.speeds
+    v = -osc.R * speed if after > 0.0 else speed
+    point, phase = osc.at(-abs(v * after) / osc.omega, v), phase + after
+    spec = spec_of(point, phase=phase, transient=1000)
+    results = integrate(point, transient=1000, phase=phase, at_section=True)
+    out = classified(spec, point, results, None, None)
+    assert (out["period"], out["period_impacts"]) == (1, 1)
+
+
+@pytest.mark.parametrize(("x", "v"), [(-1e-10, 1.0), (-1.0, 1e-17), (0.0, -0.8), (-1.0, 0.0)])
+def test_rounding_in_x_or_v_alone_is_no_cycle(x, v):
+    """Sections on the stop, or at a turning point; rounding that repeats after 3 periods."""
+    noise = np.resize([0.0, 2e-16, -1e-16], 99)
+    m, _ = record_class(FREE, np.minimum([x + noise], 0.0), v + noise[None, ::-1], np.ones(1))
+    assert m == 1
 
 
 # --- the evidence ---

@@ -13,6 +13,9 @@ TOLERANCE = 1e-6
 _LESS_THAN_DIVISORS = 0.01
 #: Sections below this share of the clearance are measured by the clearance: they may be rounding.
 _LEAST_SIZE = 1e-7
+#: Nor is a size in x or v below this share of what the other one makes of it: sections beside an
+#: impact are all on the stop, and those at a turning point have no speed.
+_LEAST_SHARE = 1e-3
 #: Longest repetition that is looked for [forcing periods].
 LONGEST_PERIOD = 64
 #: Largest deviation from a repetition at the end of a record that nearly repeats.
@@ -26,7 +29,7 @@ def size_of(sections, pt):
     """Return the size of a record in x and in v, never 0.
 
     These are the greatest distance from the rest position or, if it is less, from the stop, and the
-    greatest |v|.
+    greatest |v|, neither of which may be rounding.
     """
     size_x, size_y, size_v = 0.0, 0.0, 0.0
     for k in range(sections.shape[0]):
@@ -35,6 +38,8 @@ def size_of(sections, pt):
         size_v = max(size_v, abs(sections[k, 1]))
     least, size_x = _LEAST_SIZE * abs(pt.clearance), min(size_x, size_y)
     size_x, size_v = max(size_x, least), max(size_v, pt.p * least)
+    size_x = max(size_x, _LEAST_SHARE * size_v / max(pt.omega, pt.p))
+    size_v = max(size_v, _LEAST_SHARE * size_x * min(pt.omega, pt.p))
     return size_x if size_x > 0.0 else 1.0, size_v if size_v > 0.0 else 1.0
 
 
