@@ -124,12 +124,14 @@ def plain_step(lanes, i, x, v, table, n, place, recording):
     to_x, to_v = map_of(lanes, i)
     s, c = table[SIN, n], table[COS, n]
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
-    impact = (x_T >= lanes[CLEARANCE + i]) & (v_T > 0.0)
+    # Loaded in every lane: a processor without masked loads takes no vectors otherwise.
+    stop, R = lanes[CLEARANCE + i], lanes[RESTITUTION + i]
+    impact = (x_T >= stop) & (v_T > 0.0)
     if recording:
-        lanes[place] = v_T if impact else math.inf
-        lanes[GUARD + i] = 1.0 if impact else lanes[GUARD + i]
-        lanes[GREATEST + i] = x_T if x_T > lanes[GREATEST + i] else lanes[GREATEST + i]
-    return lanes[CLEARANCE + i] if impact else x_T, -lanes[RESTITUTION + i] * v_T if impact else v_T
+        lanes[place] = select(impact, v_T, math.inf)
+        lanes[GUARD + i] = select(impact, 1.0, lanes[GUARD + i])
+        lanes[GREATEST + i] = select(x_T > lanes[GREATEST + i], x_T, lanes[GREATEST + i])
+    return select(impact, stop, x_T), select(impact, -R * v_T, v_T)
 
 
 @inlined
