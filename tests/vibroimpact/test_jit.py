@@ -6,12 +6,13 @@ import re
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
 
 import vibroimpact
-from vibroimpact.jit import WAY, fma, trial
+from vibroimpact.jit import WAY, compiling, fma, trial
 from vibroimpact.step.elementary import sin_cos
 
 # time_to_release() is in step/contact.py, the helper it calls in step/elementary.py.
@@ -113,6 +114,26 @@ def test_fma_rounds_once():
     e = 2.0**-30
     assert fused(1.0 + e, 1.0 + e, -(1.0 + 2.0 * e)) == e * e
     assert (1.0 + e) * (1.0 + e) - (1.0 + 2.0 * e) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("features", "warned"),
+    [({"fma": False, "avx": True}, 1), ({"fma": False, "fma4": True}, 0), ({"fma": True}, 0),
+     ({"neon": True}, 0)],
+)  # fmt: skip
+def test_a_processor_without_fma_is_named_once(monkeypatch, features, warned):
+    """There the C library computes it, hundreds of times slower. Only x86 lists it."""
+    osc = vibroimpact.Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0)
+    vibroimpact.simulate(osc, 1)  # with the true features, which numba asks for once
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_features", lambda: features)
+    compiling._warn_without_fma.cache_clear()
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for _ in range(2):
+            vibroimpact.simulate(osc, 1)
+    assert len(told) == warned
+    assert all("no fused multiply-add (FMA)" in str(one.message) for one in told)
+    compiling._warn_without_fma.cache_clear()
 
 
 #: Prints the way, how functions are compiled, and a result.

@@ -7,11 +7,14 @@ No fast-math flag is set anywhere. Where a product and a sum should be fused, th
 from __future__ import annotations
 
 import gc
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from functools import cache
 from typing import Any, TypeVar
 
+import llvmlite.binding
 import numba
 import numpy as np
 
@@ -99,11 +102,33 @@ def _public(function: Callable, options: dict[str, Any]) -> Any:
         _config.CACHE_DIR = before
 
 
+class ProcessorWarning(UserWarning):
+    """The processor lacks what makes the code fast; the text is one line for the user."""
+
+
+@cache
+def _warn_without_fma() -> None:
+    """Warn, once per process, if the C library computes ``fma`` in software.
+
+    Only x86 has processors without it: kvm64 and other virtual ones, and older Atoms. A sum of
+    branch-free operations in place of ``fma`` would be a second arithmetic for them alone.
+    """
+    there = llvmlite.binding.get_host_cpu_features()
+    if not (there.get("fma", True) or there.get("fma4", False)):
+        warnings.warn(
+            "this processor has no fused multiply-add (FMA), so that a run takes hundreds of times "
+            "as long as on others; in a virtual machine, choose the processor type 'host'",
+            ProcessorWarning,
+            stacklevel=3,
+        )
+
+
 def compiled(function: Any, *arguments: Any) -> Any:
     """Compile a function for such arguments, in less time than its first call takes; return it.
 
     Once it is compiled its arguments have the same types at every call. To find them takes .27 ms.
     """
+    _warn_without_fma()
     if not function.overloads:
         collecting = gc.isenabled()
         gc.disable()  # it would free next to nothing, and take a tenth of the time
