@@ -307,6 +307,6 @@ def table_of(axis: str, found: pd.DataFrame) -> pd.DataFrame:
     """Return the bifurcations with the columns of the CSV file."""
     names = {
         "low": f"{axis}_low", "high": f"{axis}_high", "before": "before", "after": "after",
-        "kind": "kind", "orbit": "orbit", "value": axis, "between": "unknown_between",
+        "kind": "kind", "value": axis, "between": "unknown_between", "orbit": "orbit",
     }  # fmt: skip
     return found[[*_others(found), *names]].rename(columns=names)

@@ -29,6 +29,7 @@ def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFr
 
     The `coordinate` decides between sections and impacts, which are numbered from 1. Each row has
     both Floquet multipliers of its orbit. A special point, which has a kind, has no ``stable``.
+    Phases are omega t mod 2 pi.
     """
     import pandas as pd
 
@@ -46,7 +47,8 @@ def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFr
     frame[dimension] = place + 1
     for name, about in COORDINATES.items():
         if about.dimension == dimension:
-            frame[name] = found[name].values[orbit, place]
+            values = found[name].values[orbit, place]
+            frame[name] = values % (2.0 * np.pi) if name == "impact_phase" else values
     return frame
 
 

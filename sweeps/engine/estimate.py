@@ -60,6 +60,10 @@ class Cost:
 _TYPICAL = 1000
 
 
+#: Time to write a byte of results twice, to its block and to the file [s], as measured.
+_WRITING = 5e-9
+
+
 def expected_cost(sweep: Sweep, path: Path, computer: Computer, resume: bool) -> Cost:
     """Return the cost of a sweep; refuse the sweep if disk space or memory is too small."""
     check_room(path, 2 * sweep.size * bytes_per_point(sweep.spec, _AT_IMPACTS), resume=resume)
@@ -71,7 +75,7 @@ def expected_cost(sweep: Sweep, path: Path, computer: Computer, resume: bool) ->
     points = sweep.grid.size
     block = min(block_size(sweep, **computer.block_limits(seconds, points)), points)
     memory = _BLOCKS_HELD * block * _memory_per_point(sweep)
-    return Cost(seconds, file, disk, memory, block)
+    return Cost(seconds + _WRITING * file, file, disk, memory, block)
 
 
 def block_size(sweep: Sweep, *, least: int = 1, blocks: int = _BLOCKS) -> int:

@@ -241,6 +241,10 @@ class Diagram(PixelFigure):
         kept = None if self.kept is None else self.kept.config
         return kept if kept in configs else configs[0]
 
+    def saved(self, view: View) -> SweepConfig:
+        """Return the configuration to save: with the periods of the view, and the classes."""
+        return view.diagram(self.resolution[0], ("period",))
+
     def _draw(self, view: View, config: SweepConfig, rows: int) -> Shown:
         """Compute a picture; if the configuration is the last one, only its pixels."""
         kept = self.kept

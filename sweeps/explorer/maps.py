@@ -74,7 +74,9 @@ class Filling:
         self.config, self._x, self._basins = config, x, basins
         levels = np.maximum.outer(*map(_levels, config.sweep.grid.shape)).ravel()
         #: The numbers of the points in the order of their computation.
-        self._order = np.argsort(levels, kind="stable")
+        # Each level in random order, so that the shares shown meanwhile are those of the whole map.
+        shuffled = np.random.default_rng(0).permutation(levels.size)
+        self._order = np.lexsort((shuffled, levels))
         every = -(-levels.size // _SHOWN)
         #: Numbers of computed points at which the map is shown.
         self.stops = sorted({*np.cumsum(np.bincount(levels)), *range(every, levels.size, every)})
@@ -236,6 +238,10 @@ class Map(PixelFigure):
     def finest(self, view: View) -> SweepConfig:
         """Return the configuration of the complete map, with a point for every pixel."""
         return view.tiles(self._tab, *self.resolution)
+
+    def saved(self, view: View) -> SweepConfig:
+        """Return the configuration to save."""
+        return self.finest(view)
 
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
         """Show a map and its legend."""

@@ -317,7 +317,7 @@ class LivePage:
     def _save(self) -> None:
         """Write the configuration of the picture, and show the path."""
         try:
-            path = write_yaml(self.view, self._picture.finest(self.view), self.folder)
+            path = write_yaml(self.view, self._picture.saved(self.view), self.folder)
         except SweepError as error:
             self._refuse(str(error))
         else:

@@ -169,9 +169,9 @@ class View:
         ends = {"x0": {"x0": high}, "clearance": {"clearance": low}}.get(axis, {})
         return window_around(name, {**self.values, **ends})
 
-    def diagram(self, columns: int) -> SweepConfig:
+    def diagram(self, columns: int, diagnostics: tuple[str, ...] = ()) -> SweepConfig:
         """Return the sweep of the diagram with `columns` values of the axis."""
-        return self._sweep({self.axis: (self.xlim, columns)}, ())
+        return self._sweep({self.axis: (self.xlim, columns)}, diagnostics)
 
     def plane(self, tab: int) -> tuple[tuple[str, Window], tuple[str, Window]]:
         """Return abscissa and ordinate of the map or of the basins, each with its window."""

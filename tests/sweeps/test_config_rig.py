@@ -264,7 +264,7 @@ def test_what_is_computed_from_a_sweep_in_si_units_is_in_si_units(joint):
 
 def test_numbers_computed_in_python_are_drawn_over_the_axes_of_the_rig(joint):
     with open_sweep(joint) as ds:
-        force = (ds["impulse"] * ds["omega"]).assign_attrs(long_name="mean force", units="1")
+        force = (ds["impulse"] * ds["omega"]).assign_attrs(long_name="my own", units="1")
         figure = plotting.bifurcation(ds, axes=["omega"], below=[force, ds["impulse"]])
         coloured = plotting.section(ds, color="omega")
         expected = [force.values, MASS * ds["impulse"].values]

@@ -225,6 +225,9 @@ def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
             on_one[record].eq(1).all() and on_one["omega"].tolist() == one["omega"].values.tolist()
         )
         assert on_one[coordinate].tolist() == one[coordinate].values[:, 0].tolist()
+        if record == "impact":
+            assert rows["impact_phase"].between(0.0, 2.0 * np.pi, inclusive="left").all()
+            assert (found["impact_phase"] > 2.0 * np.pi).any()  # of a second period
         for row in on_one.itertuples():
             closed = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=row.omega, f=1.0))
             multiplier = row.multiplier_1_real + 1j * row.multiplier_1_imag

@@ -204,6 +204,16 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
         np.testing.assert_array_equal(tiles.pixels == number, cell.where)
 
 
+def test_the_shares_of_a_part_of_a_map_are_those_of_the_whole(view):
+    """A class that fills the left or the lower half has half of the points at every stop."""
+    config = view.tiles(MAP, 160, 120)
+    filling = Filling(config, view.axis, basins=False)
+    places = np.unravel_index(filling._order, config.sweep.grid.shape)
+    for place, size in zip(places, config.sweep.grid.shape, strict=True):
+        shares = [np.mean(place[:stop] < size // 2) for stop in filling.stops if stop > 400]
+        assert len(shares) > 10 and np.ptp([*shares, 0.5]) < 0.03
+
+
 def test_more_basins_than_colours_share_one():
     """Without force and losses, every start is an attractor. A pixel has 256 values."""
     x0, v0 = {"start": -5.0, "stop": 4.0, "num": 20}, {"start": 0.1, "stop": 5.0, "num": 15}
