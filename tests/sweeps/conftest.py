@@ -25,6 +25,14 @@ def folder(tmp_path, monkeypatch, request):
     return tmp_path
 
 
+@pytest.fixture(autouse=True, scope="session")
+def short_trials():
+    """Estimate the time of a run in a tenth of the usual time; test_limits.py tests it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sweeps.engine.estimate._TRIAL", 0.01)
+        yield
+
+
 @pytest.fixture
 def stop_after(monkeypatch):
     """Return a context manager that interrupts a run after `count` blocks of `size` points."""

@@ -286,6 +286,7 @@ def test_the_command(monkeypatch):
     assert row["tolerance"] == ""
 
 
+@pytest.mark.slow
 def test_the_command_on_few_measurements(monkeypatch):
     """A peer may be missing, and a required error may be reached by no method."""
     few = in_a_table([made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)])

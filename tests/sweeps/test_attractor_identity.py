@@ -351,6 +351,7 @@ def test_no_two_attractors_of_a_point_have_one_number(computed_starts):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("num", [23, 45])
 def test_a_branch_keeps_its_number_over_steps_of_any_size(tmp_path, num):
     """A step of 5 to 10 rad/s moves the section by up to twice its size, along each branch.

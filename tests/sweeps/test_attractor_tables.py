@@ -18,6 +18,7 @@ from vibroimpact.status import Status
 # The command and the pictures
 
 
+@pytest.mark.slow
 def test_the_table_and_its_file(computed_starts, tmp_path):
     dataset = computed_starts()
     file = dataset.encoding["source"]
@@ -71,6 +72,7 @@ def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
     ]
 
 
+@pytest.mark.slow
 def test_the_legend_of_the_basins_names_the_largest(computed_starts):
     """Without force and losses, every start is an attractor."""
     dataset = computed_starts(

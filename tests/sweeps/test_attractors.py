@@ -48,6 +48,7 @@ def test_the_rest_position_is_the_attractor_where_there_is_no_force():
     assert np.abs(found["section_x"].values[0]).max() < 1e-15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("h", "R", "single", "three"),
     [
@@ -72,6 +73,7 @@ def test_the_known_coexisting_attractors(computed_starts, h, R, single, three):
         assert zero == by_class["2/3"].number
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("impacts", [3, 200])
 def test_speeds_are_shown_whatever_room_the_record_has(computed_starts, impacts):
     """In 32 periods the orbits have 32 and 48 impacts; the rest of a larger record is padding."""
@@ -255,6 +257,7 @@ def test_the_same_partition_pair_by_pair(computed_starts):
     assert partition(attractors(dataset)["attractor"]) == partition(pair_by_pair(dataset))
 
 
+@pytest.mark.slow
 def test_one_of_two_attractors_is_the_free_oscillation(computed_starts):
     """Clearance 0.6: x = Im(-exp(i omega t) / (p^2 - omega^2 + 2 i h omega)), without an impact."""
     dataset = computed_starts(

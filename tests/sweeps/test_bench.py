@@ -155,6 +155,7 @@ def test_the_picture_shows_what_was_measured(measured):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_command_draws_the_papers_cases(measured, monkeypatch):
     monkeypatch.setattr("sweeps.bench.paper.measure", lambda: measured)
     done = call("bench", "paper")
@@ -211,6 +212,7 @@ def test_the_chart_is_the_spectral_radius():
         np.testing.assert_array_equal(line.get_xydata(), np.stack([limit[:, 0], zeta], axis=1))
 
 
+@pytest.mark.slow
 def test_what_the_failures_are(figures):
     """The figures that are known of the scenes: of other code, or of the exact motion."""
     known = {

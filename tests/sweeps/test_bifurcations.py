@@ -78,6 +78,7 @@ def test_a_fold_and_a_graze_are_told_apart(sweep):
     assert end.value == pytest.approx(graze, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_table_in_python_is_the_one_that_is_listed(sweep):
     """With a certified flip, on one of two lines over R."""
     path = sweep("h: 0.05, R: [0.2, 0.8], f: 1, omega: {start: 2.6, stop: 2.67, num: 4}")
@@ -95,6 +96,7 @@ def test_the_table_in_python_is_the_one_that_is_listed(sweep):
     assert f"{row['value']:.12g}  flip  1/1    {row['before']} -> {row['after']}" in listed
 
 
+@pytest.mark.slow
 def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
     """h = 0.02, R = 0.8: at omega = 1.3 period 1 and the motion 2/3 coexist, both stable."""
     path = sweep("h: 0.02, R: 0.8, f: 1.0, omega: {start: 1.29, stop: 1.32, num: 7}")
@@ -136,6 +138,7 @@ def test_along_a_start_the_basin_changes(sweep):
     assert changes and {change.kind for change in changes} == {"basin"}
 
 
+@pytest.mark.slow
 def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
     chaotic = "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 3.23, 3.235, 3.24]"
     path = sweep(chaotic, changes=["record.diagnostics=[period]"])

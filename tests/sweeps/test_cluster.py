@@ -28,7 +28,7 @@ from vibroimpact.jit import NUMERICS
 from vibroimpact.points.compute import compute_points
 from vibroimpact.status import Status
 
-pytestmark = pytest.mark.cluster
+pytestmark = [pytest.mark.cluster, pytest.mark.slow]
 ROOT = Path(sweeps.__file__).parents[1]
 
 

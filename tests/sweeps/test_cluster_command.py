@@ -31,7 +31,7 @@ from sweeps import interrupts
 from sweeps.engine import client as clients
 from sweeps.engine.client import check_address
 
-pytestmark = pytest.mark.cluster
+pytestmark = [pytest.mark.cluster, pytest.mark.slow]
 ROOT = Path(sweeps.__file__).parents[1]
 
 

@@ -262,6 +262,7 @@ def test_what_is_computed_from_a_sweep_in_si_units_is_in_si_units(joint):
         assert turn * listed[name].to_numpy() == pytest.approx(expected, rel=1e-14, nan_ok=True)
 
 
+@pytest.mark.slow
 def test_numbers_computed_in_python_are_drawn_over_the_axes_of_the_rig(joint):
     with open_sweep(joint) as ds:
         force = (ds["impulse"] * ds["omega"]).assign_attrs(long_name="my own", units="1")
@@ -297,6 +298,7 @@ def test_a_diagram_of_a_rig_is_in_hertz(joint):
     assert "omega" not in title
 
 
+@pytest.mark.slow
 def test_lengths_in_pictures_have_the_prefix_of_their_size(joint):
     with open_sweep(joint) as ds:
         section = plotting.section(ds, at={"omega": 190.0})
@@ -319,6 +321,7 @@ def test_lengths_in_pictures_have_the_prefix_of_their_size(joint):
     assert f"$t_0={t_0:.6g}$\N{NO-BREAK SPACE}s, after" in motion.get_suptitle()
 
 
+@pytest.mark.slow
 def test_a_logarithmic_axis_of_gaps_has_the_prefix_too():
     gaps = "rig.gap={start: 2e-5, stop: 4e-4, num: 9, spacing: log}"
     with open_sweep(run_sweep(load(JOINT, gaps, "rig.frequency=30"), "gaps.h5")) as ds:
@@ -492,7 +495,7 @@ def test_attractors_of_a_rig_are_listed_over_its_frequency():
 @pytest.mark.slow
 def test_attractors_and_their_measures_have_units():
     """At 36 Hz the motions 1/1 and 1/0 coexist."""
-    x0, v0 = "{start: -0.0015, stop: 0.0005, num: 12}", "{start: -0.4, stop: 0.4, num: 12}"
+    x0, v0 = "{start: -0.0015, stop: 0.0005, num: 6}", "{start: -0.4, stop: 0.4, num: 6}"
     few = "record={transient: 200, periods: 8}", "rig.frequency=[36, 37]"
     path = run_sweep(load(JOINT, f"start={{x0: {x0}, v0: {v0}}}", *few), "measured.h5")
     heads = {

@@ -140,6 +140,7 @@ def test_a_line_breaks_where_the_phase_begins_anew(later):
         assert np.abs(np.diff(line.get_ydata(), axis=0)).max() < 0.5
 
 
+@pytest.mark.slow
 def test_a_sweep_without_any_impact_has_the_free_oscillation_as_its_branch(tmp_path):
     """Its amplitude is that of the steady response; no impact is compared with it."""
     dataset = computed(tmp_path, "oscillator.R=0.5", "oscillator.clearance=2.0", "oscillator.h=0.3")
@@ -160,6 +161,7 @@ def classes_of(found):
     return list(zip(found["m"].values[first], found["q"].values[first], strict=True))
 
 
+@pytest.mark.slow
 def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(exact):
     cut = select(exact, {"R": 0.8}, free=["omega"]).load()
     m, q = cut["period"].values, cut["period_impacts"].values
@@ -198,6 +200,7 @@ def test_the_line_is_exact_between_its_points(later):
         assert sum(off == 0.0) < 3  # the gap at a jump is not wider
 
 
+@pytest.mark.slow
 def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
     assert found.sizes["impact"] == found["q"].max()
     one = found.isel(point=(found["branch"].values == 0) & (found["kind"].values == ""))
@@ -246,6 +249,7 @@ def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
         plot(exact, tmp_path / "a.png", axes=["R"], exact=found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mq", [(2, 3), (8, 8)])
 def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact, found, mq):
     """Also those that begin at bifurcations of other classes."""

@@ -40,6 +40,7 @@ def assert_on_closed_form(omega, R, tolerance):
     assert np.abs(curve - 1.0).max() < tolerance
 
 
+@pytest.mark.slow
 def test_the_flips_of_the_map_are_on_the_closed_form(path):
     with open_sweep(path) as dataset:
         found = curves(dataset)
@@ -83,6 +84,7 @@ def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(path, 
     assert len({*found["curve"].values[flips]}) == 1
 
 
+@pytest.mark.slow
 def test_chosen_classes_have_all_their_curves(path):
     with open_sweep(path) as dataset:
         plain, chosen = curves(dataset), curves(dataset, classes=[(2, 2), (5, 1)])
@@ -137,6 +139,7 @@ def test_every_change_has_a_curve_or_a_reason(tmp_path):
     assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
 
 
+@pytest.mark.slow
 def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
     def refuse(*_):
         raise OrbitError("the flip does not go on")
@@ -184,6 +187,7 @@ def strong_lines(figure):
     return [line for line in figure.axes[0].lines if line.get_path_effects()]
 
 
+@pytest.mark.slow
 def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
     """The flip of 1/1 between 1/1 and 2/2, on its closed form; elsewhere it is thin."""
     with open_sweep(path) as dataset:
@@ -209,6 +213,7 @@ def legend_of(figure):
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
+@pytest.mark.slow
 def test_the_kinds_of_the_curves_can_be_chosen(tmp_path):
     oscillator = "h: 0.05, f: 1.0, R: [0.7, 0.75, 0.8], clearance: 1.5, "
     oscillator += "omega: {start: 1.2, stop: 1.8, num: 9}"

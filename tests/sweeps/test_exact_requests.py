@@ -176,6 +176,7 @@ def test_a_bad_table_is_refused_before_the_work(file, tmp_path, name, reason, co
     assert result.stderr == f"vibroimpact: error: {reason}\n"
 
 
+@pytest.mark.slow
 def test_a_map_has_no_number_of_branches(file, tmp_path):
     options = "--kind", "map", "--exact", "--most", "2", "-o", tmp_path / "map.png"
     assert refused("plot", file("map"), *options).endswith(

@@ -180,6 +180,7 @@ def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
     page.worker.shutdown()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tab", [MAP, BASINS])
 def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, tab):
     view = replace(view, record={**view.record, "transient": 100, "periods": 30})
@@ -388,6 +389,7 @@ def test_a_wrong_configuration_is_refused_as_by_run(tmp_path):
     assert "absent.yaml" in refused("explore", "absent.yaml")
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_refused_as_by_plot(tmp_path):
     config = View.of(load_config(CONFIGS / "quickstart.yaml")).diagram(5)
     path = run_sweep(config, tmp_path / "run.h5")

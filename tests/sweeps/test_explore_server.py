@@ -59,6 +59,7 @@ def answer(address, path, **headers):
     return status, text
 
 
+@pytest.mark.slow
 def test_only_the_address_with_its_secret_and_this_host_are_served(explorer):
     parts = urlsplit(explorer.address)
     path = f"/?{parts.query}"
@@ -79,6 +80,7 @@ def test_only_the_address_with_its_secret_and_this_host_are_served(explorer):
     assert bound == {"127.0.0.1"}
 
 
+@pytest.mark.slow
 def test_another_page_and_a_false_token_are_refused_without_a_word(explorer, caplog):
     parts = urlsplit(explorer.address)
     _, text = answer(explorer.address, f"/?{parts.query}")

@@ -51,6 +51,7 @@ def exported(file, name="points.csv", *options):
         return said, list(csv.DictReader(text))
 
 
+@pytest.mark.slow
 def test_every_scalar_comes_back_to_the_last_bit(file):
     said, rows = exported(file)
     assert said == "points.csv: 14 rows\n"
@@ -70,6 +71,7 @@ def test_every_scalar_comes_back_to_the_last_bit(file):
     assert not {"poincare_x", "impact_v"} & set(rows[0])
 
 
+@pytest.mark.slow
 def test_parts_give_the_same_file(file, monkeypatch):
     exported(file)
     monkeypatch.setattr("sweeps.analysis.tables._PART", 3)
@@ -77,6 +79,7 @@ def test_parts_give_the_same_file(file, monkeypatch):
     assert Path("parts.csv").read_bytes() == Path("points.csv").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rows", "dimension", "names"),
     [
@@ -119,6 +122,7 @@ def test_a_record_that_the_file_lacks_is_refused():
     assert not Path("a.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_single_point_is_a_row():
     overrides = ["oscillator.R=0.5", "oscillator.omega=2.0"]
     _, (row,) = exported(run_sweep(load_config("sweep.yaml", overrides), "out.h5"))

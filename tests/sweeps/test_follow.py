@@ -52,6 +52,7 @@ def by_hand(config, point, axis, values):
 # Chains
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [0, 1.3])
 @pytest.mark.parametrize("axis", ["omega", "R", "clearance"])
 def test_a_chain_is_what_calls_by_hand_give(axis, phase):
@@ -103,6 +104,7 @@ def test_the_first_point_of_a_chain_starts_as_every_point(followed):
         assert (later != alone["poincare_x"].sel(omega=2.4)).any()
 
 
+@pytest.mark.slow
 def test_a_start_that_is_swept_starts_chains_of_its_own():
     config = configured("start.x0=[-1, -0.2]", "record.trajectory=false")
     assert ran(config)["poincare_x"].sizes["x0"] == 2
@@ -135,6 +137,7 @@ UNSTABLE = (
 )
 
 
+@pytest.mark.slow
 def test_after_a_failure_a_chain_begins_anew():
     config = configured(*UNSTABLE, "follow={axis: p, direction: down}")
     followed = ran(config)

@@ -65,6 +65,7 @@ def texts(figure):
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
 
 
+@pytest.mark.slow
 def test_neither_direction_hides_the_other(dataset):
     """Free from the fold on and on the way down, with impacts on the way up (closed forms)."""
     figure = bifurcation(dataset)
@@ -83,6 +84,7 @@ def test_neither_direction_hides_the_other(dataset):
     assert "followed" not in figure.get_suptitle()
 
 
+@pytest.mark.slow
 def test_an_arrow_leads_from_the_end_of_each_motion_to_the_next(dataset):
     """Up beyond the fold at 1.6504, down below the graze at 1.2861; black with other colours."""
     omega, x = dataset["omega"].values, dataset["poincare_x"].isel(h=0, section=-1)
@@ -107,6 +109,7 @@ def test_neither_direction_hides_the_other_below(dataset):
     assert counts[0] == counts[1] > 0 and sum(counts) == 2 * len(omega)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["up", "down"])
 def test_one_direction_can_be_picked(dataset, way):
     figure = bifurcation(dataset, at={"direction": way, "h": 0.06}, coordinate="poincare_v")
@@ -123,6 +126,7 @@ def test_one_direction_can_be_picked(dataset, way):
     assert f"followed {way} along" in state.get_suptitle()
 
 
+@pytest.mark.slow
 def test_what_shows_one_branch_shows_the_way_up(dataset):
     for draw in (section, trajectory, parameter_map):
         title = draw(dataset, **({} if draw is parameter_map else {"at": {"omega": 1.5}}))
@@ -153,10 +157,12 @@ def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
     assert len([m for m in one.axes[0].collections if isinstance(m, QuadMesh)]) == 1
 
 
+@pytest.mark.slow
 def test_exact_branches_over_both_directions_have_a_legend(dataset):
     assert bifurcation(dataset, exact=branches(dataset), coordinate="impact_v").legends
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_counted_in_both_directions(stop_after):
     with stop_after(1, size=25), pytest.raises(KeyboardInterrupt):
         run_sweep(load_config("sweep.yaml"), "part.h5")
@@ -182,6 +188,7 @@ def test_the_command_line(stored):
     assert "direction is not a swept axis" in drawn("--axis", "direction").stderr
 
 
+@pytest.mark.slow
 def test_a_direction_is_refused_where_there_is_one_only():
     changes = ["follow.direction=down", "record.trajectory=false", "oscillator.omega.num=5"]
     run_sweep(load_config("sweep.yaml", changes), "one.h5")

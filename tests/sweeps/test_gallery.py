@@ -52,6 +52,7 @@ def classes(dataset):
     return named
 
 
+@pytest.mark.slow
 def test_scattering_parts_have_the_probabilities_of_a_sample_ten_times_as_large(scene):
     """Of independent draws; and the scatter of the impulse is that of the restitution."""
     dataset, n, draws = scene("tolerances"), 512, np.random.default_rng(1)
@@ -173,6 +174,7 @@ def test_grazing(scene):
         assert any(orbit.stable for orbit in one_impact_orbits(osc, n=2)) == exists
 
 
+@pytest.mark.slow
 def test_the_free_oscillation_ends_at_its_graze(scene):
     """Started on itself: f / sqrt(D) = 1.89079 at omega = 0.7, h = 0.1."""
     state = -1.0 / (1.0 - 0.7**2 + 2j * 0.1 * 0.7)
@@ -186,11 +188,13 @@ def test_the_free_oscillation_ends_at_its_graze(scene):
     assert dataset["impacts_per_period"].values[1] == 0.0
 
 
+@pytest.mark.slow
 def test_restitution(scene):
     dataset = scene("restitution", f"oscillator.R={values(0.35, 0.45, 0.545, 0.5585, 0.58)}")
     assert classes(dataset) == ["2/2", "4/4", "8/8", "16/16", "chaotic"]
 
 
+@pytest.mark.slow
 def test_cascade(scene):
     """The first flip is at 4.6437, and 3/1 begins at 5.303."""
     omega = values(4.63, 4.66, 4.715, 4.76, 5.29, 5.32)
@@ -199,6 +203,7 @@ def test_cascade(scene):
     assert found[4] != "3/1" and found[5] == "3/1"
 
 
+@pytest.mark.slow
 def test_impacts_are_added_one_by_one_down_to_rest(scene):
     """The paper's third case has four; the chatter is complete below R = 0.4693426554."""
     R = values(0.65, 0.55, 0.5, 0.48, 0.4694, 0.4693)
@@ -221,6 +226,7 @@ def test_damping(scene):
         assert_allclose(slow_speeds(naive.oscillator(h, 0.8, 2.9), q), speeds, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_quickstart(scene):
     """The flip of 1/1 is at 2.65888454668484; 2/1 from 3.338 on."""
     overrides = (
@@ -245,6 +251,7 @@ def test_chatter(scene):
     assert_allclose(dataset["rest_fraction"].values[0], fraction, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_period_map(scene):
     """The tongues of one impact in one, two and three periods, at R = 0.8 (windows at h = 0)."""
     dataset = scene(

@@ -69,6 +69,7 @@ def test_measures_equal_an_exhaustive_search(gap, weight):
     assert measures_of(inside, x, v, weight, 0.5, leaves)[-2:] == (0.0, True)
 
 
+@pytest.mark.slow
 def test_the_measures_of_each_attractor_along_an_axis(two):
     found = integrity(two)
     assert found["number"].values.tolist() == [[0, 1], [0, 1]]
@@ -93,6 +94,7 @@ def test_the_measures_of_each_attractor_along_an_axis(two):
         ]
 
 
+@pytest.mark.slow
 def test_velocities_count_by_the_eigenfrequency(two, tmp_path):
     """A rig of twice the frequencies moves as this one, twice as fast: the same distances."""
     faster = "oscillator={h: 0.2, R: 0.8, omega: [5.2, 5.4], f: 4.0, p: 2.0, clearance: 0.6}"
@@ -156,6 +158,7 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path):
         assert np.abs(run["poincare_v"] - v).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_boundary_that_rounding_decides_is_fractal(two, monkeypatch):
     """Beyond a change of velocity by 0.3, every trial ends on an unpredictable attractor."""
     chance = np.random.default_rng(0)
@@ -236,6 +239,7 @@ def test_motions_that_have_not_settled_are_rows_without_measures(tmp_path):
     assert accepted("attractors", file).splitlines()[2].split() == row[:4]
 
 
+@pytest.mark.slow
 def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):
     few = "start={x0: {start: -2, stop: 0, num: 5}, v0: {start: -2, stop: 2, num: 5}}"
     method = "method={integrator: rk4, impact: cubic}", "oscillator.omega=2.6"
@@ -263,14 +267,14 @@ def colours_of(figure):
     return {re.split("[,:]", text.get_text())[0]: to_hex(patch.get_fc()) for patch, text in named}
 
 
+@pytest.mark.slow
 def test_an_attractor_has_one_colour_in_all_pictures_of_a_file(ranked):
     assert attractors(ranked)["m"].values.tolist() == [[1, -1], [2, 1], [1, 2]]
     numbered = {"2/1": ATTRACTORS[0].lower(), "1/1": ATTRACTORS[1].lower()}
     numbered["1/0"] = ATTRACTORS[2].lower()
-    for draw in (basins, draw_integrity):
-        for clearance in (0.4, 0.6):
-            found = colours_of(draw(ranked, at={"clearance": clearance}))
-            assert found == {name: numbered[name] for name in found} and len(found) > 1
+    for draw, clearance in ((basins, 0.4), (basins, 0.6), (draw_integrity, 0.4)):
+        found = colours_of(draw(ranked, at={"clearance": clearance}))
+        assert found == {name: numbered[name] for name in found} and len(found) > 1
     lines = attractor_diagram(ranked).axes[0].lines
     found = {
         line.get_label()[:3]: to_hex(line.get_color())
@@ -280,12 +284,14 @@ def test_an_attractor_has_one_colour_in_all_pictures_of_a_file(ranked):
     assert found == numbered
 
 
+@pytest.mark.slow
 def test_where_the_attractors_with_a_colour_are_absent_others_take_it(ranked, monkeypatch):
     monkeypatch.setattr("sweeps.plotting.attractors.ATTRACTORS", (BLUE,))
     assert colours_of(basins(ranked, at={"clearance": 0.0})) == {"1/1": BLUE.lower()}
     assert colours_of(basins(ranked, at={"clearance": 0.6}))["2/1"] == BLUE.lower()
 
 
+@pytest.mark.slow
 def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
     figure = draw_integrity(ranked, at={"clearance": 0.6})
     *profile, panel = figure.axes
@@ -306,6 +312,7 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
     assert [line.get_marker() for line in panel.lines] == ["o"]  # a single call
 
 
+@pytest.mark.slow
 def test_discs_and_knocks_are_those_of_the_attractors_with_a_colour(ranked, monkeypatch):
     sought = []
 

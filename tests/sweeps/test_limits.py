@@ -28,6 +28,11 @@ record: {transient: 100, periods: 100}
 """
 
 
+@pytest.fixture(autouse=True)
+def usual_trials(monkeypatch):
+    monkeypatch.setattr(limits, "_TRIAL", 0.1)
+
+
 def cost_of(sweep, threads=None):
     return expected_cost(sweep, Path("out.h5"), LocalComputer(threads), resume=False)
 
@@ -158,12 +163,14 @@ def test_the_expected_time_is_about_the_time(changes):
     assert 0.2 < expected / (time.process_time() - began) < 5.0
 
 
+@pytest.mark.slow
 def test_an_hour_is_told_without_taking_one():
     sweep = load(CONFIG, "record.transient=1e9", "oscillator.omega.num=1e6").sweep
     began = time.process_time()
     assert trial(sweep, None)[0] > 1e5 * (time.process_time() - began)
 
 
+@pytest.mark.slow
 def test_the_expected_time_is_not_that_of_other_processes(monkeypatch):
     """A trial of one period that waits for a processor is not multiplied by a million."""
     sweep = load(CONFIG, "record.transient=1e6", "oscillator.omega.num=60").sweep

@@ -187,6 +187,7 @@ def test_the_slowest_impact_is_dark_at_a_graze_and_unknown_in_a_chatter():
     assert texts(figure)[1, :2].tolist() == ["no impact", "with rest"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", ["energy_lost", "impulse", "fastest_impact"])
 def test_a_chatter_has_a_loss_and_a_fastest_impact(quantity):
     values = {(0, 0): 1e-3, (0, 1): 1e-2, (0, 2): 1e-1, (1, 0): 0.0, (1, 1): 0.02}

@@ -85,6 +85,7 @@ def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, nam
 # The code
 
 
+@pytest.mark.slow
 def test_every_source_of_the_physics_is_in_its_name(tmp_path):
     package = tmp_path / "vibroimpact"
     shutil.copytree(PHYSICS, package)
@@ -119,6 +120,7 @@ def test_only_code_is_in_its_name(old, new, same):
     assert (name_of({"a.py": SOURCE.encode()}) == name_of({"a.py": edited.encode()})) is same
 
 
+@pytest.mark.slow
 def test_the_code_of_a_refinement_is_in_its_name(tmp_path, monkeypatch):
     config = load(REFINED)
     shutil.copytree(ENGINE, tmp_path / "sweeps")

@@ -50,6 +50,7 @@ def legend(figure):
     return {t.get_text(): to_hex(p.get_facecolor()) for t, p in zip(one.texts, one.get_patches())}  # noqa: B905
 
 
+@pytest.mark.slow
 def test_a_quantity_of_ones_own_is_mapped_with_its_label_and_units(dataset):
     figure = parameter_map(dataset, quantity=own(dataset, long_name="thrust", units="kN"))
     mesh = figure.axes[0].collections[0]
@@ -61,6 +62,7 @@ def test_a_quantity_of_ones_own_is_mapped_with_its_label_and_units(dataset):
     assert turned.axes[1].get_xlabel() == "thrust"
 
 
+@pytest.mark.slow
 def test_any_variable_of_the_dataset_is_mapped(dataset):
     wider = dataset.assign(loud=dataset["fastest_impact"] > 1.0, phase_now=dataset["omega"] * 2.0)
     for name in ("chatters", "orbit_x", "class_evidence", "loud", "phase_now", "R"):
@@ -144,6 +146,7 @@ def test_an_exponent_colours_by_a_bar_and_the_panel_below_alike(dataset):
     assert bright.max() < 2.6  # visible on white paper
 
 
+@pytest.mark.slow
 def test_sections_of_all_points_or_of_those_left_have_the_colours(dataset):
     for draw, names in ((section, ("poincare_x", "poincare_v")),
                         (impacts, ("impact_phase", "impact_v"))):  # fmt: skip
@@ -157,6 +160,7 @@ def test_sections_of_all_points_or_of_those_left_have_the_colours(dataset):
     assert len(points_of(section(dataset, color="R"))[0]) == dataset["poincare_x"].size
 
 
+@pytest.mark.slow
 def test_the_motions_of_those_left_have_the_colours(dataset):
     figure = trajectory(dataset, color="omega", at={"R": 0.8})
     several = [panel.lines for panel in figure.axes[:3]]
@@ -171,6 +175,7 @@ def test_the_motions_of_those_left_have_the_colours(dataset):
             assert to_rgba(lines[i].get_color()) == tuple(colours[i])
 
 
+@pytest.mark.slow
 def test_motions_have_the_class_colours_and_no_stop_where_it_moves(dataset):
     figure = trajectory(dataset, color="period", periods=1)
     assert all(t[-1] < 3.0 for t in (line.get_xdata() for line in figure.axes[0].lines[:26]))
@@ -181,6 +186,7 @@ def test_motions_have_the_class_colours_and_no_stop_where_it_moves(dataset):
     assert [len(one.axes[1].lines) for one in (figure, moving)] == [27, 26]
 
 
+@pytest.mark.slow
 def test_what_motions_share_is_said_and_what_cannot_be_told_apart_refused(dataset, monkeypatch):
     figure = trajectory(dataset, color="period", at={"R": 0.8}, periods=100)
     assert "after 208 forcing periods, 988 of 1,300 periods" in figure.get_suptitle()
@@ -199,6 +205,7 @@ def test_a_motion_that_failed_is_left_out(dataset):
     assert len(trajectory(broken, color="omega", periods=1).axes[2].lines) == 12
 
 
+@pytest.mark.slow
 def test_recorded_trajectories_are_coloured(tmp_path):
     kept = SWEEP.replace("num: 13}", "num: 3}").replace(
         "impacts", "trajectory: {every: 1}, impacts"
@@ -222,6 +229,7 @@ def test_a_dense_diagram_keeps_the_colours(dataset, monkeypatch):
     assert seen == {colour for text, colour in legend(figure).items() if "settled yet" not in text}
 
 
+@pytest.mark.slow
 def test_the_points_of_a_table_are_coloured(tmp_path):
     table = "points: {omega: [2.4, 2.5, 2.6], part: [1.0, 2.0, 3.0]}\n"
     run_in(tmp_path, table + "oscillator: {h: 0.1, R: 0.8, f: 1.0}\n")

@@ -182,6 +182,7 @@ def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):
     assert texts == ["not settled yet (3 of 13)", r"$\lambda_1$", r"$\lambda_2$"]
 
 
+@pytest.mark.slow
 def test_the_dots_of_attractors_of_many_starts_are_visible():
     """Chaotic ones, too, on a screen of 100 pixels per inch."""
     axis = {"start": 2.7, "stop": 2.95, "num": 200}
@@ -195,6 +196,7 @@ def test_the_dots_of_attractors_of_many_starts_are_visible():
     assert len(sizes) > 2 and min(sizes) > 72.0 / 100.0
 
 
+@pytest.mark.slow
 def test_a_motion_goes_on_from_the_stored_state(dataset):
     """On the closed-form orbit at omega = 2.3: one impact per period, at its speed."""
     figure = plotting.trajectory(dataset, at={"omega": 2.3, "R": 0.8}, periods=3)
@@ -211,6 +213,7 @@ def test_a_motion_goes_on_from_the_stored_state(dataset):
     assert "after 132 forcing periods" in figure.get_suptitle()
 
 
+@pytest.mark.slow
 def test_a_motion_is_shown_over_two_repetitions_with_its_class():
     """A 3/2 motion over six periods; where no class is known, over four."""
     for diagnostics, shown, periods in ((["period"], "class 3/2, $t_0=", 6), ([], "$t_0=", 4)):
@@ -316,6 +319,7 @@ def test_a_page_sets_title_and_limits(dataset):
     assert plotting.parameter_map(dataset, page=Page(title="")).get_suptitle() == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [10, 10**9])
 def test_the_ordinate_fits_what_is_within_the_limits_of_the_abscissa(dataset, monkeypatch, most):
     """As markers and as a density; also below the diagram, with exact branches and of a motion."""
@@ -330,6 +334,7 @@ def test_the_ordinate_fits_what_is_within_the_limits_of_the_abscissa(dataset, mo
     assert fixed.axes[0].get_ylim() == (-9.0, 9.0)
 
 
+@pytest.mark.slow
 def test_the_ordinate_fits_the_part_of_a_motion_and_of_branches_in_view(dataset):
     page = Page(xlim=(0.3, 0.6))
     panel = plotting.trajectory(dataset, at={"omega": 2.3}, page=page).axes[0]
@@ -380,6 +385,7 @@ def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
     assert again.read_bytes() == output.read_bytes()
 
 
+@pytest.mark.slow
 def test_settings_of_the_user_are_kept(dataset, tmp_path):
     own = {"font.size": 6.0, "figure.figsize": [4.0, 2.0], "savefig.dpi": 50.0}
     with mpl.rc_context(own):

@@ -43,6 +43,7 @@ def test_the_data_are_never_replaced(random_sweep, tmp_path, link):
     assert data.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_picture_is_replaced_whole_or_not_at_all(random_sweep, tmp_path, monkeypatch):
     dataset = random_sweep({"omega": OMEGA})
     target, link = tmp_path / "a.png", tmp_path / "link.png"
@@ -62,6 +63,7 @@ def test_a_picture_is_replaced_whole_or_not_at_all(random_sweep, tmp_path, monke
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.h5", "a.png", "link.png"]
 
 
+@pytest.mark.slow
 def test_a_name_that_the_font_lacks_gives_no_warning(random_sweep, tmp_path):
     plot(random_sweep({"omega": OMEGA}, name="振動 衝突"), tmp_path / "a.png")
 
@@ -75,6 +77,7 @@ def test_powers_of_ten_are_set_as_such(random_sweep):
     assert r"\sigma=1\times10^{300}$" in legend.get_texts()[0].get_text()
 
 
+@pytest.mark.slow
 def test_a_point_that_failed_is_titled_so(random_sweep):
     dataset = random_sweep({}, status=np.array([Status.UNRESOLVED], np.int8))
     for draw in (section, trajectory):
@@ -198,6 +201,7 @@ def test_nothing_to_draw_is_said(random_sweep):
         section(dataset)
 
 
+@pytest.mark.slow
 def test_a_picture_is_over_the_axis_that_is_left(random_sweep):
     """Of equally long axes the first is drawn, unless it is fixed."""
     dataset = random_sweep({"R": R, "omega": [1.0, 2.0]}, diagnostics=("period",))

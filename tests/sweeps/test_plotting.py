@@ -76,6 +76,7 @@ def test_a_bifurcation_takes_the_longest_axis_and_the_first_value_of_others(rand
     assert figure.axes[0].get_xlabel() == "coefficient of restitution $R$"
 
 
+@pytest.mark.slow
 def test_the_title_names_what_is_fixed_and_how_it_was_computed(random_sweep):
     dataset = random_sweep({"R": R, "omega": OMEGA}, name="a $ sweep")
     title = bifurcation(dataset, at={"R": 0.79}).get_suptitle()
@@ -129,6 +130,7 @@ def test_motions_that_have_not_settled_are_marked_within_the_limits(random_sweep
     assert text.get_text() == "not settled yet (1 of 4)"
 
 
+@pytest.mark.slow
 def test_points_that_failed_are_marked_and_not_drawn(random_sweep):
     status = np.array([0, Status.UNRESOLVED, Status.PENDING, Status.NON_FINITE], np.int8)
     wild = np.full((4, 5), 1e300)
@@ -199,6 +201,7 @@ def test_the_impact_section_shows_the_impacts_of_its_point(random_sweep):
     assert plain(panel.get_xlabel()) == words
 
 
+@pytest.mark.slow
 def test_a_constant_does_not_show_its_rounding_errors(random_sweep):
     noise = 0.3 + 1e-15 * np.random.default_rng(0).normal(size=(4, 5))
     low, high = bifurcation(random_sweep({"omega": OMEGA}, poincare_x=noise)).axes[0].get_ylim()
@@ -228,6 +231,7 @@ def test_the_stop_of_a_swept_clearance_is_that_of_the_point(random_sweep):
     assert set(stop.get_xdata()) == {0.5}
 
 
+@pytest.mark.slow
 def test_a_trajectory_has_the_papers_three_panels(random_sweep):
     dataset = random_sweep({"omega": OMEGA})
     dataset.load()

@@ -44,6 +44,7 @@ def write_csv(columns, path="table.csv"):
 # The same numbers as a grid
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GRIDS)
 def test_a_table_of_a_grid_has_its_bits_in_any_order(name):
     axes = GRIDS[name]
@@ -72,6 +73,7 @@ def test_a_table_of_a_grid_has_its_bits_in_any_order(name):
     plain.close()
 
 
+@pytest.mark.slow
 def test_a_table_goes_on_where_it_was_stopped(stop_after):
     """To the same bits; not with another table, or with the same table in another order."""
     columns, _ = shuffled(GRIDS["plain"])
@@ -95,6 +97,7 @@ def test_a_table_goes_on_where_it_was_stopped(stop_after):
         xr.testing.assert_equal(out.load(), whole.load())
 
 
+@pytest.mark.slow
 def test_every_form_of_a_table_is_the_same_sweep():
     """A file, columns of YAML, arrays, a DataFrame, a structured array; and the file of a sweep."""
     columns = {"omega": [2.5, 0.1 + 0.2, 3.0], "R": [0.5, 1.0, 0.0], "label": ["a", "", "007"]}
@@ -258,6 +261,7 @@ def test_a_column_with_the_name_of_a_result_is_refused():
 # Pictures and attractors
 
 
+@pytest.mark.slow
 def test_commands_of_a_line_or_a_plane_refuse_a_table():
     write_csv({"R": [0.5, 0.6], "omega": [2.0, 2.1], "note": ["a", "b"]})
     accepted("run", "sweep.yaml", "-o", "out.h5", "--quiet")
@@ -275,6 +279,7 @@ def test_commands_of_a_line_or_a_plane_refuse_a_table():
     accepted("info", "out.h5")
 
 
+@pytest.mark.slow
 def test_the_picture_of_a_table_has_a_panel_for_each_column_that_varies():
     columns, _ = shuffled(GRIDS["plain"])
     weight = np.arange(columns["R"].size) * 0.5
@@ -297,6 +302,7 @@ def test_the_picture_of_a_table_has_a_panel_for_each_column_that_varies():
         assert "transient: " in svg and "points:" not in svg  # a million rows would take minutes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("omega", [(1.3,), (1.3, 1.5)])
 def test_attractors_of_a_table_are_those_of_the_grid_of_its_starts(omega):
     starts = {"x0": np.linspace(-1.0, 0.0, 5), "v0": np.linspace(-1.0, 1.0, 4)}

@@ -67,6 +67,7 @@ def on_section(osc):
     return naive.after_impact(osc, 1, orbit.v, orbit.phase, 0.0)
 
 
+@pytest.mark.slow
 def test_a_flip_is_bracketed_to_the_last_level(around):
     """The grid's interval is 0.005; no run of these lengths settles within 1e-3 of the flip."""
     below, first = found(around)[:2]
@@ -106,6 +107,7 @@ def test_a_point_of_the_grid_that_has_not_left_an_unstable_orbit_has_no_class(tm
         assert np.ptp(grid["poincare_x"].values[0]) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("direction", "axis"),
     [("up", [1.2, 1.4, 1.6, 1.8]), ("down", [*np.linspace(1.27, 1.4, 27).tolist(), 1.6, 1.8])],
@@ -413,6 +415,7 @@ def test_every_class_of_a_refined_file_has_its_orbit(cascade):
     np.testing.assert_allclose(flips, exact, rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_info_lists_the_brackets(cascade):
     lines = accepted("info", cascade, "--bifurcations").splitlines()
     assert lines[0].split() == ["omega", "kind", "classes", "between"]

@@ -33,6 +33,7 @@ def write_all(path, expected, *, grid=GRID, size=12, backwards=False, compressed
         store.finish(compressed=compressed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 5, 12])
 @pytest.mark.parametrize("compressed", [False, True])
 @pytest.mark.parametrize("gathered", ["all blocks", "each alone"])
@@ -57,6 +58,7 @@ def test_every_variable_comes_back_from_blocks_in_any_order(
         assert all(file[name].fletcher32 for name in VARIABLES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("followed", ["h", "R", "f"])
 def test_blocks_of_many_shapes_and_large_records_come_back(tmp_path, followed):
     """Of followed chains, and of more than fits into a chunk of the file."""
@@ -78,6 +80,7 @@ def test_blocks_of_many_shapes_and_large_records_come_back(tmp_path, followed):
                 assert (dataset["status"][block] == 0).all()
 
 
+@pytest.mark.slow
 def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
     path = tmp_path / "out.h5"
     write_all(path, whole())
@@ -158,6 +161,7 @@ def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected)
     assert needed == {None, "longest", *DIAGNOSTICS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1)])
 def test_trajectories_are_as_wide_as_the_widest_and_padded(tmp_path, order):
     path = tmp_path / "out.h5"
@@ -204,6 +208,7 @@ def test_a_partial_sweep_says_what_is_pending(tmp_path):
             assert (pending == -1 if variable.dtype.startswith("int") else np.isnan(pending)).all()
 
 
+@pytest.mark.slow
 def test_a_partial_sweep_is_read_lazily_and_by_any_index(tmp_path):
     path = tmp_path / "out.h5"
     fill_blocks(path, 4)
@@ -220,6 +225,7 @@ def test_a_partial_sweep_is_read_lazily_and_by_any_index(tmp_path):
             xr.testing.assert_identical(found.load(), loaded["poincare_x"].isel(choice))
 
 
+@pytest.mark.slow
 def test_a_reader_sees_the_finished_blocks_of_a_running_sweep(tmp_path):
     path = tmp_path / "out.h5"
     with sweep_writer(path, schema()) as store:

@@ -22,6 +22,7 @@ def found(tmp_path_factory):
         yield dataset.load()
 
 
+@pytest.mark.slow
 def test_every_motion_with_a_class_is_on_its_orbit(found):
     periodic = found["period"].values > 0
     assert 0.3 < periodic.mean() < 1.0

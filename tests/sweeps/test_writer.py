@@ -65,6 +65,7 @@ def resumed(whole, **options):
 # Resuming
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_resumed_sweep_ends_with_the_same_data(whole, compressed):
     for blocks in (0, 1, 2, 0):
@@ -82,6 +83,7 @@ def test_an_incomplete_sweep_keeps_its_own_blocks():
         assert store.pending() == list(GRID.blocks(2))[2:]
 
 
+@pytest.mark.slow
 def test_the_duration_is_that_of_all_sessions(monkeypatch):
     now = 0.0
     monkeypatch.setattr("time.monotonic", lambda: now)
@@ -199,6 +201,7 @@ def last_block():
     return max(PARTS.glob("block-*.npz"))
 
 
+@pytest.mark.slow
 def test_a_block_file_that_is_cut_off_anywhere_counts_as_not_computed(whole):
     """Not by a kill, which leaves a draft, but by another program or a broken disk."""
     fill_blocks("out.h5", 3)
@@ -234,6 +237,7 @@ def test_of_a_block_any_sectors_may_be_lost(whole, old):
     resumed(whole)
 
 
+@pytest.mark.slow
 def test_zeros_in_the_directory_of_a_block_are_no_empty_array(whole):
     """Zeros are the checksum of nothing, and the size of nothing."""
     fill_blocks("out.h5", 3)
@@ -249,6 +253,7 @@ def test_zeros_in_the_directory_of_a_block_are_no_empty_array(whole):
     resumed(whole)
 
 
+@pytest.mark.slow
 def test_a_block_of_another_sweep_or_of_another_number_is_not_used(whole):
     fill_blocks("out.h5", 2)
     with sweep_writer("other.h5", schema(numerics="2")) as store:
@@ -273,6 +278,7 @@ def test_numpy_reads_a_block():
         assert file["points"].dtype["status"] == np.int8
 
 
+@pytest.mark.slow
 def test_what_killed_runs_left_in_the_folder_is_removed(whole):
     fill_blocks("out.h5", 2)
     (PARTS / ".block-000003.npz.1-01234567.new").write_bytes(b"half of a block")
@@ -286,6 +292,7 @@ def test_what_killed_runs_left_in_the_folder_is_removed(whole):
         assert not PARTS.exists()
 
 
+@pytest.mark.slow
 def test_a_dataset_that_is_read_after_the_end_of_its_run_says_so(whole):
     fill_blocks("out.h5", 2)
     for then in ({"resume": True}, {"overwrite": True, "blocks": 3}):
@@ -367,6 +374,7 @@ def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.yaml"]
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_keeps_every_block_before(whole):
     fill_blocks("out.h5", 2)
     with pytest.raises(Failed, match=r"out\.h5 cannot be written: File too large$"):
@@ -376,6 +384,7 @@ def test_a_disk_that_fills_up_keeps_every_block_before(whole):
     resumed(whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sizes", [5, pytest.param(400, marks=pytest.mark.campaign)], ids=["some", "many"]
 )
@@ -523,6 +532,7 @@ def test_a_failed_overwrite_says_that_the_old_one_is_there(monkeypatch, failure,
         assert contents(old) == before
 
 
+@pytest.mark.slow
 def test_an_overwritten_file_stays_until_the_new_one_is_complete(monkeypatch, small_blocks, whole):
     fill_blocks("out.h5")
     compute_block, computed = executors.compute_block, []
@@ -546,6 +556,7 @@ def test_an_overwritten_file_stays_until_the_new_one_is_complete(monkeypatch, sm
     assert not PARTS.exists()
 
 
+@pytest.mark.slow
 def test_the_commands_read_a_sweep_that_is_not_complete(stop_after):
     """And `run` uses its configuration and resumes it."""
     with stop_after(1, size=10):

@@ -265,7 +265,7 @@ def doubled_branches(seed):
 @pytest.mark.parametrize(
     ("seed", "count"),
     [
-        pytest.param(14, 110, marks=pytest.mark.slow),
+        pytest.param(14, 40, marks=pytest.mark.slow),
         pytest.param(15, 4000, marks=pytest.mark.campaign),
     ],
 )

@@ -59,6 +59,7 @@ def test_a_moved_function_is_not_compiled_anew(tmp_path):
     assert result(text.replace("2", "3")) == (63, 0)
 
 
+@pytest.mark.slow
 def test_a_damaged_name_of_the_code_is_found_anew(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     package = Path(vibroimpact.__file__).parent

@@ -70,6 +70,7 @@ def test_flips_and_folds_are_tangent_to_the_graze_where_section_5_says(
     assert BarycentricInterpolator(places, slopes)(0.0) == pytest.approx(0.0, abs=2e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("m", "q", "omega", "f", "away"),
     [

@@ -86,6 +86,7 @@ def test_a_bounce_is_short_only_where_its_series_is_exact():
     assert taken > 50
 
 
+@pytest.mark.slow
 def test_the_median_error_after_one_period_is_below_1e_15():
     """Of 200 points; relative to the size of the motion."""
     rng = np.random.default_rng(5)

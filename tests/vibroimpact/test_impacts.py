@@ -199,6 +199,7 @@ def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrat
     assert pressed > 20
 
 
+@pytest.mark.slow
 def test_many_preloads_released_on_a_grid_point():
     """At a grid point equal to the release to rounding, the wait is zero or rounding."""
     rng = np.random.default_rng(3)
@@ -213,6 +214,7 @@ def test_many_preloads_released_on_a_grid_point():
     assert late == 0
 
 
+@pytest.mark.slow
 def test_a_step_that_surely_has_one_impact_has_it_by_the_rule():
     """Columns take such steps without branches; ``reduced_step`` takes all others.
 

@@ -128,6 +128,7 @@ def flight_of(osc, orbit, count=20001):
     return x - osc.clearance
 
 
+@pytest.mark.slow
 def test_existence_by_brute_force():
     """400 points: as on 20,000 samples of the flight, with and without a maximum."""
     seen = set()

@@ -44,7 +44,7 @@ for R in (0.8, 0.5):
 
 @pytest.mark.parametrize(
     ("seed", "steps"),
-    [pytest.param(1, 5_000, marks=pytest.mark.slow),
+    [pytest.param(1, 2_000, marks=pytest.mark.slow),
      pytest.param(2, 1_000_000, marks=pytest.mark.campaign)],
 )  # fmt: skip
 def test_every_step_ends(seed, steps):
@@ -54,7 +54,7 @@ def test_every_step_ends(seed, steps):
 
 @pytest.mark.parametrize(
     ("seed", "calls"),
-    [pytest.param(1, 50, marks=pytest.mark.slow),
+    [pytest.param(1, 25, marks=pytest.mark.slow),
      pytest.param(2, 10_000, marks=pytest.mark.campaign)],
 )  # fmt: skip
 def test_every_call_ends_as_it_is_documented(seed, calls):
