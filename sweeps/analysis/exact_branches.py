@@ -301,7 +301,8 @@ def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]])
         texts = [
             f"{m}/{q} ({shown_count(count, 'point')})" for (m, q), count in motions.most_common()
         ]
-        lines.append(f"not followed, {reason}: {listed(texts)}")
+        more = f" and {len(texts) - _MOST_NAMES} more" if len(texts) > _MOST_NAMES else ""
+        lines.append(f"not followed, {reason}: {listed(texts[:_MOST_NAMES])}{more}")
     if missing := [f"{m}/{q}" for m, q in found.classes if (m, q) not in classes]:
         lines.append(f"no orbit of {listed(missing)} is found")
     if found.given_up:

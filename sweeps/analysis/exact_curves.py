@@ -33,7 +33,7 @@ from sweeps.analysis.selection import (
 )
 from sweeps.config.rig import model_name
 from sweeps.errors import Refused
-from sweeps.text import nearest, suggestion
+from sweeps.text import nearest, shown_count, suggestion
 from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
 from vibroimpact.orbits.continuation import lost_text
 from vibroimpact.orbits.curves import KINDS, bifurcation_curve
@@ -131,7 +131,7 @@ def summary(
     """Write lines on the curves found in a cut, and on the reasons why changes have no curve."""
     kinds = Counter(curve.kind for curve in curves)
     counted = listed([f"{kinds[kind]} of {kind}s" for kind in KINDS if kinds[kind]]) or "none"
-    lines = [f"{len(curves)} exact curves: {counted}"]
+    lines = [f"{shown_count(len(curves), 'exact curve')}: {counted}"]
     found = {(curve.m, curve.q) for curve in curves}
     if missing := [f"{m}/{q}" for m, q in classes if (m, q) not in found]:
         lines.append(f"no curve of {listed(missing)} is found")

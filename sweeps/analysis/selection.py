@@ -12,6 +12,7 @@ import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.config.loading import parse_config
+from sweeps.config.rig import si_name
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
@@ -211,6 +212,8 @@ def chosen_axes(
     for name in requested:
         if name not in axes:
             meant = suggestion(nearest(name, axes))
+            if (called := si_name(name, config_of(dataset).rig)) != name and called in axes:
+                meant = f" (it is called {called} here)"
             raise Refused(
                 f"{name or repr(name)} is not a swept axis{meant}; the file has {listed(axes)}"
             )

@@ -18,7 +18,7 @@ from sweeps.analysis.selection import COORDINATES
 from sweeps.errors import Refused
 from sweeps.store import VARIABLES, columns_of
 from sweeps.store.replacing import check_target, writing
-from vibroimpact.status import Status
+from sweeps.store.variables import FLAGS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,10 +89,10 @@ def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
     """Write a row for every point, section or impact of a sweep, and return their number.
 
     The row of a point has its parameters and every result that is a single number: Lyapunov
-    exponents as ``lyapunov_1`` and ``lyapunov_2``, ``status`` by its name. The row of a section or
-    an impact has the axes, or the columns of a table, its number and its values; what was not
-    recorded has no row. All digits are kept, so that reading a CSV file gives the same numbers; NaN
-    is an empty field. The file is replaced only when the table is complete.
+    exponents as ``lyapunov_1`` and ``lyapunov_2``, words for ``status`` and ``class_evidence``. The
+    row of a section or an impact has the axes, or the columns of a table, its number and its
+    values; what was not recorded has no row. All digits are kept, so that reading a CSV file gives
+    the same numbers; NaN is an empty field. The file is replaced only when the table is complete.
     """
     check_table(path)
     data = _scalars(dataset) if ROWS[rows] is None else _records(dataset, rows)
@@ -166,8 +166,8 @@ def _frame(data: xr.Dataset, dimension: str | None) -> pd.DataFrame:
     if dimension is None:
         rows = data if dims else data.expand_dims("point")
         frame = rows.to_dataframe(dim_order=dims or ["point"]).reset_index()
-        names = {int(status): status.name.lower() for status in Status}
-        frame["status"] = frame["status"].map(names)
+        for name in FLAGS.keys() & set(frame):
+            frame[name] = frame[name].map({int(one): one.name.lower() for one in FLAGS[name]})
         return frame[[*dims, *about, *data.data_vars]]
     results = [str(name) for name in data.data_vars if name != "status"]
     columns = [name for name in about if data[name].dims]  # of a table

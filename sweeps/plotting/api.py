@@ -126,7 +126,10 @@ def plot(
             meant = suggestion(nearest(option, every))
             raise Refused(f"there is no option {option}{meant}; {choice_of(every)}")
         if kind not in kinds:
-            raise Refused(f"{option} can be chosen for a {' or '.join(kinds)} only, not a {kind}")
+            other = "; a diagram shows it as color or below" if option == "quantity" else ""
+            raise Refused(
+                f"{option} can be chosen for a {' or '.join(kinds)} only, not a {kind}{other}"
+            )
     style = user_style() | ({} if page.dpi is None else {"savefig.dpi": page.dpi})
     with mpl.rc_context(style):
         figure = KINDS[kind].draw(dataset, at=at, page=page, **options)

@@ -16,7 +16,7 @@ from sweep_files import run_in
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.tables import write_csv
 from sweeps.errors import Failed
-from vibroimpact.status import Status
+from vibroimpact.status import Evidence, Status
 
 CONFIG = """\
 oscillator: {h: 0.1, R: [0.5, 0.8], omega: {start: 1.0, stop: 3.0, num: 7}, f: 1.0}
@@ -62,8 +62,9 @@ def test_every_scalar_comes_back_to_the_last_bit(file):
             point = dataset.isel(R=i // 7, omega=i % 7)
             assert float(row["R"]) == point["R"] and float(row["omega"]) == point["omega"]
             assert float(row["h"]) == 0.1 and float(row["clearance"]) == 0.0
-            assert row["status"] == Status(int(point["status"])).name.lower()
-            for name in set(scalars) - {"status"}:
+            for name, kind in (("status", Status), ("class_evidence", Evidence)):
+                assert row[name] == kind(int(point[name])).name.lower()
+            for name in set(scalars) - {"status", "class_evidence"}:
                 given = float(row[name] or "nan")
                 assert given == point[name] or (np.isnan(given) and np.isnan(point[name]))
             for k in (0, 1):

@@ -145,6 +145,7 @@ def without_impacts(shared_sweep):
         ),
         ({"kind": "section", "exact": True}, "exact = True is not allowed; expected: the result"),
         ({"kind": "section", "quantity": "period"}, "quantity can be chosen for a map or table"),
+        ({"kind": "bifurcation", "quantity": "period"}, "a diagram shows it as color or below"),
         ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
         (
             {"coordinate": "max_penetration"},
