@@ -129,6 +129,8 @@ _OF_PAGE = {
 }
 
 PAGE = Page()
+#: Least height of the panels, as a share of the usual one.
+_LEAST_PANELS = 0.35
 _LEGEND: dict[str, Any] = {"handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0}
 
 
@@ -143,6 +145,7 @@ class Picture(Figure):
         width, height = mpl.rcParams["figure.figsize"]
         size = (page.width or width, stretch * height)
         super().__init__(figsize=size, layout="constrained")
+        self._usual = size[1]  #: Height of the panels unless the page has its own [inch].
         FigureCanvasAgg(self)  # measures all texts with the same renderer
 
     def draw(self, renderer: RendererBase) -> None:
@@ -171,6 +174,17 @@ class Picture(Figure):
     def make_room(self, part: Any) -> None:
         """Increase the height of the figure by the height of a title or a legend."""
         self.set_figheight(self.get_figheight() + part.get_window_extent().height / self.dpi)
+
+    def set_height(self, height: float) -> None:
+        """Set the height; refuse one that leaves too little of the panels."""
+        beside = self.get_figheight() - self._usual
+        least = math.ceil(10.0 * (beside + _LEAST_PANELS * self._usual)) / 10.0
+        if height < least:
+            raise Refused(
+                f"height = {height:g} in is not allowed; expected: at least {least:g} in, of which "
+                f"title and legend take {beside:.1f} in"
+            )
+        self.set_figheight(height)
 
     def add_legend(self, handles: Sequence[Artist], title: str | None) -> None:
         """Put a legend below the panels, with as many columns as its width allows."""
@@ -312,7 +326,7 @@ def finish(
         if handles:
             figure.add_legend(handles, legend_title)
         if page.height is not None:
-            figure.set_figheight(page.height)
+            figure.set_height(page.height)
     else:
         if page.title is not None:
             panel.set_title(page.title)

@@ -386,9 +386,7 @@ def test_cuts_and_limits_are_those_of_the_axes(joint):
     error = refused("plot", joint, "--kind", "section", "--at", "omega=150")
     assert "omega cannot be fixed here; choose from: frequency" in error
     error = refused("plot", joint, "--axis", "omega")
-    assert (
-        "omega is not a swept axis (it is called frequency here); the file has freq" in error
-    )
+    assert "omega is not a swept axis (it is called frequency here); the file has freq" in error
     error = refused("plot", joint, "--axis", "frequency", "--axis", "frequency")
     assert "not frequency, frequency" in error
     error = refused("plot", joint, "--color", "nothing")

@@ -421,3 +421,9 @@ def test_a_panel_of_another_figure_is_drawn_into(dataset):
     assert plotting.trajectory(dataset, ax=three) is three[0].figure
     with pytest.raises(Exception, match="leave out ax or below"):
         plotting.bifurcation(dataset, ax=left, below=["lyapunov"])
+
+
+def test_a_height_that_leaves_nothing_of_the_panels_is_refused(dataset):
+    with pytest.raises(Refused, match=r"height = 1\.2 in .*; expected: at least 2 in, of which"):
+        plotting.bifurcation(dataset, page=Page(width=3.4, height=1.2))
+    assert plotting.bifurcation(dataset, page=Page(height=2.5, title="")).get_figheight() == 2.5
