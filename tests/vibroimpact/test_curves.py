@@ -614,6 +614,46 @@ def test_a_curve_of_folds_ends_at_an_edge_just_before_its_degenerate_flip(axis, 
     assert sizes == pytest.approx([sizes[0]] * 4, rel=0.2)
 
 
+@pytest.mark.parametrize(
+    ("values", "m", "phases", "speeds", "first", "second"),
+    [
+        (
+            (0.03248394936950036, 0.7220791517847076, 0.5405952185512377, 1.0, 1.0,
+             0.9953778065642878),
+            2, (3.905924331717607, 5.828285362545925, 9.84281469136646, 11.694508288193362),
+            (0.6420265968978819, 0.1938865751191821, 0.6493200840191526, 0.6649961394020498),
+            ("clearance", -0.326, 1.674), ("omega", 0.282, 0.846),
+        ),
+        (
+            (0.0, 0.5629170465908284, 2.16838149516391, 2.260658321641452, 0.8149646208246941,
+             0.15779095620722705),
+            6, (1.5979721532847426, 8.487046288130317, 11.795699558937656, 20.35324661928221,
+                27.26431641280222, 30.90104226734182),
+            (1.8125503156005154, 0.29408914785632895, 1.2752558332234938, 1.6991614431239022,
+             0.41141963653625824, 1.3929870410909297),
+            ("p", 0.5, 1.5), ("omega", 1.324, 3.972),
+        ),
+    ],
+)  # fmt: skip
+def test_the_flips_of_an_even_orbit_end_where_its_half_flips_and_grazes(
+    values, m, phases, speeds, first, second
+):
+    """Two impacts graze at once there, from wherever the curve is followed."""
+    start, ends = PeriodicOrbit(Oscillator(*values), m, np.array(phases), np.array(speeds)), []
+    whole = bifurcation_curve(start, "flip", first, second)
+    for i in len(whole.values) * np.array([1, 2, 3]) // 4:
+        found = bifurcation_curve(whole.orbit(i), "flip", first, second)
+        (end,) = [p for p in found.special if np.count_nonzero(p.orbit.speeds == 0.0) == 2]
+        assert end.kind == "graze" and len(found.values) < 60
+        ends.append(end.value)
+        q = start.q // 2
+        half = PeriodicOrbit(
+            end.orbit.oscillator, m // 2, end.orbit.phases[:q], end.orbit.speeds[:q]
+        )
+        assert half.exists and half.characteristic == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert np.ptp(ends, axis=0).max() < 1e-9
+
+
 def test_the_folds_are_those_of_the_closed_form():
     osc = Oscillator(h=0.1, R=0.8, omega=1.5, f=1.0, clearance=1.0)
     found = bifurcation_curve(one_impact_orbit(osc), "fold", ("omega", 1.4, 2.0), ("R", 0.6, 0.9))

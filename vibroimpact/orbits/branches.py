@@ -26,7 +26,7 @@ from vibroimpact.orbits.family import (
     OrbitFamily,
     Point,
 )
-from vibroimpact.orbits.halves import doubling, parents_flip
+from vibroimpact.orbits.halves import doubling, grazing_flip, parents_flip
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit, orbit_of, steady_response
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
 from vibroimpact.orbits.special_points import special_points
@@ -282,17 +282,18 @@ def _path(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
     special: list[SpecialPoint] = []
     for step in continue_branch(family, start):
         if step.length > 0.0:
-            half = parents_flip(step)
-            located = list(special_points(step, None if half is None else half[0]))
+            end = parents_flip(step) or grazing_flip(step)
+            located = list(special_points(step, None if end is None else end[1]))
             for kind, X in located:
                 if not family.kind:  # the branch may change its stability there
                     points.append((X, False))
                 note(kind, family.orbit(X))
-            if half is not None:
+            if end is not None:
+                kind, X, orbit = end
                 if located:  # the stability from the last of them to the end
-                    points += _middle(family, points[-1][0], half[0])
-                points.append((half[0], False))
-                note(*half[1:])
+                    points += _middle(family, points[-1][0], X)
+                points.append((X, False))
+                note(kind, orbit)
                 break
             points.append((step.end.X, family.stable(step.end)))
         if step.closed:

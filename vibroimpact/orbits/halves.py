@@ -2,7 +2,8 @@
 
 A branch of orbits of twice the period ends at a flip of the half, where its halves change places. A
 curve of folds of such orbits ends where this flip is degenerate (Kuznetsov, *Elements of Applied
-Bifurcation Theory*, sec. 9.3).
+Bifurcation Theory*, sec. 9.3). A curve of their flips or folds may also end where the half flips
+and grazes at once.
 """
 
 from __future__ import annotations
@@ -24,13 +25,21 @@ _ALMOST_ALIKE = 0.1
 _SHARES, _FEWEST = (0.85, 0.7, 0.55, 0.4, 0.3, 0.2), 3
 #: The end that is extrapolated is closer to the flip of the half than this, in scaled unknowns.
 _EXTRAPOLATED = 1e-7
+#: Where an impact of both halves is slower than this, in the unit of speed, they may both graze.
+_SLOW = 0.02
+#: A curve deviates from the straight line to this graze by less than this share of its length.
+_MOST_OFF = 0.1
+#: The graze is where a Newton step along the grazes of the half is below this; most steps.
+_AT_FLIP, _MOST_STEPS = 1e-10, 12
+#: It is nearer to where the curve seems to lead than this, in scaled unknowns.
+_NEARBY = 0.1
 
 
-def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
+def parents_flip(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
     """Return where in a step an orbit meets the flip of its parent, of half its period; or None.
 
-    The result is the point of the step, ``flip``, and the parent. Where a curve of folds meets an
-    edge just before, it is the point there, ``edge``, and its orbit.
+    The result is ``flip``, the point of the step, and the parent. Where a curve of folds meets an
+    edge just before, it is ``edge``, the point there, and its orbit.
     """
     family = step.family
     if family.kind not in ("", "fold") or family.m % 2 or family.q % 2:
@@ -47,7 +56,7 @@ def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, str, PeriodicOrbit] |
     return _doubled(family, halves, halves.bifurcation(X, "flip"))
 
 
-def _degenerate_flip(step: ArclengthStep) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
+def _degenerate_flip(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
     """Return the end of a curve of folds near the end of a step, as `parents_flip` does.
 
     The equations of folds are singular there, so it is extrapolated from points beside it.
@@ -103,7 +112,7 @@ class _Beside:
 
 def _edge_beside(
     beside: _Beside, halves: OrbitFamily, Y: np.ndarray
-) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
     """Return where a curve of folds meets an edge just before its end Y, as `parents_flip` does."""
     from scipy.optimize import brentq
 
@@ -122,24 +131,76 @@ def _edge_beside(
     X = family.corrected(guess, np.array([beside.plane, axis]))
     if X is None or not is_orbit(family, family.point(X, np.zeros(X.size))):
         return None
-    return X, "edge", family.orbit(X)
+    return "edge", X, family.orbit(X)
 
 
-def _half(family: OrbitFamily, X: np.ndarray, kind: str = "") -> tuple[OrbitFamily, np.ndarray]:
+def grazing_flip(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return where a curve of flips or folds ends as its half flips and grazes; None if not near.
+
+    Its condition is singular there: the end is sought on the curve of grazes of the half. The
+    result is ``graze``, the point, and its orbit, in which an impact of each half has speed zero.
+    """
+    family, X, along = step.family, step.begin.X, step.begin.tangent
+    q = family.q // 2
+    if family.kind not in ("flip", "fold") or family.m % 2 or family.q % 2:
+        return None
+    slowest = int(np.argmin(X[1 : 4 * q : 2])) % q
+    at = 2 * np.array([slowest, slowest + q]) + 1
+    if not (X[at].max() < _SLOW and (along[at] < 0.0).all()):
+        return None
+    halves, Y = _half(family, X - np.mean(X[at] / along[at]) * along, "graze", slowest)
+    graze = _at_its_flip(halves, Y)
+    if graze is None or not is_orbit(halves, halves.point(graze, np.zeros(graze.size))):
+        return None
+    end, off = _taken_twice(halves, graze), []
+    for share in (0.5, 0.875):  # a curve that leads to the end comes back to the straight line
+        place = X + share * (end - X)
+        between = family.corrected(place, (end - X)[None, :])
+        off.append(math.inf if between is None else family.distance(between, place))
+    leads = off[1] < off[0] < _MOST_OFF * family.distance(end, X)
+    return ("graze", end, family.orbit(end)) if leads else None
+
+
+def _at_its_flip(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
+    """Return the point of a curve of grazes near X where curves of flips meet it, or None."""
+    tangent = family.tangent(X)
+    for _ in range(_MOST_STEPS):
+        Y = family.corrected(X, tangent[None, :])
+        if Y is None:
+            return None
+        value, slope = family.point(Y, tangent).tests[:, -2]
+        if not abs(value) < _NEARBY * abs(slope):
+            return None
+        if abs(value) < _AT_FLIP * abs(slope):
+            return Y
+        X = Y - value / slope * tangent
+    return None
+
+
+def _taken_twice(halves: OrbitFamily, X: np.ndarray) -> np.ndarray:
+    """Return an orbit as a point of the orbits of twice the period, with the same unit of speed."""
+    impacts = X[: 2 * halves.q]
+    second = impacts + np.tile([2.0 * math.pi * halves.m, 0.0], halves.q)
+    return np.concatenate([impacts, second, X[2 * halves.q :]])
+
+
+def _half(
+    family: OrbitFamily, X: np.ndarray, kind: str = "", graze: int = 0
+) -> tuple[OrbitFamily, np.ndarray]:
     """Return the family of orbits of half the period, and the mean of the halves of a point."""
     mean = mean_of_halves(family, X)
     impacts = mean[: family.q].reshape(-1, 2)
     half = PeriodicOrbit(family.osc, family.m // 2, impacts[:, 0], impacts[:, 1] * family.speed)
-    return OrbitFamily(half, family.parameters, kind, speed=family.speed), mean
+    return OrbitFamily(half, family.parameters, kind, graze, family.speed), mean
 
 
 def _doubled(
     family: OrbitFamily, halves: OrbitFamily, Y: np.ndarray | None
-) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
     """Return a flip of the half orbits as `parents_flip` does; None if it is not a flip."""
     if Y is None or not is_orbit(halves, halves.point(Y, np.zeros(Y.size))):
         return None
-    return doubling(halves, Y, family.speed)[0], "flip", halves.orbit(Y)
+    return "flip", doubling(halves, Y, family.speed)[0], halves.orbit(Y)
 
 
 def difference_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
