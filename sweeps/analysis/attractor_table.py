@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.grouping import SETS, STARTS, GridIndex, parameter_at_points, records
+from sweeps.analysis.grouping import SETS, STARTS, GridIndex, parameter_at_points, points_of
+from sweeps.analysis.motions import different, run_on
 from sweeps.analysis.regimes import UNSETTLED, Regime
 from sweeps.analysis.rig import parameters_of
 from sweeps.analysis.selection import Selection, choice_of, config_of, headed, select, swept_axes
-from sweeps.analysis.settle import orbit_speeds
+from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.store import columns_of
 from sweeps.text import shown_count, shown_range, table
@@ -42,8 +43,9 @@ class Row(NamedTuple):
     number, m, q, regime, fraction
         As in the dataset of `sweeps.attractors`, where the regime is called ``motion``.
     speeds : ndarray, shape (q,)
-        The speed before each impact of a repetition, increasing [length/time]; empty if not
-        recorded.
+        The speed before each impact of a repetition, increasing [length/time].
+    states : ndarray, shape (m, 2)
+        x and v at the section.
     point : int
         Index in C order of a point of the file on the attractor.
     measures : mapping of str to number
@@ -57,6 +59,7 @@ class Row(NamedTuple):
     q: int
     fraction: float
     speeds: np.ndarray
+    states: np.ndarray
     point: int
     measures: Mapping[str, Any]
 
@@ -100,19 +103,14 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     frame = columns.to_dataframe(dim_order=[*axes, "coexisting"])[list(columns)]
     is_there = frame["number"].values >= 0
     frame = frame[is_there]
-    points = GridIndex.of(dataset)
-    file = np.empty((points.count, int(points.start.max()) + 1), np.int64)
-    file[points.parameter, points.start] = np.arange(len(points.start))
-    parameter = np.flatnonzero(is_there) // result.sizes["coexisting"]
-    place = file[parameter, frame["representative"]]
+    index = GridIndex.of(dataset)
+    file = np.empty((index.count, int(index.start.max()) + 1), np.int64)
+    file[index.parameter, index.start] = np.arange(len(index.start))
+    place = file[np.flatnonzero(is_there) // result.sizes["coexisting"], frame["representative"]]
+    points = points_of(dataset, place)
     swept = {name: parameter_at_points(dataset, name)[place] for name in parameter_axes(dataset)}
-    speeds = _speeds(dataset, place, frame["q"].values)
-    hidden = np.flatnonzero(~frame["settled"] & (frame["q"] > 0))
-    orbits = frame.iloc[hidden]
-    starts = points.at_states(place[hidden], *orbits[["section_x", "section_v"]].values.T)
-    computed = orbit_speeds(config_of(dataset), starts, *orbits[["m", "q"]].values.T)
-    for i, values in zip(hidden.tolist(), computed, strict=True):
-        speeds[i] = values
+    points["x0"], points["v0"] = frame["section_x"], frame["section_v"]
+    orbits = _orbits(config_of(dataset), points, frame["m"].values, frame["q"].values)
     measures = {name: frame[name].tolist() for name in map(str, columns) if name not in _OWN}
     return [
         Row(
@@ -122,7 +120,7 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
             row.m,
             row.q,
             row.fraction,
-            speeds[i],
+            *orbits[i],
             int(place[i]),
             {name: values[i] for name, values in measures.items()},
         )
@@ -130,15 +128,23 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     ]
 
 
-def _speeds(dataset: xr.Dataset, at: np.ndarray, impacts: np.ndarray) -> list[np.ndarray]:
-    """Return the speeds before the last `impacts` impacts of the points `at`, increasing."""
-    if "impact_v" not in dataset:
-        return [np.empty(0)] * len(at)
-    speeds = []
-    for record, q in zip(records(dataset, "impact_v", at), impacts.tolist(), strict=True):
-        kept = record[np.isfinite(record)]  # unused entries are at the end
-        speeds.append(np.sort(kept[len(kept) - q :]) if 0 < q <= len(kept) else np.empty(0))
-    return speeds
+def _orbits(
+    config: SweepConfig, points: np.ndarray, m: np.ndarray, q: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return speeds before the impacts, increasing, and section states of periodic motions.
+
+    They start from the states of `points` at the section. Motions of m = 0 have neither.
+    """
+    orbits = [(np.empty(0), np.empty((0, 2)))] * len(points)
+    rows, of_row = different([m, q])
+    for i, (periods, impacts) in enumerate(zip(m[rows].tolist(), q[rows].tolist(), strict=True)):
+        if periods:
+            at = np.flatnonzero(of_row == i)
+            sections, hits = run_on(config, points[at], periods, impacts)
+            speeds = np.sort(hits[:, :, 1])
+            for place, *orbit in zip(at.tolist(), speeds, sections, strict=True):
+                orbits[place] = orbit[0][np.isfinite(orbit[0])], orbit[1]
+    return orbits
 
 
 def shown_speeds(row: Row) -> str:

@@ -3,11 +3,8 @@
 A parameter point is a point of the grid without its starts, or a set of parameters in a table. The
 regime of the motion from each start (`sweeps.analysis.regimes`) decides its attractor:
 
-- Two periodic motions are on the same attractor if they have the same number m of forcing periods,
-  and section states that agree within a tolerance, wherever in the cycle their records end. Impacts
-  need not be compared, because a state at the section determines the further motion. If a record
-  that repeats after m periods repeats within the tolerance already after a divisor of m, as near a
-  flip, this divisor is taken as the number of periods.
+- The attractor of a periodic motion is its orbit. Two are the same if they have the same class m/q
+  and states at the section that agree within a tolerance, in the same order.
 - All motions with rest are on one attractor: when the force releases the mass from the stop, at a
   phase that depends only on the parameters, no trace of the past remains. If a rest leads to chaos,
   the chaos is the same attractor.
@@ -15,8 +12,8 @@ regime of the motion from each start (`sweeps.analysis.regimes`) decides its att
   show whether two chaotic motions are on different attractors, so the number of attractors is a
   lower bound.
 - Motions that have not settled in their record, and chaotic motions, which may be transient, are
-  followed further (`sweeps.analysis.settle`). Motions that still have not settled are listed as
-  unsettled, and are not counted as attractors.
+  continued (`sweeps.analysis.settle`). Motions that still have not settled are listed as unsettled,
+  and are not counted as attractors.
 - Failed points and points that are not computed yet have no attractor.
 """
 
@@ -28,17 +25,21 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.doors import takes_sweep
-from sweeps.analysis.grouping import SETS, GridIndex, Groups
-from sweeps.analysis.regimes import Regime
-from sweeps.analysis.section_distance import TOLERANCE
+from sweeps.analysis.grouping import SETS, GridIndex
+from sweeps.analysis.motions import cycles_of, different, motions_of
+from sweeps.analysis.regimes import Regime, approaching
+from sweeps.analysis.section_distance import TOLERANCE, same_motions
 from sweeps.analysis.selection import config_of, described, diagnostics_with
-from sweeps.analysis.settle import EXTENSIONS, Outcomes
+from sweeps.analysis.settle import EXTENSIONS, settle
 from sweeps.analysis.tracking import PeriodicAttractors, exact_links, track
 from sweeps.config.rig import model_name
+from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 
 #: Regimes that count as attractors; motions of other regimes may still change.
 COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
+#: States that agree to this much less than the tolerance are continued and compared once.
+_FINER = 256
 
 
 @takes_sweep({})
@@ -110,104 +111,143 @@ def attractors(
                 f"the file has no {name}, by which attractors are told apart: run the sweep again "
                 f"with {diagnostics_with(dataset, 'period')}"
             )
-    points = GridIndex.of(dataset)
-    groups, ends = Groups(points, tolerance), Outcomes(dataset, points)
-    groups.add_records(dataset, ends.repetition)
-    ends.follow_on(groups.last, extensions)
-    groups.add_cycles(ends.cycles)
-    periodic = groups.join()
-    heads, of_point = _members(points, ends.regime, groups.representative)
-    regime, parameter = ends.regime[heads], points.parameter[heads]
-    members = np.bincount(of_point[of_point >= 0], minlength=len(heads))
-    fraction = members / np.bincount(parameter, members, points.count)[parameter]
-    m, number = np.zeros(len(heads), np.int64), np.empty(len(heads), np.int64)
+    index, motions, config = GridIndex.of(dataset), motions_of(dataset).ravel(), config_of(dataset)
+    followed = approaching(dataset).ravel() | (motions["m"] > dataset.sizes["section"])
+    if ((motions["m"] == 0) & (motions["regime"] > Regime.FAILED)).any():
+        _put_last_states(motions, dataset)
+        followed |= settle(motions, dataset, index, extensions)
+    representative, periodic = _orbits(motions, index.parameter, config, tolerance)
+    heads, of_point = _members(index, motions["regime"], representative)
+    number, fraction = np.empty(len(heads), np.int64), _shares(of_point, heads, index)
     own = np.searchsorted(heads, periodic.at)
-    m[own] = periodic.m
-    number[own] = _numbers(dataset, points, periodic, fraction[own], groups.last)
+    number[own] = _numbers(config, index, periodic, motions[periodic.at], fraction[own])
+    regime, parameter = motions["regime"][heads], index.parameter[heads]
     others = np.flatnonzero(regime != Regime.PERIODIC)
     first = int(number[own].max(initial=-1)) + 1
     number[others] = first + np.unique(regime[others], return_inverse=True)[1]
-    shown = _settled_members(of_point, heads, ends)
-    x, v = groups.last[shown].T
-    q = ends.q[shown] * m // np.maximum(ends.m[shown], 1)
+    shown = _settled_members(of_point, heads, followed)
+    motion = motions[shown]
     columns: dict[str, tuple[np.ndarray, str, str]] = {
         "number": (number, "number of the attractor", "1"),
         "fraction": (fraction, "share of the starts", "1"),
         "motion": (regime, "kind of motion", "1"),
-        "m": (m, "forcing periods per repetition, 0: not periodic", "1"),
-        "q": (q, "impacts per repetition, 0: not periodic", "1"),
-        "settled": (~ends.followed[shown], "whether its record shows it", "1"),
-        "section_x": (x, "displacement at the section", "length"),
-        "section_v": (v, "velocity at the section", "length/time"),
-        "representative": (points.start[shown], "number of its representative start", "1"),
+        "m": (motion["m"], "forcing periods per repetition, 0: not periodic", "1"),
+        "q": (motion["q"], "impacts per repetition, 0: not periodic", "1"),
+        "settled": (~followed[shown], "whether its record shows it", "1"),
+        "section_x": (motion["point"]["x0"], "displacement at the section", "length"),
+        "section_v": (motion["point"]["v0"], "velocity at the section", "length/time"),
+        "representative": (index.start[shown], "number of its representative start", "1"),
     }
-    config = config_of(dataset)
-    order = np.lexsort((number, -members, parameter))
+    order = np.lexsort((number, -fraction, parameter))
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order)) - np.searchsorted(parameter[order], parameter[order])
     data: dict[str, Any] = {}
     for name, (values, meaning, unit) in columns.items():
         missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
-        grid = np.full((points.count, int(rank.max(initial=0)) + 1), missing, values.dtype)
+        grid = np.full((index.count, int(rank.max(initial=0)) + 1), missing, values.dtype)
         grid[parameter, rank] = values
-        shaped = grid.reshape(*points.shape, -1)
-        data[name] = (*points.parameters, "coexisting"), shaped, described(config, meaning, unit)
+        shaped = grid.reshape(*index.shape, -1)
+        data[name] = (*index.parameters, "coexisting"), shaped, described(config, meaning, unit)
     data["motion"][2]["flag_values"] = np.array(list(Regime))
     data["motion"][2]["flag_meanings"] = " ".join(regime.name.lower() for regime in Regime)
-    counted = np.bincount(parameter[np.isin(regime, COUNTED)], minlength=points.count)
+    counted = np.bincount(parameter[np.isin(regime, COUNTED)], minlength=index.count)
     for name, array, meaning in (
         ("attractor", np.append(number, -1)[of_point], "number of the attractor, -1: none"),
-        ("followed", ends.followed, "whether the motion was followed on, since it had not settled"),
+        ("followed", followed, "whether the motion was followed on, since it had not settled"),
     ):
         status = dataset["status"]
         data[name] = (status.dims, array.reshape(status.shape), {"long_name": meaning})
     about = {"long_name": "distinct attractors found"}
-    data["attractors"] = (points.parameters, counted.reshape(points.shape), about)
+    data["attractors"] = (index.parameters, counted.reshape(index.shape), about)
     return xr.Dataset(data, {name: dataset[name] for name in dataset["status"].coords})
 
 
+def _put_last_states(motions: np.ndarray, dataset: xr.Dataset) -> None:
+    """Write the last section states of all motions that are not periodic as their starts."""
+    rows = motions["m"] == 0
+    for name in "xv":
+        last = dataset[f"poincare_{name}"].isel(section=-1).values.ravel()
+        motions["point"][f"{name}0"][rows] = last[rows]
+
+
+def _orbits(
+    motions: np.ndarray, parameter: np.ndarray, config: SweepConfig, tolerance: float
+) -> tuple[np.ndarray, PeriodicAttractors]:
+    """Return the point that represents the orbit of each motion, -1 for none, and these orbits.
+
+    Motions are on the same orbit only if their parameter points, m and q agree.
+    """
+    representative, cycles = np.full(len(motions), -1), {}
+    heads, places = list[int](), list[int]()
+    for m in (np.flatnonzero(np.bincount(motions["m"])[1:]) + 1).tolist():
+        rows = np.flatnonzero(motions["m"] == m)
+        own = motions[rows]
+        group = different([parameter[rows], own["q"]])[1]
+        one, of_row = different([group, *_rounded(own["point"], max(tolerance / _FINER, 1e-15))])
+        of_one = cycles_of(config, own[one])
+        same = same_motions(of_one, group[one], tolerance)
+        kept = np.unique(same)
+        representative[rows] = rows[one[same[of_row]]]
+        heads += rows[one[kept]].tolist()
+        places += range(len(kept))
+        cycles[m] = of_one[kept]
+    at = np.array(heads, np.int64)
+    order = np.lexsort((at, parameter[at]))
+    at, place = at[order], np.array(places, np.int64)[order]
+    return representative, PeriodicAttractors(at, parameter[at], motions["m"][at], place, cycles)
+
+
+def _rounded(points: np.ndarray, share: float) -> tuple[np.ndarray, ...]:
+    """Return whole numbers that are equal where states agree to about a share of their size."""
+    states = np.stack([points["x0"] - points["clearance"], points["v0"] / points["omega"]])
+    _, exponent = np.frexp(np.abs(states).max(axis=0))
+    return exponent, *np.rint(np.ldexp(states, -exponent) / share).astype(np.int64)
+
+
 def _members(
-    points: GridIndex, regime: np.ndarray, representative: np.ndarray
+    index: GridIndex, regime: np.ndarray, representative: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a point on each attractor, and the attractor of each point, -1 for none.
 
     `representative` are the points that represent the periodic motions. All other motions of one
     regime at a parameter point are on one attractor.
     """
-    representative = representative.copy()
     others = np.flatnonzero((representative < 0) & (regime > Regime.FAILED))
-    groups = points.parameter[others] * len(Regime) + regime[others]
-    _, first, inverse = np.unique(groups, return_index=True, return_inverse=True)
-    representative[others] = others[first][inverse]
+    first, number = different([index.parameter[others], regime[others]])
+    representative[others] = others[first[number]]
     heads = np.unique(representative[representative >= 0])
     return heads, np.where(representative < 0, -1, np.searchsorted(heads, representative))
 
 
-def _settled_members(of_point: np.ndarray, heads: np.ndarray, ends: Outcomes) -> np.ndarray:
+def _shares(of_point: np.ndarray, heads: np.ndarray, index: GridIndex) -> np.ndarray:
+    """Return the share of each attractor in the starts with a result at its parameter point."""
+    members, parameter = np.bincount(of_point[of_point >= 0]), index.parameter[heads]
+    shares: np.ndarray = members / np.bincount(parameter, members, index.count)[parameter]
+    return shares
+
+
+def _settled_members(of_point: np.ndarray, heads: np.ndarray, followed: np.ndarray) -> np.ndarray:
     """Return a point on each attractor, if possible one whose record shows the attractor."""
-    shown = np.flatnonzero((of_point >= 0) & ~ends.followed)
+    shown = np.flatnonzero((of_point >= 0) & ~followed)
     attractor, first = np.unique(of_point[shown], return_index=True)
-    replaced = ends.followed[heads[attractor]]
-    heads = heads.copy()
-    heads[attractor[replaced]] = shown[first[replaced]]
-    return heads
+    members = heads.copy()
+    members[attractor] = shown[first]
+    return members
 
 
 def _numbers(
-    dataset: xr.Dataset,
-    points: GridIndex,
+    config: SweepConfig,
+    index: GridIndex,
     periodic: PeriodicAttractors,
+    motions: np.ndarray,
     fraction: np.ndarray,
-    last: np.ndarray,
 ) -> np.ndarray:
     """Number the periodic attractors, in decreasing order of their share of all starts."""
     links = None
-    shape = () if SETS in points.parameters else points.shape  # sets have no neighbours
-    config = config_of(dataset)
+    shape = () if SETS in index.parameters else index.shape  # sets have no neighbours
     if shape and config.method.impact == "exact":
-        axis = points.parameters[int(np.argmax(shape))]
-        states = points.at_states(periodic.at, *last[periodic.at].T)
-        links = exact_links(model_name(axis), config.record.phase, states, periodic.m)
+        axis = index.parameters[int(np.argmax(shape))]
+        links = exact_links(model_name(axis), config.record.phase, motions)
     _, chain = np.unique(track(shape, periodic, links), return_inverse=True)
     shares = np.bincount(chain, fraction)
     return np.argsort(np.argsort(-shares, kind="stable"))[chain]

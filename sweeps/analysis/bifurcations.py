@@ -17,9 +17,10 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.doors import takes_sweep
-from sweeps.analysis.exact_branches import PeriodicPoints, branches, wide_branches
+from sweeps.analysis.exact_branches import branches, wide_branches
 from sweeps.analysis.explanations import explain
 from sweeps.analysis.grouping import STARTS
+from sweeps.analysis.motions import motions_of
 from sweeps.analysis.regimes import Change, cascades, changes, labels
 from sweeps.analysis.rig import on_axis
 from sweeps.analysis.selection import (
@@ -123,16 +124,16 @@ def find_bifurcations(
     data = select(dataset, at, free=[along, *free])
     other_axes = [str(name) for name in data["status"].dims if name != along]
     data = data.sortby(along)
-    rows, unclassified = [], 0
+    rows, unclassified, phase = [], 0, config_of(dataset).record.phase
     for index in product(*(range(data.sizes[name]) for name in other_axes)):
         line = data.isel(dict(zip(other_axes, index, strict=True))).load()
-        motions, down = PeriodicPoints.of(line), _is_followed_down(line, along)
+        motions, down = motions_of(line), _is_followed_down(line, along)
         classes = labels(line)
         unclassified += classes.count(None)
         values = line[along].values
         for change in changes(values, classes):
             here = {name: line[name].item() for name in other_axes}
-            for part, *own in explain(motions, along, values, change, down):
+            for part, *own in explain(motions, phase, along, values, change, down):
                 named = dict(zip(_OWN, (*own, down), strict=True))
                 rows.append(here | vars(part) | named)
     columns = [*other_axes, *(field.name for field in fields(Change)), *_OWN]

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from sweeps.analysis.doors import takes_sweep
-from sweeps.analysis.grouping import STARTS, points_of
-from sweeps.analysis.regimes import Regime, classify
+from sweeps.analysis.grouping import STARTS
+from sweeps.analysis.motions import motions_of, orbit_at
 from sweeps.analysis.rig import orbits_on_axes
 from sweeps.analysis.selection import (
     COORDINATES,
@@ -26,7 +25,6 @@ from sweeps.analysis.selection import (
     chosen_axes,
     config_of,
     listed,
-    orbit_at,
     orbit_coordinates,
     select,
     split_directions,
@@ -39,7 +37,6 @@ from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.chords import with_short_chords
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
-from vibroimpact.points.destinations import RECORD, classified
 
 #: Most forcing periods of an orbit that is followed, and most branches that are followed.
 LONGEST_ORBIT, MOST_BRANCHES = 8, 60
@@ -48,47 +45,6 @@ _MOST_NAMES = 8
 #: Largest distance of a branch from the lines between its points, as a share of the ranges: a
 #: seventh of a pixel of a picture.
 CHORD_TOLERANCE = 1e-4
-
-
-@dataclass(frozen=True)
-class PeriodicPoints:
-    """The computed points of a cut through a sweep, with the classes of their periodic motions."""
-
-    #: The parameters, with the state of the orbit at the last section as the start; dtype
-    #: POINT, in the shape of the cut.
-    points: np.ndarray
-    #: m, q: forcing periods and impacts per repetition; 0 if the motion is not periodic; int,
-    #: in the same shape.
-    m: np.ndarray
-    q: np.ndarray
-    phase: float  # phase of the section [rad]
-
-    @classmethod
-    def of(cls, cut: xr.Dataset) -> Self:
-        """Read the points of a cut; classes that were not recorded are found from the section."""
-        cut = with_classes(cut)
-        points = points_of(cut).reshape(cut["status"].shape)
-        points["x0"], points["v0"] = cut["orbit_x"].values, cut["orbit_v"].values
-        periodic = classify(cut) == Regime.PERIODIC
-        m, q = (np.where(periodic, cut[name].values, 0) for name in ("period", "period_impacts"))
-        return cls(points, m, q, config_of(cut).record.phase)
-
-    def orbit(self, *index: int) -> PeriodicOrbit:
-        """Return the orbit of a periodic point; raise OrbitError if none is found."""
-        return orbit_at(self.points[index], int(self.m[index]), self.phase)
-
-
-def with_classes(cut: xr.Dataset) -> xr.Dataset:
-    """Return a cut through a sweep with the classes of its motions, if it has none."""
-    if "period" in cut:
-        return cut
-    points, dims, shape = points_of(cut), cut["status"].dims, cut["status"].shape
-    columns = {name: cut[name].transpose(*dims, ...).values for name in RECORD}
-    results = {name: a.reshape(len(points), *a.shape[len(shape) :]) for name, a in columns.items()}
-    classes = classified(config_of(cut).sweep.spec, points, results, None, None)
-    return cut.assign(
-        {name: (dims, a.reshape(shape)) for name, a in classes.items() if name not in RECORD}
-    )
 
 
 @takes_sweep({})
@@ -157,31 +113,35 @@ def branches(
     array([2.663945, 2.663945])
     """
     (axis,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "branch")
-    lines = [PeriodicPoints.of(line) for line in lines_of(dataset, axis, at)]
-    name = model_name(axis)
-    low = min(float(line.points[name][0]) for line in lines)
-    high = max(float(line.points[name][-1]) for line in lines)
+    lines = [motions_of(line) for line in lines_of(dataset, axis, at)]
+    name, phase = model_name(axis), config_of(dataset).record.phase
+    low = min(float(line["point"][name][0]) for line in lines)
+    high = max(float(line["point"][name][-1]) for line in lines)
     found = BranchSet(name, low, high, most, LONGEST_ORBIT, classes, check)
     left_out: dict[str, Counter[tuple[int, int]]] = {}
-    for line, i, length in _seeds(lines):
-        mq = int(line.m[i]), int(line.q[i])
+    for motion, length in _seeds(lines):
+        mq = int(motion["m"]), int(motion["q"])
         reason = ""
         if mq[0] > LONGEST_ORBIT and mq not in classes:
             reason = f"of more than {LONGEST_ORBIT} periods"
         else:
             try:
-                reason = "" if found.add(line.orbit(i)) else f"beyond the first {most} branches"
+                reason = (
+                    ""
+                    if found.add(orbit_at(motion, phase))
+                    else f"beyond the first {most} branches"
+                )
             except OrbitError as error:
                 reason = f"of which {error}"
         if reason and found.is_chosen(*mq):
             left_out.setdefault(reason, Counter())[mq] += length
     found.grow()
     found.branches = [grown for grown in found.branches if found.is_chosen(grown.m, grown.q)]
-    return orbits_on_axes(dataset, _as_dataset(found, lines[0].phase, left_out))
+    return orbits_on_axes(dataset, _as_dataset(found, phase, left_out))
 
 
-def _seeds(lines: Sequence[PeriodicPoints]) -> list[tuple[PeriodicPoints, int, int]]:
-    """Return the line, the middle and the length of each run of a class, in the order to follow.
+def _seeds(lines: Sequence[np.ndarray]) -> list[tuple[np.void, int]]:
+    """Return the middle motion and the length of each run of a class, in the order to follow.
 
     The longest runs of all classes come first, in the order of the frequency of the classes; then
     come the second longest runs, and so on.
@@ -190,16 +150,16 @@ def _seeds(lines: Sequence[PeriodicPoints]) -> list[tuple[PeriodicPoints, int, i
     runs = []
     for line in lines:
         begin = 0
-        for mq, run in groupby(zip(line.m.tolist(), line.q.tolist(), strict=True)):
+        for mq, run in groupby(line[["m", "q"]].tolist()):
             length = len(list(run))
             if mq[0]:
-                runs.append((mq, line, begin + length // 2, length))
+                runs.append((mq, line[begin + length // 2], length))
                 points[mq] += length
             begin += length
     seen: Counter[tuple[int, int]] = Counter()
     ordered = []
-    for mq, line, i, length in sorted(runs, key=lambda run: -run[3]):
-        ordered.append((seen[mq], -points[mq], (line, i, length)))
+    for mq, motion, length in sorted(runs, key=lambda run: -run[2]):
+        ordered.append((seen[mq], -points[mq], (motion, length)))
         seen[mq] += 1
     return [run for *_, run in sorted(ordered, key=lambda item: item[:2])]
 

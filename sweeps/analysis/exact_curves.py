@@ -19,15 +19,16 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.doors import takes_sweep
-from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, with_special_points
+from sweeps.analysis.exact_branches import check_axis, with_special_points
 from sweeps.analysis.map_cells import changes, middles_of_regions, steps_between
-from sweeps.analysis.regimes import classify
+from sweeps.analysis.motions import motions_of, orbit_of
 from sweeps.analysis.rig import on_axis, orbits_on_axes
 from sweeps.analysis.selection import (
     Selection,
     check_diagnostic,
     choice_of,
     chosen_axes,
+    config_of,
     listed,
     select,
 )
@@ -37,7 +38,7 @@ from sweeps.text import nearest, shown_count, suggestion
 from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
 from vibroimpact.orbits.continuation import lost_text
 from vibroimpact.orbits.curves import KINDS, bifurcation_curve
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
+from vibroimpact.orbits.periodic import OrbitError
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -184,9 +185,9 @@ class _Search:
     ) -> None:
         self._cut, self._axes, self._chosen, self._kinds = cut, axes, chosen, kinds
         self._values = [cut[axis].values for axis in axes]
-        self._motions = PeriodicPoints.of(cut)
-        self._classes = np.stack([self._motions.m, self._motions.q], axis=2)
-        self._cells = changes(self._classes, classify(cut))
+        self._motions, self._phase = motions_of(cut), config_of(cut).record.phase
+        self._classes = np.stack([self._motions["m"], self._motions["q"]], axis=2)
+        self._cells = changes(self._classes, self._motions["regime"])
         sides = (self._classes[i, j].tolist() for i, j in self._cells.transpose(1, 2, 0))
         self._names = [tuple(sorted(map(tuple, pair))) for pair in zip(*sides, strict=True)]
         self._explained = np.zeros(len(self._cells), bool)
@@ -272,15 +273,10 @@ class _Search:
         most = max(groups.values(), key=len)
         return most[len(most) // 2]
 
-    def _orbit(self, cell: np.ndarray) -> PeriodicOrbit:
-        """Return the orbit of a cell; raise OrbitError if none of the same class is found."""
-        orbit = self._motions.orbit(*cell)
-        if [orbit.m, orbit.q] != self._classes[*cell].tolist():
-            raise OrbitError("a motion has not settled: its orbit is of another class")
-        return orbit
-
     def _branch(self, cell: np.ndarray, axis: int, low: float, high: float) -> Branch:
-        return branch(self._orbit(cell), self._axes[axis], float(low), float(high))
+        """Follow the orbit of a cell; raise OrbitError if none of its class is found."""
+        orbit = orbit_of(self._motions[*cell], self._phase)
+        return branch(orbit, self._axes[axis], float(low), float(high))
 
     def _bifurcation(self, cells: np.ndarray) -> SpecialPoint:
         """Return the bifurcation at a change, sought from both sides; OrbitError has the reason."""

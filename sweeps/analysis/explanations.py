@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sweeps.analysis.exact_branches import PeriodicPoints
 from sweeps.analysis.grouping import STARTS
+from sweeps.analysis.motions import leads_to, orbit_of
 from sweeps.analysis.regimes import Change, Label, Regime
 from sweeps.config.rig import model_name
-from vibroimpact.orbits.branches import branch
 
 #: The class of points that have none.
 NO_LABEL = Label(Regime.UNDECIDED)
@@ -43,17 +42,23 @@ _UNKNOWN = "unknown", np.nan, ""
 
 
 def explain(
-    motions: PeriodicPoints, axis: str, values: np.ndarray, change: Change, down: bool
+    motions: np.ndarray,
+    phase: float,
+    axis: str,
+    values: np.ndarray,
+    change: Change,
+    down: bool,
 ) -> list[tuple[Change, str, float, str]]:
     """Return a change with its kind, the exact value (NaN if not known) and the orbit.
 
+    `motions` are those at the `values` of the axis, and `phase` is that of their section.
     If points of unknown class lie between, and no bifurcation leads from one class to the other,
     the change from the first class to an unknown one and that to the last class are returned.
     """
     if axis in STARTS:
         return [(change, "basin", np.nan, "")]
-    i, j = np.searchsorted(values, [change.low, change.high]).tolist()
-    left, right = _end(motions, axis, i, j), _end(motions, axis, j, i)
+    low, high = motions[np.searchsorted(values, [change.low, change.high])]
+    left, right = _end(low, high, phase, axis), _end(high, low, phase, axis)
     first, second = (right, left) if down else (left, right)
     if first.kind == "edge":
         return [(change, "basin", np.nan, "")]
@@ -92,17 +97,14 @@ def _open(values: np.ndarray, change: Change, value: float, *, after: bool) -> C
     return replace(change, low=end, before=NO_LABEL, between=int((inside > end).sum()))
 
 
-def _end(motions: PeriodicPoints, axis: str, i: int, j: int) -> _End:
-    """Follow the branch of the orbit at point i towards point j; return the first special point."""
-    if motions.m[i]:
+def _end(motion: np.void, other: np.void, phase: float, axis: str) -> _End:
+    """Return the first special point on the branch of the orbit of a motion towards another one."""
+    if motion["m"]:
         name = model_name(axis)
-        start, end = motions.points[name][[i, j]].tolist()
         with suppress(ValueError):  # no orbit is found, or it cannot be followed
-            orbit = motions.orbit(i)
-            if (orbit.m, orbit.q) == (motions.m[i], motions.q[i]) and orbit.stable:
-                special = branch(orbit, name, *sorted((start, end))).special
-                # The branch starts at an end of the range, so it continues in one direction only.
-                for point in special[1:] if start < end else special[-2::-1]:
-                    of = point.orbit if point.kind == "flip" else orbit
-                    return _End(point.kind, point.value, f"{of.m}/{of.q}")
+            orbit = orbit_of(motion, phase)
+            if orbit.stable:
+                point = leads_to(orbit, name, other["point"][name].item())
+                of = point.orbit if point.kind == "flip" else orbit
+                return _End(point.kind, point.value, f"{of.m}/{of.q}")
     return _End()

@@ -21,8 +21,8 @@ import xarray as xr
 from sweeps.analysis.attractors import COUNTED, attractors
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import points_of
+from sweeps.analysis.motions import run_on
 from sweeps.analysis.selection import config_of, described, listed, swept_axes
-from sweeps.analysis.settle import follow
 from sweeps.errors import Refused
 
 #: The variables that `integrity` adds, with their meanings and units.
@@ -76,19 +76,24 @@ def integrity(dataset: xr.Dataset) -> xr.Dataset:
     >>> sweeps.integrity(ds)["integrity_factor"].values.round(3)
     array([1.091, 0.455])
     """
-    _refuse_unfit(dataset)
-    found, config = attractors(dataset), config_of(dataset)
+    refuse_unfit(dataset)
+    return with_measures(dataset, attractors(dataset))
+
+
+def with_measures(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
+    """Return the attractors found in a sweep with their measures."""
+    config = config_of(dataset)
     starts = found["attractor"].sortby(["x0", "v0"]).transpose(..., "x0", "v0")
     x, v = starts["x0"].values, starts["v0"].values
     grid = (-1, found.sizes["coexisting"])
     number, m = (found[name].values.reshape(grid) for name in ("number", "m"))
     at = np.nonzero(np.isin(found["motion"].values.reshape(grid), COUNTED))
     state = (found[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
-    points = points_of(dataset.isel(x0=0, v0=0))[at[0]]
+    points = points_of(dataset.isel(x0=0, v0=0), at[0])
     points["x0"], points["v0"] = state
     periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if not periodic
     longest = int(periods.max(initial=1))
-    _, sections = follow(config, points, longest)
+    sections, _ = run_on(config, points, longest)
     measures = np.full((len(_MEASURES), *number.shape), np.nan)
     for n, (i, k) in enumerate(zip(*at, strict=True)):
         basin = starts.values.reshape(-1, len(x), len(v))[i] == number[i, k]
@@ -133,7 +138,7 @@ def measures_of(
     return away[disc], x[disc[0] - 1], v[disc[1] - 1], at_edge[0], apart.min(), at_edge[1]
 
 
-def _refuse_unfit(dataset: xr.Dataset) -> None:
+def refuse_unfit(dataset: xr.Dataset) -> None:
     """Refuse a sweep whose starts are not a regular window at the phase of its section."""
     axes, config = swept_axes(dataset), config_of(dataset)
     if not {"x0", "v0"} <= set(axes):

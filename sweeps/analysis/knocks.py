@@ -24,12 +24,14 @@ import xarray as xr
 
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.doors import takes_sweep
+from sweeps.analysis.motions import MOTION, orbit_of
 from sweeps.analysis.regimes import Regime
-from sweeps.analysis.section_distance import section_distance
+from sweeps.analysis.section_distance import TOLERANCE, section_distance
 from sweeps.analysis.selection import config_of, described, oscillator_of
-from sweeps.analysis.settle import follow
 from sweeps.errors import Refused
-from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, periodic_orbit, simulate
+from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, simulate
+from vibroimpact.points.compute import compute_points
+from vibroimpact.points.stages import Results, in_stages, without_class
 from vibroimpact.status import Status
 from vibroimpact.trajectory import exact_samples
 
@@ -38,11 +40,9 @@ _TURN = 2.0 * math.pi
 _MOMENTS, _SIZES = 64, 256
 #: Sizes near a knock at which the boundary is sought, relative to the knock.
 _NEAR = np.linspace(-0.1, 0.02, 80)
-#: A motion has reached an orbit if it is nearer than this, relative to the orbit's size.
-_NEARNESS = 1e-6
-#: Forcing periods for which a motion is followed, one after the other until it has reached an
-#: attractor, and the last of these that are recorded.
-_FOLLOWED, _RECORD = (200, 800, 3200, 12800), 32
+#: Forcing periods for which a motion is continued, one after the other until it has a class, and
+#: the last of these that are recorded.
+_STAGES, _RECORD = (200, 800, 3200, 12800), 32
 
 
 #: The meaning and the unit of each field of a `Knock`.
@@ -141,45 +141,67 @@ class _Motions:
     """The attractors at a parameter point, and the knocks that lead from one to another."""
 
     def __init__(self, starts: xr.Dataset, found: xr.Dataset) -> None:
-        self._config, self._oscillator = config_of(starts), oscillator_of(starts)
+        self._oscillator, config = oscillator_of(starts), config_of(starts)
+        self._spec, self._phase = config.sweep.spec, config.record.phase
         self.orbits: dict[int, PeriodicOrbit] = {}
-        names = ("number", "motion", "m", "section_x", "section_v")
-        columns = [found[name].values.tolist() for name in names]
-        self._of_regime = dict(zip(columns[1], columns[0], strict=True))
-        for number, _, m, x, v in zip(*columns, strict=True):
-            if m > 0:
+        self._of_regime = dict(zip(found["motion"].values, found["number"].values, strict=True))
+        motion = np.zeros(1, MOTION)
+        motion["point"] = self._oscillator.at(self._oscillator.clearance)
+        for one in (
+            found[["number", "m", "q", "section_x", "section_v"]].to_dataframe().itertuples()
+        ):
+            motion["point"]["x0"], motion["point"]["v0"] = one.section_x, one.section_v
+            motion["m"], motion["q"] = one.m, one.q
+            if one.m > 0:
                 with suppress(OrbitError):  # too many periods: motions that end there are unknown
-                    phase = self._config.record.phase
-                    self.orbits[number] = periodic_orbit(self._oscillator, x, v, m, phase)
+                    self.orbits[one.number] = orbit_of(motion[0], self._phase)
 
     def _ends(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the attractors that motions from states (n, 2) reach, and which are certified.
 
         The attractor is -1 if it is unknown.
         """
-        o = self._oscillator
-        points = np.repeat(o.at(o.clearance), len(states))
+        points = np.repeat(self._oscillator.at(self._oscillator.clearance), len(states))
         points["x0"], points["v0"] = states.T
         number, certified = np.full(len(states), -1), np.ones(len(states), bool)
-        left = np.arange(len(states))
-        for periods in _FOLLOWED:
-            options = {"transient": periods - _RECORD, "phase": phase}
-            results, sections = follow(self._config, points[left], _RECORD, **options)
-            last = sections[:, -1]
-            certified[left] &= results["status"] == Status.CERTIFIED
-            number[left[results["rest_fraction"] > 0.0]] = self._of_regime.get(Regime.REST, -1)
-            for one, orbit in self.orbits.items():
-                cycle = orbit.sections(phase)
-                size = _NEARNESS * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
-                units = size, size * o.omega
-                apart = section_distance(last[:, None], cycle, o.clearance, np.array(o.R), units)
-                number[left[apart.min(axis=1) <= 1.0]] = one
-            points["x0"][left], points["v0"][left] = last.T
-            left = left[(number[left] < 0) & np.isfinite(last[:, 0])]
-            if not left.size:
-                break
-        number[left] = self._of_regime.get(Regime.CHAOTIC, -1)  # taken for chaos after all periods
+        endless = np.ones(len(states), bool)
+
+        def run(points: np.ndarray, periods: int, started: bool) -> Results:
+            record = self._spec.part(periods - _RECORD, _RECORD, 0, False)
+            return compute_points(record, points, None, at_section=started, start=phase)
+
+        def goes_on(rows: np.ndarray, _: int, results: Results) -> np.ndarray:
+            rests = results["rest_fraction"] > 0.0
+            certified[rows] &= results["status"] == Status.CERTIFIED
+            number[rows] = np.where(rests, self._of_regime.get(Regime.REST, -1), self._of(results))
+            endless[rows] = without_class(results["class_evidence"], results["status"]) & ~rests
+            return endless[rows]
+
+        last, _ = in_stages(points, np.cumsum(_STAGES), run, goes_on)
+        # Without a class a motion is taken for chaos, unless it lingers beside an orbit that has
+        # just flipped, and therefore beside the orbit of twice the period.
+        chaos = self._of_regime.get(Regime.CHAOTIC, -1)
+        for one in self.orbits:
+            number[endless & self._is_on(one, last["x0"], last["v0"])] = one
+        number[endless & (number < 0)] = chaos
         return number, certified
+
+    def _of(self, results: Results) -> np.ndarray:
+        """Return the attractors on which the orbits of motions are, -1 for none."""
+        number = np.full(len(results["status"]), -1)
+        for one, orbit in self.orbits.items():
+            same = (results["period"] == orbit.m) & (results["period_impacts"] == orbit.q)
+            number[same & self._is_on(one, results["orbit_x"], results["orbit_v"])] = one
+        return number
+
+    def _is_on(self, one: int, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the mask of the section states that are on an attractor, to ``TOLERANCE``."""
+        o, cycle = self._oscillator, self.orbits[one].sections(self._phase)
+        size = TOLERANCE * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
+        states, units = np.stack([x, v], axis=1)[:, None], (size, size * o.omega)
+        apart = section_distance(states, cycle, o.clearance, np.array(o.R), units)
+        near: np.ndarray = apart.min(axis=1) <= 1.0
+        return near
 
     def _first(self, home: int, phase: float, states: np.ndarray, ways: np.ndarray) -> Knock:
         """Return the knock of the first harmful size, or one of infinite size if none is harmful.

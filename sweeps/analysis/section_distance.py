@@ -57,10 +57,6 @@ class Cycles:
         after = np.minimum(v, -self.R[:, None] * v)
         return np.stack([x.mean(axis=1), after.mean(axis=1)], axis=1)
 
-    def last(self, m: int) -> Cycles:
-        """Return the last m states of each cycle."""
-        return Cycles(self.states[:, -m:], self.R)
-
 
 def section_distance(
     states: np.ndarray,
@@ -117,64 +113,30 @@ def _greatest(table: np.ndarray) -> np.ndarray:
     return reduce(np.maximum, table.T)
 
 
-def shortest_turn(states: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
-    """Return the least divisor of m after which a cycle repeats within `tolerance`.
+def same_motions(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
+    """Return for each cycle the index of the first that is the same motion, shape (n,).
 
-    The states have the shape (n, m, 2), and the result has the shape (n,).
+    Cycles of one number in `group` are the same motion if they are within `tolerance`, or are
+    connected by a chain of such cycles. So the result does not depend on the order of the cycles,
+    and no arbitrary boundary separates cycles that converge to the same motion.
     """
-    n, m, _ = states.shape
-    shortest = np.full(n, m)
-    allowed = tolerance * sizes(states)
-    for divisor in range(m // 2, 0, -1):
-        if m % divisor == 0:
-            moved = sizes(np.roll(states, divisor, axis=1) - states)
-            shortest[moved <= allowed] = divisor
-    return shortest
+    first = np.arange(len(cycles))
+    if len(np.unique(group)) == len(cycles):
+        return first
+    from scipy.spatial import KDTree
 
-
-def representatives(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
-    """Return for each cycle the index of a cycle that represents the same motion, shape (n,).
-
-    Only cycles with the same number in `group` are compared. Cycles are sorted by their place, and
-    neighbours within `tolerance` form chains. Chains whose first cycles are within `tolerance` of
-    each other are merged. So the result does not depend on the order of the cycles, and cycles that
-    converge to the same motion are not separated by an arbitrary boundary.
-    """
-    places = cycles.places()
-    order = np.lexsort((*places.T[::-1], group))
-    head = np.arange(len(order))
-    if len(order) < 2:
-        return head
-    ordered, groups = cycles[order], group[order]
-    equal = distances(ordered[1:], ordered[:-1]) <= tolerance
-    begins = np.r_[True, ~(equal & (groups[1:] == groups[:-1]))]
-    heads = order[begins]
-    head[order] = heads[np.cumsum(begins) - 1]
-    # Equal cycles are at most `tolerance` apart in both coordinates. Squares of twice that side
-    # have both of them in one square, for one of four positions of the squares.
-    _, of_head = np.unique(group[heads], return_inverse=True)
-    size = np.zeros(len(heads))
-    np.maximum.at(size, of_head, sizes(cycles.states[heads]))
-    side = 2.0 * tolerance * size[of_head]
-    squares = places[heads] / np.where(side > 0.0, side, 1.0)[:, None]
-    merged = np.arange(len(order))
-    for shift in ((0.0, 0.0), (0.0, 0.5), (0.5, 0.0), (0.5, 0.5)):
-        cells = np.column_stack([group[heads], np.floor(squares + shift)])
-        _, cell = np.unique(cells, axis=0, return_inverse=True)
-        _merge(cycles, heads, cell, tolerance, merged)
-        kept = merged[heads] == heads
-        heads, squares = heads[kept], squares[kept]
-        merged = merged[merged]
-    return merged[head]
-
-
-def _merge(
-    cycles: Cycles, left: np.ndarray, cell: np.ndarray, tolerance: float, merged: np.ndarray
-) -> None:
-    """Store in `merged` the first cycle within `tolerance` of each cycle `left`, in its cell."""
-    while len(left):
-        _, first, inverse = np.unique(cell, return_index=True, return_inverse=True)
-        leaders = left[first][inverse]
-        apart = distances(cycles[left], cycles[leaders]) > tolerance
-        merged[left[~apart]] = leaders[~apart]
-        left, cell = left[apart], cell[apart]
+    radius = tolerance * sizes(cycles.states) * (1.0 + 1e-9)  # of places, rounding included
+    apart = 4.0 * radius.max()  # keeps the groups apart
+    sites = np.nan_to_num(np.column_stack([cycles.places(), apart * group]))
+    near = KDTree(sites).query_ball_point(sites, np.nan_to_num(radius), p=np.inf)
+    a, b = np.repeat(first, list(map(len, near))), np.concatenate(near).astype(int)
+    a, b = a[a != b], b[a != b]
+    equal = distances(cycles[a], cycles[b]) <= tolerance
+    a, b = a[equal], b[equal]
+    while True:  # terminates: the numbers only fall
+        before = first.copy()
+        np.minimum.at(first, a, before[b])
+        np.minimum.at(first, b, before[a])
+        first = first[first]
+        if np.array_equal(first, before):
+            return first

@@ -18,7 +18,6 @@ from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store.variables import DIRECTION, VARIABLES, Variable, columns_of
 from sweeps.text import in_units, nearest, suggestion, told_apart, unit_name
-from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
 
@@ -84,17 +83,6 @@ def headed(name: str, variable: xr.DataArray) -> str:
 def oscillator_of(point: xr.Dataset | np.void | Mapping[str, float]) -> Oscillator:
     """Return the oscillator at a point of a sweep, or with parameters given by name."""
     return Oscillator(**{field.name: float(point[field.name]) for field in fields(Oscillator)})
-
-
-def orbit_at(point: np.void, m: int, phase: float) -> PeriodicOrbit:
-    """Return the orbit near a point, of dtype POINT, whose start is its state at the section.
-
-    A state beyond the stop, which some impact rules allow, is moved to the stop. Raises OrbitError
-    if no orbit is found.
-    """
-    oscillator = oscillator_of(point)
-    x, v = point["x0"].item(), point["v0"].item()
-    return periodic_orbit(oscillator, min(x, oscillator.clearance), v, m, phase)
 
 
 def listed(names: Iterable[str]) -> str:

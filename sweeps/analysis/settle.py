@@ -1,190 +1,142 @@
-"""Follow motions that go to no known attractor until they do.
+"""Continue motions that go to no known attractor until they do.
 
 The class of a motion is that of its destination (`vibroimpact.destination`). A motion without a
-class is followed further, unless it rests twice. Each extension makes the motion four times as
-long, continuing from the last section with the method of the file.
+class is continued, unless it rests twice, with the method of the file.
 
 **Rest.** A rest erases the past, so all motions of a parameter point that have rested have the same
 future. A motion that rests twice is periodic. But if a motion that has rested is chaotic later, the
 time between two rests is longer than a record, and it is a matter of chance whether a record shows
 rest or chaos. In this case rest and chaos are the same attractor.
 
-**Chaos** may be a long transient. A chaotic motion is followed further once, and then for as long
-as some of the chaotic motions of its parameter point settle. If some settled in the last extension,
-the others are undecided.
+**Chaos** may be a long transient. A chaotic motion is continued once, and then for as long as some
+of the chaotic motions of its parameter point settle. If some settled in the last extension, the
+others are undecided.
 
-Some motions never settle, for example without damping. Therefore all motions together are followed
-for at most ``MOST_FOLLOWED`` forcing periods.
+Some motions never settle, for example without damping. Therefore all motions together are continued
+for at most ``MOST_CONTINUED`` forcing periods.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
 from sweeps.analysis.grouping import GridIndex
-from sweeps.analysis.regimes import UNSETTLED, Regime, classify, regimes_of
+from sweeps.analysis.motions import put_classes
+from sweeps.analysis.regimes import UNSETTLED, Regime, regimes_of
 from sweeps.analysis.selection import config_of
-from sweeps.config.sweep import SweepConfig
-from vibroimpact import integrate
-from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
-from vibroimpact.points.destinations import classified
+from vibroimpact.destination.repetition import LONGEST_PERIOD
+from vibroimpact.points.compute import compute_points
+from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import Results, in_stages, put_last
 
-#: How often a motion is followed further, each time four times as long.
+#: How often a motion is continued, each time until it is four times as long.
 EXTENSIONS = 4
 #: Most forcing periods over which Lyapunov exponents are computed; weak chaos needs many to show.
 _LONG = 1024
-#: Forcing periods of the last record of a motion followed further: twice the longest repetition.
+#: Last forcing periods of an extension, which show the class: twice the longest repetition.
 _RECORD = 2 * LONGEST_PERIOD
-#: Most forcing periods for which all motions together are followed.
-MOST_FOLLOWED = 300_000_000
-#: Number of points that are followed in one call.
+#: Most forcing periods for which all motions together are continued.
+MOST_CONTINUED = 300_000_000
+#: Number of points that are continued in one call.
 _PART = 4_000
 
 
-def follow(
-    config: SweepConfig, points: np.ndarray, periods: int, **options: Any
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Follow motions from their states at the section, with the method of a sweep.
+def settle(
+    motions: np.ndarray, dataset: xr.Dataset, index: GridIndex, extensions: int
+) -> np.ndarray:
+    """Continue the motions that have not settled, and write the regimes and orbits they reach.
 
-    `options` are arguments of `vibroimpact.integrate`. Returns its results and the states at the
-    sections, shape (n, periods, 2).
+    `motions`, of dtype ``MOTION``, shape (n,), have their last states as starts. Returns the mask
+    of those that were continued.
     """
-    method = config.method.arguments
-    record = {"transient": 0, "phase": config.record.phase, "impacts": 0} | options
-    results = integrate(points, **method, periods=periods, at_section=True, **record)
-    return results, np.stack([results["poincare_x"], results["poincare_v"]], axis=2)
+    share, chatters = (dataset[name].values.ravel() for name in ("rest_fraction", "chatters"))
+    regime, rests = motions["regime"], _rests_of(share, np.maximum(chatters, share > 0.0))
+    chaotic = _chaotic(regime, rests, index)
+    at = np.flatnonzero(
+        np.isin(regime, UNSETTLED) | (regime == Regime.REST) & (rests == 1) | chaotic
+    )
+    continued = np.isin(np.arange(regime.size), at)
+    first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
+    length = first - 1 + dataset.sizes["section"]
+    planned = 3 * length * at.size
+    if not extensions or not at.size or planned > MOST_CONTINUED:
+        return continued & False
+    chaos_ends = np.zeros(regime.size, bool)
+
+    def goes_on(rows: np.ndarray, done: int, results: Results) -> np.ndarray:
+        nonlocal chaotic, chaos_ends, planned
+        here, before = at[rows], chaotic
+        rests[here] += results["rests"]
+        reached = motions[here]
+        put_classes(reached, results["regime"], results)
+        motions[here] = reached
+        chaotic = _chaotic(regime, rests, index)
+        unsettled = np.isin(regime, UNSETTLED)
+        chaos_ends = _at_point_of(before & ~chaotic & ~unsettled, index)
+        once = (regime == Regime.REST) & (rests == 1)
+        on = (unsettled | once | (chaotic & (chaos_ends | ~before)))[here]
+        planned += 3 * (length + done) * int(on.sum())
+        return on & (planned <= MOST_CONTINUED)
+
+    stops = [length * (4**i - 1) + _RECORD * i for i in range(1, extensions + 1)]
+    run = _run_of(config_of(dataset).sweep.spec)
+    last, _ = in_stages(motions["point"][at], stops, run, goes_on)
+    aperiodic = motions["m"][at] == 0
+    motions["point"][at[aperiodic]] = last[aperiodic]
+    # All chaotic motions of a parameter point are on one attractor.
+    rests_again = _at_point_of(chaotic & (rests > 1), index)
+    regime[chaotic] = np.where(rests_again, Regime.REST, Regime.CHAOTIC)[chaotic]
+    regime[chaotic & chaos_ends] = Regime.UNDECIDED
+    return continued
 
 
-class Outcomes:
-    """The regimes and classes of the motions of a file, from their records or from longer runs."""
+def _run_of(spec: RunSpec) -> Callable[[np.ndarray, int, bool], Results]:
+    """Return the function that continues motions over an extension, and finds their regimes."""
+    exact, bare = spec.impact == "exact", replace(spec, period=False)
 
-    def __init__(self, dataset: xr.Dataset, points: GridIndex) -> None:
-        self._points, self._config = points, config_of(dataset)
-        self._exact = self._config.method.impact == "exact"
-        #: The `Regime` at each point, shape (n,).
-        self.regime = classify(dataset).ravel()
-        names = "period", "period_impacts", "rest_fraction", "chatters"
-        m, q, share, chatters = (dataset[name].values.ravel() for name in names)
-        periodic = self.regime == Regime.PERIODIC
-        #: Forcing periods and impacts per repetition of a periodic motion, otherwise 0.
-        self.m, self.q = np.where(periodic, m, 0), np.where(periodic, q, 0)
-        shown = dataset["orbit_distance"].values.ravel() <= TOLERANCE
-        shown &= self.m <= dataset.sizes["section"]
-        #: m where the record itself repeats, otherwise 0.
-        self.repetition = np.where(shown, self.m, 0)
-        #: Whether the record does not show the attractor, so that the motion was followed further
-        #: or its orbit found.
-        self.followed = periodic & ~shown
-        #: The section states of the orbits of all other periodic motions, by point, shape (m, 2).
-        self.cycles: dict[int, np.ndarray] = {}
-        orbit = [dataset[f"orbit_{name}"].values.ravel() for name in "xv"]
-        self._add_cycles(np.flatnonzero(self.followed), np.stack(orbit, axis=1)[self.followed])
-        first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
-        self._length = first - 1 + dataset.sizes["section"]
-        self._rests = _rests(share, np.maximum(chatters, share > 0.0))
+    def extension(points: np.ndarray, periods: int) -> Results:
+        """Continue motions, and find their regimes; ``rests`` counts all their rests."""
+        rests, state = np.zeros(points.size, np.int64), points.copy()
+        for length in _lengths(periods - _RECORD):
+            before = compute_points(bare.part(0, length, 0, exact), state, None, at_section=True)
+            rests += _rests_of(before["rest_fraction"], before["chatters"])
+            put_last(state, before)
+        found = compute_points(spec.part(0, _RECORD, 0, False), state, None, at_section=True)
+        rests += _rests_of(found["rest_fraction"], found["chatters"])
+        share = np.maximum(before["rest_fraction"], found["rest_fraction"])
+        shown = before | found | {"rest_fraction": share}
+        ends = {name: values[:, -1:] for name, values in found.items() if values.ndim > 1}
+        return found | ends | {"regime": regimes_of(shown, points["omega"], length), "rests": rests}
 
-    def _add_cycles(self, at: np.ndarray, states: np.ndarray) -> None:
-        """Add the cycles of periodic motions, given a section state of each orbit, shape (k, 2)."""
-        for m in np.unique(self.m[at]).tolist():
-            rows = np.flatnonzero(self.m[at] == m)
-            cycles = states[rows, None]
-            if m > 1:
-                points = self._points.at_states(at[rows], *states[rows].T)
-                cycles = np.concatenate([cycles, follow(self._config, points, m - 1)[1]], axis=1)
-            self.cycles |= dict(zip(at[rows].tolist(), cycles, strict=True))
+    def run(points: np.ndarray, periods: int, _: bool) -> Results:
+        parts = np.array_split(points, -(-points.size // _PART))
+        results = [extension(part, periods) for part in parts]
+        return {name: np.concatenate([part[name] for part in results]) for name in results[0]}
 
-    def follow_on(self, last: np.ndarray, extensions: int) -> None:
-        """Follow the motions that have not settled from their `last` states, shape (n, 2).
-
-        Each of at most `extensions` extensions makes them four times as long.
-        """
-        self._last = last.copy()
-        left, chaos_ends = MOST_FOLLOWED, np.zeros(self._points.count, bool)
-        before = np.zeros(self.regime.size, bool)
-        for extension in range(1, extensions + 1):
-            length = (4**extension - 4 ** (extension - 1)) * self._length
-            chaotic = self._chaotic()
-            once = (self.regime == Regime.REST) & (self._rests == 1)
-            open_chaos = chaotic & (chaos_ends[self._points.parameter] | ~before)
-            at = np.flatnonzero(np.isin(self.regime, UNSETTLED) | once | open_chaos)
-            left -= length * at.size
-            if not at.size or left < 0:
-                break
-            for part in np.array_split(at, -(-at.size // _PART)):
-                self._follow(part, length)
-            settled = ~self._chaotic() & ~np.isin(self.regime, UNSETTLED)
-            chaos_ends, before = self._at_points(chaotic & settled), chaotic
-        if extensions:
-            self._conclude(chaos_ends)
-
-    def _at_points(self, which: np.ndarray) -> np.ndarray:
-        """Return the mask of the parameter points that have some of the motions in `which`."""
-        return np.bincount(self._points.parameter[which], minlength=self._points.count) > 0
-
-    def _chaotic(self) -> np.ndarray:
-        """Return the mask of motions that are chaotic, or that rest where a rest leads to chaos."""
-        chaotic = self.regime == Regime.CHAOTIC
-        leads_to_chaos = self._at_points(chaotic & (self._rests > 0))
-        return chaotic | ((self.regime == Regime.REST) & leads_to_chaos[self._points.parameter])
-
-    def _conclude(self, chaos_ends: np.ndarray) -> None:
-        """Assign the same regime to all chaotic motions of a parameter point."""
-        parameter, chaotic = self._points.parameter, self._chaotic()
-        rests_again = self._at_points(chaotic & (self._rests > 1))[parameter]
-        self.regime[chaotic] = np.where(rests_again[chaotic], Regime.REST, Regime.CHAOTIC)
-        self.regime[chaotic & chaos_ends[parameter]] = Regime.UNDECIDED
-
-    def _record(
-        self, at: np.ndarray, periods: int, lyapunov: bool = False
-    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Follow motions as `follow` does, keep their last states, and count their rests."""
-        points = self._points.at_states(at, *self._last[at].T)
-        results, sections = follow(self._config, points, periods, lyapunov=lyapunov)
-        last = sections[:, -1]
-        # A failed motion keeps its old state, so that the next record fails again.
-        self._last[at] = np.where(np.isfinite(last), last, self._last[at])
-        self._rests[at] += _rests(results["rest_fraction"], results["chatters"])
-        return results, sections
-
-    def _follow(self, at: np.ndarray, length: int) -> None:
-        """Follow motions over `length` periods and a last record, and store their regimes."""
-        for done in range(0, length - _LONG, _LONG):
-            self._record(at, min(length - _LONG - done, _LONG))
-        grown = min(length, _LONG)
-        growth, _ = self._record(at, grown, lyapunov=self._exact)
-        results, _ = self._record(at, _RECORD)
-        share = np.maximum(growth["rest_fraction"], results["rest_fraction"])
-        points = self._points.oscillators[self._points.parameter[at]]
-        results = classified(self._config.sweep.spec, points, results, None, None)
-        regime = regimes_of(growth | results | {"rest_fraction": share}, points["omega"], grown)
-        periodic = regime == Regime.PERIODIC
-        self.followed[at] = True
-        self.regime[at] = regime
-        self.m[at] = np.where(periodic, results["period"], 0)
-        self.q[at] = np.where(periodic, results["period_impacts"], 0)
-        orbit = np.stack([results["orbit_x"], results["orbit_v"]], axis=1)
-        self._add_cycles(at[periodic], orbit[periodic])
+    return run
 
 
-def _rests(share: np.ndarray, chatters: np.ndarray) -> np.ndarray:
+def _lengths(periods: int) -> list[int]:
+    """Divide periods into records of at most ``_LONG``, the longest last."""
+    count, first = divmod(periods, _LONG)
+    return [first] * (first > 0) + [_LONG] * count
+
+
+def _at_point_of(which: np.ndarray, index: GridIndex) -> np.ndarray:
+    """Return the mask of the motions at whose parameter points there are motions in `which`."""
+    return (np.bincount(index.parameter[which], minlength=index.count) > 0)[index.parameter]
+
+
+def _chaotic(regime: np.ndarray, rests: np.ndarray, index: GridIndex) -> np.ndarray:
+    """Return the mask of motions that are chaotic, or that rest where a rest leads to chaos."""
+    chaotic = regime == Regime.CHAOTIC
+    return chaotic | ((regime == Regime.REST) & _at_point_of(chaotic & (rests > 0), index))
+
+
+def _rests_of(share: np.ndarray, chatters: np.ndarray) -> np.ndarray:
     """Count the rests in records; a rest that lasts counts as two, since nothing can follow it."""
     return np.where(share > 0.999, 2, chatters)
-
-
-def orbit_speeds(
-    config: SweepConfig, points: np.ndarray, m: np.ndarray, q: np.ndarray
-) -> list[np.ndarray]:
-    """Compute the speeds before the impacts of periodic motions, with the method of a file.
-
-    The motions start from the states of `points` at the section, and have m periods and q impacts
-    per repetition. The q speeds of each motion are returned in increasing order.
-    """
-    speeds = []
-    for i in range(len(points)):
-        results, _ = follow(config, points[i : i + 1], int(m[i]), impacts=int(q[i]))
-        kept = results["impact_v"][0]
-        speeds.append(np.sort(kept[np.isfinite(kept)]))
-    return speeds

@@ -2,11 +2,11 @@
 
 Two attractors at neighbouring values of an axis get the same number if each is the nearest to the
 other and their distance is at most ``MAX_DISTANCE``. If a step moves the section by more, they get
-the same number if both are on the same exact branch (`vibroimpact.branch`): either the branch is
-stable from one value to the other and leads to the other orbit, or the branches of m and of 2 m
-periods meet in a flip. An attractor keeps its number through a flip: an orbit of m periods may
-continue as a nearby orbit of 2 m or m / 2 periods, as the branches of a diagram do. It loses its
-number in a jump, for example at the end of a window.
+the same number if both are on the same exact branch (`vibroimpact.branch`): either the branch of
+one leads to the other, or the branches of m and of 2 m periods lead to the same flip. An attractor
+keeps its number through a flip: an orbit of m periods may continue as a nearby orbit of 2 m or
+m / 2 periods, as the branches of a diagram do. It loses its number in a jump, for example at the
+end of a window.
 
 These links form chains along the longest axis, also over gaps of at most ``MAX_GAP`` of the axis,
 because at a few values no start may reach the attractor, or settle on it. Along the other axes
@@ -17,17 +17,16 @@ line.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
 
+from sweeps.analysis.motions import leads_to, orbit_of, same_orbit
 from sweeps.analysis.section_distance import Cycles, distances, sizes
-from sweeps.analysis.selection import orbit_at
-from vibroimpact.orbits.branches import Branch, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 
 #: Attractors farther apart than this, relative to their greatest coordinate, are different.
@@ -36,8 +35,6 @@ MAX_DISTANCE = 0.2
 MOST_BRANCHES = 1000
 #: Longest gap that is bridged, as a share of an axis.
 MAX_GAP = 1 / 32
-#: Relative tolerance for equal orbits and flips: that of Newton's method, with a margin.
-_TOLERANCE = 1e-6
 
 #: Tells whether an attractor continues as another one at the next value of the longest axis.
 Continues = Callable[[int, int], bool]
@@ -172,48 +169,31 @@ def track(
     return _joined(before, attractors.point, borders) if borders else before
 
 
-def exact_links(axis: str, phase: float, points: np.ndarray, m: np.ndarray) -> Continues:
+def exact_links(axis: str, phase: float, motions: np.ndarray) -> Continues:
     """Return the function that tells whether two attractors are on one exact branch along an axis.
 
-    `points`, shape (n,), have the states of the attractors at a section of this phase as starts,
-    and `m` are their forcing periods. The file must have been computed with exact impacts.
+    `motions`, of dtype ``MOTION``, are the attractors, and `phase` is that of the section. The file
+    must have been computed with exact impacts.
     """
 
     @cache
     def stable_orbit(a: int) -> PeriodicOrbit | None:
-        try:
-            orbit = orbit_at(points[a], int(m[a]), phase)
-        except OrbitError:
-            return None
-        return orbit if orbit.stable and orbit.m == m[a] else None
+        with suppress(OrbitError):
+            orbit = orbit_of(motions[a], phase)
+            return orbit if orbit.stable else None
+        return None
 
     def on_one_branch(a: int, b: int) -> bool:
         first, second = stable_orbit(a), stable_orbit(b)
         if first is None or second is None:
             return False
-        low, high = sorted(points[axis][[a, b]].tolist())
-        here, there = (branch(orbit, axis, low, high) for orbit in (first, second))
+        there = leads_to(first, axis, getattr(second.oscillator, axis))
         if (first.m, first.q) == (second.m, second.q):
-            ends = here.at(points[axis][b].item()) if here.stable.all() else []
-            return any(_same(orbit, second) for orbit in ends)
-        return any(
-            math.isclose(flip, flip_there, rel_tol=_TOLERANCE)
-            for flip in _flips(here)
-            for flip_there in _flips(there)
-        )
+            return there.kind == "edge" and same_orbit(there.orbit, second, phase)
+        back = leads_to(second, axis, getattr(first.oscillator, axis))
+        return there.kind == back.kind == "flip" and same_orbit(there.orbit, back.orbit, phase)
 
     return on_one_branch
-
-
-def _same(first: PeriodicOrbit, second: PeriodicOrbit) -> bool:
-    speeds = np.sort(second.speeds)
-    return np.allclose(
-        np.sort(first.speeds), speeds, rtol=0.0, atol=_TOLERANCE * speeds.max(initial=0.0)
-    )
-
-
-def _flips(line: Branch) -> list[float]:
-    return [point.value for point in line.special if point.kind == "flip"]
 
 
 def _along(

@@ -67,48 +67,39 @@ def basins(
     axes = swept_axes(dataset)
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
-    starts = select(dataset, at, free=("x0", "v0")).sortby(["x0", "v0"]).transpose("v0", "x0", ...)
+    starts = select(dataset, at, free=("x0", "v0"))
     panel = canvas.new_panel(ax, page)
-    result = numbered(attractors(starts), dataset)
+    result = attractors_in(starts, dataset)
     table = rows(starts, result)
-    handles = draw_cells(panel, starts, basin_cells(table, reached(result)))
+    drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
+    handles = draw_cells(panel, drawn, basin_cells(table, reached(result)))
     page.set_limits(panel)
     if config_of(dataset).record.phase == 0.0:  # the phase of the starts
-        handles += mark_attractors(panel, starts, table)
+        handles += mark_attractors(panel, table)
     title = basins_title(config_of(dataset))
     return canvas.finish(panel, page, starts, handles, title)
 
 
-def mark_attractors(panel: Axes, starts: xr.Dataset, table: Sequence[Row]) -> list[Artist]:
+def mark_attractors(panel: Axes, table: Sequence[Row]) -> list[Artist]:
     """Mark the periodic attractors with a colour at the section; return a handle for the legend."""
-    periodic = [row for row in by_colour(table)[0] if row.m]
-    at = np.array([row.point for row in periodic], int)
-    if not periodic:
+    states = [row.states for row in by_colour(table)[0] if row.m]
+    if not states:
         return []
-    record = records(starts, "poincare_x", at), records(starts, "poincare_v", at)
-    last = [np.concatenate([z[i, -row.m :] for i, row in enumerate(periodic)]) for z in record]
     look: dict[str, Any] = {"color": "black", "markeredgecolor": "white", "markersize": 4.0}
-    panel.plot(*last, "o", scalex=False, scaley=False, **look)
+    panel.plot(*np.concatenate(states).T, "o", scalex=False, scaley=False, **look)
     return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
 
 
-def numbered(found: xr.Dataset, dataset: xr.Dataset) -> xr.Dataset:
-    """Number the attractors found in a cut as in the whole file, for the same colours everywhere.
+def attractors_in(cut: xr.Dataset, dataset: xr.Dataset) -> xr.Dataset:
+    """Return the attractors in a cut, numbered as in the file, for the same colours everywhere.
 
     An attractor that has no colour of its own in the file gets a number that is free in the cut.
     """
-    there = found["attractor"]
-    if there.size == dataset["status"].size:
-        return found
-    whole = attractors(dataset)["attractor"]
-    whole = whole.sel({name: there[name] for name in map(str, whole.dims)}).transpose(*there.dims)
-    axes = found["attractors"].dims
-    starts = [name for name in there.dims if name not in axes]
-    of_start = whole.transpose(*axes, *starts).values.reshape(found["attractors"].size, -1)
-    number, one = (found[name].values for name in ("number", "representative"))
-    flat = one.reshape(len(of_start), -1)
-    in_file = np.take_along_axis(of_start, flat, axis=1).reshape(number.shape)
-    used = np.unique(of_start[of_start >= 0])
+    fixed = {str(name) for name in dataset["status"].dims} - set(map(str, cut["status"].dims))
+    starts, others = fixed & set(STARTS), fixed - set(STARTS)
+    found = attractors(dataset.sel({name: cut[name].item() for name in starts}))
+    found = found.sel({name: cut[name].item() for name in others})
+    used = np.unique(found["attractor"].values[found["attractor"].values >= 0])
     own = used[used < len(ATTRACTORS)]
     free = np.setdiff1d(np.arange(len(used) + len(ATTRACTORS)), own)
     names = np.append(np.concatenate([own, free])[: len(used)], -1)
@@ -117,9 +108,9 @@ def numbered(found: xr.Dataset, dataset: xr.Dataset) -> xr.Dataset:
         """Replace the numbers of the file."""
         return names[np.where(numbers < 0, -1, np.searchsorted(used, numbers))]
 
+    columns = "attractor", "number"
     return found.assign(
-        attractor=there.copy(data=renamed(whole.values)),
-        number=found["number"].copy(data=renamed(np.where(number < 0, -1, in_file))),
+        {name: found[name].copy(data=renamed(found[name].values)) for name in columns}
     )
 
 
@@ -199,7 +190,7 @@ def attractor_diagram(
         raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(dataset))}")
     line = select(dataset, at, free=[axis, *free])
     refuse_without_result(line["status"].values)
-    table = rows(line, numbered(attractors(line), dataset))
+    table = rows(line, attractors_in(line, dataset))
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)

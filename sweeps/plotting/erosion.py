@@ -15,17 +15,17 @@ from matplotlib.patches import Ellipse, Patch
 from matplotlib.patheffects import withStroke
 
 from sweeps.analysis.attractor_table import Row, rows
-from sweeps.analysis.integrity import integrity as measured
+from sweeps.analysis.integrity import refuse_unfit, with_measures
 from sweeps.analysis.knocks import at_section, knocks
 from sweeps.analysis.selection import Selection, config_of, oscillator_of, select, swept_axes
 from sweeps.plotting import canvas
 from sweeps.plotting.attractors import (
+    attractors_in,
     basin_cells,
     by_colour,
     class_names,
     colour_of,
     mark_attractors,
-    numbered,
     reached,
 )
 from sweeps.plotting.canvas import PAGE, Page, styled
@@ -76,7 +76,8 @@ def integrity(
     along = sorted(others, key=lambda name: -dataset.sizes[name])[:1]
     cuts = {name: value for name, value in (at or {}).items() if name not in along}
     line = select(dataset, cuts, free=[*along, "x0", "v0"])
-    found = numbered(measured(line), dataset)
+    refuse_unfit(line)
+    found = with_measures(line, attractors_in(line, dataset))
     starts = select(line, {name: at[name] for name in along if at and name in at}, ["x0", "v0"])
     there = found.sel({name: float(starts[name]) for name in along})
     table: dict[int, list[Row]] = {}
@@ -177,4 +178,4 @@ def _draw_disturbances(
     if others:
         text = f"no disc and no knock for {shown_count(len(others), 'other attractor')}"
         handles.append(Line2D([], [], linestyle="", label=text))
-    return handles + mark_attractors(panel, starts, table)
+    return handles + mark_attractors(panel, table)

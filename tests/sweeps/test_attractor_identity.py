@@ -5,33 +5,37 @@ import itertools
 import numpy as np
 import pytest
 
+from by_records import by_records
 from sweep_files import cycle, hand_made, partition
 from sweeps import attractors, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
+from sweeps.analysis.grouping import GridIndex
+from sweeps.analysis.knocks import _Motions
 from sweeps.analysis.regimes import Regime
-from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances, representatives
-from sweeps.analysis.tracking import MAX_DISTANCE, PeriodicAttractors
+from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances, same_motions
+from sweeps.analysis.tracking import MAX_DISTANCE, PeriodicAttractors, track
 from sweeps.errors import Refused
 from vibroimpact.status import Status
 
 
+def grouped(cycles):
+    """Return the number of the motion of each cycle, shape (n, m, 2), at one parameter point."""
+    cycles = Cycles(np.array(cycles), np.full(len(cycles), 0.8))
+    return same_motions(cycles, np.zeros(len(cycles), int))
+
+
 def test_a_motion_reached_at_another_phase_is_the_same():
-    three = [
-        cycle(*np.roll([(-1, 0.1), (-0.5, 0.2), (-0.2, 0.9)], k, axis=0), turns=6)[:16]
-        for k in range(3)
-    ]
-    found = attractors(hand_made(three, 3))
-    assert found["attractor"].values.tolist() == [0, 0, 0]
-    assert found["attractors"].item() == 1
+    three = [(-1, 0.1), (-0.5, 0.2), (-0.2, 0.9)]
+    assert grouped([np.roll(three, k, axis=0) for k in range(3)]).tolist() == [0, 0, 0]
 
 
 def test_the_order_within_a_cycle_tells_motions_apart():
     """The same states in another cyclic order are another motion; there are six orders of four."""
     first, *others = (-1.0, 0.1), (-0.5, 0.2), (-0.2, 0.9), (-0.7, 0.4)
-    orders = [cycle(first, *order, turns=4) for order in itertools.permutations(others)]
-    noise = 1e-9 * np.random.default_rng(0).normal(size=(30, 16, 2))
-    found = attractors(hand_made(noise + 5 * orders, 4))
-    assert partition(found["attractor"]) == {frozenset(range(i, 30, 6)) for i in range(6)}
+    orders = [(first, *order) for order in itertools.permutations(others)]
+    noise = 1e-9 * np.random.default_rng(0).normal(size=(30, 4, 2))
+    found = grouped(noise + 5 * orders)
+    assert partition(found) == {frozenset(range(i, 30, 6)) for i in range(6)}
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-9])
@@ -39,13 +43,9 @@ def test_states_with_nearly_equal_x_are_not_mixed_up(noise):
     """Cycles with any first state, whose order in x depends on rounding errors."""
     random = np.random.default_rng(0)
     states = np.array([(-0.3, 0.5), (-0.3, -0.5), (-0.3, 0.1), (-0.9, 0.0)])
-    mirrored = states * [1.0, -1.0]
-    points, expected = [], []
-    for i in range(40):
-        own = np.roll(mirrored if i % 2 else states, random.integers(4), axis=0)
-        points.append(np.tile(own, (4, 1)) + noise * random.normal(size=(16, 2)))
-        expected.append(i % 2)
-    found = attractors(hand_made(points, 4))["attractor"].values
+    expected = np.arange(40) % 2
+    cycles = [np.roll(states * [1.0, 1 - 2 * k], random.integers(4), axis=0) for k in expected]
+    found = grouped(cycles + noise * random.normal(size=(40, 4, 2)))
     assert partition(found) == partition(expected)
 
 
@@ -98,7 +98,7 @@ def test_two_cycles_are_one_motion_exactly_if_they_are_within_the_tolerance(m):
                     for name in ("states", "R")))  # fmt: skip
     equal = distances(cycles, partners) <= TOLERANCE
     assert 0.05 < equal.mean() < 0.99
-    found = representatives(both, np.zeros(2 * count, int))
+    found = same_motions(both, np.zeros(2 * count, int))
     np.testing.assert_array_equal(found[:count] == found[count:], equal)
     assert len(set(found)) == count + np.count_nonzero(~equal)
 
@@ -111,7 +111,7 @@ def test_the_work_is_in_proportion_to_the_number_of_attractors(monkeypatch):
         lambda a, b: [compared.append(len(a)), distances(a, b)][1],
     )
     states = np.random.default_rng(0).uniform(-1.0, 0.0, (3000, 1, 2))
-    found = representatives(Cycles(states, np.ones(3000)), np.zeros(3000, int))
+    found = same_motions(Cycles(states, np.ones(3000)), np.zeros(3000, int))
     assert len(set(found)) > 2900
     assert sum(compared) < 10 * 3000
 
@@ -119,16 +119,66 @@ def test_the_work_is_in_proportion_to_the_number_of_attractors(monkeypatch):
 def test_a_motion_that_represents_others_represents_itself():
     """Of motions that fill a region, each may be near others that are not near each other."""
     states = np.random.default_rng(0).uniform(-1.0, -0.97, (1000, 1, 2))
-    found = representatives(Cycles(states, np.ones(1000)), np.zeros(1000, int))
+    found = same_motions(Cycles(states, np.ones(1000)), np.zeros(1000, int))
     np.testing.assert_array_equal(found[found], found)
     assert 1 < len(set(found)) < 1000
 
 
-def test_a_small_flip_is_not_yet_another_attractor():
-    points = [cycle((-1.0, 0.0), (-1.0 + 1e-4, 0.0)), cycle((-1.0, 0.0), (-1.0, 0.0))]
-    found = attractors(hand_made(points, [2, 1]))
-    assert found["attractor"].values.tolist() == [0, 0]
-    assert (found["m"].item(), found["q"].item()) == (1, 1)
+def test_motions_of_two_classes_are_never_one():
+    """A rig just beyond the flip of 4/3: the halves of 8/6 differ by less than the tolerance."""
+    found = attractors(hand_made([cycle((-1.0, 0.0))] * 3, 1, period_impacts=[1, 2, 1]))
+    assert found["attractor"].values.tolist() == [0, 1, 0]
+    assert found["q"].values.tolist() == [1, 2]
+
+
+JUST_FLIPPED = (
+    "oscillator={h: 0.005, R: 0.8413829603726963, omega: 2.8646549477708776, f: 2.5, "
+    "clearance: 0.32589109594743776}",
+    "start={x0: [-2.0, -0.5], v0: [-1.0, 0.0, 1.0]}",
+    "record={transient: 50000, periods: 64, diagnostics: [period]}",
+)
+
+
+@pytest.mark.slow
+def test_just_beyond_its_flip_an_attractor_is_the_orbit_of_twice_the_period(computed_starts):
+    """The halves of 8/6 differ by less than the tolerance, and 4/3 is unstable.
+
+    A knock may bring the motion to the stable manifold of 4/3, beside which it then lingers.
+    """
+    dataset = computed_starts(*JUST_FLIPPED)
+    assert (dataset["period"] == 8).all() and (dataset["period_impacts"] == 6).all()
+    found = attractors(dataset)
+    assert (found["m"].values.tolist(), found["q"].values.tolist()) == ([8], [6])
+    motions = _Motions(dataset, found)
+    states = np.repeat(motions.orbits[0].sections(0.0)[:1], 6, axis=0)
+    states[:, 1] += [0.0, 1e-7, -1e-5, -7.2e-5, -1e-4, 1e-3]
+    assert motions._ends(0.0, states)[0].tolist() == [0] * 6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("overrides", "least"),
+    [
+        ((), 2),
+        (("oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 40}, f: 1.0}",), 40),
+        (("oscillator.clearance=0.4", "method={integrator: newmark, impact: reduced-step}",
+          "record={transient: 400, periods: 130, diagnostics: [period]}"), 1),
+        (("oscillator={h: 0, R: 1, omega: 1, f: 0, clearance: 10}",
+          "record={transient: 0, periods: 4}"), 72),
+        (("oscillator={h: 0, R: [0.8, 0.9], omega: {start: 0.5, stop: 3.5, num: 20}, f: 1.0}",
+          "record={transient: 400, periods: 130, phase: 1.0, diagnostics: [period]}"), 40),
+    ],
+)  # fmt: skip
+def test_the_same_partition_as_by_all_states_of_the_records(computed_starts, overrides, least):
+    dataset = computed_starts(*overrides)
+    expected = by_records(dataset)
+    found = np.where(
+        expected < 0, -1, attractors(dataset, extensions=0)["attractor"].values.ravel()
+    )
+    index = GridIndex.of(dataset)  # one number along the axes is one attractor at each point
+    found = np.where(found < 0, -1, found * index.count + index.parameter)
+    assert partition(found) == partition(expected)
+    assert len(partition(expected)) >= least
 
 
 def test_what_is_on_no_attractor_or_does_not_repeat():
@@ -192,13 +242,14 @@ def test_identities_follow_the_branches_whatever_their_share():
 
 
 def test_an_identity_is_kept_through_a_flip_and_lost_in_a_jump():
-    points, periods = np.empty((30, 1, 16, 2)), np.ones((30, 1), int)
-    for i in range(30):
-        split = 0.05 * np.sqrt(max(i - 9.5, 0.0))
-        points[i, 0] = cycle((-1.0 - split, 0.0), (-1.0 + split, 0.0))
-        periods[i] = 2 if i > 9 else 1
-    points[20:, 0] += 0.9
-    found = along(points, periods)[:, 0]
+    split = 0.05 * np.sqrt(np.maximum(np.arange(30) - 9.5, 0.0))
+    states = np.zeros((30, 2, 2))
+    states[:, 0, 0], states[:, 1, 0] = -1.0 - split, -1.0 + split
+    states[20:] += [0.9, 0.0]
+    place, m = np.arange(30), np.repeat([1, 2], [10, 20])
+    cycles = {1: Cycles(states[:10, :1], np.ones(10)), 2: Cycles(states[10:], np.ones(20))}
+    place[10:] -= 10
+    found = track((30,), PeriodicAttractors(np.arange(30), np.arange(30), m, place, cycles))
     assert len(set(found[:20])) == 1 and len(set(found[20:])) == 1
     assert found[0] != found[-1]
 

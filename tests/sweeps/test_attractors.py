@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from commands import call
 from sweep_files import partition, run_in
@@ -290,16 +289,6 @@ def test_the_order_of_the_starts_changes_names_only(computed_starts):
     )
     np.testing.assert_allclose(other["fraction"], found["fraction"])
     np.testing.assert_allclose(other["m"], found["m"])
-
-
-def test_small_parts_of_the_file_give_the_same(computed_starts, monkeypatch):
-    dataset = computed_starts()
-    whole = attractors(dataset)
-    monkeypatch.setattr("sweeps.analysis.grouping._PART", 20)
-    xr.testing.assert_allclose(
-        attractors(dataset)[["attractor", "fraction", "m", "q"]],
-        whole[["attractor", "fraction", "m", "q"]],
-    )
 
 
 def test_the_attractors_scale_with_the_force(computed_starts):

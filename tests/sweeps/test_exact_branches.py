@@ -8,7 +8,7 @@ import pytest
 
 from sweep_files import run_in
 from sweeps import branches, open_sweep
-from sweeps.analysis.exact_branches import PeriodicPoints
+from sweeps.analysis.motions import motions_of, orbit_of
 from sweeps.analysis.selection import select
 from sweeps.analysis.tables import branch_table, write_csv
 from sweeps.errors import Refused
@@ -61,11 +61,11 @@ def line(exact):
 @pytest.mark.slow
 def test_settled_points_are_on_the_exact_orbits_to_rounding(line):
     """Their impacts, found by Newton's method for the equations of the flights."""
-    motions, compared = PeriodicPoints.of(line), set()
-    for i in np.flatnonzero((motions.m > 0) & (line["orbit_distance"].values < 1e-13)).tolist():
-        orbit = motions.orbit(i)
-        assert orbit.stable and (orbit.m, orbit.q) == (motions.m[i], motions.q[i])
-        cycle = orbit.sections(motions.phase)
+    motions, compared = motions_of(line), set()
+    for i in np.flatnonzero((motions["m"] > 0) & (line["orbit_distance"].values < 1e-13)).tolist():
+        orbit = orbit_of(motions[i], 1.0)
+        assert orbit.stable
+        cycle = orbit.sections(1.0)
         record = np.stack([line[f"poincare_{name}"].values[i] for name in "xv"], axis=1)
         turns = [np.resize(np.roll(cycle, -k, axis=0), record.shape) for k in range(orbit.m)]
         assert min(np.abs(record - turn).max() for turn in turns) < 1e-11

@@ -55,16 +55,17 @@ def compute_points(
     threads: int | None,
     *,
     at_section: bool = False,
+    start: float = 0.0,
     interrupt: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Compute `points` of shape (n,), each from its own start; results as of `compute_box`.
 
-    With `at_section` x0 and v0 are the state at the phase of the section, not at t = 0. The results
-    are then not those of a start at rest, and nothing is scaled.
+    x0 and v0 are the state at omega t = `start` or, with `at_section`, at the phase of the section.
+    The results are then not those of a start at rest, and nothing is scaled.
     """
 
     def part(spec: RunSpec, points: np.ndarray, later: bool) -> dict[str, np.ndarray]:
-        return _run(spec, points, threads, at_section or later, interrupt)
+        return _run(spec, points, threads, at_section or later, interrupt, start)
 
     def run(points: np.ndarray) -> dict[str, np.ndarray]:
         if spec.longest is None:
@@ -82,12 +83,13 @@ def _run(
     threads: int | None,
     at_section: bool,
     interrupt: np.ndarray | None,
+    start: float = 0.0,
 ) -> dict[str, np.ndarray]:
     """Compute points without scaling, following or period class."""
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
     scheme = scheme_of(
-        points, spec.integrator, spec.impact, spec.steps_per_period, spec.phase, at_section
+        points, spec.integrator, spec.impact, spec.steps_per_period, spec.phase, at_section, start
     )
     counts = spec.transient, spec.periods, spec.impacts
     results = run_points(points, scheme, counts, spec.lyapunov, threads, interrupt, spec.period)

@@ -29,7 +29,8 @@ class RunSpec:
     directions: tuple[str, ...]
 
     def part(self, transient: int, periods: int, impacts: int, lyapunov: bool) -> RunSpec:
-        """Return the specification of a part of the run."""
+        """Return the specification of a part of the run, without a trajectory."""
         return replace(
-            self, transient=transient, periods=periods, impacts=impacts, lyapunov=lyapunov
-        )
+            self, transient=transient, longest=None, periods=periods, impacts=impacts,
+            lyapunov=lyapunov, every=None, scaled=False,
+        )  # fmt: skip

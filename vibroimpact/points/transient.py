@@ -6,18 +6,19 @@ the orbit, which its greatest multiplier reduces, takes to fall to rounding. A m
 class goes on, but not beyond the longest transient. It does not go on if its exponents over a long
 stage say that it is chaotic.
 
-A run that starts from a section continues the run before it to the last bit. So the results are
-those of a run from the start, with the transient that was found.
+A run that starts from a section continues the run before it to the last bit (``stages.py``). So the
+results are those of a run from the start, with the transient that was found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.status import Evidence, Status
+from vibroimpact.points.stages import Results, in_stages, without_class
+from vibroimpact.status import Evidence
 
 #: Sections from which a class is found, and periods of the first stage.
 _SECTIONS, _FIRST = 32, 64
@@ -28,8 +29,6 @@ _ROUNDING = 1e-15
 #: Motions that end their transient together wait for the longest of them; so many per doubling.
 _STEPS_PER_DOUBLING = 4
 
-_FAILED = [int(status) for status in Status if status.failed]
-
 #: Computes points by a specification, given whether they start at the section.
 Run = Callable[[RunSpec, np.ndarray, bool], dict[str, np.ndarray]]
 
@@ -37,24 +36,32 @@ Run = Callable[[RunSpec, np.ndarray, bool], dict[str, np.ndarray]]
 def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict[str, np.ndarray]:
     """Compute points, each with its own transient; ``transient`` has the periods, shape (n,)."""
     assert spec.longest is not None
-    state, done = points.copy(), np.zeros(points.size, np.int64)
-    needed = np.zeros(points.size, np.int64)
-    going = np.arange(points.size)
-    while going.size and done[going[0]] < spec.longest:  # all that go on are equally far
-        before = int(done[going[0]])
-        length = min(max(before, _FIRST), spec.longest - before)
-        stage = _stage(spec, length)
-        results = run(stage, state[going], before > 0)
-        done[going] += length
-        _move(state, going, results)
+    needed, longest = np.zeros(points.size, np.int64), spec.longest
+
+    def stage(points: np.ndarray, periods: int, started: bool) -> dict[str, np.ndarray]:
+        return run(_stage(spec, periods), points, started)
+
+    def goes_on(going: np.ndarray, done: int, results: Results) -> np.ndarray:
         found = results["destination"]
-        needed[going] = _needed(found, spec.longest - done[going])
-        on = (found["evidence"] <= Evidence.UNREACHED) & ~np.isin(results["status"], _FAILED)
-        if stage.lyapunov:
-            growth = results["lyapunov"][:, 0] * 2.0 * np.pi / points["omega"][going] * length
-            on &= ~(growth > np.log(length))
-        going = going[on]
+        needed[going] = _needed(found, longest - done)
+        on = without_class(found["evidence"], results["status"])
+        if "lyapunov" in results:
+            periods = results["poincare_x"].shape[1]
+            growth = results["lyapunov"][:, 0] * 2.0 * np.pi / points["omega"][going] * periods
+            on &= ~(growth > np.log(periods))
+        return on
+
+    state, done = in_stages(points, _doubled(longest), stage, goes_on)
     return _recorded(spec, points, state, done, needed, run)
+
+
+def _doubled(longest: int) -> Iterator[int]:
+    """Yield the periods after which classes are found: each twice as many as before."""
+    stop = _FIRST
+    while stop < longest:
+        yield stop
+        stop *= 2
+    yield longest
 
 
 def _stage(spec: RunSpec, length: int) -> RunSpec:
@@ -64,14 +71,7 @@ def _stage(spec: RunSpec, length: int) -> RunSpec:
     return spec.part(length - sections, sections, 0, lyapunov)
 
 
-def _move(state: np.ndarray, rows: np.ndarray, results: Mapping[str, np.ndarray]) -> None:
-    """Put the last sections of some points into their states; a failed motion keeps its state."""
-    for name in "xv":
-        last = results[f"poincare_{name}"][:, -1]
-        state[f"{name}0"][rows] = np.where(np.isfinite(last), last, state[f"{name}0"][rows])
-
-
-def _needed(found: np.ndarray, most: np.ndarray) -> np.ndarray:
+def _needed(found: np.ndarray, most: int) -> np.ndarray:
     """Return the periods that motions still need, in few different numbers, at most `most`."""
     with np.errstate(divide="ignore", invalid="ignore"):
         falls = np.log(_ROUNDING / found["distance"]) / np.log(found["multiplier"])

@@ -77,15 +77,14 @@ def _grid(start: float, span: float, count: int) -> PhaseGrid:
     return PhaseGrid(table, span / max(count, 1), count)
 
 
-def lead_in(phase: float, steps_per_period: int, at_section: bool = False) -> PhaseGrid:
-    """Return the steps from t = 0 to the section's `phase`; none is longer than a grid step.
+def lead_in(start: float, phase: float, steps_per_period: int) -> PhaseGrid:
+    """Return the steps from a `start` to the section's `phase`; none is longer than a grid step.
 
-    There are no steps if the start is already `at_section`.
+    There are no steps if the start is at the section.
     """
-    if at_section:
-        return _grid(phase, 0.0, 0)
-    n = phase / (2.0 * math.pi) * steps_per_period
-    return _grid(0.0, phase, math.ceil(n * (1.0 - 1e-12)))
+    span = (phase - start) % (2.0 * math.pi)
+    n = span / (2.0 * math.pi) * steps_per_period
+    return _grid(start, span, math.ceil(n * (1.0 - 1e-12)))
 
 
 def one_period(phase: float, steps_per_period: int) -> PhaseGrid:
@@ -148,9 +147,11 @@ def scheme_of(
     steps_per_period: int | None,
     phase: float = 0.0,
     at_section: bool = False,
+    start: float = 0.0,
 ) -> Scheme:
     """Check a method and lay out its steps; arguments as for ``integrate``.
 
+    If the start is not `at_section`, it is at omega t = `start`, below 2 pi.
     A ValueError says which name is unknown, which number is out of range, that the impact rule does
     not work with the integrator, or that the rule ``exact`` needs more steps.
     """
@@ -171,7 +172,7 @@ def scheme_of(
             )
     return Scheme(
         (IMPACT_RULES[impact].code, INTEGRATORS[integrator].code),
-        lead_in(first, steps, at_section),
+        lead_in(first if at_section else start, first, steps),
         one_period(first, steps),
     )
 

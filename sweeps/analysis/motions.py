@@ -1,0 +1,139 @@
+"""The motion of every point of a sweep as a row: its point, its regime and class, and its orbit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.grouping import points_of
+from sweeps.analysis.regimes import Regime, classify
+from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances
+from sweeps.analysis.selection import config_of, oscillator_of
+from sweeps.config.sweep import SweepConfig
+from vibroimpact import integrate
+from vibroimpact.orbits.branches import SpecialPoint, branch
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
+from vibroimpact.oscillator import POINT
+from vibroimpact.points.destinations import RECORD, classified
+
+#: The motion of a point. The start of its `point` is the state of its orbit at the last section,
+#: NaN without one. m and q are the forcing periods and impacts per repetition, 0 if it is not
+#: periodic.
+MOTION = np.dtype([("point", POINT), ("regime", np.int64), ("m", np.int64), ("q", np.int64)])
+
+
+def motions_of(cut: xr.Dataset) -> np.ndarray:
+    """Return the motions of a cut through a sweep, of dtype ``MOTION``, in its shape.
+
+    Classes that were not recorded are found from the section.
+    """
+    cut = with_classes(cut)
+    motions = np.empty(cut["status"].shape, MOTION)
+    motions["point"] = points_of(cut).reshape(motions.shape)
+    put_classes(motions, classify(cut), {name: cut[name].values for name in _CLASS})
+    return motions
+
+
+#: The results from which the class and the orbit of a motion are taken.
+_CLASS = ("period", "period_impacts", "orbit_x", "orbit_v")
+
+
+def put_classes(motions: np.ndarray, regime: np.ndarray, results: Mapping[str, np.ndarray]) -> None:
+    """Write the regimes of motions, and the classes and orbits in their results."""
+    periodic = regime == Regime.PERIODIC
+    motions["regime"] = regime
+    motions["m"] = np.where(periodic, results["period"], 0)
+    motions["q"] = np.where(periodic, results["period_impacts"], 0)
+    motions["point"]["x0"], motions["point"]["v0"] = results["orbit_x"], results["orbit_v"]
+
+
+def with_classes(cut: xr.Dataset) -> xr.Dataset:
+    """Return a cut through a sweep with the classes of its motions, if it has none."""
+    if "period" in cut:
+        return cut
+    points, dims, shape = points_of(cut), cut["status"].dims, cut["status"].shape
+    columns = {name: cut[name].transpose(*dims, ...).values for name in RECORD}
+    results = {name: a.reshape(len(points), *a.shape[len(shape) :]) for name, a in columns.items()}
+    classes = classified(config_of(cut).sweep.spec, points, results, None, None)
+    return cut.assign(
+        {name: (dims, a.reshape(shape)) for name, a in classes.items() if name not in RECORD}
+    )
+
+
+def run_on(
+    config: SweepConfig, points: np.ndarray, periods: int, impacts: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Continue motions from their states at the section, with the method of a sweep.
+
+    Returns the states at the next sections, shape (n, periods, 2), and the phases and speeds of the
+    last impacts, shape (n, impacts, 2).
+    """
+    results = integrate(
+        points, **config.method.arguments, transient=0, periods=periods, impacts=impacts,
+        phase=config.record.phase, at_section=True,
+    )  # fmt: skip
+    pairs = ("poincare_x", "poincare_v"), ("impact_phase", "impact_v")
+    sections, hits = (np.stack([results[name] for name in pair], axis=2) for pair in pairs)
+    return sections, hits
+
+
+def cycles_of(config: SweepConfig, motions: np.ndarray) -> Cycles:
+    """Return the orbits of periodic motions of equal m as cycles of states at the section."""
+    points, m = motions["point"], int(motions["m"][0])
+    states = np.stack([points["x0"], points["v0"]], axis=1)[:, None]
+    if m > 1:
+        states = np.concatenate([states, run_on(config, points, m - 1)[0]], axis=1)
+    states[:, :, 0] -= points["clearance"][:, None]
+    states[:, :, 1] /= points["omega"][:, None]
+    return Cycles(states, points["R"])
+
+
+def orbit_at(motion: np.void, phase: float) -> PeriodicOrbit:
+    """Return the orbit near a periodic motion, whose section is at `phase`.
+
+    A state beyond the stop, which some impact rules allow, is moved to the stop. Raises OrbitError
+    if no orbit is found.
+    """
+    oscillator = oscillator_of(motion["point"])
+    x, v = motion["point"]["x0"].item(), motion["point"]["v0"].item()
+    return periodic_orbit(oscillator, min(x, oscillator.clearance), v, int(motion["m"]), phase)
+
+
+def orbit_of(motion: np.void, phase: float) -> PeriodicOrbit:
+    """Return the orbit of a periodic motion as `orbit_at`; OrbitError if its class is another."""
+    orbit = orbit_at(motion, phase)
+    if (orbit.m, orbit.q) != (motion["m"], motion["q"]):
+        raise OrbitError("a motion has not settled: its orbit is of another class")
+    return orbit
+
+
+def leads_to(orbit: PeriodicOrbit, parameter: str, value: float) -> SpecialPoint:
+    """Return the first special point on the branch of an orbit towards a value of a parameter."""
+    start = float(getattr(orbit.oscillator, parameter))
+    special = branch(orbit, parameter, *sorted((start, value))).special
+    # The branch begins at an end of the range, so it continues in one direction only.
+    return special[1] if start < value else special[-2]
+
+
+def same_orbit(first: PeriodicOrbit, second: PeriodicOrbit, phase: float) -> bool:
+    """Whether two orbits of one oscillator have the same class and, to ``TOLERANCE``, states."""
+    if (first.m, first.q) != (second.m, second.q):
+        return False
+    o = first.oscillator
+    a, b = (
+        Cycles((orbit.sections(phase) - [o.clearance, 0.0])[None] / [1.0, o.omega], np.array([o.R]))
+        for orbit in (first, second)
+    )
+    return bool(distances(a, b)[0] <= TOLERANCE)
+
+
+def different(columns: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first of each set of equal rows, and the number of the set of every row."""
+    order = np.lexsort(columns)
+    begins = np.ones(len(order), bool)
+    begins[1:] = np.any([column[order[1:]] != column[order[:-1]] for column in columns], axis=0)
+    number = np.empty(len(order), np.int64)
+    number[order] = np.cumsum(begins) - 1
+    return order[begins], number

@@ -1,0 +1,55 @@
+"""Motions continued in stages until they need no more: until they have a class, for example.
+
+A run that starts from a section continues the run before it to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+import numpy as np
+
+from vibroimpact.status import Evidence, Status
+
+Results = Mapping[str, np.ndarray]
+
+_FAILED = [int(status) for status in Status if status.failed]
+
+
+def in_stages(
+    points: np.ndarray,
+    stops: Iterable[int],
+    run: Callable[[np.ndarray, int, bool], Results],
+    goes_on: Callable[[np.ndarray, int, Results], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Continue motions to one section after another, as long as they go on.
+
+    `stops` are the periods from the start to these sections, increasing. `run` is given points, the
+    periods of a stage, and whether the points start at a section; its results have the last
+    section. `goes_on` is given the rows of these points, the periods from the start, and the
+    results. Returns the last states as points, and their periods from the start, shape (n,).
+    """
+    state, done = points.copy(), np.zeros(points.size, np.int64)
+    going, before = np.arange(points.size), 0
+    for stop in stops:
+        if not going.size:
+            break
+        results = run(state[going], stop - before, before > 0)
+        now = state[going]
+        put_last(now, results)
+        state[going] = now
+        done[going] = before = stop
+        going = going[goes_on(going, stop, results)]
+    return state, done
+
+
+def put_last(points: np.ndarray, results: Results) -> None:
+    """Write the last sections in results as starts of points; a failed motion keeps its start."""
+    for name in "xv":
+        last = results[f"poincare_{name}"][:, -1]
+        points[f"{name}0"] = np.where(np.isfinite(last), last, points[f"{name}0"])
+
+
+def without_class(evidence: np.ndarray, status: np.ndarray) -> np.ndarray:
+    """Return the mask of the motions that have not failed, and go to no known orbit."""
+    return (evidence <= Evidence.UNREACHED) & ~np.isin(status, _FAILED)
