@@ -72,7 +72,7 @@ _EVIDENCE = {
     Evidence.NONE: "near no periodic orbit (chaos, or still in transit)",
     Evidence.UNSTABLE: "near unstable orbits only",
     Evidence.UNREACHED: "near a stable orbit that they were not shown to reach",
-    Evidence.REPEATS: "the record repeats",
+    Evidence.REPEATS: "the motion repeats, to the same bits or as its record shows",
     Evidence.FREE: "it has no impact any more, which is a proof",
     Evidence.CAPTURED: "an ellipse of motions around the orbit, and through this one, shrinks",
     Evidence.FALLING: "its distance from the orbit falls as the multipliers say",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibroimpact.jit import on_threads
+from vibroimpact.kernel.integrate import run_points
 from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, RELEASE, REST, impulse_and_loss, time_to_release
@@ -127,12 +128,18 @@ def simulate(
     transient = checked_integer("transient", transient, 0, MOST_PERIODS)
     points, interrupt = oscillator.at(x0, v0), np.zeros(1, np.int64)
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section=True)
+    before = Status.PENDING
+    if transient > 0:
+        run = run_points(points, scheme, (transient, 1, 0), False, 1, interrupt)
+        points["x0"], points["v0"] = run["begun"].T
+        before = Status(run["status"][0])
     arguments = points, scheme, periods, transient, 1, interrupt, MOST_ROWS
     ((log, status),) = on_threads(1, interrupt, trace, *arguments)
     if status is Status.PENDING:
         raise ValueError(
             f"the trajectory has more than {MOST_ROWS:,} rows; expected: fewer periods"
         )
+    status = max(status, before)
     kind, t, x, v = log.T.copy()
     hit, section = kind == IMPACT, kind == SECTION
     speeds = v[1:][hit[1:]]  # an impact at the start belongs to no step

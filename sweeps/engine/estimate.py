@@ -17,7 +17,7 @@ from sweeps.grid import Sweep
 from sweeps.store import bytes_per_point, check_room, widths_of
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
-from vibroimpact.kernel.run import lanes_per_batch
+from vibroimpact.kernel.run import lanes_per_thread
 from vibroimpact.points.run_spec import RunSpec
 
 #: Memory for the results of one block [bytes]; more is used only to fill the lanes.
@@ -145,9 +145,9 @@ def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
     calls, size = _tried(sweep, threads)
     compute(_shortened(sweep, 1), calls[0][:1], threads)  # compiles, if necessary
     # The threads that compute the kernel, as `integrate` chooses them; this thread does the rest.
-    parallel = min(threads, -(-calls[0].size // lanes_per_batch(calls[0].size, threads)))
+    parallel = min(threads, -(-calls[0].size // lanes_per_thread(calls[0].size, threads)))
     total_periods = sweep.most_periods
-    periods = 1
+    periods, before = 1, (0, 0.0)
     while True:
         shorter = _shortened(sweep, periods)
         samples = 0
@@ -158,12 +158,14 @@ def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
         whole, alone = time.process_time() - whole, time.thread_time() - alone
         elapsed = alone + (whole - alone) / parallel
         if elapsed > _TRIAL or periods == total_periods:
-            seconds = elapsed * size / sum(map(len, calls))
             if sweep.spec.longest is None:  # otherwise most motions need no longest transient
-                seconds *= total_periods / periods
+                # Motions that have come back cost nothing more: the last periods tell the others.
+                rate = (elapsed - before[1]) / (periods - before[0])
+                elapsed += max(rate, 0.0) * (total_periods - periods)
+            seconds = elapsed * size / sum(map(len, calls))
             at_impacts = samples - widths_of(shorter)["sample"]
             return seconds, at_impacts / shorter.periods
-        periods = min(2 * periods, total_periods)
+        before, periods = (periods, elapsed), min(2 * periods, total_periods)
 
 
 def _tried(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
@@ -185,7 +187,7 @@ def _tried(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
 
 def _lanes(sweep: Sweep) -> int:
     """Return the number of points that one thread computes side by side."""
-    return lanes_per_batch(sweep.grid.size // _chain(sweep), 1)
+    return lanes_per_thread(sweep.grid.size // _chain(sweep), 1)
 
 
 def _shortened(sweep: Sweep, total: int) -> RunSpec:

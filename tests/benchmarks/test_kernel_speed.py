@@ -10,7 +10,7 @@ import pytest
 
 from kernel_cases import EVERY_METHOD
 from limits import cpu_seconds
-from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
+from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.jit import on_threads
 from vibroimpact.kernel import run
 from vibroimpact.points.compute import compute_points
@@ -29,14 +29,14 @@ def along_omega(start, stop, count, **values):
     return np.concatenate([one.at() for one in oscillators]), oscillators
 
 
-#: One impact in every period, from an orbit known in closed form.
-POINTS, OSCILLATORS = along_omega(2.0, 2.6, 1024, h=0.1, R=0.8)
+#: Chaos with about one impact in every period: no motion comes back, so every period is computed.
+POINTS, OSCILLATORS = along_omega(2.8, 2.95, 1024, h=0.02, R=0.9)
 PERIODS = 100
 
 
 @pytest.mark.parametrize(("integrator", "rule"), EVERY_METHOD)
 def test_methods(race, rule, integrator):
-    """Every method agrees with ``simulate``, and the exact one with the closed form."""
+    """Every method agrees with ``simulate``, bit for bit in chaos."""
     steps = 32 if rule == "exact" else 100
 
     def ours():
@@ -55,10 +55,7 @@ def test_methods(race, rule, integrator):
     for i in (0, 500, POINTS.size - 1):
         orbit = simulate(OSCILLATORS[i], PERIODS, integrator, rule, steps)
         assert (found["poincare_x"][i, 0], found["poincare_v"][i, 0]) == (orbit.x[-1], orbit.v[-1])
-        assert found["impact_v"][i, 0] == orbit.impact_v[-1]
-    if rule == "exact":
-        closed = [one_impact_orbit(oscillator).v for oscillator in OSCILLATORS]
-        np.testing.assert_allclose(found["impact_v"][:, 0], closed, rtol=1e-9)
+        assert (found["impacts_per_period"][i] > 0.0) == (orbit.impact_t[-1] > orbit.t[-1 - steps])
 
 
 def test_everything_recorded(race):
@@ -107,7 +104,9 @@ def test_lyapunov(race):
     )
     rate = found["impacts_per_period"] * points["omega"] / (2.0 * math.pi)
     expected = -2.0 * points["h"] + 2.0 * rate * np.log(points["R"])
-    np.testing.assert_allclose(found["lyapunov"].sum(axis=1), expected, rtol=1e-9)
+    moving = np.isfinite(found["lyapunov"][:, 1])  # without a rest
+    assert moving.mean() > 0.9
+    np.testing.assert_allclose(found["lyapunov"].sum(axis=1)[moving], expected[moving], rtol=1e-9)
 
 
 def race_of_classes(race, name, points, transient, periods):

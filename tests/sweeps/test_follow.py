@@ -42,7 +42,13 @@ def by_hand(config, point, axis, values):
             here, impacts=record.impacts, lyapunov=True, at_section=at_section, **common
         )
         if record.trajectory:
-            scheme = scheme_of(here, **method.arguments, phase=record.phase, at_section=at_section)
+            before = integrate(
+                here,
+                at_section=at_section,
+                **common | {"transient": record.transient - 1, "periods": 1},
+            )
+            here["x0"], here["v0"] = before["poincare_x"][0], before["poincare_v"][0]
+            scheme = scheme_of(here, **method.arguments, phase=record.phase, at_section=True)
             every = record.trajectory.every
             found |= trajectories(here, scheme, record.periods, record.transient, every)
         state = found["poincare_x"][0, -1], found["poincare_v"][0, -1]

@@ -19,7 +19,7 @@ from sweeps.engine.run import _schema, run_sweep
 from sweeps.errors import StoreError
 from sweeps.grid import block_points
 from sweeps.store import sweep_writer
-from vibroimpact.kernel.run import lanes_per_batch
+from vibroimpact.kernel.run import lanes_per_thread
 from vibroimpact.kernel.workspace import LANES
 
 CONFIG = """\
@@ -59,7 +59,7 @@ def test_a_block_has_points_for_every_thread(monkeypatch):
     sweep = load(CONFIG, "record.transient=1e6").sweep
     for threads in (1, 2, 8, 16):
         size = block_size(sweep, **LocalComputer(threads).block_limits(1.0, sweep.grid.size))
-        lanes = lanes_per_batch(size, threads)
+        lanes = lanes_per_thread(size, threads)
         assert size / lanes >= threads
 
 

@@ -7,10 +7,7 @@ import pytest
 
 from kernel_cases import PERIOD, assert_same, one, random_points, wide_points
 from vibroimpact import Oscillator, Status, integrate, simulate
-from vibroimpact.kernel.batch import set_start
-from vibroimpact.kernel.run import new_workspace
-from vibroimpact.kernel.workspace import ROW, TANGENTS
-from vibroimpact.step.scheme import EXACT, default_steps
+from vibroimpact.step.scheme import default_steps
 from vibroimpact.step.series import LONGEST_STEP
 
 
@@ -152,14 +149,6 @@ def test_what_is_at_rest_before_the_first_section_is_not_counted():
     assert begins[0] == 0.0 and ends[0] > phase
     expected = inside[inside > 0.0].sum() / PERIOD
     assert out["rest_fraction"] == pytest.approx(expected, rel=1e-12)
-
-
-def test_lanes_without_a_point_have_no_tangent_vectors():
-    """They would shrink until they are subnormal and slow."""
-    lanes = new_workspace(0).lanes
-    set_start(lanes, random_points(5), EXACT, 0.0)
-    rows = lanes[TANGENTS : TANGENTS + 8 * ROW].reshape(8, ROW)
-    assert (rows[::2, :5].any(axis=0)).all() and not rows[:, 5:].any()
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ def run(points, integrator, rule):
     scheme = scheme_of(points, integrator, rule, None, phase=0.3)
     counts, flag = (20, 64, 8), np.zeros(1, np.int64)
     results = run_points(points, scheme, counts, rule == "exact", None, flag, classes=True)
+    del results["begun"]
     found = results.pop("destination")
     return results | {name: found[name] for name in found.dtype.names}
 

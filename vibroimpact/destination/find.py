@@ -3,14 +3,16 @@
 With exact impacts, the first of these that applies decides:
 
 1. The motion has no impact any more: ``FREE``, which is a proof.
-2. The record repeats, with a rest or without any dissipation: ``REPEATS``. A rest erases the past,
+2. The motion came back to the same bits while it was recorded: ``REPEATS``. The computed motion is
+   then periodic for ever.
+3. The record repeats, with a rest or without any dissipation: ``REPEATS``. A rest erases the past,
    so such a motion repeats exactly; without dissipation no motion approaches another.
-3. The record repeats, and the last section is on an orbit whose multipliers are clearly inside the
+4. The record repeats, and the last section is on an orbit whose multipliers are clearly inside the
    unit circle: ``REPEATS``.
-4. Newton's method finds a periodic orbit near the last section, the orbit is stable, and the motion
+5. Newton's method finds a periodic orbit near the last section, the orbit is stable, and the motion
    shows that it goes there: ``CAPTURED`` or ``FALLING``.
 
-With another impact rule, a record that repeats is all the evidence.
+With another impact rule, a record that repeats is all the evidence, to the same bits or nearly.
 """
 
 from __future__ import annotations
@@ -40,6 +42,7 @@ from vibroimpact.destination.repetition import (
     TRIED,
     near_repetitions,
     repetition,
+    repetition_of_cycle,
     size_of,
 )
 from vibroimpact.destination.section_map import flow_of, follow, impacts_over
@@ -100,6 +103,17 @@ def put_repetition(found, sections, m, off, multiplier, q):
 
 
 @jit
+def put_cycle(found, sections, sums, pt):
+    """Write the class of a motion that came back to the same bits; return whether it is known."""
+    m = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt)
+    if m == 0:
+        return False
+    q = sums.cycle_impacts * m // sums.cycle
+    put_repetition(found, sections, m, 0.0, math.nan, q)
+    return True
+
+
+@jit
 def judge(flow, y, w, m, size, found):
     """Judge the orbit of m periods near a motion; return whether the motion goes there."""
     orbit = nearby_orbit(flow, y, w, m, size)
@@ -131,14 +145,21 @@ def nearest(flow, orbit, y, w, size):
 
 
 @jit
-def find_exact(pt, sections, kind, grid, memory, found):
+def find_exact(pt, sections, sums, grid, memory, found):
     """Find the destination of one motion with exact impacts."""
+    kind = kind_of(sums)
+    if kind == _NO_RESULT:
+        return
     scratch, passed, tried = memory
     last = sections.shape[0] - 1
-    x, v, size = sections[last, 0], sections[last, 1], size_of(sections, pt)
+    x, v = sections[last, 0], sections[last, 1]
     steady = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
+    free = excess(pt, x, v, steady) < 0.0
+    if not free and put_cycle(found, sections, sums, pt):
+        return
+    size = size_of(sections, pt)
     flow = flow_of(pt, grid, scratch, passed)
-    free = excess(pt, x, v, steady) < 0.0 or (kind == _NO_IMPACT and stays_free(flow, x, v, steady))
+    free = free or (kind == _NO_IMPACT and stays_free(flow, x, v, steady))
     if free and pt.h > 0.0:
         off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
         found.m, found.q, found.x, found.v = 1, 0, steady[0], steady[1]
@@ -169,23 +190,14 @@ def find_exact(pt, sections, kind, grid, memory, found):
 
 
 @jit
-def find_with_exact_impacts(points, record, grid, memory, found):
-    """Find the destination of every point of a record, with exact impacts."""
-    for i in range(points.size):
-        kind = kind_of(record.sums[i])
-        if kind != _NO_RESULT:
-            find_exact(points[i], record.sections[i], kind, grid, memory, found[i])
-
-
-@jit
-def find_repetitions(points, record, grid, memory, found):
-    """Find after how many periods every record repeats, which is all that other rules show."""
-    for i in range(points.size):
-        if kind_of(record.sums[i]) != _NO_RESULT:
-            sections = record.sections[i]
-            m, off = repetition(sections, size_of(sections, points[i]))
-            if m > 0:
-                put_repetition(found[i], sections, m, off, math.nan, -1)
+def find_repetition(pt, sections, sums, grid, memory, found):
+    """Find after how many periods a record repeats, which is all that other rules show."""
+    if kind_of(sums) == _NO_RESULT:
+        return
+    if not put_cycle(found, sections, sums, pt):
+        m, off = repetition(sections, size_of(sections, pt))
+        if m > 0:
+            put_repetition(found, sections, m, off, math.nan, -1)
 
 
 def no_destinations(n: int) -> np.ndarray:

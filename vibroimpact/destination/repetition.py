@@ -18,6 +18,9 @@ _LEAST_SIZE = 1e-7
 _LEAST_SHARE = 1e-3
 #: Longest repetition that is looked for [forcing periods].
 LONGEST_PERIOD = 64
+#: Sections of a motion that came back to the same bits agree if they differ by less than this share
+#: of the size of its record, which is rounding; they do not if they differ by ``TOLERANCE``.
+_ROUNDING = 1e-10
 #: Largest deviation from a repetition at the end of a record that nearly repeats.
 _NEARLY = 0.1
 #: How many repetitions of a record that nearly repeats are tried.
@@ -87,6 +90,27 @@ def repetition(sections, size):
         if repeats:
             return m, off
     return 0, math.inf
+
+
+@jit
+def repetition_of_cycle(sections, cycle, impacts, pt):
+    """Return after how many periods a motion repeats that came back to the same bits, or 0.
+
+    That is the least divisor of the `cycle`, which has so many `impacts`, after which its sections
+    agree: near a slow orbit the last bits wander. A cycle of more than ``LONGEST_PERIOD`` periods
+    gives 0, and so do sections of which it is not clear whether they agree.
+    """
+    if cycle == 0 or cycle > LONGEST_PERIOD:
+        return 0
+    if cycle == 1:
+        return 1
+    size, last = size_of(sections, pt), sections[sections.shape[0] - cycle :]
+    for m in range(1, cycle):
+        if cycle % m == 0:
+            off = _deviation(last, m, size, TOLERANCE)
+            if off < math.inf:
+                return m if off <= _ROUNDING and impacts * m % cycle == 0 else 0
+    return cycle
 
 
 @jit

@@ -27,7 +27,7 @@ class TrialJob(NamedTuple):
 
 @jit
 def _take(job):  # type: ignore[no-untyped-def]
-    """Take point after point, as a thread of the kernel takes batches."""
+    """Take point after point, as a thread of the kernel does."""
     lanes = np.zeros(LANES)
     k = claim(job.claimed)
     while k < job.points.size and not is_set(job.claimed[1:]):

@@ -35,6 +35,7 @@ from vibroimpact.kernel.workspace import (
     LANES,
     LEVEL,
     OMEGA,
+    PERIOD,
     POSITION,
     PROPAGATOR,
     ROW,
@@ -80,26 +81,23 @@ def propagator_in(lanes, i):
 
 
 @jit
-def set_propagators(workspace, points, grid):
-    """Give every lane its coefficients of (P), and its propagator over a step of `grid`."""
-    lanes = workspace.lanes
-    for i in range(LANES):
-        k = min(i, points.size - 1)
-        if i == k:
-            eq = coefficients_of(points[k])
-            propagator, forcing = propagator_of(eq, grid.phase_step, workspace.scratch.coefficients)
-        for q in range(7):
-            lanes[PROPAGATOR + q * ROW + i] = propagator[q]
-        for q in range(6):
-            lanes[FORCING + q * ROW + i] = forcing[q]
-        line = COEFFICIENTS + COEFFICIENTS_SIZE * i
-        for q in range(5):
-            lanes[line + q] = eq[q]
-        for q in range(3):
-            lanes[line + 5 + q] = propagator[4 + q]
+def set_propagator(workspace, i, grid):
+    """Give lane `i` its coefficients of (P), and its propagator over a step of `grid`."""
+    lanes, added = workspace.lanes, workspace.added
+    eq = coefficients_of(workspace.points[i])
+    propagator, forcing = propagator_of(eq, grid.phase_step, workspace.scratch.coefficients)
+    for q in range(7):
+        lanes[PROPAGATOR + q * ROW + i] = propagator[q]
+    for q in range(6):
+        lanes[FORCING + q * ROW + i] = forcing[q]
+    line = COEFFICIENTS + COEFFICIENTS_SIZE * i
+    for q in range(5):
+        lanes[line + q] = eq[q]
+    for q in range(3):
+        lanes[line + 5 + q] = propagator[4 + q]
     if grid.size <= KEPT:
         for n in range(grid.size):
-            force_lanes(lanes, workspace.added[n], grid.table[SIN, n], grid.table[COS, n])
+            added[n, 0, i], added[n, 1, i] = forced(forcing, grid.table[SIN, n], grid.table[COS, n])
 
 
 @jit
@@ -156,17 +154,17 @@ def propagate_all_tangents(lanes, size, n):
 
 
 @jit
-def settle(batch, lo, count, grid, n, recording, carrying):
+def list_exact_impacts(batch, lo, count, grid, n, carrying):
     """List the impacts of these columns; a lane whose single impact is not proved goes alone."""
-    workspace, points, record = batch
+    workspace, record, _ = batch
     lanes, columns = workspace.lanes, workspace.columns
     theta, new_row = grid.table[THETA, n], (~n & 1) * ROW
-    if recording:
-        for j in range(count):
-            if columns[PROVED + j] == ONLY:
-                i = workspace.met[lo + j] & (LANES - 1)
-                speed = columns[W_I + j] * points[i].omega
-                list_impact(record.impacts[i], record.sums[i], theta + columns[U + j], speed)
+    for j in range(count):
+        if columns[PROVED + j] == ONLY:
+            i = workspace.met[lo + j] & (LANES - 1)
+            if lanes[PERIOD + i] >= 0.0:
+                ring, speed = record.impacts[workspace.rows[i]], columns[W_I + j] * lanes[OMEGA + i]
+                list_impact(ring, workspace.sums[i], theta + columns[U + j], speed)
     bits = ~not_negative(columns, PROVED) & ((1 << count) - 1)
     while bits != 0:  # terminates: one bit less each time
         j = lowest_bit(bits)
@@ -174,20 +172,19 @@ def settle(batch, lo, count, grid, n, recording, carrying):
         i = workspace.met[lo + j] & (LANES - 1)
         if sleeps_until(lanes, i, theta + grid.phase_step):
             lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
-            if recording:
-                lanes[SLEPT + i] += 1.0
+            lanes[SLEPT + i] += 1.0
         else:
-            resolve_exact_lane(batch, i, j, grid, n, recording, carrying)
+            resolve_exact_lane(batch, i, j, grid, n, carrying)
 
 
 @jit
-def resolve_exact_lane(batch, i, j, grid, n, recording, carrying):
+def resolve_exact_lane(batch, i, j, grid, n, carrying):
     """Take lane `i`, which is in column `j`, over step `n` with every impact in it."""
-    workspace, points, record = batch
+    workspace, record, _ = batch
     lanes, c, scratch = workspace.lanes, workspace.columns, workspace.scratch
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
-    pt, sums, table, phase_step = points[i], record.sums[i], grid.table, grid.phase_step
-    theta = table[THETA, n]
+    pt, sums, table = workspace.points[i], workspace.sums[i], grid.table
+    theta, phase_step = table[THETA, n], grid.phase_step
     was_resting = lanes[LEVEL + i] == AT_REST
     eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
     y, w, resting, n_events, rested, status, grazes = exact_step(
@@ -199,9 +196,9 @@ def resolve_exact_lane(batch, i, j, grid, n, recording, carrying):
     lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
     set_rest(lanes, i, resting, theta + phase_step, pt)
     sums.status = max(sums.status, status)
-    if recording:
-        rested /= pt.omega
-        record_step(scratch.events, n_events, rested, theta, pt, i, record)
+    if lanes[PERIOD + i] >= 0.0:
+        ring = record.impacts[workspace.rows[i]]
+        record_step(scratch.events, n_events, rested / pt.omega, theta, pt, ring, sums)
         sums.near_grazes += grazes
     if carrying:
         pair = pair_in(lanes, TANGENTS + old_row + i, 2 * ROW)
@@ -245,43 +242,43 @@ def judge_tangents(lanes, size, row):
 @jit
 def stretch_lanes(batch, n):
     """Orthonormalise the tangent vectors that need it, before step `n`."""
-    workspace, points, record = batch
+    workspace, _, size = batch
     lanes, met = workspace.lanes, workspace.met
     row = TANGENTS + (n & 1) * ROW
-    judge_tangents(lanes, points.size, row)
-    for j in range(list_lanes(lanes, met, points.size)):
+    judge_tangents(lanes, size, row)
+    for j in range(list_lanes(lanes, met, size)):
         a = row + met[j]
-        put_pair(lanes, a, 2 * ROW, stretch(pair_in(lanes, a, 2 * ROW), record.sums[met[j]]))
+        put_pair(lanes, a, 2 * ROW, stretch(pair_in(lanes, a, 2 * ROW), workspace.sums[met[j]]))
 
 
 @jit
-def take_exact_steps(batch, grid, recording, carrying):
-    """Take a batch over the steps of `grid`."""
-    workspace, points, _ = batch
-    lanes, size = workspace.lanes, grid.size
-    for n in range(size):
+def take_exact_steps(batch, grid, carrying):
+    """Take all lanes over the steps of `grid`."""
+    workspace, _, size = batch
+    lanes = workspace.lanes
+    for n in range(grid.size):
         added = workspace.added[place_of_added(workspace, grid, n)]
-        propagate_lanes(lanes, points.size, added, grid.phase_step, n)
-        listed = list_lanes(lanes, workspace.met, points.size)
+        propagate_lanes(lanes, size, added, grid.phase_step, n)
+        listed = list_lanes(lanes, workspace.met, size)
         if carrying:
-            propagate_all_tangents(lanes, points.size, n)
+            propagate_all_tangents(lanes, size, n)
         for lo in range(0, listed, COLUMNS):
             count = min(COLUMNS, listed - lo)
             correct_exact_lanes(workspace, lo, count, grid, n, carrying)
-            settle(batch, lo, count, grid, n, recording, carrying)
-        if carrying and ((n + 1) % _CHECKED_EVERY == 0 or n + 1 == size):
+            list_exact_impacts(batch, lo, count, grid, n, carrying)
+        if carrying and ((n + 1) % _CHECKED_EVERY == 0 or n + 1 == grid.size):
             stretch_lanes(batch, n + 1)
-    if size & 1:
+    if grid.size & 1:
         for a in range(0, GUARD if carrying else TANGENTS, 2 * ROW):  # the next step has number 0
             for i in range(a, a + LANES):
                 lanes[i] = lanes[i + ROW]
 
 
 @jit
-def round_states(lanes):
+def round_states(lanes, size):
     """Round the states to (x, v), which go to the rows for odd steps, for the record."""
     widest_vectors()
-    for i in range(LANES):
+    for i in range(whole_vectors(size)):
         clearance, omega = lanes[CLEARANCE + i], lanes[OMEGA + i]
         x, v = from_dimensionless(lanes[Y + i], lanes[W + i], clearance, omega)
         lanes[POSITION + ROW + i], lanes[VELOCITY + ROW + i] = x, v
@@ -289,19 +286,8 @@ def round_states(lanes):
 
 
 @jit
-def forget_at_rest(lanes, size):
-    """Remove the tangent vectors of the first lanes where they rest: a rest leaves none."""
-    for i in range(size):
-        if lanes[LEVEL + i] == AT_REST:
-            put_pair(lanes, TANGENTS + i, 2 * ROW, (0.0, 0.0, 0.0, 0.0))
-
-
-@jit
-def sum_up_tangents(batch):
-    """Add up the growth that remains in the tangent vectors, in the norm dx^2 + (dv / p)^2."""
-    workspace, points, record = batch
-    lanes = workspace.lanes
-    for i in range(points.size):
-        ay, aw, by, bw = pair_in(lanes, TANGENTS + i, 2 * ROW)
-        unit = points[i].omega / points[i].p
-        stretch((ay, aw * unit, by, bw * unit), record.sums[i])
+def sum_up_tangents(workspace, i):
+    """Add up the growth that remains in the tangent vectors of lane `i`, in dx^2 + (dv / p)^2."""
+    ay, aw, by, bw = pair_in(workspace.lanes, TANGENTS + i, 2 * ROW)
+    unit = workspace.points[i].omega / workspace.points[i].p
+    stretch((ay, aw * unit, by, bw * unit), workspace.sums[i])

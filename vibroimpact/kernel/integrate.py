@@ -10,11 +10,17 @@ from vibroimpact.destination.find import no_destinations
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.growth import grows
 from vibroimpact.kernel.record import SUMS, Record
-from vibroimpact.kernel.run import KernelJob, lanes_per_batch, run_batches
+from vibroimpact.kernel.run import KernelJob, lanes_per_thread, run_on_threads
 from vibroimpact.oscillator import POINT, checked_integer, refuse_invalid
 from vibroimpact.status import Status
 from vibroimpact.step.contact import impulse_and_loss
-from vibroimpact.step.scheme import EXACT, MOST_PERIODS, MOST_RECORDED, Scheme, scheme_of
+from vibroimpact.step.scheme import (
+    EXACT,
+    MOST_PERIODS,
+    MOST_RECORDED,
+    Scheme,
+    scheme_of,
+)
 
 
 def integrate(
@@ -108,7 +114,9 @@ def integrate(
     if lyapunov and scheme.method[0] != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
     counts = transient, periods, impacts
-    return run_points(points, scheme, counts, bool(lyapunov), threads, np.zeros(1, np.int64))
+    results = run_points(points, scheme, counts, bool(lyapunov), threads, np.zeros(1, np.int64))
+    del results["begun"]
+    return results
 
 
 def run_points(
@@ -122,10 +130,11 @@ def run_points(
 ) -> dict[str, np.ndarray]:
     """Do what ``integrate`` does, for valid points of which the scheme is known.
 
-    `counts` are the periods left out, the periods recorded, and the impacts to keep. With `classes`
-    there is also ``destination``, of dtype ``DESTINATION``. Once another
-    thread sets `interrupt`, an array of one int64, the run ends within a forcing period. Points
-    that are not complete then have NaN and the status ``PENDING``.
+    `counts` are the periods left out, the periods recorded, and the impacts to keep. There is also
+    ``begun``, (n, 2), the state where the record begins after a transient, and with `classes`
+    ``destination``, of dtype ``DESTINATION``. Once another thread sets `interrupt`, an array of one
+    int64, the run ends within a forcing period. Points that are not complete then have NaN and the
+    status ``PENDING``.
     """
     transient, periods, impacts = counts
     points = np.array(points, POINT)  # contiguous and writable, as the kernel is compiled for
@@ -135,21 +144,14 @@ def run_points(
     threads = (
         ALL_THREADS if threads is None else checked_integer("threads", threads, 1, MOST_RECORDED)
     )
-    n, rule = points.size, scheme.method[0]
-    record = Record(
-        sections=np.empty((n, periods, 2)),
-        impacts=np.empty((n, impacts, 2)),
-        sums=np.zeros(n, dtype=SUMS),
-    )
-    record.sums["slowest_impact"] = np.inf
-    record.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
-    lanes, claimed = lanes_per_batch(n, threads), np.zeros(1, np.int64)
-    found = no_destinations(n if classes else 0)
-    job = KernelJob(
-        points, scheme, transient, periods, lyapunov, lanes, record, claimed, interrupt, found,
-        only_find=False,
+    n, found = points.size, no_destinations(points.size if classes else 0)
+    sums = np.zeros(n, dtype=SUMS)
+    sums["slowest_impact"], sums["status"] = np.inf, Status.PENDING
+    record = Record(np.empty((n, periods, 2)), np.empty((n, impacts, 2)), np.empty((n, 2)), sums)
+    _run(
+        threads,
+        points, scheme, transient, periods, lyapunov, record, interrupt, found, only_find=False,
     )  # fmt: skip
-    _run(threads, job)
     results = _results(points, periods, record)
     if not lyapunov:
         del results["lyapunov"]
@@ -172,18 +174,32 @@ def find_destinations(
     sums["chatters"], sums["rested"] = results["chatters"], results["rest_fraction"]
     sections = np.stack([results["poincare_x"], results["poincare_v"]], axis=2)
     threads, found = ALL_THREADS if threads is None else threads, no_destinations(n)
-    job = KernelJob(
-        np.array(points, POINT), scheme, 0, periods, False, lanes_per_batch(n, threads),
-        Record(sections, np.empty((n, 0, 2)), sums), np.zeros(1, np.int64), interrupt, found,
-        only_find=True,
-    )  # fmt: skip
-    _run(threads, job)
+    record = Record(sections, np.empty((n, 0, 2)), np.empty((n, 2)), sums)
+    points = np.array(points, POINT)
+    _run(threads, points, scheme, 0, periods, False, record, interrupt, found, only_find=True)
     return found
 
 
-def _run(threads: int, job: KernelJob) -> None:
+def _run(
+    threads: int,
+    points: np.ndarray,
+    scheme: Scheme,
+    transient: int,
+    periods: int,
+    lyapunov: bool,
+    record: Record,
+    interrupt: np.ndarray,
+    found: np.ndarray,
+    *,
+    only_find: bool,
+) -> None:
     """Run the kernel with no thread without lanes: starting one takes longer than a few lanes."""
-    run_batches(min(threads, max(1, -(-job.points.size // job.lanes))), job)
+    lanes, claimed = lanes_per_thread(points.size, threads), np.zeros(1, np.int64)
+    job = KernelJob(
+        points, scheme, transient, periods, lyapunov, lanes, record, claimed, interrupt, found,
+        only_find,
+    )  # fmt: skip
+    run_on_threads(min(threads, max(1, -(-points.size // lanes))), job)
 
 
 def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.ndarray]:
@@ -191,7 +207,8 @@ def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.n
     sums, sections = record.sums, record.sections
     pending = sums["status"] == Status.PENDING
     if pending.any():
-        sections[pending], record.impacts[pending] = np.nan, np.nan
+        for array in (sections, record.impacts, record.begun):
+            array[pending] = np.nan
     sums["status"][grows(points, sums["impacts"], sections) & ~pending] = Status.UNBOUNDED
     no_impact, R = sums["impacts"] == 0, points["R"]
     impulse, lost = impulse_and_loss(R, sums["speeds"], sums["squared_speeds"])
@@ -225,4 +242,5 @@ def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.n
         "near_grazes": np.where(failed, 0, sums["near_grazes"]),
         "lyapunov": np.where(failed[:, None], np.nan, -growth / duration[:, None]),
         "status": sums["status"].astype(np.int8),
+        "begun": record.begun,
     }

@@ -1,48 +1,38 @@
-"""The run of the kernel: batches of points over the threads, period by period.
+"""The run of the kernel: points over the threads and their lanes, period by period.
 
-All lanes of a batch take a step as if there were no stop, and lanes that may have met it are
-corrected. Each thread takes batch after batch, without holding Python's global lock:
+All lanes take a step as if there were no stop, and lanes that may have met it are corrected. A lane
+whose record is complete takes the next point. Each thread does so until there are no more points,
+without holding Python's global lock:
 
-- ``run_batches``: starts the threads.
+- ``run_on_threads``: starts the threads.
 - ``take_exact``, ``take_plain``, ``take_shortened``: the work of one thread, compiled for one rule.
   It allocates the workspace.
-- ``run_exact`` and so on of ``batch.py``: one batch, from its start to the end of the record. From
-  here on nothing is allocated, so references to arrays need not be counted.
+- ``run_exact`` and so on of ``loop.py``: its lanes, from point to point. From here on nothing is
+  allocated, so references to arrays need not be counted.
 - ``take_exact_steps`` or ``take_strides``: one forcing period.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.destination.find import find_repetitions, find_with_exact_impacts
+from vibroimpact.destination.find import find_exact, find_repetition
 from vibroimpact.destination.repetition import TRIED
 from vibroimpact.destination.section_map import MOST_SECTIONS
-from vibroimpact.jit import claim, compiled, inlined, is_set, jit, on_threads
-from vibroimpact.kernel.batch import run_exact, run_plain, run_shortened
+from vibroimpact.jit import claim, compiled, inlined, jit, on_threads
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
-from vibroimpact.kernel.record import Record, rows_of
+from vibroimpact.kernel.loop import find_destination, run_exact, run_plain, run_shortened
+from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.reduced_step_impacts import REDUCED_STEP_COLUMNS
-from vibroimpact.kernel.workspace import (
-    KEPT,
-    LANES,
-    LANES_SIZE,
-    ROW,
-    VECTOR,
-    Batch,
-    Workspace,
-)
-from vibroimpact.status import Status
+from vibroimpact.kernel.workspace import KEPT, LANES, LANES_SIZE, ROW, VECTOR, Workspace
+from vibroimpact.oscillator import POINT
 from vibroimpact.step.contact import new_scratch
 from vibroimpact.step.scheme import EXACT, PLAIN, Scheme
 
-_PENDING = int(Status.PENDING)
-
-#: Fewest points that a thread takes side by side, if there are so many. With exact impacts, fewer
-#: points take nearly as long.
+#: Fewest lanes of a thread, if there are so many points. With exact impacts, fewer points take
+#: nearly as long.
 FEWEST_LANES = 64
 
 
@@ -54,20 +44,19 @@ class KernelJob(NamedTuple):
     transient: int  #: Periods left out.
     periods: int  #: Periods recorded.
     lyapunov: bool
-    lanes: int  #: Points in a batch.
-    record: Record  #: Receives the results.
-    claimed: np.ndarray  #: Number of batches taken by the threads so far, shape (1,).
-    interrupt: np.ndarray  #: Once it is set, the remaining points become ``PENDING``. Shape (1,).
+    lanes: int  #: Lanes of a thread.
+    record: Record  #: Receives the results; a point that is not complete keeps its status.
+    claimed: np.ndarray  #: Number of points taken by the threads so far, shape (1,).
+    interrupt: np.ndarray  #: Once it is set, the run ends within a forcing period. Shape (1,).
     #: Receives where every motion goes, see ``destination``; empty if that is not asked for.
     found: np.ndarray
     only_find: bool  #: Whether `record` is complete, and only the destinations are missing.
 
 
-def lanes_per_batch(points: int, threads: int) -> int:
-    """Return how many points to take side by side so that threads get equal shares."""
+def lanes_per_thread(points: int, threads: int) -> int:
+    """Return how many points a thread takes side by side, so that every thread has some."""
     share = max(1, -(-points // threads))
-    batches = -(-share // LANES)  # the same number for every thread
-    return max(FEWEST_LANES, -(-share // (batches * VECTOR)) * VECTOR)
+    return min(LANES, max(FEWEST_LANES, -(-share // VECTOR) * VECTOR))
 
 
 @jit
@@ -88,68 +77,47 @@ def new_workspace(columns):
     """Return the workspace of a thread; `columns` is the number of values in its columns."""
     met = np.zeros(LANES, np.int64)
     added = aligned(2 * KEPT * ROW).reshape((KEPT, 2, ROW))
-    return Workspace(aligned(LANES_SIZE), met, aligned(columns), added, new_scratch())
-
-
-@jit
-def put_in_order(ring, count):
-    """Put a ring buffer that received `count` impacts into time order, with NaN in unused rows."""
-    size = ring.shape[0]
-    for k in range(count, size):
-        ring[k, 0] = ring[k, 1] = math.nan
-    if count > size:
-        kept = ring.copy()
-        for k in range(size):
-            slot = (count + k) % size
-            ring[k, 0], ring[k, 1] = kept[slot, 0], kept[slot, 1]
-
-
-@jit
-def close_records(record, given_up):
-    """Put the impacts of every point in order; points that were interrupted are ``PENDING``."""
-    for i in range(record.sums.size):
-        put_in_order(record.impacts[i], record.sums[i].impacts)
-        if given_up:
-            record.sums[i].status = _PENDING
+    return Workspace(
+        aligned(LANES_SIZE), met, aligned(columns), added, new_scratch(),
+        np.zeros(LANES, np.int64), np.empty(LANES, POINT), np.empty(LANES, SUMS),
+        np.empty(LANES, SUMS),
+    )  # fmt: skip
 
 
 @inlined
-def take_batches(job, run, find, columns):
-    """Run batch after batch until the threads have taken all of them."""
-    workspace, lanes = new_workspace(columns), job.lanes
+def take_points(job, run, find, columns):
+    """Run point after point, or only find where their motions go."""
+    workspace = new_workspace(columns)
     # The memory in which destinations are found.
     memory = workspace.scratch, np.zeros((MOST_SECTIONS, 2)), np.zeros(TRIED, np.int64)
-    lo = lanes * claim(job.claimed)
-    while lo < job.points.size:  # terminates: the counter only rises
-        record = rows_of(job.record, lo, lo + lanes)
-        points = job.points[lo : lo + lanes]
-        if not job.only_find:
-            run(Batch(workspace, points, record), job)
-            close_records(record, is_set(job.interrupt))
-        if job.found.size > 0:
-            find(points, record, job.scheme.grid, memory, job.found[lo : lo + lanes])
-        lo = lanes * claim(job.claimed)
+    if not job.only_find:
+        run(workspace, job, memory)
+        return
+    row = claim(job.claimed)
+    while row < job.points.size:  # terminates: the counter only rises
+        find_destination(job, row, find, memory)
+        row = claim(job.claimed)
 
 
 @jit
 def take_exact(job):
     """Do the work of one thread with the rule ``exact``."""
-    take_batches(job, run_exact, find_with_exact_impacts, EXACT_COLUMNS)
+    take_points(job, run_exact, find_exact, EXACT_COLUMNS)
 
 
 @jit
 def take_plain(job):
     """Do the work of one thread with the rule ``plain``."""
-    take_batches(job, run_plain, find_repetitions, 0)
+    take_points(job, run_plain, find_repetition, 0)
 
 
 @jit
 def take_shortened(job):
     """Do the work of one thread with the rules ``reduced-step`` and ``cubic``."""
-    take_batches(job, run_shortened, find_repetitions, REDUCED_STEP_COLUMNS)
+    take_points(job, run_shortened, find_repetition, REDUCED_STEP_COLUMNS)
 
 
-def run_batches(threads: int, job: KernelJob) -> None:
+def run_on_threads(threads: int, job: KernelJob) -> None:
     """Run every point, on `threads` threads."""
     loops = {PLAIN: take_plain, EXACT: take_exact}
     work = compiled(loops.get(job.scheme.method[0], take_shortened), job)

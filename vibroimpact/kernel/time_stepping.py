@@ -39,14 +39,16 @@ from vibroimpact.kernel.workspace import (
     COLUMNS,
     GREATEST,
     GUARD,
-    LANES,
     LEVEL,
     MAP,
+    OMEGA,
+    PERIOD,
     POSITION,
     RESTITUTION,
     ROW,
     SPEEDS,
     VELOCITY,
+    any_is_recorded,
     list_lanes,
     set_rest,
     sleeps_until,
@@ -61,13 +63,12 @@ STRIDE = 4
 
 
 @inlined
-def set_maps(lanes, points, integrator, grid):
-    """Give every lane its affine map of one step of `grid`."""
-    for i in range(LANES):
-        pt = points[min(i, points.size - 1)]
-        rows = affine_map(integrator, grid.phase_step / pt.omega, pt)
-        for k in range(8):
-            lanes[MAP + k * ROW + i] = rows[k]
+def set_map(workspace, i, integrator, grid):
+    """Give lane `i` its affine map of one step of `grid`."""
+    pt = workspace.points[i]
+    rows = affine_map(integrator, grid.phase_step / pt.omega, pt)
+    for k in range(8):
+        workspace.lanes[MAP + k * ROW + i] = rows[k]
 
 
 @jit
@@ -166,29 +167,23 @@ def plain_lanes(lanes, size, table, n, span, recording):
 @jit
 def list_plain_impacts(batch, listed, grid, n, span):
     """Record the impacts of the listed lanes in a stride from step `n`."""
-    lanes, record = batch.workspace.lanes, batch.record
-    for j in range(listed):
-        i = batch.workspace.met[j]
-        for q in range(span):
-            speed = lanes[SPEEDS + q * ROW + i]
-            if speed < math.inf:
-                phase = grid.table[THETA, n + q] + grid.phase_step
-                list_impact(record.impacts[i], record.sums[i], phase, speed)
-
-
-@jit
-def sum_up_plain(batch):
-    """Record the greatest penetrations."""
-    workspace, points, record = batch
+    workspace, record, _ = batch
     lanes = workspace.lanes
-    for i in range(points.size):
-        record.sums[i].max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
+    for j in range(listed):
+        i = workspace.met[j]
+        if lanes[PERIOD + i] >= 0.0:
+            ring = record.impacts[workspace.rows[i]]
+            for q in range(span):
+                speed = lanes[SPEEDS + q * ROW + i]
+                if speed < math.inf:
+                    phase = grid.table[THETA, n + q] + grid.phase_step
+                    list_impact(ring, workspace.sums[i], phase, speed)
 
 
 @jit
 def gather(batch, lo, count, table, n):
     """Fill the columns: take each lane from step `n` to the step that may take it to its stop."""
-    workspace, points, _ = batch
+    workspace = batch.workspace
     lanes, columns = workspace.lanes, workspace.columns
     for j in range(count):
         i = workspace.met[lo + j]
@@ -197,7 +192,7 @@ def gather(batch, lo, count, table, n):
             x_T, v_T, below = step_lane(lanes, i, x, v, table[SIN, q], table[COS, q])
             safe &= below
             x, v, k = select(safe, x_T, x), select(safe, v_T, v), k + safe
-        s, c, pt = table[SIN, k], table[COS, k], points[i]
+        s, c, pt = table[SIN, k], table[COS, k], workspace.points[i]
         columns[X_T + j], columns[V_T + j], _ = step_lane(lanes, i, x, v, s, c)
         columns[STEP + j], columns[THETA_0 + j] = k, table[THETA, k]
         columns[S_0 + j], columns[C_0 + j] = s, c
@@ -207,13 +202,13 @@ def gather(batch, lo, count, table, n):
 
 
 @jit
-def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n, recording):
+def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n):
     """Take `count` listed lanes, from index `lo` on, over the stride from step `n`.
 
     A lane for which a single impact is not certain is not moved; it is listed again, after the
     `left` lanes that are listed again so far. Returns the new number of such lanes.
     """
-    workspace, points, record = batch
+    workspace, record, _ = batch
     lanes, met, c, table = workspace.lanes, workspace.met, workspace.columns, grid.table
     gather(batch, lo, count, table, n)
     shorten_steps(c, count, grid.phase_step)
@@ -231,18 +226,24 @@ def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n, recording
             left += 1
             continue
         lanes[POSITION + i], lanes[VELOCITY + i] = x, v
-        if recording:
-            phase = c[THETA_0 + j] + points[i].omega * c[T_R + j]
-            list_impact(record.impacts[i], record.sums[i], phase, c[V_TR + j])
+        if lanes[PERIOD + i] >= 0.0:
+            phase = c[THETA_0 + j] + lanes[OMEGA + i] * c[T_R + j]
+            list_impact(record.impacts[workspace.rows[i]], workspace.sums[i], phase, c[V_TR + j])
     return left
 
 
 @jit
-def resolve_stepped_lane(batch, i, method, grid, n, span, recording):
+def resolve_stepped_lane(batch, i, method, grid, n, span):
     """Take lane `i` over `span` steps from step `n` with every impact in them."""
-    workspace, points, record = batch
+    workspace, record, _ = batch
     lanes, scratch = workspace.lanes, workspace.scratch
-    pt, sums, table, phase_step = points[i], record.sums[i], grid.table, grid.phase_step
+    pt, sums, table, phase_step = (
+        workspace.points[i],
+        workspace.sums[i],
+        grid.table,
+        grid.phase_step,
+    )
+    recording, ring = lanes[PERIOD + i] >= 0.0, record.impacts[workspace.rows[i]]
     rows = map_of(lanes, i)
     state = lanes[POSITION + i], lanes[VELOCITY + i], lanes[LEVEL + i] == AT_REST
     for k in range(n, n + span):
@@ -259,20 +260,21 @@ def resolve_stepped_lane(batch, i, method, grid, n, span, recording):
         set_rest(lanes, i, resting, theta + phase_step, pt)
         sums.status = max(sums.status, status)
         if recording:
-            record_step(scratch.events, n_events, rested, theta, pt, i, record)
+            record_step(scratch.events, n_events, rested, theta, pt, ring, sums)
     lanes[POSITION + i], lanes[VELOCITY + i] = state[0], state[1]
 
 
 @inlined
-def take_strides(batch, method, plain, grid, recording):
-    """Take a batch over the steps of `grid` stride by stride, and singly over those left over.
+def take_strides(batch, method, plain, grid):
+    """Take all lanes over the steps of `grid` stride by stride, and singly over those left over.
 
     `plain` says whether the rule is ``plain``. It is a literal, so only that loop is compiled.
     """
-    workspace, points, _ = batch
+    workspace, _, size = batch
     lanes, met = workspace.lanes, workspace.met
     rule, integrator = method
-    size, strides = points.size, grid.size // STRIDE
+    strides = grid.size // STRIDE
+    recording = plain and any_is_recorded(lanes, size)
     for k in range(strides + grid.size % STRIDE):
         n = k + min(k, strides) * (STRIDE - 1)
         span = STRIDE if k < strides else 1
@@ -287,7 +289,7 @@ def take_strides(batch, method, plain, grid, recording):
             left = 0
             for lo in range(0, listed, COLUMNS):
                 count = min(COLUMNS, listed - lo)
-                left = correct_stepped_lanes(batch, lo, count, left, integrator, grid, n, recording)
+                left = correct_stepped_lanes(batch, lo, count, left, integrator, grid, n)
             listed = left
         for j in range(listed):
-            resolve_stepped_lane(batch, met[j], method, grid, n, span, recording)
+            resolve_stepped_lane(batch, met[j], method, grid, n, span)

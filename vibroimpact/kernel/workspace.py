@@ -1,6 +1,6 @@
-"""The workspace of a thread: a batch of points in lanes, and their impacts in columns.
+"""The workspace of a thread: points in lanes, and their impacts in columns.
 
-A lane is one parameter point. The points of a batch lie side by side and so fill SIMD vectors.
+A lane is one parameter point. Lanes lie side by side and so fill SIMD vectors.
 The steps per period are an integer, so one table of omega t_n mod 2 pi serves every lane, even if
 omega is swept, and the loops contain no trigonometry.
 """
@@ -17,7 +17,7 @@ from vibroimpact.jit import inlined, jit, lowest_bit, not_negative
 from vibroimpact.kernel.record import Record
 from vibroimpact.step.contact import Scratch, time_to_release
 
-#: Most points in a batch, a power of 2; and impacts corrected at a time.
+#: Most lanes, a power of 2; and impacts corrected at a time.
 LANES, COLUMNS = 128, 32
 #: Numbers in a vector of 512 bits.
 VECTOR = 8
@@ -43,11 +43,14 @@ COEFFICIENTS_SIZE = 8
     # For time stepping: the affine map; with the rule ``plain`` also R, the greatest displacement,
     # and the speeds of the impacts in a stride.
     MAP, RESTITUTION, GREATEST, SPEEDS,
+    # The period of the record in which a lane is, below 0 in its transient; the period before which
+    # nothing happens but a return of the motion; and the state of its mark, with its period.
+    PERIOD, DUE, MARK_X, MARK_V, MARKED,
     # The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers
     # of one lane are contiguous.
     COEFFICIENTS,
 ) = accumulate(  # of the number of rows of each
-    (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 8, 1, 1, 4)))
+    (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 8, 1, 1, 4, 1, 1, 1, 1, 1)))
 )  # fmt: skip
 #: The rows of the state with exact impacts, in the units of ``propagator.py``.
 Y, W = POSITION, VELOCITY
@@ -60,7 +63,7 @@ AT_REST, AWAKE = -math.inf, -math.inf
 
 
 class Workspace(NamedTuple):
-    """The memory for a batch."""
+    """The memory of a thread."""
 
     lanes: np.ndarray  #: The rows of the lanes.
     met: np.ndarray  #: The list of lanes that may have met the stop.
@@ -68,14 +71,18 @@ class Workspace(NamedTuple):
     #: With exact impacts, what each step adds to y and w of each lane: shape (KEPT, 2, ROW).
     added: np.ndarray
     scratch: Scratch
+    rows: np.ndarray  #: The row of the point of each lane, in the points and in the record.
+    points: np.ndarray  #: The points of the lanes.
+    sums: np.ndarray  #: Their sums so far, of dtype ``SUMS``.
+    marked: np.ndarray  #: Their sums at their marks.
 
 
 class Batch(NamedTuple):
-    """A batch of points; the record has one row per point."""
+    """The lanes of a thread that have a point, which are the first ones."""
 
     workspace: Workspace
-    points: np.ndarray
     record: Record
+    size: int
 
 
 @inlined
@@ -110,6 +117,15 @@ def set_rest(lanes, i, resting, theta, pt):
 def sleeps_until(lanes, i, theta):
     """Whether lane `i` rests until after the phase `theta`, rounding excluded."""
     return theta < lanes[WAKE + i] - 1e-9
+
+
+@jit
+def any_is_recorded(lanes, size):
+    """Whether any of the first lanes is in its record."""
+    for i in range(size):
+        if lanes[PERIOD + i] >= 0.0:
+            return True
+    return False
 
 
 @jit

@@ -14,7 +14,7 @@ from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.scaling import computed_once
 from vibroimpact.points.transient import run_with_own_transients
 from vibroimpact.step.recorder import trajectories
-from vibroimpact.step.scheme import scheme_of
+from vibroimpact.step.scheme import lead_in, scheme_of
 
 
 def compute_box(
@@ -93,6 +93,16 @@ def _run(
     )
     counts = spec.transient, spec.periods, spec.impacts
     results = run_points(points, scheme, counts, spec.lyapunov, threads, interrupt, spec.period)
+    begun = results.pop("begun")
     if spec.every is not None:
-        results |= trajectories(points, scheme, spec.periods, spec.transient, spec.every, interrupt)
+        if spec.transient > 0:  # the record begins at a section
+            lead = lead_in(spec.phase, spec.phase, spec.steps_per_period)
+            points, scheme = points.copy(), scheme._replace(lead=lead)
+            points["x0"], points["v0"] = begun.T
+        # A rest has two events besides its impacts, and may begin before the record.
+        events = spec.periods * results["impacts_per_period"] + 2.0 * results["chatters"] + 2.0
+        results |= trajectories(
+            points, scheme, spec.periods, spec.transient, spec.every, threads, interrupt,
+            int(np.nan_to_num(events).max(initial=0.0)),
+        )  # fmt: skip
     return results

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from vibroimpact.jit import inlined, is_set, jit
+from vibroimpact.jit import ALL_THREADS, claim, compiled, inlined, is_set, jit, on_threads
 from vibroimpact.status import Status
 from vibroimpact.step.contact import (
     DISPLACEMENT,
@@ -32,6 +32,7 @@ from vibroimpact.step.stepper import (
 # Kinds of row besides the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
 _PENDING = int(Status.PENDING)
+_NO_LIMIT = sys.maxsize
 
 
 @jit
@@ -65,8 +66,17 @@ def _put_start(log, t, pt, resting):
 
 
 @inlined
-def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt, prepare, take):
-    """Run one point as the kernel's lanes do, and log the recorded periods.
+def _first_state(pt, rule, s, first):
+    """Return the state at the start, where the phase has the sine `s`, or at a later section."""
+    x, v, resting = start(pt, s)
+    if first > 0:  # a run that came there at speed 0 rests, even if its release is due
+        resting = x == pt.clearance and v == 0.0
+    return to_state(rule, x, v, resting and rule != PLAIN, pt)
+
+
+@inlined
+def _trace(pt, scheme, periods, first, every, most_rows, log, interrupt, prepare, take):
+    """Run one point as the kernel's lanes do, and log its motion; `first` is for the clock.
 
     `prepare` and `take` are the functions of the rule, so that those of the others are not
     compiled. Once `interrupt` is set the run ends within a forcing period. Once it has more rows
@@ -75,18 +85,17 @@ def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt, pre
     """
     scratch, (method, lead, grid) = new_scratch(), scheme
     rule = method[0]
-    x, v, resting = start(pt, sine_at_start(lead, grid))
-    state, status = to_state(rule, x, v, resting and rule != PLAIN, pt), 0
+    state, status = _first_state(pt, rule, sine_at_start(lead, grid), first), 0
     size, T = grid.size, grid.phase_step / pt.omega
-    t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
+    t = (2.0 * math.pi * first + grid.table[THETA, 0]) / pt.omega
     rows = 0
-    for k in range(-transient - 1, periods):
+    for k in range(-1, periods):
         if is_set(interrupt):
             return 0, _PENDING
-        phases = lead if k < -transient else grid
-        if k <= -transient:
+        phases = lead if k < 0 else grid
+        if k <= 0:
             prepared = prepare(method, phases, pt)
-        if k == 0 and transient == 0 and lead.size == 0:
+        if k == 0 and first == 0 and lead.size == 0:
             rows = _put_start(log, t, pt, state[2])
         elif k == 0:
             x, v = from_state(rule, state, pt)
@@ -96,13 +105,13 @@ def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt, pre
                 return 0, _PENDING
             state, n_events, outcome = take(method, prepared, state, phases, n, pt, scratch)
             status = max(status, outcome)
-            x, v = from_state(rule, state, pt)
-            last = n + 1 == size
-            if k >= -transient and last:
-                state = to_state(rule, x, v, state[2], pt)
             if k < 0:
                 continue
-            t_T = (2.0 * math.pi * (transient + k) + grid.table[THETA, n + 1]) / pt.omega
+            x, v = from_state(rule, state, pt)
+            last = n + 1 == size
+            if last:
+                state = to_state(rule, x, v, state[2], pt)
+            t_T = (2.0 * math.pi * (first + k) + grid.table[THETA, n + 1]) / pt.omega
             rows = _put_events(log, rows, scratch.events, n_events, t, t_T, T, pt)
             if (k * size + n + 1) % every == 0:
                 in_log = 0 < rows <= log.shape[0]
@@ -114,35 +123,65 @@ def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt, pre
 
 
 @jit
-def _trace_exact(pt, scheme, periods, transient, every, most_rows, log, interrupt):
+def _trace_exact(pt, scheme, periods, first, every, most_rows, log, interrupt):
     """Run one point with the rule ``exact``."""
     return _trace(
-        pt, scheme, periods, transient, every, most_rows, log, interrupt,
+        pt, scheme, periods, first, every, most_rows, log, interrupt,
         prepare_exact, take_exact_grid_step,
     )  # fmt: skip
 
 
 @jit
-def _trace_steps(pt, scheme, periods, transient, every, most_rows, log, interrupt):
+def _trace_steps(pt, scheme, periods, first, every, most_rows, log, interrupt):
     """Run one point with a rule of time stepping."""
     return _trace(
-        pt, scheme, periods, transient, every, most_rows, log, interrupt, prepare, take_grid_step
+        pt, scheme, periods, first, every, most_rows, log, interrupt, prepare, take_grid_step
     )
+
+
+@jit
+def _trace_all(points, scheme, periods, first, every, out, rows, claimed, interrupt):
+    """Log point after point until the threads have taken all of them: t, x, v go to `out`."""
+    log, most = np.empty((out.shape[2], 4)), out.shape[2]
+    i = claim(claimed)
+    while i < points.size:  # terminates: the counter only rises
+        if scheme.method[0] == EXACT:
+            rows[i], _ = _trace_exact(
+                points[i], scheme, periods, first, every, _NO_LIMIT, log, interrupt
+            )
+        else:
+            rows[i], _ = _trace_steps(
+                points[i], scheme, periods, first, every, _NO_LIMIT, log, interrupt
+            )
+        written = min(rows[i], most)
+        for k in range(written):
+            failed = not (math.isfinite(log[k, 2]) and math.isfinite(log[k, 3]))
+            out[0, i, k] = log[k, 1]
+            out[1, i, k], out[2, i, k] = (math.nan, math.nan) if failed else (log[k, 2], log[k, 3])
+        out[:, i, written:] = math.nan
+        i = claim(claimed)
+
+
+def _rows_at_first(scheme: Scheme, periods: int, every: int, events: int | None = None) -> int:
+    """Return the rows for which logs have room at first; an event takes at most two."""
+    at_events = 8 * periods if events is None else 2 * events
+    return periods * scheme.grid.size // every + at_events + 1
 
 
 def trace(
     points: np.ndarray,
     scheme: Scheme,
     periods: int,
-    transient: int = 0,
+    first: int = 0,
     every: int = 1,
     interrupt: np.ndarray | None = None,
-    most_rows: int = sys.maxsize,
+    most_rows: int = _NO_LIMIT,
 ) -> tuple[np.ndarray, Status]:
     """Log the motion of one parameter point, an array of shape (1,); return the log and the status.
 
     The log has the shape (rows, 4): kind of row, t, x, v, with NaN after a failure. It holds every
-    `every`-th state of the grid, and both sides of every impact. A run that ends early, because of
+    `every`-th state of the grid, and both sides of every impact. Its clock begins at the section
+    number `first`. A run that ends early, because of
     `interrupt` as for ``run_points`` or because its log has more than `most_rows`, has an empty log
     and the status ``PENDING``.
     """
@@ -153,10 +192,10 @@ def trace(
     run, outcome = _trace_steps, Status.COMPUTED
     if scheme.method[0] == EXACT:
         run, outcome = _trace_exact, Status.CERTIFIED
-    rows, log = periods * (scheme.grid.size // every + 8) + 1, np.empty((0, 4))
+    rows, log = _rows_at_first(scheme, periods, every), np.empty((0, 4))
     while rows > len(log):  # terminates: the second pass needs as many rows as the first
         log = np.empty((rows, 4))
-        rows, status = run(points[0], scheme, periods, transient, every, most_rows, log, interrupt)
+        rows, status = run(points[0], scheme, periods, first, every, most_rows, log, interrupt)
     log = log[:rows]
     if status == Status.PENDING:
         return log, Status.PENDING
@@ -172,20 +211,29 @@ def trajectories(
     points: np.ndarray,
     scheme: Scheme,
     periods: int,
-    transient: int = 0,
+    first: int = 0,
     every: int = 1,
+    threads: int | None = 1,
     interrupt: np.ndarray | None = None,
+    events: int | None = None,
 ) -> dict[str, np.ndarray]:
-    """Log the motion of many parameter points; arguments as for `trace`.
+    """Log the motion of many parameter points, on all threads if `threads` is None.
 
-    Returns ``trajectory_t``, ``trajectory_x`` and ``trajectory_v``, of shape (n, samples). Shorter
-    motions end in NaN; an interrupted point has only NaN.
+    The other arguments are those of `trace`; a motion with more than `events` events, by default
+    eight for each period, makes a second pass necessary. Returns ``trajectory_t``, ``trajectory_x``
+    and ``trajectory_v``, of shape (n, samples). Shorter motions end in NaN; an interrupted point
+    has only NaN.
     """
-    logs = [
-        trace(points[i : i + 1], scheme, periods, transient, every, interrupt)[0]
-        for i in range(points.size)
-    ]
-    out = np.full((3, len(logs), max(map(len, logs), default=0)), np.nan)
-    for i, log in enumerate(logs):
-        out[:, i, : len(log)] = log[:, 1:].T
-    return dict(zip(("trajectory_t", "trajectory_x", "trajectory_v"), out, strict=True))
+    if interrupt is None:
+        interrupt = np.zeros(1, np.int64)
+    n, out = points.size, np.empty((3, points.size, 0))
+    threads = min(ALL_THREADS if threads is None else threads, n)
+    rows = np.zeros(n, np.int64)
+    longest = _rows_at_first(scheme, periods, every, events) if n else 0
+    while longest > out.shape[2]:  # terminates: the second pass needs as many rows as the first
+        out, claimed = np.empty((3, n, longest)), np.zeros(1, np.int64)
+        job = points, scheme, periods, first, every, out, rows, claimed, interrupt
+        on_threads(threads, interrupt, compiled(_trace_all, *job), *job)
+        longest = int(rows.max())
+    names = "trajectory_t", "trajectory_x", "trajectory_v"
+    return dict(zip(names, np.ascontiguousarray(out[:, :, :longest]), strict=True))

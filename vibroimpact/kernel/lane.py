@@ -1,0 +1,226 @@
+"""A lane from one point to the next: its start, its marks, its record, and its end.
+
+Every forcing period takes the same steps, and x and v at the section determine what they do: a run
+that starts from there continues the motion to the last bit. So once a section equals an earlier
+one, the motion repeats what came between them for ever. Each lane keeps one earlier section, its
+mark, which it renews when its periods have grown by a quarter. A motion that has come back to its
+mark skips whole cycles of its transient. Of its record, one cycle is computed, and whole cycles are
+copied.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibroimpact.jit import claim, inlined, jit, select, widest_vectors
+from vibroimpact.kernel import exact, time_stepping
+from vibroimpact.kernel.record import (
+    add_cycles,
+    begin_sums,
+    put_in_order,
+    record_section,
+    repeat_impacts,
+)
+from vibroimpact.kernel.workspace import (
+    AT_REST,
+    AWAKE,
+    CLEARANCE,
+    COEFFICIENTS,
+    COEFFICIENTS_SIZE,
+    DUE,
+    GREATEST,
+    GUARD,
+    KEPT,
+    LEVEL,
+    MARK_V,
+    MARK_X,
+    MARKED,
+    OMEGA,
+    PERIOD,
+    POSITION,
+    RESTITUTION,
+    ROW,
+    SLEPT,
+    TANGENTS,
+    VELOCITY,
+    WAKE,
+    put_pair,
+    whole_vectors,
+)
+from vibroimpact.status import Status
+from vibroimpact.step.contact import start
+from vibroimpact.step.propagator import coefficients_of, propagator_of
+from vibroimpact.step.scheme import PLAIN, sine_at_start
+from vibroimpact.step.stepper import prepare, take_exact_grid_step, take_grid_step, to_state
+
+_CERTIFIED, _COMPUTED = int(Status.CERTIFIED), int(Status.COMPUTED)
+
+
+@inlined
+def first_section(scheme, pt, scratch, exactly):
+    """Take a point alone to its first section; return its state there, and the worst status."""
+    (rule, integrator), lead, grid = scheme
+    x, v, resting = start(pt, sine_at_start(lead, grid))
+    state = to_state(rule, x, v, resting and rule != PLAIN, pt)
+    status = _CERTIFIED if exactly else _COMPUTED
+    if lead.size > 0:
+        if exactly:
+            eq = coefficients_of(pt)
+            prepared = eq, propagator_of(eq, lead.phase_step, scratch.coefficients)
+        else:
+            prepared = prepare((rule, integrator), lead, pt)
+        for n in range(lead.size):
+            if exactly:
+                state, _, outcome = take_exact_grid_step(
+                    (rule, integrator), prepared, state, lead, n, pt, scratch
+                )
+            else:
+                state, _, outcome = take_grid_step(
+                    (rule, integrator), prepared, state, lead, n, pt, scratch
+                )
+            status = max(status, outcome)
+    return state, status
+
+
+@inlined
+def fill_lane(workspace, job, i, exactly):
+    """Put the next point that no thread has taken into lane `i`; return whether there was one."""
+    row = claim(job.claimed)
+    if row >= job.points.size:
+        return False
+    lanes, grid = workspace.lanes, job.scheme.grid
+    workspace.rows[i], workspace.points[i] = row, job.points[row]
+    pt = workspace.points[i]
+    # With exact impacts these rows are Y and W.
+    (lanes[POSITION + i], lanes[VELOCITY + i], resting), workspace.sums[i].status = first_section(
+        job.scheme, pt, workspace.scratch, exactly
+    )
+    lanes[CLEARANCE + i], lanes[OMEGA + i], lanes[RESTITUTION + i] = pt.clearance, pt.omega, pt.R
+    lanes[LEVEL + i], lanes[WAKE + i] = AT_REST if resting else pt.clearance, AWAKE
+    if exactly:
+        exact.set_propagator(workspace, i, grid)
+    else:
+        time_stepping.set_map(workspace, i, job.scheme.method[1], grid)
+    lanes[PERIOD + i], lanes[DUE + i] = -job.transient, 1 - job.transient
+    # The start is not marked: it is no section, unless the run starts at one.
+    lanes[MARK_X + i] = math.nan
+    if job.transient == 0:
+        begin_record(workspace, i)
+    return True
+
+
+@inlined
+def move_lane(workspace, source, target, exactly):
+    """Move a lane, and leave zeros: numbers that become subnormal would slow all lanes down."""
+    lanes = workspace.lanes
+    for a in range(0, COEFFICIENTS, ROW):
+        lanes[a + target] = lanes[a + source]
+        lanes[a + source] = 0.0
+    if exactly:
+        for q in range(COEFFICIENTS_SIZE):
+            a = COEFFICIENTS + q
+            lanes[a + COEFFICIENTS_SIZE * target] = lanes[a + COEFFICIENTS_SIZE * source]
+        for n in range(KEPT):
+            for q in range(2):
+                workspace.added[n, q, target] = workspace.added[n, q, source]
+                workspace.added[n, q, source] = 0.0
+    workspace.rows[target] = workspace.rows[source]
+    workspace.points[target] = workspace.points[source]
+    workspace.sums[target] = workspace.sums[source]
+    workspace.marked[target] = workspace.marked[source]
+
+
+@jit
+def begin_record(workspace, i):
+    """Begin the record of lane `i`."""
+    lanes, pt = workspace.lanes, workspace.points[i]
+    begin_sums(workspace.sums[i])
+    lanes[SLEPT + i], lanes[GREATEST + i] = 0.0, pt.clearance
+    one = 0.0 if lanes[LEVEL + i] == AT_REST else 1.0  # a rest leaves no tangent vectors
+    put_pair(lanes, TANGENTS + i, 2 * ROW, (one, 0.0, 0.0, one * pt.p / pt.omega))
+
+
+@jit
+def find_due(lanes, size, row):
+    """Go on to the next period; the GUARD of a lane that came back or is due is not negative."""
+    widest_vectors()
+    for i in range(whole_vectors(size)):
+        lanes[WAKE + i] -= 2.0 * math.pi  # the phases of the grid begin again
+        period = lanes[PERIOD + i] + 1.0
+        lanes[PERIOD + i] = period
+        back = (lanes[POSITION + row + i] == lanes[MARK_X + i]) & (
+            lanes[VELOCITY + row + i] == lanes[MARK_V + i]
+        )
+        lanes[GUARD + i] = select(back | (period >= lanes[DUE + i]), 1.0, -1.0)
+
+
+@jit
+def end_period(batch, row, phase_step):
+    """Store the states at the section in the records; `row` is 0 or ROW, where the states lie."""
+    workspace, record, size = batch
+    lanes = workspace.lanes
+    for i in range(size):
+        if lanes[PERIOD + i] >= 0.0:
+            x, v, sums = lanes[POSITION + row + i], lanes[VELOCITY + row + i], workspace.sums[i]
+            sections, k = record.sections[workspace.rows[i]], int(lanes[PERIOD + i])
+            record_section(x, v, sections, k, sums)
+            if lanes[SLEPT + i] > 0.0:
+                sums.rested += lanes[SLEPT + i] * phase_step / lanes[OMEGA + i]
+                lanes[SLEPT + i] = 0.0
+    find_due(lanes, size, row)
+
+
+@jit
+def skip_cycles(batch, i, periods, only_transient):
+    """Skip whole cycles of lane `i`, which has come back to its mark; copy them in its record."""
+    workspace, record, _ = batch
+    lanes, row, sums = workspace.lanes, workspace.rows[i], workspace.sums[i]
+    marked = workspace.marked[i]
+    period = int(lanes[PERIOD + i])
+    cycle = period - int(lanes[MARKED + i])
+    if period <= 0:
+        lanes[PERIOD + i] += -period // cycle * cycle
+        return
+    impacts = sums.impacts - marked.impacts
+    sums.cycle, sums.cycle_impacts = cycle, impacts
+    times = (periods - period) // cycle
+    if times > 0 and not only_transient:
+        sections = record.sections[row]
+        for k in range(period, period + times * cycle):
+            sections[k, 0], sections[k, 1] = sections[k - cycle, 0], sections[k - cycle, 1]
+        repeat_impacts(record.impacts[row], sums, impacts, times)
+        add_cycles(sums, marked, times)
+        lanes[PERIOD + i] += times * cycle
+
+
+@jit
+def attend_lane(batch, i, row, transient, periods, only_transient):
+    """Do what is due in lane `i` at a section: skip cycles, begin the record, renew the mark."""
+    workspace, record, _ = batch
+    lanes = workspace.lanes
+    x, v = lanes[POSITION + row + i], lanes[VELOCITY + row + i]
+    if x == lanes[MARK_X + i] and v == lanes[MARK_V + i]:
+        skip_cycles(batch, i, periods, only_transient)
+    period = lanes[PERIOD + i]
+    end = 0.0 if period < 0.0 else float(periods)
+    if period == 0.0:
+        begin_record(workspace, i)
+        begun = record.begun[workspace.rows[i]]
+        begun[0], begun[1] = x, v
+    elif period < lanes[DUE + i]:
+        return
+    lanes[MARK_X + i], lanes[MARK_V + i], lanes[MARKED + i] = x, v, period
+    workspace.marked[i] = workspace.sums[i]
+    lanes[DUE + i] = min(period + 1.0 + math.floor(0.25 * (period + transient)), end)
+
+
+@inlined
+def close_lane(workspace, job, i, exactly, plain):
+    """End the record of lane `i`."""
+    row, sums, lanes = workspace.rows[i], workspace.sums[i], workspace.lanes
+    if exactly and job.lyapunov:
+        exact.sum_up_tangents(workspace, i)
+    if plain:
+        sums.max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
+    put_in_order(job.record.impacts[row], sums.listed)
+    job.record.sums[row] = sums

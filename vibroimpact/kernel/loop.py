@@ -1,0 +1,71 @@
+"""The loop of a thread over forcing periods, for each rule: its lanes, from point to point."""
+
+from __future__ import annotations
+
+from vibroimpact.destination.find import find_exact, find_repetition
+from vibroimpact.jit import inlined, is_set, jit
+from vibroimpact.kernel.exact import round_states, take_exact_steps
+from vibroimpact.kernel.lane import attend_lane, close_lane, end_period, fill_lane, move_lane
+from vibroimpact.kernel.time_stepping import take_strides
+from vibroimpact.kernel.workspace import PERIOD, ROW, Batch, any_is_recorded, list_lanes
+
+
+@inlined
+def find_destination(job, i, find, memory):
+    """Find where the motion of a point goes, if that is asked for."""
+    if job.found.size > 0:
+        record = job.record
+        find(
+            job.points[i], record.sections[i], record.sums[i], job.scheme.grid, memory,
+            job.found[i],
+        )  # fmt: skip
+
+
+@inlined
+def run_lanes(workspace, job, memory, find, exactly, plain):
+    """Run point after point until the threads have taken all of them.
+
+    `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so only
+    the loop of that rule is compiled.
+    """
+    lanes, met, record = workspace.lanes, workspace.met, job.record
+    (method, _, grid), size, row = job.scheme, 0, ROW if exactly else 0
+    while size < job.lanes and fill_lane(workspace, job, size, exactly):
+        size += 1
+    while size > 0 and not is_set(job.interrupt):
+        batch = Batch(workspace, record, size)
+        if exactly:
+            carrying = job.lyapunov and any_is_recorded(lanes, size)
+            take_exact_steps(batch, grid, carrying)
+            round_states(lanes, size)
+        else:
+            take_strides(batch, method, plain, grid)
+        end_period(batch, row, grid.phase_step)
+        # From the last lane on: a lane that takes the place of a complete one is done already.
+        for j in range(list_lanes(lanes, met, size) - 1, -1, -1):
+            i = met[j]
+            attend_lane(batch, i, row, job.transient, job.periods, job.lyapunov)
+            if lanes[PERIOD + i] >= job.periods:
+                close_lane(workspace, job, i, exactly, plain)
+                find_destination(job, workspace.rows[i], find, memory)
+                if not fill_lane(workspace, job, i, exactly):
+                    size -= 1
+                    move_lane(workspace, size, i, exactly)
+
+
+@jit
+def run_exact(workspace, job, memory):
+    """Run the lanes of a thread with the rule ``exact``."""
+    run_lanes(workspace, job, memory, find_exact, True, False)
+
+
+@jit
+def run_plain(workspace, job, memory):
+    """Run the lanes of a thread with the rule ``plain``."""
+    run_lanes(workspace, job, memory, find_repetition, False, True)
+
+
+@jit
+def run_shortened(workspace, job, memory):
+    """Run the lanes of a thread with the rules ``reduced-step`` and ``cubic``."""
+    run_lanes(workspace, job, memory, find_repetition, False, False)
