@@ -102,7 +102,7 @@ def curves(
     >>> found = sweeps.curves(ds)
     >>> ends = found.where((found.kind == "flip") & (found.special == "edge"), drop=True)
     >>> ends.R.values.round(6)[:2]
-    array([0.6, 0.9])
+    array([0.9, 0.6])
     """
     kinds = [kinds] if isinstance(kinds, str) else kinds
     for kind in kinds:

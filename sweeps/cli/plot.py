@@ -244,14 +244,15 @@ def draw(
     """Write a picture of an opened sweep; report its file and the choices made for it."""
     from sweeps.analysis.selection import on_grid
     from sweeps.plotting import Page, plot
-    from sweeps.plotting.api import KINDS, default_kind, silent_cuts
+    from sweeps.plotting.api import check_options, default_kind, silent_cuts
 
     cut = on_grid(dataset, cuts)
     chosen = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(dataset, cut, **chosen) if kind is None else kind
+    check_options(kind, chosen)
     lines: list[str] = []
     table: pd.DataFrame | None = None
-    if "exact" in chosen and "exact" in KINDS[kind].options:
+    if "exact" in chosen:
         chosen["exact"], lines, table = _exact(dataset, kind, cut, chosen)
     command = shlex.join(["vibroimpact", *sys.argv[1:]])
     written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **chosen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -118,6 +118,16 @@ def plot(
     check_picture(output, str(dataset.encoding.get("source", "")))
     options = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(dataset, at, **options) if kind is None else kind
+    check_options(kind, options)
+    style = user_style() | ({} if page.dpi is None else {"savefig.dpi": page.dpi})
+    with mpl.rc_context(style):
+        figure = KINDS[kind].draw(dataset, at=at, page=page, **options)
+        save(figure, output, description(dataset, command))
+    return output
+
+
+def check_options(kind: str, options: Iterable[str]) -> None:
+    """Refuse a kind that is no picture, and options that it does not take."""
     check_kind(kind)
     for option in options:
         kinds = [name for name, taker in KINDS.items() if option in taker.options]
@@ -130,11 +140,6 @@ def plot(
             raise Refused(
                 f"{option} can be chosen for a {' or '.join(kinds)} only, not a {kind}{other}"
             )
-    style = user_style() | ({} if page.dpi is None else {"savefig.dpi": page.dpi})
-    with mpl.rc_context(style):
-        figure = KINDS[kind].draw(dataset, at=at, page=page, **options)
-        save(figure, output, description(dataset, command))
-    return output
 
 
 def check_kind(kind: str) -> None:
