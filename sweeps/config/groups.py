@@ -205,7 +205,7 @@ class RecordConfig(Group):
         Annotated[int, Field(ge=0, le=MOST_PERIODS), BeforeValidator(plain_integer)] | None,
         BeforeValidator(_auto),
     ] = Field(
-        200,
+        1000,
         description="forcing periods computed before anything is kept: an integer from 0 to "
         f"{MOST_PERIODS}, or auto for as many as each point needs to reach its orbit",
     )

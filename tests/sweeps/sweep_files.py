@@ -75,7 +75,7 @@ oscillator: {h: 0.1, R: 0.8, omega: {start: 0.8, stop: 4.0, num: 4096}, f: 1.0}
 start: {x0: 0.0, v0: 0.0}
 method: {integrator: exact, impact: exact, steps_per_period: null}
 output: results/frequency.h5
-record: {transient: 200, periods: 100, phase: 0.0, impacts: 64, trajectory: false,
+record: {transient: 1000, periods: 100, phase: 0.0, impacts: 64, trajectory: false,
          diagnostics: [period]}
 """
 

@@ -59,8 +59,8 @@ def small(monkeypatch):
 def test_the_share_follows_from_rate_steps_and_peak(small):
     peak, speeds = speed.measure(count=30, periods=150)
     (exact,) = speeds.values()
-    assert exact.steps == 12
-    assert exact.share == pytest.approx(exact.periods[1] * 12 * 8 / peak)
+    assert exact.steps == 7
+    assert exact.share == pytest.approx(exact.periods[1] * 7 * 8 / peak)
     assert 0.0 < exact.share < 1.0
 
 

@@ -401,7 +401,7 @@ def test_to_yaml_is_complete_and_keeps_the_order():
     assert list(plain) == ["name", "start", "oscillator", "method", "record", "compression"]
     assert list(plain["start"]) == ["v0", "x0"]
     assert plain["record"] == {
-        "transient": 200, "periods": 100, "phase": 0.0, "impacts": 64, "trajectory": False,
+        "transient": 1000, "periods": 100, "phase": 0.0, "impacts": 64, "trajectory": False,
         "diagnostics": ["period"],
     }  # fmt: skip
 

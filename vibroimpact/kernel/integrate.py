@@ -29,7 +29,7 @@ def integrate(
     integrator: str = "exact",
     impact: str = "exact",
     steps_per_period: int | None = None,
-    transient: int = 200,
+    transient: int = 1000,
     periods: int = 100,
     phase: float = 0.0,
     at_section: bool = False,
