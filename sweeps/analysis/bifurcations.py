@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from itertools import pairwise, product, starmap
+from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,7 +36,7 @@ from sweeps.analysis.selection import (
 )
 from sweeps.config.rig import model_name
 from sweeps.store import DIRECTION
-from sweeps.text import shown_count, shown_range, table
+from sweeps.text import shortest, shown_count, shown_range, table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,6 +85,7 @@ def bifurcations(
         - ``between``: the number of points of unknown class between them;
         - ``orbit``: the class of the orbit that bifurcates at ``value``.
 
+        Where ``value`` is NaN, ``vibroimpact zoom`` with ``low`` and ``high`` narrows the interval.
         If points of unknown class lie between two classes, and no bifurcation leads from one to the
         other, there are two rows, in which the unknown class is ``?``.
 
@@ -190,6 +193,17 @@ def describe_unclassified(dataset: xr.Dataset, found: pd.DataFrame) -> str:
     number = shown_count(found.attrs["unclassified"], "point")
     text = f"no class is known at {number}, not settled or without a result"
     return text if "lyapunov" in dataset else f"{text}; only Lyapunov exponents show chaos"
+
+
+def narrowing(file: Path, axis: str, found: pd.DataFrame) -> str:
+    """Write the command that narrows the first change listed without an exact value, if any."""
+    inexact = found[found["value"].isna()]
+    if inexact.empty or is_summary(found):
+        return ""
+    low, high = (shortest(float(inexact[name].iat[0])) for name in ("low", "high"))
+    which = f"the {'' if len(inexact) == 1 else 'first '}change without an exact value"
+    command = f"vibroimpact zoom {quote(str(file))} {axis}={low}:{high}"
+    return f"to narrow {which}: {command}"
 
 
 def _meanings(found: pd.DataFrame) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS
-from sweeps.config.loading import parse_config
+from sweeps.config.loading import stored_config
 from sweeps.config.rig import si_name
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
@@ -59,14 +59,14 @@ def config_of(dataset: xr.Dataset) -> SweepConfig:
         return configuration
     table = columns_of(dataset)
     if table:
-        return parse_config(configuration, "its configuration", "sweep", points=table)
+        return stored_config(configuration, "its configuration", "sweep", table)
     return _parsed(configuration)
 
 
 @lru_cache(maxsize=8)
 def _parsed(configuration: str) -> SweepConfig:
     """Parse the configuration of a file; the cache avoids doing so for each part of a picture."""
-    return parse_config(configuration, "its configuration", "sweep")
+    return stored_config(configuration, "its configuration", "sweep")
 
 
 def described(config: SweepConfig, meaning: str, unit: str) -> dict[str, str]:

@@ -48,8 +48,9 @@ def explore(
     logging.getLogger("bokeh").setLevel(logging.ERROR)  # do not report refused requests
     explorer = open_page(config, port)
     try:
-        for line in _left_out(config):
-            say(line, error=True)
+        if config.follow is not None:
+            reason = "each point is computed from its own start, with the method exact by default"
+            say(f"follow is left out here: {reason}", error=True)
         say(f"{explorer.address}\nCtrl-C ends it.")
         with TemporaryDirectory(prefix="vibroimpact-") as private:
             if not no_browser and not _open(_redirection(explorer.address, Path(private))):
@@ -72,16 +73,6 @@ def _configuration(source: Path | None) -> SweepConfig:
     if is_sweep(source):
         open_sweep(source).close()
     return read_config(source)
-
-
-def _left_out(config: SweepConfig) -> list[str]:
-    """Name the keys of a configuration that the live picture ignores."""
-    keys = {
-        "follow": config.follow is not None,
-        "refine": config.refine is not None,
-    }
-    reason = "each point is computed from its own start, with the method exact by default"
-    return [f"{key} is left out here: {reason}" for key, present in keys.items() if present]
 
 
 def _redirection(address: str, private: Path) -> str:

@@ -126,7 +126,7 @@ def info(
     cuts = selection_of(at)
     with opened(file) as dataset, named(file):
         if bifurcations:
-            _show_bifurcations(dataset, axis, cuts, csv, branch_options(classes, most))
+            _show_bifurcations(dataset, file, axis, cuts, csv, branch_options(classes, most))
         elif config:
             _show_configuration(dataset)
         else:
@@ -153,6 +153,7 @@ def _show_configuration(dataset: xr.Dataset) -> None:
 
 def _show_bifurcations(
     dataset: xr.Dataset,
+    file: Path,
     axis: str | None,
     cuts: Selection,
     csv: Path | None,
@@ -172,8 +173,12 @@ def _show_bifurcations(
         shown = value if isinstance(value, str) else f"{value:.6g}"
         text += f"; one by one: --at {name}={shown}, or --csv FILE"
     say(text)
-    if text := bifurcations.describe_unclassified(dataset, items):
-        say(text)
+    for text in (
+        bifurcations.narrowing(file, along, items),
+        bifurcations.describe_unclassified(dataset, items),
+    ):
+        if text:
+            say(text)
     with preparing_shown():
         text = bifurcations.describe_branches(dataset, along, here, **chosen)
     if text:

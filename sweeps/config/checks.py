@@ -39,10 +39,8 @@ def completed(config: SweepConfig) -> SweepConfig:
     _refuse_large_grid(config, axes)
     steps = _chosen_steps(config, points)
     _refuse_record(config, steps)
-    _refuse_neighbours(config)
     _refuse_follow(config, axes)
     units = _chosen_units(config)
-    _refuse_refinement(config, axes)
     method = config.method.model_copy(update={"steps_per_period": steps})
     return config.model_copy(update={"method": method, "units": units})
 
@@ -171,20 +169,17 @@ def _refuse_record(config: SweepConfig, steps: int) -> None:
         )
 
 
-def _refuse_neighbours(config: SweepConfig) -> None:
-    """Refuse to follow or refine a table, which has no axis, or transients that are found."""
-    for title, group in (("follow", config.follow), ("refine", config.refine)):
-        if group is not None and config.points is not None:
-            problem = "needs an axis, but points has none; expected: a range instead of points"
-            raise MisplacedError((title,), problem)
-        if group is not None and config.record.transient is None:
-            problem = f"auto cannot be used with {title}; expected: an integer"
-            raise MisplacedError(("record", "transient"), problem)
-
-
 def _refuse_follow(config: SweepConfig, axes: dict[str, Axis]) -> None:
-    """Refuse to follow an axis that is not swept."""
-    if config.follow is None or axes[config.follow.axis].size > 1:
+    """Refuse to follow a table, an axis that is not swept, or transients that are found."""
+    if config.follow is None:
+        return
+    if config.points is not None:
+        problem = "needs an axis, but points has none; expected: a range instead of points"
+        raise MisplacedError(("follow",), problem)
+    if config.record.transient is None:
+        problem = "auto cannot be used with follow; expected: an integer"
+        raise MisplacedError(("record", "transient"), problem)
+    if axes[config.follow.axis].size > 1:
         return
     swept = [
         si_name(name, config.rig)
@@ -213,45 +208,3 @@ def _chosen_units(config: SweepConfig) -> UnitsConfig:
             problem = f"{unit} is not the unit of a rig; expected: {getattr(si, name)}"
             raise MisplacedError(("units", name), problem)
     return si
-
-
-def _refuse_refinement(config: SweepConfig, axes: dict[str, Axis]) -> None:
-    """Refuse refinement if it is not possible."""
-    if config.refine is None:
-        return
-    axis, name = config.refine.axis, si_name(config.refine.axis, config.rig)
-    swept = [parameter for parameter in axes if axes[parameter].swept]
-    if swept != [axis]:
-        listed = ", ".join(si_name(parameter, config.rig) for parameter in swept) or "none"
-        raise MisplacedError(
-            ("refine", "axis"),
-            f"{name} must be the only swept axis, but these are swept: {listed}; expected: one "
-            "axis, and its name here",
-        )
-    if axes[axis].size < 2 or not (np.diff(axes[axis].values()) > 0.0).all():
-        raise MisplacedError(
-            ("refine", "axis"),
-            f"{name} cannot be refined; expected: two or more values of it, in increasing order",
-        )
-    if config.method.impact != "exact":
-        raise MisplacedError(
-            ("refine",),
-            f"refine needs the impact rule exact, not {config.method.impact}; "
-            "expected: method.impact: exact, or no refine",
-        )
-    if "period" not in config.record.diagnostics:
-        raise MisplacedError(
-            ("refine",),
-            "the class of the motion is not recorded; expected: record.diagnostics: [period] or "
-            "[period, lyapunov], or no refine",
-        )
-    if config.record.trajectory:
-        raise MisplacedError(
-            ("record", "trajectory"),
-            "cannot be recorded with refine; expected: false, or no refine",
-        )
-    if config.follow is not None and config.follow.direction == "both":
-        raise MisplacedError(
-            ("follow", "direction"),
-            "both directions cannot be refined at once; expected: up or down, or no refine",
-        )

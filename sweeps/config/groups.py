@@ -312,19 +312,6 @@ class UnitsConfig(Group):
     mass: str = _unit("mass")
 
 
-class RefineConfig(Group):
-    """Where points are added to the grid."""
-
-    axis: Annotated[str, one_of(PARAMETERS)] = Field(
-        description=f"the only swept axis, in increasing order: one of {', '.join(PARAMETERS)}, "
-        "or what the rig calls it"
-    )
-    around: Literal["changes"] = Field(
-        "changes", description="where the class of the motion changes between neighbours: changes"
-    )
-    levels: Integer = integer("how often the interval of a change is halved", 1, 52)
-
-
 def key_list(group: type[Group]) -> str:
     """List the keys of a group, for a message."""
     return f"a mapping with keys among {', '.join(group.model_fields)}"

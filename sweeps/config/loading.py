@@ -83,21 +83,41 @@ def load_config(
     return parse_config(_text(path), str(path), path.stem, overrides)
 
 
-def parse_config(
-    text: str, origin: str, name: str, overrides: Sequence[str] = (), **table: Any
-) -> SweepConfig:
+def parse_config(text: str, origin: str, name: str, overrides: Sequence[str] = ()) -> SweepConfig:
     """Read the configuration of a sweep from YAML text, as `load_config` does from a file.
 
     `origin` tells errors where the text comes from. `name` is the name of the sweep if the text
-    gives none. `table` holds ``points`` if the text comes from a sweep file, which stores the table
-    apart from the text.
+    gives none.
     """
+    data, sources = _keys(text, origin)
+    return _checked({"name": name, **data}, origin, sources, overrides)
+
+
+def stored_config(
+    text: str,
+    origin: str,
+    name: str,
+    points: Mapping[str, np.ndarray] | None = None,
+    overrides: Sequence[str] = (),
+) -> SweepConfig:
+    """Read the configuration in a sweep file, which stores its table of `points` apart from it.
+
+    Files of earlier versions may name ``refine``, by which points were added to their grid. It is
+    left out.
+    """
+    data, sources = _keys(text, origin)
+    data.pop("refine", None)
+    return _checked({"name": name, "points": points, **data}, origin, sources, overrides)
+
+
+def _keys(text: str, origin: str) -> tuple[dict[str, Any], dict[Key, str]]:
+    """Parse the YAML text of a configuration, and return the origin of every key, too."""
     sources: dict[Key, str] = {}
     data = _parse(text, origin, (), sources)
     if not isinstance(data, dict):
         content = shown(data) if data else "empty"
         raise ConfigError(f"{origin}: the file is {content}; expected: {key_list(SweepConfig)}")
-    return _checked({"name": name, **table, **data}, origin, sources, overrides)
+    return data, sources
 
 
 def _checked(

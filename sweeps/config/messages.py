@@ -136,7 +136,6 @@ _OTHER_NAMES = {
     "method": "numerics integration",
     "record": "save store recording keep",
     "follow": "continuation continue",
-    "refine": "refinement adaptive",
     "output": "out file filename path hdf5",
     "rig": "experiment apparatus si",
     "mass": "m",
@@ -162,7 +161,6 @@ _OTHER_NAMES = {
     "trajectory": "time_series samples",
     "diagnostics": "quantities compute",
     "axis": "parameter along",
-    "levels": "depth",
     "num": "n count number points steps step size increment by delta",
     "spacing": "scale",
 }

@@ -180,13 +180,12 @@ def si_values(values: Mapping[str, Any], rig: RigConfig | None) -> dict[str, Any
 
 
 def with_rig(data: dict[str, Any]) -> dict[str, Any]:
-    """Prepare the data of a configuration with a rig: its oscillator, and the followed axes."""
+    """Prepare the data of a configuration with a rig: its oscillator, and the followed axis."""
     if "oscillator" in data:
         problem = "conflicts with oscillator; expected: one of them"
         raise MisplacedError(("rig",), problem)
     data = {**data, "oscillator": dict.fromkeys(OscillatorConfig.model_fields, Elsewhere.RIG)}
-    for group in ("follow", "refine"):
-        given = data.get(group)
-        if isinstance(given, dict) and isinstance(given.get("axis"), str):
-            data[group] = {**given, "axis": model_name(given["axis"])}
+    follow = data.get("follow")
+    if isinstance(follow, dict) and isinstance(follow.get("axis"), str):
+        data["follow"] = {**follow, "axis": model_name(follow["axis"])}
     return data

@@ -21,7 +21,6 @@ from sweeps.config.groups import (
     OscillatorConfig,
     ParameterConfig,
     RecordConfig,
-    RefineConfig,
     StartConfig,
     UnitsConfig,
     choice,
@@ -29,7 +28,7 @@ from sweeps.config.groups import (
 )
 from sweeps.config.points import with_columns
 from sweeps.config.rig import RigConfig, si_name, with_rig
-from sweeps.config.values import Axis, Group, Table, null, one_of
+from sweeps.config.values import Axis, Group, MisplacedError, Table, null, one_of
 from sweeps.grid import TABLE, Grid, Sweep
 from sweeps.text import printable
 from vibroimpact.points.run_spec import RunSpec
@@ -95,11 +94,6 @@ class SweepConfig(Group):
         description="start each point along an axis from its neighbour's final state: "
         f"{key_list(FollowConfig)}, or null",
     )
-    refine: Annotated[RefineConfig | None, BeforeValidator(null)] = Field(
-        None,
-        description="add points where the class of the motion changes: "
-        f"{key_list(RefineConfig)}, or null",
-    )
     units: UnitsConfig = _group(
         "names of the units, for axes and attributes; no number is converted; with a rig always "
         "m, s and kg",
@@ -118,6 +112,13 @@ class SweepConfig(Group):
         """Name the output after the sweep, and mark what comes from a rig or a table."""
         if not isinstance(data, dict):
             return data
+        if "refine" in data:
+            raise MisplacedError(
+                ("refine",),
+                "is not a key any more; `vibroimpact info OUT.h5 --bifurcations` lists the changes "
+                "of class, with exact values of flips, folds and grazes, and `vibroimpact zoom "
+                "OUT.h5` computes the interval of another change; expected: no refine",
+            )
         if "name" in data and "output" not in data:
             data = {**data, "output": f"{data['name']}.h5"}
         data = data if null(data.get("rig")) is None else with_rig(data)
@@ -179,11 +180,10 @@ class SweepConfig(Group):
             plain["record"]["transient"] = "auto"
         if plain["record"]["longest"] is None:
             del plain["record"]["longest"]
-        for name in ("follow", "refine"):
-            if plain[name] is None:
-                del plain[name]
-            else:
-                plain[name]["axis"] = si_name(plain[name]["axis"], self.rig)
+        if self.follow is None:
+            del plain["follow"]
+        else:
+            plain["follow"]["axis"] = si_name(self.follow.axis, self.rig)
         if self.rig is None:
             del plain["units"]["mass"]
         if self.units == UnitsConfig():

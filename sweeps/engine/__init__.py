@@ -1,4 +1,4 @@
-"""The run of a sweep: estimate, compute and refine it, on this machine or on a cluster.
+"""The run of a sweep: estimate and compute it, on this machine or on a cluster.
 
 Only this room imports Dask.
 """

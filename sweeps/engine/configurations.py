@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yaml
 
-from sweeps.config.loading import load_config, parse_config
+from sweeps.config.loading import load_config, stored_config
 from sweeps.config.rig import si_name
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
@@ -31,7 +31,7 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
             return load_config(path, overrides)
     with open_sweep(path, verify=False) as dataset:
         text, table = dataset.attrs["configuration"], columns_of(dataset) or None
-    config = parse_config(text, f"{path}, its configuration", path.stem, overrides, points=table)
+    config = stored_config(text, f"{path}, its configuration", path.stem, table, overrides)
     if any(override.partition("=")[0].strip() == "output" for override in overrides):
         return config
     return config.model_copy(update={"output": path})

@@ -68,9 +68,6 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
     rows.append(("steps", f"{most}{periods * spec.steps_per_period:,}"))
     if spec.scaled:
         rows.append(("f", "one value is computed, the others are scaled"))
-    if config.refine is not None:
-        halved = f"where the class of the motion changes, halved {config.refine.levels} times"
-        rows.append(("further points", halved))
     compressed = "" if config.compression == "none" else f" before {config.compression}"
     rows += [
         ("expected time", f"about {shown_duration(cost.seconds)}"),

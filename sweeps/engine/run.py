@@ -17,21 +17,15 @@ from sweeps.arguments import FLAG, PATH, Allowed, integer, require_all
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.cluster import computer_for, is_client
-from sweeps.engine.compute import Results, numerics
 from sweeps.engine.estimate import expected_cost
-from sweeps.engine.executors import Computer, in_thread
+from sweeps.engine.executors import Computer
 from sweeps.engine.reports import plan
 from sweeps.errors import Refused
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
-from sweeps.store import (
-    Schema,
-    SweepWriter,
-    only_writer,
-    sweep_writer,
-)
+from sweeps.store import Schema, only_writer, sweep_writer
 from sweeps.text import printable
-from vibroimpact.jit import ALL_THREADS, watched
+from vibroimpact.jit import ALL_THREADS, NUMERICS, watched
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -145,37 +139,8 @@ def run_sweep(
                     for block, results in computed:
                         check()
                         writer.write(block, results)
-            points = None
-            if config.refine is not None:
-                points = _refined(config, writer, threads, console)
-            writer.finish(points, compressed=config.compression != "none")
+            writer.finish(compressed=config.compression != "none")
     return path
-
-
-def _refined(
-    config: SweepConfig, writer: SweepWriter, threads: int | None, console: Console
-) -> Mapping[float, Results]:
-    """Refine a sweep, and return the results of its new and reclassified points."""
-    from sweeps.engine.refine import Refinement  # imports xarray, which is slow
-
-    refine = config.refine
-    assert refine is not None
-    with console.status("refining") as status, writer.dataset() as line:
-
-        def refined() -> Refinement:
-            refinement = Refinement(config, line, threads)
-            for level in refinement:
-                changes = f"{len(refinement.intervals):,} changes of class"
-                status.update(f"refining: level {level} of {refine.levels}, {changes}")
-            return refinement
-
-        refinement = in_thread(refined)
-    added = len(set(refinement.points).difference(config.sweep.grid.axes[refine.axis].tolist()))
-    text = f"refined: {added:,} points added beside the changes of class"
-    if refinement.left_out:
-        text += f"; {refinement.left_out:,} changes were too many to follow further"
-    console.print(text)
-    return refinement.points
 
 
 def _schema(config: SweepConfig, size: int) -> Schema:
@@ -186,7 +151,7 @@ def _schema(config: SweepConfig, size: int) -> Schema:
         "configuration": config.to_yaml(table=False),
         **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
         "computation": yaml.safe_dump({**asdict(spec), **grid.fixed}, sort_keys=False),
-        "numerics": numerics(config),
+        "numerics": NUMERICS,
         **({"scaled_along": "f"} if spec.scaled else {}),
     }
     unsplit = spec.followed

@@ -24,8 +24,8 @@ def explore(
     Parameters
     ----------
     config : SweepConfig, mapping, str or Path
-        From `sweeps.load_config`, or an argument for it. ``follow`` and ``refine`` are ignored:
-        each point is computed from its own start.
+        From `sweeps.load_config`, or an argument for it. ``follow`` is ignored: each
+        point is computed from its own start.
     port : int, optional
         By default any free port.
     folder : str or Path, optional

@@ -9,7 +9,6 @@ from .paths import parts_path as parts_path
 from .reading import open_sweep as open_sweep
 from .reading import per_point as per_point
 from .reading import status_counts as status_counts
-from .schema import ADDED as ADDED
 from .schema import Schema as Schema
 from .variables import DIRECTION as DIRECTION
 from .variables import VARIABLES as VARIABLES

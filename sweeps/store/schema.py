@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from sweeps.errors import StoreError
-from sweeps.grid import TABLE, Block, Grid, as_table, block_points, box_shape
+from sweeps.grid import TABLE, Block, Grid, as_table, box_shape
 from sweeps.store.paths import FORMAT, FORMAT_VERSION
 from sweeps.store.variables import (
     COLUMNS,
@@ -33,9 +33,6 @@ from sweeps.text import in_units
 from vibroimpact import __version__
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.run_spec import RunSpec
-
-#: Attribute of a refined sweep: the number of points added to its grid.
-ADDED = "points_added"
 
 #: Attribute that names the fixed parameters and the columns: coordinates for xarray (CF 5).
 _COORDINATES = "coordinates"
@@ -136,18 +133,6 @@ class Schema:
         """Return a unit with the names that this sweep gives to length and time."""
         called = {key: str(self.attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
         return in_units(unit, called)
-
-    def with_points(self, values: np.ndarray) -> Self:
-        """Return a copy with further values of its only axis, counted in an attribute."""
-        (axis,) = self.axes
-        all_values = np.union1d(self.axes[axis], values)
-        size = max(block_points(block) for block in self.blocks)
-        return replace(
-            self,
-            axes={axis: all_values},
-            blocks=tuple(Grid({axis: all_values}, {}).blocks(size)),
-            attributes={**self.attributes, ADDED: len(all_values) - len(self.axes[axis])},
-        )
 
     def with_samples(self, width: int) -> Self:
         """Return a copy with another width of the trajectories, if there are any."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -26,11 +25,8 @@ from sweeps.store.paths import (
     refuse_incomplete_copy,
 )
 from sweeps.store.replacing import remove_leftovers, replacing
-from sweeps.store.schema import ADDED, Schema
+from sweeps.store.schema import Schema
 from sweeps.store.variables import VARIABLES
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @contextmanager
@@ -104,48 +100,19 @@ class SweepWriter:
         with _failure(self._path, "written"):
             self._parts.write(number, arrays, samples, self._seconds())
 
-    def dataset(self) -> xr.Dataset:
-        """Return the sweep as written so far, as `open_sweep` does."""
-        from sweeps.store.partial import open_parts
-
-        return open_parts(self._parts)
-
-    def finish(
-        self,
-        points: Mapping[float, Mapping[str, np.ndarray]] | None = None,
-        *,
-        compressed: bool = False,
-    ) -> None:
-        """Write the complete file and remove the blocks, all of which must be written.
-
-        `points` maps further values of the only axis to the results of that point. For a value of
-        the grid, they replace the results in the blocks.
-        """
+    def finish(self, *, compressed: bool = False) -> None:
+        """Write the complete file and remove the blocks, all of which must be written."""
         schema = self._schema.with_samples(self._parts.samples)
-        if points is not None:
-            schema = schema.with_points(np.array(list(points)))
         self._parts.refuse_loss()
         with _failure(self._path, "completed"), replacing(self._path) as new:
-            blocks = self._blocks(points or {})
-            write_file(new, schema, blocks, self._seconds, compressed=compressed)
+            write_file(new, schema, self._blocks(), self._seconds, compressed=compressed)
             self._refuse_other_file()
         remove(self._parts.folder)
 
-    def _blocks(
-        self, points: Mapping[float, Mapping[str, np.ndarray]]
-    ) -> Iterator[tuple[Block, Mapping[str, np.ndarray]]]:
-        """Yield the boxes of points in the complete file, with their results."""
-        at = 0
+    def _blocks(self) -> Iterator[tuple[Block, Mapping[str, np.ndarray]]]:
+        """Yield the blocks with their results."""
         for number, block in enumerate(self._schema.blocks):
-            results = self._parts.read(number, self._schema.variables)
-            if points:
-                ((cut,), (axis,)) = block, self._schema.axes.values()
-                for name, part in results.items():
-                    further = {value: point[name] for value, point in points.items()}
-                    results[name] = _with_further(axis, cut, part, further)
-                size = len(results["status"])
-                block, at = (slice(at, at + size),), at + size
-            yield block, results
+            yield block, self._parts.read(number, self._schema.variables)
 
     def _refuse_other_file(self) -> None:
         """Refuse to replace a file that another program has written in the meantime."""
@@ -174,21 +141,6 @@ class SweepWriter:
             array = np.ascontiguousarray(results[name], VARIABLES[name].dtype)
             arrays[name] = array.reshape((*box_shape(block), *record))
         return arrays
-
-
-def _with_further(
-    axis: np.ndarray, cut: slice, part: np.ndarray, further: Mapping[float, np.ndarray]
-) -> np.ndarray:
-    """Insert further results, by their values of an increasing axis, into those of a piece of it.
-
-    A piece takes the values from its first one up to the next piece, and replaces its own results
-    at equal values. The first and the last piece also take what is beyond the ends of the axis.
-    """
-    low = axis[cut.start] if cut.start else -math.inf
-    high = axis[cut.stop] if cut.stop < len(axis) else math.inf
-    results = dict(zip(axis[cut].tolist(), part, strict=True))
-    results |= {value: result for value, result in further.items() if low <= value < high}
-    return np.stack([results[value] for value in sorted(results)]).astype(part.dtype, copy=False)
 
 
 def _corners(block: Block) -> tuple[tuple[int, int], ...]:
@@ -242,13 +194,10 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
 
 
 def _has_grid(old: Schema, new: Schema) -> bool:
-    """Return whether two grids are equal; a refined old grid may have further values."""
+    """Return whether two grids are equal."""
     if list(old.axes) != list(new.axes):
         return False
-    pairs = [(old.axes[axis], new.axes[axis]) for axis in new.axes]
-    if ADDED in old.attributes:  # refined
-        return all(np.isin(values, stored).all() for stored, values in pairs)
-    return all(_same(stored, values) for stored, values in pairs)
+    return all(_same(old.axes[axis], new.axes[axis]) for axis in new.axes)
 
 
 def _same(old: np.ndarray, new: np.ndarray) -> bool:

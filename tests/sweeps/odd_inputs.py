@@ -22,16 +22,15 @@ record: {transient: 5, periods: 5, phase: 1.0, impacts: 6, trajectory: {every: 4
 compression: gzip
 output: x.h5
 """
-REFINED = """\
+FOLLOWED = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 2.5, stop: 2.7, num: 5}, f: 1.0}
 record: {transient: 20, periods: 10, impacts: 8, diagnostics: [period, lyapunov]}
 follow: {axis: omega, direction: down}
-refine: {axis: omega, levels: 2}
 output: x.h5
 """
 SCENES = [path.read_text() for path in sorted(CONFIGS.glob("*.yaml"))]
 # Without the scene of a table, whose file would be missing.
-BASES = [FULL, REFINED, *(text for text in SCENES if "points:" not in text)]
+BASES = [FULL, FOLLOWED, *(text for text in SCENES if "points:" not in text)]
 
 ODD = r"""
 1e308 -1e308 -0.0 0 5e-324 1e-300 1e999 nan .inf -.inf 1e9 1e18 99999999999999999999 true null ~ ''

@@ -1,4 +1,4 @@
-"""Configurations and files of sweeps for tests: followed, refined, over starts."""
+"""Configurations and files of sweeps for tests: followed, over starts."""
 
 from pathlib import Path
 

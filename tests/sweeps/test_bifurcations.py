@@ -4,6 +4,7 @@ All its digits are compared with those of Newton's method on the section map.
 """
 
 import csv
+import shlex
 from dataclasses import fields
 
 import mpmath as mp
@@ -17,6 +18,7 @@ from oscillators import SectionMap
 from sweep_files import run_in
 from sweeps import branches, open_sweep
 from sweeps.analysis.bifurcations import find_bifurcations
+from sweeps.config.sweep import SweepConfig
 from vibroimpact import Oscillator, PeriodicOrbit, one_impact_orbits
 
 RECORD = "record: {transient: 400, periods: 64, impacts: 8, diagnostics: [period, lyapunov]}\n"
@@ -139,6 +141,38 @@ def test_along_a_start_the_basin_changes(sweep):
 
 
 @pytest.mark.slow
+def test_the_command_that_is_named_narrows_a_change_without_a_value(tmp_path, monkeypatch):
+    """A motion that rests leaves the stop: no branch of orbits ends there."""
+    monkeypatch.chdir(tmp_path)
+    path = run_in(
+        tmp_path,
+        "oscillator: {h: 0, R: 0, omega: 1, f: [3.2, 3.3, 3.4], p: 1e-4, clearance: -1e8}\n"
+        "start: {x0: -1e8}\nrecord: {transient: 20, periods: 10}\n",
+    ).rename("a ball.h5")
+    (line,) = (line for line in accepted("info", path, "--bifurcations").splitlines()
+               if line.startswith("to narrow"))  # fmt: skip
+    said, _, command = line.partition(": vibroimpact ")
+    assert said == "to narrow the change without an exact value"
+    accepted(*shlex.split(command), "-o", "narrow.h5")
+    (change,) = bifurcations("narrow.h5")
+    assert change.low <= np.hypot(np.pi, 1.0) <= change.high <= change.low + 0.051
+
+
+def test_a_file_with_added_points_still_opens(tmp_path, monkeypatch):
+    """As earlier versions wrote with the key refine: the values are more than the grid has."""
+    text = "oscillator: {h: 0, R: 0.8, omega: [2.64, 2.653, 2.654, 2.66], f: 1}\n"
+    monkeypatch.setattr(SweepConfig, "to_yaml", lambda _, **options: (
+        "oscillator: {h: 0, R: 0.8, omega: [2.64, 2.66], f: 1}\n"
+        "refine: {axis: omega, around: changes, levels: 4}\n"))  # fmt: skip
+    path = run_in(tmp_path, text)
+    monkeypatch.undo()
+    (flip,) = bifurcations(path)
+    assert (flip.kind, flip.low, flip.high) == ("flip", 2.653, 2.654)
+    assert "refine" in accepted("info", path) and "refine" not in accepted("info", path, "--config")
+    assert "4 rows" in accepted("export", path, "-o", tmp_path / "out.csv")
+    assert "refine.levels was 4 and is not given" in refused("run", path, "--resume", "--quiet")
+
+
 def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
     chaotic = "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 3.23, 3.235, 3.24]"
     path = sweep(chaotic, changes=["record.diagnostics=[period]"])

@@ -68,7 +68,6 @@ def on_write(monkeypatch, number, action):
         ["follow={axis: omega, direction: both}", "oscillator.R=[0.5, 0.8]"],
         [
             "follow={axis: omega, direction: down}",
-            "refine={axis: omega, levels: 5}",
             "oscillator.omega={start: 2.6, stop: 2.7, num: 11}",
             "record.diagnostics=[period, lyapunov]",
         ],

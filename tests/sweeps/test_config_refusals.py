@@ -87,6 +87,12 @@ def test_refused_settings(line, key, given, allowed):
     assert f"{key} = {given}" in message and allowed in message
 
 
+def test_a_key_that_is_gone_names_what_takes_its_place():
+    message = refusal(oscillator() + "refine: {axis: omega, levels: 17}\n")
+    assert message.startswith("sweep.yaml, line 2: refine: is not a key any more")
+    assert "info OUT.h5 --bifurcations" in message and "vibroimpact zoom" in message
+
+
 @pytest.mark.parametrize("method", ["{accuracy: 1e-4}", "{accuracy: null, impact: plain}"])
 def test_an_accuracy_in_place_of_a_method(method):
     message = refusal(oscillator() + f"method: {method}\n")

@@ -144,8 +144,6 @@ def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
         (rig() + "units: {length: mm}\n", 2, ["units.length: mm is not the unit of a rig", ": m"]),
         (rig() + "follow: {axis: force}\n", 2, ["follow.axis: force has only one value",
                                                 "swept axis out of frequency"]),
-        (rig() + "refine: {axis: gap, levels: 3}\n", 2, ["refine.axis: gap must be the only",
-                                                         "swept: frequency"]),
         (rig() + "points: {omega: [1, 2]}\n", 1, ["rig.frequency: conflicts with points",
                                                   "a column omega of points"]),
         (rig(damping=None, frequency=3) + "points: {h: [1, 2], gap: [1, 2]}\n", 2,
@@ -417,16 +415,6 @@ def test_a_run_of_a_rig_is_planned_in_hertz_and_resumed(monkeypatch):
     accepted("run", "joint.yaml", "--resume")
     with open_sweep(whole) as ds, open_sweep("joint.h5") as part:
         assert ds["poincare_x"].values.tobytes() == part["poincare_x"].values.tobytes()
-
-
-@pytest.mark.slow
-def test_a_rig_is_followed_and_refined_along_its_frequency():
-    config = load(JOINT + "follow: {axis: frequency, direction: down}\n"
-                  "refine: {axis: frequency, levels: 12}\n", "record.periods=60")  # fmt: skip
-    with open_sweep(run_sweep(config, "refined.h5")) as ds:
-        assert config.follow.axis == config.refine.axis == "omega"
-        steps = np.diff(ds["omega"].values) / (2.0 * math.pi)
-        assert steps.min() == pytest.approx(0.5 / 2**12, rel=1e-6) and steps.max() < 0.501
 
 
 @pytest.mark.slow

@@ -48,9 +48,8 @@ def run_and_checked(text):
     with open_sweep(config.output) as dataset:
         dataset.load()
     assert dataset.attrs["name"] == config.name
-    if config.refine is None:
-        for name, values in config.sweep.grid.axes.items():
-            np.testing.assert_array_equal(dataset[name], values)
+    for name, values in config.sweep.grid.axes.items():
+        np.testing.assert_array_equal(dataset[name], values)
     status = dataset["status"].values
     assert not np.isin(status, [Status.PENDING]).any()
     certified = status == Status.CERTIFIED

@@ -8,10 +8,11 @@ import naive
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 from scipy.stats import binomtest
 
 import sweeps
-from sweeps import attractors, integrity, load_config, open_sweep, run_sweep
+from sweeps import attractors, bifurcations, integrity, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import Regime, classify
 from sweeps.plotting import KINDS, Page, plot
@@ -304,10 +305,23 @@ def test_bouncing_ball(scene):
 
 
 @pytest.mark.slow
+def test_feigenbaum(scene):
+    """The first flip in closed form; the next two as the multipliers of the orbits give them."""
+    found = bifurcations(scene("feigenbaum"))
+    flips = found[found["kind"] == "flip"]
+    loss = ((1.0 - 0.8) / (1.0 + 0.8)) ** 2
+    first = brentq(lambda w: np.cos(np.pi / w) ** 2 * (w * w - loss) - 1.0, 2.6, 2.7, xtol=1e-15)
+    assert_allclose(flips["value"], [first, 2.71598725144, 2.72911791816], rtol=1e-11)
+    assert flips["orbit"].tolist() == ["1/1", "2/2", "4/4"]
+    before, after = np.diff(flips["value"])
+    assert before / after == pytest.approx(4.77, abs=5e-3)
+
+
+@pytest.mark.slow
 def test_inelastic_ball(scene):
     """Each value of the comment lies between two points here; plateaus have known speeds."""
     f = values(0.95, 2.0, 3.29, 3.31, 3.8, 3.87, 4.55, 4.65, 6.35, 6.38)
-    dataset = scene("inelastic-ball", f"oscillator.f={f}", "refine=null")
+    dataset = scene("inelastic-ball", f"oscillator.f={f}")
     m, q = dataset["period"].values, dataset["period_impacts"].values
     assert m.tolist() == [1, 1, 1, 1, 2, 2, 2, 2, 2, 2]
     assert q.tolist() == [0, 1, 1, 1, 2, 2, 2, 1, 1, 1]

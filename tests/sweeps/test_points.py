@@ -241,7 +241,6 @@ def test_only_a_regular_file_is_a_table(name):
     ("override", "part"),
     [
         ("follow.axis=omega", "follow: needs an axis, but points has none"),
-        ("refine={axis: omega, levels: 3}", "refine: needs an axis, but points has none"),
         ("oscillator.h=[0.1, 0.2]", "oscillator.h: conflicts with points"),
         ("oscillator.R=0.5", "oscillator.R: conflicts with points"),
     ],

@@ -17,8 +17,8 @@ from scipy.optimize import brentq
 
 import sweeps
 from oscillators import TAU, Dux, bifurcation
-from sweeps import load_config, open_sweep, run_sweep
-from sweeps.analysis.bifurcations import find_bifurcations
+from sweeps import bifurcations, load_config, open_sweep, run_sweep
+from sweeps.engine.configurations import zoomed
 from vibroimpact import Oscillator, bifurcation_curve, branch, integrate, one_impact_orbit, simulate
 from vibroimpact.orbits.one_impact import one_impact_orbits
 from vibroimpact.oscillator import POINT
@@ -119,23 +119,25 @@ def ball(R, gamma=2.0, p=1e-6):
 
 
 @cache
-def inelastic_brackets():
-    """Return the middles of the brackets in the scene `inelastic-ball`, on a coarser grid."""
+def inelastic_change(low, high):
+    """Return the change of class of the scene `inelastic-ball` nearest to the middle of a piece.
+
+    This is a flip with its exact value, or the middle of a bracket, which is zoomed into.
+    """
     scene = Path(sweeps.__file__).parents[1] / "configs" / "inelastic-ball.yaml"
-    coarse = ["oscillator.f={start: 0.9, stop: 7.1, num: 63}", "refine.levels=20"]
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "out.h5"
-        run_sweep(load_config(scene, coarse), path, progress=False)
-        with open_sweep(path) as dataset:
-            found = find_bifurcations(dataset)[1]
-    assert (found["high"] - found["low"]).max() < 5e-7
-    return (0.5 * (found["low"] + found["high"])).to_numpy()
-
-
-def bracket_near(value):
-    """Return the middle of the bracket nearest to a value."""
-    middles = inelastic_brackets()
-    return middles[np.argmin(np.abs(middles - value))]
+    config = load_config(scene, ["oscillator.f.num=63"])
+    while True:
+        with TemporaryDirectory() as folder:
+            path = run_sweep(zoomed(config, {"f": (low, high)}), Path(folder) / "out.h5")
+            with open_sweep(path) as dataset:
+                found = bifurcations(dataset)
+        middles = 0.5 * (found["low"] + found["high"])
+        change = found.loc[(middles - 0.5 * (low + high)).abs().idxmin()]
+        if change["value"] == change["value"]:
+            return change["value"]
+        low, high = change["low"], change["high"]
+        if high - low < 5e-7:
+            return 0.5 * (low + high)
 
 
 def speed(osc, n=1):
@@ -219,7 +221,7 @@ def ball_rows():
             yield Row(f"{name}: {event}", value, error * value, why, find, luck)
         value, find = TAU * n / (1.0 + R), partial(speed, ball(R, 0.5 * (begin + flip)), n)
         yield Row(f"{name}: speed", value, error * value, why, find, luck)
-    mehta = "Mehta and Luck, Phys. Rev. Lett. 65 (1990) 393, by `refine`"
+    mehta = "Mehta and Luck, Phys. Rev. Lett. 65 (1990) 393"
     for name, n, value in (
         ("leaves the table", 0, 1.0),
         ("plateau 1/1", 1, math.hypot(math.pi, 1.0)),
@@ -229,7 +231,7 @@ def ball_rows():
         ("flip of 2/1", 2, math.hypot(TAU, 2.0)),
     ):
         error = 0.25 * (1e-4 * TAU * n) ** 2 * value + 2.5e-7
-        find = partial(bracket_near, value)
+        find = partial(inelastic_change, value - 0.13, value + 0.1)
         yield Row(f"inelastic ball: {name}", value, error, "the same, and a bracket", find, mehta)
 
 

@@ -118,7 +118,7 @@ def test_a_single_point_has_no_axes(tmp_path, compressed):
     grid = Grid({}, dict.fromkeys(PARAMETERS, 0.5))
     given = results((), 6)
     with sweep_writer(path, schema(grid)) as store:
-        with store.dataset() as dataset:
+        with open_sweep(tmp_path / "out.h5") as dataset:
             assert dataset["status"] == Status.PENDING and np.isnan(dataset["rest_fraction"])
             assert dataset["chatters"] == -1 and np.isnan(dataset["poincare_x"]).all()
         store.write((), given)
@@ -152,8 +152,8 @@ def test_a_width_of_zero_leaves_the_variables_out(tmp_path):
 )
 def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected):
     held = held_variables(spec_of(diagnostics=diagnostics))
-    with sweep_writer(tmp_path / "out.h5", schema(diagnostics=diagnostics)) as store:
-        with store.dataset() as dataset:
+    with sweep_writer(tmp_path / "out.h5", schema(diagnostics=diagnostics)):
+        with open_sweep(tmp_path / "out.h5") as dataset:
             assert set(dataset.data_vars) == set(held)
             assert {"period", "period_impacts", "lyapunov"} & set(held) == expected
             assert ("exponent" in dataset.sizes) == ("lyapunov" in diagnostics)
@@ -171,7 +171,7 @@ def test_trajectories_are_as_wide_as_the_widest_and_padded(tmp_path, order):
     with sweep_writer(path, schema(grid, block_size=1)) as store:
         for i in order:
             store.write(blocks[i], results(blocks[i], widths[i]))
-        with store.dataset() as dataset:
+        with open_sweep(tmp_path / "out.h5") as dataset:
             partial = dataset.load()
         store.finish(compressed=order[0] == 1)
     with open_sweep(path) as dataset:

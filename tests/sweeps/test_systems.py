@@ -51,7 +51,7 @@ def test_a_run_that_is_killed_goes_on_and_every_command_works(sweep):
     few = ("--set", "oscillator.omega.num=50", "-o", "few.h5")
     commands = [
         [*run, "--set", "record.transient=2000", "--resume"],
-        ["run", "sweep.yaml", "--quiet", *few, "--set", "refine={axis: omega, levels: 3}"],
+        ["run", "sweep.yaml", "--quiet", *few],
         ["run", "sweep.yaml", "--quiet", *few, "--overwrite"],
         ["plot", "sweep.h5"],
         ["info", "sweep.h5"],

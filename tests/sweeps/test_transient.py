@@ -82,13 +82,11 @@ def test_what_does_not_go_together_is_refused(record, said):
     assert said in refusal(f"{text}record: {record}\n")
 
 
-@pytest.mark.parametrize(
-    "group", ["follow: {axis: omega, direction: up}", "refine: {axis: omega, levels: 3}"]
-)
-def test_neighbours_have_no_transient_of_their_own(group):
+def test_neighbours_have_no_transient_of_their_own():
     text = "oscillator: {h: 0.1, R: 0.8, omega: [1.0, 2.0], f: 1.0}\nrecord: {transient: auto}\n"
+    group = "follow: {axis: omega, direction: up}"
     said = refusal(f"{text}{group}\n")
-    assert "record.transient" in said and group[:6] in said
+    assert "record.transient" in said and "follow" in said
     assert refusal(f"{group}\n{text}") == said.replace("line 2", "line 3")
 
 
