@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import inlined, jit, widest_vectors
+from vibroimpact.jit import jit, specialised, widest_vectors
 from vibroimpact.step.contact import IMPACT, KIND, Scratch
 from vibroimpact.step.propagator import (
     Coefficients,
@@ -46,7 +46,7 @@ class Passage(NamedTuple):
     smooth: bool  #: Whether the mass did not rest, and no number overflowed.
 
 
-@inlined
+@specialised
 def flow_of(pt, grid, scratch, passed):
     """Return the ``Flow`` of a point."""
     eq = coefficients_of(pt)

@@ -8,6 +8,7 @@ from vibroimpact.jit.compiling import (
     inlined,
     jit,
     on_threads,
+    specialised,
 )
 from vibroimpact.jit.intrinsics import (
     claim,
@@ -38,6 +39,7 @@ __all__ = [
     "not_negative",
     "on_threads",
     "select",
+    "specialised",
     "transpose",
     "watched",
     "widest_vectors",

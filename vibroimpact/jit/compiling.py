@@ -56,19 +56,27 @@ _CREATING = {
 
 def jit(function: Callable) -> Any:
     """Compile a function with the options of this project, cached on disk."""
-    return _compiled(function, "never")
+    return _compiled(function)
 
 
 def inlined(function: Callable) -> Any:
-    """Merge a function into its compiled callers before types are inferred.
+    """Compile a function once for each type of its arguments, and let LLVM merge it into callers.
 
-    So no call ends the vectorisation of a loop, and branches that constant arguments exclude are
-    not compiled.
+    So no call ends the vectorisation of a loop.
     """
-    return _compiled(function, "always")
+    return _compiled(function, forceinline=True)
 
 
-def _compiled(function: Callable, inline: str) -> Any:
+def specialised(function: Callable) -> Any:
+    """Merge a function into its compiled callers before types are inferred, so anew for each call.
+
+    It takes longer to compile than ``inlined``. It is for functions that take functions, return
+    records, or have branches that constant arguments exclude, which are not compiled.
+    """
+    return _compiled(function, inline="always")
+
+
+def _compiled(function: Callable, **inlining: Any) -> Any:
     """Compile a function in the way of this process.
 
     NumPy's error model is set because with Python's every division may raise, and no loop is
@@ -77,7 +85,7 @@ def _compiled(function: Callable, inline: str) -> Any:
     options: dict[str, Any] = {
         "error_model": "numpy",
         "nogil": True,  # so that several threads compute, and the main thread receives signals
-        "inline": inline,
+        **inlining,
     }
     if WAY.name != "plain":
         module = function.__module__

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from vibroimpact.jit.compiling import inlined, jit
+from vibroimpact.jit.compiling import inlined, jit, specialised
 from vibroimpact.jit.intrinsics import fma, lowest_bit, not_negative, select, widest_vectors
 
 LANES = 64
 E = 2.0**-30
 
 
-@inlined
+@specialised
 def _square(x, exactly):  # type: ignore[no-untyped-def]  # numba types it
     return fma(x, x, -1.0 - 2.0 * E) if exactly else x * x - (1.0 + 2.0 * E)
 

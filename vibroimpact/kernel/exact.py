@@ -7,7 +7,7 @@ nothing goes through ``exact_step`` alone, as a single orbit does.
 
 from __future__ import annotations
 
-from vibroimpact.jit import inlined, jit, lowest_bit, not_negative, select, widest_vectors
+from vibroimpact.jit import jit, lowest_bit, not_negative, select, specialised, widest_vectors
 from vibroimpact.kernel.exact_impacts import (
     BOUND,
     COLUMN_COEFFICIENTS,
@@ -70,7 +70,7 @@ from vibroimpact.step.variational import carry_tangents, orthonormalise, propaga
 _CHECKED_EVERY = 4
 
 
-@inlined
+@specialised
 def propagator_in(lanes, i):
     """Return the ``Propagator`` of lane `i`."""
     f = PROPAGATOR + i

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.jit import claim, inlined, jit, select, widest_vectors
+from vibroimpact.jit import claim, jit, select, specialised, widest_vectors
 from vibroimpact.kernel import exact, time_stepping
 from vibroimpact.kernel.record import (
     add_cycles,
@@ -56,7 +56,7 @@ from vibroimpact.step.stepper import prepare, take_exact_grid_step, take_grid_st
 _CERTIFIED, _COMPUTED = int(Status.CERTIFIED), int(Status.COMPUTED)
 
 
-@inlined
+@specialised
 def first_section(scheme, pt, scratch, exactly):
     """Take a point alone to its first section; return its state there, and the worst status."""
     (rule, integrator), lead, grid = scheme
@@ -82,7 +82,7 @@ def first_section(scheme, pt, scratch, exactly):
     return state, status
 
 
-@inlined
+@specialised
 def fill_lane(workspace, job, i, exactly):
     """Put the next point that no thread has taken into lane `i`; return whether there was one."""
     row = claim(job.claimed)
@@ -109,7 +109,7 @@ def fill_lane(workspace, job, i, exactly):
     return True
 
 
-@inlined
+@specialised
 def move_lane(workspace, source, target, exactly):
     """Move a lane, and leave zeros: numbers that become subnormal would slow all lanes down."""
     lanes = workspace.lanes
@@ -214,7 +214,7 @@ def attend_lane(batch, i, row, transient, periods, only_transient):
     lanes[DUE + i] = min(period + 1.0 + math.floor(0.25 * (period + transient)), end)
 
 
-@inlined
+@specialised
 def close_lane(workspace, job, i, exactly, plain):
     """End the record of lane `i`."""
     row, sums, lanes = workspace.rows[i], workspace.sums[i], workspace.lanes

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from vibroimpact.destination.find import find_exact, find_repetition
-from vibroimpact.jit import inlined, is_set, jit
+from vibroimpact.jit import is_set, jit, specialised
 from vibroimpact.kernel.exact import round_states, take_exact_steps
 from vibroimpact.kernel.lane import attend_lane, close_lane, end_period, fill_lane, move_lane
 from vibroimpact.kernel.time_stepping import take_strides
 from vibroimpact.kernel.workspace import PERIOD, ROW, Batch, any_is_recorded, list_lanes
 
 
-@inlined
+@specialised
 def find_destination(job, i, find, memory):
     """Find where the motion of a point goes, if that is asked for."""
     if job.found.size > 0:
@@ -21,7 +21,7 @@ def find_destination(job, i, find, memory):
         )  # fmt: skip
 
 
-@inlined
+@specialised
 def run_lanes(workspace, job, memory, find, exactly, plain):
     """Run point after point until the threads have taken all of them.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from vibroimpact.jit import inlined, jit, select, widest_vectors
+from vibroimpact.jit import inlined, jit, select, specialised, widest_vectors
 from vibroimpact.kernel.workspace import COLUMN_ROW, VECTOR
 from vibroimpact.step.integrators import INTEGRATORS, Parameters, integrator_step
 from vibroimpact.step.time_stepping import single_linear_impact
@@ -26,7 +26,7 @@ from vibroimpact.step.time_stepping import single_linear_impact
 ) = range(0, 21 * COLUMN_ROW, COLUMN_ROW)  # fmt: skip
 
 
-@inlined
+@specialised
 def parameters_of(c, j):
     """Return the parameters of column `j`."""
     return Parameters(
@@ -47,21 +47,21 @@ def shorten_steps(c, count, phase_step):
         c[T_R + j], c[REMAINDER + j], c[SINGLE + j] = T_r, T - T_r, select(sure, 1.0, 0.0)
 
 
-@inlined
+@specialised
 def launch(c, j):
     """Return the arguments of an integrator for the remainder of the step of column `j`."""
     pt = parameters_of(c, j)
     return pt.clearance, -pt.R * c[V_TR + j], c[S_TR + j], c[C_TR + j], c[REMAINDER + j], pt
 
 
-@inlined
+@specialised
 def land(c, j, end):
     """Put the state at the end of the step into column `j`."""
     c[X_T + j], c[V_T + j] = end
     c[SINGLE + j] = select(end[0] < c[OF_CLEARANCE + j], c[SINGLE + j], 0.0)
 
 
-@inlined
+@specialised
 def _one_by_one(c, count, integrator):
     for j in range(count):
         x, v, sin, cos, T, pt = launch(c, j)

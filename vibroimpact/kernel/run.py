@@ -21,7 +21,7 @@ import numpy as np
 from vibroimpact.destination.find import find_exact, find_repetition
 from vibroimpact.destination.repetition import TRIED
 from vibroimpact.destination.section_map import MOST_SECTIONS
-from vibroimpact.jit import claim, compiled, inlined, jit, on_threads
+from vibroimpact.jit import claim, compiled, jit, on_threads, specialised
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
 from vibroimpact.kernel.loop import find_destination, run_exact, run_plain, run_shortened
 from vibroimpact.kernel.record import SUMS, Record
@@ -84,7 +84,7 @@ def new_workspace(columns):
     )  # fmt: skip
 
 
-@inlined
+@specialised
 def take_points(job, run, find, columns):
     """Run point after point, or only find where their motions go."""
     workspace = new_workspace(columns)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.jit import inlined, jit, select, widest_vectors
+from vibroimpact.jit import jit, select, specialised, widest_vectors
 from vibroimpact.kernel.record import list_impact, record_step
 from vibroimpact.kernel.reduced_step_impacts import (
     C_0,
@@ -62,7 +62,7 @@ from vibroimpact.step.stepper import take_step
 STRIDE = 4
 
 
-@inlined
+@specialised
 def set_map(workspace, i, integrator, grid):
     """Give lane `i` its affine map of one step of `grid`."""
     pt = workspace.points[i]
@@ -89,7 +89,7 @@ def step_lane(lanes, i, x, v, s, c):
     return x_T, v_T, x_T < lanes[LEVEL + i]  # False for a NaN
 
 
-@inlined
+@specialised
 def _step_span(lanes, size, table, n, span):
     for i in range(whole_vectors(size)):
         x, v, safe = lanes[POSITION + i], lanes[VELOCITY + i], True
@@ -135,7 +135,7 @@ def plain_step(lanes, i, x, v, table, n, place, recording):
     return select(impact, stop, x_T), select(impact, -R * v_T, v_T)
 
 
-@inlined
+@specialised
 def _plain_span(lanes, size, table, n, span, recording):
     for i in range(whole_vectors(size)):
         x, v = lanes[POSITION + i], lanes[VELOCITY + i]
@@ -264,7 +264,7 @@ def resolve_stepped_lane(batch, i, method, grid, n, span):
     lanes[POSITION + i], lanes[VELOCITY + i] = state[0], state[1]
 
 
-@inlined
+@specialised
 def take_strides(batch, method, plain, grid):
     """Take all lanes over the steps of `grid` stride by stride, and singly over those left over.
 

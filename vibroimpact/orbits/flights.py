@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import inlined, jit
+from vibroimpact.jit import jit, specialised
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.integrators import Parameters
@@ -108,7 +108,7 @@ def _land(flight, theta, v, pt, coefficients, M):
     return y, u
 
 
-@inlined
+@specialised
 def phase_of_landing(m, X, q, i):
     """Return the phase at the end of flight i."""
     return X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]

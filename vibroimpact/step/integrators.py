@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import fma, inlined, jit
+from vibroimpact.jit import fma, inlined, jit, specialised
 from vibroimpact.step.elementary import sin_cos, sine_after
 
 
@@ -42,13 +42,13 @@ def _eigenvalue(zeta: np.ndarray) -> np.ndarray:
     return -z - np.sqrt(z - 1.0) * np.sqrt(z + 1.0)
 
 
-@inlined
+@specialised
 def acceleration(x, v, s, pt):
     """Return x'' from eq. (1), at a phase with the sine `s`."""
     return -2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s
 
 
-@inlined
+@specialised
 def euler(x, v, s, c, T, pt):
     """Euler's explicit method, order 1.
 
@@ -59,7 +59,7 @@ def euler(x, v, s, c, T, pt):
     return x + T * v, v + T * acceleration(x, v, s, pt)
 
 
-@inlined
+@specialised
 def semi_implicit_euler(x, v, s, c, T, pt):
     """Symplectic Euler: the new velocity moves the displacement, order 1.
 
@@ -71,7 +71,7 @@ def semi_implicit_euler(x, v, s, c, T, pt):
     return x + T * v_T, v_T
 
 
-@inlined
+@specialised
 def verlet(x, v, s, c, T, pt):
     """The central difference method, order 2.
 
@@ -85,7 +85,7 @@ def verlet(x, v, s, c, T, pt):
     return x_T, (v_half - 0.5 * T * (pt.p * pt.p * x_T + pt.f * s_T)) / (1.0 + pt.h * T)
 
 
-@inlined
+@specialised
 def newmark(x, v, s, c, T, pt):
     """Newmark's constant average acceleration (beta = 1/4, gamma = 1/2), order 2.
 
@@ -101,7 +101,7 @@ def newmark(x, v, s, c, T, pt):
     return x_half + 0.25 * T * T * a_T, v_half + 0.5 * T * a_T
 
 
-@inlined
+@specialised
 def rk4(x, v, s, c, T, pt):
     """The classical Runge-Kutta method, order 4.
 
@@ -243,7 +243,7 @@ def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:
     return chosen_or_next
 
 
-@inlined
+@specialised
 def _no_step(integrator, x, v, s, c, T, pt):
     return math.nan, math.nan
 
@@ -269,7 +269,7 @@ def affine_map(integrator, T, pt):
     return xx, xv, xs, xc, vx, vv, vs, vc
 
 
-@inlined
+@specialised
 def apply_map(row, x, v, s, c):
     """Apply one row of the map to a state: row . (x, v, sin, cos).
 

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from vibroimpact.jit import ALL_THREADS, claim, compiled, inlined, is_set, jit, on_threads
+from vibroimpact.jit import ALL_THREADS, claim, compiled, is_set, jit, on_threads, specialised
 from vibroimpact.status import Status
 from vibroimpact.step.contact import (
     DISPLACEMENT,
@@ -65,7 +65,7 @@ def _put_start(log, t, pt, resting):
     return _put(log, 0, REST if resting else _STATE, t, pt.x0, pt.v0)
 
 
-@inlined
+@specialised
 def _first_state(pt, rule, s, first):
     """Return the state at the start, where the phase has the sine `s`, or at a later section."""
     x, v, resting = start(pt, s)
@@ -74,7 +74,7 @@ def _first_state(pt, rule, s, first):
     return to_state(rule, x, v, resting and rule != PLAIN, pt)
 
 
-@inlined
+@specialised
 def _trace(pt, scheme, periods, first, every, most_rows, log, interrupt, prepare, take):
     """Run one point as the kernel's lanes do, and log its motion; `first` is for the clock.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibroimpact.jit import inlined, jit
+from vibroimpact.jit import jit, specialised
 from vibroimpact.status import Status
 from vibroimpact.step.exact import exact_step, log_impact
 from vibroimpact.step.impact import ONLY, single_impact
@@ -43,7 +43,7 @@ def prepare_exact(_, grid, pt):
     return eq, propagator_of(eq, grid.phase_step, np.empty(TERMS))
 
 
-@inlined
+@specialised
 def to_state(rule, x, v, resting, pt):
     """Return the state of an orbit for (x, v)."""
     if rule == EXACT:
@@ -51,7 +51,7 @@ def to_state(rule, x, v, resting, pt):
     return x, v, resting
 
 
-@inlined
+@specialised
 def from_state(rule, state, pt):
     """Return (x, v) for the state of an orbit."""
     x, v, _ = state
@@ -60,7 +60,7 @@ def from_state(rule, state, pt):
     return x, v
 
 
-@inlined
+@specialised
 def take_step(method, rows, state, phase, phase_step, pt, scratch):
     """Take a state over a step by the rows of its affine map, and correct it if it met the stop.
 
@@ -80,7 +80,7 @@ def take_step(method, rows, state, phase, phase_step, pt, scratch):
     return x_T, v_T, False, 0, 0.0, _COMPUTED
 
 
-@inlined
+@specialised
 def take_exact_step(eq, propagators, state, phase, end_wave, phase_step, pt, scratch):
     """Take a step with the rule ``exact``, as ``kernel/exact.py`` does for many points at once.
 

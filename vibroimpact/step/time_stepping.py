@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.jit import inlined, jit
+from vibroimpact.jit import jit, specialised
 from vibroimpact.status import Status
 from vibroimpact.step.contact import (
     IMPACT,
@@ -67,7 +67,7 @@ _ROUNDING = 2e-14
 _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
 
 
-@inlined
+@specialised
 def plain(x_T, v_T, T, pt, scratch):
     """Rule (2)-(5) at the end (x_T, v_T) of a step that may have met the stop."""
     if not ((x_T >= pt.clearance) & (v_T > 0.0)):
@@ -75,27 +75,27 @@ def plain(x_T, v_T, T, pt, scratch):
     return pt.clearance, -pt.R * v_T, log_event(scratch.events, 0, IMPACT, T, v_T, x_T)
 
 
-@inlined
+@specialised
 def crossed(x, v, clearance):
     """Whether a step that ended at (x, v) must be shortened."""
     return (x > clearance) | ((x == clearance) & (v > 0.0))
 
 
-@inlined
+@specialised
 def linear_impact(x, v, x_T, v_T, T, clearance):
     """Return time and speed of the impact by linear interpolation, eqs (6), (7) and (9)."""
     share = (clearance - x) / (x_T - x)  # (6)
     return T * share, v + (v_T - v) * share  # (7), (9)
 
 
-@inlined
+@specialised
 def linear_impact_after_launch(v, x_T, v_T, T, clearance):
     """As ``linear_impact`` for a step from the stop, where (x - clearance) / t is interpolated."""
     share = (0.0 - v) / ((x_T - clearance) / T - v)
     return T * share, v + (v_T - v) * share
 
 
-@inlined
+@specialised
 def cubic_impact(integrator, launch, end, T, pt, coefficients):
     """Return time and speed of the impact on the cubic Hermite interpolant of a step.
 
@@ -113,7 +113,7 @@ def cubic_impact(integrator, launch, end, T, pt, coefficients):
     return u * T, v_Tr if u > 0.0 else 0.0
 
 
-@inlined
+@specialised
 def shortened_flight(method, launch, end, span, pt, coefficients):
     """Follow a flight until its first impact, or for at most the time `span`.
 
@@ -152,7 +152,7 @@ def shortened_flight(method, launch, end, span, pt, coefficients):
     return 0.0, pt.clearance, 0.0, True, _MAX_CUTS  # no speed takes it off the stop: contact
 
 
-@inlined
+@specialised
 def single_linear_impact(x, v, x_T, v_T, theta, T, pt):
     """Return T_r, v_Tr, sine and cosine there, and `sure`, of a step from below the stop, (6)-(9).
 
