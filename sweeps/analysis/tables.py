@@ -1,10 +1,8 @@
-"""Writing tables as CSV and Parquet files, and the tables of exact branches and curves."""
+"""Writing tables as CSV files, and the tables of exact branches and curves."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
-from importlib.util import find_spec
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -62,21 +60,15 @@ def curve_table(found: xr.Dataset) -> pd.DataFrame:
 
 #: Number of rows in memory at a time while a table is written.
 _PART = 200_000
-ENDINGS = (".csv", ".parquet")
 #: What a table can have a row for, with the record dimension of its rows; None for points.
 ROWS: Mapping[str, str | None] = {"points": None, "sections": "section", "impacts": "impact"}
 
 
 def check_table(path: Path) -> None:
-    """Refuse a file whose ending is not one of ``ENDINGS``, or that cannot be written."""
-    if path.suffix not in ENDINGS:
-        raise Refused(f"the table {path} is not allowed; expected: a .csv or .parquet file")
+    """Refuse a file that has not the ending ``.csv``, or that cannot be written."""
+    if path.suffix != ".csv":
+        raise Refused(f"the table {path} is not allowed; expected: a .csv file")
     check_target(path, "table")
-    if path.suffix == ".parquet" and not find_spec("pyarrow"):
-        raise Refused(
-            f"the table {path} needs pyarrow, which is not installed; install it with pip install "
-            "pyarrow, or write a .csv file"
-        )
 
 
 def write_csv(path: Path, frame: pd.DataFrame) -> None:
@@ -91,16 +83,15 @@ def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
     The row of a point has its parameters and every result that is a single number: Lyapunov
     exponents as ``lyapunov_1`` and ``lyapunov_2``, words for ``status`` and ``class_evidence``. The
     row of a section or an impact has the axes, or the columns of a table, its number and its
-    values; what was not recorded has no row. All digits are kept, so that reading a CSV file gives
+    values; what was not recorded has no row. All digits are kept, so that reading the file gives
     the same numbers; NaN is an empty field. The file is replaced only when the table is complete.
     """
     check_table(path)
     data = _scalars(dataset) if ROWS[rows] is None else _records(dataset, rows)
     size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
     parts = (_frame(part, ROWS[rows]) for part, _ in in_parts(data, size))
-    write = _write_parquet if path.suffix == ".parquet" else _write_csv
     with writing(path, "table") as new:
-        return write(new, parts)
+        return _write_csv(new, parts)
 
 
 def _write_csv(new: BinaryIO, parts: Iterable[pd.DataFrame]) -> int:
@@ -112,22 +103,6 @@ def _write_csv(new: BinaryIO, parts: Iterable[pd.DataFrame]) -> int:
         part.to_csv(file, index=False, header=i == 0, float_format=digits, lineterminator="\n")
         written += len(part)
     file.detach()  # the draft stays open
-    return written
-
-
-def _write_parquet(new: BinaryIO, parts: Iterable[pd.DataFrame]) -> int:
-    """Write the parts of a table as Parquet; return the number of rows."""
-    import pyarrow as pa
-    from pyarrow.parquet import ParquetWriter
-
-    written = 0
-    with ExitStack() as stack:
-        for i, part in enumerate(parts):
-            table = pa.Table.from_pandas(part, preserve_index=False)
-            if i == 0:
-                writer = stack.enter_context(ParquetWriter(new, table.schema))
-            writer.write_table(table)
-            written += len(part)
     return written
 
 

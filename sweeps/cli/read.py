@@ -192,7 +192,7 @@ def export(
     file: SweepFile,
     output: Annotated[
         Path,
-        typer.Option("-o", "--output", metavar="FILE", help="The .csv or .parquet file to write."),
+        typer.Option("-o", "--output", metavar="FILE", help="The .csv file to write."),
     ],
     rows: Annotated[
         str,
