@@ -51,7 +51,6 @@ class Cost:
     #: Size of the complete file without compression, with as many samples at impacts as in the
     #: trials [bytes].
     file: int
-    disk: int  # disk space for the file and its blocks [bytes]
     memory: int  # for the blocks [bytes]
     block: int  # number of points in a block
 
@@ -75,7 +74,7 @@ def expected_cost(sweep: Sweep, path: Path, computer: Computer, resume: bool) ->
     points = sweep.grid.size
     block = min(block_size(sweep, **computer.block_limits(seconds, points)), points)
     memory = _BLOCKS_HELD * block * _memory_per_point(sweep)
-    return Cost(seconds + _WRITING * file, file, disk, memory, block)
+    return Cost(seconds + _WRITING * file, file, memory, block)
 
 
 def block_size(sweep: Sweep, *, least: int = 1, blocks: int = _BLOCKS) -> int:

@@ -26,6 +26,7 @@ from sweeps.errors import StoreError
 from sweeps.grid import Block
 from sweeps.interrupts import check
 from sweeps.store.paths import (
+    FORMAT_VERSION,
     NO_LOCKS,
     TRAILER,
     Content,
@@ -33,7 +34,6 @@ from sweeps.store.paths import (
     content,
     error_number,
     open_regular,
-    refuse_version,
 )
 from sweeps.store.schema import Schema, describe, schema_in
 
@@ -231,15 +231,14 @@ def check_file(path: Path, *, verify: bool = True) -> None:
     except OSError as error:
         raise UnreadableError(path, error) from error
     kind = content(path) if found is None else Content.SWEEP
-    if kind is Content.OLDER:
-        refuse_version(path)
     if kind not in (None, Content.SWEEP):
         raise StoreError(f"{path} is {kind.value}")
     damaged = sorted({name for (name, _, _, crc), now in pairs if crc != now})
     if not rows or _REST in damaged:
         raise StoreError(
-            f"{path} is damaged outside its results, truncated, or changed by another program: "
-            "what is in it cannot be trusted; run its configuration again, and overwrite it"
+            f"{path} is damaged outside its results, truncated, changed by another program, or "
+            f"not of format version {FORMAT_VERSION}: what is in it cannot be trusted; run its "
+            "configuration again, and overwrite it"
         )
     if damaged:
         raise StoreError(

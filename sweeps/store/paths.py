@@ -13,7 +13,6 @@ import shutil
 import stat
 from enum import Enum
 from pathlib import Path
-from typing import NoReturn
 
 from sweeps.errors import StoreError
 from sweeps.store.replacing import check_target, kind, of_another_user
@@ -28,10 +27,8 @@ LOCK = ".lock"
 SCHEMA = "schema.h5"
 BLOCK = r"block-\d+\.npz"
 DRAFT = r"\.(schema\.h5|block-\d+\.npz)\.\d+-[0-9a-f]{8}\.new"
-#: The last bytes of a complete file.
+#: The last bytes of a complete file: a name and the format version.
 TRAILER = b"\x89VIBRO5\n"
-#: The last bytes of files with the format versions 2 to 4.
-_OLDER = re.compile(rb"\x89VIBRO[L34]\n")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Number of bytes at each end of a file that are searched for its format and its trailer.
 _ENDS = 1 << 16
@@ -90,7 +87,6 @@ class Content(Enum):
 
     NOTHING = "empty"
     SWEEP = "the file of a sweep"
-    OLDER = "the file of a sweep in an older format"
     HDF5 = "an HDF5 file, but not one that vibroimpact wrote, or truncated"
     OTHER = "not an HDF5 file"
 
@@ -112,8 +108,8 @@ def content(path: Path) -> Content | None:
     if not head:
         return Content.NOTHING
     hdf5 = head.startswith(_HDF5)
-    if TRAILER in tail or (hdf5 and FORMAT.encode() in head):
-        return Content.OLDER if _OLDER.search(tail) else Content.SWEEP
+    if TRAILER[:-2] in tail or (hdf5 and FORMAT.encode() in head):  # of any version
+        return Content.SWEEP
     return Content.HDF5 if hdf5 else Content.OTHER
 
 
@@ -136,15 +132,7 @@ def is_sweep(path: Path) -> bool:
         found = content(path) or content(parts_path(path) / SCHEMA)
     except StoreError:
         return False  # reading it as YAML reports the error
-    return found in (Content.SWEEP, Content.OLDER, Content.HDF5)
-
-
-def refuse_version(path: Path) -> NoReturn:
-    """Refuse a file of another format version."""
-    raise StoreError(
-        f"{path} has another format version than {FORMAT_VERSION}, the only one that this version "
-        "of vibroimpact reads; open it with the version that wrote it"
-    )
+    return found in (Content.SWEEP, Content.HDF5)
 
 
 def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
@@ -195,7 +183,7 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             continue
         if not (overwrite or resume):
             raise StoreError(f"{named} exists; resume it, overwrite it, or give another output")
-        if found not in (Content.NOTHING, Content.SWEEP, Content.OLDER):
+        if found not in (Content.NOTHING, Content.SWEEP):
             raise StoreError(
                 f"{file} is {found.value} and will not be replaced; give another output"
             )

@@ -128,7 +128,6 @@ def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_f
     assert told.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
     size = run_sweep(config, "out.h5").stat().st_size
     assert told.file <= size <= told.file + 100_000
-    assert told.disk == 2 * told.file  # the blocks, and the file at the end
 
 
 @pytest.mark.parametrize("every", [1, 20])
@@ -138,8 +137,8 @@ def test_the_size_that_is_told_counts_the_samples_at_impacts(every, monkeypatch)
     told = cost_of(config.sweep)
     size = run_sweep(config, "out.h5").stat().st_size
     assert told.file == pytest.approx(size, rel=0.2)
-    assert told.disk >= 2 * told.file
-    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=told.disk - 1))
+    both = 2 * told.file  # the blocks, and the file at the end
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=both - 1))
     with pytest.raises(StoreError, match="record less"):
         cost_of(config.sweep)
 

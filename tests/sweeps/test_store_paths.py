@@ -211,13 +211,13 @@ def test_an_incomplete_sweep_is_read_through_a_link_to_its_output():
     open_sweep("link.h5").close()
 
 
-@pytest.mark.parametrize(("ending", "version"), [(b"L", 2), (b"3", 3), (b"4", 4)])
-def test_files_of_older_versions_are_refused(ending, version):
+@pytest.mark.parametrize("ending", [b"L", b"4"])
+def test_files_of_other_versions_are_refused(ending):
     with h5py.File("out.h5", "w") as file:
         file.attrs["format"] = FORMAT
     with Path("out.h5").open("ab") as file:
         file.write(b"\x89VIBRO" + ending + b"\n")
-    message = f"another format version than {FORMAT_VERSION}, the only one"
+    message = f"not of format version {FORMAT_VERSION}: what is in it cannot be trusted"
     for use in (open_sweep, lambda path: fill_blocks(path, resume=True)):
         with pytest.raises(StoreError, match=message):
             use("out.h5")
