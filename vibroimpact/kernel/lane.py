@@ -71,9 +71,7 @@ def first_section(scheme, pt, scratch, exactly):
             prepared = prepare((rule, integrator), lead, pt)
         for n in range(lead.size):
             if exactly:
-                state, _, outcome = take_exact_grid_step(
-                    (rule, integrator), prepared, state, lead, n, pt, scratch
-                )
+                state, _, outcome = take_exact_grid_step(0, prepared, state, lead, n, pt, scratch)
             else:
                 state, _, outcome = take_grid_step(
                     (rule, integrator), prepared, state, lead, n, pt, scratch
@@ -109,7 +107,19 @@ def fill_lane(workspace, job, i, exactly):
     return True
 
 
-@specialised
+@jit
+def fill_exact_lane(workspace, job, i):
+    """Fill lane `i` for the rule ``exact``."""
+    return fill_lane(workspace, job, i, True)
+
+
+@jit
+def fill_stepped_lane(workspace, job, i):
+    """Fill lane `i` for a rule of time stepping."""
+    return fill_lane(workspace, job, i, False)
+
+
+@jit
 def move_lane(workspace, source, target, exactly):
     """Move a lane, and leave zeros: numbers that become subnormal would slow all lanes down."""
     lanes = workspace.lanes

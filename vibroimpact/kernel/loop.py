@@ -5,7 +5,14 @@ from __future__ import annotations
 from vibroimpact.destination.find import find_exact, find_repetition
 from vibroimpact.jit import is_set, jit, specialised
 from vibroimpact.kernel.exact import round_states, take_exact_steps
-from vibroimpact.kernel.lane import attend_lane, close_lane, end_period, fill_lane, move_lane
+from vibroimpact.kernel.lane import (
+    attend_lane,
+    close_lane,
+    end_period,
+    fill_exact_lane,
+    fill_stepped_lane,
+    move_lane,
+)
 from vibroimpact.kernel.time_stepping import take_strides
 from vibroimpact.kernel.workspace import PERIOD, ROW, Batch, any_is_recorded, list_lanes
 
@@ -22,7 +29,7 @@ def find_destination(job, i, find, memory):
 
 
 @specialised
-def run_lanes(workspace, job, memory, find, exactly, plain):
+def run_lanes(workspace, job, memory, fill, find, exactly, plain):
     """Run point after point until the threads have taken all of them.
 
     `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so only
@@ -30,7 +37,7 @@ def run_lanes(workspace, job, memory, find, exactly, plain):
     """
     lanes, met, record = workspace.lanes, workspace.met, job.record
     (method, _, grid), size, row = job.scheme, 0, ROW if exactly else 0
-    while size < job.lanes and fill_lane(workspace, job, size, exactly):
+    while size < job.lanes and fill(workspace, job, size):
         size += 1
     while size > 0 and not is_set(job.interrupt):
         batch = Batch(workspace, record, size)
@@ -48,7 +55,7 @@ def run_lanes(workspace, job, memory, find, exactly, plain):
             if lanes[PERIOD + i] >= job.periods:
                 close_lane(workspace, job, i, exactly, plain)
                 find_destination(job, workspace.rows[i], find, memory)
-                if not fill_lane(workspace, job, i, exactly):
+                if not fill(workspace, job, i):
                     size -= 1
                     move_lane(workspace, size, i, exactly)
 
@@ -56,16 +63,16 @@ def run_lanes(workspace, job, memory, find, exactly, plain):
 @jit
 def run_exact(workspace, job, memory):
     """Run the lanes of a thread with the rule ``exact``."""
-    run_lanes(workspace, job, memory, find_exact, True, False)
+    run_lanes(workspace, job, memory, fill_exact_lane, find_exact, True, False)
 
 
 @jit
 def run_plain(workspace, job, memory):
     """Run the lanes of a thread with the rule ``plain``."""
-    run_lanes(workspace, job, memory, find_repetition, False, True)
+    run_lanes(workspace, job, memory, fill_stepped_lane, find_repetition, False, True)
 
 
 @jit
 def run_shortened(workspace, job, memory):
     """Run the lanes of a thread with the rules ``reduced-step`` and ``cubic``."""
-    run_lanes(workspace, job, memory, find_repetition, False, False)
+    run_lanes(workspace, job, memory, fill_stepped_lane, find_repetition, False, False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibroimpact.jit import jit, specialised
+from vibroimpact.jit import jit, specialised, widest_vectors
 from vibroimpact.status import Status
 from vibroimpact.step.exact import exact_step, log_impact
 from vibroimpact.step.impact import ONLY, single_impact
@@ -114,6 +114,7 @@ def take_grid_step(method, rows, state, grid, n, pt, scratch):
 @jit
 def take_exact_grid_step(_, prepared, state, grid, n, pt, scratch):
     """Take step `n` of a grid with the rule ``exact``; return the same as `take_grid_step`."""
+    widest_vectors()  # it keeps LLVM from merging this function into each of its callers
     table, (eq, propagators) = grid.table, prepared
     phase = table[THETA, n], table[SIN, n], table[COS, n]
     end_wave = table[SIN, n + 1], table[COS, n + 1]
