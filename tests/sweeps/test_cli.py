@@ -207,7 +207,7 @@ def test_a_map_and_the_exact_orbits():
 @pytest.mark.slow
 def test_no_two_pictures_have_the_same_name(ran, monkeypatch):
     """A name has only characters that every system allows; what is drawn does not matter."""
-    monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: Path(file).touch())
+    monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"drawn"))
     for options, name in (
         ([], "small"),
         (["--kind", "map", "--quantity", "energy_lost"], "small-map-energy_lost"),
