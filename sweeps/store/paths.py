@@ -192,7 +192,11 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
 def _refuse_folders(parts: Path) -> None:
     """Refuse folders with the names of blocks, in whose place no block can be written."""
     for name in _names_in(parts):
-        if re.fullmatch(BLOCK, name) and (parts / name).is_dir():
+        try:
+            is_folder = re.fullmatch(BLOCK, name) and (parts / name).is_dir()
+        except OSError as error:
+            raise UnreadableError(parts / name, error) from error
+        if is_folder:
             raise StoreError(
                 f"{parts / name} is a directory in the place of a block; move it, or give another "
                 "output"
