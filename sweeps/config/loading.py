@@ -68,7 +68,7 @@ def load_config(
     >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
     >>> config = sweeps.load_config(scene, ["oscillator.h=0.05"])
     >>> config.size, config.record.transient
-    (20, 200)
+    (20, 1000)
     """
     if isinstance(source, Mapping):
         given = {

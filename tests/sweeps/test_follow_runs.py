@@ -15,11 +15,11 @@ from sweep_files import configured, data, full_block, ran
 from sweeps import open_sweep, run_sweep
 from sweeps.engine import estimate as limits
 from sweeps.engine import executors
-from sweeps.engine import run as runner
 from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.estimate import block_size, expected_cost
 from sweeps.errors import Failed, StoreError
 from sweeps.interrupts import thread_flag
+from sweeps.store import SweepWriter
 from vibroimpact import Status
 
 # Blocks, threads, files
@@ -117,7 +117,7 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
 
     monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 5)
     monkeypatch.setattr(executors, "compute_block", computing)
-    monkeypatch.setattr(runner.SweepWriter, "write", full)
+    monkeypatch.setattr(SweepWriter, "write", full)
     with pytest.raises(Failed, match="full"):
         run_sweep(configured(), "out.h5")
     assert not begun.acquire(blocking=False)

@@ -66,7 +66,9 @@ def test_a_block_has_points_for_every_thread(monkeypatch):
 def test_a_point_that_does_not_fit_is_refused(monkeypatch, folder):
     with_memory(monkeypatch, 10**7)
     for options in (["--dry-run"], []):
-        changed = ["--set", "record.periods=1e6", *options]
+        # Few points, which fit on every disk.
+        few = ["--set", "oscillator.omega.num=3"]
+        changed = ["--set", "record.periods=1e6", *few, *options]
         result = call("run", "sweep.yaml", *changed)
         assert result.exit_code == 2
         assert "one point takes about 80 MB of memory, and only 10 MB" in result.stderr

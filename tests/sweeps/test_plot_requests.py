@@ -1,7 +1,5 @@
 """Pictures as files, the default picture, and invalid requests."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -50,8 +48,8 @@ def test_a_picture_is_replaced_whole_or_not_at_all(random_sweep, tmp_path, monke
     target.write_text("old")
     link.symlink_to("a.png")
 
-    def fail(self, path, **_):
-        Path(path).write_text("half")
+    def fail(self, file, **_):
+        file.write(b"half")
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):

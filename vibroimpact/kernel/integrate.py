@@ -147,7 +147,8 @@ def run_points(
     n, found = points.size, no_destinations(points.size if classes else 0)
     sums = np.zeros(n, dtype=SUMS)
     sums["slowest_impact"], sums["status"] = np.inf, Status.PENDING
-    record = Record(np.empty((n, periods, 2)), np.empty((n, impacts, 2)), np.empty((n, 2)), sums)
+    begun = np.full((n, 2), np.nan)
+    record = Record(np.empty((n, periods, 2)), np.empty((n, impacts, 2)), begun, sums)
     _run(
         threads,
         points, scheme, transient, periods, lyapunov, record, interrupt, found, only_find=False,
