@@ -111,11 +111,28 @@ def test_exponents_are_those_of_every_recorded_period(phase):
     np.testing.assert_array_equal(whole["lyapunov"][moving], again["lyapunov"][moving])
 
 
-def classes_of(points, transient, periods, rule="exact", integrator="exact"):
+@pytest.mark.parametrize("transient", [0, 3])
+def test_a_sum_that_overflowed_has_failed_when_cycles_are_added(transient):
+    """The sum of v^2 is inf already at the mark, so that a cycle adds inf - inf."""
+    out = integrate(one(h=0.05, f=1e155), transient=transient, periods=300)
+    assert np.isfinite(out["poincare_x"]).all()
+    assert out["status"] == Status.NON_FINITE and np.isnan(out["impulse"]).all()
+
+
+def classes_of(points, transient, periods, rule="exact", integrator="exact", lyapunov=False):
     """Return where motions go, as the kernel finds it."""
     scheme = scheme_of(points, integrator, rule, 100)
-    counts, interrupt = (transient, periods, 0), np.zeros(1, np.int64)
-    return run_points(points, scheme, counts, False, None, interrupt, classes=True)["destination"]
+    counts, none = (transient, periods, 0), np.zeros(1, np.int64)
+    return run_points(points, scheme, counts, lyapunov, None, none, classes=True)["destination"]
+
+
+def test_a_class_does_not_depend_on_the_exponents():
+    """With exponents a record is computed in full, and returns to its mark again and again."""
+    points = mixed_points(200, 8)
+    without, found = (classes_of(points, 1000, 100, lyapunov=x) for x in (False, True))
+    assert (without["evidence"] == Evidence.REPEATS).mean() > 0.5
+    for name in found.dtype.names:
+        np.testing.assert_array_equal(found[name], without[name], err_msg=name)
 
 
 def least_period(x):

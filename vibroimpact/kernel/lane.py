@@ -1,11 +1,10 @@
 """A lane from one point to the next: its start, its marks, its record, and its end.
 
-Every forcing period takes the same steps, and x and v at the section determine what they do: a run
-that starts from there continues the motion to the last bit. So once a section equals an earlier
-one, the motion repeats what came between them for ever. Each lane keeps one earlier section, its
-mark, which it renews when its periods have grown by a quarter. A motion that has come back to its
-mark skips whole cycles of its transient. Of its record, one cycle is computed, and whole cycles are
-copied.
+Every forcing period takes the same steps, and the state at the section determines what they do: x,
+v and whether the mass rests. So once it equals that at an earlier section to the last bit, the
+motion repeats what came between them for ever. Each lane keeps one earlier state, its mark, which
+it renews when its periods have grown by a quarter. A motion that has come back to its mark skips
+whole cycles of its transient. Of its record, one cycle is computed, and whole cycles are copied.
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ from vibroimpact.kernel.workspace import (
     GUARD,
     KEPT,
     LEVEL,
+    MARK_LEVEL,
     MARK_V,
     MARK_X,
     MARKED,
@@ -158,8 +158,10 @@ def find_due(lanes, size, row):
         lanes[WAKE + i] -= 2.0 * math.pi  # the phases of the grid begin again
         period = lanes[PERIOD + i] + 1.0
         lanes[PERIOD + i] = period
-        back = (lanes[POSITION + row + i] == lanes[MARK_X + i]) & (
-            lanes[VELOCITY + row + i] == lanes[MARK_V + i]
+        back = (
+            (lanes[POSITION + row + i] == lanes[MARK_X + i])
+            & (lanes[VELOCITY + row + i] == lanes[MARK_V + i])
+            & (lanes[LEVEL + i] == lanes[MARK_LEVEL + i])
         )
         lanes[GUARD + i] = select(back | (period >= lanes[DUE + i]), 1.0, -1.0)
 
@@ -191,6 +193,8 @@ def skip_cycles(batch, i, periods, only_transient):
     if period <= 0:
         lanes[PERIOD + i] += -period // cycle * cycle
         return
+    if sums.cycle > 0:  # with exponents, no cycle is skipped, and the motion comes back again
+        return
     impacts = sums.impacts - marked.impacts
     sums.cycle, sums.cycle_impacts = cycle, impacts
     times = (periods - period) // cycle
@@ -208,8 +212,9 @@ def attend_lane(batch, i, row, transient, periods, only_transient):
     """Do what is due in lane `i` at a section: skip cycles, begin the record, renew the mark."""
     workspace, record, _ = batch
     lanes = workspace.lanes
-    x, v = lanes[POSITION + row + i], lanes[VELOCITY + row + i]
-    if x == lanes[MARK_X + i] and v == lanes[MARK_V + i]:
+    x, v, level = lanes[POSITION + row + i], lanes[VELOCITY + row + i], lanes[LEVEL + i]
+    same = x == lanes[MARK_X + i] and v == lanes[MARK_V + i]
+    if same and level == lanes[MARK_LEVEL + i]:
         skip_cycles(batch, i, periods, only_transient)
     period = lanes[PERIOD + i]
     end = 0.0 if period < 0.0 else float(periods)
@@ -219,7 +224,8 @@ def attend_lane(batch, i, row, transient, periods, only_transient):
         begun[0], begun[1] = x, v
     elif period < lanes[DUE + i]:
         return
-    lanes[MARK_X + i], lanes[MARK_V + i], lanes[MARKED + i] = x, v, period
+    lanes[MARK_X + i], lanes[MARK_V + i], lanes[MARK_LEVEL + i] = x, v, level
+    lanes[MARKED + i] = period
     workspace.marked[i] = workspace.sums[i]
     lanes[DUE + i] = min(period + 1.0 + math.floor(0.25 * (period + transient)), end)
 

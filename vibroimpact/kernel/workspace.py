@@ -45,12 +45,12 @@ COEFFICIENTS_SIZE = 8
     MAP, RESTITUTION, GREATEST, SPEEDS,
     # The period of the record in which a lane is, below 0 in its transient; the period before which
     # nothing happens but a return of the motion; and the state of its mark, with its period.
-    PERIOD, DUE, MARK_X, MARK_V, MARKED,
+    PERIOD, DUE, MARK_X, MARK_V, MARK_LEVEL, MARKED,
     # The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers
     # of one lane are contiguous.
     COEFFICIENTS,
 ) = accumulate(  # of the number of rows of each
-    (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 8, 1, 1, 4, 1, 1, 1, 1, 1)))
+    (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 8, 1, 1, 4, 1, 1, 1, 1, 1, 1)))
 )  # fmt: skip
 #: The rows of the state with exact impacts, in the units of ``propagator.py``.
 Y, W = POSITION, VELOCITY
