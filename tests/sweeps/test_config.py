@@ -1,6 +1,7 @@
 """The configuration: reading, overriding, writing, and its JSON schema."""
 
 import math
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -127,10 +128,23 @@ def test_one_value_in_a_list_or_range_is_an_axis():
     assert {name: list(values) for name, values in axes.items()} == {"h": [0.3], "f": [2.0]}
 
 
-def test_log_spacing():
-    values = load(oscillator(h="{start: 1e-4, stop: 1, num: 5, spacing: log}")).sweep.grid.axes["h"]
-    np.testing.assert_allclose(values, [1e-4, 1e-3, 1e-2, 1e-1, 1.0], rtol=1e-14)
-    assert (values[0], values[-1]) == (1e-4, 1.0)
+@pytest.mark.parametrize(("first", "last"), [(-4, 0), (3, -3), (-300, 300)])
+def test_decades_of_a_log_axis_are_exact(first, last):
+    powers = range(first, last + 1) if first < last else range(first, last - 1, -1)
+    decades = [float(f"1e{power}") for power in powers]
+    axis = Range(start=decades[0], stop=decades[-1], num=len(decades), spacing="log")
+    assert axis.values().tolist() == decades
+
+
+def test_a_log_axis_is_rounded_correctly():
+    """So its bits are the same everywhere: no other number is nearer to the geometric series."""
+    values = Range(start=0.3, stop=7.1, num=40, spacing="log").values().tolist()
+    start, stop, last = Fraction("0.3"), Fraction("7.1"), len(values) - 1
+    for i, value in enumerate(values):
+        low, high = (
+            (Fraction(value) + Fraction(math.nextafter(value, end))) / 2 for end in (0.0, math.inf)
+        )
+        assert low**last <= start ** (last - i) * stop**i <= high**last
 
 
 @pytest.mark.parametrize("spacing", ["linear", "log"])

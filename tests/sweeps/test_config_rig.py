@@ -25,6 +25,7 @@ from sweeps.analysis.rig import in_si
 from sweeps.cli.main import app
 from sweeps.config.json_schema import json_schema
 from sweeps.config.rig import si_values
+from sweeps.config.values import Range
 from sweeps.explorer.view import View
 from sweeps.store.writer import SweepWriter
 from vibroimpact import Oscillator
@@ -54,7 +55,10 @@ def points_of(config):
     [
         ("[0.37, 0.11, 0.9]", [0.37, 0.11, 0.9]),
         ("{start: 0.1, stop: 0.7, num: 53}", np.linspace(0.1, 0.7, 53)),
-        ("{start: 0.1, stop: 0.7, num: 53, spacing: log}", np.geomspace(0.1, 0.7, 53)),
+        (
+            "{start: 0.1, stop: 0.7, num: 53, spacing: log}",
+            Range(start=0.1, stop=0.7, num=53, spacing="log").values(),
+        ),
     ],
 )
 def test_every_value_is_converted_as_from_rig_converts_it(name, given, values):
