@@ -271,7 +271,7 @@ def _astray(method: Method) -> float:
     "h = 0, R = 0.8, omega = 0.5 at 4 steps per period: greatest speed in 400 periods, which "
     "is 1.62; inf: overflow",
     ".3g",
-    lambda speed: speed > 1.5 * 1.62,
+    lambda speed: not 1.62 / 1.5 <= speed <= 1.5 * 1.62,
     to_the_letter=False,
 )
 def _greatest_speed(method: Method) -> float:

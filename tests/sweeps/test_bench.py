@@ -259,6 +259,8 @@ def test_only_exact_impacts_never_fail_and_every_failure_is_seen(figures):
     }
     assert failing["energy"] == {"plain", "reduced-step"}
     assert failing["at rest"] == failing["astray"] == failing["depth"] == {"plain"}
+    coarse = next(failure for failure in failures.FAILURES if failure.name == "p T = pi")
+    assert coarse.fails(0.623) and not coarse.fails(1.62)
     assert failing["touch from"] == {"plain", "reduced-step", "cubic"}
 
 
