@@ -40,11 +40,14 @@ def read_points(given: Any, folder: Path) -> np.ndarray:
         reason = f"cannot be read ({error.strerror})"
     except ValueError as error:
         found = re.search(r"requires (\d+) columns but (\d+) were found at row (\d+)", str(error))
-        ragged = (
-            "row {2} has {1} cells, and the header {0}".format(*found.groups()) if found else ""
-        )
-        reason = ragged or str(error)
+        reason = _ragged(*map(int, found.groups())) if found else str(error)
     raise ValueError(reason if path is None else f"{path}: {reason}")
+
+
+def _ragged(header: int, cells: int, row: int) -> str:
+    """Say that a row has more or fewer cells than the header, and why it may have more."""
+    more = "; a number has a decimal point, and there is no comma at the end of a line"
+    return f"row {row} has {cells} cells, and the header {header}{more if cells > header else ''}"
 
 
 def with_columns(data: dict[str, Any]) -> dict[str, Any]:
@@ -129,14 +132,19 @@ def _check_names(names: list[str]) -> None:
             f"{problem if names else 'the table is empty'}; expected: a header with one of "
             f"{', '.join(PARAMETERS)}, and commas between the columns"
         )
+    if "" in names:
+        raise ValueError(
+            f"column {names.index('') + 1} has no name; expected: a name for every column, and no "
+            "comma at the end of a line; to_csv of pandas needs index=False"
+        )
     for name in names:
         if names.count(name) > 1:
-            raise ValueError(f"column {name or '(nothing)'} is given twice; expected: once")
+            raise ValueError(f"column {name} is given twice; expected: once")
         word = nearest(name, missing, least=0.8) if name not in PARAMETERS else None
         # A further column becomes a coordinate of the file, whose name other programs must accept.
         if word or not re.fullmatch(r"\w[\w.-]*", name):
             raise ValueError(
-                f"unknown column {name or '(nothing)'}{suggestion(word)}; expected: a parameter "
+                f"unknown column {name}{suggestion(word)}; expected: a parameter "
                 f"out of {', '.join(PARAMETERS)}, or another word"
             )
 

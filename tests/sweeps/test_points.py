@@ -150,7 +150,7 @@ def refusal(text):
         ("R,omga\n0.5,2\n", "unknown column omga (did you mean omega?)"),
         ("R,omega,H\n0.5,2,1\n", "unknown column H (did you mean h?)"),
         ("R,omega,a/b\n0.5,2,1\n", "unknown column a/b; expected"),
-        ("R,omega,\n0.5,2,1\n", "unknown column (nothing); expected"),
+        ("R,omega,\n0.5,2,1\n", "column 3 has no name; expected"),
         ("R,R\n0.5,2\n", "column R is given twice; expected: once"),
         ("R,note\n0.5,a\n0.5,b\0c\n", r"row 2, column note = b\x00c is not allowed"),
         ("R,omega\n", "the table has no row"),
@@ -178,6 +178,26 @@ def test_the_bytes_of_a_table_are_those_that_programs_write():
             load_config("sweep.yaml")
     Path("table.csv").unlink()
     with pytest.raises(ConfigError, match=r"line 1: points: .*cannot be read \(No such file"):
+        load_config("sweep.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        (
+            pd.DataFrame({"omega": [2.5], "R": [0.8]}).to_csv(),
+            "column 1 has no name; .*index=False",
+        ),
+        ("omega,R,\n2.5,0.8,\n", "column 3 has no name; .*no comma at the end of a line"),
+        ("omega,R\n2.5,0.8,\n", "row 1 has 3 cells, and the header 2; .*no comma at the end"),
+        ("omega,R\n2,5,0.8\n", "row 1 has 3 cells, and the header 2; .*a decimal point"),
+        ("omega;R\n2,5;0.8\n", "and commas between the columns"),
+        ('omega,R\n"2,5",0.8\n', "omega = 2,5 is not allowed; .*with a decimal point"),
+    ],
+)
+def test_what_spreadsheets_and_pandas_write_otherwise_is_explained(text, part):
+    Path("table.csv").write_text(text)
+    with pytest.raises(ConfigError, match=part):
         load_config("sweep.yaml")
 
 
