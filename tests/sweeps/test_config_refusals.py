@@ -87,6 +87,11 @@ def test_refused_settings(line, key, given, allowed):
     assert f"{key} = {given}" in message and allowed in message
 
 
+def test_a_start_has_no_phase():
+    message = refusal(oscillator() + "start: {phase: 1.5}\n")
+    assert "unknown key start.phase (every motion starts at omega t = 0); expected: " in message
+
+
 def test_a_key_that_is_gone_names_what_takes_its_place():
     message = refusal(oscillator() + "refine: {axis: omega, levels: 17}\n")
     assert message.startswith("sweep.yaml, line 2: refine: is not a key any more")
