@@ -52,8 +52,9 @@ def check_target(path: Path, what: str) -> bool:
         target = _followed(path)
         if not target.parent.is_dir():
             link = "" if target is path else f", a link to {target},"
+            home = "; only a shell replaces ~ by the home folder" * str(path).startswith("~")
             raise StoreError(
-                f"the folder {target.parent} of the {what} {path.name}{link} does not exist"
+                f"the folder {target.parent} of the {what} {path.name}{link} does not exist{home}"
             )
         mode = os.stat(target).st_mode
     except FileNotFoundError:
