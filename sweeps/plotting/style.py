@@ -4,6 +4,7 @@ Any two colours can be told apart with normal colour vision, deuteranopia and pr
 differ by at least 10 in CIEDE2000.
 """
 
+import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -102,9 +103,19 @@ def class_colours(classes: Sequence[tuple[int, int]]) -> dict[tuple[int, int], s
     }
 
 
+def _told(record: logging.LogRecord) -> bool:
+    """Drop the warnings of a matplotlibrc: matplotlib gave them when it was imported."""
+    return False
+
+
 def user_style() -> dict[Any, Any]:
     """Return the settings of ``STYLE`` that no matplotlibrc sets and no style sheet changes."""
-    named = mpl.rc_params_from_file(mpl.matplotlib_fname(), use_default_template=False)
+    log = logging.getLogger("matplotlib")
+    log.addFilter(_told)
+    try:
+        named = mpl.rc_params_from_file(mpl.matplotlib_fname(), use_default_template=False)
+    finally:
+        log.removeFilter(_told)
     return {
         name: value
         for name, value in STYLE.items()

@@ -161,6 +161,13 @@ def test_settings_that_matplotlib_cannot_draw_with_are_refused(ran):
 
 
 @pytest.mark.slow
+def test_a_bad_line_in_the_settings_of_matplotlib_is_told_once(ran):
+    Path("matplotlibrc").write_text("font.size: large")
+    result = process("plot", "small.h5", "-o", "a.svg")
+    assert result.returncode == 0 and result.stderr.count("Bad value in file") == 1
+
+
+@pytest.mark.slow
 def test_a_folder_that_was_removed_is_named():
     Path("folder").mkdir()
     os.chdir("folder")
