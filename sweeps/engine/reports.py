@@ -215,6 +215,9 @@ def _classes(variables: Mapping[Any, Any]) -> list[str]:
         whole = "points" if valid.all() else "points with a result"
         parts = [f"{count:,} {reason.meaning}" for reason, count in reasons.items() if count]
         text = f"{share:.3g} % of the {whole} have no class m/q: {', '.join(parts)}"
+        if valid.size == 1:
+            (reason,) = (reason for reason, count in reasons.items() if count)
+            text = f"the motion has no class m/q: {reason.meaning}"
         lines.append(text + "; rests are not counted" * bool((going & resting).any()))
     if number := int((distance > TOLERANCE).sum()):
         verb = "has" if number == 1 else "have"

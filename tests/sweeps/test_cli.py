@@ -351,6 +351,11 @@ def test_how_many_points_have_no_class_and_how_many_have_not_settled_is_told(mon
     monkeypatch.setattr(executors, "compute_block", compute)
     bare = accepted("run", "sweep.yaml", "--overwrite", "--set", "record.diagnostics=[]")
     assert "class" not in bare + accepted("info", "small.h5").replace("class_", "")
+    printed = accepted(
+        "run", ROOT / "configs" / "paper-dissipative-reduced-step.yaml", "-o", "a.h5"
+    )
+    said = "the motion has no class m/q: near no periodic orbit (chaos, or still in transit)"
+    assert printed.splitlines()[1] == said
 
 
 @pytest.mark.slow
