@@ -56,7 +56,7 @@ from vibroimpact.step.scheme import COS, SIN
 DESTINATION = np.dtype(
     [
         ("m", np.int64),
-        ("q", np.int64),  # -1 with other rules than exact: not counted yet
+        ("q", np.int64),  # -1: not counted yet, of other rules than exact
         ("x", float),  # state of the orbit at the last section of the record
         ("v", float),
         ("multiplier", float),  # greatest |multiplier|, NaN where it is not known

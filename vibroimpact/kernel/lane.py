@@ -100,7 +100,7 @@ def fill_lane(workspace, job, i, exactly):
     else:
         time_stepping.set_map(workspace, i, job.scheme.method[1], grid)
     lanes[PERIOD + i], lanes[DUE + i] = -job.transient, 1 - job.transient
-    # The start is not marked: it is no section, unless the run starts at one.
+    # The start is not marked: after a lead-in it is not rounded, as sections are.
     lanes[MARK_X + i] = math.nan
     if job.transient == 0:
         begin_record(workspace, i)
