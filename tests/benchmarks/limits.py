@@ -58,7 +58,7 @@ LIMITS = {
     "store, read": (1.6, 1.6),
     # Measured 7 to 8, where the bare interpreter starts in 10 ms.
     "--help / the bare interpreter": (11.0, 11.0),
-    # Measured 1.4 to 1.5; 2.0 where SciPy and all that numba can compile are imported, too.
+    # Measured 1.5 to 1.65; 2.0 where SciPy and all that numba can compile are imported, too.
     "a second run / importing what it needs": (1.9, 1.9),
 }
 

@@ -1,5 +1,6 @@
 """From the command to the closed file: the whole run, the store, and the start of the process."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -104,9 +105,13 @@ def test_store_read(race, sweep):
 
 
 def python(*arguments, cwd=ROOT):
-    """Run an interpreter to its end; return what it prints."""
+    """Run an interpreter, which keeps its bytecode, to its end; return what it prints."""
     command = [sys.executable, *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, check=True, capture_output=True, text=True).stdout
+    # An image may switch bytecode off; every start would then compile all modules again.
+    env = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
+    return subprocess.run(
+        command, cwd=cwd, env=env, check=True, capture_output=True, text=True
+    ).stdout
 
 
 def test_help(race):
