@@ -2,7 +2,7 @@
 
 Every periodic motion in the file is a seed: Newton's method finds its orbit, and the branch of the
 orbit is followed, with the branches that begin at its flips and grazes
-(`vibroimpact.orbits.branch_set`).
+(`sweeps.analysis.branch_set`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.branch_set import BranchSet
+from sweeps.analysis.chords import with_short_chords
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.motions import motions_of, orbit_at
@@ -33,9 +35,7 @@ from sweeps.config.rig import model_name
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from sweeps.text import shown_count
-from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import Branch
-from vibroimpact.orbits.chords import with_short_chords
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 
 #: Most forcing periods of an orbit that is followed, and most branches that are followed.
@@ -117,7 +117,7 @@ def branches(
     name, phase = model_name(axis), config_of(dataset).record.phase
     low = min(float(line["point"][name][0]) for line in lines)
     high = max(float(line["point"][name][-1]) for line in lines)
-    found = BranchSet(name, low, high, most, LONGEST_ORBIT, classes, check)
+    found = BranchSet(name, low, high, phase, most, LONGEST_ORBIT, classes, check)
     left_out: dict[str, Counter[tuple[int, int]]] = {}
     for motion, length in _seeds(lines):
         mq = int(motion["m"]), int(motion["q"])

@@ -1,4 +1,4 @@
-"""Branches and sets of them, against closed forms, simulation, published values and 40 digits."""
+"""Branches, against closed forms, simulation, published values and 40 digits."""
 
 import math
 from dataclasses import replace
@@ -18,9 +18,7 @@ from oscillators import (
     peak,
     random_oscillators,
 )
-from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
-from vibroimpact.orbits.chords import with_short_chords
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
@@ -168,23 +166,6 @@ def test_a_branch_without_an_end_is_lost():
     assert [point.kind for point in found.special] == ["lost", "edge"]
     assert found.special[0].value == pytest.approx(2.0, abs=1e-3)
     assert found.speeds[0] > 1000.0
-
-
-def test_orbits_between_a_fold_and_a_flip_of_one_step_are_stable():
-    """The window is 1e-6 wide; points added for a picture have their own stability."""
-    osc = Oscillator(h=0.565873495924132, R=0.5, omega=4.5, f=1.0, clearance=-0.5)
-    inside = periodic_orbit(osc, -0.502280357078872, -0.03054864829772489, 4)
-    assert (inside.m, inside.q) == (4, 11) and inside.stable
-    start = branch(inside, "h", 0.005, 0.6).orbit(5)
-    found = with_short_chords(branch(start, "h", 0.005, 0.6), 0.005, 0.6, speeds_of, 1e-4)
-    largest = np.array([abs(found.orbit(i).multipliers[0]) for i in range(len(found.values))])
-    clear = np.abs(largest - 1.0) > 1e-6
-    assert found.stable[clear].any()
-    np.testing.assert_array_equal(found.stable[clear], largest[clear] < 1.0)
-
-
-def speeds_of(orbit):
-    return orbit.speeds
 
 
 def test_two_flips_in_one_step_are_found():
@@ -346,39 +327,6 @@ def test_feigenbaums_ratio_after_eight_further_flips():
     (x, v), *_ = orbit.sections()
     run = simulate(orbit.oscillator, 512, x0=x, v0=v)
     assert run.section_x[-1] == pytest.approx(x, abs=1e-9)
-
-
-def test_a_tree_joins_all_motions_of_the_hysteresis_scene():
-    """Two folds, two grazes of the free oscillation, and what lies between them: from one seed."""
-    osc = Oscillator(h=0.05, R=0.8, omega=1.5, f=1.0, clearance=1.5)
-    tree = BranchSet("omega", 0.4, 1.9)
-    assert tree.add(periodic_orbit(osc, 0.0, 0.0))
-    tree.grow()
-    classes = {(one.m, one.q) for one in tree.branches}
-    assert {(1, 0), (1, 1), (1, 2), (2, 3)} <= classes
-    folds = sorted(value for one in tree.branches for value in special(one, "fold"))
-    expected = [bifurcation(osc, "fold", "omega", *ends) for ends in ((0.5, 0.56), (1.5, 1.8))]
-    assert [folds[0], folds[-1]] == pytest.approx(expected, abs=1e-11)
-    for one in tree.branches:
-        assert tree.holds(one.orbit(len(one.values) // 2))
-
-
-def test_a_tree_has_no_branch_twice_and_every_stable_orbit_attracts():
-    osc = Oscillator(h=0.05, R=0.8, omega=2.5, f=1.0)
-    tree = BranchSet("omega", 2.4, 3.5, most_periods=8)
-    assert tree.add(one_impact_orbit(osc))
-    tree.grow()
-    assert sum((one.m, one.q) == (1, 1) for one in tree.branches) == 1
-    assert {(1, 1), (2, 2), (2, 1), (4, 4), (4, 2), (4, 3)} <= {
-        (one.m, one.q) for one in tree.branches
-    }
-    for one in tree.branches:
-        for i in np.flatnonzero(one.stable)[1:-1:7].tolist():
-            orbit = one.orbit(i)
-            (x, v), *_ = orbit.sections()
-            run = simulate(orbit.oscillator, 20 * one.m, x0=min(x + 1e-9, 0.0), v0=v)
-            assert run.section_x[-1] == pytest.approx(x, abs=2e-8)
-    assert tree.given_up["orbits of more than 8 periods"] > 0
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from oscillators import SectionMap
-from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.branches import branch, doubled_branch
 from vibroimpact.orbits.corrector import correct
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
@@ -17,7 +17,6 @@ from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import (
     OrbitError,
-    doubled,
     periodic_orbit,
     solved,
     why_inadmissible,
@@ -72,9 +71,11 @@ def test_either_side_of_a_flip_is_told_however_near(distance):
     assert not flipped.stable and flipped.multipliers[0].real < -1.0
     # The amplitude of twice the period grows with the square root of the distance: a supercritical
     # flip. Newton's method has few digits so near to it, so this is the median of nine distances.
-    shares = []
+    single = branch(one_impact_orbit(LIGHT), "omega", 2.5, 2.7)
+    (flip,) = [point.orbit for point in single.special if point.kind == "flip"]
+    twice, shares = doubled_branch(flip, "omega", 2.5, 2.7), []
     for further in distance * np.linspace(0.8, 1.2, 9):
-        orbit = doubled(one_impact_orbit(replace(LIGHT, omega=FLIP + further)))
+        (orbit,) = twice.at(FLIP + further)
         assert (orbit.m, orbit.q, orbit.stable) == (2, 2, True)
         change = np.abs(np.diff(orbit.sections(), axis=0)).max()
         shares.append(change / math.sqrt(orbit.oscillator.omega - FLIP))
@@ -102,13 +103,6 @@ def test_the_multipliers_of_many_turns_are_powers(turns):
     found = PeriodicOrbit(osc, turns, phases, np.full(turns, closed.v)).multipliers
     expected = larger**turns if turns < 2000 else math.inf
     assert found[0] == pytest.approx(expected, rel=1e-10)
-
-
-def test_an_orbit_that_has_not_flipped_has_no_double():
-    osc = replace(LIGHT, omega=2.5)
-    _, _, (x, v) = beside(osc)
-    with pytest.raises(OrbitError, match="has not flipped"):
-        doubled(periodic_orbit(osc, x, v))
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.0, 6.0])

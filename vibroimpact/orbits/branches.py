@@ -27,7 +27,13 @@ from vibroimpact.orbits.family import (
     Point,
 )
 from vibroimpact.orbits.halves import doubling, grazing_flip, parents_flip
-from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit, orbit_of, steady_response
+from vibroimpact.orbits.orbit import (
+    PeriodicOrbit,
+    free_orbit,
+    orbit_of,
+    steady_response,
+    taken_twice,
+)
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
 from vibroimpact.orbits.special_points import special_points
 from vibroimpact.oscillator import Oscillator, refuse_other
@@ -218,9 +224,7 @@ def doubled_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
     """Follow the orbits of twice the period that begin at the flip of an orbit; as `branch`."""
     axis = ContinuationParameter.of(orbit.oscillator, parameter, low, high)
     single = OrbitFamily(orbit, (axis,))
-    phases = np.concatenate([orbit.phases, orbit.phases + 2.0 * math.pi * orbit.m])
-    twice = PeriodicOrbit(orbit.oscillator, 2 * orbit.m, phases, np.tile(orbit.speeds, 2))
-    family = OrbitFamily(twice, (axis,))
+    family = OrbitFamily(taken_twice(orbit), (axis,))
     return _as_branch(family, _path(family, *doubling(single, single.start, family.speed)))
 
 

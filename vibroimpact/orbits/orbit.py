@@ -148,6 +148,12 @@ def orbit_of(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) ->
     return PeriodicOrbit(osc, m, within, speeds)
 
 
+def taken_twice(orbit: PeriodicOrbit) -> PeriodicOrbit:
+    """Return an orbit as one of twice the period."""
+    phases = np.concatenate([orbit.phases, orbit.phases + 2.0 * math.pi * orbit.m])
+    return PeriodicOrbit(orbit.oscillator, 2 * orbit.m, phases, np.tile(orbit.speeds, 2))
+
+
 def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
     """Return phases and scaled speeds, alternating, shape (2 q,), and the unit of speed."""
     speed = unit_of_speed(orbit.oscillator, orbit.speeds)

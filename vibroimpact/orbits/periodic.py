@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import correct, null_vector
+from vibroimpact.orbits.corrector import correct
 from vibroimpact.orbits.ends import is_orbit
 from vibroimpact.orbits.family import Inadmissible, OrbitFamily
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps, values_of
@@ -38,9 +38,6 @@ _LATER = (0, 1, 4, 16, 64, 256)
 _MOST_ITERATIONS = 80
 #: The impacts of an orbit miss the stop by less than this share of its size.
 _RESIDUAL = 1e-11
-#: Distances from a flipped orbit at which the search for the orbit of twice the period starts. They
-#: begin beyond that orbit, from where Newton's method comes down to it.
-_DISTANCES = (1e-1, 1e-2, 1e-3, 1e-4)
 #: An orbit repeats a part of itself if its impacts do so to within the first. If they do so only to
 #: within the second, it may still be that part, inaccurate because the part is near its flip.
 _RETURN_TOLERANCE, _NEARLY = 1e-7, 1e-4
@@ -216,32 +213,6 @@ def refuse_inadmissible(family: OrbitFamily) -> None:
     start = family.point(family.start, np.zeros(family.start.size))
     if start.inadmissible is not None and not is_orbit(family, start):
         raise OrbitError(f"the orbit does not exist: {_reason(start.inadmissible)}")
-
-
-def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """Find the stable orbit of twice the period near an orbit that has flipped.
-
-    OrbitError if the orbit has not flipped, or none is found.
-    """
-    mu = orbit.multipliers[0]
-    if orbit.q == 0 or mu.imag or not -math.inf < mu.real < -1.0:
-        raise OrbitError("the orbit has not flipped")
-    _, A, B = linearised(orbit)
-    X, speed = scaled(orbit)
-    along = null_vector(A, B, mu.real)
-    along /= np.abs(along).max()
-    phases = np.concatenate([X[::2], X[::2] + 2.0 * math.pi * orbit.m])
-    speeds = np.tile(X[1::2], 2)
-    for distance in _DISTANCES:
-        step = distance * np.concatenate([along, -along])
-        guess = phases + step[::2], (speeds + step[1::2]) * speed
-        try:
-            twice = solved(orbit.oscillator, 2 * orbit.m, *guess)
-        except OrbitError:
-            continue
-        if twice.m == 2 * orbit.m and twice.stable:
-            return twice
-    raise OrbitError("no stable orbit of twice the period is found")
 
 
 def least(orbit: PeriodicOrbit) -> PeriodicOrbit:

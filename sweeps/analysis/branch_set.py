@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sweeps.analysis.motions import same_orbit
 from vibroimpact.orbits.branches import (
     Branch,
     branch,
@@ -22,11 +23,11 @@ from vibroimpact.orbits.branches import (
     grazing_branch,
     without_touch,
 )
-from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.orbit import PeriodicOrbit, taken_twice
 from vibroimpact.orbits.periodic import OrbitError
 
-#: Two points are the same if they agree within these shares of the range and the greatest speed.
-_VALUE_TOLERANCE, _SPEED_TOLERANCE = 1e-8, 1e-5
+#: A branch begins at a point of another one if their values agree within this share of the range.
+_VALUE_TOLERANCE = 1e-8
 #: How to follow a branch from its start, by the kind of that point.
 _FOLLOW = {"": branch, "flip": doubled_branch, "graze": grazing_branch}
 
@@ -38,6 +39,7 @@ class BranchSet:
     parameter: str
     low: float
     high: float
+    phase: float  # of the section at which orbits are compared
     most_branches: int = 100  # of the chosen classes, and as many of all others
     most_periods: int = 64  # longest orbits that are followed, unless their class is chosen
     classes: Collection[tuple[int, int]] = ()  # m and q of the chosen orbits; if empty, all
@@ -103,21 +105,20 @@ class BranchSet:
         """Whether an orbit is on one of the branches."""
         value = float(getattr(orbit.oscillator, self.parameter))
         return any(
-            _alike(orbit.speeds, there.speeds)
+            same_orbit(orbit, there, self.phase)
             for grown in self._of_class(orbit.m, orbit.q)
             for there in grown.at(value)
         )
 
     def _has(self, orbit: PeriodicOrbit, kind: str) -> bool:
         """Whether a branch of the class that would begin at an orbit already has a point there."""
-        m, q = _class_from(orbit, kind)
-        speeds = np.tile(orbit.speeds, m // orbit.m)
+        first = taken_twice(orbit) if kind == "flip" else orbit
         near = _VALUE_TOLERANCE * (self.high - self.low)
         value = float(getattr(orbit.oscillator, self.parameter))
         return any(
-            _alike(speeds, there)
-            for grown in self._of_class(m, q)
-            for there in grown.speeds[np.abs(grown.values - value) < near]
+            same_orbit(first, grown.orbit(i), self.phase)
+            for grown in self._of_class(first.m, first.q)
+            for i in np.flatnonzero(np.abs(grown.values - value) < near).tolist()
         )
 
     def _of_class(self, m: int, q: int) -> Iterator[Branch]:
@@ -138,10 +139,3 @@ def _onward(grown: Branch) -> Iterator[tuple[str, PeriodicOrbit]]:
             yield ("flip" if orbit.m == grown.m else ""), orbit
         elif special.kind == "graze":
             yield "graze", without_touch(orbit) if orbit.q == grown.q else orbit
-
-
-def _alike(first: np.ndarray, second: np.ndarray) -> bool:
-    size = max(float(first.max(initial=0.0)), float(second.max(initial=0.0)))
-    return bool(
-        np.abs(np.sort(first) - np.sort(second)).max(initial=0.0) <= _SPEED_TOLERANCE * size
-    )
