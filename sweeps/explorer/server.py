@@ -21,6 +21,7 @@ from bokeh.document import Document
 from bokeh.resources import Resources
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
+from bokeh.server.views.doc_handler import DocHandler
 from bokeh.server.views.static_handler import StaticHandler
 from bokeh.util.token import check_token_signature
 from tornado.httpserver import HTTPServer
@@ -48,6 +49,13 @@ _SCRIPT = re.compile(rb"<script(?: type=\"text/javascript\")?>(.*?)</script>", r
 _STATIC = re.compile(r"/static(?:/[\w-][\w.-]*)+", re.ASCII)
 #: The loggers that quote requests, which may hold control characters for a terminal.
 _QUOTING = ("tornado.access", "tornado.general")
+#: Most open pages: to make one takes .2 to .4 s, during which the server answers nobody, and a page
+#: whose browser is not answered for 5 s is made again.
+MOST_PAGES = 10
+_FULL = (
+    "%d pages of vibroimpact explore are open, and more would slow them down. Close one, and load "
+    "this page again after ten seconds."
+)
 #: Pause before new connections are accepted when no file descriptors are left [s].
 _PAUSE = 1.0
 #: Time during which a page may reconnect [s]: ten years.
@@ -70,6 +78,17 @@ class _Policy(OutputTransform):
         return status_code, headers, chunk
 
 
+class _Page(DocHandler):
+    """Opens a page, unless too many are open."""
+
+    async def get(self, *arguments: Any, **options: Any) -> None:
+        if len(self.application.get_sessions("/")) < MOST_PAGES:
+            await super().get(*arguments, **options)
+        else:
+            self.set_status(503)
+            self.finish(_FULL % MOST_PAGES)
+
+
 class _Application(BokehTornado):
     """Serves pages to whoever knows the secret address, and the requests of these pages."""
 
@@ -85,9 +104,12 @@ class _Application(BokehTornado):
 
     def find_handler(self, request: HTTPServerRequest, **options: Any) -> Any:
         """Refuse a foreign request here, because Bokeh logs a traceback for some of them."""
-        if self._is_own(request):
-            return super().find_handler(request, **options)
-        return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
+        if not self._is_own(request):
+            return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
+        delegate = super().find_handler(request, **options)
+        if delegate.handler_class is DocHandler:
+            delegate.handler_class = _Page
+        return delegate
 
     def _is_own(self, request: HTTPServerRequest) -> bool:
         """Whether a request addresses this machine, comes from our own page and has the secret."""
@@ -124,7 +146,7 @@ class Explorer:
     address : str
         The address of the page, with a secret. Each time it is opened it shows a separate page.
     pages : list of LivePage
-        The pages opened so far.
+        The open pages, at most ``MOST_PAGES``. A closed one is removed within ten seconds.
 
     Raises
     ------
@@ -190,7 +212,9 @@ class Explorer:
             loop.default_exception_handler(context)
 
     def _open(self, document: Document) -> None:
-        self.pages.append(LivePage(document, self._home, self._folder))
+        page = LivePage(document, self._home, self._folder)
+        self.pages.append(page)
+        document.on_session_destroyed(lambda _: self.pages.remove(page))
 
     def close(self) -> None:
         """Stop the server; open pages show a message."""

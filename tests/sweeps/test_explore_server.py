@@ -11,6 +11,7 @@ import stat
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -24,6 +25,7 @@ from tornado.websocket import websocket_connect
 
 import sweeps
 from sweeps import Refused, load_config
+from sweeps.explorer import server
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -48,6 +50,14 @@ def started(*options, **variables):
         finally:
             process.kill()
             streams["stderr"].close()
+
+
+def within(seconds, condition):
+    """Wait until a condition holds; return whether it came to hold in time."""
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.1)
+    return condition()
 
 
 def answer(address, path, **headers):
@@ -78,6 +88,26 @@ def test_only_the_address_with_its_secret_and_this_host_are_served(explorer):
     sockets = psutil.Process().net_connections("tcp")
     bound = {s.laddr.ip for s in sockets if s.status == "LISTEN" and s.laddr.port == parts.port}
     assert bound == {"127.0.0.1"}
+
+
+@pytest.mark.slow
+def test_too_many_pages_at_once_are_refused_until_others_are_closed(monkeypatch):
+    """Forty pages at once were all made, one after the other, and nobody was answered meanwhile."""
+    monkeypatch.setattr(server, "MOST_PAGES", 2)
+    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    path = f"/?{urlsplit(explorer.address).query}"
+    try:
+        with ThreadPoolExecutor(8) as clients:
+            answers = list(clients.map(lambda _: answer(explorer.address, path), range(8)))
+        assert sorted(status for status, _ in answers) == [200] * 2 + [503] * 6
+        refusals = {text for status, text in answers if status == 503}
+        assert refusals == {server._FULL % 2}
+        assert len(explorer.pages) == 2
+        assert within(60, lambda: not explorer.pages)  # none of their browsers came back
+        assert answer(explorer.address, path)[0] == 200
+        assert len(explorer.pages) == 1
+    finally:
+        explorer.close()
 
 
 @pytest.mark.slow
