@@ -16,6 +16,7 @@ import numpy as np
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.unknowns import unknowns
 
 #: A chord is close to the branch if its middle is, and the middles of its halves: one middle alone
 #: may be a point of inflection.
@@ -42,8 +43,8 @@ def with_short_chords(
     orbit = PeriodicOrbit(osc, found.m, found.phases[0], found.speeds[0])
     family = OrbitFamily(orbit, (ContinuationParameter(name, low, high),))
     chords = _Chords(family, drawn, tolerance)
-    z = np.stack([found.phases, found.speeds / family.speed], axis=2).reshape(len(found.values), -1)
-    places = [chords.place(X) for X in np.column_stack([z, found.values / family.spans])]
+    z = np.stack([found.phases, found.speeds / family.speed], axis=2)
+    places = [chords.place(X) for X in unknowns(z, found.values[:, None] / family.spans)]
     index, added = [], []
     for i, (begin, end) in enumerate(pairwise(places), 1):
         between = [place.X for place in chords.between(begin, end)]

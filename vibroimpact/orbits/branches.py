@@ -36,6 +36,7 @@ from vibroimpact.orbits.orbit import (
 )
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
 from vibroimpact.orbits.special_points import special_points
+from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import Oscillator, refuse_other
 
 #: Number of values of the parameter at which the free oscillation is checked.
@@ -161,7 +162,7 @@ class Branch:
         start = PeriodicOrbit(self.oscillator, self.m, self.phases[i], self.speeds[i])
         family, two = OrbitFamily(start, (axis,)), slice(i, i + 2)
         impacts = np.stack([self.phases[two], self.speeds[two] / family.speed], axis=2)
-        X = np.column_stack([impacts.reshape(2, -1), self.values[two] / axis.span])
+        X = unknowns(impacts, self.values[two, None] / axis.span)
         length = family.distance(*X)
         begin, end = (Point(Y, (X[1] - X[0]) / length, np.empty(0), math.nan, None) for Y in X)
         step = ArclengthStep(family, begin, end, length)

@@ -15,6 +15,7 @@ import numpy as np
 
 from vibroimpact.orbits.ends import ENDS, to_last_orbit
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily, Point
+from vibroimpact.orbits.unknowns import speeds
 
 #: Lengths of steps in scaled unknowns: the first, the longest, and one below which the path is
 #: given up.
@@ -39,12 +40,12 @@ def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep
         if step.last:
             return
         here = step.end
-        fastest = max(1.0, float(np.abs(here.X[1 : 2 * family.q : 2]).max()))
+        fastest = max(1.0, float(np.abs(speeds(here.X, family.q)).max()))
         length = min(1.5 * step.length, _LONGEST * fastest)
     yield ArclengthStep(family, here, here, 0.0, last=True)
 
 
-def lost_text(points: int, speeds: np.ndarray) -> str:
+def lost_text(points: int, impacts: np.ndarray) -> str:
     """Return why a path of this many points is lost at an orbit with these speeds.
 
     The speed 0, of the impact that grazes all along a curve of grazes, says nothing.
@@ -52,10 +53,10 @@ def lost_text(points: int, speeds: np.ndarray) -> str:
     text = "Newton's method fails or takes too long"
     if points >= MOST_POINTS:
         text = f"not at its end after {MOST_POINTS:,} points"
-    speeds = speeds[speeds != 0.0]
-    if speeds.size == 0:
+    moving = impacts[impacts != 0.0]
+    if moving.size == 0:
         return text
-    slowest, fastest = float(speeds.min()), float(speeds.max())
+    slowest, fastest = float(moving.min()), float(moving.max())
     return f"{text}; the slowest impact has {slowest / fastest:.0e} of the speed of the fastest"
 
 

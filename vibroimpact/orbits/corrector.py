@@ -1,35 +1,17 @@
 """Newton's method onto orbits, branches of them and curves of bifurcations: one corrector.
 
-A vector of unknowns X holds the phases and scaled speeds of q impacts, alternating, z_1 .. z_q, and
-then k free parameters p in units of their spans. With k free parameters the orbits are a manifold
-of k dimensions: k = 0 is an orbit, k = 1 a branch, k = 2 a surface on which each kind of
+With k free parameters the orbits are a manifold of k dimensions in the space of the unknowns
+(``unknowns.py``): k = 0 is an orbit, k = 1 a branch, k = 2 a surface on which each kind of
 bifurcation is a curve. The linearised flights (``flights.py``) and the planes given by a predictor
-are linear equations. Each impact gets parameters of its own, so that an equation of a flight has
-only the unknowns of two impacts,
-
-    A_i z_i + D_i p_i + B_i z_{i+1} = r_i,    p_i - p_{i+1} = 0,    z_{q+1} = z_1.
-
-Their matrix is factorised as J = L Q by Householder reflections (Golub & Van Loan, *Matrix
-Computations*, ch. 5). With J x = r this gives the shortest solution, and the last rows of Q are an
-orthonormal basis of the null space: at a fold like anywhere else, and also where an impact grazes.
-With one plane for each parameter the shortest solution is the Newton step. With one plane less the
-condition of a bifurcation says how far to go along the null vector,
+are linear equations (``linear.py``). With one plane for each parameter their shortest solution is
+the Newton step. With one plane less the condition of a bifurcation says how far to go along the
+null vector,
 
     flip, fold:  det J(mu) = 0 at mu = -1, +1;      graze:  v_k = 0.
 
-J(mu) is the matrix of the flights with z_{q+1} = mu z_1. Its determinant is a quadratic in mu whose
-roots are the Floquet multipliers. With z_{i+1} = M_i / det(B_i) z_i, M_i = -adj(B_i) A_i, it is
-
-    det J(mu) = c0 + c1 mu + c2 mu^2 = prod det A_i - mu trace(M_q .. M_1) + mu^2 prod det B_i,
-
-where no speed is divided by. It is divided by the volume of the rows of all flights but the last,
-the product of the diagonal of L, and so is a smooth function of a convenient size, which is regular
-where an impact grazes.
-
 Derivatives with respect to z are exact. Those with respect to parameters, and those of
 det J(mu), are central differences: they steer the iteration, but its limit does not depend on
-them. Loops are written out, because numba compiles them in a tenth of the time that it takes for
-slices and array expressions.
+them.
 """
 
 from __future__ import annotations
@@ -41,6 +23,13 @@ import numpy as np
 
 from vibroimpact.jit import jit
 from vibroimpact.orbits.flights import residuals, time_steps
+from vibroimpact.orbits.linear import (
+    Equations,
+    characteristic,
+    characteristic_and_slopes,
+    solve,
+)
+from vibroimpact.orbits.unknowns import free_at, inner, moved, phase_at, speed_at
 
 # Conditions of ``System``.
 NONE, FLIP, FOLD, GRAZE = range(4)
@@ -52,8 +41,6 @@ FLIGHT_DIFFERENCE = 6e-6
 #: narrow span is a large number: the step is at least ``_DIFFERENCE_SHARE`` of it, far above its
 #: rounding, but at most the step for flights.
 _DIFFERENCE, _DIFFERENCE_SHARE = 1e-9, 1e-12
-#: Equations count as dependent if only this share of a row is orthogonal to the rows before it.
-_INDEPENDENT = 1e-14
 #: The iteration ends after a step shorter than the first, or after a step that is shorter than the
 #: second and longer than half the step before it. The third is the same for the rounding of a
 #: parameter in units of a narrow span, as a share of it.
@@ -76,46 +63,12 @@ class System(NamedTuple):
     work: np.ndarray  # receives the number of time steps taken, (1,)
 
 
-class Equations(NamedTuple):
-    """The linearised flights and planes, with k parameters; the last impact has l planes.
-
-    Each impact has a block of 2 + k unknowns and as many equations; the last has 2 + l equations.
-    """
-
-    A: np.ndarray  # factors of the impact before each flight, (q, 2, 2)
-    B: np.ndarray  # factors of the impact after it, (q, 2, 2)
-    D: np.ndarray  # factors of the parameters, (q, 2, k)
-    planes: np.ndarray  # vectors of which `inner` is taken with the solution, (l, 2 q + k)
-    right: np.ndarray  # right-hand sides of the equations that are solved
-
-
-@jit
-def inner(X, Y, q):
-    """Return the inner product of two vectors of unknowns, averaged over the impacts."""
-    total = 0.0
-    for i in range(2 * q):
-        total += X[i] * Y[i]
-    total /= q
-    for i in range(2 * q, X.size):
-        total += X[i] * Y[i]
-    return total
-
-
-@jit
-def moved(X, share, step):
-    """Return X + share step."""
-    Y = np.empty(X.size)
-    for i in range(X.size):
-        Y[i] = X[i] + share * step[i]
-    return Y
-
-
 @jit
 def parameters_at(system, X):
     """Return the parameters of the oscillator at a vector of unknowns, shape (6,)."""
     values = system.values.copy()
     for j in range(system.free.size):
-        values[system.free[j]] = X[2 * system.q + j] * system.spans[j]
+        values[system.free[j]] = X[free_at(system.q, j)] * system.spans[j]
     return values
 
 
@@ -133,171 +86,6 @@ def _largest(F):
     for i in range(F.shape[0]):
         size = max(size, abs(F[i, 0]), abs(F[i, 1]))
     return size
-
-
-@jit
-def _set_row(equations, row, w):
-    """Set w to a row of J."""
-    A, B, D = equations.A, equations.B, equations.D
-    q, block = A.shape[0], 2 + D.shape[2]
-    i, of_block = row // block, row % block
-    for j in range(w.size):
-        w[j] = 0.0
-    if of_block < 2:
-        for j in range(2):
-            w[block * i + j] = A[i, of_block, j]
-        for j in range(2, block):
-            w[block * i + j] = D[i, of_block, j - 2]
-        for j in range(2):
-            w[block * ((i + 1) % q) + j] += B[i, of_block, j]
-    elif i + 1 < q:
-        w[row], w[row + block] = 1.0, -1.0
-    else:
-        for j in range(w.size):
-            at = 2 * (j // block) + j % block if j % block < 2 else 2 * q + j % block - 2
-            w[j] = equations.planes[of_block - 2, at] / q
-
-
-@jit
-def _reflect(V, row, block, w):
-    """Apply the Householder reflection I - v v^T to a vector, in place."""
-    start, product = row - row % block, 0.0
-    stop = min(start + V.shape[1], w.size)
-    for j in range(start, stop):
-        product += V[row, j - start] * w[j]
-    for j in range(start, stop):
-        w[j] -= product * V[row, j - start]
-
-
-@jit
-def _factorise(equations, V, diagonal, w, y):
-    """Find Q as reflections, the diagonal of L, and y, with L y = r; False if rows are dependent.
-
-    Each v has elements in the block of its row and in the next, which are a row of V, shape
-    (rows, 2 (2 + k)). `w` is overwritten.
-    """
-    q, block = equations.A.shape[0], 2 + equations.D.shape[2]
-    for row in range(equations.right.size):
-        _set_row(equations, row, w)
-        i = row // block
-        # Only the last impact shares unknowns with impacts other than those beside it.
-        first = block * (i - 1) if 0 < i < q - 1 else 0
-        left, before, rest = equations.right[row], 0.0, 0.0
-        for j in range(first, row):
-            _reflect(V, j, block, w)
-        for j in range(first, row):
-            left -= w[j] * y[j]
-            before += w[j] * w[j]
-        stop = min(block * (i + 2), w.size)
-        for j in range(row, stop):
-            rest += w[j] * w[j]
-        if not rest > _INDEPENDENT**2 * (before + rest):
-            return False
-        diagonal[row] = -math.copysign(math.sqrt(rest), w[row])
-        y[row] = left / diagonal[row]
-        w[row] -= diagonal[row]
-        scale = 1.0 / math.sqrt(-diagonal[row] * w[row])
-        for j in range(row, stop):
-            V[row, j - block * i] = scale * w[j]
-    return True
-
-
-@jit
-def _solve(equations, P, N):
-    """Find the shortest solution P and an orthonormal basis N; False if equations are dependent."""
-    q, block, rows = equations.A.shape[0], 2 + equations.D.shape[2], equations.right.size
-    V, w, y = np.zeros((rows, 2 * block)), np.empty(q * block), np.zeros(q * block)
-    independent = _factorise(equations, V, np.empty(rows), w, y)
-    for number in range(-1, N.shape[0]):
-        vector = P if number < 0 else N[number]
-        for j in range(w.size):
-            w[j] = y[j] if number < 0 else 0.0
-        if number >= 0:  # one of the last rows of Q, in units in which its ``inner`` is 1
-            w[rows + number] = math.sqrt(q)
-        for row in range(rows - 1, -1, -1):
-            _reflect(V, row, block, w)
-        for j in range(2 * q):
-            vector[j] = w[block * (j // 2) + j % 2]
-        for j in range(2, block):
-            vector[2 * q + j - 2] = w[j]
-    return independent
-
-
-@jit
-def _without_last(A, B):
-    """Return the equations of all flights but the last."""
-    q = A.shape[0]
-    return Equations(A, B, np.empty((q, 2, 0)), np.empty((0, 2 * q)), np.zeros(2 * q - 2))
-
-
-@jit
-def characteristic(A, B):
-    """Return c0, c1, c2 of det J(mu), divided by the volume of all flights but the last."""
-    return _characteristic_and_slopes(A, B, np.zeros(A.shape), np.zeros(B.shape))[0]
-
-
-@jit
-def _determinant(A, dA):
-    """Return the determinant of a 2 x 2 matrix and its derivative."""
-    slope = dA[0, 0] * A[1, 1] + A[0, 0] * dA[1, 1] - dA[0, 1] * A[1, 0] - A[0, 1] * dA[1, 0]
-    return A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0], slope
-
-
-@jit
-def _characteristic_and_slopes(A, B, dA, dB):
-    """Return c0, c1, c2 as `characteristic`, and their derivatives at a constant volume.
-
-    dA and dB are the derivatives of A and B.
-    """
-    q, c0, s0, c2, s2 = A.shape[0], 1.0, 0.0, 1.0, 0.0
-    V, diagonal = np.zeros((2 * q - 2, 4)), np.ones(2 * q)
-    _factorise(_without_last(A, B), V, diagonal, np.empty(2 * q), np.empty(2 * q - 2))
-    M, dM = np.zeros((2, 2)), np.zeros((2, 2))
-    M[0, 0] = M[1, 1] = 1.0
-    for i in range(q):
-        volume = abs(diagonal[2 * i] * diagonal[2 * i + 1])
-        det, slope = _determinant(A[i], dA[i])
-        c0, s0 = c0 * (det / volume), s0 * (det / volume) + c0 * (slope / volume)
-        det, slope = _determinant(B[i], dB[i])
-        c2, s2 = c2 * (det / volume), s2 * (det / volume) + c2 * (slope / volume)
-        for j in range(2):  # M becomes -adj(B_i) A_i M
-            x, y, dx, dy = M[0, j], M[1, j], dM[0, j], dM[1, j]
-            upper = (A[i, 0, 0] * x + A[i, 0, 1] * y) / volume
-            lower = (A[i, 1, 0] * x + A[i, 1, 1] * y) / volume
-            d_upper = dA[i, 0, 0] * x + dA[i, 0, 1] * y + A[i, 0, 0] * dx + A[i, 0, 1] * dy
-            d_lower = dA[i, 1, 0] * x + dA[i, 1, 1] * y + A[i, 1, 0] * dx + A[i, 1, 1] * dy
-            d_upper, d_lower = d_upper / volume, d_lower / volume
-            M[0, j] = B[i, 0, 1] * lower - B[i, 1, 1] * upper
-            M[1, j] = B[i, 1, 0] * upper - B[i, 0, 0] * lower
-            dM[0, j] = dB[i, 0, 1] * lower - dB[i, 1, 1] * upper
-            dM[0, j] += B[i, 0, 1] * d_lower - B[i, 1, 1] * d_upper
-            dM[1, j] = dB[i, 1, 0] * upper - dB[i, 0, 0] * lower
-            dM[1, j] += B[i, 1, 0] * d_upper - B[i, 0, 0] * d_lower
-    return (c0, -M[0, 0] - M[1, 1], c2), (s0, -dM[0, 0] - dM[1, 1], s2)
-
-
-@jit
-def null_vector(A, B, mu):
-    """Return z, (2 q,), with A_i z_i + B_i z_{i+1} = 0, z_{q+1} = mu z_1, for a multiplier mu.
-
-    Its first element, the phase of the first impact, is not negative.
-    """
-    n, largest = 2 * A.shape[0], -1.0
-    N, z, last = np.empty((2, n)), np.empty(n), np.zeros(2)
-    _solve(_without_last(A, B), np.empty(n), N)
-    for row in range(2):
-        for i in range(2):
-            last[i] = 0.0
-            for j in range(2):
-                last[i] += A[-1, row, j] * N[i, n - 2 + j] + mu * B[-1, row, j] * N[i, j]
-        if math.hypot(last[0], last[1]) > largest:
-            largest = math.hypot(last[0], last[1])
-            for j in range(n):
-                z[j] = last[1] * N[0, j] - last[0] * N[1, j]
-    if z[0] < 0.0:
-        for j in range(n):
-            z[j] = -z[j]
-    return z
 
 
 @jit
@@ -340,14 +128,14 @@ def _newton_step(system, X, origin, planes, P, N):
         at = block * (q - 1) + 2 + i
         right[at] = inner(planes[i], origin, q) - inner(planes[i], X, q)
     equations = Equations(A, B, _parameter_slopes(system, X), planes, right)
-    return size if _solve(equations, P, N) else math.inf
+    return size if solve(equations, P, N) else math.inf
 
 
 @jit
 def _condition(system, X):
     """Return the function that is zero at the bifurcation; NaN if impacts are out of order."""
     if system.condition == GRAZE:
-        return X[2 * system.graze + 1]
+        return X[speed_at(system.graze)]
     F, A, B = linearised(system, X)
     if not _largest(F) < math.inf:
         return math.nan
@@ -360,8 +148,8 @@ def difference(system, X):
     """Return the step for the difference of a condition."""
     step = _DIFFERENCE
     for i in range(system.q):
-        step = max(step, _DIFFERENCE * abs(X[2 * i + 1]))
-    for i in range(2 * system.q, X.size):
+        step = max(step, _DIFFERENCE * abs(X[speed_at(i)]))
+    for i in range(free_at(system.q, 0), X.size):
         step = max(step, min(_DIFFERENCE_SHARE * abs(X[i]), FLIGHT_DIFFERENCE))
     return step
 
@@ -370,11 +158,13 @@ def difference(system, X):
 def _gradient(system, X, along):
     """Return the derivative along a vector of the condition, where the condition is zero."""
     if system.condition == GRAZE:
-        return along[2 * system.graze + 1]
+        return along[speed_at(system.graze)]
     q, fastest = system.q, 0.0
-    for i in range(X.size):  # no unknown moves by more than this share of its size
-        size = max(abs(X[i]), 0.1) if i >= 2 * q else 1.0 if i % 2 == 0 else max(abs(X[i]), 1.0)
-        fastest = max(fastest, abs(along[i]) / size)
+    for i in range(q):  # no unknown moves by more than this share of its size
+        fastest = max(fastest, abs(along[phase_at(i)]))
+        fastest = max(fastest, abs(along[speed_at(i)]) / max(abs(X[speed_at(i)]), 1.0))
+    for i in range(free_at(q, 0), X.size):
+        fastest = max(fastest, abs(along[i]) / max(abs(X[i]), 0.1))
     step = FLIGHT_DIFFERENCE / fastest
     _, above, above_B = linearised(system, moved(X, step, along))
     _, A, B = linearised(system, moved(X, -step, along))
@@ -386,7 +176,7 @@ def _gradient(system, X, along):
                 dB[i, j, k] = (above_B[i, j, k] - B[i, j, k]) / (2.0 * step)
                 A[i, j, k] += step * dA[i, j, k]  # now at X
                 B[i, j, k] += step * dB[i, j, k]
-    _, (s0, s1, s2) = _characteristic_and_slopes(A, B, dA, dB)
+    _, (s0, s1, s2) = characteristic_and_slopes(A, B, dA, dB)
     return s0 + s2 + (s1 if system.condition == FOLD else -s1)
 
 
@@ -412,10 +202,9 @@ def _room(system, X, step):
     """Return the share of a step, at most 1, that keeps every flight long enough."""
     share, q = 1.0, system.q
     for i in range(q):
-        last = i + 1 == q
-        following = 0 if last else 2 * i + 2
-        now = X[following] - X[2 * i] + (2.0 * math.pi * system.m if last else 0.0)
-        change = step[following] - step[2 * i]
+        here, following = phase_at(i), phase_at((i + 1) % q)
+        now = X[following] - X[here] + (2.0 * math.pi * system.m if i + 1 == q else 0.0)
+        change = step[following] - step[here]
         if now > 0.0 and now + share * change < _SHORTEST * now:
             share = (1.0 - _SHORTEST) * now / -change
     return share
@@ -442,7 +231,7 @@ def correct(system, X, planes, most):
     k, q = system.free.size, system.q
     origin, P, N = X.copy(), np.empty(X.size), np.empty((k - planes.shape[0], X.size))
     before, rounding = math.inf, 0.0
-    for i in range(2 * q, X.size):
+    for i in range(free_at(q, 0), X.size):
         rounding = max(rounding, _ROUNDED * abs(X[i]))
     for _ in range(most):
         size = _newton_step(system, X, origin, planes, P, N)

@@ -34,20 +34,20 @@ from vibroimpact.orbits.corrector import (
     FOLD,
     GRAZE,
     NONE,
-    characteristic,
     difference,
-    inner,
     linearised,
-    moved,
     parameters_at,
 )
 from vibroimpact.orbits.flights import (
     is_below,
     parameters,
+    phase_of_landing,
     polynomials,
     steps_of,
     zeros_of,
 )
+from vibroimpact.orbits.linear import characteristic
+from vibroimpact.orbits.unknowns import free_at, inner, moved, phase_at, speed_at
 from vibroimpact.step.series import TERMS, first_crossing
 
 #: Values of test functions below this are rounding.
@@ -63,6 +63,14 @@ _LEAST_SHARE = 0.25
 
 
 @jit
+def _apart(X, m, q, i):
+    """Return how far impact i of the second half is from that of the first: phase and speed."""
+    j = i + q // 2
+    phase = X[phase_at(j)] - X[phase_at(i)] - math.pi * m
+    return phase, X[speed_at(j)] - X[speed_at(i)]
+
+
+@jit
 def halves_apart(X, m, q):
     """Return the mean square difference of the two halves of an orbit; 1 if it has no halves.
 
@@ -71,9 +79,10 @@ def halves_apart(X, m, q):
     if m % 2 or q % 2:
         return 1.0
     square = 0.0
-    for i in range(q):
-        change = X[i + q] - X[i] - (0.0 if i % 2 else math.pi * m)
-        square += change * change / q
+    for i in range(q // 2):
+        phase, speed = _apart(X, m, q, i)
+        square += phase * phase / q
+        square += speed * speed / q
     return square if square > ROUNDING else math.nan
 
 
@@ -82,8 +91,8 @@ def _fill(system, X, bounds, values):
     """Set the test functions at a point."""
     q, k = system.q, system.free.size
     for j in range(k):
-        values[2 * j] = X[2 * q + j] - bounds[j, 0]
-        values[2 * j + 1] = bounds[j, 1] - X[2 * q + j]
+        values[2 * j] = X[free_at(q, j)] - bounds[j, 0]
+        values[2 * j + 1] = bounds[j, 1] - X[free_at(q, j)]
     first, second = math.nan, math.nan
     if system.condition == NONE or system.condition == GRAZE:
         _, A, B = linearised(system, X)
@@ -113,7 +122,8 @@ def test_functions(system, X, tangent, bounds):
     for i in range(2 * k + 2):
         tests[1, i] = (tests[1, i] - tests[0, i]) / step
     for j in range(k):
-        tests[1, 2 * j], tests[1, 2 * j + 1] = tangent[2 * q + j], -tangent[2 * q + j]
+        tests[1, 2 * j] = tangent[free_at(q, j)]
+        tests[1, 2 * j + 1] = -tangent[free_at(q, j)]
     return tests
 
 
@@ -135,10 +145,9 @@ def _oscillates_far(system, X, Y):
     """Whether the natural oscillation of a flight advances far between two points."""
     p, p_Y, q = parameters_at(system, X), parameters_at(system, Y), system.q
     for i in range(q):
-        last = i + 1 == q
-        following, turns = (0, 2.0 * math.pi * system.m) if last else (2 * i + 2, 0.0)
-        advance = (X[following] - X[2 * i] + turns) * p[4] / p[2]
-        advance_Y = (Y[following] - Y[2 * i] + turns) * p_Y[4] / p_Y[2]
+        flight = phase_of_landing(system.m, X, q, i) - X[phase_at(i)]
+        flight_Y = phase_of_landing(system.m, Y, q, i) - Y[phase_at(i)]
+        advance, advance_Y = flight * p[4] / p[2], flight_Y * p_Y[4] / p_Y[2]
         if abs(advance_Y - advance) > _MOST_ADVANCE:
             return True
     return False
@@ -195,7 +204,7 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
     """Whether both parameters may turn back twice, by the control points of their derivative."""
     together, middle, bend, size = 0.0, 0.0, 0.0, 0.0
     cosine = inner(tangent, tangent_Y, system.q)
-    for j in range(2 * system.q, X.size):
+    for j in range(free_at(system.q, 0), X.size):
         a, b = tangent[j], tangent_Y[j] / cosine
         c = 3.0 * (Y[j] - X[j]) / length - a - b
         together, size = together + a * b, size + a * a
@@ -209,11 +218,13 @@ def _halves_may_meet(system, X, Y):
     if system.m % 2 or system.q % 2:
         return False
     product, square = 0.0, 0.0
-    for i in range(system.q):
-        shift = 0.0 if i % 2 else math.pi * system.m
-        first = X[i + system.q] - X[i] - shift
-        product += first * (Y[i + system.q] - Y[i] - shift)
-        square += first * first
+    for i in range(system.q // 2):
+        phase, speed = _apart(X, system.m, system.q, i)
+        phase_Y, speed_Y = _apart(Y, system.m, system.q, i)
+        product += phase * phase_Y
+        product += speed * speed_Y
+        square += phase * phase
+        square += speed * speed
     return product < _LEAST_SHARE * square
 
 

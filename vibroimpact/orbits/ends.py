@@ -23,6 +23,7 @@ from vibroimpact.orbits.family import (
 )
 from vibroimpact.orbits.flights import state_after
 from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.unknowns import free, impacts, speeds, unknowns
 
 #: Where orbits vanish with the force, a force below this share of its range counts as zero: the
 #: equations of the orbits are singular there.
@@ -43,7 +44,7 @@ _PATIENT = 60
 def margin(family: OrbitFamily, point: Point, reason: Inadmissible) -> float:
     """Return a number that is 0 where a reason begins, negative beyond; NaN if unknown."""
     if reason.kind == "speed":
-        return float(point.X[2 * reason.at + 1])
+        return float(speeds(point.X, family.q)[reason.at])
     if reason.kind == "edge":
         parameter = family.parameters[reason.at]
         inside = (reason.where - float(family.kept(point.X)[reason.at])) / parameter.span
@@ -155,7 +156,7 @@ def ending(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
 
 def _leaves(family: OrbitFamily, point: Point) -> bool:
     """Whether a path is on an edge of a range and goes on beyond it."""
-    ways = zip(family.parameters, family.kept(point.X), point.tangent[2 * family.q :], strict=True)
+    ways = zip(family.parameters, family.kept(point.X), free(point.tangent, family.q), strict=True)
     return any(
         value == (axis.low if along < 0.0 else axis.high) and along != 0.0
         for axis, value, along in ways
@@ -168,11 +169,11 @@ def _without_force(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
     They vanish if the clearance is 0, since x and v are then proportional to f.
     """
     for j, parameter in enumerate(family.parameters):
-        at = 2 * family.q + j
-        if parameter.name == "f" and parameter.low == 0.0 and X[at] < _VANISHES:
+        near = free(X, family.q)[j] < _VANISHES
+        if parameter.name == "f" and parameter.low == 0.0 and near:
             if family.oscillator(X).clearance == 0.0:
                 X = X.copy()
-                X[1 : 2 * family.q : 2] = X[at] = 0.0
+                speeds(X, family.q)[:] = free(X, family.q)[j] = 0.0
                 return X
     return None
 
@@ -187,10 +188,11 @@ def _at_edges(step: ArclengthStep, reason: Inadmissible) -> np.ndarray:
     if value == reason.where or value == before:
         return X
     X = X + (reason.where - value) / (value - before) * (X - begin)
-    for at, axis in enumerate(family.parameters, 2 * family.q):
+    values = free(X, family.q)
+    for j, axis in enumerate(family.parameters):
         for edge in (axis.low, axis.high):
-            if abs(X[at] - edge / axis.span) < ENDS:
-                X[at] = edge / axis.span
+            if abs(values[j] - edge / axis.span) < ENDS:
+                values[j] = edge / axis.span
     return X
 
 
@@ -201,11 +203,12 @@ def _without_speed(step: ArclengthStep) -> np.ndarray:
     omega = n p.
     """
     X, tangent, q = step.end.X, step.end.tangent, step.family.q
-    at = 2 * int(np.argmin(X[1 : 2 * q : 2])) + 1
-    if not -X[at] / NEARBY_DISTANCE > tangent[at]:  # it becomes no slower
+    slowest = int(np.argmin(speeds(X, q)))
+    speed, slope = speeds(X, q)[slowest], speeds(tangent, q)[slowest]
+    if not -speed / NEARBY_DISTANCE > slope:  # it becomes no slower
         return X
-    X = X - X[at] / tangent[at] * tangent
-    X[at] = 0.0
+    X = X - speed / slope * tangent
+    speeds(X, q)[slowest] = 0.0
     return X
 
 
@@ -220,7 +223,10 @@ def _graze(
     Z = grazing.bifurcation(Y, "graze", index)
     if Z is None or not grazing.distance(Z, Y) < NEARBY_DISTANCE:
         return None
-    last = Z if grazing is family else np.delete(Z, [2 * index, 2 * index + 1])
+    last = Z
+    if grazing is not family:  # without the touch
+        z = np.delete(impacts(Z, grazing.q), index, axis=0)
+        last = unknowns(z, free(Z, grazing.q))
     return "graze", last, grazing.orbit(Z)
 
 
@@ -231,15 +237,15 @@ def _with_touch(
 
     This impact is at the highest point of the flight that crosses the stop.
     """
-    at, values = reason.at, parameters_at(family.system, X)
-    omega, theta, v = family.oscillator(X).omega, X[2 * at], X[2 * at + 1] * family.speed
+    at, values, z = reason.at, parameters_at(family.system, X), impacts(X, family.q)
+    omega, theta, v = family.oscillator(X).omega, z[at, 0], z[at, 1] * family.speed
     tau = (reason.where - theta) / omega
     for _ in range(20):
         _, u, a = state_after(values, theta, v, tau)
         if abs(u / a) < 1e-12 * tau:
             break
         tau -= u / a
-    Y = np.insert(X, 2 * at + 2, (theta + omega * tau, 0.0))
-    z = Y[: 2 * family.q + 2].reshape(-1, 2)
+    z = np.insert(z, at + 1, (theta + omega * tau, 0.0), axis=0)
     touching = PeriodicOrbit(family.oscillator(X), family.m, z[:, 0], z[:, 1] * family.speed)
-    return OrbitFamily(touching, family.parameters, speed=family.speed), Y
+    touched = OrbitFamily(touching, family.parameters, speed=family.speed)
+    return touched, unknowns(z, free(X, family.q))

@@ -1,7 +1,6 @@
 """A family of orbits over free parameters, its points, and the steps of a path along them.
 
-A point is a vector X of phases and scaled speeds, alternating, then of parameters in units of their
-spans (``corrector.py``).
+A point is a vector of unknowns (``unknowns.py``).
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, parameters_at
 from vibroimpact.orbits.detection import may_miss, test_functions
 from vibroimpact.orbits.flights import first_penetration, values_of
 from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
+from vibroimpact.orbits.unknowns import free, inner, phases, speeds, unknowns
 from vibroimpact.oscillator import Oscillator, one_of
 
 #: The condition that all orbits of a family meet: none, or a bifurcation.
@@ -90,7 +90,7 @@ class Inadmissible:
 class Point(NamedTuple):
     """A point of a path, and its properties."""
 
-    X: np.ndarray  # the unknowns, (2 q + k,)
+    X: np.ndarray  # (2 q + k,)
     tangent: np.ndarray  # the direction of the path, (2 q + k,)
     tests: np.ndarray  # the test functions and their slopes along it (``detection.py``), (2, n)
     maximum: float  # greatest local maximum near the stop (``first_penetration``)
@@ -125,15 +125,15 @@ class OrbitFamily:
         self.bounds = np.reshape(ends, (-1, 2)) / self.spans[:, None]
         at = [getattr(self.osc, axis.name) / axis.span for axis in parameters]
         z = np.column_stack([orbit.phases, orbit.speeds / self.speed])
-        self.start = np.concatenate([z.ravel(), at])
+        self.start = unknowns(z, np.array(at))
 
     def values(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at a point."""
-        return X[2 * self.q :] * self.spans
+        return free(X, self.q) * self.spans
 
     def kept(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at points; a value within rounding of an edge becomes it."""
-        values = X[..., 2 * self.q :] * self.spans
+        values = free(X, self.q) * self.spans
         for j, parameter in enumerate(self.parameters):
             for edge in (parameter.low, parameter.high):
                 values[..., j][np.abs(values[..., j] - edge) <= parameter.slack] = edge
@@ -145,8 +145,8 @@ class OrbitFamily:
 
     def impacts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return phases and speeds at points; a speed that is zero to rounding becomes zero."""
-        phases, speeds = X[..., : 2 * self.q : 2], X[..., 1 : 2 * self.q : 2]
-        return phases, np.where(np.abs(speeds) < _ZERO_SPEED, 0.0, speeds) * self.speed
+        v = speeds(X, self.q)
+        return phases(X, self.q), np.where(np.abs(v) < _ZERO_SPEED, 0.0, v) * self.speed
 
     def orbit(self, X: np.ndarray) -> PeriodicOrbit:
         """Return the orbit at a point."""
@@ -167,7 +167,7 @@ class OrbitFamily:
         if system.work[0] > MOST_WORK or not corrector.correct(system, X, planes, most):
             return None
         if system.condition == GRAZE and len(planes) < len(self.parameters):
-            X[2 * system.graze + 1] = 0.0  # it is zero to rounding
+            speeds(X, self.q)[system.graze] = 0.0  # it is zero to rounding
         return X
 
     def bifurcation(self, X: np.ndarray, kind: str, graze: int = 0) -> np.ndarray | None:
@@ -177,8 +177,9 @@ class OrbitFamily:
 
     def at(self, X: np.ndarray, value: float, parameter: int = 0) -> np.ndarray | None:
         """Return the point near X at a value of a parameter; None if none is found."""
-        X, plane, at = X.copy(), np.zeros((1, X.size)), 2 * self.q + parameter
-        X[at], plane[0, at] = value / self.spans[parameter], 1.0
+        X, plane = X.copy(), np.zeros((1, X.size))
+        free(X, self.q)[parameter] = value / self.spans[parameter]
+        free(plane, self.q)[0, parameter] = 1.0
         return self.corrected(X, plane)
 
     def tangent(self, X: np.ndarray, along: np.ndarray | None = None) -> np.ndarray:
@@ -188,7 +189,7 @@ class OrbitFamily:
 
     def inner(self, X: np.ndarray, Y: np.ndarray) -> float:
         """Return the inner product of the continuation."""
-        return float(corrector.inner(X, Y, self.q))
+        return float(inner(X, Y, self.q))
 
     def distance(self, X: np.ndarray, Y: np.ndarray) -> float:
         """Return the distance of two points."""
@@ -212,10 +213,10 @@ class OrbitFamily:
 
     def slowest(self, X: np.ndarray) -> float:
         """Return the slowest speed; on a curve of grazes that of the other impacts, inf if none."""
-        speeds = X[1 : 2 * self.q : 2]
+        v = speeds(X, self.q)
         if self.kind == "graze":
-            speeds = np.delete(speeds, self.system.graze)
-        return float(speeds.min(initial=math.inf))
+            v = np.delete(v, self.system.graze)
+        return float(v.min(initial=math.inf))
 
     def inadmissible(self, X: np.ndarray) -> tuple[Inadmissible | None, float]:
         """Return why a point is inadmissible, and the greatest local maximum near the stop."""
@@ -226,15 +227,14 @@ class OrbitFamily:
                 return Inadmissible(
                     "edge", j, axis.low if value < axis.low else axis.high
                 ), math.nan
-        speeds = X[1 : 2 * self.q : 2]
-        slowest = int(np.argmin(speeds))
-        if speeds[slowest] < 0.0:
+        slowest = int(np.argmin(speeds(X, self.q)))
+        if speeds(X, self.q)[slowest] < 0.0:
             return Inadmissible("speed", slowest), math.nan
         values = parameters_at(self.system, X)
         flight, phase, maximum = first_penetration(values, self.m, self.speed, X, self.q)
         if flight < 0:
             return None, maximum
-        if phase == X[2 * flight]:
+        if phase == phases(X, self.q)[flight]:
             return Inadmissible("rest", int(flight), float(phase)), maximum
         if self.kind == "graze" and self.q == 1 and maximum < _TOUCHES * values[-1]:
             return None, maximum  # the free oscillation touches the stop once in each of m periods

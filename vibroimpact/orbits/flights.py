@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import jit, specialised
+from vibroimpact.orbits.unknowns import phase_at, speed_at
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.integrators import Parameters
@@ -111,15 +112,15 @@ def _land(flight, theta, v, pt, coefficients, M):
 @specialised
 def phase_of_landing(m, X, q, i):
     """Return the phase at the end of flight i."""
-    return X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
+    return X[phase_at(0)] + 2.0 * math.pi * m if i + 1 == q else X[phase_at(i + 1)]
 
 
 @jit
 def residuals(values, m, speed, X, q):
     """Return the residuals of all flights and their derivatives.
 
-    X, shape (2 q, ...), begins with the phase of each impact and its speed in units of `speed`,
-    alternating; further elements are ignored. F, shape (q, 2), is inf if an impact does not come
+    X are the unknowns (``unknowns.py``), with speeds in units of `speed`; free parameters in it are
+    ignored. F, shape (q, 2), is inf if an impact does not come
     after the previous one, or if the repetition has more time steps than ``MOST_ORBIT_STEPS``. A
     and B, shape (q, 2, 2), are the derivatives with respect to the impact before the flight and the
     impact after it.
@@ -132,13 +133,12 @@ def residuals(values, m, speed, X, q):
         F[:], A[:], B[:] = math.inf, math.nan, math.nan
         return F, A, B
     for i in range(q):
-        if not X[2 * i] < phase_of_landing(m, X, q, i):
+        if not X[phase_at(i)] < phase_of_landing(m, X, q, i):
             F[:] = math.inf
             return F, A, B
     for i in range(q):
-        theta, v = X[2 * i], X[2 * i + 1] * speed
-        end = phase_of_landing(m, X, q, i)
-        arrival = X[1] if i + 1 == q else X[2 * i + 3]
+        theta, v = X[phase_at(i)], X[speed_at(i)] * speed
+        end, arrival = phase_of_landing(m, X, q, i), X[speed_at((i + 1) % q)]
         tau = (end - theta) / pt.omega
         y, u = _land(_divide(tau, pt, 1), theta, v, pt, coefficients, M)
         push = -pt.p * pt.p * pt.clearance
@@ -176,14 +176,14 @@ def _without_landing(c):
 @jit
 def zeros_of(R, X, q, i):
     """Return the multiplicities of the roots of flight i at both ends: 1, or 2 at a graze."""
-    landing = X[1 if i + 1 == q else 2 * i + 3]
-    return 2 if R * X[2 * i + 1] == 0.0 else 1, 2 if landing == 0.0 else 1
+    landing = X[speed_at((i + 1) % q)]
+    return 2 if R * X[speed_at(i)] == 0.0 else 1, 2 if landing == 0.0 else 1
 
 
 @jit
 def steps_of(pt, m, X, q, i):
     """Return the number of steps in which flight i is taken."""
-    return _divide((phase_of_landing(m, X, q, i) - X[2 * i]) / pt.omega, pt, 1).n
+    return _divide((phase_of_landing(m, X, q, i) - X[phase_at(i)]) / pt.omega, pt, 1).n
 
 
 @jit
@@ -194,11 +194,12 @@ def polynomials(pt, m, speed, X, q, i, n, zeros):
     and landing that are divided out. The polynomial of each step, shape (n, TERMS), is in powers of
     u from 0 to 1. The rounding, shape (n,), is that of its value.
     """
-    flight = _divide((phase_of_landing(m, X, q, i) - X[2 * i]) / pt.omega, pt, n)
+    theta = X[phase_at(i)]
+    flight = _divide((phase_of_landing(m, X, q, i) - theta) / pt.omega, pt, n)
     C, rounding = np.empty((flight.n, TERMS)), np.zeros(flight.n)
-    y, u = 0.0, -pt.R * X[2 * i + 1] * speed
+    y, u = 0.0, -pt.R * X[speed_at(i)] * speed
     for k in range(flight.n):
-        y, u = _advance(flight, X[2 * i] + pt.omega * flight.T * k, y, u, pt, C[k])
+        y, u = _advance(flight, theta + pt.omega * flight.T * k, y, u, pt, C[k])
         for j in range(TERMS):
             rounding[k] += _ROUNDINGS * flight.n * abs(C[k, j])
     _without_launch(C[0], zeros[0])
@@ -232,7 +233,7 @@ def first_penetration(values, m, speed, X, q):
         n = steps_of(pt, m, X, q, i)
         C, rounding = polynomials(pt, m, speed, X, q, i, n, zeros_of(pt.R, X, q, i))
         if C[0, 0] > 0.0:
-            return i, X[2 * i], highest
+            return i, X[phase_at(i)], highest
         for k in range(n):
             C[k, 0] -= rounding[k]
             if is_below(C[k]):
@@ -240,8 +241,8 @@ def first_penetration(values, m, speed, X, q):
             crossing, maximum = first_crossing(C[k], 0, 1.0)
             highest = max(highest, maximum)
             if crossing >= 0.0:
-                length = phase_of_landing(m, X, q, i) - X[2 * i]
-                return i, X[2 * i] + length * (k + crossing) / n, highest
+                length = phase_of_landing(m, X, q, i) - X[phase_at(i)]
+                return i, X[phase_at(i)] + length * (k + crossing) / n, highest
     return -1, 0.0, highest
 
 

@@ -12,11 +12,13 @@ import math
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import linearised, null_vector
+from vibroimpact.orbits.corrector import linearised
 from vibroimpact.orbits.detection import ROUNDING
 from vibroimpact.orbits.ends import is_orbit
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
+from vibroimpact.orbits.linear import null_vector
 from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.unknowns import free, impacts, speeds, unknowns
 
 #: Where the difference of the halves falls below this, a curve of folds may be about to end.
 _ALMOST_ALIKE = 0.1
@@ -82,8 +84,8 @@ class _Beside:
         self.family, first = step.family, difference_of_halves(step.family, step.begin.X)
         size = math.sqrt(np.mean(first**2))
         self.direction = first / size
-        along = self.direction.ravel()
-        self.plane = 0.5 * np.concatenate([-along, along, np.zeros(len(step.family.parameters))])
+        along = np.concatenate([-self.direction, self.direction])
+        self.plane = 0.5 * unknowns(along, np.zeros(len(step.family.parameters)))
         self._points = [self._even(X) for X in (step.begin.X, step.end.X)]
         for share in _SHARES:
             X = self.family.corrected(self.at((share * size) ** 2), self.plane[None, :])
@@ -105,9 +107,10 @@ class _Beside:
         q, squares = self.family.q, np.array([known for known, _ in self._points])
         factors = (squares - square) / (squares - squares[:, None] + np.diag(squares - square))
         even = np.prod(factors, axis=1) @ np.array([values for _, values in self._points])
-        mean, change = even[:q], 0.5 * math.sqrt(square) * even[-q:]
-        second = mean + change + np.tile([math.pi * self.family.m, 0.0], q // 2)
-        return np.concatenate([mean - change, second, even[q:-q]])
+        mean, change = even[:-q], 0.5 * math.sqrt(square) * even[-q:].reshape(-1, 2)
+        first = impacts(mean, q // 2)
+        second = first + change + np.array([math.pi * self.family.m, 0.0])
+        return unknowns(np.concatenate([first - change, second]), free(mean, q // 2))
 
 
 def _edge_beside(
@@ -119,15 +122,17 @@ def _edge_beside(
     family, (reason, _) = beside.family, halves.inadmissible(Y)
     if reason is None or reason.kind != "edge":
         return None
-    at, edge = 2 * family.q + reason.at, reason.where / family.spans[reason.at]
-    axis = np.zeros(beside.plane.size)
-    axis[at] = 1.0
+    edge = reason.where / family.spans[reason.at]
+
+    def at_edge(X: np.ndarray) -> float:
+        return float(free(X, family.q)[reason.at]) - edge
+
     try:
-        square = brentq(lambda s: beside.at(s)[at] - edge, 0.0, 0.5 * beside.smallest)
+        square = brentq(lambda s: at_edge(beside.at(s)), 0.0, 0.5 * beside.smallest)
     except ValueError:  # it is farther away: it is found without this
         return None
-    guess = beside.at(square)
-    guess[at] = edge
+    guess, axis = beside.at(square), np.zeros(beside.plane.size)
+    free(guess, family.q)[reason.at], free(axis, family.q)[reason.at] = edge, 1.0
     X = family.corrected(guess, np.array([beside.plane, axis]))
     if X is None or not is_orbit(family, family.point(X, np.zeros(X.size))):
         return None
@@ -144,11 +149,11 @@ def grazing_flip(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit] |
     q = family.q // 2
     if family.kind not in ("flip", "fold") or family.m % 2 or family.q % 2:
         return None
-    slowest = int(np.argmin(X[1 : 4 * q : 2])) % q
-    at = 2 * np.array([slowest, slowest + q]) + 1
-    if not (X[at].max() < _SLOW and (along[at] < 0.0).all()):
+    slowest = int(np.argmin(speeds(X, family.q))) % q
+    v, slopes = (speeds(Y, family.q)[[slowest, slowest + q]] for Y in (X, along))
+    if not (v.max() < _SLOW and (slopes < 0.0).all()):
         return None
-    halves, Y = _half(family, X - np.mean(X[at] / along[at]) * along, "graze", slowest)
+    halves, Y = _half(family, X - np.mean(v / slopes) * along, "graze", slowest)
     graze = _at_its_flip(halves, Y)
     if graze is None or not is_orbit(halves, halves.point(graze, np.zeros(graze.size))):
         return None
@@ -179,9 +184,9 @@ def _at_its_flip(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
 
 def _taken_twice(halves: OrbitFamily, X: np.ndarray) -> np.ndarray:
     """Return an orbit as a point of the orbits of twice the period, with the same unit of speed."""
-    impacts = X[: 2 * halves.q]
-    second = impacts + np.tile([2.0 * math.pi * halves.m, 0.0], halves.q)
-    return np.concatenate([impacts, second, X[2 * halves.q :]])
+    z = impacts(X, halves.q)
+    second = z + np.array([2.0 * math.pi * halves.m, 0.0])
+    return unknowns(np.concatenate([z, second]), free(X, halves.q))
 
 
 def _half(
@@ -189,8 +194,8 @@ def _half(
 ) -> tuple[OrbitFamily, np.ndarray]:
     """Return the family of orbits of half the period, and the mean of the halves of a point."""
     mean = mean_of_halves(family, X)
-    impacts = mean[: family.q].reshape(-1, 2)
-    half = PeriodicOrbit(family.osc, family.m // 2, impacts[:, 0], impacts[:, 1] * family.speed)
+    z = impacts(mean, family.q // 2)
+    half = PeriodicOrbit(family.osc, family.m // 2, z[:, 0], z[:, 1] * family.speed)
     return OrbitFamily(half, family.parameters, kind, graze, family.speed), mean
 
 
@@ -205,14 +210,14 @@ def _doubled(
 
 def difference_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
     """Return the difference of the second half of an orbit from the first, shape (q / 2, 2)."""
-    z = X[: 2 * family.q].reshape(2, -1, 2)
-    return z[1] - z[0] - np.array([math.pi * family.m, 0.0])
+    z, q = impacts(X, family.q), family.q // 2
+    return z[q:] - z[:q] - np.array([math.pi * family.m, 0.0])
 
 
 def mean_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
     """Return the mean of the halves of an orbit as a point of the orbits of half the period."""
-    mean = X[: family.q] + 0.5 * difference_of_halves(family, X).ravel()
-    return np.append(mean, X[2 * family.q :])
+    first = impacts(X, family.q)[: family.q // 2]
+    return unknowns(first + 0.5 * difference_of_halves(family, X), free(X, family.q))
 
 
 def doubling(family: OrbitFamily, X: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
@@ -221,11 +226,11 @@ def doubling(family: OrbitFamily, X: np.ndarray, speed: float) -> tuple[np.ndarr
     `speed` is the unit of speed of the orbits of twice the period.
     """
     q, units = family.q, np.array([1.0, family.speed / speed])
-    z = X[: 2 * q].reshape(q, 2) * units
+    z = impacts(X, q) * units
     _, A, B = linearised(family.system, X)
-    vector = null_vector(A, B, -1.0).reshape(q, 2) * units
+    vector = impacts(null_vector(A, B, -1.0), q) * units
     vector /= math.sqrt(np.sum(vector**2) / q)
-    second_round = z + np.array([2.0 * math.pi * family.m, 0.0])
-    doubled = np.concatenate([z.ravel(), second_round.ravel(), X[2 * q :]])
-    along = np.concatenate([vector.ravel(), -vector.ravel(), np.zeros(X.size - 2 * q)])
+    second = z + np.array([2.0 * math.pi * family.m, 0.0])
+    doubled = unknowns(np.concatenate([z, second]), free(X, q))
+    along = unknowns(np.concatenate([vector, -vector]), np.zeros(len(family.parameters)))
     return doubled, along

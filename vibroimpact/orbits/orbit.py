@@ -1,7 +1,7 @@
 """A periodic orbit given by its impacts, with its Floquet multipliers and its states at a section.
 
 The sum of the multipliers is -c1 / c2, with det J(mu) = c0 + c1 mu + c2 mu^2
-(``corrector.py``). Their product is known: R^(2q) exp(-4 pi h m / omega). So the smaller multiplier
+(``linear.py``). Their product is known: R^(2q) exp(-4 pi h m / omega). So the smaller multiplier
 loses no digits.
 """
 
@@ -13,8 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import characteristic
 from vibroimpact.orbits.flights import first_penetration, residuals, state_after, values_of
+from vibroimpact.orbits.linear import characteristic
+from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import Oscillator
 
 
@@ -155,9 +156,10 @@ def taken_twice(orbit: PeriodicOrbit) -> PeriodicOrbit:
 
 
 def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
-    """Return phases and scaled speeds, alternating, shape (2 q,), and the unit of speed."""
+    """Return the unknowns of an orbit, shape (2 q,), and the unit of speed."""
     speed = unit_of_speed(orbit.oscillator, orbit.speeds)
-    return np.column_stack([orbit.phases, orbit.speeds / speed]).ravel(), speed
+    z = np.column_stack([orbit.phases, orbit.speeds / speed])
+    return unknowns(z, np.empty(0)), speed
 
 
 def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:

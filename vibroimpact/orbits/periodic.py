@@ -21,6 +21,7 @@ from vibroimpact.orbits.orbit import (
     scaled,
     steady_response,
 )
+from vibroimpact.orbits.unknowns import impacts
 from vibroimpact.oscillator import Oscillator, checked, checked_integer, refuse_other
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, REST
@@ -111,12 +112,12 @@ def periodic_orbit(
     if state[0] > osc.clearance:
         raise ValueError(f"x = {x:g} lies beyond the stop at {osc.clearance:g}")
     reason = ""
-    for impacts in _impacts_from(osc, state, m, phase):
-        if isinstance(impacts, str):
-            reason = impacts
+    for guess in _impacts_from(osc, state, m, phase):
+        if isinstance(guess, str):
+            reason = guess
             continue
         try:
-            return solved(osc, m, *impacts)
+            return solved(osc, m, *guess)
         except OrbitError as error:
             reason = str(error)
     raise OrbitError(reason)
@@ -227,7 +228,7 @@ def _parts(
     orbit: PeriodicOrbit,
 ) -> Iterator[tuple[float, tuple[int, np.ndarray, np.ndarray]]]:
     """Yield the parts that an orbit nearly repeats, and their deviations; the shortest first."""
-    z = scaled(orbit)[0].reshape(-1, 2)
+    z = impacts(scaled(orbit)[0], orbit.q)
     for k in range(orbit.m, 1, -1):
         if orbit.m % k or orbit.q % k:
             continue

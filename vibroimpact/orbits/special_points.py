@@ -1,6 +1,6 @@
 """The special points of a step, located to rounding: flips, folds, cusps and meetings.
 
-The test functions of flip and fold are det J(mu) at mu = -1 and +1 (``corrector.py``). Cusps are
+The test functions of flip and fold are det J(mu) at mu = -1 and +1 (``linear.py``). Cusps are
 points on a curve of folds where both parameters turn back together. A curve of grazes meets curves
 of flips and folds where the middle coefficient of det J(mu) vanishes.
 """
@@ -13,10 +13,12 @@ from functools import partial
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import linearised, null_vector
+from vibroimpact.orbits.corrector import linearised
 from vibroimpact.orbits.detection import HEADING, ROUNDING, halves_apart
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.halves import difference_of_halves
+from vibroimpact.orbits.linear import null_vector
+from vibroimpact.orbits.unknowns import free
 
 #: Greatest difference of the halves of an orbit at which the test of a fold, divided by the square
 #: of it, may be rounding.
@@ -84,7 +86,8 @@ def _cusp(step: ArclengthStep) -> np.ndarray | None:
     before, after = (_heading(step, point.X) for point in (step.begin, step.end))
     # The slopes of the condition vanish with this, but their rounding does not.
     apart = min(1.0, halves_apart(step.end.X, family.m, family.q))
-    seen = max(np.abs(before[-2:]).max(), np.abs(after[-2:]).max()) * apart > HEADING
+    fastest = max(float(np.abs(free(heading, family.q)).max()) for heading in (before, after))
+    seen = fastest * apart > HEADING
     if not (family.inner(before, after) < 0.0 and seen):
         return None
     change = after - before
@@ -98,7 +101,7 @@ def _heading(step: ArclengthStep, X: np.ndarray) -> np.ndarray:
     """
     family = step.family
     _, A, B = linearised(family.system, X)
-    null = np.append(null_vector(A, B, 1.0), [0.0, 0.0])
+    null = np.append(null_vector(A, B, 1.0), np.zeros(2))
     tangent = family.tangent(X, step.begin.tangent)
     return tangent - family.inner(tangent, null) / family.inner(null, null) * null
 
