@@ -69,7 +69,7 @@ class Evidence(IntEnum):
 
 _EVIDENCE = {
     Evidence.PENDING: "not computed yet",
-    Evidence.NONE: "near no periodic orbit (chaos, or still in transit)",
+    Evidence.NONE: "near no periodic orbit",
     Evidence.UNSTABLE: "near unstable orbits only",
     Evidence.UNREACHED: "near a stable orbit that they were not shown to reach",
     Evidence.REPEATS: "the motion repeats, to the same bits or as its record shows",

@@ -13,13 +13,13 @@ import xarray as xr
 
 from sweeps.analysis.grouping import SETS, STARTS, GridIndex, parameter_at_points, points_of
 from sweeps.analysis.motions import different, run_on
-from sweeps.analysis.regimes import UNSETTLED, Regime
 from sweeps.analysis.rig import parameters_of
 from sweeps.analysis.selection import Selection, choice_of, config_of, headed, select, swept_axes
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.store import columns_of
 from sweeps.text import shown_count, shown_range, table
+from vibroimpact.points.regimes import Regime
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,14 +66,12 @@ class Row(NamedTuple):
     @property
     def name(self) -> str:
         """The class m/q, or the regime."""
-        if self.regime in UNSETTLED:
-            return "unsettled"
-        return f"{self.m}/{self.q}" if self.m else self.regime.name.lower()
+        return f"{self.m}/{self.q}" if self.m else self.regime.word
 
     @property
     def shown_number(self) -> str:
         """The number, or a dash for motions that are not counted as an attractor."""
-        return "-" if self.regime in UNSETTLED else str(self.number)
+        return "-" if self.regime is Regime.UNKNOWN else str(self.number)
 
 
 def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -168,13 +166,13 @@ def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row])
     followed = float(result["followed"].mean())
     if followed:
         lines.append(
-            f"{100.0 * followed:.1f} % of the starts had not settled in their record "
-            "and were followed on"
+            f"{100.0 * followed:.1f} % of the starts were followed beyond their record, which "
+            "does not show their attractor"
         )
-    unsettled = result["fraction"].where(result["motion"].isin(UNSETTLED)).sum("coexisting")
-    if unsettled.any():
-        share = 100.0 * float(unsettled.mean())
-        lines.append(f"{share:.1f} % of the starts have not settled; their attractors are unknown")
+    unknown = result["fraction"].where(result["motion"] == Regime.UNKNOWN).sum("coexisting")
+    if unknown.any():
+        share = 100.0 * float(unknown.mean())
+        lines.append(f"{share:.1f} % of the starts are unknown, which is no attractor")
     if "integrity_factor" in result:
         root = "" if "p" in parameters_of(dataset) else ", p = sqrt(stiffness / mass)"
         lines.append(
@@ -264,6 +262,6 @@ def table_of(attractors: Sequence[Row]) -> pd.DataFrame:
     body = []
     for row in attractors:
         speeds = " ".join(map(repr, row.speeds.tolist()))
-        own = [row.number, row.regime.name.lower(), row.m, row.q, row.fraction, speeds]
+        own = [row.number, row.regime.word, row.m, row.q, row.fraction, speeds]
         body.append([*row.parameters.values(), *own, *row.measures.values()])
     return pd.DataFrame(body, columns=columns)

@@ -11,8 +11,8 @@ regime of the motion from each start (`sweeps.analysis.regimes`) decides its att
 - All chaotic motions are on one attractor, and so are all unbounded motions. A finite record cannot
   show whether two chaotic motions are on different attractors, so the number of attractors is a
   lower bound.
-- Motions that have not settled in their record, and chaotic motions, which may be transient, are
-  continued (`sweeps.analysis.settle`). Motions that still have not settled are listed as unsettled,
+- Motions whose record does not show where they go, and chaotic motions, which may be transient,
+  are continued (`sweeps.analysis.settle`). Motions that still go to no known attractor are unknown,
   and are not counted as attractors.
 - Failed points and points that are not computed yet have no attractor.
 """
@@ -27,7 +27,7 @@ import xarray as xr
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import SETS, GridIndex
 from sweeps.analysis.motions import cycles_of, different, motions_of
-from sweeps.analysis.regimes import Regime, approaching
+from sweeps.analysis.regimes import approaching
 from sweeps.analysis.section_distance import TOLERANCE, same_motions
 from sweeps.analysis.selection import config_of, described, diagnostics_with
 from sweeps.analysis.settle import EXTENSIONS, settle
@@ -35,6 +35,7 @@ from sweeps.analysis.tracking import PeriodicAttractors, exact_links, track
 from sweeps.config.rig import model_name
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
+from vibroimpact.points.regimes import Regime
 
 #: Regimes that count as attractors; motions of other regimes may still change.
 COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
@@ -57,8 +58,8 @@ def attractors(
         Largest difference of section states, x and v / omega, that are taken as equal, relative to
         the greatest coordinate of the cycle.
     extensions : int
-        How often motions that have not settled are followed, each time four times as long; with 0
-        only the records are used.
+        How often motions that go to no known attractor are followed, each time four times as long;
+        with 0 only the records are used.
 
     Returns
     -------
@@ -69,7 +70,8 @@ def attractors(
           means the same attractor (`sweeps.analysis.tracking`), but not among the sets of a table.
           The most frequent periodic attractor has the number 0; attractors that are not periodic
           have the last numbers.
-        - ``followed``: whether the motion had not settled in its record, and was followed further.
+        - ``followed``: whether the motion was followed beyond its record, which does not show its
+          attractor.
 
         At every parameter point:
 
@@ -149,11 +151,11 @@ def attractors(
         shaped = grid.reshape(*index.shape, -1)
         data[name] = (*index.parameters, "coexisting"), shaped, described(config, meaning, unit)
     data["motion"][2]["flag_values"] = np.array(list(Regime))
-    data["motion"][2]["flag_meanings"] = " ".join(regime.name.lower() for regime in Regime)
+    data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)
     counted = np.bincount(parameter[np.isin(regime, COUNTED)], minlength=index.count)
     for name, array, meaning in (
         ("attractor", np.append(number, -1)[of_point], "number of the attractor, -1: none"),
-        ("followed", followed, "whether the motion was followed on, since it had not settled"),
+        ("followed", followed, "whether the motion was followed beyond its record"),
     ):
         status = dataset["status"]
         data[name] = (status.dims, array.reshape(status.shape), {"long_name": meaning})

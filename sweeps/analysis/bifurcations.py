@@ -76,13 +76,13 @@ def bifurcations(
 
         - the values of the other axes;
         - ``kind``: ``flip``, ``fold`` or ``graze`` if a branch of periodic orbits ends or loses its
-          stability in this way; ``rest``, ``chaos`` or ``unbounded`` if such a regime begins or
+          stability in this way; ``rest``, ``chaotic`` or ``unbounded`` if such a regime begins or
           ends; ``basin`` if the attractor before the change exists on both sides and is stable;
           ``unknown`` otherwise;
         - ``value``: the value of the axis at a flip, fold or graze, to rounding; NaN if not known;
         - ``low`` and ``high``: the nearest values of the axis with known classes;
-        - ``before`` and ``after``: the classes there, for example ``1/1``, ``rest`` or ``chaos``;
-        - ``between``: the number of points of unknown class between them;
+        - ``before`` and ``after``: the classes there, for example ``1/1``, ``rest`` or ``chaotic``;
+        - ``between``: the number of points between them whose class is unknown;
         - ``orbit``: the class of the orbit that bifurcates at ``value``.
 
         Where ``value`` is NaN, ``vibroimpact zoom`` with ``low`` and ``high`` narrows the interval.
@@ -191,8 +191,8 @@ def describe_unclassified(dataset: xr.Dataset, found: pd.DataFrame) -> str:
     if not found.attrs["unclassified"]:
         return ""
     number = shown_count(found.attrs["unclassified"], "point")
-    text = f"no class is known at {number}, not settled or without a result"
-    return text if "lyapunov" in dataset else f"{text}; only Lyapunov exponents show chaos"
+    text = f"unknown or without a result: {number}"
+    return text if "lyapunov" in dataset else f"{text}; Lyapunov exponents tell which are chaotic"
 
 
 def narrowing(file: Path, axis: str, found: pd.DataFrame) -> str:
@@ -226,7 +226,7 @@ def _row(item: dict[str, Any]) -> list[str]:
         item["orbit"],
         _pair(item),
         f"{item['low']:.12g} .. {item['high']:.12g}",
-        f"{shown_count(between, 'point')} of no known class" if between else "",
+        f"{shown_count(between, 'point')} unknown" if between else "",
     ]
 
 

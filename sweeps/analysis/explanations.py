@@ -10,11 +10,12 @@ import numpy as np
 
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.motions import leads_to, orbit_of
-from sweeps.analysis.regimes import Change, Label, Regime
+from sweeps.analysis.regimes import Change
 from sweeps.config.rig import model_name
+from vibroimpact.points.regimes import Label, Regime
 
 #: The class of points that have none.
-NO_LABEL = Label(Regime.UNDECIDED)
+NO_LABEL = Label(Regime.UNKNOWN)
 #: Kinds in the list for the special points of a branch: a penetration begins with a graze.
 _KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
 
@@ -62,7 +63,7 @@ def explain(
     first, second = (right, left) if down else (left, right)
     if first.kind == "edge":
         return [(change, "basin", np.nan, "")]
-    if change.kind in ("rest", "chaos", "unbounded"):
+    if change.kind in ("rest", "chaotic", "unbounded"):
         return [(change, "basin" if second.kind == "edge" else change.kind, np.nan, "")]
     exact = [end for end in (first, second) if end.is_exact]
     if not exact:

@@ -25,12 +25,12 @@ import xarray as xr
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.motions import MOTION, orbit_of
-from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import TOLERANCE, section_distance
 from sweeps.analysis.selection import config_of, described, oscillator_of
 from sweeps.errors import Refused
 from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, simulate
 from vibroimpact.points.compute import compute_points
+from vibroimpact.points.regimes import Regime, rests
 from vibroimpact.points.stages import Results, in_stages, without_class
 from vibroimpact.status import Status
 from vibroimpact.trajectory import exact_samples
@@ -171,10 +171,10 @@ class _Motions:
             return compute_points(record, points, None, at_section=started, start=phase)
 
         def goes_on(rows: np.ndarray, _: int, results: Results) -> np.ndarray:
-            rests = results["rest_fraction"] > 0.0
+            rest = rests(results)
             certified[rows] &= results["status"] == Status.CERTIFIED
-            number[rows] = np.where(rests, self._of_regime.get(Regime.REST, -1), self._of(results))
-            endless[rows] = without_class(results["class_evidence"], results["status"]) & ~rests
+            number[rows] = np.where(rest, self._of_regime.get(Regime.REST, -1), self._of(results))
+            endless[rows] = without_class(results["class_evidence"], results["status"]) & ~rest
             return endless[rows]
 
         last, _ = in_stages(points, np.cumsum(_STAGES), run, goes_on)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sweeps.analysis.regimes import Regime
+from vibroimpact.points.regimes import Regime
 
 #: Most steps from one side of a change to the other: a share of the axis, but at least a few cells.
 WIDEST_GAP, FEW = 0.05, 3.0

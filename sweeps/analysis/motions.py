@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.grouping import points_of
-from sweeps.analysis.regimes import Regime, classify
+from sweeps.analysis.regimes import classify
 from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances
 from sweeps.analysis.selection import config_of, oscillator_of
 from sweeps.config.sweep import SweepConfig
@@ -17,6 +17,7 @@ from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.destinations import RECORD, classified
+from vibroimpact.points.regimes import Regime
 
 #: The motion of a point. The start of its `point` is the state of its orbit at the last section,
 #: NaN without one. m and q are the forcing periods and impacts per repetition, 0 if it is not
@@ -105,7 +106,7 @@ def orbit_of(motion: np.void, phase: float) -> PeriodicOrbit:
     """Return the orbit of a periodic motion as `orbit_at`; OrbitError if its class is another."""
     orbit = orbit_at(motion, phase)
     if (orbit.m, orbit.q) != (motion["m"], motion["q"]):
-        raise OrbitError("a motion has not settled: its orbit is of another class")
+        raise OrbitError("a motion is not near its orbit: the orbit there is of another class")
     return orbit
 
 

@@ -9,11 +9,11 @@ time between two rests is longer than a record, and it is a matter of chance whe
 rest or chaos. In this case rest and chaos are the same attractor.
 
 **Chaos** may be a long transient. A chaotic motion is continued once, and then for as long as some
-of the chaotic motions of its parameter point settle. If some settled in the last extension, the
-others are undecided.
+of the chaotic motions of its parameter point get a class. If some did in the last extension, the
+others are unknown.
 
-Some motions never settle, for example without damping. Therefore all motions together are continued
-for at most ``MOST_CONTINUED`` forcing periods.
+Some motions never get a class, for example without damping. Therefore all motions together are
+continued for at most ``MOST_CONTINUED`` forcing periods.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ import xarray as xr
 
 from sweeps.analysis.grouping import GridIndex
 from sweeps.analysis.motions import put_classes
-from sweeps.analysis.regimes import UNSETTLED, Regime, regimes_of
 from sweeps.analysis.selection import config_of
 from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.compute import compute_points
+from vibroimpact.points.regimes import Regime, regimes_of
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.stages import Results, in_stages, put_last
 
@@ -48,7 +48,7 @@ _PART = 4_000
 def settle(
     motions: np.ndarray, dataset: xr.Dataset, index: GridIndex, extensions: int
 ) -> np.ndarray:
-    """Continue the motions that have not settled, and write the regimes and orbits they reach.
+    """Continue motions that go to no known attractor, and write the regimes and orbits they reach.
 
     `motions`, of dtype ``MOTION``, shape (n,), have their last states as starts. Returns the mask
     of those that were continued.
@@ -57,7 +57,7 @@ def settle(
     regime, rests = motions["regime"], _rests_of(share, np.maximum(chatters, share > 0.0))
     chaotic = _chaotic(regime, rests, index)
     at = np.flatnonzero(
-        np.isin(regime, UNSETTLED) | (regime == Regime.REST) & (rests == 1) | chaotic
+        (regime == Regime.UNKNOWN) | (regime == Regime.REST) & (rests == 1) | chaotic
     )
     continued = np.isin(np.arange(regime.size), at)
     first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
@@ -75,10 +75,10 @@ def settle(
         put_classes(reached, results["regime"], results)
         motions[here] = reached
         chaotic = _chaotic(regime, rests, index)
-        unsettled = np.isin(regime, UNSETTLED)
-        chaos_ends = _at_point_of(before & ~chaotic & ~unsettled, index)
+        unknown = regime == Regime.UNKNOWN
+        chaos_ends = _at_point_of(before & ~chaotic & ~unknown, index)
         once = (regime == Regime.REST) & (rests == 1)
-        on = (unsettled | once | (chaotic & (chaos_ends | ~before)))[here]
+        on = (unknown | once | (chaotic & (chaos_ends | ~before)))[here]
         planned += 3 * (length + done) * int(on.sum())
         return on & (planned <= MOST_CONTINUED)
 
@@ -90,7 +90,7 @@ def settle(
     # All chaotic motions of a parameter point are on one attractor.
     rests_again = _at_point_of(chaotic & (rests > 1), index)
     regime[chaotic] = np.where(rests_again, Regime.REST, Regime.CHAOTIC)[chaotic]
-    regime[chaotic & chaos_ends] = Regime.UNDECIDED
+    regime[chaotic & chaos_ends] = Regime.UNKNOWN
     return continued
 
 

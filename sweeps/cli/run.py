@@ -152,7 +152,7 @@ def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any)
 
         check()
         path = run_sweep(config, path, progress=not quiet, **options)
-        summary = reports.summary(path)
+        summary = reports.summary(path, config.sweep)
     except (Cancelled, KeyboardInterrupt):
         raise Failed(f"interrupted; {reports.kept(path, resuming(), old)}") from None
     except (Failed, OSError, MemoryError) as error:

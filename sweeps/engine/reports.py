@@ -32,7 +32,7 @@ from sweeps.text import (
     shown_range,
     table,
 )
-from vibroimpact.destination.repetition import TOLERANCE
+from vibroimpact.points.regimes import UNKNOWN, has_result, partition, regimes_of
 from vibroimpact.status import Evidence, Status
 
 if TYPE_CHECKING:
@@ -40,11 +40,20 @@ if TYPE_CHECKING:
 
     from sweeps.config.sweep import SweepConfig
     from sweeps.engine.estimate import Cost
+    from sweeps.grid import Sweep
 
 #: If neither is above 0, the mass did not meet the stop.
 _CONTACT = ("impacts_per_period", "rest_fraction")
-#: The variables that say where motions go, if classes are computed.
-_CLASSES = ("class_evidence", "orbit_distance")
+#: The variables that say what became of a point and where its motion goes.
+_RESULTS = (
+    "status",
+    *_CONTACT,
+    "class_evidence",
+    "orbit_distance",
+    "period",
+    "period_impacts",
+    "lyapunov",
+)
 
 
 def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
@@ -78,14 +87,15 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
     return table(rows)
 
 
-def summary(path: Path) -> str:
-    """Describe the result of a complete run."""
+def summary(path: Path, sweep: Sweep) -> str:
+    """Describe the result of a complete run of a sweep."""
     try:
-        variables, seconds = per_point(path, ("status", *_CONTACT, *_CLASSES))
+        variables, seconds = per_point(path, _RESULTS)
     except StoreError as error:
         raise Failed(f"the output is gone: {error}") from error
     first = f"{path}: {_outcomes(variables)} in {shown_duration(seconds)}"
-    return "\n".join([first, *_classes(variables)])
+    omega = sweep.grid.along("omega")
+    return "\n".join([first, *_classes(variables, omega, sweep.spec.periods)])
 
 
 def identities(path: Path) -> tuple[object, object]:
@@ -118,10 +128,15 @@ def contents(dataset: xr.Dataset) -> str:
     configuration = attributes.pop("configuration")
     for name in ("computation", "columns", "in_si"):  # shown in another form
         attributes.pop(name, None)
+    dims = dataset["status"].dims
+    results = {
+        name: dataset[name].transpose(*dims, ...).values for name in _RESULTS if name in dataset
+    }
+    omega = dataset["omega"].broadcast_like(dataset["status"]).transpose(*dims).values
     rows = [
         ("name", str(attributes.pop("name"))),
         ("points", _outcomes(dataset)),
-        *(("classes", line) for line in _classes(dataset)),
+        *(("classes", line) for line in _classes(results, omega, dataset.sizes["section"])),
         *(
             ("axis", _axis(str(axis), dataset[axis].values, dataset[axis].attrs["units"]))
             for axis in dataset["status"].dims
@@ -196,30 +211,34 @@ def _outcomes(variables: Mapping[Any, Any]) -> str:
     return text
 
 
-def _classes(variables: Mapping[Any, Any]) -> list[str]:
-    """Say how many points have no class m/q, and why, and how many are not on their orbit yet."""
-    if "class_evidence" not in variables:
+def _classes(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> list[str]:
+    """Say how many motions go where, and what is known of those of which this is unknown.
+
+    `results` are those of `regimes_of`, with ``orbit_distance``; empty if there are no classes.
+    """
+    if "class_evidence" not in results or not has_result(results["status"]).any():
         return []
-    names = ("status", "rest_fraction", *_CLASSES)
-    status, rest, evidence, distance = (np.asarray(variables[name]) for name in names)
-    valid = ~np.isin(status, [outcome for outcome in Status if outcome.failed])
-    going = valid & (status != Status.UNBOUNDED)
-    resting = (rest > 0.0) & (evidence != Evidence.FREE)
-    reasons = {
-        reason: int((going & ~resting & (evidence == reason)).sum())
+    regimes = regimes_of(results, omega, periods)
+    parts = partition(regimes, results["orbit_distance"])
+    reasons = [
+        f"{number:,} {reason.meaning}"
         for reason in (Evidence.NONE, Evidence.UNSTABLE, Evidence.UNREACHED)
-    }
-    lines = []
-    if number := sum(reasons.values()):
-        share = 100.0 * number / int(valid.sum())
-        whole = "points" if valid.all() else "points with a result"
-        parts = [f"{count:,} {reason.meaning}" for reason, count in reasons.items() if count]
-        text = f"{share:.3g} % of the {whole} have no class m/q: {', '.join(parts)}"
-        if valid.size == 1:
-            (reason,) = (reason for reason, count in reasons.items() if count)
-            text = f"the motion has no class m/q: {reason.meaning}"
-        lines.append(text + "; rests are not counted" * bool((going & resting).any()))
-    if number := int((distance > TOLERANCE).sum()):
-        verb = "has" if number == 1 else "have"
-        lines.append(f"{shown_count(number, 'point')} with a class {verb} not settled yet")
+        if (number := int((parts[UNKNOWN] & (results["class_evidence"] == reason)).sum()))
+    ]
+    if regimes.size == 1:
+        (word,) = (word for word, mask in parts.items() if mask.any())
+        m, q = (int(results[name].item()) for name in ("period", "period_impacts"))
+        why = f", {reasons[0][2:]}" if reasons else ""
+        return [f"the motion: {word.replace('m/q', f'{m}/{q}')}{why}"]
+    total = sum(int(mask.sum()) for mask in parts.values())
+    lines = [
+        "; ".join(
+            f"{word}: {number:,} ({100.0 * number / total:.3g} %)"
+            for word, mask in parts.items()
+            if (number := int(mask.sum()))
+        )
+    ]
+    if reasons:
+        chaos = "" if "lyapunov" in results else "; Lyapunov exponents tell which are chaotic"
+        lines.append(f"unknown: {', '.join(reasons)}{chaos}")
     return lines

@@ -20,7 +20,6 @@ from bokeh.models import (
 )
 from bokeh.palettes import interp_palette
 
-from sweeps.analysis.regimes import has_result
 from sweeps.analysis.selection import COORDINATES, dataset_of, recorded_coordinate, shows_part
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
@@ -38,6 +37,7 @@ from sweeps.plotting.style import (
     STATUS_COLOURS,
     VERMILION,
 )
+from vibroimpact.points.regimes import has_result
 from vibroimpact.status import Status
 
 #: Columns of the fine picture per column of the coarse one.

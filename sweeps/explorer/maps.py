@@ -14,7 +14,6 @@ from bokeh.models import ColumnDataSource, Div, Range1d, Span
 from sweeps.analysis.attractor_table import Row, rows
 from sweeps.analysis.attractors import COUNTED, attractors
 from sweeps.analysis.integrity import measures_of
-from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
@@ -22,6 +21,7 @@ from sweeps.engine.estimate import block_size
 from sweeps.explorer.figures import PixelFigure, Report, outer_edges, plain
 from sweeps.explorer.view import BASINS, View
 from sweeps.explorer.worker import Step
+from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
 
 #: Distances between the columns (and rows) computed in each pass, from coarse to fine. Each is an

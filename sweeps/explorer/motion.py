@@ -14,7 +14,7 @@ from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, Span
 from bokeh.plotting import figure
 
-from sweeps.analysis.regimes import Regime, classify
+from sweeps.analysis.regimes import approaching, classify
 from sweeps.analysis.selection import config_of, dataset_of, oscillator_of
 from sweeps.analysis.trajectories import continued_motion, periods_shown
 from sweeps.errors import Refused
@@ -22,8 +22,9 @@ from sweeps.explorer.diagram import numbers
 from sweeps.explorer.figures import axis_label, symbol
 from sweeps.explorer.view import View
 from sweeps.explorer.worker import Step
-from sweeps.plotting.style import BLUE, ORANGE, REGIMES
+from sweeps.plotting.style import BLUE, ORANGE
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
+from vibroimpact.points.regimes import ON_ITS_WAY, SETTLED, Regime
 from vibroimpact.status import Status
 
 #: Most forcing periods drawn of a periodic motion, and those drawn of other motions.
@@ -60,6 +61,7 @@ def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
     """Return the forcing periods per repetition (0: not periodic) and a text on the motion."""
     motion, phase = Regime(int(classify(point))), config_of(point).record.phase
     m, q = int(point["period"]), int(point["period_impacts"])
+    said = (ON_ITS_WAY if approaching(point) else SETTLED).removesuffix(" m/q")
     orbit = None
     if motion is Regime.PERIODIC:
         state = float(point["orbit_x"]), float(point["orbit_v"])
@@ -70,12 +72,12 @@ def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
         shown = f"{first.real:.4g} and {second.real:.4g}"
         if first.imag:
             shown = f"{first.real:.4g} ± {abs(first.imag):.4g} i"
-        text = f"periodic, class {orbit.m}/{orbit.q}; Floquet multipliers {shown}"
+        text = f"{said} {orbit.m}/{orbit.q}; Floquet multipliers {shown}"
         return orbit.m, text
     if motion is Regime.PERIODIC:
-        text = f"periodic, class {m}/{q}"
+        text = f"{said} {m}/{q}"
     else:
-        text = REGIMES[motion][0].split(",")[0]
+        text = motion.word
     if motion is Regime.REST:
         text += f", {100.0 * float(point['rest_fraction']):.3g} % of the time"
     elif "lyapunov" in point:

@@ -15,7 +15,6 @@ from matplotlib.lines import Line2D
 from sweeps.analysis.attractor_table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
-from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import (
     COORDINATES,
     Selection,
@@ -42,6 +41,7 @@ from sweeps.plotting.lines import choose_coordinate, refuse_empty, refuse_withou
 from sweeps.plotting.maps import draw_cells
 from sweeps.plotting.style import ATTRACTORS, OTHER_ATTRACTORS, PARTIAL, REGIMES
 from sweeps.text import shown_count
+from vibroimpact.points.regimes import Regime
 
 
 @styled
@@ -244,7 +244,7 @@ def _draw_rows(
 def colour_of(row: Row) -> str:
     """Return the colour of an attractor, or of its regime."""
     if row.regime is not Regime.PERIODIC:
-        return REGIMES[row.regime][1]
+        return REGIMES[row.regime]
     return ATTRACTORS[row.number] if row.number < len(ATTRACTORS) else OTHER_ATTRACTORS
 
 
@@ -252,7 +252,7 @@ def class_names(attractor: Sequence[Row]) -> str:
     """Name the classes of one attractor over several parameter points, or its regime."""
     regime = attractor[0].regime
     if regime is not Regime.PERIODIC:
-        return REGIMES[regime][0]
+        return regime.word
     return classes(attractor) + ("" if any(row.q for row in attractor) else ", no impact")
 
 

@@ -14,7 +14,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_rgba
 from matplotlib.patches import Patch
 
-from sweeps.analysis.regimes import NO_CLASS, Regime, classify, frequent_periods, has_result
+from sweeps.analysis.regimes import classify, frequent_periods
 from sweeps.analysis.selection import Selection, check_diagnostic, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
@@ -36,6 +36,7 @@ from sweeps.plotting.style import (
     WHITE,
     class_colours,
 )
+from vibroimpact.points.regimes import NO_CLASS, Regime, has_result
 from vibroimpact.status import Status
 
 #: Names of the value 0 of quantities that are 0 or not defined without impacts.
@@ -83,7 +84,7 @@ def period_cells(cut: xr.Dataset, whole: xr.Dataset | None = None) -> list[Cells
     """Return the points of each regime; each of the most frequent classes has its own colour.
 
     These are the classes of the `whole` file, so that a class has one colour in all its pictures.
-    The labels say how many points have no class, as a share of those with a result.
+    The labels say how many points are chaotic or unknown, as a share of those with a result.
     """
     check_diagnostic(cut, "period")
     regimes, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
@@ -96,10 +97,8 @@ def period_cells(cut: xr.Dataset, whole: xr.Dataset | None = None) -> list[Cells
         periodic = periodic & ~where
     cells.append(Cells("other m/q", OTHER_PERIODIC, periodic))
     results = max(1, int(has_result(cut["status"].values).sum()))
-    for regime, (text, colour) in REGIMES.items():
-        where = regimes == regime
-        if regime is Regime.UNDECIDED and "lyapunov" not in cut:
-            text = "no class found"
+    for regime, colour in REGIMES.items():
+        where, text = regimes == regime, regime.word
         if regime in NO_CLASS:
             text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
         cells.append(Cells(text, colour, where))
@@ -221,8 +220,8 @@ def _special_cells(
     none = result & ~np.isfinite(values) & ~zero & ~rests & ~infinite
     return [
         Cells(_ZERO.get(name, ""), pale, zero),
-        Cells("with rest", REST, rests),
-        Cells(r"with rest, $\lambda_1 = -\infty$", "#F0E442", infinite),
+        Cells(Regime.REST.word, REST, rests),
+        Cells(r"rest, $\lambda_1 = -\infty$", "#F0E442", infinite),
         Cells("no value", NO_VALUE, none),
     ]
 

@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
-from sweeps.analysis.regimes import Regime, classify
+from sweeps.analysis.regimes import classify
 from sweeps.text import shown_count
+from vibroimpact.points.regimes import Regime
 
 #: Most names of curves on a map; least length of a named piece and least distance between names, as
 #: shares of the panel.

@@ -11,7 +11,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
 from sweeps.analysis.grouping import in_parts
-from sweeps.analysis.regimes import has_result
 from sweeps.analysis.selection import COORDINATES, recorded_coordinate
 from sweeps.plotting import canvas
 from sweeps.plotting.lines import cell_edges, pixels_of
@@ -22,6 +21,7 @@ from sweeps.plotting.style import (
     LEAST_SHARE,
     dots_per_inch,
 )
+from vibroimpact.points.regimes import has_result
 
 #: Number of values read at a time.
 _PART_SIZE = 1_000_000

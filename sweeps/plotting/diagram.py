@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.regimes import NO_CLASS, approaching, classify, has_result
+from sweeps.analysis.regimes import approaching, classify
 from sweeps.analysis.selection import (
     COORDINATES,
     Selection,
@@ -32,6 +32,7 @@ from sweeps.plotting.lines import refuse_empty, select_line
 from sweeps.plotting.numbers import Wanted, with_number
 from sweeps.plotting.style import APPROACHING, BOTH_COLOUR, DIRECTION_COLOURS, PARTIAL
 from sweeps.store.variables import FLAGS
+from vibroimpact.points.regimes import NO_CLASS, has_result
 
 #: More points than this are drawn as a density, because single markers would merge.
 DENSITY_FROM = 2_000_000
@@ -57,7 +58,7 @@ def bifurcation(
     """Draw a coordinate of the section or of the impacts over one swept axis.
 
     Points that failed or are not computed yet are not drawn, but marked below the diagram. So are
-    motions that have a class and have not settled; over impacts, so are those of which less than a
+    motions on their way to m/q; over impacts, so are those of which less than a
     repetition was kept, and the title says how many impacts are left out. If the axis was followed
     both ways, values that both ways have are dark, and an arrow leads from the end of a motion to
     the next one.
@@ -153,7 +154,7 @@ def _check(dataset: xr.Dataset, axis: str, exact: xr.Dataset | None, below: Sequ
 
 
 def _in_chaos(line: xr.Dataset, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function that says where on the axis the motions of a line have no class."""
+    """Return a function that says where on the axis all motions are chaotic or unknown."""
     no_class = np.zeros((1, len(values)), bool)
     if "period" in line:
         no_class = np.isin(classify(line), NO_CLASS).reshape(-1, len(values))
@@ -240,7 +241,7 @@ class _Drawn(NamedTuple):
             draw_jumps(panel, self.values[order], up, down, colours)
 
     def mark_points(self, panel: Axes) -> None:
-        """Mark points that failed, have not settled, or show only part of a repetition."""
+        """Mark points that failed, are on their way to m/q, or show only part of a repetition."""
         masks = {APPROACHING: approaching(self.line)}
         if COORDINATES[self.coordinate].dimension == "impact":
             masks = {PARTIAL: shows_part(self.line), **masks}

@@ -8,11 +8,11 @@ from typing import NoReturn
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.regimes import has_result
 from sweeps.analysis.selection import COORDINATES, Selection, choice_of, chosen_axes, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting.numbers import numbers_of
 from sweeps.store import DIRECTION
+from vibroimpact.points.regimes import has_result
 from vibroimpact.status import Status
 
 

@@ -16,10 +16,7 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
 from sweeps.analysis.exact_curves import map_axes
-from sweeps.analysis.regimes import (
-    approaching,
-    has_result,
-)
+from sweeps.analysis.regimes import approaching
 from sweeps.analysis.selection import Selection, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
@@ -33,6 +30,7 @@ from sweeps.plotting.labels import (
 )
 from sweeps.plotting.lines import cell_edges
 from sweeps.plotting.numbers import Wanted, with_number
+from vibroimpact.points.regimes import ON_ITS_WAY, has_result
 from vibroimpact.status import Status
 
 #: Look of points that are not computed yet.
@@ -57,7 +55,7 @@ def parameter_map(
     """Draw a quantity over two swept axes, one cell per point.
 
     A cell reaches halfway to its neighbours. Failed points are grey, and points that are not
-    computed yet are hatched. In a map of classes, white lines mark motions that have not settled.
+    computed yet are hatched. In a map of classes, white lines mark motions on their way to m/q.
 
     Parameters
     ----------
@@ -149,7 +147,7 @@ def _mark_approaching(panel: Axes, cut: xr.Dataset) -> list[Artist]:
     )  # one path, so that the lines pass from cell to cell
     panel.add_artist(PathPatch(outline, facecolor="none", rasterized=True, **_APPROACHING))
     share = 100.0 * where.sum() / has_result(cut["status"].values).sum()
-    text = f"not settled yet ({share:.3g} %)"
+    text = f"{ON_ITS_WAY} ({share:.3g} %)"
     return [Patch(facecolor="#888888", label=text, **_APPROACHING)]
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.regimes import Label, has_result, labels
+from sweeps.analysis.regimes import labels
 from sweeps.analysis.selection import Selection, config_of, select
 from sweeps.analysis.trajectories import (
     MOST_PERIODS,
@@ -28,6 +28,7 @@ from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit
 from sweeps.plotting.numbers import Wanted
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
+from vibroimpact.points.regimes import Label, has_result
 
 #: In a figure narrower than this [inch] the phase plane is below the other panels.
 _NARROW = 4.5

@@ -10,7 +10,7 @@ from typing import Any
 
 import matplotlib as mpl
 
-from sweeps.analysis.regimes import Regime
+from vibroimpact.points.regimes import ON_ITS_WAY, Regime
 from vibroimpact.status import Evidence, Status
 
 # From Okabe and Ito's palette.
@@ -31,15 +31,14 @@ _NAMED = ((1, 1), (2, 2), (1, 2), (3, 3), (2, 1), (1, 0))
 REST = VERMILION
 #: Colours of the marks in a diagram: motions whose kept impacts are less than a repetition, and
 #: motions that are not on their orbit yet.
-PARTIAL, APPROACHING = "only part of a repetition", "not settled yet"
+PARTIAL, APPROACHING = "only part of a repetition", ON_ITS_WAY
 MARKS = {PARTIAL: "#009E73", APPROACHING: "#8A2BE2"}
-#: Labels and colours of the other regimes.
+#: Colours of the regimes that are not periodic.
 REGIMES = {
-    Regime.REST: ("with rest", REST),
-    Regime.CHAOTIC: (r"chaotic, $\lambda_1 > 0$", "#000000"),
-    Regime.NEUTRAL: ("quasi-periodic or unsettled", "#4B0082"),
-    Regime.UNBOUNDED: ("unbounded", "#7A4A12"),
-    Regime.UNDECIDED: ("undecided", "#CCCCCC"),
+    Regime.REST: REST,
+    Regime.CHAOTIC: "#000000",
+    Regime.UNBOUNDED: "#7A4A12",
+    Regime.UNKNOWN: "#CCCCCC",
 }
 #: Colours of the outcomes with a result in a map of ``status``.
 RESULTS = {

@@ -11,10 +11,10 @@ from sweeps import attractors, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.grouping import GridIndex
 from sweeps.analysis.knocks import _Motions
-from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances, same_motions
 from sweeps.analysis.tracking import MAX_DISTANCE, PeriodicAttractors, track
 from sweeps.errors import Refused
+from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
 
 
@@ -204,7 +204,7 @@ def test_what_is_on_no_attractor_or_does_not_repeat():
         0: (Regime.PERIODIC, pytest.approx(1 / 6)),
         1: (Regime.UNBOUNDED, pytest.approx(1 / 6)),
         2: (Regime.REST, pytest.approx(2 / 6)),
-        3: (Regime.UNDECIDED, pytest.approx(2 / 6)),
+        3: (Regime.UNKNOWN, pytest.approx(2 / 6)),
     }
 
 

@@ -7,8 +7,8 @@ from commands import call
 from sweep_files import partition, run_in
 from sweeps import attractors, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
-from sweeps.analysis.regimes import Regime
 from vibroimpact import Oscillator, one_impact_orbit
+from vibroimpact.points.regimes import Regime
 
 
 def pair_by_pair(dataset, tolerance=1e-3):
@@ -100,7 +100,7 @@ def test_starts_that_settle_slowly_are_on_the_attractor_they_go_to(computed_star
     assert 0.1 < slow.mean() < 0.5 and (dataset["impacts_per_period"].values[slow] == 0.0).all()
     found = attractors(dataset)
     assert {row.name for row in rows(dataset, found)} >= {"1/0", "2/1"}
-    assert not np.isin(found["motion"], (Regime.UNDECIDED, Regime.NEUTRAL)).any()
+    assert not (found["motion"] == Regime.UNKNOWN).any()
     (free,) = (row for row in rows(dataset, found) if row.name == "1/0")
     assert (found["attractor"].values[slow] == free.number).all()
     np.testing.assert_array_equal(found["followed"], slow)
@@ -125,8 +125,8 @@ def test_an_attractor_is_represented_by_a_start_that_has_settled(
 def test_the_table_says_which_share_was_followed_on(computed_starts):
     result = call("attractors", computed_starts(*SLOW).encoding["source"])
     slow = (computed_starts(*SLOW)["orbit_distance"].values > 1e-6).mean()
-    assert f"{100 * slow:.1f} % of the starts had not settled in their record" in result.stdout
-    assert "unsettled" not in result.stdout and "undecided" not in result.stdout
+    assert f"{100 * slow:.1f} % of the starts were followed beyond their record" in result.stdout
+    assert "unknown" not in result.stdout
 
 
 def test_an_attractor_that_no_record_shows_has_its_speeds(computed_starts):
@@ -190,7 +190,7 @@ def test_weak_chaos_is_not_the_orbit_that_it_is_near(computed_starts):
 
 
 @pytest.mark.slow
-def test_what_never_settles_is_unsettled_and_no_attractor(computed_starts):
+def test_what_never_repeats_is_unknown_and_no_attractor(computed_starts):
     """Without damping and impacts, the motion keeps two frequencies for ever."""
     dataset = computed_starts(
         "oscillator={h: 0.0, R: 0.8, omega: 1.4142135623730951, f: 1.0, clearance: 10.0}",
@@ -200,8 +200,8 @@ def test_what_never_settles_is_unsettled_and_no_attractor(computed_starts):
     found = attractors(dataset)
     assert found["attractors"].item() == 0
     lines = call("attractors", dataset.encoding["source"]).stdout.splitlines()
-    assert lines[1].split()[:2] == ["-", "unsettled"]
-    assert lines[-1] == "100.0 % of the starts have not settled; their attractors are unknown"
+    assert lines[1].split()[:2] == ["-", "unknown"]
+    assert lines[-1] == "100.0 % of the starts are unknown, which is no attractor"
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path, places):
         long = run_in(tmp_path, text, *longer, name="long.h5", overwrite=True)
         with open_sweep(short) as dataset, open_sweep(long) as settled:
             found = attractors(dataset)
-            assert not np.isin(found["motion"], (Regime.UNDECIDED, Regime.NEUTRAL)).any()
+            assert not (found["motion"] == Regime.UNKNOWN).any()
             got = sorted(found["fraction"].values[found["number"].values >= 0])
             shares = sorted(long_run_shares(settled))
         several += len(shares) > 1

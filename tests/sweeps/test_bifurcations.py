@@ -179,10 +179,10 @@ def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
     with open_sweep(path) as dataset:
         assert dataset["period"].values.tolist() == [1, 0, 0, 0]
     said = accepted("info", path, "--bifurcations")
-    assert "does not change along omega\nno class is known at 3 points" in said
-    assert "only Lyapunov exponents show chaos" in said
+    assert "does not change along omega\nunknown or without a result: 3 points" in said
+    assert "Lyapunov exponents tell which are chaotic" in said
     said = accepted("info", sweep(chaotic), "--bifurcations")
-    assert " chaos         1/1 -> chaos " in said and "no class" not in said
+    assert " chaotic         1/1 -> chaotic " in said and "unknown" not in said
 
 
 @pytest.mark.slow
@@ -200,7 +200,7 @@ def test_a_map_is_summed_up_and_its_lines_are_listed(sweep, tmp_path):
     with written.open() as file:
         table = list(csv.DictReader(file))
     assert {row["kind"] for row in table} <= {
-        "flip", "fold", "graze", "rest", "chaos", "basin", "unknown",
+        "flip", "fold", "graze", "rest", "chaotic", "basin", "unknown",
     }  # fmt: skip
     (flip,) = (row for row in table if (row["before"], row["after"]) == ("1/1", "2/2"))
     assert float(flip["omega"]) == pytest.approx(2.65888454668484, rel=1e-12)

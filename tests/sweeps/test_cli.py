@@ -324,8 +324,8 @@ def test_what_became_of_the_points_is_told(monkeypatch):
 
 
 @pytest.mark.slow
-def test_how_many_points_have_no_class_and_how_many_have_not_settled_is_told(monkeypatch):
-    """A rest and an unbounded motion have none; without diagnostics nothing is known."""
+def test_how_many_motions_go_where_is_told(monkeypatch):
+    """Each motion is counted once; without diagnostics nothing is known."""
     compute = executors.compute_block
     unknown = [Evidence.NONE, Evidence.NONE, Evidence.UNSTABLE, Evidence.UNREACHED]
     others = [Evidence.NONE, Evidence.NONE, *list(Evidence)[-4:]]
@@ -333,6 +333,7 @@ def test_how_many_points_have_no_class_and_how_many_have_not_settled_is_told(mon
     def changed(*arguments):
         results = compute(*arguments)
         results["class_evidence"][:] = unknown + others
+        results["period"][:] = [0] * 6 + [1] * 4
         results["rest_fraction"][:] = [0.0] * 4 + [0.5] + [0.0] * 5
         results["status"][5] = Status.UNBOUNDED
         results["orbit_distance"][:] = [np.nan] * 6 + [0.0, 1e-3, 1e-6, 2e-6]
@@ -340,10 +341,10 @@ def test_how_many_points_have_no_class_and_how_many_have_not_settled_is_told(mon
 
     monkeypatch.setattr(executors, "compute_block", changed)
     lines = [
-        "40 % of the points have no class m/q: 2 near no periodic orbit (chaos, or still in "
-        "transit), 1 near unstable orbits only, 1 near a stable orbit that they were not shown to "
-        "reach; rests are not counted",
-        "2 points with a class have not settled yet",
+        "settled on m/q: 2 (20 %); on its way to m/q: 2 (20 %); rest: 1 (10 %); unbounded: 1 (10 "
+        "%); unknown: 4 (40 %)",
+        "unknown: 2 near no periodic orbit, 1 near unstable orbits only, 1 near a stable orbit "
+        "that they were not shown to reach; Lyapunov exponents tell which are chaotic",
     ]
     assert accepted("run", "sweep.yaml").splitlines()[1:3] == lines
     shown = accepted("info", "small.h5")
@@ -354,7 +355,7 @@ def test_how_many_points_have_no_class_and_how_many_have_not_settled_is_told(mon
     printed = accepted(
         "run", ROOT / "configs" / "paper-dissipative-reduced-step.yaml", "-o", "a.h5"
     )
-    said = "the motion has no class m/q: near no periodic orbit (chaos, or still in transit)"
+    said = "the motion: unknown, near no periodic orbit"
     assert printed.splitlines()[1] == said
 
 

@@ -78,7 +78,7 @@ def test_the_motion_at_a_stop_that_presses(view):
     osc = Oscillator(h=0.05, R=0.7, omega=2.3, f=1.0, clearance=-0.2)
     drawn = motion_at(view.moved(**asdict(osc), x0=-0.5))
     closed = one_impact_orbit(osc)
-    assert closed.stable and drawn.text.startswith("periodic, class 1/1")
+    assert closed.stable and drawn.text.startswith("settled on 1/1")
     np.testing.assert_allclose(drawn.impacts[2], [closed.v] * 4, rtol=1e-6)
     assert drawn.line[1].max() == -0.2
     assert np.diff(drawn.line[0]).max() <= osc.forcing_period / 64 * (1.0 + 1e-9)

@@ -14,10 +14,11 @@ from scipy.stats import binomtest
 import sweeps
 from sweeps import attractors, bifurcations, integrity, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
-from sweeps.analysis.regimes import Regime, classify
+from sweeps.analysis.regimes import classify
 from sweeps.plotting import KINDS, Page, plot
 from vibroimpact import Oscillator, integrate, one_impact_orbit, one_impact_orbits
 from vibroimpact.oscillator import POINT
+from vibroimpact.points.regimes import Regime
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
 

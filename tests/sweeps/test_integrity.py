@@ -232,10 +232,10 @@ def test_motions_that_have_not_settled_are_rows_without_measures(tmp_path):
     undamped = "oscillator={h: 0, R: 1, omega: 1, f: 0.3, clearance: 0.5}"
     file = run_in(tmp_path, CONFIG, few, undamped, "record={transient: 0, periods: 4}")
     lines = accepted("integrity", file, "--csv", "a.csv").splitlines()
-    (row,) = (line.split() for line in lines if "unsettled" in line)
-    assert row[:2] == ["-", "unsettled"] and row[4:] == ["-", "-", "-"]
+    (row,) = (line.split() for line in lines if line.split()[1:2] == ["unknown"])
+    assert row[:2] == ["-", "unknown"] and row[4:] == ["-", "-", "-"]
     assert "starts have not settled; their attractors are unknown" in "\n".join(lines)
-    assert Path("a.csv").read_text().count("neutral") == 1
+    assert Path("a.csv").read_text().count("unknown") == 1
     assert accepted("attractors", file).splitlines()[2].split() == row[:4]
 
 

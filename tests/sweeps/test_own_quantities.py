@@ -226,7 +226,7 @@ def test_a_dense_diagram_keeps_the_colours(dataset, monkeypatch):
     image = np.asarray(mesh.get_array())
     assert len(figure.axes) == 1  # no bar of a density
     seen = {to_hex(colour) for colour in image.reshape(-1, 4) if colour[3] > 0.0}
-    assert seen == {colour for text, colour in legend(figure).items() if "settled yet" not in text}
+    assert seen == {colour for text, colour in legend(figure).items() if "on its way" not in text}
 
 
 @pytest.mark.slow

@@ -179,7 +179,7 @@ def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):
     assert diagram.get_xlim() == rest.get_xlim()
     assert not diagram.get_xlabel() and "omega" in rest.get_xlabel()
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["not settled yet (3 of 13)", r"$\lambda_1$", r"$\lambda_2$"]
+    assert texts == ["on its way to m/q (3 of 13)", r"$\lambda_1$", r"$\lambda_2$"]
 
 
 @pytest.mark.slow

@@ -127,7 +127,7 @@ def test_motions_that_have_not_settled_are_marked_within_the_limits(random_sweep
     panel = figure.axes[0]
     assert drawn(panel, "|") == [(1.0, 0.015)] and panel.get_ylim() == (-100.0, 100.0)
     (text,) = figure.legends[0].get_texts()
-    assert text.get_text() == "not settled yet (1 of 4)"
+    assert text.get_text() == "on its way to m/q (1 of 4)"
 
 
 @pytest.mark.slow

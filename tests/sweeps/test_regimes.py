@@ -2,15 +2,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps.analysis.regimes import (
-    Change,
-    Label,
-    Regime,
-    cascades,
-    changes,
-    classify,
-    frequent_periods,
-)
+from sweeps.analysis.regimes import Change, cascades, changes, classify, frequent_periods
+from vibroimpact.points.regimes import Label, Regime
 from vibroimpact.status import Evidence, Status
 
 PERIODS = 100
@@ -55,12 +48,12 @@ def test_a_repetition_decides_before_the_exponent():
 def test_the_exponent_decides_by_the_growth_that_a_torus_allows():
     """Linear growth over the record is the factor 100."""
     growth = [-np.inf, np.log(0.0099), np.log(0.0101), 0.0, np.log(99.0), np.log(101.0)]
-    motion = [Regime.UNDECIDED] * 2 + [Regime.NEUTRAL] * 3 + [Regime.CHAOTIC]
+    motion = [Regime.UNKNOWN] * 5 + [Regime.CHAOTIC]
     assert classify(hand_made(np.ones(6), 0, growth=growth)).tolist() == motion
 
 
 def test_without_an_exponent_nothing_is_said_of_what_does_not_repeat():
-    assert classify(hand_made([1, 0, 2], 0)).tolist() == [Regime.UNDECIDED] * 3
+    assert classify(hand_made([1, 0, 2], 0)).tolist() == [Regime.UNKNOWN] * 3
 
 
 def test_the_shape_is_that_of_the_grid_in_any_order():
@@ -70,7 +63,7 @@ def test_the_shape_is_that_of_the_grid_in_any_order():
     # The same exponent is a growth that falls with omega: 2 pi k / omega of time.
     rate = np.full((2, 3, 2), 1.5 * np.log(PERIODS) / DURATION)
     both["lyapunov"] = (("R", "omega", "exponent"), rate)
-    expected = [Regime.CHAOTIC, Regime.CHAOTIC, Regime.NEUTRAL]
+    expected = [Regime.CHAOTIC, Regime.CHAOTIC, Regime.UNKNOWN]
     assert classify(both).tolist() == [expected, expected]
     turned = both.transpose("omega", "R", ...)
     assert classify(turned).tolist() == np.transpose([expected, expected]).tolist()
@@ -108,7 +101,7 @@ def test_points_of_no_known_class_are_passed_over():
         (Label(Regime.PERIODIC, 2, 3), Label(Regime.PERIODIC, 4, 7), "unknown"),
         (ONE, REST, "rest"),
         (CHAOS, REST, "rest"),
-        (CHAOS, TWO, "chaos"),
+        (CHAOS, TWO, "chaotic"),
         (Label(Regime.REST, 2, 2), Label(Regime.REST, 2, 1), "unknown"),
         (Label(Regime.REST, 1, 1), Label(Regime.REST, 2, 2), "unknown"),
         (Label(Regime.REST, 1, 1), ONE, "rest"),

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from vibroimpact.points.regimes import is_chaotic
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.stages import Results, in_stages, without_class
 from vibroimpact.status import Evidence
@@ -47,8 +48,7 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
         on = without_class(found["evidence"], results["status"])
         if "lyapunov" in results:
             periods = results["poincare_x"].shape[1]
-            growth = results["lyapunov"][:, 0] * 2.0 * np.pi / points["omega"][going] * periods
-            on &= ~(growth > np.log(periods))
+            on &= ~is_chaotic(results["lyapunov"], points["omega"][going], periods)
         return on
 
     state, done = in_stages(points, _doubled(longest), stage, goes_on)

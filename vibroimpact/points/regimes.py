@@ -1,0 +1,152 @@
+"""What the record of a motion shows: where the motion goes, or that this is not known.
+
+The record of a point determines its regime. The first of these rules that applies decides:
+
+1. not computed, failed or unbounded: according to ``status``;
+2. rest: the mass rested on the stop during the record, after a complete chatter or, with R = 0,
+   after an impact, unless it is proved that it has no impact any more. Such a motion may be
+   periodic, but its number of impacts depends on where a chatter is cut off;
+3. periodic: the periodic orbit is known to which the motion goes (`vibroimpact.destination`);
+4. chaotic: the larger Lyapunov exponent is recorded, and `is_chaotic`;
+5. unknown: all others. They may be quasi-periodic, chaotic or on their way to an orbit.
+
+The class of a motion is its regime with m and q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from vibroimpact.destination.repetition import TOLERANCE
+from vibroimpact.status import Evidence, Status
+
+
+class Regime(IntEnum):
+    """The regime of a motion according to its record."""
+
+    PENDING = 0
+    FAILED = 1
+    UNBOUNDED = 2
+    REST = 3
+    PERIODIC = 4
+    CHAOTIC = 5
+    UNKNOWN = 6
+
+    @property
+    def word(self) -> str:
+        """The regime as it is called in every report and legend."""
+        return self.name.lower()
+
+
+#: What is said of a periodic motion; of other motions, the word of their regime.
+SETTLED, ON_ITS_WAY = "settled on m/q", "on its way to m/q"
+UNKNOWN = Regime.UNKNOWN.word
+#: Regimes of motions that go to no known attractor but chaos.
+NO_CLASS = (Regime.CHAOTIC, Regime.UNKNOWN)
+#: Regimes that are classes; of the others the attractor is not known.
+_CLASSIFIED = (Regime.UNBOUNDED, Regime.REST, Regime.PERIODIC, Regime.CHAOTIC)
+
+
+class Label(NamedTuple):
+    """The class of a motion: its regime, with m forcing periods and q impacts if known, else 0.
+
+    m and q are known for periodic motions, and for motions with rest at R = 0, which have no
+    chatter that is cut off.
+    """
+
+    regime: Regime
+    m: int = 0
+    q: int = 0
+
+    def __str__(self) -> str:
+        if self.regime is Regime.UNKNOWN:
+            return "?"
+        word = "" if self.regime is Regime.PERIODIC else self.regime.word
+        return " ".join(filter(None, [word, f"{self.m}/{self.q}" if self.m else ""]))
+
+
+def has_result(status: np.ndarray) -> np.ndarray:
+    """Return the mask of points that were computed and did not fail."""
+    return ~np.isin(status, [outcome for outcome in Status if outcome.failed])
+
+
+def rests(results: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the mask of motions with rest, given ``rest_fraction`` and ``class_evidence``.
+
+    A motion that is proved to have no impact any more does not rest again.
+    """
+    mask: np.ndarray = results["rest_fraction"] > 0.0
+    return mask & (results["class_evidence"] != Evidence.FREE)
+
+
+def is_chaotic(lyapunov: np.ndarray, omega: np.ndarray, periods: int) -> np.ndarray:
+    """Return whether the exponents (..., 2) of a record of `periods` k forcing periods show chaos.
+
+    Over the time t of the record tangent vectors grow by exp(lambda_1 t). On a torus they grow at
+    most linearly, so growth by more than k is chaos.
+    """
+    growth: np.ndarray = lyapunov[..., 0] * (periods * 2.0 * np.pi / omega)
+    return growth > np.log(periods)
+
+
+def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:
+    """Return the `Regime` of results of any shape (...), from records of `periods` forcing periods.
+
+    The results are ``status``, ``rest_fraction``, ``period``, ``class_evidence`` and, if recorded,
+    ``lyapunov`` of shape (..., 2), as in a file. `omega` is broadcast against them.
+    """
+    status = results["status"]
+    rules = [
+        (status == Status.PENDING, Regime.PENDING),
+        (~has_result(status), Regime.FAILED),
+        (status == Status.UNBOUNDED, Regime.UNBOUNDED),
+        (rests(results), Regime.REST),
+        (results["period"] > 0, Regime.PERIODIC),
+    ]
+    if "lyapunov" in results:
+        rules.append((is_chaotic(results["lyapunov"], omega, periods), Regime.CHAOTIC))
+    return np.select(
+        [condition for condition, _ in rules],
+        [int(regime) for _, regime in rules],
+        int(Regime.UNKNOWN),
+    )
+
+
+def on_its_way(regimes: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Return the mask of periodic motions that are not on their orbit yet.
+
+    `distance` is the ``orbit_distance`` of the motions, NaN for none.
+    """
+    return (regimes == Regime.PERIODIC) & (distance > TOLERANCE)  # False for NaN
+
+
+def partition(regimes: np.ndarray, distance: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the masks of the points with a result, each in one, by what is said of the motion."""
+    going = on_its_way(regimes, distance)
+    return {
+        SETTLED: (regimes == Regime.PERIODIC) & ~going,
+        ON_ITS_WAY: going,
+        **{
+            regime.word: regimes == regime
+            for regime in (Regime.REST, Regime.CHAOTIC, Regime.UNBOUNDED, Regime.UNKNOWN)
+        },
+    }
+
+
+def labels_of(
+    regimes: np.ndarray, period: np.ndarray, impacts: np.ndarray, R: np.ndarray
+) -> list[Label | None]:
+    """Return the class of each motion, given arrays of shape (n,); None if it is not known.
+
+    Motions with rest have m and q only if R is 0 at all points.
+    """
+    counted = (regimes == Regime.PERIODIC) | ((regimes == Regime.REST) & (not R.any()))
+    m, q = np.where(counted, period, 0), np.where(counted, impacts, 0)
+    return [
+        Label(Regime(regime), *mq) if regime in _CLASSIFIED else None
+        for regime, *mq in zip(regimes.tolist(), m.tolist(), q.tolist(), strict=True)
+    ]
