@@ -29,9 +29,9 @@ from vibroimpact.orbits.family import (
 from vibroimpact.orbits.halves import doubling, grazing_flip, parents_flip
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
+    free_amplitude,
     free_orbit,
     orbit_of,
-    steady_response,
     taken_twice,
 )
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
@@ -335,7 +335,7 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
 
     def gap_left(value: float) -> float:
         osc = at(value)
-        return osc.clearance - min(abs(steady_response(osc)), 1e300)
+        return osc.clearance - min(abs(free_amplitude(osc)), 1e300)
 
     def end(side: np.ndarray) -> SpecialPoint:
         """Return the last point towards one side."""
@@ -364,5 +364,5 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
 
 def _free_graze(osc: Oscillator) -> PeriodicOrbit:
     """Return the free oscillation that touches the stop, as an orbit with an impact of speed 0."""
-    phase = 0.5 * math.pi - cmath.phase(steady_response(osc))  # maximises Im A exp(i phase)
+    phase = 0.5 * math.pi - cmath.phase(free_amplitude(osc))  # maximises Im A exp(i phase)
     return PeriodicOrbit(osc, 1, np.array([phase % (2.0 * math.pi)]), np.zeros(1))

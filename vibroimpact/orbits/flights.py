@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibroimpact.destination.free_motion import steady_response
 from vibroimpact.jit import jit, specialised
 from vibroimpact.orbits.unknowns import phase_at, speed_at
 from vibroimpact.oscillator import Oscillator
@@ -69,6 +70,13 @@ def parameters(values):
 def values_of(osc: Oscillator) -> np.ndarray:
     """Return the parameters of an oscillator in an array of six."""
     return np.array([osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance])
+
+
+@jit
+def amplitude(values):
+    """Return A of the steady motion without impacts, x = Im A exp(i omega t); inf at resonance."""
+    pt = parameters(values)
+    return complex(steady_response(pt, 1.0, 0.0)[0], steady_response(pt, 0.0, 1.0)[0])
 
 
 @jit

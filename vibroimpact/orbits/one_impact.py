@@ -41,7 +41,7 @@ from fractions import Fraction
 import numpy as np
 
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS
-from vibroimpact.orbits.orbit import PeriodicOrbit, dynamic_stiffness
+from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
@@ -64,8 +64,8 @@ def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
     """
     T = n * osc.forcing_period
     h, p, omega = osc.h, osc.p, osc.omega
-    stiffness = dynamic_stiffness(osc)
-    if h >= p or abs(stiffness) < 0.1 * (p * p + omega * omega):
+    a = free_amplitude(osc)
+    if h >= p or osc.f < 0.1 * (p * p + omega * omega) * abs(a):  # or near resonance
         flow = list(affine_map(INTEGRATORS["exact"].code, T, osc.at(osc.clearance)[0]))
         return flow, _one_minus_xx(flow[0], flow[1], osc, T)
     rate = math.sqrt((p - h) * (p + h))
@@ -75,7 +75,6 @@ def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
     xv = decay * math.sin(angle) / rate
     middle = 2.0 * decay * math.sin(0.5 * angle) ** 2 - math.expm1(-h * T)
     one_minus_xx, one_minus_vv, vx = middle - h * xv, middle + h * xv, -p * p * xv
-    a = -osc.f / stiffness
     sine, cosine = complex(a.real, -omega * a.imag), complex(a.imag, omega * a.real)
     xs, xc = (one_minus_xx * y.real - xv * y.imag for y in (sine, cosine))
     vs, vc = (one_minus_vv * y.imag - vx * y.real for y in (sine, cosine))

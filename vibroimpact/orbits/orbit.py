@@ -13,7 +13,13 @@ from functools import cached_property
 
 import numpy as np
 
-from vibroimpact.orbits.flights import first_penetration, residuals, state_after, values_of
+from vibroimpact.orbits.flights import (
+    amplitude,
+    first_penetration,
+    residuals,
+    state_after,
+    values_of,
+)
 from vibroimpact.orbits.linear import characteristic
 from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import Oscillator
@@ -70,7 +76,7 @@ class PeriodicOrbit:
         """
         o = self.oscillator
         if self.q == 0:
-            return abs(steady_response(o)) < o.clearance
+            return abs(free_amplitude(o)) < o.clearance
         X, speed = scaled(self)
         meets = first_penetration(values_of(o), self.m, speed, X, self.q)[0] >= 0
         return not meets and float(self.speeds.min()) >= 0.0
@@ -114,7 +120,7 @@ class PeriodicOrbit:
     def _state(self, theta: float) -> tuple[float, float]:
         o = self.oscillator
         if self.q == 0:
-            response = steady_response(o) * np.exp(1j * theta)
+            response = free_amplitude(o) * np.exp(1j * theta)
             return response.imag, o.omega * response.real
         first, turn = float(self.phases[0]), 2.0 * math.pi * self.m
         theta = first + (theta - first) % turn
@@ -180,12 +186,6 @@ def free_orbit(osc: Oscillator) -> PeriodicOrbit:
     return PeriodicOrbit(osc, 1, np.empty(0), np.empty(0))
 
 
-def dynamic_stiffness(osc: Oscillator) -> complex:
-    """Return the amplitude of the force divided by that of the steady motion without impacts."""
-    return complex((osc.p - osc.omega) * (osc.p + osc.omega), 2.0 * osc.h * osc.omega)
-
-
-def steady_response(osc: Oscillator) -> complex:
+def free_amplitude(osc: Oscillator) -> complex:
     """Return A of the steady motion without impacts, x = Im A exp(i omega t); inf at resonance."""
-    stiffness = dynamic_stiffness(osc)
-    return -osc.f / stiffness if stiffness else complex(math.inf)
+    return complex(amplitude(values_of(osc)))

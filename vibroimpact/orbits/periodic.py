@@ -16,10 +16,10 @@ from vibroimpact.orbits.family import Inadmissible, OrbitFamily
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps, values_of
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
+    free_amplitude,
     free_orbit,
     linearised,
     scaled,
-    steady_response,
 )
 from vibroimpact.orbits.unknowns import impacts
 from vibroimpact.oscillator import Oscillator, checked, checked_integer, refuse_other
@@ -162,7 +162,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     q = len(phases)
     refuse_long(osc, m, q)
     if q == 0:
-        if not abs(steady_response(osc)) < osc.clearance:
+        if not abs(free_amplitude(osc)) < osc.clearance:
             raise OrbitError("the free oscillation reaches the stop")
         return free_orbit(osc)
     family = OrbitFamily(PeriodicOrbit(osc, m, phases, speeds), ())
