@@ -44,13 +44,6 @@ def labels(line: xr.Dataset) -> list[Label | None]:
     return labels_of(classify(line), line["period"].values, line["period_impacts"].values, R)
 
 
-def frequent_periods(period: np.ndarray, impacts: np.ndarray, count: int) -> list[tuple[int, int]]:
-    """Return the most frequent (forcing periods, impacts) per repetition, in increasing order."""
-    pairs, numbers = np.unique(np.stack([period, impacts], axis=1), axis=0, return_counts=True)
-    frequent = pairs[np.argsort(-numbers, kind="stable")[:count]]
-    return sorted((int(m), int(q)) for m, q in frequent)
-
-
 @dataclass(frozen=True)
 class Change:
     """Two values of an axis between which the class changes."""

@@ -14,7 +14,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_rgba
 from matplotlib.patches import Patch
 
-from sweeps.analysis.regimes import classify, frequent_periods
+from sweeps.analysis.regimes import classify
 from sweeps.analysis.selection import Selection, check_diagnostic, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
@@ -23,18 +23,17 @@ from sweeps.plotting.lines import refuse_without_result, widened
 from sweeps.plotting.numbers import Wanted, number_at, with_number
 from sweeps.plotting.style import (
     BLUE,
+    CLASSES,
     EVIDENCE,
     NO_VALUE,
-    OTHER_PERIODIC,
+    OTHER_CLASS,
     PALE,
-    PERIODIC,
     REGIMES,
     REST,
     RESULTS,
     STATUS_COLOURS,
     VERMILION,
     WHITE,
-    class_colours,
 )
 from vibroimpact.points.regimes import NO_CLASS, Regime, has_result
 from vibroimpact.status import Status
@@ -80,22 +79,21 @@ def failed_cells(status: np.ndarray) -> list[Cells]:
     ]
 
 
-def period_cells(cut: xr.Dataset, whole: xr.Dataset | None = None) -> list[Cells]:
-    """Return the points of each regime; each of the most frequent classes has its own colour.
+def period_cells(cut: xr.Dataset) -> list[Cells]:
+    """Return the points of each regime, those of each class of ``CLASSES`` apart.
 
-    These are the classes of the `whole` file, so that a class has one colour in all its pictures.
     The labels say how many points are chaotic or unknown, as a share of those with a result.
     """
     check_diagnostic(cut, "period")
     regimes, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
     periodic = regimes == Regime.PERIODIC
     cells = []
-    for (periods, impacts), colour in colours_of_classes(cut if whole is None else whole).items():
+    for (periods, impacts), colour in CLASSES.items():
         where = periodic & (m == periods) & (q == impacts)
         text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
         cells.append(Cells(text, colour, where))
         periodic = periodic & ~where
-    cells.append(Cells("other m/q", OTHER_PERIODIC, periodic))
+    cells.append(Cells("other m/q", OTHER_CLASS, periodic))
     results = max(1, int(has_result(cut["status"].values).sum()))
     for regime, colour in REGIMES.items():
         where, text = regimes == regime, regime.word
@@ -103,16 +101,6 @@ def period_cells(cut: xr.Dataset, whole: xr.Dataset | None = None) -> list[Cells
             text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
         cells.append(Cells(text, colour, where))
     return cells
-
-
-def colours_of_classes(dataset: xr.Dataset) -> dict[tuple[int, int], str]:
-    """Return a colour for each of the most frequent classes (m, q) of a file."""
-    periodic = classify(dataset) == Regime.PERIODIC
-    m, q = (
-        dataset[name].transpose(*dataset["status"].dims).values[periodic]
-        for name in ("period", "period_impacts")
-    )
-    return class_colours(frequent_periods(m, q, len(PERIODIC)))
 
 
 class Paint(NamedTuple):
@@ -158,10 +146,8 @@ class Paint(NamedTuple):
             tick_in_decades(bar.ax.xaxis)
 
 
-def paint(
-    cut: xr.Dataset, name: str, whole: xr.Dataset | None = None, *, dots: bool = False
-) -> Paint:
-    """Return the colours of a number at the points of a cut through a `whole` file.
+def paint(cut: xr.Dataset, name: str, *, dots: bool = False) -> Paint:
+    """Return the colours of a number at the points of a cut.
 
     With `dots` no colour is as light as the paper.
     """
@@ -169,7 +155,7 @@ def paint(
     ramp = mpl.colormaps["cividis"]
     nothing = np.ma.masked_all(variable.shape, float)
     if name == "period":
-        cells = period_cells(cut.transpose(*cut["status"].dims, ...), whole)
+        cells = period_cells(cut.transpose(*cut["status"].dims, ...))
         return Paint(variable, cells, nothing, Normalize(), ramp, CLASSES_TITLE)
     if name in _WORDS:
         found = np.where(has_result(cut["status"].values), variable.values, Status.PENDING)
@@ -203,7 +189,7 @@ def coloured_points(
     points = select(dataset, at, free=left)
     if points["status"].size == 1:
         raise Refused("a color tells several motions apart, and only one point is left")
-    shown = paint(points, name, dataset, dots=True)
+    shown = paint(points, name, dots=True)
     refuse_without_result(points["status"].values)
     return points, shown
 

@@ -98,7 +98,7 @@ def bifurcation(
         dataset, tint = with_number(dataset, color)
     line, axis, coordinate = select_line(dataset, axes, at, coordinate)
     _check(dataset, axis, exact, names)
-    shown = None if tint is None else paint(line, tint, dataset, dots=True)
+    shown = None if tint is None else paint(line, tint, dots=True)
     drawn = _Drawn.of(line, axis, coordinate, shown)
     heights = [1.0] + [_LOWER] * len(names)
     panel, *lower = canvas.stacked_panels(page, heights, len(heights)) if ax is None else [ax]

@@ -21,7 +21,7 @@ from sweeps.analysis.selection import Selection, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, styled
-from sweeps.plotting.colours import Cells, colours_of_classes, failed_cells, paint
+from sweeps.plotting.colours import Cells, failed_cells, paint
 from sweeps.plotting.curves import draw_curves
 from sweeps.plotting.labels import (
     label_axis,
@@ -30,6 +30,7 @@ from sweeps.plotting.labels import (
 )
 from sweeps.plotting.lines import cell_edges
 from sweeps.plotting.numbers import Wanted, with_number
+from sweeps.plotting.style import CLASSES
 from vibroimpact.points.regimes import ON_ITS_WAY, has_result
 from vibroimpact.status import Status
 
@@ -87,7 +88,7 @@ def parameter_map(
         quantity = "period" if "period" in dataset else "impacts_per_period"
     dataset, name = with_number(dataset, quantity)
     cut = select(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
-    shown = paint(cut, name, dataset)
+    shown = paint(cut, name)
     panel = canvas.new_panel(ax, page)
     if shown.values.count():
         _draw_mesh(panel, cut, shown.values, shown.norm, shown.ramp)
@@ -98,7 +99,7 @@ def parameter_map(
     page.set_limits(panel)
     if exact is not None:
         y, x = (axis.values for axis in _axes_of(cut))
-        handles += draw_curves(panel, exact, cut, (x, y), colours_of_classes(dataset))
+        handles += draw_curves(panel, exact, cut, (x, y), CLASSES)
     return canvas.finish(panel, page, cut, handles, shown.title)
 
 

@@ -1,11 +1,10 @@
 """The common style of the pictures: colours by their meaning, and matplotlib's settings.
 
-Any two colours can be told apart with normal colour vision, deuteranopia and protanopia: they
-differ by at least 10 in CIEDE2000.
+Any two colours of one picture can be told apart with normal colour vision, deuteranopia and
+protanopia: they differ by at least 10 in CIEDE2000.
 """
 
 import logging
-from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -23,11 +22,26 @@ STATUS_COLOURS = {
     Status.NON_FINITE: "#333333",
 }
 
-#: Colours of the most frequent classes m/q in a map; vermilion and black have other meanings.
-PERIODIC = (BLUE, "#56B4E9", "#009E73", "#F0E442", ORANGE, "#CC79A7")
-OTHER_PERIODIC = "#D3E4B4"
-#: Classes m/q with fixed colours, in the order of ``PERIODIC``; others get the remaining colours.
-_NAMED = ((1, 1), (2, 2), (1, 2), (3, 3), (2, 1), (1, 0))
+#: Colours of the classes m/q, in every picture. The hue says m; the darker, the more impacts. These
+#: are as many as can be told apart beside each other and the colours of regimes and outcomes.
+CLASSES = {
+    (1, 0): "#C6CFFD",
+    (1, 1): "#4783EA",
+    (1, 2): "#004C98",
+    (2, 1): "#F1DA28",
+    (2, 2): "#C2A548",
+    (2, 3): "#3D2D02",
+    (3, 1): "#E08BBC",
+    (3, 2): "#D0558F",
+    (3, 3): "#4F0C44",
+    (4, 2): "#93D6A0",
+    (4, 3): "#2F9C60",
+    (4, 4): "#2A6643",
+    (8, 6): "#BAA2FD",
+    (8, 8): "#6E38E9",
+}
+#: Colour of all other classes.
+OTHER_CLASS = "#EDEBD8"
 REST = VERMILION
 #: Colours of the marks in a diagram: motions whose kept impacts are less than a repetition, and
 #: motions that are not on their orbit yet.
@@ -42,18 +56,18 @@ REGIMES = {
 }
 #: Colours of the outcomes with a result in a map of ``status``.
 RESULTS = {
-    Status.COMPUTED: PERIODIC[1],
-    Status.CERTIFIED: PERIODIC[0],
-    Status.CUT_SHORT: PERIODIC[4],
+    Status.COMPUTED: "#56B4E9",
+    Status.CERTIFIED: BLUE,
+    Status.CUT_SHORT: ORANGE,
     Status.UNBOUNDED: REST,
 }
 
 #: Colours of the evidence for a class.
 EVIDENCE = {
-    Evidence.REPEATS: PERIODIC[0],
-    Evidence.FREE: PERIODIC[1],
-    Evidence.CAPTURED: PERIODIC[2],
-    Evidence.FALLING: PERIODIC[3],
+    Evidence.REPEATS: BLUE,
+    Evidence.FREE: "#56B4E9",
+    Evidence.CAPTURED: "#009E73",
+    Evidence.FALLING: "#F0E442",
     Evidence.NONE: "#000000",
     Evidence.UNSTABLE: "#4B0082",
     Evidence.UNREACHED: REST,
@@ -63,7 +77,7 @@ NO_VALUE, PALE = "#CCCCCC", STATUS_COLOURS[Status.PENDING]
 
 #: Colours of the periodic attractors, the most frequent first; successive colours differ strongly.
 ATTRACTORS = (BLUE, ORANGE, "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
-OTHER_ATTRACTORS = OTHER_PERIODIC
+OTHER_ATTRACTORS = "#D3E4B4"
 
 #: Colours of the two directions in which an axis was followed, and of points in both.
 DIRECTION_COLOURS = (BLUE, ORANGE)
@@ -90,16 +104,6 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "vibroimpact",  # the same picture gives the same bytes
     "savefig.dpi": 300,
 }
-
-
-def class_colours(classes: Sequence[tuple[int, int]]) -> dict[tuple[int, int], str]:
-    """Return a colour for each of the classes (m, q), of which there are at most six."""
-    own = dict(zip(_NAMED, PERIODIC, strict=True))
-    left = [colour for name, colour in own.items() if name not in classes]
-    return {
-        (m, q): own[m, q] if (m, q) in own else left.pop((m + 2 * q) % len(left))
-        for m, q in classes
-    }
 
 
 def _told(record: logging.LogRecord) -> bool:

@@ -140,11 +140,15 @@ def test_lines_mark_the_motions_that_have_not_settled():
     assert not any(patch.get_hatch() for patch in parameter_map(hand_made()).axes[0].patches)
 
 
-def test_rare_periods_share_a_colour():
+def test_a_class_has_one_colour_in_every_map_and_rare_classes_share_one():
+    """Whatever else is in the map, as in the map of a part of the sweep."""
     many = {(i // 4, i % 4): i + 1 for i in range(12)}
-    found = texts(parameter_map(hand_made(period=many)))
-    assert np.count_nonzero(found == "other m/q") == 6
-    assert found[0, :2].tolist() == ["1/1", "2/1"]
+    figure = parameter_map(hand_made(period=many))
+    found = texts(figure)
+    assert found[0].tolist() == ["1/1", "2/1", "3/1", "other m/q"]
+    assert np.count_nonzero(found == "other m/q") == 9
+    alone = {(i // 4, i % 4): 3 for i in range(12)}
+    assert legend(parameter_map(hand_made(period=alone))).items() <= legend(figure).items()
 
 
 def test_without_an_exponent_the_legend_says_what_is_not_known():

@@ -115,22 +115,11 @@ def test_the_classes_have_the_colours_of_the_map_in_every_picture(dataset):
     assert len(shown) > 2 and shown.items() <= of_map.items()
     offsets, colours = points_of(figure)
     expected = {}
-    for cell in period_cells(line, dataset):
+    for cell in period_cells(line):
         expected |= dict.fromkeys(line["omega"].values[cell.where], to_rgba(cell.colour))
-    assert {tuple(c[:3]) for c in colours} > {to_rgba(style.BLUE)[:3]}
+    assert {tuple(c[:3]) for c in colours} > {to_rgba(style.CLASSES[1, 1])[:3]}
     for (x, _), colour in zip(offsets, colours, strict=True):
         assert tuple(colour[:3]) == expected[x][:3]
-
-
-def test_a_rare_class_of_the_file_has_no_colour_of_its_own_in_a_cut(dataset):
-    many = dataset.copy(deep=True)
-    many["class_evidence"][:] = 3
-    many["rest_fraction"][:] = 0.0
-    many["period"].values[0] = np.arange(13) % 7 + 1  # seven classes, of which 7/1 is rarest
-    many["period"].values[1] = [7] + 12 * [1]
-    many["period_impacts"][:] = 1
-    whole, cut = legend(parameter_map(many)), bifurcation(many, color="period", at={"R": 0.6})
-    assert legend(cut).items() <= whole.items()
 
 
 def test_an_exponent_colours_by_a_bar_and_the_panel_below_alike(dataset):

@@ -1,10 +1,11 @@
 """Colours can be distinguished with normal vision, deuteranopia and protanopia.
 
 Dichromacy is simulated by the matrices of Machado, Oliveira and Fernandes (2009,
-doi 10.1109/TVCG.2009.113) at full severity; colour differences are distances in CIE L*a*b* (1976).
+doi 10.1109/TVCG.2009.113) at full severity; colour differences are CIEDE2000, as written down by
+Sharma, Wu and Dalal (2005, doi 10.1002/col.20070).
 """
 
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -40,19 +41,42 @@ def seen(colours, vision):
     return np.stack([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])], axis=1)
 
 
-def named_colours():
-    """Return every colour of the palette by its first name."""
-    names = {}
-    for name, value in vars(style).items():
-        if not name.isupper() or name in ("STYLE", "LEAST_SHARE", "_NAMED"):
-            continue
-        entries = value.items() if isinstance(value, dict) else [("", value)]
-        for key, entry in entries:
-            values = entry if isinstance(entry, tuple) else (entry,)
-            for text in values:
-                if text.startswith("#"):
-                    names.setdefault(text, f"{name} {getattr(key, 'name', key)}")
-    return names
+def difference(first, second):
+    """Return the CIEDE2000 difference of L*a*b* colours, shape (..., 3)."""
+    pair = np.moveaxis(np.array([first, second], float), -1, 1)
+    (L, a, b), (L2, a2, b2) = pair
+    chroma = 0.5 * (np.hypot(a, b) + np.hypot(a2, b2))
+    stretch = 1.5 - 0.5 * np.sqrt(chroma**7 / (chroma**7 + 25.0**7))
+    C, C2 = np.hypot(stretch * a, b), np.hypot(stretch * a2, b2)
+    h, h2 = np.arctan2(b, stretch * a), np.arctan2(b2, stretch * a2)
+    turn = (h2 - h + np.pi) % (2.0 * np.pi) - np.pi
+    mean_L, mean_C = 0.5 * (L + L2), 0.5 * (C + C2)
+    mean_h = np.where(C * C2 > 0.0, h + 0.5 * turn, h + h2)
+    T = 1.0 - 0.17 * np.cos(mean_h - np.pi / 6.0) + 0.24 * np.cos(2.0 * mean_h)
+    T += 0.32 * np.cos(3.0 * mean_h + np.pi / 30.0) - 0.2 * np.cos(4.0 * mean_h - 0.35 * np.pi)
+    far = np.degrees(mean_h) % 360.0
+    rotation = np.sin(np.pi / 3.0 * np.exp(-(((far - 275.0) / 25.0) ** 2)))
+    rotation *= -2.0 * np.sqrt(mean_C**7 / (mean_C**7 + 25.0**7))
+    light = (L2 - L) / (1.0 + 0.015 * (mean_L - 50) ** 2 / np.sqrt(20.0 + (mean_L - 50) ** 2))
+    colour = (C2 - C) / (1.0 + 0.045 * mean_C)
+    hue = 2.0 * np.sqrt(C * C2) * np.sin(0.5 * turn) / (1.0 + 0.015 * mean_C * T)
+    return np.sqrt(light**2 + colour**2 + hue**2 + rotation * colour * hue)
+
+
+#: Colours that one picture may show beside each other.
+IN_A_MAP = {
+    **{f"{m}/{q}": colour for (m, q), colour in style.CLASSES.items()},
+    **style.REGIMES,
+    **style.STATUS_COLOURS,
+    "other": style.OTHER_CLASS,
+}
+PICTURES = {
+    "map": IN_A_MAP,
+    "status": style.RESULTS | style.STATUS_COLOURS,
+    "evidence": style.EVIDENCE | style.STATUS_COLOURS,
+    "attractors": dict(enumerate((*style.ATTRACTORS, style.OTHER_ATTRACTORS))) | style.REGIMES,
+    "directions": dict(enumerate((*style.DIRECTION_COLOURS, style.BOTH_COLOUR))),
+}
 
 
 def test_the_simulation_keeps_white_and_knows_red():
@@ -62,21 +86,40 @@ def test_the_simulation_keeps_white_and_knows_red():
     np.testing.assert_allclose(red, [[53.24, 80.09, 67.20]], atol=0.05)
 
 
+def test_the_difference_is_that_of_its_authors():
+    """Three pairs of their table: blues, hues on both sides of 0, and a mean hue beyond 0."""
+    first = [[50.0, 2.6772, -79.7751], [50.0, 2.49, -0.001], [50.0, 2.5, 0.0]]
+    second = [[50.0, 0.0, -82.7485], [50.0, -2.49, 0.0011], [61.0, -5.0, 29.0]]
+    np.testing.assert_allclose(difference(first, second), [2.0425, 7.2195, 22.8977], atol=6e-5)
+
+
 @pytest.mark.parametrize("vision", VISIONS)
-def test_every_pair_of_colours_is_told_apart(vision):
-    names = named_colours()
-    assert len(names) >= 15
-    lab = seen(names, VISIONS[vision])
-    alike = {
-        (one, other): round(float(difference), 1)
-        for (one, i), (other, j) in combinations(zip(names.values(), lab, strict=True), 2)
-        if (difference := np.linalg.norm(i - j)) < 10.0
+@pytest.mark.parametrize("picture", PICTURES)
+def test_every_pair_of_colours_of_a_picture_is_told_apart(picture, vision):
+    colours = PICTURES[picture]
+    lab = dict(zip(colours, seen(colours.values(), VISIONS[vision]), strict=True))
+    assert not {
+        (str(one), str(other)): round(float(how), 1)
+        for one, other in combinations(colours, 2)
+        if (how := difference(lab[one], lab[other])) < 10.0
     }
-    assert not alike
 
 
-def test_a_class_keeps_its_colour_whatever_is_beside_it():
-    alone = {pair: style.class_colours([pair])[pair] for pair in [(1, 1), (2, 2), (3, 3), (2, 1)]}
-    crowd = style.class_colours([(1, 1), (2, 1), (2, 2), (3, 3), (4, 4), (5, 7)])
-    assert {pair: crowd[pair] for pair in alone} == alone
-    assert len(set(crowd.values())) == 6
+@pytest.mark.parametrize("vision", VISIONS)
+def test_frequent_classes_and_neighbours_in_a_cascade_differ_more(vision):
+    frequent = [(1, 0), (1, 1), (1, 2), (2, 1), (2, 2), (2, 3), (3, 3), (4, 4)]
+    cascades = [[(1, 1), (2, 2), (4, 4), (8, 8)], [(2, 1), (4, 2)], [(4, 3), (8, 6)]]
+    doubled = [pair for cascade in cascades for pair in pairwise(cascade)]
+    for pairs, least in ((combinations(frequent, 2), 13.0), (doubled, 17.0)):
+        for pair in pairs:
+            lab = seen([style.CLASSES[one] for one in pair], VISIONS[vision])
+            assert difference(*lab) > least, pair
+
+
+def test_the_hue_says_m_and_the_darker_the_more_impacts():
+    for m in {m for m, _ in style.CLASSES}:
+        own = sorted(one for one in style.CLASSES if one[0] == m)
+        L, a, b = seen([style.CLASSES[one] for one in own], VISIONS["normal"]).T
+        assert (np.diff(L) < -8.0).all()
+        hues = np.unwrap(np.arctan2(b, a))
+        assert np.ptp(np.degrees(hues)) < 35.0, m

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps.analysis.regimes import Change, cascades, changes, classify, frequent_periods
+from sweeps.analysis.regimes import Change, cascades, changes, classify
 from vibroimpact.points.regimes import Label, Regime
 from vibroimpact.status import Evidence, Status
 
@@ -67,14 +67,6 @@ def test_the_shape_is_that_of_the_grid_in_any_order():
     assert classify(both).tolist() == [expected, expected]
     turned = both.transpose("omega", "R", ...)
     assert classify(turned).tolist() == np.transpose([expected, expected]).tolist()
-
-
-def test_the_most_frequent_periods_in_order():
-    m = np.array([2, 1, 2, 4, 1, 1, 2, 3])
-    q = np.array([1, 1, 1, 4, 2, 1, 1, 1])
-    assert frequent_periods(m, q, 2) == [(1, 1), (2, 1)]
-    assert frequent_periods(m, q, 9) == [(1, 1), (1, 2), (2, 1), (3, 1), (4, 4)]
-    assert frequent_periods(m[:0], q[:0], 3) == []
 
 
 # Changes of the class: their kinds and cascades
