@@ -2,7 +2,7 @@
 
 import pytest
 
-from limits import Race
+from tests.benchmarks.limits import Race
 
 _RATIOS = pytest.StashKey()
 

@@ -3,20 +3,19 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from limits import cpu_seconds
 from sweeps import load_config, open_sweep
 from sweeps.cli.main import app
+from tests.benchmarks.limits import cpu_seconds
+from tests.helpers.places import ROOT
 from vibroimpact import integrate
 
 pytestmark = pytest.mark.benchmark(timer=cpu_seconds)
 
-ROOT = Path(__file__).parents[2]
 SWEEP = """\
 name: timed
 oscillator: {{h: 0.1, R: 0.8, omega: {{start: 2.0, stop: 2.6, num: {points}}}, f: 1.0}}

@@ -8,8 +8,8 @@ import numba
 import numpy as np
 import pytest
 
-from kernel_cases import EVERY_METHOD
-from limits import cpu_seconds
+from tests.benchmarks.limits import cpu_seconds
+from tests.helpers.kernel_cases import EVERY_METHOD
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.jit import on_threads
 from vibroimpact.kernel import run

@@ -5,7 +5,7 @@ import re
 import numba
 import pytest
 
-from limits import cpu_features
+from tests.benchmarks.limits import cpu_features
 from vibroimpact.jit.hooks import WholeCompiler
 from vibroimpact.kernel import exact, time_stepping
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS, carry_columns, correct_columns

@@ -5,15 +5,15 @@ import shutil
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from commands import SMALL, WORKERS
-from sweep_files import OVER_STARTS, run_in
-from sweeps import load_config, open_sweep
-from sweeps.grid import Grid
-from sweeps.store import Schema, SweepWriter, sweep_writer
-from written_files import FIXED, SAMPLES, random_numbers, spec_of
+from sweeps import open_sweep
+from sweeps.store import SweepWriter
+from tests.helpers.clusters import WORKERS
+from tests.helpers.commands import SMALL
+from tests.helpers.configurations import OVER_STARTS
+from tests.helpers.sweep_files import run_in
+from tests.helpers.written_files import random_sweeps
 
 
 @pytest.fixture(autouse=True)
@@ -55,70 +55,11 @@ def stop_after(monkeypatch):
     return stopping
 
 
-@pytest.fixture
-def random_sweep(tmp_path):
-    """Return a function that writes a sweep of random numbers and opens it."""
-    with random_sweeps(tmp_path) as make:
-        yield make
-
-
 @pytest.fixture(scope="module")
-def shared_sweep(tmp_path_factory):
-    """Return the same function as `random_sweep`, for sweeps shared by several tests."""
-    with random_sweeps(tmp_path_factory.mktemp("shared")) as make:
+def random_sweep(tmp_path_factory):
+    """Return a function that writes a sweep of random numbers and opens it."""
+    with random_sweeps(tmp_path_factory.mktemp("random")) as make:
         yield make
-
-
-@contextmanager
-def random_sweeps(folder):
-    opened = []
-
-    def make(
-        axes,
-        *,
-        sections=5,
-        impacts=3,
-        with_trajectory=True,
-        name="a test",
-        fixed=FIXED,
-        diagnostics=(),
-        phase=0.5,
-        **changed,
-    ):
-        fixed = {key: value for key, value in fixed.items() if key not in axes}
-        grid = Grid({key: np.asarray(values, float) for key, values in axes.items()}, fixed)
-        values = {**fixed, **axes}
-        configuration = {
-            "name": name,
-            "start": {key: values.pop(key) for key in ("x0", "v0")},
-            "oscillator": values,
-            "method": {"integrator": "newmark", "impact": "cubic", "steps_per_period": 64},
-            "record": {"transient": 1000, "periods": 7, "phase": phase},
-        }
-        widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
-        path = folder / f"{len(opened)}.h5"
-        schema = Schema.of(
-            grid,
-            grid.blocks(grid.size),
-            spec_of(widths, diagnostics),
-            {
-                "name": name,
-                "configuration": load_config(configuration).to_yaml(),
-                "numerics": "",
-            },
-        )
-        with sweep_writer(path, schema) as store:
-            store.write(
-                tuple(slice(0, n) for n in grid.shape),
-                {**random_numbers(grid.size, widths), **changed},
-            )
-            store.finish()
-        opened.append(open_sweep(path))
-        return opened[-1]
-
-    yield make
-    for dataset in opened:
-        dataset.close()
 
 
 @pytest.fixture(scope="session")
@@ -143,7 +84,7 @@ def small_run(tmp_path_factory):
 
 
 @pytest.fixture
-def ran(folder, small_run):
+def small_file(folder, small_run):
     """Copy the file of a run of ``SMALL`` to the folder, as small.h5."""
     shutil.copy(small_run, "small.h5")
 

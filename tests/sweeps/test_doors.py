@@ -8,9 +8,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import sweeps
-from sweep_files import run_in
 from sweeps import Refused, open_sweep, plotting
 from sweeps.plotting import Page
+from tests.helpers.sweep_files import run_in
 
 MAP = """\
 oscillator: {h: 0.1, R: [0.7, 0.8], omega: {start: 2.6, stop: 2.7, num: 4}, f: 1.0}

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 import sweeps
 import vibroimpact
 from sweeps import plotting
+from tests.helpers.places import CONFIGS
 from vibroimpact import Status
 
-CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
 PHYSICS = (
     "POINT OrbitError Oscillator PeriodicOrbit Status bifurcation_curve branch integrate "
     "one_impact_orbit periodic_orbit simulate __version__"

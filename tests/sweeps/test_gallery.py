@@ -2,25 +2,22 @@
 
 import importlib.util
 import re
-from pathlib import Path
 
-import naive
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.stats import binomtest
 
-import sweeps
 from sweeps import attractors, bifurcations, integrity, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import classify
 from sweeps.plotting import KINDS, Page, plot
+from tests.helpers import naive
+from tests.helpers.places import CONFIGS
 from vibroimpact import Oscillator, integrate, one_impact_orbit, one_impact_orbits
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.regimes import Regime
-
-CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
 
 
 @pytest.fixture

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-import sweeps
-from oscillators import TAU, Dux, bifurcation
 from sweeps import bifurcations, load_config, open_sweep, run_sweep
 from sweeps.engine.configurations import zoomed
+from tests.helpers.oscillators import TAU, Dux, bifurcation
+from tests.helpers.places import CONFIGS
 from vibroimpact import Oscillator, bifurcation_curve, branch, integrate, one_impact_orbit, simulate
 from vibroimpact.orbits.one_impact import one_impact_orbits
 from vibroimpact.oscillator import POINT
@@ -124,7 +124,7 @@ def inelastic_change(low, high):
 
     This is a flip with its exact value, or the middle of a bracket, which is zoomed into.
     """
-    scene = Path(sweeps.__file__).parents[1] / "configs" / "inelastic-ball.yaml"
+    scene = CONFIGS / "inelastic-ball.yaml"
     config = load_config(scene, ["oscillator.f.num=63"])
     while True:
         with TemporaryDirectory() as folder:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kernel_cases import EVERY_METHOD
+from tests.helpers.kernel_cases import EVERY_METHOD
 from vibroimpact import Oscillator
 
 TESTS = Path(__file__).parents[1]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import bisect
 
-from oscillators import (
+from tests.helpers.oscillators import (
     SectionMap,
     bifurcation,
     fold_of_one_impact,

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
-from oscillators import SectionMap, bifurcation
+from tests.helpers.oscillators import SectionMap, bifurcation
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
 
-from oscillators import bifurcation
+from tests.helpers import naive
+from tests.helpers.oscillators import bifurcation
 from vibroimpact import Oscillator, integrate, one_impact_orbit, periodic_orbit
 from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
 from vibroimpact.oscillator import POINT

@@ -2,10 +2,10 @@
 
 import math
 
-import naive
 import numpy as np
 import pytest
 
+from tests.helpers import naive
 from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
 
 METHODS = [("exact", "exact"), ("rk4", "cubic"), ("newmark", "reduced-step"), ("newmark", "plain")]

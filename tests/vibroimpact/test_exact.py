@@ -3,10 +3,10 @@
 import itertools
 import math
 
-import naive
 import numpy as np
 import pytest
 
+from tests.helpers import naive
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.step.scheme import default_steps
 

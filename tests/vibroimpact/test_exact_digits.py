@@ -7,12 +7,12 @@ import sys
 
 import llvmlite.binding as llvm
 import mpmath as mp
-import naive
 import numpy as np
 import pytest
 
-from kernel_cases import taken_apart
-from oscillators import Flight, in_digits
+from tests.helpers import naive
+from tests.helpers.kernel_cases import taken_apart
+from tests.helpers.oscillators import Flight, in_digits
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.chatter import Launch, rates_of, short_bounce

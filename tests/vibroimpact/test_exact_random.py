@@ -3,11 +3,11 @@
 import cmath
 import math
 
-import naive
 import numpy as np
 import pytest
 
-from kernel_cases import PERIOD, taken_apart, wide_points
+from tests.helpers import naive
+from tests.helpers.kernel_cases import PERIOD, taken_apart, wide_points
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.scheme import default_steps

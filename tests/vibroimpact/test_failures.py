@@ -7,11 +7,11 @@ growth in test_stability.py; orders and stalls of the procedure in the tests of 
 import math
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from tests.helpers import naive
 from vibroimpact import Oscillator, integrate, paper_procedure, simulate
 from vibroimpact.status import Status
 from vibroimpact.step.stability import is_stable, least_stable_steps

@@ -8,10 +8,10 @@ import math
 import re
 
 import mpmath
-import naive
 import numpy as np
 import pytest
 
+from tests.helpers import naive
 from vibroimpact import Oscillator, integrate
 from vibroimpact.step.elementary import asin, hypot, log, sin_cos
 from vibroimpact.step.integrators import INTEGRATORS, affine_map

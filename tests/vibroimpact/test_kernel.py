@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from kernel_cases import (
+from tests.helpers.kernel_cases import (
     DONE,
     METHODS,
     PERIOD,

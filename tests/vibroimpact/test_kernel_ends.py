@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from kernel_cases import PERIOD, assert_same, one, random_points, wide_points
+from tests.helpers.kernel_cases import PERIOD, assert_same, one, random_points, wide_points
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.step.scheme import default_steps
 from vibroimpact.step.series import LONGEST_STEP

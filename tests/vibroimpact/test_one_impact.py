@@ -5,11 +5,11 @@ import math
 from functools import partial
 
 import mpmath as mp
-import naive
 import numpy as np
 import pytest
 
-from oscillators import (
+from tests.helpers import naive
+from tests.helpers.oscillators import (
     bifurcation,
     fold_of_one_impact,
     in_digits,

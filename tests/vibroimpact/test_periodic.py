@@ -4,11 +4,11 @@ import math
 from dataclasses import replace
 
 import mpmath as mp
-import naive
 import numpy as np
 import pytest
 
-from oscillators import SectionMap
+from tests.helpers import naive
+from tests.helpers.oscillators import SectionMap
 from vibroimpact.orbits.branches import branch, doubled_branch
 from vibroimpact.orbits.corrector import correct
 from vibroimpact.orbits.curves import bifurcation_curve

@@ -7,7 +7,7 @@ it, cannot skip anything.
 import numpy as np
 import pytest
 
-from kernel_cases import METHODS, one, random_points
+from tests.helpers.kernel_cases import METHODS, one, random_points
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.kernel.integrate import run_points
 from vibroimpact.kernel.lane import move_lane

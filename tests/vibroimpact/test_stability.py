@@ -4,10 +4,10 @@ import math
 import subprocess
 import sys
 
-import naive
 import numpy as np
 import pytest
 
+from tests.helpers import naive
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.status import Status

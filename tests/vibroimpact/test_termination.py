@@ -3,19 +3,19 @@
 import itertools
 import subprocess
 import sys
-from pathlib import Path
 
 import mpmath as mp
 import numpy as np
 import pytest
 
+from tests.helpers.places import ROOT
 from vibroimpact import Oscillator, Status, integrate, simulate
 
 SMALLEST_NORMAL = sys.float_info.min
 
 
-FUZZ = Path(__file__).with_name("fuzz_steps.py")
-HOSTILE = Path(__file__).with_name("hostile_calls.py")
+FUZZ = ROOT / "tests/helpers/fuzz_steps.py"
+HOSTILE = ROOT / "tests/helpers/hostile_calls.py"
 
 
 def in_time(*arguments, seconds):

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import pytest
 
-from kernel_cases import METHODS, assert_same, one, random_points, steps_for
+from tests.helpers.kernel_cases import METHODS, assert_same, one, random_points, steps_for
 from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.kernel import run
 from vibroimpact.kernel.integrate import run_points

@@ -3,13 +3,13 @@
 import math
 from functools import partial
 
-import naive
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from kernel_cases import ALL, DONE, PERIOD, SECOND_ORDER
-from oscillators import oscillator
+from tests.helpers import naive
+from tests.helpers.kernel_cases import ALL, DONE, PERIOD, SECOND_ORDER
+from tests.helpers.oscillators import oscillator
 from vibroimpact import Oscillator, Status, one_impact_orbit, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from kernel_cases import ALL, PERIOD, SECOND_ORDER
-from oscillators import oscillator
+from tests.helpers.kernel_cases import ALL, PERIOD, SECOND_ORDER
+from tests.helpers.oscillators import oscillator
 from vibroimpact import Status, integrate, simulate
 
 SHORTENING = pytest.mark.parametrize("rule", ["reduced-step", "cubic"])

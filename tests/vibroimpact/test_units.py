@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kernel_cases import random_points
+from tests.helpers.kernel_cases import random_points
 from vibroimpact.kernel.integrate import run_points
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.scheme import scheme_of

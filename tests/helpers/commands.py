@@ -1,0 +1,49 @@
+"""Calls of the command line in this process."""
+
+import sys
+from pathlib import Path
+from unittest.mock import patch
+
+from typer.testing import CliRunner
+
+from sweeps.cli.main import app
+
+#: Ten points, computed in a moment.
+SMALL = """\
+name: small
+oscillator:
+  h: 0.1
+  R: 0.8
+  omega: {start: 1.5, stop: 3.0, num: 5}
+  f: 1.0
+  clearance: [0.0, 0.1]
+method: {steps_per_period: 20}
+record: {transient: 3, periods: 4, impacts: 2}
+"""
+
+
+def call(*arguments):
+    """Run a command and return its result; it must not end with a traceback."""
+    words = [str(argument) for argument in arguments]
+    with patch.object(sys, "argv", ["vibroimpact", *words]):
+        result = CliRunner().invoke(app, words, prog_name="vibroimpact")
+    assert isinstance(result.exception, SystemExit | type(None)), result.exception
+    return result
+
+
+def accepted(*arguments):
+    """Run a command that must succeed, and return its output."""
+    result = call(*arguments)
+    assert result.exit_code == 0, result.stderr
+    return result.stdout
+
+
+def refused(*arguments):
+    """Run a command that must be refused without changing a file, and return the message."""
+    before = {path: path.stat().st_mtime_ns for path in Path().rglob("*")}
+    result = call(*arguments)
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert {path: path.stat().st_mtime_ns for path in Path().rglob("*")} == before
+    assert result.stderr.startswith("vibroimpact: error: ")
+    return result.stderr

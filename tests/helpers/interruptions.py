@@ -1,0 +1,269 @@
+"""Runs ended by a signal at random moments and in chosen system calls, and checks of the files.
+
+Most runs are forks of a process that has imported everything and loaded the kernel: they start at
+once, and end like any Python process. Runs that are interrupted while they start are separate
+processes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from sweeps import open_sweep
+from sweeps.store import kept_points
+from tests.helpers.places import ROOT
+from tests.helpers.sweep_files import data
+from vibroimpact.status import Status
+
+SWEEP = """\
+oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 1300}, f: 1.0}
+record: {transient: 100, periods: 20, diagnostics: [period]}
+"""
+# 2,400 points in two directions, in three blocks.
+FOLLOWED = [
+    "follow={axis: omega, direction: both}",
+    "oscillator={h: 0.05, R: {start: 0.5, stop: 0.8, num: 1200}, omega: [2.4, 3.0], f: 1}",
+]
+TRAJECTORY = "record={transient: 50, periods: 5, impacts: 8, trajectory: {every: 10}}"
+#: Changes of the configuration: blocks of a grid, a compressed file, followed chains.
+KINDS = [[], ["compression=gzip", TRAJECTORY], FOLLOWED]
+#: Events after which a signal is sent, at most ``LATEST`` later.
+MOMENTS = ("start", "creation", "block", "end")
+#: Longest delay of a signal [s].
+LATEST = 0.05
+#: Signals that end a run with exit code 1; a kill does not.
+ANSWERED = (signal.SIGINT, signal.SIGTERM)
+#: System calls of a run, for files, memory and threads.
+CALLS = (
+    "openat", "write", "read", "pread64", "ftruncate", "fsync", "rename", "unlink", "flock",
+    "close", "lseek", "futex", "mmap", "munmap", "newfstatat",
+)  # fmt: skip
+#: Longest time for a run to react to a signal on a busy machine [s].
+PATIENCE = 300.0
+
+_FORKS = """
+import gc, json, os, signal, sys
+import sweeps.cli.main, sweeps.engine.reports, sweeps.engine.run
+from sweeps.cli.__main__ import main
+from vibroimpact import Oscillator, integrate
+
+integrate(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at())  # loads the kernel
+gc.freeze()  # forks do not search the shared objects when they end
+for line in sys.stdin:
+    request = json.loads(line)
+    pid = os.fork()
+    if pid == 0:
+        for stream, name in enumerate(request["streams"], 1):
+            os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
+        os.chdir(request["folder"])
+        sys.argv = ["vibroimpact", *request["arguments"]]
+        if request["stopped"]:
+            os.kill(os.getpid(), signal.SIGSTOP)
+        main()
+    print(pid, flush=True)
+    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+"""
+
+
+def environment() -> dict[str, str]:
+    """Return the environment that lets a process find the packages and the compiled code."""
+    kept = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
+    return {"PYTHONPATH": str(ROOT), "PATH": "", "HOME": os.environ.get("HOME", ""), **kept}
+
+
+def hear() -> None:
+    """Let a new process receive Ctrl-C, even if this one runs in the background of a shell."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def command(changes: list[str], output: str = "out.h5") -> list[str]:
+    """Return the arguments of a run with changes of the configuration."""
+    settings = [part for change in changes for part in ("--set", change)]
+    return ["run", "sweep.yaml", "-o", output, "--quiet", *settings]
+
+
+class Forks:
+    """Starts commands as forks of one process, one after the other.
+
+    By default they run in `folder`, which is below `root`. Their output is in `root`.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.folder = root / "runs"
+        self.folder.mkdir()
+        self._streams = [str(root / name) for name in ("stdout.txt", "stderr.txt")]
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _FORKS],
+            env=environment(),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            preexec_fn=hear,
+        )
+
+    def __enter__(self) -> Forks:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.stdin.close()
+        self._process.wait(PATIENCE)
+        self._process.stdout.close()
+
+    def start(
+        self, *arguments: str, folder: Path | None = None, stopped: bool = False, stdout: str = ""
+    ) -> int:
+        """Start a command; return its process id."""
+        request = {
+            "folder": str(folder or self.folder),
+            "streams": [stdout or self._streams[0], self._streams[1]],
+            "arguments": arguments,
+            "stopped": stopped,
+        }
+        self._process.stdin.write(json.dumps(request) + "\n")
+        self._process.stdin.flush()
+        return int(self._process.stdout.readline())
+
+    def ended(self) -> tuple[int, str]:
+        """Wait for the end of the command; return its exit code and its stderr."""
+        code = int(self._process.stdout.readline())
+        return code, Path(self._streams[1]).read_text()
+
+    def emptied(self) -> Path:
+        """Return the folder after removing files of earlier runs."""
+        for path in self.folder.iterdir():
+            if path.name != "sweep.yaml" and not path.name.startswith("whole"):
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+        return self.folder
+
+    def run(self, *arguments: str, folder: Path | None = None) -> tuple[int, str]:
+        """Run a command to its end."""
+        self.start(*arguments, folder=folder)
+        return self.ended()
+
+    def whole(self, changes: list[str]) -> Path:
+        """Return the file of a run that no signal ended."""
+        return self.folder / f"whole-{KINDS.index(changes)}.h5"
+
+
+def share_written(path: Path) -> float:
+    """Return the share of written points of a sweep, 0 if it has not begun."""
+    if path.exists():
+        return 1.0
+    done, points = kept_points(path) or (0, 1)
+    return done / points
+
+
+def _listens(pid: int) -> bool:
+    """Whether a process has installed its handlers for both signals."""
+    match = re.search(r"SigCgt:\s*([0-9a-f]+)", Path(f"/proc/{pid}/status").read_text())
+    caught = int(match[1], 16)
+    return all(caught & 1 << number - 1 for number in ANSWERED)
+
+
+def _reached(moment: str, folder: Path, draw: random.Random) -> object:
+    """Return a function of the process that tells whether the event has happened."""
+    out = folder / "out.h5"
+    if moment == "start":
+        return _listens
+    if moment == "creation":
+        return lambda pid: any("out.h5" in name for name in os.listdir(folder))
+    share = 1.0 if moment == "end" else draw.uniform(0.1, 0.9)
+    return lambda pid: share_written(out) >= share
+
+
+def signalled(forks: Forks, number: int, moment: str, draw: random.Random) -> None:
+    """Send a signal to a run at a given moment, and check its end and its files."""
+    folder, changes = forks.emptied(), draw.choice(KINDS)
+    process = None
+    if moment == "start":
+        process = subprocess.Popen(
+            [sys.executable, "-m", "sweeps.cli", *command(changes)],
+            env=environment(),
+            cwd=folder,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=hear,
+        )
+        pid = process.pid
+    else:
+        pid = forks.start(*command(changes))
+    try:
+        reached, began = _reached(moment, folder, draw), time.monotonic()
+        while not reached(pid) and time.monotonic() - began < PATIENCE:
+            time.sleep(0.002)
+        time.sleep(draw.uniform(0.0, LATEST))
+        os.kill(pid, number)
+    except (OSError, IndexError):  # the run has ended, or its file was replaced
+        pass
+    if process is not None:
+        _, text = process.communicate(timeout=PATIENCE)
+        code = process.returncode
+    else:
+        code, text = forks.ended()
+    check_end(forks, number, code, text, changes)
+
+
+def at_call(forks: Forks, number: int, draw: random.Random) -> str:
+    """Send a signal to a run in one of its system calls; return that call."""
+    folder, changes = forks.emptied(), draw.choice(KINDS)
+    call, which = draw.choice(CALLS), draw.choice((1, 2, 3, 5, 8, 13, 21, 34, 55, 89))
+    pid = forks.start(*command(changes), stopped=True)
+    while not re.search(r"^State:\tT", Path(f"/proc/{pid}/status").read_text(), re.M):
+        time.sleep(0.001)
+    inject = f"inject={call}:signal={number}:when={which}"
+    options = ["-f", "-o", "trace.txt", "-e", f"trace={call}", "-e", inject]
+    tracer = subprocess.Popen(
+        [shutil.which("strace"), *options, "-p", str(pid)],
+        cwd=folder,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert "attached" in tracer.stderr.readline()
+    os.kill(pid, signal.SIGCONT)
+    code, text = forks.ended()
+    tracer.communicate(timeout=PATIENCE)
+    (folder / "trace.txt").unlink()
+    check_end(forks, number, code, text, changes)
+    return f"{call} {which}"
+
+
+def check_end(forks: Forks, number: int, code: int, text: str, changes: list[str]) -> None:
+    """Check the outcome of an interrupted run, resume it, and compare the data."""
+    about = f"signal {number}, {changes}, exit code {code}:\n{text}"
+    folder = forks.folder
+    out = folder / "out.h5"
+    if code == 0:
+        assert text == "" and out.exists() and not Path(f"{out}.parts").exists(), about
+    elif number in ANSWERED:
+        assert code == 1, about
+        assert text.count("\n") == 1, about
+        assert text.startswith("vibroimpact: error: interrupted"), about
+        kept = re.search(r"interrupted; ([\d,]+) of ", text)
+        if kept:
+            with open_sweep(out) as dataset:
+                done = int((dataset["status"] != Status.PENDING).sum())
+            assert int(kept[1].replace(",", "")) == done, about
+    else:
+        assert code == -number, about
+    if number in ANSWERED:
+        left = {path.name for path in folder.iterdir()} - {"out.h5", "out.h5.parts", "sweep.yaml"}
+        assert not {name for name in left if not name.startswith("whole")}, (left, about)
+    assert forks.run(*command(changes), "--resume") == (0, ""), about
+    assert data(out).identical(data(forks.whole(changes))), about
+    out.unlink()
+
+
+def prepare(forks: Forks) -> None:
+    """Write the configuration, and for each kind the file of a run that no signal ended."""
+    (forks.folder / "sweep.yaml").write_text(SWEEP)
+    for changes in KINDS:
+        assert forks.run(*command(changes, forks.whole(changes).name)) == (0, "")

@@ -1,0 +1,296 @@
+"""The benches: results against known values of their scenes, and the commands."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sweeps.bench import failures, paper, speed, stability
+from sweeps.bench.paper_picture import picture
+from tests.helpers.commands import call
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.stability import spectral_radius
+
+# Requests to all benches
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["accuracy-speed", "absent.yaml"], ["absent.yaml", "cannot be read"]),
+        (["accuracy-speed", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf"]),
+        (["accuracy-speed", "-o", "nowhere/a.png"], ["folder nowhere of the picture a.png does"]),
+        (["accuracy-speed", "--csv", "a.txt"], ["--csv a.txt ", ".csv"]),
+        (["accuracy-speed", "--csv", "nowhere/a.csv"], ["folder nowhere of the table a.csv does"]),
+        (["accuracy-speed", "--threads", "0"], ["--threads 0 ", "an integer from 1 to "]),
+        (["paper", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf"]),
+        (["stability", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf"]),
+        (["stability", "--csv", "nowhere/a.csv"], ["folder nowhere of the table a.csv does"]),
+    ],
+)
+def test_a_wrong_request_is_refused_before_anything_is_measured(monkeypatch, arguments, words):
+    for measure in ("accuracy_speed.measure", "paper.measure", "stability.limits"):
+        monkeypatch.setattr(f"sweeps.bench.{measure}", lambda *_, **__: pytest.fail("it was run"))
+    result = call("bench", *arguments)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith("vibroimpact: error: ") and result.stderr.count("\n") == 1
+    for part in words:
+        assert part in result.stderr
+    assert not list(Path().iterdir())
+
+
+# Speed
+
+SPEEDS = {
+    "plain": speed.Speed(100, {1: 30e6, 2: 57e6}, 0.4),
+    "exact, chatter": speed.Speed(116, {1: 0.3e6, 2: 0.6e6}, 0.0048),
+}
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """One work of one block, and a peak that takes no time."""
+    monkeypatch.setattr(speed, "WORKS", {"exact": {}})
+    monkeypatch.setattr(speed, "_TIMES", 500)
+
+
+def test_the_share_follows_from_rate_steps_and_peak(small):
+    peak, speeds = speed.measure(count=30, periods=150)
+    (exact,) = speeds.values()
+    assert exact.steps == 7
+    assert exact.share == pytest.approx(exact.periods[1] * 7 * 8 / peak)
+    assert 0.0 < exact.share < 1.0
+
+
+def test_the_peak_loop_adds_and_multiplies():
+    """Its fixed point is 1; from 0 it comes as near as 0.999^n."""
+    sums = np.zeros(speed._SUMS)
+    speed._multiply_adds(sums, 100)
+    np.testing.assert_allclose(sums, 1.0 - 0.999 ** (100 * speed._CHAIN), rtol=1e-12)
+
+
+def test_the_command_shows_the_speeds(monkeypatch):
+    monkeypatch.setattr(
+        "sweeps.bench.speed.measure", lambda count, periods, progress: (58e9, SPEEDS)
+    )
+    done = call("bench", "speed", "--quick")
+    assert done.exit_code == 0, done.stderr
+    assert "58e9 multiply-adds" in done.stdout
+    (row,) = [line.split() for line in done.stdout.splitlines() if "plain" in line]
+    assert row == ["plain", "100", "30", "57", "1.90", "40.0%"]
+
+
+def test_one_core_has_no_speed_up():
+    text = speed.shown(58e9, {"plain": speed.Speed(100, {1: 30e6}, 0.4)})
+    (header,) = [line for line in text.splitlines() if line.startswith("impact rule")]
+    assert header.split("  ") == ["impact rule", "steps", "one thread", "of peak"]
+
+
+# The paper
+
+# Known of the three cases: impacts per period, their speeds, and the order to the letter, which
+# the acceleration of eq. (10) costs where h > 0.
+KNOWN = {
+    "conservative impacts": (2, (0.902040564502884, 0.411362031140622), 1),
+    "conservative inter-impact motion": (2, (2.037529035119366, 0.811704646702102), 2),
+    "fully dissipative": (4, (0.907496491171004, 0.036454221377120), 1),
+}
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Measurements with few step sizes."""
+    return paper.measure(ladder=(400, 800, 1600), spread=4, stalling=(100, 10_000))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KNOWN)
+def test_the_claim_and_the_orders(measured, name):
+    case, (impacts, speeds, order) = measured.cases.loc[name], KNOWN[name]
+    assert case.impacts["exact"] == case.impacts["with"] == impacts * paper.PERIODS
+    deepest = 1.3 * max(speeds) * 2.0 * math.pi / paper.STEPS  # the first impact is the fastest
+    assert 0.3 * deepest < case.deepest["without"] < deepest
+    assert case.deepest["with"] == case.deepest["to the letter"] == 0.0
+    assert case.order["without"] == pytest.approx(1, abs=0.25)
+    assert case.order["with"] == pytest.approx(2, abs=0.25)
+    assert case.order["to the letter"] == pytest.approx(order, abs=0.25)
+
+
+def test_an_impact_is_lost_without_the_procedure_and_to_the_letter(measured):
+    counts = measured.cases.loc["fully dissipative"].impacts
+    assert counts.to_dict() == {"without": 60, "with": 80, "to the letter": 60, "exact": 80}
+
+
+def test_the_stall_is_before_the_end_of_the_chatter(measured):
+    end = measured.chatter.rests[0, 0]
+    assert end == pytest.approx(12.41264, abs=5e-6)
+    assert measured.stalls[100].stalled_at == pytest.approx(12.114, abs=5e-4)
+    assert measured.stalls[10_000].stalled_at == pytest.approx(12.4103, abs=5e-5)
+
+
+def test_an_impact_that_never_comes_is_an_infinite_error():
+    """To the letter the chatter stalls after two impacts."""
+    errors = paper._errors("to the letter", paper.CHATTER, (100,), 1, paper.simulate(paper.CHATTER))
+    assert errors[0] == np.inf
+
+
+def test_the_tables_have_the_numbers(measured):
+    text = paper.tables(measured)
+    for part in ("0.042", "0.078", "0.043", "12.41264", "12.11439", " 60 "):
+        assert part in text
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_the_picture_shows_what_was_measured(measured):
+    panels = picture(measured).axes
+    assert len(panels) == 7
+    for panel, name in zip(panels[1:6:2], KNOWN, strict=True):
+        for line, errors in zip(panel.lines, measured.cases.loc[name].errors.dropna(), strict=True):
+            np.testing.assert_array_equal(line.get_xdata(), measured.ladder)
+            np.testing.assert_array_equal(line.get_ydata(), errors)
+    assert [text.get_text() for text in panels[6].texts] == [
+        "100 steps\n$t = 12.1144$", "10000 steps\n$t = 12.4103$"
+    ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_command_draws_the_papers_cases(measured, monkeypatch):
+    monkeypatch.setattr("sweeps.bench.paper.measure", lambda: measured)
+    done = call("bench", "paper")
+    assert done.exit_code == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "paper.png" and "12.41264" in done.stdout
+    assert Path("paper.png").read_bytes().startswith(b"\x89PNG")
+
+
+# Stability and failures
+
+
+@pytest.fixture(scope="module")
+def limits():
+    return stability.limits(quick=True)
+
+
+@pytest.fixture(scope="module")
+def figures():
+    return failures.measure()
+
+
+def test_the_limits_agree(limits):
+    """A run sees growth above SEEN / steps a step, so that its limit is a little greater."""
+    assert list(limits) == list(INTEGRATORS)
+    for name, found in limits.items():
+        closed, radius, run = found["closed"], found["radius"], found["run"]
+        np.testing.assert_array_equal(closed, INTEGRATORS[name].limit(stability.ZETAS))
+        some = np.isfinite(closed)
+        np.testing.assert_array_equal(np.isfinite(radius), some)
+        np.testing.assert_array_equal(np.isfinite(run), some)
+        np.testing.assert_allclose(radius[some], closed[some], atol=5e-7)
+        positive = some & (closed > 0.0)
+        np.testing.assert_allclose(run[positive], closed[positive], rtol=3e-3)
+    # Euler without damping grows by p^2 T^2 / 2 a step.
+    seen = math.sqrt(2.0 * stability.SEEN / stability.STEPS_QUICK)
+    assert limits["euler"]["run"][0] == pytest.approx(seen, rel=0.02)
+
+
+def test_the_chart_is_the_spectral_radius():
+    """Its region of growth is that beyond the closed form."""
+    drawn = stability.picture(quick=True)
+    panels = [panel for panel in drawn.axes if panel.get_title()]
+    assert [panel.get_title().split(",")[0] for panel in panels] == list(INTEGRATORS)
+    step, zeta = np.linspace(0.0, 4.0, 81), np.linspace(0.0, 2.0, 41)
+    for panel, (name, integrator) in zip(panels, INTEGRATORS.items(), strict=True):
+        (mesh,), (line,) = panel.collections, panel.lines
+        corners = mesh.get_coordinates()
+        np.testing.assert_allclose(0.5 * (corners[0, 1:, 0] + corners[0, :-1, 0]), step, atol=1e-12)
+        np.testing.assert_allclose(0.5 * (corners[1:, 0, 1] + corners[:-1, 0, 1]), zeta, atol=1e-12)
+        radius, limit = mesh.get_array(), integrator.limit(zeta)[:, None]
+        np.testing.assert_allclose(radius, spectral_radius(name, step, zeta[:, None]), atol=2e-9)
+        assert (radius[step < limit] <= 1.0 + 1e-7).all()
+        assert (radius[step > 1.001 * limit] > 1.0).all()
+        np.testing.assert_array_equal(line.get_xydata(), np.stack([limit[:, 0], zeta], axis=1))
+
+
+@pytest.mark.slow
+def test_what_the_failures_are(figures):
+    """The figures that are known of the scenes: of other code, or of the exact motion."""
+    known = {
+        ("newmark", "to the letter", "stalls at"): (12.114, 5e-4),
+        ("newmark", "to the letter", "impacts"): (60, 0),
+        ("newmark", "plain", "at rest"): (39, 1),
+        ("newmark", "plain", "impacts"): (60, 0),
+        ("newmark", "plain", "graze at"): (3.64, 5e-3),
+        ("newmark", "reduced-step", "impacts"): (80, 0),
+        ("rk4", "plain", "energy"): (0.961, 1e-3),
+        ("rk4", "cubic", "energy"): (1.0, 1e-3),
+        ("rk4", "cubic", "graze at"): (2.8308, 1e-3),
+        ("rk4", "reduced-step", "touch from"): (1.0, 1e-2),
+        ("rk4", "plain", "p T = pi"): (math.inf, 0),
+        ("exact", "exact", "touch from"): (0.0, 1e-8),
+        ("exact", "exact", "slowest"): (0.036454221377120, 1e-12),
+        ("exact", "exact", "energy"): (1.0, 1e-12),
+        ("exact", "exact", "graze at"): (2.8308, 5e-5),
+    }
+    for (integrator, rule, name), (value, allowed) in known.items():
+        figure = figures[failures.Method(integrator, rule), name]
+        assert figure == value or abs(figure - value) <= allowed, (integrator, rule, name)
+    energies = {m: figures[m, "energy"] for m in failures.METHODS if m != failures.LETTER}
+    assert all(energies[m] > 1e3 for m in energies if m.integrator == "euler")
+
+
+def test_who_resolves_the_fourth_impact(figures):
+    """Its speed is known to 15 digits; every order 2 with a reduced step finds it."""
+    checks = [failure for failure in failures.FAILURES if failure.name in ("impacts", "slowest")]
+    for method in failures.METHODS:
+        second = method.integrator not in ("euler", "semi-implicit-euler")
+        finds = second and method.impact not in ("plain", "to the letter")
+        assert finds != any(check.fails(figures[method, check.name]) for check in checks)
+
+
+def test_only_exact_impacts_never_fail_and_every_failure_is_seen(figures):
+    for failure in failures.FAILURES:
+        fails = {m: failure.fails(figures[m, failure.name]) for m in failures.METHODS}
+        assert any(fails.values()) and not fails[failures.EXACT], failure.name
+    methods = [m for m in failures.METHODS if m.integrator in ("newmark", "rk4")]
+    failing = {
+        name: {m.impact for m in methods if failure.fails(figures[m, name])}
+        for name, failure in {failure.name: failure for failure in failures.FAILURES}.items()
+    }
+    assert failing["energy"] == {"plain", "reduced-step"}
+    assert failing["at rest"] == failing["astray"] == failing["depth"] == {"plain"}
+    coarse = next(failure for failure in failures.FAILURES if failure.name == "p T = pi")
+    assert coarse.fails(0.623) and not coarse.fails(1.62)
+    assert failing["touch from"] == {"plain", "reduced-step", "cubic"}
+
+
+def test_the_tables_fit_a_terminal_and_mark_the_failures(limits, figures):
+    text = stability.table_of(limits) + "".join(failures.tables(figures))
+    assert max(len(line) for line in text.splitlines() if ": " not in line) <= 80
+    lines = {line.strip().split("  ")[0]: line for line in text.splitlines()}
+    assert lines["euler plain"].count("!") == 3  # of the last table
+    assert "every step" in lines["newmark"] and "> 10" in lines["newmark"]
+    assert lines["exact exact"].count("!") == 0
+    assert "never" in text and "12.11!" in text and "no step" in text and "nan" not in text
+    for failure in failures.FAILURES:
+        assert f"{failure.name}: " in text
+
+
+@pytest.mark.slow
+def test_the_command_shows_the_failures(limits, figures, monkeypatch):
+    """Picture, table on the terminal, and every figure in the CSV file."""
+    monkeypatch.setattr(stability, "limits", lambda quick: limits)
+    monkeypatch.setattr(failures, "measure", lambda: figures)
+    result = call("bench", "stability", "--quick", "--csv", "all.csv")
+    assert result.exit_code == 0, result.output
+    assert "spectral radius" in result.stdout and result.stdout.endswith("stability.png\nall.csv\n")
+    assert Path("stability.png").read_bytes().startswith(b"\x89PNG")
+    with open("all.csv", newline="", encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    assert list(table[0]) == ["method", "figure", "scene", "value"]
+    limit = "limit of p T, closed"
+    found = {(row["method"], row["scene"]): row for row in table if row["figure"] == limit}
+    assert float(found["rk4", "h/p = 0"]["value"]) == pytest.approx(2.0 * math.sqrt(2.0), rel=1e-14)
+    assert float(found["newmark", "h/p = 2"]["value"]) == math.inf
+    assert any(row["method"] == "newmark to the letter" for row in table)
+    assert len(table) > 3 * len(INTEGRATORS) * 5 + 100

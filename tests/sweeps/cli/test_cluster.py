@@ -1,0 +1,285 @@
+"""The command line on clusters: local processes, schedulers, certificates."""
+
+import asyncio
+import gc
+import logging
+import os
+import queue
+import signal
+import socket
+import ssl
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import dask
+import psutil
+import pytest
+from distributed import LocalCluster
+from distributed.core import Server
+from distributed.security import Security
+
+from sweeps import interrupts
+from sweeps.engine import client as clients
+from sweeps.engine.client import check_address
+from tests.helpers.clusters import CLUSTERED as CONFIG  # noqa: F401 - the folder of each test has it
+from tests.helpers.clusters import assert_same_bits, refused_run
+from tests.helpers.commands import call
+from tests.helpers.interruptions import hear
+from tests.helpers.places import ROOT
+
+pytestmark = [pytest.mark.cluster, pytest.mark.slow]
+
+
+# The command line
+
+
+def command(*arguments):
+    """Start the command line like a terminal, in a separate process group."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", "-o", "out.h5", *arguments],
+        env={"PYTHONPATH": str(ROOT), "PATH": ""},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=hear,
+    )
+
+
+@pytest.mark.slow
+def test_processes_of_this_machine():
+    process = command("--dask", "local:1", "--quiet")
+    assert process.communicate(timeout=120) == ("", "")
+    assert process.returncode == 0
+    assert_same_bits("out.h5")
+
+
+@pytest.mark.slow
+def test_no_other_user_reaches_the_processes_of_this_machine():
+    """Every listening port requires the certificate of the run, or serves nothing."""
+    others = listening()
+    with clients.connected("local:1") as client:
+        address = client.scheduler.address
+        (worker,) = client.nthreads()
+        ports = listening() - others
+        trusted = client.security.get_connection_args("client")["ssl_context"]
+        assert {host for host, _ in ports} == {"127.0.0.1"}
+        encrypted = {(host, port) for host, port in ports if answers_tls(host, port, trusted)}
+        assert {tuple(a.removeprefix("tls://").split(":")) for a in (address, worker)} <= {
+            (host, str(port)) for host, port in encrypted
+        }
+        for host, port in encrypted:
+            assert not answers_tls(host, port, ssl._create_unverified_context())
+            assert "no Dask scheduler answers" in refused_run("--dask", f"tcp://{host}:{port}")
+        for host, port in ports - encrypted:
+            for path in ("/", "/status", "/info/main/workers.html", "/json/identity.json"):
+                with pytest.raises(urllib.error.HTTPError, match="404"):
+                    urllib.request.urlopen(f"http://{host}:{port}{path}", timeout=5)
+
+
+def listening():
+    """Return host and port of every server of this process and its children."""
+    me = psutil.Process()
+    return {
+        connection.laddr[:2]
+        for process in [me, *me.children(recursive=True)]
+        for connection in process.net_connections("tcp")
+        if connection.status == psutil.CONN_LISTEN
+    }
+
+
+def answers_tls(host, port, context):
+    """Whether a server completes the handshake and accepts the certificate of the client."""
+    try:
+        with (
+            socket.create_connection((host, port), timeout=2) as plain,
+            context.wrap_socket(plain, server_hostname=None) as encrypted,
+        ):
+            return len(encrypted.recv(1)) == 1  # Dask's servers speak first
+    except OSError:  # among them ssl.SSLError
+        return False
+
+
+@pytest.fixture
+def certificates(tmp_path_factory):
+    """Return Dask's settings for a certificate in files, as for a cluster of a group."""
+    temporary = Security.temporary()
+    files = {
+        "ca-file": temporary.tls_ca_file,
+        "cert": temporary.tls_scheduler_cert,
+        "key": temporary.tls_scheduler_key,
+    }
+    folder = tmp_path_factory.mktemp("certificates")
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    settings = {"ca-file": "ca-file"}
+    for role in ("scheduler", "worker", "client"):
+        settings |= {f"{role}.cert": "cert", f"{role}.key": "key"}
+    return {f"distributed.comm.tls.{key}": str(folder / name) for key, name in settings.items()}
+
+
+@pytest.mark.slow
+def test_a_cluster_with_certificates_of_dasks_own_configuration(certificates):
+    options = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
+    with dask.config.set(certificates):
+        security = Security(require_encryption=True)
+        with LocalCluster(
+            **options, host="127.0.0.1", dashboard_address=":0", security=security
+        ) as cluster:
+            address = cluster.scheduler_address
+            assert address.startswith("tls://")
+            result = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address, "--quiet")
+            assert result.exit_code == 0, result.stderr
+            assert_same_bits("out.h5")
+            Path("out.h5").unlink()
+            Path("here.h5").unlink()
+            with dask.config.set(dict.fromkeys(certificates)):
+                message = refused_run("--dask", address)
+    assert f"no Dask scheduler answers at {address} (" in message
+    assert "distributed.comm.tls in Dask's configuration" in message
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("answer", [None, {"op": "nonsense"}])
+def test_a_scheduler_that_answers_and_never_registers(monkeypatch, answer):
+    class Imposter(Server):
+        def __init__(self):
+            super().__init__({"identity": self.identify, "register-client": self.register})
+
+        def identify(self, **_):
+            return {"type": "Scheduler", "id": "x", "address": self.address}
+
+        async def register(self, comm, **_):
+            if answer:
+                await comm.write([answer])
+            await asyncio.sleep(100)
+
+    async def serve():
+        server = Imposter()
+        await server.listen("tcp://127.0.0.1:0")
+        addresses.put(server.address)
+        await asyncio.sleep(100)
+
+    addresses = queue.SimpleQueue()
+    threading.Thread(target=asyncio.run, args=[serve()], daemon=True).start()
+    monkeypatch.setattr(clients, "_PATIENCE", 1)
+    message = refused_run("--dask", addresses.get(timeout=300))
+    assert "answers, but does not accept this process" in message
+    gc.collect()  # a client that was thrown away says nothing (pytest would)
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_the_processes_in_the_middle_of_a_long_block():
+    undamped = ["--set", "oscillator.h=0", "--set", "oscillator.R=1"]  # it does not come back
+    endless = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2", *undamped]
+    process = command("--dask", "local:1", "--quiet", *endless)
+    deadline = time.monotonic() + 300
+    while not Path("out.h5.parts").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGINT)
+    _, stderr = process.communicate(timeout=300)
+    assert process.returncode == 1
+    said = "vibroimpact: error: interrupted; 0 of 2 points kept in out.h5.parts; "
+    assert stderr.startswith(said)
+    assert stderr.count("\n") == 1
+    with pytest.raises(ProcessLookupError):  # none of the group is left
+        for _ in range(100):
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("local:0", "local:N with an integer N from 1 to "),
+        ("local:x", "local:N with an integer N from 1 to "),
+        ("local:", "local:N with an integer N from 1 to "),
+        ("local:-1", "local:N with an integer N from 1 to "),
+        ("local:1000000", "local:N with an integer N from 1 to "),
+        ("", "tcp://HOST:PORT or "),
+        ("nonsense", "tcp://HOST:PORT or "),
+        ("tcp://", "tcp://HOST:PORT or "),
+        ("tcp://host", "tcp://HOST:PORT or "),
+        ("tcp://host:0", "tcp://HOST:PORT or "),
+        ("tcp://host:65536", "tcp://HOST:PORT or "),
+        ("http://host:8786", "tcp://HOST:PORT or "),
+        ("host:8786", "did you mean tcp://host:8786?"),
+    ],
+)
+def test_an_address_that_is_none_is_refused_without_dask(monkeypatch, address, told):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    message = refused_run("--dask", address)
+    assert message.startswith(f"vibroimpact: error: --dask {address}: the address ")
+    assert " is not allowed; expected: " in message and told in message
+
+
+@pytest.mark.parametrize("address", ["local:1", "tcp://10.0.0.1:8786", "tls://[::1]:8786"])
+def test_an_address(address):
+    check_address(address)
+
+
+def test_the_missing_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    message = refused_run("--dask", "local:1")
+    assert "pip install 'vibroimpact[distributed]'" in message
+    assert "pip install '.[distributed]'" in message
+
+
+def test_only_the_loggers_of_dask_are_silent():
+    def heard(name):
+        return logging.getLogger(name).isEnabledFor(logging.ERROR)
+
+    before = heard("distributed.client"), heard("distributed.new_module")
+    with clients._quiet():
+        assert heard("another.package")
+        assert not any(map(heard, ("distributed.client", "distributed.new_module", "asyncio")))
+    assert before == (heard("distributed.client"), heard("distributed.new_module")) == (True, True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("listens", [False, True])
+def test_where_no_scheduler_answers(monkeypatch, listens):
+    assert clients._PATIENCE < 10
+    monkeypatch.setattr(clients, "_PATIENCE", 1)
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        if listens:
+            server.listen()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        told = f"no Dask scheduler answers at {address} (no answer in 1 s); start one"
+        assert told in refused_run("--dask", address)
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
+    monkeypatch.setattr(clients, "_PATIENCE", 20)
+    monkeypatch.setattr(interrupts, "_came", False)
+    connections = queue.SimpleQueue()
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+
+        def interrupt():
+            connections.put(server.accept()[0])
+            os.kill(os.getpid(), signal.SIGINT)
+
+        thread = threading.Thread(target=interrupt)
+        thread.start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        interrupts.listen()  # like the command; the handler alone ends nothing
+        try:
+            with pytest.raises(interrupts.Cancelled), clients.connected(address):
+                pass
+        finally:
+            signal.signal(signal.SIGINT, before[0])
+            signal.signal(signal.SIGTERM, before[1])
+            thread.join()
+            connections.get().close()
+            gc.collect()

@@ -1,0 +1,411 @@
+"""The command line: output and files of run, plot, zoom and info."""
+
+import re
+import sys
+from pathlib import Path
+
+import h5py
+import matplotlib.image
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+import sweeps
+from sweeps.analysis.selection import config_of
+from sweeps.engine import executors
+from tests.helpers.commands import SMALL, accepted, call, refused
+from tests.helpers.places import ROOT
+from vibroimpact.status import Evidence, Status
+
+CONFIG = SMALL
+
+
+# run
+
+
+@pytest.mark.slow
+def test_run_info_and_plot():
+    printed = accepted("run", "sweep.yaml", "--threads", 1)
+    assert "small.h5: 10 points" in printed
+    assert re.search(r" in \S+ s$", printed, re.MULTILINE)
+    assert printed.splitlines()[-1] == "next: vibroimpact plot small.h5"
+    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
+        assert dict(dataset["poincare_x"].sizes) == {"omega": 5, "clearance": 2, "section": 4}
+
+    shown = accepted("info", "small.h5")
+    assert re.search(r"name +small\n", shown)
+    assert re.search(r"points +10 points, every impact found and certified\n", shown)
+    assert "omega = 1.5 .. 3 [rad/time], 5 values" in shown
+    assert "poincare_x (omega: 5, clearance: 2, section: 4)" in shown
+    for part in ("vibroimpact_version", "numba_way", "duration", "integrator: exact"):
+        assert part in shown
+
+    assert accepted("plot", "small.h5") == "small.png\n"
+    assert Path("small.png").read_bytes().startswith(b"\x89PNG")
+    options = ("--kind", "bifurcation", "--axis", "omega", "--at", "clearance=0.1")
+    assert accepted("plot", "small.h5", "-o", "b.pdf", *options, "--coordinate", "impact_v")
+    assert Path("b.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+def test_the_configuration_of_a_file_runs_again(small_file):
+    again = accepted("info", "small.h5", "--config")
+    assert again == sweeps.open_sweep("small.h5").attrs["configuration"]
+    assert accepted("info", "small.h5").split("\n\n", 1)[1] == again
+    Path("again.yaml").write_text(again)
+    accepted("run", "again.yaml", "-o", "again.h5", "--quiet")
+    accepted("run", "small.h5", "-o", "other.h5", "--set", "oscillator.omega.start=2.0", "--quiet")
+    first, second, other = map(sweeps.open_sweep, ("small.h5", "again.h5", "other.h5"))
+    assert first.drop_attrs().identical(second.drop_attrs())
+    np.testing.assert_array_equal(other["omega"], np.linspace(2.0, 3.0, 5))
+    assert "small.h5 exists" in refused("run", "small.h5")
+    assert "output            small.h5" in accepted("run", "small.h5", "--resume", "--dry-run")
+    assert "override oscillator.omga.start" in refused(
+        "run", "small.h5", "--set", "oscillator.omga.start=2"
+    )
+    assert "exclude each other" in refused("info", "small.h5", "--config", "--bifurcations")
+
+
+@pytest.mark.slow
+def test_units_are_names_only(small_file):
+    """Units change every label and attribute but no number."""
+    units = ("--set", "units={length: mm, time: s}", "-o", "named.h5")
+    assert "omega = 1.5 .. 3 [rad/s], 5 values" in accepted(
+        "run", "sweep.yaml", *units, "--dry-run"
+    )
+    accepted("run", "sweep.yaml", *units, "--quiet")
+    plain, labelled = map(sweeps.open_sweep, ("small.h5", "named.h5"))
+    for name in plain.variables:
+        np.testing.assert_array_equal(plain[name].values, labelled[name].values)
+        expected = plain[name].attrs["units"].replace("length", "mm").replace("time", "s")
+        assert labelled[name].attrs["units"] == expected
+    assert labelled["f"].attrs["units"] == "mm/s^2"
+    shown = accepted("info", "named.h5")
+    assert "omega = 1.5 .. 3 [rad/s], 5 values" in shown
+    assert "velocity at the section [mm/s]" in shown
+    assert "units: {length: mm, time: s}" in accepted("info", "named.h5", "--config")
+    assert "units" not in accepted("info", "small.h5", "--config")
+    for kind in ("bifurcation", "trajectory"):
+        at = ("--at", "omega=3", "--at", "clearance=0", "--periods", 1)
+        accepted("plot", "named.h5", "-o", f"{kind}.svg", *(at if kind == "trajectory" else ()))
+        text = Path(f"{kind}.svg").read_text()
+        assert "mm" in text
+        assert "length]" not in text
+    for value in ("{length: 1mm}", "{length: ''}", "{length: $x$}", "{mass: kg}"):
+        assert "units" in refused("run", "sweep.yaml", "--set", f"units={value}")
+
+
+def test_init_writes_a_scene_to_begin_from():
+    assert accepted("init") == "quickstart.yaml\nnext: vibroimpact run quickstart.yaml\n"
+    assert Path("quickstart.yaml").read_text() == (ROOT / "configs/quickstart.yaml").read_text()
+    accepted("run", "quickstart.yaml", "--dry-run")
+    accepted("init", "tolerances")
+    accepted("run", "tolerances.yaml", "--dry-run")  # with its table
+    accepted("init", "hysteresis")
+    assert Path("hysteresis.yaml").read_text().startswith("# Hysteresis at a stop")
+    Path("cascade.yaml").write_text("mine")
+    assert "cascade.yaml exists" in refused("init", "cascade")
+    message = refused("init", "hysteresys")
+    assert "did you mean hysteresis?" in message
+    for path in (ROOT / "configs").glob("*.yaml"):
+        assert path.stem in message
+    for name in ("../configs/basins", "pictures", ""):
+        assert "there is no scene" in refused("init", name)
+
+
+@pytest.mark.slow
+def test_zoom_computes_and_draws_a_piece(small_file):
+    printed = accepted("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
+    assert printed.splitlines()[-1] == "small-omega-2.25-2.5.png"
+    assert Path("small-omega-2.25-2.5.png").read_bytes().startswith(b"\x89PNG")
+    accepted("zoom", "small.h5", "clearance=0.1:0.2", "omega=2:3", "-o", "two.h5")
+    whole, piece, two = map(sweeps.open_sweep, ("small.h5", "small-omega-2.25-2.5.h5", "two.h5"))
+    np.testing.assert_array_equal(piece["omega"], np.linspace(2.25, 2.5, 5))
+    np.testing.assert_array_equal(two["clearance"], [0.1, 0.2])
+    np.testing.assert_array_equal(two["omega"], np.linspace(2.0, 3.0, 5))
+    point = {"omega": 2.25}  # also on the grid of the full sweep
+    assert piece.sel(point).drop_attrs().identical(whole.sel(point).drop_attrs())
+
+
+@pytest.mark.slow
+def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_planned(small_file):
+    files = sorted(Path().iterdir())
+    picture = ("--coordinate", "impact_v", "--width", "4in")
+    planned = accepted("zoom", "small.h5", "omega=2.25:2.5", *picture, "--dry-run")
+    assert sorted(Path().iterdir()) == files
+    assert "axis              omega = 2.25 .. 2.5 [rad/time], 5 values" in planned
+    assert planned.splitlines()[-1] == "output            small-omega-2.25-2.5.h5"
+    accepted("zoom", "small.h5", "omega=2.25:2.5", *picture)
+    with xr.open_dataset("small-omega-2.25-2.5.h5", engine="h5netcdf") as piece:
+        assert piece.sizes["omega"] == 5
+    accepted("plot", "small-omega-2.25-2.5.h5", *picture, "-o", "same.png")
+    drawn, same = map(matplotlib.image.imread, ("small-omega-2.25-2.5.png", "same.png"))
+    assert drawn.shape[1] == 4 * 300
+    np.testing.assert_array_equal(drawn, same)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("pieces", "reason"),
+    [
+        (["omega=2:1"], "expected: NAME=LOW:HIGH"),
+        (["omega=2"], "expected: NAME=LOW:HIGH"),
+        (["omega=2:nan"], "expected: NAME=LOW:HIGH"),
+        (["omgea=2:3"], "did you mean omega?"),
+        (["h=0:1"], "expected: omega or clearance"),
+        (["omega=-1:1"], "expected: forcing frequency"),
+        (["poincare_x=0:1"], "at least one swept axis"),
+        (["omega=2:3", "omega=2:4"], "each name once"),
+        (["omega=2:3", "poincare_x=0:1", "poincare_v=0:1"], "at most one of"),
+        (["omega=2:3", "poincare_x=0:1", "--coordinate", "impact_v"], "exclude each other"),
+        (["omega=2:3", "--coordinate", "impulse"], "impulse is not a coordinate"),
+        (["omega=2:3", "--width", "4"], "--width 4 is not allowed"),
+        (["omega=2:3", "-o", "no/folder.h5"], "does not exist"),
+        (["omega=2:3", "-o", "small.h5"], "small.h5 exists"),
+    ],
+)
+def test_a_zoom_that_cannot_be(small_file, pieces, reason):
+    assert reason in refused("zoom", "small.h5", *pieces)
+
+
+@pytest.mark.slow
+def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_file):
+    accepted("zoom", "small.h5", "omega=0.05:0.1", "-o", "beyond.h5")
+    with sweeps.open_sweep("beyond.h5") as beyond, sweeps.open_sweep("small.h5") as small:
+        assert (beyond["status"] == Status.CERTIFIED).all()
+        needed, had = (config_of(dataset).method.steps_per_period for dataset in (beyond, small))
+    assert needed > had
+
+
+@pytest.mark.slow
+def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(small_file):
+    accepted("zoom", "small.h5", "omega=2:2.5", "-o", "small-omega-2-2.5.h5")
+    said = call("zoom", "small-omega-2-2.5.h5", "omega=2.1234567:2.1234568")
+    assert said.stdout.splitlines()[-1] == "small-omega-2.1234567-2.1234568.png"
+    assert "omega = 2.1234567 .. 2.1234568 [rad/time], 5 values" in said.stderr
+
+
+@pytest.mark.slow
+def test_a_map_and_the_exact_orbits():
+    accepted("run", "sweep.yaml", "--quiet", "--set", "record.diagnostics=[period]")
+    assert accepted("plot", "small.h5", "--kind", "map") == "small-map.png\n"
+    axes = ("--axis", "clearance", "--axis", "omega", "--quantity", "slowest_impact")
+    assert accepted("plot", "small.h5", "-o", "map.svg", *axes) == "map.svg\n"
+    assert b"forcing frequency" in Path("map.svg").read_bytes()
+    impacts = ("--kind", "impacts", "--at", "omega=1.5")
+    assert accepted("plot", "small.h5", *impacts) == "small-impacts-omega-1.5.png\n"
+    cut = ("--set", "oscillator.clearance=0", "--set", "record.transient=200")
+    accepted("run", "sweep.yaml", "--quiet", "--overwrite", *cut)
+    *followed, picture = accepted("plot", "small.h5", "--exact").splitlines()
+    assert "1/1" in followed[0]
+    assert picture == "small-exact.png"
+    followed = accepted("plot", "small.h5", "--exact", "--classes", "1/1", "--most", 2)
+    assert followed.splitlines()[-1] == "small-exact-1_1-2-branches.png"
+
+
+@pytest.mark.slow
+def test_no_two_pictures_have_the_same_name(small_file, monkeypatch):
+    """A name has only characters that every system allows; what is drawn does not matter."""
+    monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"drawn"))
+    for options, name in (
+        ([], "small"),
+        (["--kind", "map", "--quantity", "energy_lost"], "small-map-energy_lost"),
+        (["--quantity", "impulse"], "small-impulse"),
+        (["--axis", "clearance", "--at", "omega=1.5"], "small-clearance-omega-1.5"),
+        (["--kind", "section", "--at", "omega=1.5"], "small-section-omega-1.5"),
+        (["--kind", "section", "--at", "omega=3"], "small-section-omega-3"),
+        (["--below", "impulse", "--coordinate", "poincare_v"], "small-poincare_v-below-impulse"),
+        (["--color", "impulse"], "small-color-impulse"),
+        (["--below", "impulse"], "small-below-impulse"),
+    ):
+        assert accepted("plot", "small.h5", *options) == f"{name}.png\n"
+    assert "nowhere" in refused("plot", "small.h5", "--axis", "nowhere/a:b")
+
+
+@pytest.mark.slow
+def test_several_configurations_are_run_and_drawn_one_after_the_other(folder):
+    (folder / "sub").mkdir()
+    Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other\noutput: sub/o.h5"))
+    printed = accepted("run", "sweep.yaml", "other.yaml", "--set", "oscillator.h=0.3")
+    lines = [line for line in printed.splitlines() if ".h5" in line]
+    outcomes = [line.split(" in ")[0] for line in lines]
+    certified = "10 points, every impact found and certified"
+    assert outcomes[:2] == [f"small.h5: {certified}", f"sub/o.h5: {certified}"]
+    assert outcomes[2:] == ["next: vibroimpact plot small.h5 sub/o.h5"]
+    with (
+        xr.open_dataset("small.h5", engine="h5netcdf") as first,
+        xr.open_dataset("sub/o.h5", engine="h5netcdf") as second,
+    ):
+        xr.testing.assert_equal(first, second)
+        assert (first.attrs["name"], second.attrs["name"]) == ("small", "other")
+    assert accepted("plot", "small.h5", "sub/o.h5") == "small.png\nsub/o.png\n"
+    assert Path("sub/o.png").stat().st_size > 10_000
+    plans = accepted("run", "sweep.yaml", "other.yaml", "--overwrite", "--dry-run").split("\n\n")
+    assert [plan.split()[1] for plan in plans] == ["small", "other"]
+
+
+@pytest.mark.slow
+def test_several_are_refused_before_any_is_run_or_drawn():
+    Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other"))
+    Path("wrong.yaml").write_text(CONFIG.replace("h: 0.1", "h: -1"))
+    Path("same.yaml").write_text(CONFIG)
+    assert "wrong.yaml, line 3" in refused("run", "sweep.yaml", "wrong.yaml")
+    message = refused("run", "sweep.yaml", "other.yaml", "-o", "a.h5")
+    assert "-o a.h5 is not allowed here: it is for a single file, and 2 are given" in message
+    message = refused("run", "sweep.yaml", "same.yaml")
+    assert "sweep.yaml and same.yaml would both write small.h5" in message
+    accepted("run", "other.yaml", "--quiet")
+    assert "other.h5 exists" in refused("run", "sweep.yaml", "other.yaml")
+    assert "missing.h5 does not exist" in refused("plot", "other.h5", "missing.h5")
+    assert "-o a.png is not allowed here" in refused("plot", "other.h5", "other.h5", "-o", "a.png")
+    assert "other.h5 and other.h5 would both write" in refused("plot", "other.h5", "other.h5")
+    assert "other.h5: h is not a swept axis" in refused("plot", "other.h5", "--axis", "h")
+
+
+def test_output_option_wins_over_the_configuration():
+    accepted("run", "sweep.yaml", "--quiet", "--set", "output=a.h5", "-o", "b.h5")
+    assert Path("b.h5").exists() and not Path("a.h5").exists()
+
+
+def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sweeps.engine.run", None)
+    printed = accepted("run", "sweep.yaml", "--dry-run")
+    rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
+    # Per point: 4 sections, 2 impacts, nine numbers, the class as two, its orbit as three, its
+    # evidence and the status.
+    size = 10 * (8 * (2 * 4 + 2 * 2 + 9 + 2 + 3) + 2)
+    time, memory = dict(rows)["expected time"], dict(rows)["memory"]
+    assert rows == [
+        ("name", "small"),
+        ("axis", "omega = 1.5 .. 3 [rad/time], 5 values"),
+        ("axis", "clearance = 0 .. 0.1 [length], 2 values"),
+        ("points", "10"),
+        ("forcing periods", "70"),
+        ("steps per period", "20"),
+        ("steps", "1,400"),
+        ("expected time", time),
+        ("size of the file", f"{size / 1000:.3g} kB"),
+        ("memory", memory),
+        ("output", "small.h5"),
+    ]
+    assert re.fullmatch(r"about \d\S* s", time)
+    assert re.fullmatch(r"about \d\S* kB for the blocks in work", memory)
+    assert [path.name for path in Path().iterdir()] == ["sweep.yaml"]
+
+
+def test_every_start_says_what_it_takes():
+    planned = accepted("run", "sweep.yaml", "--dry-run").splitlines()
+    started = call("run", "sweep.yaml").stderr
+    for line in planned:
+        assert line in started or line.startswith("expected time")
+    assert re.search(r"^expected time +about \d\S* s$", started, re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_what_became_of_the_points_is_told(monkeypatch):
+    assert "10 points, every impact found and certified in " in accepted("run", "sweep.yaml")
+    compute = executors.compute_block
+
+    def settled(*arguments):
+        results = compute(*arguments)
+        results["status"][:2] = [Status.CUT_SHORT, Status.COMPUTED]
+        return results
+
+    monkeypatch.setattr(executors, "compute_block", settled)
+    accepted("run", "sweep.yaml", "--quiet", "--overwrite")
+    assert re.search(
+        rf"points +10 points, of which 1 CUT_SHORT \({Status.CUT_SHORT.meaning}\)\n",
+        accepted("info", "small.h5"),
+    )
+    monkeypatch.setattr(executors, "compute_block", compute)
+    printed = accepted("run", "sweep.yaml", "--overwrite", "--set", "method={impact: plain}")
+    assert "small.h5: 10 points in " in printed
+
+
+@pytest.mark.slow
+def test_how_many_motions_go_where_is_told(monkeypatch):
+    """Each motion is counted once; without diagnostics nothing is known."""
+    compute = executors.compute_block
+    unknown = [Evidence.NONE, Evidence.NONE, Evidence.UNSTABLE, Evidence.UNREACHED]
+    others = [Evidence.NONE, Evidence.NONE, *list(Evidence)[-4:]]
+
+    def changed(*arguments):
+        results = compute(*arguments)
+        results["class_evidence"][:] = unknown + others
+        results["period"][:] = [0] * 6 + [1] * 4
+        results["rest_fraction"][:] = [0.0] * 4 + [0.5] + [0.0] * 5
+        results["status"][5] = Status.UNBOUNDED
+        results["orbit_distance"][:] = [np.nan] * 6 + [0.0, 1e-3, 1e-6, 2e-6]
+        return results
+
+    monkeypatch.setattr(executors, "compute_block", changed)
+    lines = [
+        "settled on m/q: 2 (20 %); on its way to m/q: 2 (20 %); rest: 1 (10 %); unbounded: 1 (10 "
+        "%); unknown: 4 (40 %)",
+        "unknown: 2 near no periodic orbit, 1 near unstable orbits only, 1 near a stable orbit "
+        "that they were not shown to reach; Lyapunov exponents tell which are chaotic",
+    ]
+    assert accepted("run", "sweep.yaml").splitlines()[1:3] == lines
+    shown = accepted("info", "small.h5")
+    assert [line[21:] for line in shown.splitlines() if line.startswith("classes ")] == lines
+    monkeypatch.setattr(executors, "compute_block", compute)
+    bare = accepted("run", "sweep.yaml", "--overwrite", "--set", "record.diagnostics=[]")
+    assert "class" not in bare + accepted("info", "small.h5").replace("class_", "")
+    printed = accepted(
+        "run", ROOT / "configs" / "paper-dissipative-reduced-step.yaml", "-o", "a.h5"
+    )
+    said = "the motion: unknown, near no periodic orbit"
+    assert printed.splitlines()[1] == said
+
+
+@pytest.mark.slow
+def test_a_run_without_impacts_says_so():
+    """Far from the stop; at the stop under a preload, the mass rests there without an impact."""
+    said = "no impact in any record: no motion meets the stop"
+    free = accepted("run", "sweep.yaml", "--set", "oscillator.clearance=50")
+    assert said in free and said in accepted("info", "small.h5")
+    pressed = ("--set", "oscillator.clearance=-50", "--set", "start.x0=-50", "--overwrite")
+    assert said not in accepted("run", "sweep.yaml", *pressed)
+    with h5py.File("small.h5") as file:
+        assert (file["rest_fraction"][()] > 0.999).all()
+    assert said not in accepted("run", "sweep.yaml", "--overwrite")
+
+
+def test_an_unstable_step_is_refused_or_allowed_and_said():
+    """Euler at p T = 0.84, where 0.2 is the limit; the other point is stable."""
+    Path("unstable.yaml").write_text(
+        "oscillator: {h: 0.1, R: 0.8, omega: [3, 0.3], f: 1.0}\n"
+        "method: {integrator: euler, impact: plain, steps_per_period: 25}\n"
+        "record: {transient: 3000, periods: 4}\n"
+    )
+    message = refused("run", "unstable.yaml")
+    assert "line 2: method.steps_per_period: 25 are not enough for euler" in message
+    assert "an integer from 105 to" in message and "allow_unstable" in message
+    text = accepted("run", "unstable.yaml", "--set", "method.allow_unstable=true")
+    assert "2 points, of which 1 NON_FINITE (a number overflowed: the step is unstable" in text
+    accepted("run", "unstable.yaml", "--overwrite", "--set", "method.steps_per_period=105")
+
+
+def test_diagnostics_are_computed():
+    both = ("--set", "record.diagnostics=[period, lyapunov]", "--set", "record.transient=200")
+    accepted("run", "sweep.yaml", "--quiet", *both)
+    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
+        assert np.isfinite(dataset["lyapunov"].values).all()
+        assert (dataset["period"].values[:, 0] == 1).any()
+        assert (dataset["near_grazes"].values >= 0).all()
+        slowest, speeds = dataset["slowest_impact"].values, dataset["impact_v"].values
+        assert (slowest <= np.nanmin(speeds, axis=-1)).all()
+
+
+@pytest.mark.slow
+def test_any_block_size_gives_the_same_data(monkeypatch):
+    small = ("--set", "method={}", "--set", "record.diagnostics=[period, lyapunov]")
+    accepted("run", "sweep.yaml", "--quiet", *small)
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 3)
+    accepted("run", "sweep.yaml", "--quiet", *small, "-o", "blocks.h5")
+    with (
+        xr.open_dataset("small.h5", engine="h5netcdf") as first,
+        xr.open_dataset("blocks.h5", engine="h5netcdf") as second,
+    ):
+        xr.testing.assert_equal(first, second)

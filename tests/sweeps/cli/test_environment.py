@@ -1,0 +1,215 @@
+"""Commands in other environments: start-up, odd settings, names and streams."""
+
+import errno
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps.cli.__main__ import _reason
+from sweeps.config.loading import load_config
+from sweeps.text import printable
+from tests.helpers.commands import SMALL, accepted, call, refused
+from tests.helpers.places import ROOT
+
+CONFIG = SMALL
+
+
+def process(*arguments, **variables):
+    """Run the command line in a separate process with environment variables."""
+    command = [sys.executable, "-m", "sweeps.cli", *arguments]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": "", **variables}
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+
+
+# The rest
+
+
+def test_version():
+    assert accepted("--version").startswith("vibroimpact")
+
+
+def test_help_imports_nothing_heavy():
+    heavy = {"numba", "numpy", "matplotlib", "pydantic", "xarray", "h5py", "yaml"}
+    code = (
+        "import sys\n"
+        "from sweeps.cli.__main__ import main\n"
+        f"heavy = {heavy}\n"
+        "for command in ([], ['run'], ['bench', 'stability']):\n"
+        "    sys.argv = ['vibroimpact', *command, '--help']\n"
+        "    try:\n"
+        "        main()\n"
+        "    except SystemExit as end:\n"
+        "        assert end.code == 0, end.code\n"
+        "    assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+        # Newer typers import pydantic to describe the arguments of a command.
+        "    heavy -= {'pydantic'}\n"
+    )
+    command = [sys.executable, "-c", code]
+    environment = {"PYTHONPATH": str(ROOT)}
+    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.count("Usage: vibroimpact") == 3
+
+
+@pytest.mark.slow
+def test_a_process_exits_like_the_command(folder):
+    result = process("run", "sweep.yaml", "--set", "oscillator.R=2")
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("vibroimpact: error: override oscillator.R=2: ")
+    assert result.stderr.count("\n") == 1
+    assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
+
+
+# Obstacles from other programs and users
+
+
+def test_what_a_file_says_reaches_the_terminal_escaped():
+    odd = '"a\\e]0;owned\\x07\\x9b31m\\u202E.h5"'
+    message = refused("run", "sweep.yaml", "--set", f"output={odd}", "--set", "name=nowhere/x")
+    assert message.isascii() and printable(message) == message
+    printed = accepted("run", "sweep.yaml", "--set", f"output={odd}", "--dry-run")
+    assert r"a\x1b]0;owned\x07\x9b31m\u202e.h5" in printed and printable(printed) == printed
+    result = call("run", "sweep.yaml", "--set", f"output={odd}", "--set", "name=a[red]\u202eb")
+    assert result.exit_code == 0
+    assert printable(result.stdout) == result.stdout and r"\u202e.h5" in result.stdout
+    for text in (result.stderr, accepted("info", next(Path().glob("*.h5")))):
+        assert r"a[red]\u202eb" in text and "\u202e" not in text
+    bad = refused("run", "sweep.yaml", "--set", 'oscillator.h="\\e[31m"')
+    assert r"oscillator.h = \x1b[31m is not a number" in bad and "\x1b" not in bad
+    assert r"\x1b[31m.h5 does not exist" in refused("info", "\x1b[31m.h5")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems allow Unicode alone")
+def test_names_of_files_that_are_not_utf_8(small_file):
+    data, picture = (os.fsdecode(name) for name in (b"a\xff.h5", b"p\xff"))
+    Path("small.h5").rename(data)
+    for ending in ("png", "svg", "pdf"):
+        assert accepted("plot", data, "-o", f"{picture}.{ending}") == rf"p\udcff.{ending}" + "\n"
+    assert accepted("zoom", data, "omega=2:2.1")
+    assert Path(os.fsdecode(b"a\xff-omega-2-2.1.png")).stat().st_size
+    assert "exists; resume it, overwrite it" in refused("run", data)  # it is its own output
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "/"])
+def test_a_folder_is_no_file_of_a_sweep(name):
+    for command in ("plot", "info", "attractors"):
+        assert "vibroimpact: error: " in refused(command, name)
+
+
+@pytest.mark.slow
+def test_a_picture_with_a_long_name(small_file):
+    assert accepted("plot", "small.h5", "-o", "a" * 251 + ".png")
+    assert "File name too long" in refused("plot", "small.h5", "-o", "a" * 252 + ".png")
+    result = call("plot", "small.h5", "-o", "/proc/x.png")
+    assert result.exit_code == 1
+    assert re.fullmatch(r"vibroimpact: error: /proc/x.png cannot be written: .*\n", result.stderr)
+    assert not list(Path().glob(".*"))
+
+
+def test_a_followed_sweep_that_records_no_impacts():
+    followed = ("--set", "follow={axis: omega}", "--set", "record.impacts=0")
+    accepted("run", "sweep.yaml", "--quiet", *followed)
+    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
+        assert "impact_v" not in dataset and np.isfinite(dataset["poincare_x"]).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("NUMBA_NUM_THREADS=abc", "could not be parsed"),
+        ("NUMBA_NUM_THREADS=0", "Number of threads specified must be > 0"),
+        ("NUMBA_DISABLE_JIT=1", "needs numba's compiler"),
+    ],
+)
+def test_odd_settings_of_numba_are_refused(setting, told):
+    name, value = setting.split("=")
+    result = process("run", "sweep.yaml", **{name: value})
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr.startswith("vibroimpact: error: numba cannot work with its settings: ")
+    assert told in result.stderr and setting in result.stderr and result.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_odd_settings_of_matplotlib_are_refused(small_file):
+    result = process("plot", "small.h5", MPLBACKEND="nonsense")
+    assert result.returncode == 2 and not Path("small.png").exists()
+    assert "matplotlib cannot work with its settings: " in result.stderr
+    assert "unset or correct MPLBACKEND" in result.stderr and result.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_settings_that_matplotlib_cannot_draw_with_are_refused(small_file):
+    Path("matplotlibrc").write_text("text.usetex: True")
+    result = process("plot", "small.h5", "-o", "a.svg")
+    assert (result.returncode, result.stdout) == (2, "")
+    told = "matplotlib cannot draw with the settings in matplotlibrc"
+    assert told in result.stderr and result.stderr.count("\n") == 1
+    with mpl.rc_context({"savefig.dpi": 1e9}):
+        message = refused("plot", "small.h5", "-o", "a.png")
+    assert "pixels is too large; expected: less than 65536 each way" in message
+    assert not list(Path().glob("a.*"))
+
+
+@pytest.mark.slow
+def test_a_bad_line_in_the_settings_of_matplotlib_is_told_once(small_file):
+    Path("matplotlibrc").write_text("font.size: large")
+    result = process("plot", "small.h5", "-o", "a.svg")
+    assert result.returncode == 0 and result.stderr.count("Bad value in file") == 1
+
+
+@pytest.mark.slow
+def test_a_folder_that_was_removed_is_named():
+    Path("folder").mkdir()
+    os.chdir("folder")
+    Path("../folder").rmdir()
+    result = process("info", "small.h5")
+    assert result.returncode == 2
+    assert result.stderr.startswith("vibroimpact: error: the working folder was removed")
+
+
+@pytest.mark.slow
+def test_an_encoding_that_lacks_a_character():
+    result = process("run", "sweep.yaml", "--set", "name=日", PYTHONIOENCODING="latin-1")
+    assert result.returncode == 0, result.stderr
+    assert r"next: vibroimpact plot '\u65e5.h5'" in result.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "variables",
+    [{"PYTHONIOENCODING": "cp1252"}, dict(LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")],
+)
+def test_a_configuration_is_printed_in_utf_8_whatever_the_console_has(variables):
+    accepted("run", "sweep.yaml", "--quiet", "--set", "name=größe σ", "-o", "out.h5")
+    result = process("info", "out.h5", "--config", **variables)
+    assert (result.returncode, result.stderr) == (0, "")
+    Path("again.yaml").write_text(result.stdout, encoding="utf-8")
+    assert load_config("again.yaml").name == "größe σ"
+    assert "name: größe σ\n" in accepted("info", "out.h5", "--config")
+
+
+def test_a_warning_is_one_line():
+    code = (
+        "import warnings\n"
+        "from sweeps.cli.options import prepare_streams\n"
+        "prepare_streams()\n"
+        "warnings.warn('the cache\\x1b[31m is full')\n"
+    )
+    command = [sys.executable, "-c", code]
+    environment = {"PYTHONPATH": str(ROOT)}
+    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+    assert result.stderr == "vibroimpact: warning: the cache\\x1b[31m is full\n"
+
+
+def test_an_error_of_a_file_without_a_name_does_not_blame_the_standard_output():
+    said = "a file cannot be read or written: Stale file handle"
+    assert _reason(OSError(errno.ESTALE, "Stale file handle")) == said

@@ -1,0 +1,208 @@
+"""Any text given as a configuration is run or refused with a message, and leaves no files."""
+
+import faulthandler
+import os
+import random
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sweeps.config.loading import load_config
+from sweeps.errors import ConfigError, StoreError
+from sweeps.store import open_sweep
+from tests.helpers.commands import SMALL, accepted, call
+from tests.helpers.odd_inputs import BASES, ENVIRONMENTS, FULL, mutated
+from tests.helpers.places import ROOT
+from vibroimpact.status import Status
+
+#: Characters with a meaning in YAML.
+SIGNS = "{}[]:,#&*!|>-'\" \n\th1e"
+
+
+def answered(text):
+    """Run a configuration dry, and return the exit code."""
+    Path("fuzz.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
+    result = call("run", "fuzz.yaml", "--dry-run")
+    assert result.exit_code in (0, 2), result.output
+    assert isinstance(result.exception, (SystemExit, type(None)))
+    assert "Traceback" not in result.output
+    assert result.exit_code == 0 or result.stderr.startswith("vibroimpact: error: ")
+    assert [path.name for path in Path().iterdir()] == ["fuzz.yaml"]
+    return result.exit_code
+
+
+def run_and_checked(text):
+    """Run a small accepted configuration; the file is complete and as configured."""
+    config = load_config("fuzz.yaml")
+    periods = config.size * (config.record.transient + config.record.periods)
+    if periods * config.method.steps_per_period > 300_000:
+        return False
+    result = call("run", "fuzz.yaml", "--quiet", "--threads", "1")
+    assert result.exit_code == 0, result.output
+    assert result.output == ""
+    with open_sweep(config.output) as dataset:
+        dataset.load()
+    assert dataset.attrs["name"] == config.name
+    for name, values in config.sweep.grid.axes.items():
+        np.testing.assert_array_equal(dataset[name], values)
+    status = dataset["status"].values
+    assert not np.isin(status, [Status.PENDING]).any()
+    certified = status == Status.CERTIFIED
+    x = dataset["poincare_x"].values[certified]
+    clearance = np.broadcast_to(coordinate(dataset, config, "clearance"), status.shape)[certified]
+    assert np.isfinite(x).all() and np.isfinite(dataset["poincare_v"].values[certified]).all()
+    scale = np.maximum(np.abs(x).max(axis=-1, initial=1e-300), np.abs(clearance))
+    assert (x.max(axis=-1, initial=-np.inf) <= clearance + 1e-9 * scale).all()
+    return True
+
+
+def coordinate(dataset, config, name):
+    """Return a parameter at every point, in a shape that broadcasts over the grid."""
+    if name not in dataset["status"].dims:
+        return config.sweep.grid.fixed[name]
+    at = dataset["status"].dims.index(name)
+    return dataset[name].values.reshape(
+        [-1 if k == at else 1 for k in range(dataset["status"].ndim)]
+    )
+
+
+def answer_mutated(seed):
+    """Check the configuration of a seed, run it if it is small, and leave no files."""
+    text = mutated(random.Random(seed))
+    Path("fuzz.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
+    faulthandler.dump_traceback_later(300, exit=True)  # a hang ends the campaign
+    try:
+        try:
+            load_config("fuzz.yaml")
+        except ConfigError as refusal:
+            assert all(line.startswith("fuzz.yaml") for line in str(refusal).splitlines())
+            return "refused"
+        if answered(text) == 2:
+            return "refused"
+        return "run" if run_and_checked(text) else "accepted"
+    except BaseException:
+        print(f"seed {seed}:\n{text}")
+        raise
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        for path in Path().iterdir():
+            path.unlink()
+
+
+@pytest.mark.slow
+def test_a_mutated_configuration_is_answered():
+    answers = {answer_mutated(seed) for seed in range(20)}
+    assert answers >= {"refused", "run"}
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("start", range(0, 10_000, 500))
+def test_ten_thousand_mutated_configurations_are_answered(start, record_property):
+    answers = Counter(answer_mutated(seed) for seed in range(start, start + 500))
+    print(dict(answers))
+    assert min(answers[name] for name in ("refused", "run", "accepted")) > 0
+
+
+def commands_in(folder, **variables):
+    """Run and draw a sweep in an environment; return the exit codes, or the problem."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "MPL", "PYTHON"))}
+    environment = {**kept, "PYTHONPATH": str(ROOT), **variables}
+    (folder / "é.yaml").write_text(
+        "oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 5}, f: 1.0}\n"
+        "record: {transient: 3, periods: 4, impacts: 2}\n"
+        "output: out.h5\n"
+    )
+    codes = []
+    for command, written in ((["run", "é.yaml"], "out.h5"), (["plot", "out.h5"], "out.png")):
+        result = subprocess.run(
+            [sys.executable, "-m", "sweeps.cli", *command],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            timeout=300,
+        )
+        said = (result.stdout + result.stderr).decode(errors="replace")
+        assert result.returncode in (0, 1, 2) and "Traceback" not in said, said
+        assert (folder / written).exists() == (result.returncode == 0), said
+        assert result.returncode == 0 or b"vibroimpact: error: " in result.stderr, said
+        codes.append(result.returncode)
+        if result.returncode:
+            break
+    assert {path.name for path in folder.iterdir()} <= {"é.yaml", "out.h5", "out.png"}
+    return codes
+
+
+@pytest.mark.slow
+def test_an_odd_environment_is_answered(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "abc")
+    Path("sweep.yaml").write_text(SMALL)
+    accepted("run", "sweep.yaml")
+    accepted("plot", "small.h5")
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("setting", ENVIRONMENTS, ids="=".join)
+def test_a_hundred_environments_are_answered(tmp_path, setting):
+    print(setting, commands_in(tmp_path, **dict([setting])))
+
+
+@pytest.mark.slow
+def test_any_text_is_answered():
+    for seed in range(20):
+        draw = random.Random(seed)
+        letters = SIGNS if seed % 2 else [chr(draw.randrange(0x110000)) for _ in range(20)]
+        text = "".join(draw.choices(letters, k=draw.randrange(200)))
+        assert answered(text) == 2, repr(text)
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_the_bases_are_valid(base):
+    Path("fuzz.yaml").write_text(base)
+    load_config("fuzz.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[" * 100_000, "more than 16 levels"),
+        ("a: " * 30, "not valid YAML"),
+        ("".join("  " * i + "a:\n" for i in range(300)), "more than 16 levels"),
+        ("#" * 300_000, "longer than 250,000 bytes"),
+        ("a: &a [x, x]\nb: [*a, *a]\n", "aliases and tags are not allowed"),
+        ("a: !!python/object/apply:os.system [ls]\n", "aliases and tags are not allowed"),
+        (FULL.replace("x.h5", '"a\\0b.h5"'), "embedded null"),
+        (FULL.replace("x.h5", "x" * 300), "File name too long"),
+    ],
+)
+def test_what_is_out_of_bounds_is_refused(text, told):
+    Path("fuzz.yaml").write_text(text)
+    for options in (["--dry-run"], []):
+        result = call("run", "fuzz.yaml", *options)
+        assert result.exit_code == 2 and told in result.stderr
+    assert [path.name for path in Path().iterdir()] == ["fuzz.yaml"]
+
+
+def test_a_device_is_no_configuration():
+    with pytest.raises(ConfigError, match="longer than"):
+        load_config("/dev/zero")
+
+
+@pytest.mark.parametrize("where", ["/dev/null", "/dev/zero", "/etc/passwd", "/", "a\0b", "x" * 300])
+def test_what_is_no_file_of_a_sweep_is_refused(where):
+    with pytest.raises(StoreError):
+        open_sweep(where)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [b"", b"\x89HDF\r\n\x1a\n", b"CDF\x01"])
+def test_any_bytes_are_no_file_of_a_sweep(tmp_path, start):
+    path = tmp_path / "out.h5"
+    for seed in range(10):
+        draw = random.Random(seed)
+        path.write_bytes(start + draw.randbytes(draw.randrange(500)) + b"\x89VIBROL\n")
+        with pytest.raises(StoreError, match=r"out\.h5"):
+            open_sweep(path)

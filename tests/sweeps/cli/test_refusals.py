@@ -1,0 +1,236 @@
+"""Commands that are refused, interrupted or fail: message, exit code, and files kept."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+
+import pytest
+
+from sweeps import interrupts
+from sweeps.store import SweepWriter
+from tests.helpers.commands import SMALL, accepted, call, refused
+from tests.helpers.places import ROOT
+
+CONFIG = SMALL
+
+
+# Requests that are refused
+
+
+def test_a_wrong_configuration():
+    """One case; ``test_config_refusals.py`` tests all others."""
+    Path("wrong.yaml").write_text(CONFIG.replace("  h: 0.1", "  h: -1"))
+    for dry in ([], ["--dry-run"]):
+        message = refused("run", "wrong.yaml", *dry)
+        assert message.startswith("vibroimpact: error: wrong.yaml, line 3: oscillator.h = -1 is")
+        assert message.count("\n") == 1
+
+
+@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
+def test_an_output_folder_that_does_not_exist(dry):
+    message = refused("run", "sweep.yaml", "-o", "nowhere/out.h5", *dry)
+    assert "folder nowhere" in message and "does not exist" in message
+
+
+@pytest.mark.parametrize("threads", [0, -1, 100_000])
+def test_threads_that_numba_does_not_have(threads):
+    message = refused("run", "sweep.yaml", "--threads", threads)
+    assert f"--threads {threads} " in message and "an integer from 1 to " in message
+
+
+def test_a_text_is_no_file_of_a_sweep():
+    Path("text.h5").write_text("hello")
+    assert "text.h5 is no file of a sweep" in refused("run", "text.h5", "-o", "new.h5")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["--kind", "bifurcatoin"], ["bifurcatoin", "did you mean bifurcation"]),
+        (["--below", "lyapunov"], ["has no lyapunov", "record.diagnostics: [period, lyapunov]"]),
+        (["--at", "omega=2", "--at", "omega=3"], ["--at omega=3 ", "omega was given before"]),
+        (["--coordinate", "impulse"], ["poincare_x", "; impulse can be drawn in a panel"]),
+        (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),
+        (["--at", "omega=x"], ["--at omega=x ", "NAME=VALUE"]),
+        (["-o", "small.h5"], ["small.h5", "replace the data"]),
+    ],
+)
+def test_a_picture_that_cannot_be_drawn(small_file, arguments, parts):
+    message = refused("plot", "small.h5", *arguments)
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.slow
+def test_a_cut_off_the_grid_is_told(small_file):
+    result = call("plot", "small.h5", "--at", "clearance=0.06")
+    assert (result.exit_code, result.stdout) == (0, "small-clearance-0.06.png\n")
+    assert result.stderr == "clearance = 0.06 is not on the grid; drawn at clearance = 0.1\n"
+    near = call("plot", "small.h5", "--at", "clearance=0.09999996")
+    assert near.stderr == "clearance = 0.09999996 is not on the grid; drawn at clearance = 0.1\n"
+    beyond = refused("plot", "small.h5", "--at", "clearance=0.10000004")
+    assert "clearance = 0.10000004 is outside the sweep: 0 to 0.1\n" in beyond
+    rounded = call("plot", "small.h5", "--at", "clearance=0.1000000000001")
+    assert (rounded.exit_code, rounded.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
+def test_more_than_the_disk_holds(monkeypatch, dry):
+    usage = types.SimpleNamespace(free=1000)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
+    message = refused("run", "sweep.yaml", *dry)
+    assert re.search(r"the sweep takes about \d+\.?\d* kB .* has only 1 kB left", message)
+
+
+@pytest.mark.parametrize(
+    ("request_", "told"),
+    [
+        ("run", "missing argument 'CONFIG...'; vibroimpact run --help"),
+        ("run sweep.yaml --set", "option '--set' requires an argument; vibroimpact run --help"),
+        ("run sweep.yaml --quite", "no option --quite (did you mean --quiet?); vibroimpact run"),
+        ("run a --threads x", "--threads x is not allowed; expected: an integer from 1 to"),
+        ("plot a.h5 --dpi abc", "--dpi abc is not allowed; expected: an integer >= 1"),
+        ("plot a.h5 --dpi 0", "--dpi 0 is not allowed; expected: an integer >= 1"),
+        ("plot a.h5 --dpi 1_0", "--dpi 1_0 is not allowed"),
+        ("plot a.h5 --exact --most 1.5", "--most 1.5 is not allowed; expected: an integer >= 1"),
+        (
+            "explore --port 65536",
+            "--port 65536 is not allowed; expected: an integer from 0 to 65535",
+        ),
+        ("export a.h5", "missing option '-o' / '--output'; vibroimpact export --help"),
+        ("init a b", "(b); vibroimpact init --help shows what is allowed"),
+        ("fly", "there is no command fly; expected: init, run, "),
+        ("bench speeed", "no command speeed (did you mean speed?); expected: accuracy-speed, "),
+        ("bench speed --quik", "(did you mean --quick?); vibroimpact bench speed --help shows"),
+        ("--foo run", "there is no option --foo; vibroimpact --help shows what is allowed"),
+    ],
+)
+def test_bad_arguments(request_, told):
+    message = refused(*request_.split())
+    assert told in message and message.count("\n") == 1
+
+
+@pytest.mark.parametrize("group", [[], ["bench"]])
+def test_without_a_command_the_list_of_all_is_shown_whole(group):
+    result = call(*group)
+    assert (result.exit_code, result.stderr) == (2, accepted(*group, "--help"))
+    commands = result.stderr.partition("Commands:\n")[2]
+    assert commands.count("\n") >= 4 and "..." not in commands
+
+
+# Commands that are interrupted or fail: exit code 1
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (KeyboardInterrupt(), "interrupted; nothing is kept"),
+        (OSError(28, "No space left on device"), "No space left on device; nothing is kept"),
+        (MemoryError(), "MemoryError; nothing is kept"),
+    ],
+)
+def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
+    def run_sweep(*_, **__):
+        raise error
+
+    monkeypatch.setitem(
+        sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
+    )
+    result = call("run", "sweep.yaml")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("vibroimpact: error: ") and text in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_the_name_of_a_file_is_shown_as_it_is():
+    for name in ("an output.h5", "overwrite=True.h5", "coordinate='x'.h5"):
+        assert f"error: {name} does not exist" in refused("info", name)
+
+
+def test_an_interrupted_run_says_what_is_kept(stop_after):
+    for option, done in (("--overwrite", 2), ("--resume", 4)):
+        with stop_after(1, size=2):
+            result = call("run", option, "sweep.yaml", "--quiet", "--set", "name=a b")
+        assert result.exit_code == 1
+        assert f"interrupted; {done} of 10 points kept in a b.h5.parts; " in result.stderr
+        command = "vibroimpact run sweep.yaml --quiet --set 'name=a b' --resume"
+        assert result.stderr.endswith(f"; to go on: {command}\n")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["bench", "accuracy-speed"],
+        ["info", "small.h5"],
+        ["plot", "small.h5"],
+        ["run", "sweep.yaml"],
+        ["schema"],
+        ["zoom", "small.h5", "omega=2:3"],
+    ],
+)
+def test_an_interrupted_command_exits_with_1(small_file, monkeypatch, command):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
+    monkeypatch.setattr("sweeps.engine.configurations.read_config", interrupt)
+    monkeypatch.setattr("sweeps.config.json_schema.json_schema", interrupt)
+    monkeypatch.setattr("sweeps.bench.accuracy_speed.measure", interrupt)
+    result = call(*command)
+    assert result.exit_code == 1
+    assert result.stderr == "vibroimpact: error: interrupted\n"
+
+
+@pytest.mark.slow
+def test_a_signal_ends_the_wait_for_a_configuration_in_a_pipe():
+    os.mkfifo("pipe.yaml")
+    command = [sys.executable, "-m", "sweeps.cli", "run", "pipe.yaml"]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
+        try:
+            writer = os.open("pipe.yaml", os.O_WRONLY)  # waits until the command opens it
+            time.sleep(0.5)  # a signal just before the system call `read` does not end it
+            run.send_signal(signal.SIGTERM)
+            _, stderr = run.communicate(timeout=300)
+        finally:
+            run.kill()
+    os.close(writer)
+    assert (run.returncode, stderr) == (1, "vibroimpact: error: interrupted\n")
+
+
+@pytest.fixture
+def listening(monkeypatch):
+    """The state that the process of a command has from its start."""
+    monkeypatch.setattr(interrupts, "_came", False)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    interrupts.listen()
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd, listening, number):
+    class Callback:  # exceptions in it are swallowed, as in LLVM's
+        def __del__(self):
+            os.kill(os.getpid(), number)
+            time.sleep(0.1)
+
+    written = []
+
+    def write(self, block, results):
+        written.append(block)
+        Callback()
+
+    monkeypatch.setattr(SweepWriter, "write", write)
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 2)
+    result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("vibroimpact: error: interrupted; 0 of 10 points kept")
+    assert len(written) == 1
+    assert capfd.readouterr().err == ""

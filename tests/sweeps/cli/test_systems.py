@@ -1,0 +1,86 @@
+"""The command line on systems that are not POSIX, simulated: see ``without_posix.py``."""
+
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+from sweeps import load_config, run_sweep
+from tests.helpers.interruptions import KINDS, SWEEP, hear, share_written
+from tests.helpers.places import ROOT
+from tests.helpers.sweep_files import data
+
+SCRIPT = ROOT / "tests/helpers/without_posix.py"
+SETTINGS = [word for setting in KINDS[1] for word in ("--set", setting)]
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="asks Linux what is open"),
+]
+
+
+@contextmanager
+def process(*words):
+    """Start commands, and kill the remaining ones at the end."""
+    command = [sys.executable, str(SCRIPT), *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=hear) as started:
+        try:
+            yield started
+        finally:
+            started.kill()
+
+
+@pytest.fixture
+def sweep(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.yaml").write_text(SWEEP)
+
+
+def test_a_run_that_is_killed_goes_on_and_every_command_works(sweep):
+    run = ("run", "sweep.yaml", "--quiet", *SETTINGS, "--threads", "1")
+    with process(*run, "--set", "record.transient=2000") as killed:
+        while not share_written(Path("sweep.h5")) and killed.poll() is None:
+            time.sleep(0.02)
+        killed.kill()
+    assert Path("sweep.h5.parts").exists(), "the run ended before it was killed"
+    few = ("--set", "oscillator.omega.num=50", "-o", "few.h5")
+    commands = [
+        [*run, "--set", "record.transient=2000", "--resume"],
+        ["run", "sweep.yaml", "--quiet", *few],
+        ["run", "sweep.yaml", "--quiet", *few, "--overwrite"],
+        ["plot", "sweep.h5"],
+        ["info", "sweep.h5"],
+        ["zoom", "few.h5", "omega=2.5:2.6", "-o", "zoom.h5"],
+        ["export", "sweep.h5", "-o", "sweep.csv"],
+        ["export", "sweep.h5", "-o", "sweep.csv"],
+    ]
+    words = [word for command in commands for word in ("--", *command)][1:]
+    with process(*words) as done:
+        done.communicate()
+        assert done.returncode == 0
+    assert Path("sweep.png").stat().st_size and Path("zoom.png").stat().st_size
+    config = load_config("sweep.yaml", [*KINDS[1], "record.transient=2000"])
+    xr.testing.assert_identical(data(Path("sweep.h5")), data(run_sweep(config, "whole.h5")))
+
+
+@pytest.mark.cluster
+def test_a_cluster_of_this_machine_works(sweep):
+    with process("run", "sweep.yaml", "--quiet", "--dask", "local:1") as done:
+        done.communicate()
+        assert done.returncode == 0
+    whole = run_sweep(load_config("sweep.yaml"), "whole.h5")
+    xr.testing.assert_identical(data(Path("sweep.h5")), data(whole))
+
+
+def test_the_live_picture_starts_and_ends(sweep):
+    with process("explore", "sweep.yaml", "--no-browser") as page:
+        with urllib.request.urlopen(page.stdout.readline().strip()) as answer:
+            assert answer.status == 200
+        page.send_signal(signal.SIGINT)
+        assert page.wait() == 0

@@ -1,0 +1,380 @@
+"""Sweeps over a table: the same bits as a grid, bad tables, pictures, attractors, indices."""
+
+import itertools
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+import yaml
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+
+from sweeps import attractors, load_config, open_sweep, plotting, run_sweep
+from sweeps.analysis.attractor_table import rows
+from sweeps.errors import ConfigError, Refused, StoreError
+from tests.helpers.commands import accepted, refused
+from tests.helpers.configurations import load
+
+FIXED = "oscillator: {h: 0.05, f: 1.0}"
+RECORD = "record: {transient: 30, periods: 8, impacts: 5, diagnostics: [period, lyapunov]}"
+CONFIG = f"points: table.csv\n{FIXED}\n{RECORD}\n"
+#: A grid, and the parameters that are the columns of its table.
+GRIDS = {
+    "plain": {"R": np.linspace(0.5, 0.9, 4), "omega": np.linspace(2.4, 3.5, 60)},
+    "scaled": {"omega": np.linspace(2.4, 3.5, 20), "f": np.array([0.3, 1.0, 7.0])},
+}
+
+
+def shuffled(axes):
+    """Return the points of a grid in another order, and their positions in the grid."""
+    columns = np.array(list(itertools.product(*axes.values()))).T
+    order = np.random.default_rng(1).permutation(columns.shape[1])
+    return dict(zip(axes, columns[:, order], strict=True)), order
+
+
+def write_csv(columns, path="table.csv"):
+    lines = [",".join(columns)]
+    lines += [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+# The same numbers as a grid
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GRIDS)
+def test_a_table_of_a_grid_has_its_bits_in_any_order(name):
+    axes = GRIDS[name]
+    given = {"h": 0.05, "R": 0.8, "f": 1.0}
+    record = yaml.safe_load(RECORD)
+    others = {key: value for key, value in given.items() if key not in axes}
+    run_sweep({"oscillator": {**others, **axes}, **record}, "grid.h5")
+    columns, order = shuffled(axes)
+    write_csv({**columns, "label": [f"part {i}" for i in order], "serial": order})
+    config = load({"points": "table.csv", "oscillator": others, **record})
+    run_sweep(config, "table.h5")
+    with open_sweep("grid.h5") as grid, open_sweep("table.h5") as table:
+        assert table["status"].dims == ("point",)
+        assert_array_equal(table["point"], np.arange(len(order)) + 1)
+        assert_array_equal(table["serial"], order)
+        assert list(table["label"].values) == [f"part {i}" for i in order]
+        for axis, values in columns.items():
+            assert_array_equal(table[axis], values)
+        for variable in grid.data_vars:
+            flat = grid[variable].values.reshape(len(order), -1)
+            assert_array_equal(table[variable].values.reshape(len(order), -1), flat[order])
+        attributes = grid["omega"].attrs
+        assert table["omega"].attrs.items() >= {"units": attributes["units"]}.items()
+    plain = xr.open_dataset("table.h5", engine="h5netcdf")  # as in another program
+    assert {*columns, "label", "serial"} <= {*plain.coords}
+    plain.close()
+
+
+@pytest.mark.slow
+def test_a_table_goes_on_where_it_was_stopped(stop_after):
+    """To the same bits; not with another table, or with the same table in another order."""
+    columns, _ = shuffled(GRIDS["plain"])
+    write_csv(columns)
+    run_sweep("sweep.yaml", "whole.h5")
+    with stop_after(3, size=20), pytest.raises(KeyboardInterrupt):
+        run_sweep("sweep.yaml", "out.h5")
+    with open_sweep("out.h5") as part:  # read from its blocks
+        assert 0 < (part["status"] == -1).sum() < len(part["status"])
+        assert_array_equal(part["omega"], columns["omega"])
+    for other in (
+        {name: values[::-1] for name, values in columns.items()},
+        {**columns, "n": columns["R"]},
+    ):
+        write_csv(other)
+        with pytest.raises(StoreError, match="other values or another order"):
+            run_sweep("sweep.yaml", "out.h5", resume=True)
+    write_csv(columns)
+    run_sweep("sweep.yaml", "out.h5", resume=True)
+    with open_sweep("out.h5") as out, open_sweep("whole.h5") as whole:
+        xr.testing.assert_equal(out.load(), whole.load())
+
+
+@pytest.mark.slow
+def test_every_form_of_a_table_is_the_same_sweep():
+    """A file, columns of YAML, arrays, a DataFrame, a structured array; and the file of a sweep."""
+    columns = {"omega": [2.5, 0.1 + 0.2, 3.0], "R": [0.5, 1.0, 0.0], "label": ["a", "", "007"]}
+    write_csv(columns)
+    frame = pd.DataFrame(columns)
+    table = load_config("sweep.yaml").points
+    forms = [columns, frame, table, {name: np.array(values) for name, values in columns.items()}]
+    for form in forms:
+        given = load_config({"points": form, **yaml.safe_load(f"{FIXED}\n{RECORD}")})
+        assert_array_equal(given.points, table)
+    accepted("run", "sweep.yaml", "-o", "out.h5", "--quiet")
+    Path("again.yaml").write_text(accepted("info", "out.h5", "--config"))
+    Path("table.csv").unlink()  # the sweep file includes the table
+    for source in ("again.yaml", "out.h5"):
+        accepted("run", source, "-o", f"{source}.h5", "--quiet")
+        with open_sweep("out.h5") as out, open_sweep(f"{source}.h5") as again:
+            xr.testing.assert_equal(out.load(), again.load())
+    accepted("run", "out.h5", "--resume", "--quiet")
+    accepted("export", "out.h5", "-o", "rows.csv")
+    exported = pd.read_csv("rows.csv", keep_default_na=False, dtype={"label": str})
+    assert_array_equal(exported["omega"], columns["omega"])
+    assert list(exported["label"]) == columns["label"] and list(exported["point"]) == [1, 2, 3]
+
+
+# Bad tables
+
+
+def refused_table(text):
+    Path("table.csv").write_bytes(text.encode())
+    with pytest.raises(ConfigError) as error:
+        load_config("sweep.yaml")
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("R,omega\n0.5,2\nabc,2\n", "table.csv: row 2, column R = abc is not allowed; expected"),
+        ("R,omega\n0.5,nan\n", "row 1, column omega = nan is not allowed; expected: a finite"),
+        ("R,omega\n0.5,2\n1.5,2\n", "row 2, column R = 1.5 is not allowed; expected: a number"),
+        ("R,omega\n0.5,2\n,\n", "row 2, column R = (nothing) is not allowed"),
+        ("R,omega\n1_0,2\n", "row 1, column R = 1_0 is not allowed"),
+        ("R,omega\nTrue,2\n", "row 1, column R = True is not allowed"),
+        ('R,omega\n"0,5",2\n', "R = 0,5 is not allowed; expected: a number from 0 to 1, with a de"),
+        ("R,omega\n0,5,2\n", "row 1 has 3 cells, and the header 2"),
+        ("R,omega,label\n0.5,2,a\n0.5,2\n", "row 2 has 2 cells, and the header 3"),
+        ("", "the table is empty; expected: a header with one of h, R"),
+        ("R;omega\n0,5;2\n", "no column of R;omega is a parameter; expected: a header"),
+        ("R,omga\n0.5,2\n", "unknown column omga (did you mean omega?)"),
+        ("R,omega,H\n0.5,2,1\n", "unknown column H (did you mean h?)"),
+        ("R,omega,a/b\n0.5,2,1\n", "unknown column a/b; expected"),
+        ("R,omega,\n0.5,2,1\n", "column 3 has no name; expected"),
+        ("R,R\n0.5,2\n", "column R is given twice; expected: once"),
+        ("R,note\n0.5,a\n0.5,b\0c\n", r"row 2, column note = b\x00c is not allowed"),
+        ("R,omega\n", "the table has no row"),
+        ("R\n0.5\n", "oscillator.omega is missing; expected"),
+        ("R,omega,h\n0.5,2,1\n", "oscillator.h: conflicts with points; expected: one number here"),
+        ("R,omega,x0,clearance\n0.5,2,1,1\n0.5,2,2,1\n", "row 2 of points: x0 = 2 lies beyond"),
+    ],
+)  # fmt: skip
+def test_a_bad_table_is_refused_by_row_and_column(text, part):
+    assert part in refused_table(text)
+
+
+def test_the_bytes_of_a_table_are_those_that_programs_write():
+    """A BOM, Windows' line ends, empty lines, quotes, spaces and long serial numbers are read."""
+    text = '\ufeffomega , R,serial\r\n2.5 ,"0.8",99999999999999999999\r\n\r\n1e-3,1,7\r\n\r\n'
+    Path("table.csv").write_bytes(text.encode())
+    table = load_config("sweep.yaml").points
+    assert table.tolist() == [(2.5, 0.8, "99999999999999999999"), (1e-3, 1.0, "7")]
+    Path("table.csv").write_bytes(b"R,omega\n\xff,1\n")
+    with pytest.raises(ConfigError, match="'utf-8' codec can't decode"):
+        load_config("sweep.yaml")
+    for header in ("R," + "x" * 131_073 + ",omega\n0.5,1,2\n", "R" * 200_000):
+        Path("table.csv").write_text(header)
+        with pytest.raises(ConfigError, match=r"table\.csv: the header is longer than 100,000"):
+            load_config("sweep.yaml")
+    Path("table.csv").unlink()
+    with pytest.raises(ConfigError, match=r"line 1: points: .*cannot be read \(No such file"):
+        load_config("sweep.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        (
+            pd.DataFrame({"omega": [2.5], "R": [0.8]}).to_csv(),
+            "column 1 has no name; .*index=False",
+        ),
+        ("omega,R,\n2.5,0.8,\n", "column 3 has no name; .*no comma at the end of a line"),
+        ("omega,R\n2.5,0.8,\n", "row 1 has 3 cells, and the header 2; .*no comma at the end"),
+        ("omega,R\n2,5,0.8\n", "row 1 has 3 cells, and the header 2; .*a decimal point"),
+        ("omega;R\n2,5;0.8\n", "and commas between the columns"),
+        ('omega,R\n"2,5",0.8\n', "omega = 2,5 is not allowed; .*with a decimal point"),
+    ],
+)
+def test_what_spreadsheets_and_pandas_write_otherwise_is_explained(text, part):
+    Path("table.csv").write_text(text)
+    with pytest.raises(ConfigError, match=part):
+        load_config("sweep.yaml")
+
+
+@pytest.mark.parametrize("place", ["there", "override"])
+def test_the_file_of_a_table_lies_beside_the_configuration_or_where_the_command_is(place):
+    Path(place).mkdir()
+    write_csv({"R": [0.5], "omega": [2.0]}, f"{place}/table.csv")
+    write_csv({"R": [0.5, 0.6], "omega": [2.0, 2.0]}, "other.csv")
+    Path(f"{place}/sweep.yaml").write_text(CONFIG)
+    assert load_config(f"{place}/sweep.yaml").size == 1
+    assert load_config(f"{place}/sweep.yaml", ["points=other.csv"]).size == 2
+
+
+@pytest.mark.parametrize(
+    ("points", "part"),
+    [
+        ({"R": [0.5, 0.6], "omega": [2.0]}, "must be lists of equal length"),
+        ({"R": 0.5}, "must be lists of equal length"),
+        ({"R": {"start": 0.1, "stop": 1.0, "num": 3}}, "must be lists of equal length"),
+        ([0.5, 0.6], "no table; expected: a CSV file, or a mapping of columns"),
+        ({"R": [[0.5, 0.6], [0.7]]}, "must be lists of equal length"),
+        ({"R": ["0.5", None]}, "row 2, column R = None is not allowed"),
+        ({"R": [0.5, 10**400]}, "row 2, column R = 1000"),
+        ({"R": [b"0.5"]}, "row 1, column R = b'0.5' is not allowed; expected: a number from 0"),
+        ({"R": np.array([1], "m8[s]")}, "row 1, column R = 1 seconds is not allowed"),
+        ({"R": np.ma.array([0.5, 0.6], mask=[0, 1])}, "row 2, column R is masked; expected: a val"),
+        ({"R": [0.5], 7: [1], "7": [2]}, "column 7 is given twice"),
+        (pd.DataFrame([[0.5, 0.6]], columns=["R", "R"]), "column R is given twice; expected: once"),
+    ],
+)  # fmt: skip
+def test_columns_that_are_no_table_are_refused(points, part):
+    with pytest.raises(ConfigError, match=part):
+        load_config({"points": points, "oscillator": {"h": 0.1, "f": 1.0, "omega": 2.0}})
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        np.array([1], "m8[s]"), np.array([1], "M8[s]"), [b"a"], [{"a": 1}], ["a\0"], ["a\0b"],
+        ["\ud800"], [None], [True], [1j], np.array([True], object), np.array([np.nan], object),
+        np.array([np.timedelta64(1, "s")], object),
+    ],
+)  # fmt: skip
+def test_a_further_column_holds_numbers_and_texts(cells):
+    """Nothing else becomes a text or a number without a word."""
+    points = {"omega": [2.0], "note": cells}
+    with pytest.raises(ConfigError, match=r"row 1, column note = .* a number, or a Unicode"):
+        load_config({"points": points, "oscillator": {"h": 0.1, "R": 0.8, "f": 1.0}})
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "fifo", "."])
+def test_only_a_regular_file_is_a_table(name):
+    """A device never ends, and a FIFO waits for its writer."""
+    if name == "fifo":
+        os.mkfifo(name)
+    with pytest.raises(ConfigError, match="is not a regular file; expected: a CSV file"):
+        load_config("sweep.yaml", [f"points={name}"])
+
+
+@pytest.mark.parametrize(
+    ("override", "part"),
+    [
+        ("follow.axis=omega", "follow: needs an axis, but points has none"),
+        ("oscillator.h=[0.1, 0.2]", "oscillator.h: conflicts with points"),
+        ("oscillator.R=0.5", "oscillator.R: conflicts with points"),
+    ],
+)
+def test_what_needs_an_axis_is_refused(override, part):
+    write_csv({"R": [0.5], "omega": [2.0]})
+    with pytest.raises(ConfigError, match=part):
+        load_config("sweep.yaml", [override])
+
+
+def test_a_column_with_the_name_of_a_result_is_refused():
+    write_csv({"R": [0.5], "omega": [2.0], "status": [1]})
+    said = refused("run", "sweep.yaml")
+    assert "points: the column status has the name of a result" in said
+
+
+# Pictures and attractors
+
+
+@pytest.mark.slow
+def test_commands_of_a_line_or_a_plane_refuse_a_table():
+    write_csv({"R": [0.5, 0.6], "omega": [2.0, 2.1], "note": ["a", "b"]})
+    accepted("run", "sweep.yaml", "-o", "out.h5", "--quiet")
+    table = "needs a swept axis, and the points of this file are the rows of a table"
+    for options in (["--kind", "map"], ["--kind", "bifurcation"], ["--kind", "attractors"]):
+        assert table in refused("plot", "out.h5", *options)
+    assert "basins need x0 and v0" in refused("plot", "out.h5", "--kind", "basins")
+    assert "not a table" in refused("plot", "out.h5", "--exact")
+    assert table in refused("info", "out.h5", "--bifurcations")
+    assert "no axis to zoom into" in refused("zoom", "out.h5", "omega=2:2.05")
+    assert "no rows of the table differ" in refused("attractors", "out.h5")
+    assert "there is no omga (did you mean omega?)" in refused("plot", "out.h5", "--axis", "omga")
+    assert "note is not a number for each point" in refused("plot", "out.h5", "--quantity", "note")
+    accepted("plot", "out.h5", "--at", "point=2")  # the motion of a row
+    accepted("info", "out.h5")
+
+
+@pytest.mark.slow
+def test_the_picture_of_a_table_has_a_panel_for_each_column_that_varies():
+    columns, _ = shuffled(GRIDS["plain"])
+    weight = np.arange(columns["R"].size) * 0.5
+    points = {**columns, "x0": np.zeros(weight.size), "weight": weight}
+    run_sweep({"points": points, **yaml.safe_load(f"{FIXED}\n{RECORD}")}, "out.h5")
+    with open_sweep("out.h5") as dataset:
+        figure = plotting.table_panels(dataset, quantity="impulse")
+        assert len(figure.axes) == 3  # x0 does not vary
+        for panel, name in zip(figure.axes, ("R", "omega", "weight"), strict=True):
+            (drawn,) = panel.collections
+            assert_array_equal(drawn.get_offsets()[:, 0], dataset[name])
+            assert_array_equal(drawn.get_offsets()[:, 1], dataset["impulse"])
+            assert len(np.unique(drawn.get_facecolors(), axis=0)) > 2  # classes
+        (panel,) = plotting.table_panels(dataset, axes=["impulse"], quantity="lyapunov").axes
+        assert_array_equal(panel.collections[0].get_offsets()[:, 0], dataset["impulse"])
+        with pytest.raises(Refused, match="point cannot be fixed here"):
+            plotting.table_panels(dataset, at={"point": 3.0})
+        plotting.plot(dataset, "out.svg")
+        svg = Path("out.svg").read_text()
+        assert "transient: " in svg and "points:" not in svg  # a million rows would take minutes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("omega", [(1.3,), (1.3, 1.5)])
+def test_attractors_of_a_table_are_those_of_the_grid_of_its_starts(omega):
+    starts = {"x0": np.linspace(-1.0, 0.0, 5), "v0": np.linspace(-1.0, 1.0, 4)}
+    given = {"h": 0.0, "R": 0.8, "f": 1.0}
+    record = {"record": {"transient": 300, "periods": 60}}
+    run_sweep({"oscillator": {**given, "omega": list(omega)}, "start": starts, **record}, "grid.h5")
+    points, _ = shuffled({"omega": np.array(omega), **starts})
+    run_sweep({"points": points, "oscillator": given, **record}, "table.h5")
+    found = []
+    for name in ("grid.h5", "table.h5"):
+        with open_sweep(name) as dataset:
+            listed = rows(dataset, attractors(dataset))
+        found.append(
+            sorted(
+                (row.parameters["omega"], row.name, row.fraction, *row.speeds.round(9))
+                for row in listed
+            )
+        )
+    assert found[0] == found[1] and len(found[0]) == 1 + len(omega)
+
+
+# Sobol indices of a sweep without impacts
+
+
+def test_the_sobol_indices_of_the_free_amplitude_are_those_of_its_formula():
+    """Those of f / sqrt((p^2 - omega^2)^2 + 4 h^2 omega^2), on other samples by SciPy itself."""
+    names, n = ("h", "omega", "f"), 1024
+    dists = [stats.uniform(*ends) for ends in ((0.1, 0.1), (1.2, 0.4), (0.5, 1.0))]
+    unit = stats.qmc.Sobol(2 * len(names), seed=1).random(n)
+    a, b = (
+        np.array([d.ppf(u) for d, u in zip(dists, part, strict=True)])
+        for part in np.split(unit.T, 2)
+    )
+    swapped = [np.where(np.eye(3)[i][:, None] == 1, b, a) for i in range(3)]
+    points = dict(zip(names, np.concatenate([a, b, *swapped], axis=1), strict=True))
+    config = {
+        "points": points,
+        "oscillator": {"R": 0.8, "clearance": 100.0},
+        "record": {"transient": 200, "periods": 1, "impacts": 0, "diagnostics": []},
+    }
+    run_sweep(config, "out.h5")
+    with open_sweep("out.h5") as dataset:
+        x, v = dataset["poincare_x"].values[:, 0], dataset["poincare_v"].values[:, 0]
+    amplitude = np.hypot(x, v / points["omega"])
+
+    def formula(x):
+        h, omega, f = x
+        return f / np.sqrt((1.0 - omega**2) ** 2 + 4.0 * (h * omega) ** 2)
+
+    assert_allclose(amplitude, formula(np.array([*points.values()])), rtol=1e-9)
+    f_a, f_b, *f_ab = amplitude.reshape(-1, n)
+    func = {"f_A": f_a[None], "f_B": f_b[None], "f_AB": np.array(f_ab)[:, None]}
+    ours = stats.sobol_indices(func=func, n=n)
+    direct = stats.sobol_indices(func=formula, n=2**14, dists=dists, random_state=2)
+    assert_allclose(ours.first_order, direct.first_order, atol=0.03)
+    assert_allclose(ours.total_order, direct.total_order, atol=0.03)

@@ -1,0 +1,283 @@
+"""A sweep in which each point starts from its neighbour: chains, requests, coexistence."""
+
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.errors import ConfigError
+from tests.helpers.configurations import FOLLOWED, configured, full_block, load
+from tests.helpers.oscillators import bifurcation
+from tests.helpers.places import CONFIGS
+from tests.helpers.sweep_files import data, run_and_read
+from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
+from vibroimpact.points.following import follow
+from vibroimpact.step.recorder import trajectories
+from vibroimpact.step.scheme import scheme_of
+
+
+def by_hand(config, point, axis, values):
+    """Yield the results along one chain, each from a separate call."""
+    record, method = config.record, config.method
+    common = {
+        "integrator": method.integrator,
+        "impact": method.impact,
+        "steps_per_period": config.method.steps_per_period,
+        "transient": record.transient,
+        "periods": record.periods,
+        "phase": record.phase,
+    }
+    state = None
+    for value in values:
+        here = point.copy()
+        here[axis] = value
+        if state is not None:
+            here["x0"], here["v0"] = min(state[0], float(here["clearance"][0])), state[1]
+        at_section = state is not None
+        found = integrate(
+            here, impacts=record.impacts, lyapunov=True, at_section=at_section, **common
+        )
+        if record.trajectory:
+            before = integrate(
+                here,
+                at_section=at_section,
+                **common | {"transient": record.transient - 1, "periods": 1},
+            )
+            here["x0"], here["v0"] = before["poincare_x"][0], before["poincare_v"][0]
+            scheme = scheme_of(here, **method.arguments, phase=record.phase, at_section=True)
+            every = record.trajectory.every
+            found |= trajectories(here, scheme, record.periods, record.transient, every)
+        state = found["poincare_x"][0, -1], found["poincare_v"][0, -1]
+        yield value, found
+
+
+# Chains
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("phase", [0, 1.3])
+@pytest.mark.parametrize("axis", ["omega", "R", "clearance"])
+def test_a_chain_is_what_calls_by_hand_give(axis, phase):
+    """Bit for bit, in any order of the file; other axes and directions are independent."""
+    config = configured(f"record.phase={phase}", f"follow.axis={axis}")
+    dataset = run_and_read(config)
+    assert dataset["poincare_x"].dims == ("direction", "R", "omega", "clearance", "section")
+    others = [name for name in config.sweep.grid.axes if name != axis]
+    for way in ("up", "down"):
+        order = sorted(config.sweep.grid.axes[axis], reverse=way == "down")
+        for corner in ((0, 0), (1, 1)):
+            at = dict(zip(others, corner, strict=True))
+            chain = dataset.sel(direction=way).isel(at)
+            point = config.sweep.grid.points((slice(0, 1),) * 3)
+            for name in others:
+                point[name] = config.sweep.grid.axes[name][at[name]]
+            for value, found in by_hand(config, point, axis, order):
+                for name, expected in found.items():
+                    given = chain[name].sel({axis: value}).values
+                    if name.startswith("trajectory"):
+                        assert np.isnan(given[expected.shape[1] :]).all()
+                        given = given[: expected.shape[1]]
+                    np.testing.assert_array_equal(given, expected[0], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory):
+    """Return the data of the sweep in both directions."""
+    path = tmp_path_factory.mktemp("followed") / "sweep.yaml"
+    return run_and_read(load(FOLLOWED, path=path), path.with_name("out.h5"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["up", "down"])
+def test_one_direction_has_no_dimension_and_is_that_of_both(followed, way):
+    both = followed.sel(direction=way, drop=True)
+    one = run_and_read(configured(f"follow.direction={way}"))
+    assert "direction" not in one.coords
+    xr.testing.assert_identical(one, both.assign_attrs(one.attrs))
+
+
+@pytest.mark.slow
+def test_the_first_point_of_a_chain_starts_as_every_point(followed):
+    alone = run_and_read(configured("follow=null"))
+    for way, first in (("up", 0.6), ("down", 2.7)):
+        chain = followed.sel(direction=way, omega=first, drop=True)
+        xr.testing.assert_equal(chain, alone.sel(omega=first, drop=True))
+        later = followed["poincare_x"].sel(direction=way, omega=2.4)
+        assert (later != alone["poincare_x"].sel(omega=2.4)).any()
+
+
+@pytest.mark.slow
+def test_a_start_that_is_swept_starts_chains_of_its_own():
+    config = configured("start.x0=[-1, -0.2]", "record.trajectory=false")
+    assert run_and_read(config)["poincare_x"].sizes["x0"] == 2
+
+
+def test_a_stop_that_moves_past_the_mass_takes_it_along():
+    """At rest under a steady push (f = 0 and a stop below x = 0) the mass lies on each stop."""
+    config = configured(
+        "oscillator={h: 0.5, R: 0.3, omega: 1, f: 0, clearance: [-0.1, -0.2, -0.3]}",
+        "start.x0=-0.4",
+        "follow={axis: clearance, direction: down}",
+        "record={transient: 0, periods: 4, trajectory: {every: 1}}",
+    )
+    dataset = run_and_read(config)
+    assert dataset["impacts_per_period"].sel(clearance=-0.1) > 0  # it falls onto the first
+    for clearance in (-0.2, -0.3):
+        here = dataset.sel(clearance=clearance)
+        x, v = (here[name].dropna("sample") for name in ("trajectory_x", "trajectory_v"))
+        assert (x == clearance).all() and (v == 0.0).all()
+        assert here["rest_fraction"] == 1.0 and here["max_penetration"] == 0.0
+
+
+# Failing neighbours
+
+# Unstable at p = 12 and 15, where the state overflows.
+UNSTABLE = (
+    "oscillator={h: 0.5, R: 0.8, omega: 1, f: 1, p: [1, 1.5, 12, 1.2, 15]}",
+    "method={integrator: euler, impact: plain, steps_per_period: 40, allow_unstable: true}",
+    "record={transient: 0, periods: 500}",
+)
+
+
+@pytest.mark.slow
+def test_after_a_failure_a_chain_begins_anew():
+    config = configured(*UNSTABLE, "follow={axis: p, direction: down}")
+    followed = run_and_read(config)
+    alone = run_and_read(configured(*UNSTABLE, "follow=null"))
+    assert (followed["status"].sel(p=[15.0, 12.0]) == Status.NON_FINITE).all()
+    assert np.isfinite(followed["poincare_x"].sel(p=[1.5, 1.2, 1.0])).all()
+    xr.testing.assert_equal(followed.sel(p=[15.0, 12.0, 1.5]), alone.sel(p=[15.0, 12.0, 1.5]))
+    assert not followed.sel(p=1.2).equals(alone.sel(p=1.2))
+
+
+@pytest.mark.parametrize("status", [Status.UNRESOLVED, Status.NON_FINITE, Status.COMPUTED])
+def test_only_the_chain_that_failed_begins_anew(status):
+    """The kernel receives the state before or, after a failure or NaN, the start."""
+    config = configured("start.x0=-1", "follow.direction=up", "oscillator.clearance=0")
+    calls = []
+
+    def run(points, at_section):
+        calls.append((at_section, points[["R", "omega", "x0", "v0"]].tolist()))
+        fails = (points["R"] == 0.5) & (points["omega"] == 1.3)
+        x = np.where(fails & (status == Status.COMPUTED), math.nan, -points["omega"])
+        return {
+            "poincare_x": np.stack([x + 9.0, x], axis=1),
+            "poincare_v": np.stack([x, points["R"]], axis=1),
+            "status": np.where(fails, status, Status.COMPUTED).astype(np.int8),
+        }
+
+    counted = []
+    box = config.sweep.grid.points(full_block(config)[-2:]).reshape(config.sweep.grid.shape)
+    results = follow(box, 1, "omega", ["up"], run, counted.append)
+    assert counted == [3] * 5
+    assert calls[0] == (False, [(R, 0.6, -1.0, 0.0) for R in (0.8, 0.5, 0.6)])
+    assert calls[1] == (True, [(R, 1.3, -0.6, R) for R in (0.8, 0.5, 0.6)])
+    assert calls[2] == (True, [(R, 2.4, -1.3, R) for R in (0.8, 0.6)])
+    assert calls[3] == (False, [(0.5, 2.4, -1.0, 0.0)])
+    assert calls[4] == (True, [(R, 2.65, -2.4, R) for R in (0.8, 0.5, 0.6)])
+    found = results["poincare_v"].reshape(3, 5, 2)[:, :, 1]
+    np.testing.assert_array_equal(found, np.broadcast_to([[0.8], [0.5], [0.6]], (3, 5)))
+
+
+# Other options of a sweep
+
+
+def test_a_followed_sweep_is_not_scaled():
+    changes = ["oscillator.f=[0.5, 1]", "oscillator.clearance=0"]
+    config = configured(*changes)
+    alone = configured(*changes, "follow=null")
+    assert not config.sweep.spec.scaled and alone.sweep.spec.scaled
+    run_sweep(config, "out.h5")
+    with open_sweep("out.h5") as dataset:
+        assert "scaled_along" not in dataset.attrs
+
+
+# Refused requests
+
+
+@pytest.mark.parametrize(
+    ("follow", "message"),
+    [
+        ("{axis: omgea}", r"line 2: follow\.axis = omgea is unknown \(did you mean omega\?\)"
+         r"; expected: .* a swept parameter out of h, R, omega, f, p, clearance"),
+        ("{axis: x0}", r"line 2: follow\.axis = x0 is a start, but only the first point starts "
+         r"there; expected: .* h, R, omega, f, p, clearance"),
+        ("{axis: v0}", r"follow\.axis = v0 is a start"),
+        ("{axis: h}", r"line 2: follow\.axis: h has only one value, so that there is nothing to "
+         r"follow; expected: a swept axis out of R, omega$"),
+        ("{axis: f}", r"line 2: follow\.axis: f has only one value"),
+        ("{direction: up}", r"line 2: follow\.axis is missing; expected: axis along which"),
+        ("{axis: omega, direction: upp}", r"line 2: follow\.direction = upp is unknown "
+         r"\(did you mean up\?\); expected: .*: up, down, both"),
+        ("{axis: omega, directoin: up}", r"line 2: unknown key follow\.directoin \(did you mean "
+         r"direction\?\); expected: a mapping with keys among axis, direction"),
+        ("omega", r"line 2: follow = omega is not allowed; expected: .* a mapping with keys among "
+         r"axis, direction, or null"),
+        ("[omega]", r"line 2: follow = \[omega\] is not allowed"),
+        ("{axis: [omega]}", r"line 2: follow\.axis = \[omega\] is not allowed"),
+        ("{}", r"line 2: follow\.axis is missing"),
+    ],
+)  # fmt: skip
+def test_bad_input(tmp_path, follow, message):
+    path = tmp_path / "sweep.yaml"
+    lines = "oscillator: {h: 0.1, R: [0.8, 0.7], omega: {start: 1, stop: 2, num: 5}, f: [1]}\n"
+    path.write_text(f"{lines}follow: {follow}\n")
+    with pytest.raises(ConfigError, match=message):
+        load_config(path)
+
+
+def test_a_single_point_cannot_be_followed(tmp_path):
+    path = tmp_path / "sweep.yaml"
+    path.write_text("oscillator: {h: 0.1, R: 0.8, omega: 1, f: 1}\nfollow: {axis: omega}\n")
+    with pytest.raises(ConfigError, match="expected: an axis that is swept"):
+        load_config(path)
+
+
+# Physics
+
+
+@pytest.fixture(scope="module")
+def hysteresis(tmp_path_factory):
+    """Return the sweep of the scene."""
+    path = tmp_path_factory.mktemp("scene") / "hysteresis.h5"
+    run_sweep(load_config(CONFIGS / "hysteresis.yaml"), path)
+    return data(path)
+
+
+@pytest.mark.slow
+def test_the_scene_shows_hysteresis_between_grazes_and_folds(hysteresis):
+    """The free amplitude f / sqrt D is the clearance at a graze; folds are in closed form."""
+    osc = Oscillator(h=0.05, R=0.8, omega=1.0, f=1.0, clearance=1.5)
+    # (1 - w^2)^2 + 4 h^2 w^2 = (f / clearance)^2, quadratic in w^2.
+    middle, product = 1.0 - 2.0 * osc.h**2, 1.0 - (osc.f / osc.clearance) ** 2
+    reach = math.sqrt(middle**2 - product)
+    graze = math.sqrt(middle - reach), math.sqrt(middle + reach)
+    fold = [bifurcation(osc, "fold", "omega", *ends) for ends in ((0.5, 0.55), (1.6, 1.7))]
+    omega = hysteresis["omega"].values
+    met = hysteresis["impacts_per_period"] > 0
+    up, down = met.sel(direction="up").values, met.sel(direction="down").values
+    step = omega[1] - omega[0]
+    # Just before its graze, the step along the axis disturbs the free motion into impacts.
+    for hit, low, high in ((up, graze[0], fold[1]), (down, fold[0], graze[1])):
+        inside = omega[hit]
+        assert (np.flatnonzero(hit) == np.arange(hit.argmax(), hit.argmax() + hit.sum())).all()
+        assert inside.min() == pytest.approx(low, abs=1.5 * step)
+        assert inside.max() == pytest.approx(high, abs=1.5 * step)
+    assert [round(value, 4) for value in (*fold, *graze)] == [0.5251, 1.6504, 0.5795, 1.2861]
+    assert (up != down).sum() == pytest.approx((1.6504 - 1.2861 + 0.5795 - 0.5251) / step, abs=4)
+
+
+def test_only_the_way_up_reaches_the_closed_form_branch_beyond_the_graze(hysteresis):
+    beyond = hysteresis.sel(omega=slice(1.29, 1.64))
+    for value in beyond["omega"].values[::25]:
+        exact = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=value, f=1.0, clearance=1.5)).v
+        found = beyond["impact_v"].sel(omega=value, direction="up").dropna("impact")
+        assert len(found) == 60
+        np.testing.assert_allclose(found, exact, rtol=1e-11)
+    free = beyond["poincare_x"].sel(direction="down")
+    w = beyond["omega"].values
+    D = (1.0 - w**2) ** 2 + 4.0 * 0.05**2 * w**2
+    # x_p = Im(-f e^(i w t) / (1 - w^2 + 2 i h w)) at w t = 0, to what 200 periods of decay leave.
+    np.testing.assert_allclose(free, np.broadcast_to(2 * 0.05 * w / D, free.T.shape).T, atol=1e-9)

@@ -1,0 +1,278 @@
+"""Runs in separate processes that are killed, interrupted or started twice.
+
+The campaigns send 1,200 signals, and 300 at chosen system calls, kills among them:
+``pytest -m campaign tests/sweeps/engine/test_kill.py``.
+"""
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps import open_sweep, run_sweep
+from sweeps.config.loading import load_config
+from sweeps.store import SweepWriter
+from tests.helpers.commands import call
+from tests.helpers.interruptions import (
+    KINDS,
+    MOMENTS,
+    SWEEP,
+    Forks,
+    at_call,
+    command,
+    data,
+    environment,
+    hear,
+    prepare,
+    share_written,
+    signalled,
+)
+from vibroimpact.jit.cache import cache_folder
+from vibroimpact.jit.way import WAY
+from vibroimpact.status import Status
+
+CONFIG = SWEEP
+# Days per block: motions without any dissipation do not come back to the same bits.
+UNDAMPED = ["--set", "oscillator.h=0", "--set", "oscillator.R=1"]
+LONG = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2", *UNDAMPED]
+
+
+@pytest.fixture(scope="module")
+def forks(tmp_path_factory):
+    with Forks(tmp_path_factory.mktemp("forks")) as forks:
+        prepare(forks)
+        yield forks
+
+
+def run(*arguments, program=(sys.executable, "-m", "sweeps.cli")):
+    return subprocess.Popen(
+        [*program, "run", "sweep.yaml", *arguments],
+        env=environment(),
+        preexec_fn=hear,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def ended(process):
+    """Wait for the end of a process, and return its exit code and its message."""
+    _, stderr = process.communicate(timeout=120)
+    return process.returncode, stderr
+
+
+@pytest.mark.parametrize(
+    ("seed", "kills"),
+    [
+        pytest.param(1, 2, marks=pytest.mark.slow),
+        *(pytest.param(seed, 12, marks=pytest.mark.campaign) for seed in range(2, 12)),
+    ],
+)
+@pytest.mark.parametrize("changed", KINDS)
+def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(forks, changed, seed, kills):
+    forks.emptied()
+    out, arguments = forks.folder / "out.h5", [*command(changed), "--resume"]
+    draw, began = random.Random(seed), time.monotonic()
+    assert forks.run(*arguments) == (0, "")
+    duration = time.monotonic() - began
+    out.unlink()
+    killed = 0
+    while killed < kills:
+        pid = forks.start(*arguments)
+        time.sleep(draw.uniform(0.0, 1.2 * duration))
+        with suppress(ProcessLookupError):  # it has ended
+            os.kill(pid, signal.SIGKILL)
+        code, _ = forks.ended()
+        assert code in (0, -signal.SIGKILL)
+        killed += code != 0
+        if out.exists() or Path(f"{out}.parts/schema.h5").exists():
+            with open_sweep(out) as dataset:
+                done = dataset["status"].values != Status.PENDING
+                assert np.isfinite(dataset["poincare_x"].values[done]).all()
+        if code == 0:
+            xr.testing.assert_identical(data(out), data(forks.whole(changed)))
+            out.unlink()
+    assert forks.run(*arguments) == (0, "")
+    xr.testing.assert_identical(data(out), data(forks.whole(changed)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(forks, number):
+    pid = forks.start("run", "sweep.yaml", "-o", "long one.h5", *LONG, folder=Path.cwd())
+    deadline = time.monotonic() + 300
+    while not Path("long one.h5.parts").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    os.kill(pid, number)
+    code, stderr = forks.ended()
+    assert code == 1
+    options = " ".join(LONG)
+    assert stderr.splitlines()[-1] == (
+        "vibroimpact: error: interrupted; 0 of 2 points kept in long one.h5.parts; to go on: "
+        f"vibroimpact run sweep.yaml -o 'long one.h5' {options} --resume"
+    )
+    assert "Traceback" not in stderr
+    assert sorted(path.name for path in Path().iterdir()) == ["long one.h5.parts", "sweep.yaml"]
+    with open_sweep("long one.h5") as dataset:
+        assert (dataset["status"] == Status.PENDING).all()
+    info = call("info", "long one.h5")
+    assert "2 points, of which 2 PENDING (not computed yet)" in info.stdout
+
+
+@pytest.mark.slow
+def test_an_interrupted_run_goes_on_with_the_command_it_names(forks):
+    long = ["--set", "record.transient=50000", *UNDAMPED]
+    arguments = ["run", "sweep.yaml", *long, "--threads", "1"]
+    pid = forks.start(*arguments, folder=Path.cwd())
+    deadline = time.monotonic() + 300
+    done = 0.0
+    while not done and time.monotonic() < deadline:
+        time.sleep(0.02)
+        done = share_written(Path("sweep.h5"))
+    picture = call("plot", "sweep.h5")  # while it is being written
+    assert picture.exit_code == 0, picture.output
+    os.kill(pid, signal.SIGINT)
+    code, stderr = forks.ended()
+    assert code == 1 and "; to go on: " in stderr, stderr
+    message, resume = stderr.splitlines()[-1].split("; to go on: vibroimpact ")
+    kept = int(message.split("interrupted; ")[1].split()[0])
+    assert kept >= 1300 * done > 0.0
+    assert forks.run(*resume.split(), "--dry-run", folder=Path.cwd()) == (0, "")
+    # With less to do than that, since another transient is another sweep.
+    code, stderr = forks.run("run", "sweep.yaml", "--resume", folder=Path.cwd())
+    assert code == 2 and "record.transient was 50000 and is 100" in stderr
+
+
+# Signals at any moment
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_signal_at_any_moment_ends_a_run_with_one_line(forks, moment):
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signalled(forks, number, moment, random.Random(f"{moment} {number}"))
+
+
+#: The process of a command, which receives a signal when it imports its n-th module.
+_IMPORTING = """
+import os, sys
+
+number, last = int(sys.argv.pop(1)), int(sys.argv.pop(1))
+imports = []
+
+def note(event, arguments):
+    if event == "import" and (imports or arguments[0] == "sweeps"):
+        imports.append(arguments[0])
+        if len(imports) == 1 + last:
+            os.kill(os.getpid(), number)
+
+sys.addaudithook(note)
+from sweeps.cli.__main__ import main
+main()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("imports", "number"),
+    [(n, (signal.SIGINT, signal.SIGTERM)[i % 2]) for i, n in enumerate((1, 2, 5, 10, 30))],
+)
+def test_a_signal_while_a_command_imports_ends_it_with_one_line(imports, number):
+    program = [sys.executable, "-c", _IMPORTING, str(number.value), str(imports)]
+    process = run("--quiet", program=program)
+    assert ended(process) == (1, "vibroimpact: error: interrupted\n")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_signal_in_a_system_call_ends_a_run_with_one_line(forks, number):
+    at_call(forks, number, random.Random(number))
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", range(300))
+def test_1200_signals(forks, seed):
+    draw = random.Random(seed)
+    for moment in MOMENTS:
+        signalled(forks, draw.choice((signal.SIGINT, signal.SIGTERM)), moment, draw)
+
+
+@pytest.mark.campaign
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@pytest.mark.parametrize("seed", range(30))
+def test_300_signals_at_system_calls(forks, seed):
+    draw = random.Random(seed)
+    for _ in range(10):
+        at_call(forks, draw.choice((signal.SIGINT, signal.SIGTERM, signal.SIGKILL)), draw)
+
+
+# Interrupts during compilation, and ignored ones
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path, forks):
+    """It ends before numba's next pass over a function: the kernel is never complete."""
+    cache = tmp_path / "compiled"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
+    process = run("-o", "out.h5", "--quiet")
+    deadline = time.monotonic() + 300
+    while not Path("out.h5.lock").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    time.sleep(1.0)  # compilation takes ten
+    process.send_signal(signal.SIGTERM)
+    assert ended(process) == (1, "vibroimpact: error: interrupted; nothing is kept\n")
+    kernel = "take_exact-*"
+    assert list(cache_folder(WAY.name).glob(kernel))  # stored by other runs
+    assert not list(cache.rglob(kernel))
+    assert {path.name for path in Path().iterdir()} <= {"compiled", "sweep.yaml"}
+
+
+@pytest.mark.slow
+def test_an_ignored_interrupt_stays_ignored():
+    """As in a background run of a shell, where Ctrl-C is meant for the foreground."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", "--quiet"],
+        env=environment(),
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+    )
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.05)
+    assert process.returncode == 0
+
+
+# The standard output, and the end
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "sweep.yaml", "--dry-run"]])
+def test_a_full_standard_output_is_one_line(forks, arguments):
+    forks.start(*arguments, stdout="/dev/full")
+    expected = "vibroimpact: error: the standard output cannot be written: No space left on device"
+    assert forks.ended() == (1, expected + "\n")
+
+
+def test_a_run_that_is_complete_is_not_interrupted_any_more(monkeypatch):
+    """A signal after the last block does not affect a command, but reaches a Python caller."""
+    complete = SweepWriter.finish
+
+    def finish(self, *arguments, **options):
+        complete(self, *arguments, **options)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(SweepWriter, "finish", finish)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(load_config("sweep.yaml"), "out.h5")
+    with open_sweep("out.h5") as dataset:
+        assert (dataset["status"] != Status.PENDING).all()

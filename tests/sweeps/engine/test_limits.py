@@ -1,0 +1,211 @@
+"""Memory, disk and time of a sweep are printed or refused before its first step."""
+
+import time
+from functools import partial
+from itertools import count
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from sweeps.engine import estimate as limits
+from sweeps.engine.compute import compute, compute_block
+from sweeps.engine.estimate import block_size, expected_cost, trial
+from sweeps.engine.executors import LocalComputer, LocalExecutor, completed
+from sweeps.engine.memory import available_memory
+from sweeps.engine.run import _schema, run_sweep
+from sweeps.errors import StoreError
+from sweeps.grid import block_points
+from sweeps.store import sweep_writer
+from tests.helpers.commands import call
+from tests.helpers.configurations import load
+from vibroimpact.kernel.run import lanes_per_thread
+from vibroimpact.kernel.workspace import LANES
+
+CONFIG = """\
+oscillator: {h: 0.1, R: 0.8, omega: {start: 2.0, stop: 3.0, num: 2000}, f: 1.0}
+record: {transient: 100, periods: 100}
+"""
+
+
+@pytest.fixture(autouse=True)
+def usual_trials(monkeypatch):
+    monkeypatch.setattr(limits, "_TRIAL", 0.1)
+
+
+def cost_of(sweep, threads=None):
+    return expected_cost(sweep, Path("out.h5"), LocalComputer(threads), resume=False)
+
+
+def with_memory(monkeypatch, size):
+    monkeypatch.setattr(limits, "available_memory", lambda: size)
+
+
+@pytest.mark.slow
+def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
+    sweep = load(CONFIG, "record.periods=1e5", "record.impacts=0").sweep
+    sizes = []
+    for memory in (10**11, 10**9, 10**8, 10**7):
+        with_memory(monkeypatch, memory)
+        sizes.append(block_size(sweep))
+        assert cost_of(sweep).memory <= memory
+    assert sizes[0] == 2 * LANES
+    assert sizes == sorted(sizes, reverse=True) and sizes[-1] < 4
+
+
+def test_a_block_has_points_for_every_thread(monkeypatch):
+    """Also where the blocks are short because their points take long."""
+    with_memory(monkeypatch, 10**11)
+    sweep = load(CONFIG, "record.transient=1e6").sweep
+    for threads in (1, 2, 8, 16):
+        size = block_size(sweep, **LocalComputer(threads).block_limits(1.0, sweep.grid.size))
+        lanes = lanes_per_thread(size, threads)
+        assert size / lanes >= threads
+
+
+def test_a_point_that_does_not_fit_is_refused(monkeypatch, folder):
+    with_memory(monkeypatch, 10**7)
+    for options in (["--dry-run"], []):
+        # Few points, which fit on every disk.
+        few = ["--set", "oscillator.omega.num=3"]
+        changed = ["--set", "record.periods=1e6", *few, *options]
+        result = call("run", "sweep.yaml", *changed)
+        assert result.exit_code == 2
+        assert "one point takes about 80 MB of memory, and only 10 MB" in result.stderr
+        assert "record fewer periods, impacts or samples" in result.stderr
+    assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
+
+
+GROUPS = {
+    "v2": {
+        "self": "0::/a/b\n",
+        "memory.max": "max\n",
+        "a/memory.max": "1000\n",
+        "a/memory.current": "900\n",
+        "a/memory.stat": "anon 600\ninactive_file 100\nactive_file 50\n",
+        "a/b/memory.max": "max\n",
+        "a/b/memory.current": "700\n",
+    },
+    "v1": {
+        "self": "5:cpu,memory:/outside/of/the/container\n1:name=systemd:/\n0::/\n",
+        "memory/memory.limit_in_bytes": "1000\n",
+        "memory/memory.usage_in_bytes": "900\n",
+        "memory/memory.stat": "total_inactive_file 100\ntotal_active_file 50\n",
+    },
+    "no limit": {
+        "self": "4:memory:/\n0::/\n",
+        "memory/memory.limit_in_bytes": f"{2**63 - 4096}\n",
+        "memory/memory.usage_in_bytes": "900\n",
+    },
+    "no groups": {},
+}
+
+
+@pytest.mark.parametrize("which", GROUPS)
+def test_memory_is_that_of_the_container(which, tmp_path):
+    """What a group holds of files does not count: writing a sweep fills it."""
+    for name, text in GROUPS[which].items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    found = available_memory(tmp_path / "self", tmp_path)
+    assert found == 250 if which in ("v1", "v2") else found > 10**6
+
+
+FOLLOWED = ["follow={axis: omega, direction: both}", "oscillator.omega.num=50"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("changes", "threads"), [([], None), ([], 16), (FOLLOWED, None)])
+def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_file(
+    changes, threads
+):
+    config = load(CONFIG, *changes)
+    told = cost_of(config.sweep, threads)
+    with sweep_writer("blocks.h5", _schema(config, told.block)) as writer:
+        points = max(map(block_points, writer.pending())) // (2 if changes else 1)
+    assert 0.9 * told.block < points <= told.block
+    block = (slice(0, told.block),)
+    block = (slice(0, 2), *block) if changes else block
+    arrays = sum(array.nbytes for array in compute_block(config.sweep, block, None).values())
+    assert told.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
+    size = run_sweep(config, "out.h5").stat().st_size
+    assert told.file <= size <= told.file + 100_000
+
+
+@pytest.mark.parametrize("every", [1, 20])
+def test_the_size_that_is_told_counts_the_samples_at_impacts(every, monkeypatch):
+    few = ["oscillator.omega={start: 0.5, stop: 3, num: 50}", "record.impacts=0"]
+    config = load(CONFIG, f"record.trajectory={{every: {every}}}", *few)
+    told = cost_of(config.sweep)
+    size = run_sweep(config, "out.h5").stat().st_size
+    assert told.file == pytest.approx(size, rel=0.2)
+    both = 2 * told.file  # the blocks, and the file at the end
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=both - 1))
+    with pytest.raises(StoreError, match="record less"):
+        cost_of(config.sweep)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        [],
+        ["record.transient=0", "record.trajectory={every: 8}", "oscillator.omega.num=100"],
+        ["oscillator.omega.num=3", "record.periods=20000", "record.impacts=20000"],
+    ],
+)
+def test_the_expected_time_is_about_the_time(changes):
+    """Within a factor of five of the processor time of the kernel."""
+    sweep = load(CONFIG, *changes).sweep
+    trial(sweep, 1)  # compiles
+    expected, _ = trial(sweep, 1)
+    began = time.process_time()
+    for block in sweep.grid.blocks(block_size(sweep)):
+        compute(sweep.spec, sweep.grid.points(block), 1)
+    assert 0.2 < expected / (time.process_time() - began) < 5.0
+
+
+@pytest.mark.slow
+def test_an_hour_is_told_without_taking_one():
+    sweep = load(CONFIG, "record.transient=1e9", "oscillator.omega.num=1e6").sweep
+    began = time.process_time()
+    assert trial(sweep, None)[0] > 1e5 * (time.process_time() - began)
+
+
+@pytest.mark.slow
+def test_the_expected_time_is_not_that_of_other_processes(monkeypatch):
+    """A trial of one period that waits for a processor is not multiplied by a million."""
+    sweep = load(CONFIG, "record.transient=1e6", "oscillator.omega.num=60").sweep
+    alone, _ = trial(sweep, None)
+    calls = count()
+
+    def delayed(*arguments):
+        if next(calls) == 1:  # after the one that compiles
+            time.sleep(2.0 * limits._TRIAL)
+        return compute(*arguments)
+
+    monkeypatch.setattr(limits, "compute", delayed)
+    assert 0.2 < trial(sweep, None)[0] / alone < 5.0
+    assert next(calls) > 3
+
+
+def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_is_left():
+    begun, executor = [], LocalExecutor()
+
+    def compute(block):
+        begun.append(block)
+        if block == 4:
+            raise ValueError("the end")
+        return {}
+
+    with executor, pytest.raises(ValueError, match="the end"):
+        for block, future in completed(partial(executor.submit, compute), count(), lambda: 2):
+            assert future.result() == {}
+            time.sleep(0.02)
+            assert begun == list(range(block + 2))
+    assert begun == [0, 1, 2, 3, 4, 5][: len(begun)]
+
+
+def test_one_chain_of_followed_points_is_expected_to_take_a_call_for_each():
+    """Side by side the same points take a hundredth of the time."""
+    alone = load(CONFIG, "follow={axis: omega, direction: both}").sweep
+    assert trial(alone, 1)[0] > 15.0 * trial(load(CONFIG).sweep, 1)[0]

@@ -1,0 +1,169 @@
+"""A file names all that determines its numbers, and other code does not resume a run.
+
+The physics is identified by its code. Therefore the engine must pass inputs and results on without
+a change.
+"""
+
+import shutil
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+import yaml
+
+import sweeps
+import vibroimpact
+from sweeps import open_sweep, run_sweep
+from sweeps.engine import compute
+from sweeps.errors import StoreError
+from tests.helpers.configurations import load
+from vibroimpact.jit import NUMERICS, name_of
+from vibroimpact.jit.cache import numerics_of
+
+PHYSICS = Path(vibroimpact.__file__).parent
+ENGINE = Path(sweeps.__file__).parent
+RECORD = "record: {transient: 7, periods: 6, impacts: 5, diagnostics: [period, lyapunov]"
+OSCILLATOR = "oscillator: {h: 0.05, R: [0.5, 0.8], omega: [2.7, 1.3, 2.4], f: 1.0}"
+SWEEPS = {
+    "plain": f"{OSCILLATOR}\n{RECORD}}}\n",
+    "scaled": f"{OSCILLATOR.replace('1.0', '[0.3, 1.0, 7.0]')}\n{RECORD}}}\n",
+    "followed": f"{OSCILLATOR}\n{RECORD}, trajectory: {{every: 6}}}}\n"
+    "follow: {axis: omega, direction: both}\n",
+}
+
+
+# The engine passes values on
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compression", ["none", "gzip"])
+@pytest.mark.parametrize("name", SWEEPS)
+def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, name, compression):
+    """Bit for bit; the inputs are in the file, which compares them when it is resumed."""
+    calls = []
+
+    def recorded(computation, axes, fixed, *rest):
+        results = compute_box(computation, axes, fixed, *rest)
+        for array in results.values():
+            array.flags.writeable = False
+        calls.append((computation, axes, fixed, results))
+        return results
+
+    compute_box = compute.compute_box
+    monkeypatch.setattr(compute, "compute_box", recorded)
+    config = load(SWEEPS[name], f"compression={compression}")
+    run_sweep(config, "out.h5")
+    assert len(calls) >= 1
+    with open_sweep("out.h5") as dataset:
+        given = yaml.safe_load(dataset.attrs["computation"])
+        for computation, axes, fixed, results in calls:
+            expected = {**asdict(computation), **fixed}
+            assert given == {**expected, "directions": list(computation.directions)}
+            part = dataset.sel({axis: values for axis, values in axes.items()})
+            for axis, values in axes.items():
+                np.testing.assert_array_equal(part[axis].values, values)
+            assert set(results) == set(part.data_vars)
+            for variable, array in results.items():
+                stored = part[variable].values
+                stored = stored.reshape(-1, *stored.shape[part["status"].ndim :])
+                np.testing.assert_array_equal(stored[..., : array.shape[-1]] if array.ndim > 1
+                                              else stored, array)  # fmt: skip
+        points = sum(results["status"].size for *_, results in calls)
+        assert points == dataset["status"].size
+
+
+# The code
+
+
+@pytest.mark.slow
+def test_every_source_of_the_physics_is_in_its_name(tmp_path):
+    package = tmp_path / "vibroimpact"
+    shutil.copytree(PHYSICS, package)
+    code = {path.relative_to(package).as_posix(): path.read_bytes()
+            for path in sorted(package.rglob("*.py"))}  # fmt: skip
+    assert numerics_of(package) == name_of(code, numba.__version__) == NUMERICS
+    for path, source in code.items():
+        assert name_of({path: source + b"pass\n"}) != name_of({path: source})
+    first, second = [{path: code[path]} for path in (*code,)[:2]]
+    assert len({name_of(first), name_of(second), name_of(first | second)}) == 3
+
+
+SOURCE = '"""A room."""\ndef step(x):\n    """A step."""\n    T = 0.1\n    return x * T, "a step"\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("T = 0.1", "T  = 0.10  # a comment", True),
+        ("    T = 0.1", "\n\n    # moved\n    T = 0.1", True),
+        ('"""A step."""', '"""Another sentence.\n\n    On two lines."""', True),
+        ('    """A step."""\n', "", True),
+        ('"""A room."""\n', "", True),
+        ("0.1", "0.2", False),
+        ("x * T", "T * x", False),
+        ('"a step"', '"another step"', False),
+    ],
+)
+def test_only_code_is_in_its_name(old, new, same):
+    edited = SOURCE.replace(old, new)
+    assert edited != SOURCE
+    assert (name_of({"a.py": SOURCE.encode()}) == name_of({"a.py": edited.encode()})) is same
+
+
+def copy_packages(folder):
+    for package in (PHYSICS, ENGINE):
+        shutil.copytree(package, folder / package.name, ignore=shutil.ignore_patterns("*.pyc"))
+
+
+def resumed(folder, *names):
+    """Resume complete files with the code of a folder, in a separate process."""
+    script = (
+        "import sweeps, sys\n"
+        "from sweeps import load_config\n"
+        "from sweeps.engine.run import _schema\n"
+        "from sweeps.store import sweep_writer\n"
+        f"assert sweeps.__file__.startswith({str(folder)!r}), sweeps.__file__\n"
+        "for name in sys.argv[1:]:\n"
+        "    schema = _schema(load_config(f'{name}.yaml'), 128)\n"
+        "    with sweep_writer(f'{name}.h5', schema, resume=True): pass\n"
+    )
+    environment = {"PYTHONPATH": str(folder), "HOME": str(folder)}
+    command = [sys.executable, "-c", script, *names]
+    return subprocess.run(command, capture_output=True, text=True, env=environment)
+
+
+@pytest.mark.slow
+def test_the_same_code_in_another_place_goes_on_with_a_file(tmp_path):
+    copy_packages(tmp_path)
+    for name, text in SWEEPS.items():
+        run_sweep(load(text, path=f"{name}.yaml"), f"{name}.h5")
+    ended = resumed(tmp_path, *SWEEPS)
+    assert ended.returncode == 0, ended.stderr
+
+
+@pytest.mark.slow
+def test_what_is_passed_on_is_named_if_it_differs(tmp_path):
+    """Of the physics any source is in its name, see above."""
+    run_sweep(load(SWEEPS["scaled"], path="out.yaml"), "out.h5")
+    copy_packages(tmp_path)
+    path = tmp_path / "sweeps/config/sweep.py"
+    text, old = path.read_text(), "follow is None and scales"
+    assert old in text
+    path.write_text(text.replace(old, "False and scales"))
+    ended = resumed(tmp_path, "out")
+    assert ended.returncode == 1 and "cannot be resumed" in ended.stderr, ended.stderr
+    assert " and is " in ended.stderr
+
+
+def test_a_computation_that_differs_is_named():
+    """The configuration is the same, but the engine has passed other values on."""
+    config = load(SWEEPS["plain"])
+    run_sweep(config, "out.h5")
+    spec = replace(config.sweep.spec, transient=8)
+    vars(config)["sweep"] = replace(config.sweep, spec=spec)
+    with pytest.raises(StoreError, match="cannot be resumed: transient was 7 and is 8;"):
+        run_sweep(config, "out.h5", resume=True)

@@ -1,0 +1,103 @@
+"""Transients that are found: `record: {transient: auto}`."""
+
+import numpy as np
+import pytest
+
+from sweeps import open_sweep
+from sweeps.analysis.selection import config_of
+from sweeps.engine.compute import compute
+from tests.helpers.configurations import load, refusal
+from tests.helpers.sweep_files import run_in
+from vibroimpact import Oscillator, integrate, one_impact_orbit
+from vibroimpact.destination.repetition import TOLERANCE
+from vibroimpact.points.compute import compute_points
+
+CONFIG = """
+oscillator: {h: [0.01, 0.05], R: 0.8, omega: {start: 2.4, stop: 3.5, num: 40}, f: 1.0}
+record: {transient: auto, longest: 3000, periods: 20, impacts: 4, phase: 1.0}
+"""
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    with open_sweep(run_in(tmp_path_factory.mktemp("auto"), CONFIG)) as dataset:
+        yield dataset.load()
+
+
+@pytest.mark.slow
+def test_every_motion_with_a_class_is_on_its_orbit(found):
+    periodic = found["period"].values > 0
+    assert 0.3 < periodic.mean() < 1.0
+    short = periodic & (found["transient"].values < 3000)
+    assert (found["orbit_distance"].values[short] < 1e-12).all()
+    assert len(np.unique(found["transient"])) > 5
+    # A rest may show in a stage that it repeats, and not in a shorter record.
+    assert (found["transient"].values[found["period"].values == 0] == 3000).mean() > 0.9
+    assert found["transient"].max() == 3000
+
+
+def test_a_run_with_the_transient_that_was_found_has_the_same_bits(found):
+    steps = config_of(found).method.steps_per_period
+    flat = found.stack(point=("h", "omega")).isel(point=slice(0, None, 9))
+    for i in range(flat.sizes["point"]):
+        point = flat.isel(point=i)
+        transient = int(point["transient"])
+        osc = Oscillator(h=float(point["h"]), R=0.8, omega=float(point["omega"]), f=1.0)
+        options = {"steps_per_period": steps, "transient": transient, "periods": 20}
+        run = integrate(osc.at(), **options, phase=1.0, impacts=4)
+        for name in ("poincare_x", "poincare_v", "impact_phase", "impact_v"):
+            np.testing.assert_array_equal(run[name][0], point[name].values)
+
+
+def test_a_transient_of_another_rule_ends_where_the_record_repeats(tmp_path):
+    method = "method={integrator: newmark, impact: reduced-step}"
+    with open_sweep(run_in(tmp_path, CONFIG, method, "oscillator.omega.num=8")) as dataset:
+        periodic = dataset["period"].values > 0
+        assert periodic.any()
+        assert (dataset["orbit_distance"].values[periodic] <= TOLERANCE).all()
+        assert (dataset["transient"].values[periodic] < 3000).any()
+
+
+def test_blocks_and_threads_change_nothing(found):
+    config = load(CONFIG)
+    points = config.sweep.grid.points(tuple(slice(0, n) for n in config.sweep.grid.shape))
+    for threads, order in ((1, slice(None)), (2, slice(None, None, -1))):
+        results = compute(config.sweep.spec, points[order].copy(), threads)
+        for name in ("transient", "poincare_x", "impact_v", "period", "orbit_distance"):
+            expected = found[name].values.reshape(len(points), *found[name].shape[2:])
+            np.testing.assert_array_equal(results[name][order], expected)
+
+
+@pytest.mark.parametrize(
+    ("record", "said"),
+    [
+        ("{transient: 10, longest: 5}", "record.longest: is only for transient: auto"),
+        ("{transient: auto, diagnostics: []}", "auto needs the classes of motions"),
+        ("{transient: auto, trajectory: {every: 1}}", "auto cannot be used with trajectory"),
+        ("{transient: aut}", "is not an integer"),
+        ("{transient: auto, longest: 0}", "an integer from 1"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(record, said):
+    text = "oscillator: {h: 0.1, R: 0.8, omega: 2.0, f: 1.0}\n"
+    assert said in refusal(f"{text}record: {record}\n")
+
+
+def test_neighbours_have_no_transient_of_their_own():
+    text = "oscillator: {h: 0.1, R: 0.8, omega: [1.0, 2.0], f: 1.0}\nrecord: {transient: auto}\n"
+    group = "follow: {axis: omega, direction: up}"
+    said = refusal(f"{text}{group}\n")
+    assert "record.transient" in said and "follow" in said
+    assert refusal(f"{group}\n{text}") == said.replace("line 2", "line 3")
+
+
+@pytest.mark.parametrize(("start", "section"), [(0.0, 2.0), (1.0, 2.5), (2.5, 1.0), (4.0, 4.0)])
+def test_a_motion_that_starts_at_another_phase_reaches_the_section(start, section):
+    """A state of the orbit at one phase leads to its state at the other one."""
+    orbit = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=2.5, f=1.0))
+    (x, v), expected = orbit.sections(start)[0], orbit.sections(section)[0]
+    spec = load(CONFIG, f"record.phase={section}").sweep.spec.part(0, 2, 0, False)
+    options = {"start": start, "at_section": start == section}
+    found = compute_points(spec, orbit.oscillator.at(x, v), None, **options)
+    for name, value in zip("xv", expected, strict=True):
+        np.testing.assert_allclose(found[f"poincare_{name}"][0], value, atol=1e-13)

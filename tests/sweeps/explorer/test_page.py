@@ -1,0 +1,509 @@
+"""The live picture in a real browser: every gesture, and the resulting page."""
+
+import re
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from itertools import cycle
+from urllib.parse import parse_qsl, urlencode
+
+import numpy as np
+import pytest
+
+import sweeps
+from sweeps import load_config, open_sweep
+from sweeps.explorer.diagram import density, fitted, numbers, ordinates
+from sweeps.explorer.view import BASINS
+from tests.helpers.browser import Window, chromium
+from tests.helpers.commands import accepted
+from vibroimpact import Oscillator, one_impact_orbit
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def explorer(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("explore")
+    config = folder / "scene.yaml"
+    config.write_text(
+        "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 50}, f: 1.0}\n"
+        "record: {transient: 60, periods: 10, impacts: 8}\n"
+    )
+    explorer = sweeps.explore(load_config(config), folder=folder)
+    yield explorer
+    explorer.close()
+
+
+@pytest.fixture
+def window(browser, explorer):
+    window = Window(browser, explorer)
+    yield window
+    window.tab.close()
+    assert window.problems == []
+
+
+def expected(page):
+    """Return the picture of the page's view, computed independently of the page."""
+    view, rows = page.view, page.diagram.kept.pixels.shape[0]
+    config = page.diagram.configurations(view)[-1]
+    values = ordinates(config, numbers(config), view.ordinate)
+    return density(values, view.ylim or fitted(values), rows)
+
+
+def test_opens_with_the_diagram_of_the_configuration_and_asks_nothing_of_the_network(
+    browser, explorer
+):
+    window = Window(browser, explorer, size=(1280, 720))
+    page = window.page
+    assert page.view.xlim == (2.4, 3.5)
+    columns, rows = page.diagram.size
+    assert window.pixels().shape == (rows, columns)
+    assert columns > 800
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    assert {url.split("/")[2] for url in window.requests} == {explorer.address.split("/")[2]}
+    assert window.tab.get_by_text("million periods/s").is_visible()
+    window.tab.close()
+    assert window.problems == []
+
+
+def test_nothing_is_logged_while_the_address_changes(browser, explorer, caplog):
+    """In a notebook every refused request would be printed below the cell."""
+    window = Window(browser, explorer)
+    for delta in (-100.0, -100.0):
+        before = window.page.view.xlim
+        window.wheel(delta)
+        window.settle(lambda before=before: window.page.view.xlim != before)
+    window.tab.close()
+    assert [record.message for record in caplog.records if record.name == "tornado.access"] == []
+
+
+def test_wheel_pan_box_back_forward_and_reset(window):
+    page = window.page
+    home = page.view
+    window.wheel(-400.0)
+    window.settle(lambda: page.view.xlim != home.xlim)
+    zoomed = page.view
+    assert home.xlim[0] < zoomed.xlim[0] < zoomed.xlim[1] < home.xlim[1]
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+    window.drag((0.6, 0.5), (0.4, 0.5))
+    window.settle(lambda: page.view.xlim != zoomed.xlim)
+    panned = page.view
+    assert np.diff(panned.xlim) == pytest.approx(np.diff(zoomed.xlim))
+    assert panned.xlim[0] - zoomed.xlim[0] == pytest.approx(0.2 * np.diff(zoomed.xlim)[0], rel=0.05)
+
+    window.tool("box-zoom")
+    window.drag((0.25, 0.25), (0.75, 0.75))
+    window.settle(lambda: page.view.xlim != panned.xlim)
+    boxed = page.view
+    assert np.diff(boxed.xlim) == pytest.approx(0.5 * np.diff(panned.xlim), rel=0.02)
+    assert np.diff(boxed.ylim) == pytest.approx(0.5 * np.diff(panned.ylim), rel=0.02)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+    window.tool("undo")
+    window.settle(lambda: page.view.xlim == pytest.approx(panned.xlim))
+    window.tool("redo")
+    window.settle(lambda: page.view.xlim == pytest.approx(boxed.xlim))
+    window.tool("reset")
+    window.settle(lambda: page.view == home)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+
+def test_undo_and_redo_of_the_first_zoom(window):
+    page = window.page
+    home = page.view
+    window.wheel(-400.0)
+    window.settle(lambda: page.view.ylim is not None)
+    zoomed, late = page.view, page.diagram.kept
+    window.tool("undo")
+    window.settle(lambda: page.view == home)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    # A late picture of the zoom does not fit all points.
+    page.document.add_next_tick_callback(lambda: page.diagram._paint(late, 0.0))
+    window.tool("redo")
+    window.settle(lambda: page.view == zoomed)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+
+def test_a_zoom_wins_over_a_picture_that_crosses_it_on_the_way(window):
+    page = window.page
+    sending, sent = threading.Event(), threading.Event()
+
+    def paint():
+        """Send a picture that fits another window before the server has read the browser's zoom."""
+        sending.set()
+        sent.wait(300.0)
+        page.diagram._paint(replace(page.diagram.kept, window=(-9.0, 9.0)), 0.0)
+
+    page.document.add_next_tick_callback(paint)
+    assert sending.wait(300.0)
+    window.model("diagram", "{m.y_range.setv({start: -0.5, end: -0.25})}")
+    sent.set()
+    window.settle(lambda: page.view.ylim == (-0.5, -0.25))
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+
+def test_slider_field_abscissa_and_ordinate(window):
+    page = window.page
+    field = window.tab.locator("input[type=text]").nth(1)
+    for text, said in (("1.5", "allowed"), ("abc", "a number"), ("0,05", "a number")):
+        field.fill(text)
+        field.press("Enter")
+        window.settle(lambda text=text: text in page.controls.error.text)
+        refusal = f"R = {text} is not {said}; expected: a number from 0 to 1"
+        assert page.controls.error.text.startswith(refusal)
+        assert "sweep" not in page.controls.error.text
+        assert page.view.values["R"] == 0.8
+        window.settle(lambda: window.model("R", "{return m.value}") == "0.8")
+    window.settle(window.tab.get_by_text("a number from 0 to 1").is_visible)
+    window.model("R slider", "{m.value = 0.6}")
+    window.settle(lambda: page.view.values["R"] == 0.6)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    assert window.model("R", "{return m.value}") == "0.6"
+    field.fill("0.7")
+    field.press("Enter")
+    window.settle(lambda: page.view.values["R"] == 0.7)
+    selects = window.tab.locator("select")
+    selects.nth(0).select_option(label="speed before the impact")
+    window.settle(lambda: page.view.ordinate == "impact_v")
+    selects.nth(1).select_option(label="R: coefficient of restitution")
+    window.settle(lambda: page.view.axis == "R" and page.view.xlim == (0.0, 1.0))
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+
+def test_keys_move_and_zoom_the_window_and_close_the_motion(window):
+    page, key = window.page, window.tab.keyboard.press
+    home = page.view
+    window.click(0.1, 0.5)
+    window.settle(lambda: "1/1" in page.motion.text.text)
+    key("Escape")
+    window.settle(lambda: not page.view.marked)
+    window.settle(window.tab.get_by_text("close (Esc)").first.is_hidden)
+    low, high = page.diagram.kept.window
+    key("+")
+    window.settle(lambda: page.view.xlim == pytest.approx((2.675, 3.225)))
+    middle, quarter = 0.5 * (low + high), 0.25 * (high - low)
+    assert page.view.ylim == pytest.approx((middle - quarter, middle + quarter))
+    key("ArrowRight")
+    window.settle(lambda: page.view.xlim == pytest.approx((2.73, 3.28)))
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    key("Home")
+    window.settle(lambda: page.view == replace(home, values=page.view.values))
+
+
+def test_a_click_shows_the_motion_and_the_mark_can_be_dragged(window):
+    page = window.page
+    window.click(0.1, 0.5)
+    window.settle(lambda: "1/1" in page.motion.text.text)
+    value = page.view.values["omega"]
+    assert value == pytest.approx(2.51, abs=0.01)
+    osc = Oscillator(h=0.05, R=0.8, omega=value, f=1.0)
+    orbit = one_impact_orbit(osc)
+    assert f"{orbit.multipliers[0].real:.4g}" in page.motion.text.text
+    assert "stop, x = σ = 0" in page.motion.text.text
+    window.settle(lambda: window.model("motion: impacts", "{return m.data.v.length}") == 4)
+    impacts = window.model("motion: impacts", "{return [...m.data.v]}")
+    assert impacts == pytest.approx([orbit.v] * 4)
+    assert max(window.model("motion", "{return [...m.data.x]}")) <= 1e-12
+    window.drag((0.1, 0.5), (0.5, 0.5))
+    window.settle(lambda: page.view.values["omega"] == pytest.approx(2.95, abs=0.02))
+    window.settle(lambda: "chaotic" in page.motion.text.text)
+    assert page.view.xlim == (2.4, 3.5), "the figure was panned instead"
+    assert "Lyapunov exponents 0." in page.motion.text.text
+
+
+def test_exact_branches_lie_over_the_points_come_and_go(window):
+    page = window.page
+    button, seen = window.tab.get_by_text("exact branches"), "{return m.visible}"
+    button.click()
+    window.settle(lambda: window.model("flip marks", seen))
+    shown = window.model("flip", "{return [...m.data.x]}")
+    assert min(abs(np.array(shown) - 2.65888454668484)) < 1e-9
+    stable = window.model("exact orbits, stable", "{return m.data.x.map((x) => [...x])}")
+    assert min(min(x) for x in stable) == pytest.approx(2.4)
+    window.model("R slider", "{m.value = 0.6}")
+    window.settle(lambda: page.view.values["R"] == 0.6)
+    window.settle(lambda: window.model("flip", "{return Math.min(...m.data.x)}") != min(shown))
+    window.settle(lambda: window.model("flip marks", seen))
+    assert min(abs(np.array(window.model("flip", "{return [...m.data.x]}")) - 2.65888)) > 1e-4
+    for on in (False, True):
+        button.click()
+        window.settle(lambda on=on: window.model("flip marks", seen) is on)
+
+
+def test_a_diagram_of_earlier_values_is_dimmed_and_says_what_it_waits_for(window, monkeypatch):
+    """The first exact branches are not cancelled by a new view, because they compile."""
+    page, compiled = window.page, threading.Event()
+    find = page.branches._find
+    monkeypatch.setattr(page.branches, "_find", lambda *of: compiled.wait(300.0) and find(*of))
+    shown = "{return m.visible ? m.text : ''}"
+    window.tab.get_by_text("exact branches").click()
+    window.tab.get_by_text("computing: exact branches").wait_for()
+    assert window.model("diagram waits", shown) == ""  # the diagram is that of the fields
+    window.model("R slider", "{m.value = 0.6}")
+    window.tab.get_by_text("computing: exact branches, compiled at the first use").wait_for()
+    while "first use" not in window.model("diagram waits", shown):
+        window.tab.wait_for_timeout(50)
+    text = window.model("diagram waits", shown)
+    assert text.startswith("this is the previous picture;\nwaiting for exact branches,")
+    compiled.set()
+    window.settle(lambda: page.view.values["R"] == 0.6)
+    window.settle(lambda: window.model("diagram waits", shown) == "")
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+
+def test_the_address_holds_the_view(window, browser, explorer):
+    page = window.page
+    window.wheel(-300.0)
+    window.settle(lambda: page.view.ylim is not None)
+    window.model("R slider", "{m.value = 0.65}")
+    window.settle(lambda: page.view.values["R"] == 0.65)
+    here = "location.search"
+    window.settle(lambda: window.tab.evaluate(here).startswith("?" + page.view.query()))
+    seen, address, pixels = page.view, window.tab.evaluate("location.href"), window.pixels()
+    assert "R=0.65" in address
+    window.tool("reset")
+    window.settle(lambda: page.view.ylim is None)
+    again = Window(browser, explorer, address)
+    assert again.page is not page
+    again.settle(lambda: again.page.view == seen)
+    np.testing.assert_array_equal(again.pixels(), pixels)
+    again.tab.close()
+
+
+@pytest.fixture
+def small(browser, explorer):
+    """A window whose maps have few pixels."""
+    window = Window(browser, explorer, size=(560, 360))
+    yield window
+    window.tab.close()
+    assert window.problems == []
+
+
+def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(small):
+    window, page = small, small.page
+    window.tab.get_by_text("map of classes").click()
+    tiles, box = window.tiles("map"), window.box("map")
+    assert window.tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert tiles.pixels.shape == (round(box["height"]), round(box["width"]))
+    results = numbers(tiles.config)
+    shares = re.findall(r">■</span> (\d+)/(\d+) \(([\d.]+) %", page.map.legend.text)
+    assert len(shares) == 6
+    for m, q, share in shares:
+        same = (results["period"] == int(m)) & (results["period_impacts"] == int(q))
+        same &= results["rest_fraction"] == 0.0
+        assert float(share) == pytest.approx(100.0 * same.mean(), rel=5e-3)
+    window.click(0.5, 0.25, "map")
+    window.settle(lambda: page.view.tab == 0)
+    assert page.view.values["R"] == pytest.approx(0.75, abs=0.01)
+    assert page.view.axis == "omega"
+    assert page.view.marked
+    window.tab.get_by_text("map of classes").click()
+    window.tab.get_by_text("column", exact=True).click()
+    window.tiles("map")
+    window.click(0.25, 0.5, "map")
+    window.settle(lambda: page.view.tab == 0)
+    assert (page.view.axis, page.view.across) == ("R", "omega")
+    assert page.view.values["omega"] == pytest.approx(2.4 + 1.1 / 4, abs=0.01)
+    window.tab.set_viewport_size({"width": 600, "height": 700})
+    window.tab.get_by_text("map of classes").click()
+    code = "{const {el} = Bokeh.index.find_one(m); return el.clientHeight - el.scrollHeight}"
+    window.settle(lambda: window.model("map legend", code) == 0)  # all of it is visible
+
+
+def test_basins_at_the_mark_and_a_start_out_of_them(small):
+    window, page = small, small.page
+    for name, value in (("h", 0.0), ("omega", 1.3)):  # two motions coexist
+        window.model(f"{name} slider", f"{{m.value = {value}}}")
+        window.settle(lambda name=name, value=value: page.view.values[name] == value)
+    window.model("transient", "{m.value = '300'}")
+    window.settle(lambda: page.view.record["transient"] == 300)
+    window.tab.get_by_text("basins", exact=True).click()
+    window.tiles("basins")
+    orbit = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=1.3, f=1.0))
+    assert f"1/1: {orbit.v:.4g};" in page.basins.legend.text
+    assert "2/3: 0.703, 1.114, 2.254;" in page.basins.legend.text
+    radii = [
+        float(text) for text in re.findall(r"; disc (?:&gt;= )?([\d.]+)<", page.basins.legend.text)
+    ]
+    np.testing.assert_allclose(page.basins.discs.data["width"], 2.0 * np.array(radii), rtol=5e-3)
+    assert len(radii) == 2 and min(radii) > 0.1
+    window.click(0.4, 0.6, "basins")
+    window.settle(lambda: page.motion.text.text != "")
+    assert page.view.tab == BASINS
+    assert page.view.values["x0"] == pytest.approx(-1.8, abs=0.05)
+
+
+def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(browser, explorer):
+    window = Window(browser, explorer, size=(690, 400))
+    code = "{const box = Bokeh.index.find_one(m)?.el.getBoundingClientRect();"
+    code += "return box?.height > 0 && [box.top, box.bottom]}"
+
+    def is_below_the_legend():
+        text, legend = (window.model(name, code) for name in ("motion: text", "basins legend"))
+        return text and legend and legend[1] <= text[0] and text[1] < 400.0
+
+    window.click(0.2, 0.5)
+    window.tab.get_by_text("basins", exact=True).click()
+    window.settle(is_below_the_legend)
+    window.tab.close()
+    assert window.problems == []
+
+
+def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_path):
+    config = {
+        "oscillator": {
+            "h": {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"},
+            "R": 0.8,
+            "omega": 2.9,
+            "f": 1.0,
+        },
+        "record": {"transient": 60, "periods": 5},
+    }
+    explorer = sweeps.explore(load_config(config), folder=tmp_path)
+    window = Window(browser, explorer)
+    page = window.page
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    window.click(0.5, 0.5)
+    window.settle(lambda: page.motion.text.text != "")
+    assert page.view.values["h"] == pytest.approx(10**-1.5, rel=0.02)
+    window.wheel(-300.0)
+    window.settle(lambda: page.view.xlim[0] > 2e-3)
+    assert np.prod(page.view.xlim) == pytest.approx(1e-3, rel=0.05)
+    selects = window.tab.locator("select")
+    selects.nth(1).select_option(label="R: coefficient of restitution")
+    window.settle(lambda: page.view.axis == "R")
+    window.click(0.5, 0.5)
+    window.settle(lambda: page.view.values["R"] == pytest.approx(0.5, abs=0.01))
+    assert window.problems == []
+    explorer.close()
+    window.tab.get_by_text("vibroimpact explore has ended").wait_for()
+    window.tab.close()
+
+
+def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
+    page = window.page
+    window.wheel(-300.0)
+    window.settle(lambda: page.view.ylim is not None)
+    window.tab.get_by_text("save as YAML").click()
+    window.settle(lambda: "saved" in page.controls.saved.text)
+    (path,) = page.folder.glob("scene-view-*.yaml")
+    accepted("run", path, "-o", tmp_path / "again.h5", "--quiet")
+    path.unlink()
+    shown = page.diagram.kept.results
+    with open_sweep(tmp_path / "again.h5") as dataset:
+        assert dataset.sizes["section"] == page.view.record["periods"] == 10
+        assert dataset.sizes["impact"] == page.view.record["impacts"] and "period" in dataset
+        for name in ("poincare_x", "poincare_v"):  # the page has recorded on
+            np.testing.assert_array_equal(dataset[name].values, shown[name][:, :10])
+
+
+def test_thirty_gestures_in_a_burst_end_with_the_last(window):
+    page = window.page
+    shown = []
+    paint = page.diagram._paint
+    page.diagram._paint = lambda drawn, seconds: (shown.append(drawn.view), paint(drawn, seconds))
+    for i in range(30):
+        window.model("R slider", f"{{m.value = {0.5 + 0.01 * i}}}")
+    window.settle(lambda: page.view.values["R"] == pytest.approx(0.79))
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    assert shown[-1].diagram(9) == page.view.diagram(9)
+    assert len(shown) < 60, "stale pictures were computed to their end"
+
+
+def test_a_lost_connection_and_its_end_are_said(browser, tmp_path):
+    config = load_config(
+        {"oscillator": {"h": 0.05, "R": 0.8, "omega": 2.5, "f": 1.0}, "record": {"transient": 10}}
+    )
+    (tmp_path / "scene.yaml").write_text(config.to_yaml())
+    command = [sys.executable, "-m", "sweeps.cli", "explore", "--no-browser", "scene.yaml"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+    try:
+        address = process.stdout.readline().strip()
+        tab = browser.new_page()
+        tab.set_default_timeout(300_000)
+        tab.goto(address)
+        tab.get_by_text("save as YAML").wait_for()
+        notice = tab.get_by_text("vibroimpact explore has ended")
+        assert not notice.is_visible()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(300) == 0
+        notice.wait_for()
+        tab.close()
+    finally:
+        process.kill()
+        process.communicate()
+
+
+# Untrusted texts
+
+MARKUP = (
+    '<img src=x onerror="window.ran = 1">',
+    "<svg onload='window.ran = 1'>",
+    "<script>window.ran = 1</script>",
+    '"><iframe srcdoc="<script>parent.ran = 1</script>">',
+    "&lt;b&gt; <b>$$x$$",
+)
+
+
+def ask(window, query):
+    """Let the page read an address."""
+    code = "(text) => {Bokeh.documents[0].get_model_by_name('address').value = text}"
+    window.tab.evaluate(code, query)
+
+
+def shown(window, name):
+    """Return the visible text of a message, and the number of its elements."""
+    code = (
+        "{const e = Bokeh.index.find_one(m).markup_el; return [e.textContent, e.children.length]}"
+    )
+    return window.model(name, code)
+
+
+def test_markup_in_files_addresses_and_fields_is_shown_as_text(browser, tmp_path):
+    name = "<img src=x onerror='window.ran = 1'>"
+    config = {
+        "name": name,
+        "oscillator": {"h": 0.05, "R": 0.8, "omega": [2.4, 3.5], "f": 1.0},
+        "record": {"transient": 10, "periods": 5},
+    }
+    explorer = sweeps.explore(load_config(config), folder=tmp_path)
+    window = Window(browser, explorer)
+    page, controls = window.page, window.page.controls
+    assert window.tab.title() == f"{name}: vibroimpact"
+    window.tab.get_by_text("save as YAML").click()
+    window.settle(lambda: name in controls.error.text)  # no file has such a name on every system
+    window.settle(lambda: shown(window, "error") == [controls.error.text, 0])
+    assert not list(tmp_path.iterdir())
+    for (key, _), markup in zip(parse_qsl(page.view.query()), cycle(MARKUP), strict=False):
+        ask(window, urlencode({key: markup}))
+        window.settle(lambda markup=markup: markup in controls.error.text)
+        window.settle(lambda: shown(window, "error") == [controls.error.text, 0])
+    assert window.tab.evaluate("window.ran") is None
+    assert window.problems == []
+    window.tab.close()
+    explorer.close()
+
+
+def test_a_script_that_gets_into_the_page_is_not_run(window):
+    window.tab.evaluate(
+        "window.refused = []; document.addEventListener('securitypolicyviolation',"
+        " (event) => window.refused.push(event.target.nodeName))"
+    )
+    code = "(text) => document.body.append(document.createRange().createContextualFragment(text))"
+    for markup in MARKUP:
+        window.tab.evaluate(code, markup)
+    # Some versions of Chromium do not report an empty picture as loaded.
+    window.tab.evaluate("document.querySelector('body > svg').dispatchEvent(new Event('load'))")
+    # An event tells of each but the frame, which has a document of its own.
+    kinds = "['IMG', 'svg', 'SCRIPT'].every((name) => window.refused.includes(name))"
+    window.settle(lambda: window.tab.evaluate(f"window.ran || {kinds}"))
+    assert window.tab.evaluate("window.ran") is None

@@ -1,0 +1,229 @@
+"""The server of the live picture: access control and shutdown."""
+
+import html
+import http.client
+import os
+import re
+import resource
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import psutil
+import pytest
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.ioloop import IOLoop
+from tornado.websocket import websocket_connect
+
+import sweeps
+from sweeps import Refused, load_config
+from sweeps.explorer import server
+from tests.helpers.places import CONFIGS
+
+
+@pytest.fixture(scope="module")
+def explorer():
+    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    yield explorer
+    explorer.close()
+
+
+@contextmanager
+def started(*options, **variables):
+    """Start the command; yield its process and address; Ctrl-C ends it with exit code 0."""
+    command = [sys.executable, "-m", "sweeps.cli", "explore", *options]
+    streams = {"stdout": subprocess.PIPE, "stderr": Path("stderr.txt").open("w"), "text": True}
+    with subprocess.Popen(command, env={**os.environ, **variables}, **streams) as process:
+        try:
+            yield process, process.stdout.readline().strip()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(300) == 0
+        finally:
+            process.kill()
+            streams["stderr"].close()
+
+
+def within(seconds, condition):
+    """Wait until a condition holds; return whether it came to hold in time."""
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.1)
+    return condition()
+
+
+def answer(address, path, **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", urlsplit(address).port, timeout=300)
+    connection.request("GET", path, headers=headers)
+    response = connection.getresponse()
+    status, text = response.status, response.read().decode()
+    connection.close()
+    return status, text
+
+
+@pytest.mark.slow
+def test_only_the_address_with_its_secret_and_this_host_are_served(explorer):
+    parts = urlsplit(explorer.address)
+    path = f"/?{parts.query}"
+    status, text = answer(explorer.address, path)
+    assert status == 200
+    assert 0 < text.index("is opening") < text.index("<script"), "the page is white at first"
+    # No other address; the secret in the page may spell any word, but has no slash.
+    assert not re.search(r"""https?://|["']//""", text)
+    assert answer(explorer.address, "/")[0] == 403
+    for other in (path[:-5] + "aaaaa", path + "&token=x", "/?token=", "/?bokeh-session-id=x"):
+        assert answer(explorer.address, other)[0] == 403
+    for host in ("evil.example", f"evil.example:{parts.port}", "127.0.0.1.evil.example"):
+        assert answer(explorer.address, path, Host=host)[0] == 403
+        assert answer(explorer.address, "/static/js/bokeh.min.js", Host=host)[0] == 403
+    assert answer(explorer.address, path, Host=f"localhost:{parts.port}")[0] == 200
+    sockets = psutil.Process().net_connections("tcp")
+    bound = {s.laddr.ip for s in sockets if s.status == "LISTEN" and s.laddr.port == parts.port}
+    assert bound == {"127.0.0.1"}
+
+
+@pytest.mark.slow
+def test_too_many_pages_at_once_are_refused_until_others_are_closed(monkeypatch):
+    """Forty pages at once were all made, one after the other, and nobody was answered meanwhile."""
+    monkeypatch.setattr(server, "MOST_PAGES", 2)
+    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    path = f"/?{urlsplit(explorer.address).query}"
+    try:
+        with ThreadPoolExecutor(8) as clients:
+            answers = list(clients.map(lambda _: answer(explorer.address, path), range(8)))
+        assert sorted(status for status, _ in answers) == [200] * 2 + [503] * 6
+        refusals = {text for status, text in answers if status == 503}
+        assert refusals == {server._FULL % 2}
+        assert len(explorer.pages) == 2
+        assert within(60, lambda: not explorer.pages)  # none of their browsers came back
+        assert answer(explorer.address, path)[0] == 200
+        assert len(explorer.pages) == 1
+    finally:
+        explorer.close()
+
+
+@pytest.mark.slow
+def test_another_page_and_a_false_token_are_refused_without_a_word(explorer, caplog):
+    parts = urlsplit(explorer.address)
+    _, text = answer(explorer.address, f"/?{parts.query}")
+    token = re.search(r'"token":"([^"]*)"', text)[1]
+    false = ("", "x", "\xff", token[:-9], f"{token}x", token.partition(".")[0] + ".x")
+    attempts = [{"Sec-WebSocket-Protocol": f"bokeh, {text}"} for text in false]
+    attempts += [{"Sec-WebSocket-Protocol": f"bokeh, {token}", "Origin": "http://evil.example"}, {}]
+    for headers in attempts:
+        request = HTTPRequest(f"ws://{parts.netloc}/ws", headers=headers)
+        with pytest.raises(HTTPClientError, match="403"):
+            IOLoop(make_current=False).run_sync(partial(websocket_connect, request))
+    for path in ("/", "/autoload.js", "/metadata"):
+        assert answer(explorer.address, f"{path}?bokeh-token=x")[0] == 403
+    assert [record for record in caplog.records if record.name != "tornado.access"] == []
+    right = {"Sec-WebSocket-Protocol": f"bokeh, {token}", "Origin": f"http://{parts.netloc}"}
+    request = HTTPRequest(f"ws://{parts.netloc}/ws", headers=right)
+
+    async def connect_and_close():
+        (await websocket_connect(request)).close()
+
+    IOLoop(make_current=False).run_sync(connect_and_close)
+
+
+ESCAPE = "%1b[2J%1b]0;X%07"
+FORM = "Content-Type: application/x-www-form-urlencoded\r\nContent-Encoding: \x1b[2J\r\n"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"GET /static/..%2f{ESCAPE} HTTP/1.1\r\n",
+        f"GET /static/{ESCAPE} HTTP/1.1\r\n",
+        "GET /static/%00 HTTP/1.1\r\n",
+        "GET /static/js HTTP/1.1\r\n",
+        "GET /static/../x HTTP/1.1\r\n",
+        "GET /static/js/bokeh.min.js HTTP/1.1\r\nRange: bytes=\x1b[2J\r\n",
+        "GET /static/js/bokeh.min.js HTTP/1.1\r\nIf-Modified-Since: \x1b[2J\r\n",
+        f"GET /{ESCAPE} HTTP/1.1\r\n",
+        "\x1b[2J / HTTP/1.1\r\n",
+        "GET / \x1b[2J\r\n",
+        f"POST / HTTP/1.1\r\n{FORM}Content-Length: 4\r\n",
+        "POST / HTTP/1.1\r\nContent-Type: multipart/form-data; boundary=\x1b[2J\r\n"
+        "Content-Length: 4\r\n",
+        "GET / HTTP/1.1\r\nCookie: \x1b[2J=\x1b[2J\r\nno header \x1b[2J\r\n",
+    ],
+)
+def test_nothing_of_a_request_without_the_secret_is_logged(explorer, caplog, line):
+    """Its control characters would reach the terminal."""
+    port = urlsplit(explorer.address).port
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.sendall(f"{line}Host: 127.0.0.1:{port}\r\n\r\na=%1".encode("latin-1"))
+        connection.shutdown(socket.SHUT_WR)
+        connection.settimeout(60)
+        while connection.recv(1 << 16):
+            pass
+    assert caplog.records == []
+    assert answer(explorer.address, "/static/js/bokeh.min.js")[0] == 200
+
+
+@pytest.mark.slow
+def test_a_server_without_descriptors_waits_and_goes_on():
+    """If others take all connections, the log stays empty, and the page works afterwards."""
+    with started("--no-browser") as (process, address):
+        assert address.startswith("http://127.0.0.1:")
+        parts = urlsplit(address)
+        assert answer(address, f"/?{parts.query}")[0] == 200
+        left = psutil.Process(process.pid).num_fds() + 5
+        resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (left, left))
+        taken = [socket.create_connection((parts.hostname, parts.port)) for _ in range(8)]
+        time.sleep(0.5)
+        for connection in taken:
+            connection.close()
+        assert answer(address, f"/?{parts.query}")[0] == 200
+    assert Path("stderr.txt").read_text() == ""
+
+
+#: Replaces the browser: it waits while the test reads the list of processes.
+BROWSER = """\
+import os, sys, time
+open("new", "w").write(sys.argv[1])
+os.rename("new", "opened")
+while os.path.exists("opened"):
+    time.sleep(0.1)
+"""
+
+
+@pytest.mark.slow
+def test_the_list_of_processes_does_not_show_the_address():
+    """The browser gets a private file, which redirects to the address and is then removed."""
+    Path("browser.py").write_text(BROWSER)
+    opened = Path("opened")
+    with started(BROWSER=f"{sys.executable} browser.py %s &") as (process, address):
+        while not opened.exists():
+            assert process.poll() is None
+            time.sleep(0.02)
+        seen = [" ".join(p.info["cmdline"] or ()) for p in psutil.process_iter(["cmdline"])]
+        given = opened.read_text()
+        opened.unlink()
+        assert any(given in arguments for arguments in seen)
+        assert not any(address.rpartition("=")[2] in arguments for arguments in seen)
+        page = Path(urlsplit(given).path)
+        assert stat.S_IMODE(page.stat().st_mode) == 0o600
+        assert stat.S_IMODE(page.parent.stat().st_mode) == 0o700
+        assert f"url={address}" in html.unescape(page.read_text())
+    assert not page.parent.exists()
+
+
+def test_a_notebook_shows_the_page_itself(explorer):
+    text = explorer._repr_html_()
+    assert text.startswith("<iframe")
+    assert explorer.address in text
+
+
+def test_a_port_in_use_is_refused(explorer):
+    port = urlsplit(explorer.address).port
+    with pytest.raises(Refused, match=f"the port {port} cannot be used .*in use"):
+        sweeps.explore(load_config(CONFIGS / "quickstart.yaml"), port)

@@ -1,0 +1,399 @@
+"""The live picture without a browser: views, pixels, the thread that computes, and the server."""
+
+import re
+import sys
+import threading
+import time
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+from bokeh.document import Document
+from bokeh.models import LogScale
+
+import sweeps
+from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
+from sweeps.analysis.attractor_table import rows
+from sweeps.analysis.attractors import attractors
+from sweeps.analysis.selection import dataset_of
+from sweeps.explorer.diagram import Diagram, density, numbers, ordinates, ramp
+from sweeps.explorer.figures import axis_label, plain
+from sweeps.explorer.maps import Filling
+from sweeps.explorer.motion import motion_at
+from sweeps.explorer.page import LivePage
+from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
+from sweeps.explorer.worker import Step, Worker
+from sweeps.interrupts import check
+from sweeps.plotting.attractors import basin_cells
+from sweeps.plotting.colours import period_cells
+from sweeps.plotting.style import PARTIAL
+from tests.helpers.commands import refused
+from tests.helpers.places import CONFIGS
+from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.oscillator import PARAMETERS, Oscillator
+from vibroimpact.status import Status
+
+SCENES = [path for path in sorted(CONFIGS.glob("*.yaml")) if path.stem != "tolerances"]  # a table
+
+
+@pytest.fixture
+def view():
+    return View.of(load_config(CONFIGS / "quickstart.yaml"))
+
+
+def test_a_picture_that_comes_late_leaves_the_ordinate_of_a_newer_view(view):
+    diagram = Diagram(lambda *_: None)
+    diagram.show(view)
+    late = diagram._draw(view, view.diagram(20), 30)
+    diagram.show(replace(view, ylim=(-0.2, -0.1)))
+    diagram._paint(late, 0.0)
+    y = diagram.figure.y_range
+    assert (y.start, y.end) == (-0.2, -0.1)
+
+
+def test_the_diagram_records_on_and_throws_nothing_away(view):
+    view = replace(view, record={**view.record, "transient": 20, "periods": 3})
+    diagram = Diagram(lambda *_: None)
+    diagram.size = (40, 30)
+    drawn = [step.compute() for step in diagram.steps(view)]
+    assert [len(shown.values) for shown in drawn] == [16, 40, 40, 40, 40]
+    assert [shown.config.record.periods for shown in drawn] == [3, 3, 12, 48, 192]
+    first, last = (drawn[i].results["poincare_x"] for i in (1, -1))
+    np.testing.assert_array_equal(last[:, :3], first)
+    (step,) = diagram.steps(replace(view, ylim=(-0.4, -0.3)))
+    assert step.compute().results is drawn[-1].results
+    assert diagram.finest(view) == drawn[-1].config
+
+
+def test_the_height_is_that_above_the_stop_of_each_column(view):
+    config = replace(view, axis="clearance", xlim=(0.0, 2.0)).diagram(4)
+    results = numbers(config)
+    expected = np.linspace(0.0, 2.0, 4)[:, None] - results["poincare_x"]
+    np.testing.assert_array_equal(ordinates(config, results, "poincare_height"), expected)
+
+
+def test_the_motion_at_a_stop_that_presses(view):
+    """The orbit in closed form, and a line through its impacts that stays below the stop."""
+    osc = Oscillator(h=0.05, R=0.7, omega=2.3, f=1.0, clearance=-0.2)
+    drawn = motion_at(view.moved(**asdict(osc), x0=-0.5))
+    closed = one_impact_orbit(osc)
+    assert closed.stable and drawn.text.startswith("settled on 1/1")
+    np.testing.assert_allclose(drawn.impacts[2], [closed.v] * 4, rtol=1e-6)
+    assert drawn.line[1].max() == -0.2
+    assert np.diff(drawn.line[0]).max() <= osc.forcing_period / 64 * (1.0 + 1e-9)
+
+
+def test_every_scene_can_be_looked_at():
+    for path in SCENES:
+        view = View.of(load_config(path))
+        view.check()
+        assert view.tab == (BASINS if {view.axis, view.across} == {"x0", "v0"} else DIAGRAM)
+    with pytest.raises(Refused, match="rows of a table as points"):
+        sweeps.explore(load_config(CONFIGS / "tolerances.yaml"))
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_every_parameter_can_be_an_axis_of_every_scene(path):
+    view = View.of(load_config(path))
+    for name in PARAMETERS:
+        view.with_axis(name).check()
+        if name != view.axis:
+            replace(view.with_across(name), tab=MAP).check()
+
+
+def test_the_windows_are_of_the_size_of_the_motion():
+    """The gap is half a millimetre, and the deflection by the force one; p is 126 per second."""
+    view = View.of(load_config(CONFIGS / "joint-clearance.yaml"))
+    assert view.x0lim[0] == pytest.approx(0.0005 - 0.003) and view.x0lim[1] == 0.0005
+    assert view.v0lim == pytest.approx((-0.253, 0.253), abs=1e-3)
+    assert view.with_axis("clearance").xlim == pytest.approx((0.0, 0.0025))
+    assert "[m]" in axis_label("poincare_x", view.units)
+
+
+@pytest.mark.parametrize("axis", PARAMETERS)
+def test_a_view_returns_from_its_address(view, axis):
+    changed = replace(
+        view.moved(R=1 / 3, clearance=0.1),
+        axis=axis,
+        xlim=(0.1, 0.7),
+        ylim=(-1e-9, 0.1 + 0.2),
+        record={**view.record, "transient": 7, "phase": 1.1},
+        marked=True,
+        ordinate="impact_v",
+        across="h" if axis != "h" else "R",
+    )
+    changed = replace(changed, xlim=(-0.7, 0.1)) if axis == "x0" else changed
+    assert view.with_query("?" + changed.query()) == changed
+
+
+@pytest.mark.parametrize(
+    ("query", "said"),
+    [
+        ("R=1.5", "^R = 1.5 is not allowed; expected: a number from 0 to 1$"),
+        ("omega=fast", "^omega = fast is not a number; expected: a finite number > 0"),
+        ("R=", "^R =  is not a number; expected: a number from 0 to 1"),
+        ("x0=1", "lies beyond the stop"),
+        ("xlim=3:2", "the window xlim = .* is empty"),
+        ("xlim=-1:2", "contains -1, which is not allowed"),
+        ("axis=mass", "mass is not a parameter"),
+        ("ordinate=z", "z is not an ordinate"),
+        ("transient=-1", "record.transient = -1 is not allowed"),
+        ("phase=7", "record.phase = 7 is not allowed"),
+    ],
+)
+def test_an_address_that_asks_for_too_much_is_refused(view, query, said):
+    with pytest.raises(ConfigError, match=said):
+        view.with_query(query)
+
+
+def test_the_numbers_are_those_of_a_run(view, tmp_path):
+    config = replace(view, record={**view.record, "transient": 20, "periods": 10}).diagram(101)
+    results = numbers(config)
+    path = run_sweep(config, tmp_path / "run.h5")
+    with open_sweep(path) as dataset:
+        for name in dataset.data_vars:
+            np.testing.assert_array_equal(results[name], dataset[name].values)
+
+
+def test_a_change_of_size_labels_the_axes_and_keeps_the_messages(view, tmp_path):
+    """Axis labels change the size of a picture, so a finer picture may change it."""
+    page = LivePage(Document(), view, tmp_path)
+    page._refuse("no")
+    for width, label in ((30, "ω"), (400, "forcing frequency ω"), (30, "ω")):
+        page._resized(page.diagram, "inner_width", 0, width)
+        assert page.diagram.figure.xaxis.axis_label == label
+    assert page.controls.error.text == "no"
+    page.worker.shutdown()
+
+
+@pytest.mark.parametrize("key", ["periods", "impacts"])
+def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
+    page = LivePage(Document(), view, tmp_path)
+    page.diagram.size = (4096, 400)
+    page.change(lambda view: view.with_query(f"{key}=1000000"))
+    two_figures = r"4,096 points takes about [\d.]+ GB of memory, and only [\d.]+ [MG]B are"
+    assert re.search(two_figures, page.controls.error.text)
+    assert page._steps() == []
+    page.change(lambda view: view.with_query("periods=100&impacts=64"))
+    assert page.controls.error.text == "" and page._steps()
+    page.worker.shutdown()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tab", [MAP, BASINS])
+def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, tab):
+    view = replace(view, record={**view.record, "transient": 100, "periods": 30})
+    view = view.moved(h=0.0, omega=1.3) if tab == BASINS else view
+    config, (x, y) = view.tiles(tab, 50, 30), (name for name, _ in view.plane(tab))
+    filling = Filling(config, x, tab == BASINS)
+    shares = [np.mean(filling.advance(stop).pixels > 0) for stop in filling.stops]
+    assert filling.stops[0] == 4 and shares[0] > 0.9  # two cells by two, each of 27 pixels
+    tiles = filling.advance(config.sweep.grid.size)
+    whole = dataset_of(config, config.sweep.grid.axes, numbers(config)).transpose(y, x, ...)
+    if tab == MAP:
+        cells = [cell for cell in period_cells(whole) if cell.where.any()]
+    else:
+        result = attractors(whole, extensions=0)
+        found = result["attractor"].values
+        cells = basin_cells(rows(whole, result), found)
+    assert len(cells) == len(tiles.kinds) > 1
+    for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
+        label, *seen = kind
+        assert label.partition("; disc")[0] == plain(cell.label)
+        assert seen == [cell.colour, pytest.approx(cell.where.mean())]
+        np.testing.assert_array_equal(tiles.pixels == number, cell.where)
+
+
+def test_the_shares_of_a_part_of_a_map_are_those_of_the_whole(view):
+    """A class that fills the left or the lower half has half of the points at every stop."""
+    config = view.tiles(MAP, 160, 120)
+    filling = Filling(config, view.axis, basins=False)
+    places = np.unravel_index(filling._order, config.sweep.grid.shape)
+    for place, size in zip(places, config.sweep.grid.shape, strict=True):
+        shares = [np.mean(place[:stop] < size // 2) for stop in filling.stops if stop > 400]
+        assert len(shares) > 10 and np.ptp([*shares, 0.5]) < 0.03
+
+
+def test_more_basins_than_colours_share_one():
+    """Without force and losses, every start is an attractor. A pixel has 256 values."""
+    x0, v0 = {"start": -5.0, "stop": 4.0, "num": 20}, {"start": 0.1, "stop": 5.0, "num": 15}
+    config = load_config(
+        {
+            "oscillator": {"h": 0, "R": 1, "omega": 1, "f": 0, "clearance": 10},
+            "start": {"x0": x0, "v0": v0},
+            "record": {"transient": 0, "periods": 4},
+        }
+    )
+    tiles = Filling(config, "x0", basins=True).advance(300)
+    *six, (label, _, share) = tiles.kinds
+    assert len(six) == len(tiles.discs) == 6 and all("disc" in label for label, *_ in six)
+    assert label == "294 other periodic attractors: 98.0 %" and share == pytest.approx(0.98)
+    assert np.bincount(tiles.pixels.ravel()).tolist() == [0, 1, 1, 1, 1, 1, 1, 294]
+
+
+LOGARITHMIC = {
+    "oscillator": {
+        "h": {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"},
+        "R": 0.8,
+        "omega": {"start": 0.3, "stop": 6.0, "num": 40, "spacing": "log"},
+        "f": 1.0,
+    },
+    "record": {"transient": 20, "periods": 10},
+}
+
+
+@pytest.mark.slow
+def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
+    page = LivePage(Document(), View.of(load_config(LOGARITHMIC)), tmp_path)
+    h, omega = np.geomspace(1e-3, 1.0, 16), np.geomspace(0.3, 6.0, 10)
+    # An axis rounds the exact series once; geomspace has errors of its own.
+    np.testing.assert_allclose(page.view.diagram(16).sweep.grid.axes["h"], h, rtol=1e-15)
+    tiles = page.view.tiles(MAP, 16, 10).sweep.grid.axes
+    np.testing.assert_allclose(tiles["h"], h, rtol=1e-15)
+    np.testing.assert_allclose(tiles["omega"], omega, rtol=1e-15)
+    figure, plane = page.diagram.figure, page.map.figure
+    assert all(isinstance(s, LogScale) for s in (figure.x_scale, plane.x_scale, plane.y_scale))
+    assert not isinstance(figure.y_scale, LogScale)
+    page.diagram._paint(page.diagram._draw(page.view, page.view.diagram(16), 20), 0.0)
+    ((left,), (width,)) = (page.diagram.source.data[name] for name in ("x", "dw"))
+    step = 1e3 ** (1 / 15)
+    assert (left, left + width) == pytest.approx((1e-3 / step**0.5, step**0.5))
+    page.change(lambda view: view.with_axis("R"))
+    assert not isinstance(figure.x_scale, LogScale)
+    page.change(lambda view: view.with_axis("h"))
+    assert isinstance(figure.x_scale, LogScale)
+    assert page.view.xlim == pytest.approx((1e-4, 1e-2))  # around the first value
+    page.worker.shutdown()
+
+
+def test_pixels_are_the_shares_of_their_columns():
+    values = np.array([[0.0, 0.0, 0.0, 0.9], [np.nan, np.nan, 0.5, 0.5], [2.0, 2.0, 2.0, 2.0]])
+    pixels = density(values, (0.0, 1.0), 10)
+    shade = {
+        share: 1 + round((1 - np.log(share) / np.log(1e-3)) * 254) for share in (0.25, 0.75, 1.0)
+    }
+    assert pixels[0, 0] == shade[0.75]
+    assert pixels[9, 0] == shade[0.25]
+    assert pixels[5, 1] == 255
+    assert not pixels[2:5].any()
+
+
+def test_the_colours_are_those_of_the_files_pictures():
+    from matplotlib.colors import to_rgb
+
+    from sweeps.plotting.density import _RAMP
+
+    seen = np.array([to_rgb(colour) for colour in ramp()])
+    in_files = _RAMP(np.linspace(0.0, 1.0, 255))[:, :3]
+    np.testing.assert_allclose(seen, in_files, atol=2 / 255)
+
+
+def test_failed_points_are_marked_and_named(tmp_path):
+    config = load_config(
+        {
+            "oscillator": {"h": 0.0, "R": 0.8, "omega": [0.5, 3.0], "f": 1.0},
+            "method": {
+                "integrator": "rk4",
+                "impact": "plain",
+                "steps_per_period": 4,
+                "allow_unstable": True,
+            },
+            "record": {"transient": 2000, "periods": 10},
+        }
+    )
+    page = LivePage(Document(), View.of(config), tmp_path)
+    diagram, columns = page.diagram, 60
+    shown = diagram._draw(page.view, page.view.diagram(columns), 40)
+    failed = shown.results["status"] == Status.NON_FINITE
+    assert 0 < failed.sum() < columns
+    diagram._paint(shown, 1.0)
+    source, item = diagram._strips[Status.NON_FINITE]
+    np.testing.assert_array_equal(source.data["x"], shown.values[failed])
+    assert item.visible
+    assert diagram.legend.visible
+    assert item.label == f"{Status.NON_FINITE.meaning} ({failed.sum()} of {columns})"
+    assert not shown.pixels[:, 1:][:, failed[1:] & failed[:-1]].any()
+    page.worker.shutdown()
+
+
+def test_points_that_show_part_of_a_repetition_are_marked(tmp_path):
+    """At omega = 0.2 a period has 122 impacts, of which 64 are kept; at 2.3 it has one."""
+    oscillator = {"h": 0.05, "R": 0.9, "omega": [0.2, 2.3], "f": 1.0}
+    record = {"transient": 20, "periods": 10}
+    view = View.of(load_config({"oscillator": oscillator, "record": record}))
+    page = LivePage(Document(), view, tmp_path)
+    for ordinate, marked in (("impact_v", [0.2]), ("poincare_x", [])):
+        seen = replace(page.view, ordinate=ordinate)
+        page.diagram._paint(page.diagram._draw(seen, seen.diagram(2), 40), 1.0)
+        source, item = page.diagram._strips[PARTIAL]
+        np.testing.assert_array_equal(source.data["x"], marked)
+        assert item.visible == page.diagram.legend.visible == bool(marked)
+    page.worker.shutdown()
+
+
+def test_only_the_newest_request_is_finished():
+    started, shown, others = threading.Event(), [], set(threading.enumerate())
+    worker = Worker(lambda call: call(), shown.append)
+
+    def compute(i):
+        started.set()
+        for _ in range(1000 if i else 1):
+            check()
+            time.sleep(0.01)
+        return i
+
+    def step(i):
+        return Step("picture", i, lambda: compute(i), lambda result, seconds: shown.append(result))
+
+    try:
+        worker.ask([step(0)])  # the first one compiles, and is not cancelled
+        worker.submit(int).result()
+        for i in (1, 2, 3):
+            started.clear()
+            worker.ask([step(i)])
+            assert started.wait(300)
+        assert shown == [0]
+        worker.ask([step(0)])
+        worker.submit(int).result()
+    finally:
+        worker.shutdown()
+    assert shown == [0]  # a result already shown is not computed again
+    assert set(threading.enumerate()) <= others
+
+
+def test_an_error_of_a_step_is_said_once():
+    said = []
+    worker = Worker(lambda call: call(), said.append)
+
+    def fail():
+        raise Refused("too much")
+
+    step = Step("picture", 1, fail, lambda *_: None)
+    for _ in range(2):
+        worker.ask([step])
+        worker.submit(int).result()
+    worker.shutdown()
+    assert said == ["too much"]
+
+
+def test_without_bokeh_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "bokeh", None)
+    with pytest.raises(Refused, match=r"vibroimpact\[explore\]"):
+        sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+
+
+def test_a_wrong_configuration_is_refused_as_by_run(tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text("oscillator: {h: 0.1, R: 2, omega: 1, f: 1}\n")
+    assert refused("explore", path) == refused("run", path)
+    assert "absent.yaml" in refused("explore", "absent.yaml")
+
+
+@pytest.mark.slow
+def test_a_damaged_file_is_refused_as_by_plot(tmp_path):
+    config = View.of(load_config(CONFIGS / "quickstart.yaml")).diagram(5)
+    path = run_sweep(config, tmp_path / "run.h5")
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    assert refused("explore", path) == refused("plot", path)

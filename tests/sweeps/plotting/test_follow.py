@@ -1,0 +1,198 @@
+"""Pictures of sweeps followed up and down: both branches, or the chosen one."""
+
+import numpy as np
+import pytest
+import yaml
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
+
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.analysis.exact_branches import branches
+from sweeps.errors import Refused
+from sweeps.plotting import bifurcation, diagram, plot, section, trajectory
+from sweeps.plotting.maps import parameter_map
+from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_COLOURS
+from tests.helpers.commands import call
+from tests.helpers.sweep_files import run_in
+
+# With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
+CONFIG = yaml.safe_dump(
+    {
+        "name": "both ways",
+        "oscillator": {
+            "h": [0.05, 0.06],
+            "R": 0.8,
+            "f": 1,
+            "clearance": 1.5,
+            "omega": {"start": 1.2, "stop": 1.8, "num": 25},
+        },
+        "follow": {"axis": "omega", "direction": "both"},
+        "record": {
+            "transient": 150,
+            "periods": 4,
+            "trajectory": {"every": 8},
+            "diagnostics": ["period"],
+        },
+    },
+    sort_keys=False,
+)
+UP, DOWN = DIRECTION_COLOURS
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    return run_in(tmp_path_factory.mktemp("sweep"), CONFIG)
+
+
+@pytest.fixture
+def dataset(stored):
+    with open_sweep(stored) as opened:
+        yield opened
+
+
+def markers(panel):
+    """Return the points of a panel by colour, and the size of their markers."""
+    lines = [line for line in panel.lines if line.get_marker() == "o" and len(line.get_xdata())]
+    points = {}
+    for line in lines:
+        colour = to_hex(line.get_color()).upper()
+        points[colour] = np.concatenate([points.get(colour, np.empty((0, 2))), line.get_xydata()])
+    sizes = {to_hex(line.get_color()).upper(): line.get_markersize() for line in lines}
+    return points, sizes
+
+
+def texts(figure):
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+@pytest.mark.slow
+def test_neither_direction_hides_the_other(dataset):
+    """Free from the fold on and on the way down, with impacts on the way up (closed forms)."""
+    figure = bifurcation(dataset)
+    points, sizes = markers(figure.axes[0])
+    assert len(set(sizes.values())) == 1
+    omega, both = dataset["omega"].values, points[BOTH_COLOUR]
+    apart = omega[(omega > 1.2861) & (omega < 1.6504)]
+    for colour, way in ((UP, "up"), (DOWN, "down")):
+        assert np.unique(points[colour][:, 0]).tolist() == apart.tolist()
+        y = dataset["poincare_x"].sel(direction=way).isel(h=0).values
+        expected = np.stack([np.broadcast_to(omega[:, None], y.shape), y], axis=-1)
+        drawn = {tuple(point) for point in (*points[colour], *both)}
+        assert {tuple(point) for point in expected.reshape(-1, 2)} <= drawn
+    assert set(both[:, 0]) == set(omega) - set(apart)
+    assert texts(figure)[:3] == [r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$", "both"]
+    assert "followed" not in figure.get_suptitle()
+
+
+@pytest.mark.slow
+def test_an_arrow_leads_from_the_end_of_each_motion_to_the_next(dataset):
+    """Up beyond the fold at 1.6504, down below the graze at 1.2861; black with other colours."""
+    omega, x = dataset["omega"].values, dataset["poincare_x"].isel(h=0, section=-1)
+    fold, graze = np.searchsorted(omega, [1.6504, 1.2861])
+    expected = [("up", fold - 1, fold, UP), ("down", graze, graze - 1, DOWN)]
+    for color in (None, "period"):
+        arrows = bifurcation(dataset, color=color).axes[0].texts
+        assert len(arrows) == 2
+        for arrow, (way, start, stop, colour) in zip(arrows, expected, strict=True):
+            motion = x.sel(direction=way).values
+            assert arrow.xyann == pytest.approx((omega[start], motion[start]), rel=1e-3)
+            assert arrow.xy == pytest.approx((omega[stop], motion[stop]), rel=1e-3)
+            seen = to_hex(arrow.arrow_patch.get_edgecolor()).upper()
+            assert seen == ("#000000" if color else colour)
+
+
+def test_neither_direction_hides_the_other_below(dataset):
+    (points, _) = markers(bifurcation(dataset, below="impulse").axes[1])
+    omega = dataset["omega"].values
+    assert (points[DOWN][:, 1] == 0.0).all() and (points[UP][:, 1] > 0.0).all()
+    counts = [len(points[colour]) for colour in (UP, DOWN, BOTH_COLOUR)]
+    assert counts[0] == counts[1] > 0 and sum(counts) == 2 * len(omega)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["up", "down"])
+def test_one_direction_can_be_picked(dataset, way):
+    figure = bifurcation(dataset, at={"direction": way, "h": 0.06}, coordinate="poincare_v")
+    points, _ = markers(figure.axes[0])
+    (drawn,) = points.values()
+    expected = dataset["poincare_v"].sel(direction=way, h=0.06).values
+    np.testing.assert_array_equal(drawn[:, 1], expected.ravel())
+    assert f"followed {way} along" in figure.get_suptitle()
+    assert not any("omega" in text for text in texts(figure))
+    state = section(dataset, at={"direction": way, "omega": 1.5})
+    x, v = (dataset[name].sel(direction=way, omega=1.5).isel(h=0) for name in
+            ("poincare_x", "poincare_v"))  # fmt: skip
+    np.testing.assert_array_equal(state.axes[0].lines[0].get_xydata(), np.stack([x, v], axis=1))
+    assert f"followed {way} along" in state.get_suptitle()
+
+
+@pytest.mark.slow
+def test_what_shows_one_branch_shows_the_way_up(dataset):
+    for draw in (section, trajectory, parameter_map):
+        title = draw(dataset, **({} if draw is parameter_map else {"at": {"omega": 1.5}}))
+        assert "followed up along" in title.get_suptitle()
+    maps = [parameter_map(dataset, at=at, quantity="impacts_per_period")
+            for at in (None, {"direction": "up"}, {"direction": "down"})]  # fmt: skip
+    default, up, down = (
+        np.concatenate([m.get_array().ravel().filled(-1) for m in one.axes[0].collections
+                        if isinstance(m, QuadMesh)]) for one in maps)  # fmt: skip
+    np.testing.assert_array_equal(default, up)
+    assert (up != down).any()
+
+
+@pytest.mark.slow
+def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
+    monkeypatch.setattr(diagram, "DENSITY_FROM", 99)
+    figure = bifurcation(dataset)
+    meshes = [m for m in figure.axes[0].collections if isinstance(m, QuadMesh)]
+    drawn = [~np.ma.getmaskarray(mesh.get_array()) for mesh in meshes]
+    assert [to_hex(mesh.cmap(1.0)).upper() for mesh in meshes] == [UP, DOWN, BOTH_COLOUR]
+    assert not (drawn[0] & drawn[1]).any() and not (drawn[0] & drawn[2]).any()
+    omega = dataset["omega"].values
+    apart = drawn[0].any(axis=0) & drawn[1].any(axis=0)
+    met = dataset["impacts_per_period"].isel(h=0).values > 0
+    np.testing.assert_array_equal(apart[omega < 1.6], (met[0] != met[1])[omega < 1.6])
+    assert texts(figure)[2] == "both"
+    one = bifurcation(dataset, at={"direction": "down"})
+    assert len([m for m in one.axes[0].collections if isinstance(m, QuadMesh)]) == 1
+
+
+@pytest.mark.slow
+def test_exact_branches_over_both_directions_have_a_legend(dataset):
+    assert bifurcation(dataset, exact=branches(dataset), coordinate="impact_v").legends
+
+
+@pytest.mark.slow
+def test_what_is_missing_is_counted_in_both_directions(stop_after):
+    with stop_after(1, size=25), pytest.raises(KeyboardInterrupt):
+        run_sweep(load_config("sweep.yaml"), "part.h5")
+    with open_sweep("part.h5") as dataset:
+        assert "up, $" in texts(bifurcation(dataset))[0]
+        figure = bifurcation(dataset, axes=["h"], at={"omega": 1.5})
+        assert texts(figure)[-1] == "not computed yet (2 of 4)"
+        with pytest.raises(Refused, match=r"no point has a result: not computed yet .50."):
+            bifurcation(dataset, at={"h": 0.06})
+
+
+@pytest.mark.slow
+def test_the_command_line(stored):
+    def drawn(*arguments):
+        return call("plot", str(stored), "-o", "picture.png", *arguments)
+
+    assert drawn("--kind", "map", "--at", "direction=up").stdout == "picture.png\n"
+    told = drawn("--kind", "bifurcation", "--exact", "--at", "direction=down").stdout.splitlines()
+    assert "1/1" in told[0] and told[-1] == "picture.png"
+    wrong = drawn("--at", "direction=dwn")
+    assert wrong.exit_code == 2
+    assert "there is no direction dwn (did you mean down?); choose from: up, down" in wrong.stderr
+    assert "direction is not a swept axis" in drawn("--axis", "direction").stderr
+
+
+@pytest.mark.slow
+def test_a_direction_is_refused_where_there_is_one_only():
+    changes = ["follow.direction=down", "record.trajectory=false", "oscillator.omega.num=5"]
+    run_sweep(load_config("sweep.yaml", changes), "one.h5")
+    with open_sweep("one.h5") as dataset:
+        assert "followed down along" in bifurcation(dataset).get_suptitle()
+        with pytest.raises(Refused, match="the sweep was not followed in both"):
+            plot(dataset, "one.png", at={"direction": "down"})

@@ -1,0 +1,315 @@
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.colors import to_hex
+
+from sweeps import load_config, open_sweep
+from sweeps.errors import Refused
+from sweeps.plotting import plot
+from sweeps.plotting.lines import cell_edges
+from sweeps.plotting.maps import parameter_map
+from sweeps.store import VARIABLES
+from tests.helpers.sweep_files import run_in
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Evidence, Status
+
+R = np.array([0.3, 0.5, 0.9])
+OMEGA = np.array([1.0, 2.0, 3.0, 4.0])
+PERIODS = 50
+CONFIGURATION = {
+    "name": "by hand",
+    "oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "clearance": 0.25},
+    "method": {"integrator": "exact", "impact": "exact", "steps_per_period": 16},
+    "record": {"transient": 10, "periods": 50, "phase": 0.0},
+}
+#: Values of a point of period 1 with one impact.
+PLAIN = {
+    "status": Status.CERTIFIED,
+    "period": 1,
+    "period_impacts": 1,
+    "orbit_x": 0.0,
+    "orbit_v": 0.0,
+    "orbit_distance": 0.0,
+    "class_evidence": Evidence.REPEATS,
+    "rest_fraction": 0.0,
+    "impacts_per_period": 1.0,
+    "slowest_impact": 0.5,
+    "fastest_impact": 0.5,
+    "impulse": 0.9,
+    "energy_lost": 0.045,
+    "max_penetration": 0.0,
+    "lyapunov": -0.3,
+}
+
+
+def equal_points(omit=(), axes=None, **changed):
+    """Return equal points over (R, omega) with changes {name: {(row, column): value}}."""
+    axes = {"R": R, "omega": OMEGA} if axes is None else axes
+    shape = tuple(len(values) for values in axes.values())
+    config = load_config(CONFIGURATION)
+    data = xr.Dataset(coords={**config.sweep.grid.fixed, **axes}, attrs={"configuration": config})
+    for name, value in PLAIN.items():
+        if name not in omit:
+            values = np.full(shape, value, np.dtype(VARIABLES[name].dtype))
+            for at, other in changed.get(name, {}).items():
+                values[at] = other
+            data[name] = (tuple(axes), values)
+    if "lyapunov" in data:
+        data["lyapunov"] = data["lyapunov"].expand_dims(exponent=2, axis=-1).copy()
+    data["poincare_x"] = ((*axes, "section"), np.zeros((*shape, PERIODS)))
+    for name in axes:
+        about = PARAMETERS[name]
+        data[name].attrs = {"long_name": about.meaning, "units": about.unit, "symbol": about.symbol}
+    for name in data.data_vars:
+        about = VARIABLES[name]
+        data[name].attrs = {
+            "long_name": about.long_name, "units": about.unit, "symbol": about.symbol
+        }  # fmt: skip
+    return data
+
+
+def colours(figure):
+    """Return the colour of every cell, as drawn last; None where none was drawn."""
+    meshes = figure.axes[0].collections
+    shape = meshes[0].get_array().shape
+    found = np.full(shape, None)
+    for mesh in meshes:
+        array = mesh.get_array()
+        rgba = mesh.to_rgba(array)
+        for at in np.ndindex(shape):
+            if not np.ma.getmaskarray(array)[at]:
+                found[at] = to_hex(rgba[at])
+    return found
+
+
+def legend(figure):
+    """Return the colours by the labels."""
+    if not figure.legends:
+        return {}
+    (one,) = figure.legends
+    handles = zip(one.get_texts(), one.get_patches(), strict=True)
+    return {text.get_text(): to_hex(patch.get_facecolor()) for text, patch in handles}
+
+
+def texts(figure):
+    """Return the label of every cell, through its colour."""
+    names = {colour: text for text, colour in legend(figure).items()}
+    return np.vectorize(lambda colour: names.get(colour))(colours(figure))
+
+
+def test_every_class_has_its_colour_and_its_label():
+    growth = 100.0
+    figure = parameter_map(
+        equal_points(
+            period={(0, 1): 2, (0, 2): 2, (1, 0): 0, (1, 1): 0, (1, 2): 0},
+            period_impacts={(0, 2): 3, (2, 3): 0},
+            lyapunov={(1, 0): growth, (1, 1): 0.0, (1, 2): -0.3},
+            rest_fraction={(1, 3): 0.2},
+            status={(2, 0): Status.UNBOUNDED, (2, 1): Status.NON_FINITE, (2, 2): Status.PENDING},
+        )
+    )
+    assert texts(figure)[:2].tolist() == [
+        ["1/1", "2/1", "2/3", "1/1"],
+        ["chaotic (10 %)", "unknown (20 %)", "unknown (20 %)", "rest"],
+    ]
+    assert texts(figure)[2, [0, 1, 3]].tolist() == ["unbounded", "non-finite", "1/0, no impact"]
+    assert colours(figure)[2, 2] is None  # the hatched background is visible
+    assert figure.axes[0].patch.get_hatch()
+    assert "not computed yet (1 of 12)" in legend(figure)
+    assert len(set(legend(figure).values())) == len(legend(figure))
+    assert figure.legends[0].get_title().get_text().startswith("m/q")
+
+
+def test_the_legend_has_only_what_there_is():
+    assert list(legend(parameter_map(equal_points()))) == ["1/1"]
+    assert not parameter_map(equal_points()).axes[0].patch.get_hatch()
+
+
+def test_lines_mark_the_motions_that_have_not_settled():
+    """Those of either neighbour in a row, and of the last column; 3 of the 11 with a result."""
+    figure = parameter_map(
+        equal_points(
+            orbit_distance={(0, 1): 2e-6, (0, 2): 1.0, (1, 0): 1e-6, (1, 1): np.nan, (2, 3): 0.1},
+            status={(2, 0): Status.PENDING},
+        )
+    )
+    (marks,) = (patch for patch in figure.axes[0].patches if patch.get_hatch())
+    centres = [[marks.get_path().contains_point((x, y)) for x in OMEGA] for y in R]
+    assert np.argwhere(centres).tolist() == [[0, 1], [0, 2], [2, 3]]
+    assert "on its way to m/q (27.3 %)" in legend(figure)
+    assert not any(patch.get_hatch() for patch in parameter_map(equal_points()).axes[0].patches)
+
+
+def test_a_class_has_one_colour_in_every_map_and_rare_classes_share_one():
+    """Whatever else is in the map, as in the map of a part of the sweep."""
+    many = {(i // 4, i % 4): i + 1 for i in range(12)}
+    figure = parameter_map(equal_points(period=many))
+    found = texts(figure)
+    assert found[0].tolist() == ["1/1", "2/1", "3/1", "other m/q"]
+    assert np.count_nonzero(found == "other m/q") == 9
+    alone = {(i // 4, i % 4): 3 for i in range(12)}
+    assert legend(parameter_map(equal_points(period=alone))).items() <= legend(figure).items()
+
+
+def test_without_an_exponent_the_legend_says_what_is_not_known():
+    figure = parameter_map(equal_points(omit=["lyapunov"], period={(0, 0): 0}))
+    assert texts(figure)[0, 0] == "unknown (8.33 %)"
+
+
+@pytest.mark.parametrize("quantity", sorted(PLAIN))
+def test_every_quantity_draws_failed_and_missing_points(quantity):
+    dataset = equal_points(
+        status={(0, 0): Status.PENDING, (1, 1): Status.UNRESOLVED},
+        **{
+            name: {(0, 0): np.nan, (1, 1): np.nan}
+            for name, value in PLAIN.items()
+            if isinstance(value, float)
+        },
+    )
+    figure = parameter_map(dataset, quantity=quantity)
+    found = colours(figure)
+    assert found[0, 0] is None
+    assert found[1, 1] == legend(figure)["unresolved"]
+    assert np.count_nonzero(found == found[1, 1]) == 1
+    assert sum(colour is None for colour in found.ravel()) == 1
+
+
+def test_the_slowest_impact_is_dark_at_a_graze_and_unknown_in_a_chatter():
+    speeds = {(0, 0): 1e-3, (0, 1): 1e-2, (0, 2): 1e-1, (1, 0): np.nan, (1, 1): 1e-12}
+    dataset = equal_points(slowest_impact=speeds, rest_fraction={(1, 1): 0.1})
+    figure = parameter_map(dataset, quantity="slowest_impact")
+    mesh = figure.axes[0].collections[0]
+    red, green, blue, _ = mesh.to_rgba(mesh.get_array())[0].T
+    assert (np.diff((red + green + blue)[:4]) > 0).all()
+    steps = np.diff(mesh.norm([1e-2, 1e-1, 1.0]).data)
+    assert steps[0] == pytest.approx(steps[1])  # a logarithmic scale
+    assert texts(figure)[1, :2].tolist() == ["no impact", "rest"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quantity", ["energy_lost", "impulse", "fastest_impact"])
+def test_a_chatter_has_a_loss_and_a_fastest_impact(quantity):
+    values = {(0, 0): 1e-3, (0, 1): 1e-2, (0, 2): 1e-1, (1, 0): 0.0, (1, 1): 0.02}
+    dataset = equal_points(rest_fraction={(1, 1): 0.1}, **{quantity: values})
+    figure = parameter_map(dataset, quantity=quantity)
+    mesh = figure.axes[0].collections[0]
+    assert mesh.get_array()[1, 1] == 0.02
+    steps = np.diff(mesh.norm([1e-2, 1e-1, 1.0]).data)
+    assert steps[0] == pytest.approx(steps[1])  # a logarithmic scale
+    assert texts(figure)[1, 0] == "no impact"
+    bar = figure.axes[1]
+    figure.draw_without_rendering()
+    assert bar.xaxis.label.get_window_extent().width < figure.bbox.width
+
+
+def test_zero_divides_the_colours_of_the_exponent():
+    values = {(0, 0): 0.2, (0, 1): 0.1, (0, 2): 0.0, (0, 3): -1.0, (1, 0): -np.inf}
+    figure = parameter_map(equal_points(lyapunov=values), quantity="lyapunov")
+    mesh = figure.axes[0].collections[0]
+    assert mesh.norm([0.0]) == 0.5
+    red, _, blue, _ = mesh.to_rgba(mesh.get_array())[0].T
+    assert (red - blue > 0.1).tolist() == [True, True, False, False]
+    assert blue[3] - red[3] > 0.1
+    assert texts(figure)[1, 0] == r"rest, $\lambda_1 = -\infty$"
+    assert figure.axes[1].get_xlabel() == r"larger Lyapunov exponent $\lambda_1$"
+
+
+def test_equal_exponents_of_either_sign_have_equally_strong_colours():
+    """Also where chaos is weak; the scale has ticks on both sides of zero."""
+    values = {(0, 0): 0.02, (0, 1): -0.02, (0, 2): -1.0}
+    figure = parameter_map(equal_points(lyapunov=values), quantity="lyapunov")
+    norm = figure.axes[0].collections[0].norm
+    weak, negative, strong = norm([0.02, -0.02, 0.3]).data
+    assert weak - 0.5 == pytest.approx(0.5 - negative)
+    assert strong - 0.5 == pytest.approx(15.0 * (weak - 0.5))
+    figure.draw_without_rendering()
+    low, high = figure.axes[1].get_xlim()
+    ticks = [tick for tick in figure.axes[1].get_xticks() if low <= tick <= high]
+    assert min(ticks) < 0.0 < max(ticks)
+
+
+def test_a_cell_reaches_halfway_to_its_neighbours():
+    np.testing.assert_allclose(cell_edges(R, False), [0.2, 0.4, 0.7, 1.1])
+    np.testing.assert_allclose(cell_edges(np.array([1.0, 4.0, 16.0]), True), [0.5, 2.0, 8.0, 32.0])
+    figure = parameter_map(equal_points())
+    assert figure.axes[0].get_xlim() == (0.5, 4.5)
+    np.testing.assert_allclose(figure.axes[0].get_ylim(), (0.2, 1.1))
+    figure = parameter_map(equal_points(axes={"R": R, "omega": np.geomspace(1.0, 64.0, 4)}))
+    assert figure.axes[0].get_xscale() == "log" and figure.axes[0].get_yscale() == "linear"
+
+
+def test_the_axes_are_the_two_longest_or_those_asked_for():
+    axes = {"h": [0.1, 0.2], "R": R, "omega": OMEGA}
+    dataset = equal_points(axes=axes, period={(1, 0, 3): 2, (0, 2, 0): 3})
+
+    def shown(**options):
+        panel = (figure := parameter_map(dataset, **options)).axes[0]
+        return panel.get_xlabel()[-20:], panel.get_ylabel()[-20:], texts(figure)
+
+    def ends(name):
+        about = dataset[name].attrs
+        return f"{about['long_name']} ${about['symbol']}$"[-20:]
+
+    x, y, first = shown()
+    assert (x, y) == (ends("omega"), ends("R")) and first[2, 0] == "3/1"
+    x, y, second = shown(at={"h": 0.2})
+    assert second[0, 3] == "2/1" and second[2, 0] == "1/1"
+    x, y, turned = shown(axes=["R", "omega"], at={"h": 0.2})
+    assert (x, y) == (ends("R"), ends("omega"))
+    assert turned.tolist() == second.T.tolist()
+    x, y, _ = shown(axes=["h"])
+    assert (x, y) == (ends("h"), ends("omega"))
+
+
+def test_of_equal_axes_the_later_is_the_abscissa_and_any_order_of_values_is_drawn():
+    dataset = equal_points(axes={"R": R[::-1], "h": [0.1, 0.2, 0.3]}, period={(0, 2): 2})
+    figure = parameter_map(dataset)
+    assert "damping" in figure.axes[0].get_xlabel()
+    assert texts(figure)[2, 2] == "2/1"  # R = 0.9 is at the top
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"quantity": "pie"},
+            "there is no pie; choose from: status, orbit_x, orbit_v",
+        ),
+        (
+            {"quantity": "period"},
+            "has no period: run the sweep again with record.diagnostics",
+        ),
+        ({"quantity": "energy_los"}, "no energy_los .did you mean energy_lost..; choose from: sta"),
+        ({"quantity": "poincare_x"}, "poincare_x is not a number for each point; choose from: "),
+        ({"quantity": "h"}, "h is not a number for each point; choose from: "),
+        ({"axes": ["f"]}, "f is not a swept axis; the file has R, omega"),
+        ({"axes": ["R", "R"]}, "a map has 2 swept axes, not R, R"),
+        ({"axes": ["R", "omega", "R"]}, "a map has 2 swept axes, not R, omega, R"),
+        ({"at": {"R": 0.5}}, "R cannot be fixed here; there is no axis to choose from"),
+        ({"coordinate": "impact_v"}, "chosen for a bifurcation or attractors only, not a map"),
+    ],
+)
+def test_requests_that_do_not_fit_are_refused(tmp_path, options, message):
+    dataset = equal_points(omit=["period", "period_impacts", "lyapunov"])
+    with pytest.raises(Refused, match=message):
+        plot(dataset, tmp_path / "a.png", "map", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_quantity_that_is_zero_everywhere_is_no_picture():
+    dataset = equal_points(max_penetration={...: 0.0})
+    with pytest.raises(Refused, match="max_penetration is 0 at every point"):
+        parameter_map(dataset, quantity="max_penetration")
+
+
+def test_a_partial_sweep_is_drawn(tmp_path, stop_after):
+    sweep = (
+        "oscillator: {h: 0.1, R: [0.5, 0.8], omega: [2.0, 2.5, 3.0], f: 1.0}\n"
+        "record: {transient: 50, periods: 8, diagnostics: [period, lyapunov]}\n"
+    )
+    with stop_after(1, size=3), pytest.raises(KeyboardInterrupt):
+        run_in(tmp_path, sweep)
+    with open_sweep(tmp_path / "out.h5") as dataset:
+        figure = parameter_map(dataset)
+    assert [colour is None for colour in colours(figure)[1]] == [True] * 3
+    assert "not computed yet (3 of 6)" in legend(figure)

@@ -1,0 +1,229 @@
+"""Numbers per point on maps, below a diagram and as colours: of the file or computed from it."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex, to_rgba
+
+from sweeps import open_sweep
+from sweeps.errors import Refused
+from sweeps.plotting import (
+    bifurcation,
+    diagram,
+    impacts,
+    parameter_map,
+    plot,
+    section,
+    style,
+    table_panels,
+    trajectory,
+)
+from sweeps.plotting.colours import period_cells
+from tests.helpers.sweep_files import run_in
+from vibroimpact import Status
+
+SWEEP = """
+oscillator: {h: 0.05, R: [0.6, 0.8], f: 1.0, omega: {start: 2.2, stop: 3.4, num: 13}}
+record: {transient: 200, periods: 8, impacts: 4, diagnostics: [period, lyapunov]}
+"""
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    with open_sweep(run_in(tmp_path_factory.mktemp("sweep"), SWEEP)) as opened:
+        yield opened.load()
+
+
+def own(dataset, **about):
+    """Return a quantity that changes its sign."""
+    values = dataset["impulse"] * dataset["omega"] - 3.0
+    return values.rename("thrust").assign_attrs(about)
+
+
+def points_of(figure):
+    """Return the points of the first panel and their colours."""
+    (marks,) = (c for c in figure.axes[0].collections if len(c.get_offsets()))
+    return np.asarray(marks.get_offsets()), marks.get_facecolors()
+
+
+def legend(figure):
+    (one,) = figure.legends
+    return {t.get_text(): to_hex(p.get_facecolor()) for t, p in zip(one.texts, one.get_patches())}  # noqa: B905
+
+
+@pytest.mark.slow
+def test_a_quantity_of_ones_own_is_mapped_with_its_label_and_units(dataset):
+    figure = parameter_map(dataset, quantity=own(dataset, long_name="thrust", units="kN"))
+    mesh = figure.axes[0].collections[0]
+    np.testing.assert_array_equal(mesh.get_array(), own(dataset).values)
+    assert mesh.norm(0.0) == 0.5  # both signs
+    assert figure.axes[1].get_xlabel() == "thrust [kN]"
+    turned = parameter_map(dataset, quantity=own(dataset).transpose())
+    np.testing.assert_array_equal(turned.axes[0].collections[0].get_array(), own(dataset).values)
+    assert turned.axes[1].get_xlabel() == "thrust"
+
+
+@pytest.mark.slow
+def test_any_variable_of_the_dataset_is_mapped(dataset):
+    wider = dataset.assign(loud=dataset["fastest_impact"] > 1.0, phase_now=dataset["omega"] * 2.0)
+    for name in ("chatters", "orbit_x", "class_evidence", "loud", "phase_now", "R"):
+        parameter_map(wider, quantity=name).draw_without_rendering()
+    assert "repeats" in legend(parameter_map(dataset, quantity="class_evidence"))
+
+
+def test_a_variable_given_as_a_dataarray_is_that_of_its_name(dataset):
+    one, other = (parameter_map(dataset, quantity=q) for q in ("period", dataset["period"]))
+    assert legend(one) == legend(other) and "1/1" in legend(one)
+
+
+def test_a_quantity_of_ones_own_is_drawn_below(dataset):
+    given = own(dataset, long_name="thrust", units="kN")
+    figure = bifurcation(dataset, at={"R": 0.8}, below=["impulse", given])
+    panel = figure.axes[2]
+    assert panel.get_title("left") == "thrust [kN]"
+    np.testing.assert_array_equal(panel.lines[0].get_ydata(), given.sel(R=0.8).values)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda q: q.sel(R=0.8), None),
+        (lambda q: q.isel(omega=0, R=0), "thrust is over no dimension; expected: numbers over R, "),
+        (lambda q: q.expand_dims(shot=3), "thrust is over shot, R, omega; expected: numbers over"),
+        (lambda q: q.assign_coords(omega=q.omega + 1.0), "thrust is at other values of the axes"),
+        (lambda q: q.isel(omega=slice(3)), "thrust is at other values of the axes; expected"),
+        (lambda q: q.astype(str), "thrust holds <U.*; expected: numbers over R, omega"),
+        (lambda q: q.values, "is not allowed; expected: (a name or a|names or) DataArray"),
+    ],
+)
+@pytest.mark.parametrize("draw", ["quantity", "below", "color"])
+def test_a_dataarray_that_does_not_fit_is_refused(dataset, draw, change, message):
+    picture = parameter_map if draw == "quantity" else bifurcation
+    given = {draw: [change(own(dataset))] if draw == "below" else change(own(dataset))}
+    if message is None:
+        assert picture(dataset, **given)
+        return
+    with pytest.raises(Refused, match=message):
+        picture(dataset, **given)
+
+
+def test_the_classes_have_the_colours_of_the_map_in_every_picture(dataset):
+    """Also a class that is rare in the file but frequent in the line that is drawn."""
+    of_map = legend(parameter_map(dataset))
+    line = dataset.sel(R=0.8)
+    figure = bifurcation(dataset, at={"R": 0.8}, color="period")
+    shown = {text: colour for text, colour in legend(figure).items() if "/" in text}
+    assert len(shown) > 2 and shown.items() <= of_map.items()
+    offsets, colours = points_of(figure)
+    expected = {}
+    for cell in period_cells(line):
+        expected |= dict.fromkeys(line["omega"].values[cell.where], to_rgba(cell.colour))
+    assert {tuple(c[:3]) for c in colours} > {to_rgba(style.CLASSES[1, 1])[:3]}
+    for (x, _), colour in zip(offsets, colours, strict=True):
+        assert tuple(colour[:3]) == expected[x][:3]
+
+
+def test_an_exponent_colours_by_a_bar_and_the_panel_below_alike(dataset):
+    figure = bifurcation(dataset, at={"R": 0.8}, color="lyapunov", below="impulse")
+    assert figure.axes[-1].get_xlabel() == r"larger Lyapunov exponent $\lambda_1$"
+    by_omega = {}
+    for panel in figure.axes[:2]:
+        (marks,) = (c for c in panel.collections if len(c.get_offsets()))
+        pairs = zip(np.asarray(marks.get_offsets())[:, 0], marks.get_facecolors(), strict=True)
+        by_omega |= {(x, tuple(colour[:3])): None for x, colour in pairs}
+    assert len(by_omega) == 13
+    bright = np.array([sum(colour) for _, colour in by_omega])
+    assert bright.max() < 2.6  # visible on white paper
+
+
+@pytest.mark.slow
+def test_sections_of_all_points_or_of_those_left_have_the_colours(dataset):
+    for draw, names in ((section, ("poincare_x", "poincare_v")),
+                        (impacts, ("impact_phase", "impact_v"))):  # fmt: skip
+        figure = draw(dataset, color="omega", at={"R": 0.8})
+        offsets, colours = points_of(figure)
+        columns = [dataset[name].sel(R=0.8).values for name in names]
+        finite = np.isfinite(columns[0])
+        np.testing.assert_array_equal(offsets.T, [column[finite] for column in columns])
+        assert len(np.unique(colours, axis=0)) == 13
+        assert "omega" in figure.axes[1].get_xlabel()
+    assert len(points_of(section(dataset, color="R"))[0]) == dataset["poincare_x"].size
+
+
+@pytest.mark.slow
+def test_the_motions_of_those_left_have_the_colours(dataset):
+    figure = trajectory(dataset, color="omega", at={"R": 0.8})
+    several = [panel.lines for panel in figure.axes[:3]]
+    assert "omega" in figure.axes[3].get_xlabel()
+    assert "after 208 forcing periods" in figure.get_suptitle()
+    colours = np.array([to_rgba(line.get_color()) for line in several[0][:13]])
+    assert (np.diff(colours[:, :2].sum(axis=1)) > 0.0).all()  # cividis: from blue to yellow
+    for i, omega in enumerate(dataset["omega"].values):
+        alone = trajectory(dataset, at={"R": 0.8, "omega": omega})
+        for panel, lines in zip(alone.axes, several, strict=True):
+            np.testing.assert_array_equal(panel.lines[0].get_xydata(), lines[i].get_xydata())
+            assert to_rgba(lines[i].get_color()) == tuple(colours[i])
+
+
+@pytest.mark.slow
+def test_motions_have_the_class_colours_and_no_stop_where_it_moves(dataset):
+    figure = trajectory(dataset, color="period", periods=1)
+    assert all(t[-1] < 3.0 for t in (line.get_xdata() for line in figure.axes[0].lines[:26]))
+    of_map = legend(parameter_map(dataset))
+    assert {text: c for text, c in legend(figure).items() if "/" in text}.items() <= of_map.items()
+    stopped = dataset.rename(R="clearance", clearance="R")
+    moving = trajectory(stopped, color="period", periods=1)
+    assert [len(one.axes[1].lines) for one in (figure, moving)] == [27, 26]
+
+
+@pytest.mark.slow
+def test_what_motions_share_is_said_and_what_cannot_be_told_apart_refused(dataset, monkeypatch):
+    figure = trajectory(dataset, color="period", at={"R": 0.8}, periods=100)
+    assert "after 208 forcing periods, 988 of 1,300 periods" in figure.get_suptitle()
+    t = figure.axes[0].lines[0].get_xdata()
+    assert t[-1] == pytest.approx(100 * 2.0 * np.pi / 2.2) and np.isnan(t).any()
+    with pytest.raises(Refused, match="tells several motions apart, and only one point is left"):
+        trajectory(dataset, color="period", at={"R": 0.8, "omega": 2.8})
+    monkeypatch.setattr("sweeps.plotting.motion._MOST_MOTIONS", 25)
+    with pytest.raises(Refused, match="26 motions is not readable; choose at most 25 points"):
+        trajectory(dataset, color="period")
+
+
+def test_a_motion_that_failed_is_left_out(dataset):
+    broken = dataset.sel(R=0.8).copy(deep=True)
+    broken["status"].values[3] = Status.UNRESOLVED
+    assert len(trajectory(broken, color="omega", periods=1).axes[2].lines) == 12
+
+
+@pytest.mark.slow
+def test_recorded_trajectories_are_coloured(tmp_path):
+    kept = SWEEP.replace("num: 13}", "num: 3}").replace(
+        "impacts", "trajectory: {every: 1}, impacts"
+    )
+    with open_sweep(run_in(tmp_path, kept)) as recorded:
+        figure = trajectory(recorded, color="impulse")
+        first = recorded["trajectory_t"].values[0, 0, 0]
+        t = figure.axes[0].lines[0].get_xdata()
+        assert t[-1] == pytest.approx(8 * 2.0 * np.pi / 2.2)
+        again = f"after {first * 2.2 / (2.0 * np.pi):.6g} forcing periods"
+        assert again in figure.get_suptitle()
+
+
+def test_a_dense_diagram_keeps_the_colours(dataset, monkeypatch):
+    monkeypatch.setattr(diagram, "DENSITY_FROM", 10)
+    figure = bifurcation(dataset, at={"R": 0.8}, color="period")
+    (mesh,) = figure.axes[0].collections
+    image = np.asarray(mesh.get_array())
+    assert len(figure.axes) == 1  # no bar of a density
+    seen = {to_hex(colour) for colour in image.reshape(-1, 4) if colour[3] > 0.0}
+    assert seen == {colour for text, colour in legend(figure).items() if "on its way" not in text}
+
+
+@pytest.mark.slow
+def test_the_points_of_a_table_are_coloured(tmp_path):
+    table = "points: {omega: [2.4, 2.5, 2.6], part: [1.0, 2.0, 3.0]}\n"
+    run_in(tmp_path, table + "oscillator: {h: 0.1, R: 0.8, f: 1.0}\n")
+    with open_sweep(tmp_path / "out.h5") as points:
+        square = (points["omega"] ** 2).rename("square").drop_attrs()
+        figure = table_panels(points, quantity="impulse", color="part", axes=[square])
+        assert [panel.get_xlabel() for panel in figure.axes] == ["square", "part"]
+        plot(points, tmp_path / "a.png", color=points["impulse"], quantity=points["omega"])

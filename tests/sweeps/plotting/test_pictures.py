@@ -1,0 +1,429 @@
+"""Pictures for print, panels below a diagram, pictures of one point, and use from Python."""
+
+import shutil
+from itertools import combinations
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from matplotlib.text import Text
+from PIL import Image
+
+from sweeps import branches, open_sweep, plotting, run_sweep
+from sweeps.analysis.selection import config_of
+from sweeps.errors import Refused
+from sweeps.plotting import Page
+from sweeps.plotting.saving import save
+from sweeps.plotting.style import user_style
+from tests.helpers.commands import call
+from tests.helpers.sweep_files import run_in
+from vibroimpact import Oscillator, one_impact_orbit, simulate
+
+MAP = """
+name: a map with a name that is long enough to need two lines on a page of one column
+oscillator: {h: 0.05, R: [0.6, 0.8], omega: {start: 2.2, stop: 3.4, num: 13}, f: 1.0}
+record: {transient: 100, periods: 32, impacts: 16, diagnostics: [period, lyapunov]}
+"""
+STARTS = """
+name: starts
+oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
+start: {x0: {start: -3, stop: 0.5, num: 6}, v0: {start: -3, stop: 3, num: 6}}
+record: {transient: 200, periods: 32, diagnostics: [period]}
+"""
+TABLE = """\
+points: {h: [0.1, 0.02, 0.05], R: [0.8, 0.7, 0.75], omega: [2.4, 2.6, 2.9], p: [1.0, 1.1, 1.2]}
+oscillator: {f: 1.0}
+"""
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("files")
+    for name, text in (("map", MAP), ("starts", STARTS), ("table", TABLE)):
+        run_in(folder, text, name=f"{name}.h5")
+    return folder
+
+
+@pytest.fixture
+def dataset(files):
+    with open_sweep(files / "map.h5") as opened:
+        yield opened
+
+
+@pytest.fixture
+def draw(files):
+    """Return a function that draws map.h5 with the command line."""
+    shutil.copy(files / "map.h5", "map.h5")
+    return lambda *arguments: call("plot", "map.h5", *arguments)
+
+
+def visible_texts(figure):
+    """Return the visible texts and their boxes [pt]."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    hidden = hidden_ticks(figure)
+    boxes = []
+    for text in figure.findobj(Text):
+        box = text.get_window_extent(canvas.get_renderer())
+        if text.get_visible() and text.get_text().strip() and text not in hidden:
+            boxes.append((text, box))
+    return boxes
+
+
+def hidden_ticks(figure):
+    """Return the labels of ticks outside the limits of their axes."""
+    labels = set()
+    for panel in figure.axes:
+        for axis, limits in ((panel.xaxis, panel.get_xlim()), (panel.yaxis, panel.get_ylim())):
+            for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]:
+                if not min(limits) - 1e-9 <= tick.get_loc() <= max(limits) + 1e-9:
+                    labels |= {tick.label1, tick.label2}
+    return labels
+
+
+NARROW = [
+    ("map.h5", "bifurcation", {"below": ("lyapunov", "impacts_per_period")}),
+    ("map.h5", "bifurcation", {"exact": [(1, 1), (2, 1)], "coordinate": "impact_phase"}),
+    ("map.h5", "map", {}),
+    ("map.h5", "map", {"quantity": "lyapunov"}),
+    ("map.h5", "section", {"at": {"omega": 2.8}}),
+    ("map.h5", "impacts", {"at": {"omega": 2.8}}),
+    ("map.h5", "trajectory", {"at": {"omega": 2.8}}),
+    ("map.h5", "bifurcation", {"color": "period", "at": {"R": 0.8}}),
+    ("map.h5", "bifurcation", {"color": "impacts_per_period", "below": "lyapunov"}),
+    ("map.h5", "bifurcation", {"color": "class_evidence"}),
+    ("map.h5", "section", {"color": "period"}),
+    ("map.h5", "section", {"color": "lyapunov", "at": {"R": 0.8}}),
+    ("map.h5", "impacts", {"color": "impulse"}),
+    ("map.h5", "trajectory", {"color": "period"}),
+    ("map.h5", "trajectory", {"color": "energy_lost", "at": {"R": 0.8}}),
+    ("starts.h5", "trajectory", {"color": "x0", "at": {"v0": 0.6}}),
+    ("starts.h5", "basins", {}),
+    ("starts.h5", "integrity", {}),
+    ("table.h5", "table", {"quantity": "impulse"}),
+    ("table.h5", "table", {"color": "slowest_impact"}),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("file", "kind", "options"), NARROW)
+def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, options):
+    with open_sweep(files / file) as dataset:
+        if "exact" in options:
+            options = {**options, "exact": branches(dataset, classes=options["exact"])}
+        figure = plotting.KINDS[kind].draw(dataset, page=Page(width=3.4), **options)
+    assert figure.get_figwidth() == pytest.approx(3.4)
+    texts = visible_texts(figure)
+    assert len(texts) > 8
+    if kind == "integrity":
+        assert any("least knock, 2/1" in text.get_text() for text, _ in texts)
+    page = figure.bbox
+    for text, box in texts:
+        size = text.get_fontsize() * (
+            0.7 if "_" in text.get_text() or "^" in text.get_text() else 1
+        )
+        assert size >= 6.0, text
+        assert box.x0 >= page.x0 - 1 and box.x1 <= page.x1 + 1, text
+        assert box.y0 >= page.y0 - 1 and box.y1 <= page.y1 + 1, text
+    for (one, a), (other, b) in combinations(texts, 2):
+        wide = min(a.x1, b.x1) - max(a.x0, b.x0)
+        high = min(a.y1, b.y1) - max(a.y0, b.y0)
+        assert wide <= 1.0 or high <= 1.0, (one, other)
+
+
+@pytest.mark.slow
+def test_no_tick_label_is_cut_at_any_width(dataset, tmp_path):
+    """Panels of another width have other ticks, of which the last is at the end of the axis."""
+    values = np.linspace(2.0, 12.0, dataset.sizes["omega"])
+    dataset = dataset.assign_coords(omega=("omega", values, dataset["omega"].attrs))
+    for width in np.arange(2.6, 3.8, 0.2):
+        figure = plotting.bifurcation(dataset, page=Page(width=width, title=""))
+        save(figure, tmp_path / "page.png")
+        assert (imread(tmp_path / "page.png")[:, [0, -1], :3] > 0.9).all(), width
+
+
+@pytest.mark.slow
+def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen_is_said(draw):
+    small = ("--dpi", "60")
+    default = draw("-o", "default.png", *small)
+    assert (default.stdout, default.stderr) == ("default.png\n", "")
+    draw("-o", "map.png", "--kind", "map", *small)
+    said = "R = 0.6, the first of 2: --at R=VALUE takes another\n"
+    assert draw("-o", "diagram.png", "--kind", "bifurcation", *small).stderr == said
+    default, shown, other = (imread(f"{name}.png") for name in ("default", "map", "diagram"))
+    assert np.array_equal(default, shown) and default.shape != other.shape
+    for choice, told in (
+        (["--axis", "R"], "omega = 2.2, the first of 13: --at omega=VALUE takes another\n"),
+        (["--at", "R=0.8"], ""),
+        (["--coordinate", "poincare_v"], said),
+    ):
+        drawn = draw(*choice, "-o", "map.png", *small)
+        assert (drawn.exit_code, drawn.stderr) == (0, told)
+        assert imread("map.png").shape != shown.shape
+    assert draw("--kind", "section").stderr.count("the first of") == 2
+
+
+def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):
+    figure = plotting.bifurcation(dataset, below=["lyapunov", "rest_fraction"], at={"R": 0.8})
+    diagram, exponents, rest = figure.axes
+    line = dataset.sel(R=0.8)
+    for number in (0, 1):
+        drawn = exponents.lines[number].get_xydata()
+        values = line["lyapunov"].isel(exponent=number).values
+        np.testing.assert_array_equal(drawn, np.stack([line["omega"].values, values], axis=1))
+    assert exponents.get_title("left") == r"Lyapunov exponent $\lambda$"
+    assert diagram.get_xlim() == rest.get_xlim()
+    assert not diagram.get_xlabel() and "omega" in rest.get_xlabel()
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["on its way to m/q (3 of 13)", r"$\lambda_1$", r"$\lambda_2$"]
+
+
+@pytest.mark.slow
+def test_the_dots_of_attractors_of_many_starts_are_visible():
+    """Chaotic ones, too, on a screen of 100 pixels per inch."""
+    axis = {"start": 2.7, "stop": 2.95, "num": 200}
+    oscillator = {"h": 0.02, "R": 0.8, "omega": axis, "f": 1.0}
+    record = {"transient": 100, "periods": 32}
+    start = {"v0": [0.0, 0.5]}
+    run_sweep({"oscillator": oscillator, "start": start, "record": record}, "starts.h5")
+    with open_sweep("starts.h5") as dataset:
+        panel = plotting.attractor_diagram(dataset).axes[0]
+    sizes = [line.get_markersize() for line in panel.lines if len(line.get_xdata())]
+    assert len(sizes) > 2 and min(sizes) > 72.0 / 100.0
+
+
+@pytest.mark.slow
+def test_a_motion_goes_on_from_the_stored_state(dataset):
+    """On the closed-form orbit at omega = 2.3: one impact per period, at its speed."""
+    figure = plotting.trajectory(dataset, at={"omega": 2.3, "R": 0.8}, periods=3)
+    over_time, velocity, _ = figure.axes
+    orbit = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=2.3, f=1.0))
+    (impacts,) = [line for line in velocity.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(impacts.get_ydata(), 3 * [orbit.v], rtol=1e-6)
+    t, x = over_time.lines[0].get_xydata().T
+    assert t[0] == 0.0 and t[-1] == pytest.approx(3 * 2.0 * np.pi / 2.3)
+    first = dataset["poincare_x"].sel(omega=2.3, R=0.8, method="nearest").values[-1]
+    assert x[0] == first
+    assert np.diff(t).max() < 2.0 * np.pi / 2.3 / 199  # no corners
+    assert x.max() < 1e-9
+    assert "after 132 forcing periods" in figure.get_suptitle()
+
+
+@pytest.mark.slow
+def test_a_motion_is_shown_over_two_repetitions_with_its_class():
+    """A 3/2 motion over six periods; where no class is known, over four."""
+    for diagnostics, shown, periods in ((["period"], "class 3/2, $t_0=", 6), ([], "$t_0=", 4)):
+        oscillator = {"h": 0.05, "R": 0.5, "omega": 5.18, "f": 1.0}
+        record = {"transient": 300, "periods": 40, "diagnostics": diagnostics}
+        run_sweep({"oscillator": oscillator, "record": record}, "motion.h5", overwrite=True)
+        with open_sweep("motion.h5") as dataset:
+            figure = plotting.trajectory(dataset)
+        t = figure.axes[0].lines[0].get_xdata()
+        assert t[-1] == pytest.approx(periods * 2.0 * np.pi / 5.18)
+        assert f", {shown}" in figure.get_suptitle()
+
+
+SLOW = """
+oscillator: {h: 0.05, R: 0.9, omega: [0.2, 0.25, 2.3], f: 1.0}
+record: {transient: 20, periods: 10, diagnostics: [period]}
+"""
+
+
+def test_impacts_that_were_not_kept_are_said(tmp_path):
+    """122 impacts in a period at omega = 0.2, as `simulate` counts them; 64 are kept."""
+    path = run_in(tmp_path, SLOW)
+    turn = 2.0 * np.pi / 0.2
+    motion = simulate(Oscillator(h=0.05, R=0.9, omega=0.2, f=1.0), periods=30)
+    most = f"{int((motion.impact_t > 20 * turn).sum()):,}"
+    with open_sweep(path) as dataset:
+        for figure, said, part in (
+            (plotting.bifurcation(dataset, coordinate="impact_v"), f"up to {most}", True),
+            (plotting.bifurcation(dataset, coordinate="poincare_x"), "", False),
+            (plotting.impacts(dataset, at={"omega": 0.2}), most, False),
+            (plotting.impacts(dataset, at={"omega": 2.3}), "", False),
+            (plotting.impacts(dataset, color="period"), f"up to {most}", False),
+            (plotting.section(dataset), "", False),
+        ):
+            title = figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
+            assert title.endswith(f"last 64 of {said} impacts" if said else "record 10 periods")
+            texts = [text.get_text() for one in figure.legends for text in one.get_texts()]
+            assert ("only part of a repetition (1 of 3)" in texts) == part
+    said = "; the file has only the last 64 of up to {} impacts of a point"
+    for rows, text in (("impacts", said.format(most)), ("sections", "")):
+        assert call("export", path, "-o", "a.csv", "--rows", rows).stdout.endswith(f" rows{text}\n")
+
+
+LONG = """
+oscillator: {h: 0.05, R: 0.8, omega: 2.3, f: 1.0}
+record: {transient: 0, periods: 3000, trajectory: {every: 7}}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("recorded", [True, False])
+def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it(tmp_path, monkeypatch, recorded):
+    """No more samples than pixels, however long the record; here one period of three."""
+    with open_sweep(run_in(tmp_path, LONG)) as dataset:
+        figure = plotting.trajectory(dataset, periods=None if recorded else 3000)
+        t, x = figure.axes[0].lines[0].get_xdata(), figure.axes[0].lines[0].get_ydata()
+        assert len(t) < 1000 * 250
+        gaps = np.flatnonzero(np.isnan(t))
+        periods = np.split(t / (2.0 * np.pi / 2.3), gaps)
+        begins = np.array([piece[0 if i == 0 else 1] for i, piece in enumerate(periods[:1000])])
+        ends = np.array([piece[-1] for piece in periods[:1000]])
+        step = 7 / config_of(dataset).method.steps_per_period * (1 if recorded else 0)
+        np.testing.assert_allclose(begins, 3 * np.arange(1000), atol=step + 1e-6)
+        assert (ends - begins > 1.0 - step - 1e-6).all()
+        assert np.nanmax(x) < 1e-9 and np.nanmin(x) < -0.3
+        assert "1,000 of 3,000 periods" in figure.get_suptitle()
+        if recorded:
+            monkeypatch.setattr("sweeps.analysis.trajectories._PART", 1001)
+            again = plotting.trajectory(dataset)
+            np.testing.assert_array_equal(again.axes[0].lines[0].get_xdata(), t)
+
+
+@pytest.mark.slow
+def test_the_trajectory_of_a_sweep_without_one_by_the_command(draw):
+    assert draw("--at", "omega=2.8", "--periods", "2").exit_code == 0
+    wrong = draw("--at", "omega=2.8", "--periods", "0")
+    assert wrong.exit_code == 2 and "expected: an integer >= 1" in wrong.stderr
+    assert "periods can be chosen for a trajectory only" in draw(
+        "--kind", "map", "--periods", "2"
+    ).stderr  # fmt: skip
+
+
+@pytest.mark.slow
+def test_width_title_and_limits_by_the_command(draw):
+    arguments = ["--kind", "bifurcation", "--width", "86.36mm", "--title", "A title"]
+    assert draw(*arguments, "--xlim", "2.5:3", "--ylim", "-0.5:0").exit_code == 0
+    assert imread("map-bifurcation.png").shape[1] == pytest.approx(3.4 * 300, abs=1)
+    assert draw(*arguments, "--height", "5cm", "--dpi", "100").exit_code == 0
+    assert imread("map-bifurcation.png").shape[:2] == (pytest.approx(197, abs=1), 340)
+    for option, value in (("--width", "3.4"), ("--width", "0in"), ("--height", "3"), ("--dpi", "0"),
+                          ("--xlim", "3:2"),
+                          ("--ylim", "1"), ("--xlim", "nan:1")):  # fmt: skip
+        wrong = draw(option, value)
+        assert wrong.exit_code == 2
+        assert f"{option} {value} is not allowed; expected: " in wrong.stderr
+
+
+def test_a_page_sets_title_and_limits(dataset):
+    page = Page(title="Mine", xlim=(2.5, 3.0), ylim=(-0.4, 0.1))
+    figure = plotting.bifurcation(dataset, page=page)
+    assert figure.get_suptitle() == "Mine"
+    assert figure.axes[0].get_xlim() == (2.5, 3.0) and figure.axes[0].get_ylim() == (-0.4, 0.1)
+    assert plotting.parameter_map(dataset, page=Page(title="")).get_suptitle() == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("most", [10, 10**9])
+def test_the_ordinate_fits_what_is_within_the_limits_of_the_abscissa(dataset, monkeypatch, most):
+    """As markers and as a density; also below the diagram, with exact branches and of a motion."""
+    monkeypatch.setattr("sweeps.plotting.diagram.DENSITY_FROM", most)
+    page, seen = Page(xlim=(2.25, 2.45)), dataset.sel(omega=slice(2.25, 2.45), R=0.6)
+    figure = plotting.bifurcation(dataset, page=page, below=["fastest_impact"])
+    for panel, name in zip(figure.axes, ("poincare_x", "fastest_impact"), strict=False):
+        low, high = seen[name].values.min(), seen[name].values.max()
+        room = 0.05 * (high - low)
+        assert panel.get_ylim() == pytest.approx((low - room, high + room))
+    fixed = plotting.bifurcation(dataset, page=Page(xlim=page.xlim, ylim=(-9.0, 9.0)))
+    assert fixed.axes[0].get_ylim() == (-9.0, 9.0)
+
+
+@pytest.mark.slow
+def test_the_ordinate_fits_the_part_of_a_motion_and_of_branches_in_view(dataset):
+    page = Page(xlim=(0.3, 0.6))
+    panel = plotting.trajectory(dataset, at={"omega": 2.3}, page=page).axes[0]
+    t, x = panel.lines[0].get_xydata().T
+    part = x[(t >= 0.3) & (t <= 0.6)]
+    assert panel.get_ylim() == pytest.approx((part.min(), part.max()), abs=0.1 * np.ptp(part))
+    page = Page(xlim=(2.25, 2.35))
+    at, exact = {"R": 0.8}, branches(dataset, "omega", {"R": 0.8})
+    low, high = plotting.bifurcation(dataset, at=at, exact=exact, page=page).axes[0].get_ylim()
+    least, most = plotting.bifurcation(dataset, at=at, exact=exact).axes[0].get_ylim()
+    assert high - low < 0.9 * (most - least)
+
+
+@pytest.mark.parametrize(("name", "ends"), [("xlim", (5.0, 6.0)), ("ylim", (1.0, 2.0))])
+def test_limits_without_data_are_refused(dataset, name, ends):
+    with pytest.raises(Refused, match=f"nothing to draw with {name} = .*; the data range from"):
+        plotting.bifurcation(dataset, page=Page(**{name: ends}))
+
+
+def test_the_attractors_are_marked_in_their_basins(files):
+    """The free oscillation, at its closed form, and one impact in a period, at its own."""
+    with open_sweep(files / "starts.h5") as dataset:
+        panel = plotting.basins(dataset).axes[0]
+    marks = np.concatenate([line.get_xydata() for line in panel.lines])
+    osc = Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0, clearance=0.6)
+    stiffness = (1.0 - osc.omega**2) + 2j * osc.h * osc.omega
+    amplitude = -osc.f / stiffness
+    free = np.array([amplitude.imag, osc.omega * amplitude.real])
+    assert np.abs(marks - free).max(axis=1).min() < 1e-9
+    assert panel.get_xlim() == pytest.approx((-3.35, 0.85))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
+    output = tmp_path / f"a.{ending}"
+    plotting.plot(dataset, output, "section", command="vibroimpact plot map.h5")
+    if ending == "png":
+        with Image.open(output) as image:
+            text = " ".join(image.text.values())
+    else:
+        text = output.read_bytes().decode("latin-1")
+    for part in ("vibroimpact 0", "numerics", "vibroimpact plot map.h5", "transient: 100",
+                 "a map with a name"):  # fmt: skip
+        assert part in text
+    again = tmp_path / f"b.{ending}"
+    plotting.plot(dataset, again, "section", command="vibroimpact plot map.h5")
+    assert again.read_bytes() == output.read_bytes()
+
+
+@pytest.mark.slow
+def test_settings_of_the_user_are_kept(dataset, tmp_path):
+    own = {"font.size": 6.0, "figure.figsize": [4.0, 2.0], "savefig.dpi": 50.0}
+    with mpl.rc_context(own):
+        figure = plotting.bifurcation(dataset)
+        panel = figure.axes[0]
+        texts = [*figure.texts, panel.xaxis.label, panel.yaxis.label, *panel.get_xticklabels()]
+        assert {text.get_fontsize() for text in texts} == {6.0}
+        parts = (figure.texts[0], figure.legends[0])
+        room = sum(part.get_window_extent().height for part in parts) / figure.dpi
+        assert figure.get_size_inches() == pytest.approx([4.0, 2.0 + room])
+        plotting.plot(dataset, tmp_path / "a.png", kind="bifurcation")
+    assert imread(tmp_path / "a.png").shape[1] == 200
+    assert plotting.bifurcation(dataset).axes[0].xaxis.label.get_fontsize() == 9.0
+    assert mpl.rcParams["font.size"] == mpl.rcParamsDefault["font.size"]
+
+
+def test_a_setting_that_the_user_names_is_kept_where_it_is_matplotlibs_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert user_style()["font.size"] == 9.0
+    Path("matplotlibrc").write_text("font.size: 10\n")
+    assert "font.size" not in user_style() and "savefig.dpi" in user_style()
+
+
+@pytest.mark.slow
+def test_a_panel_of_another_figure_is_drawn_into(dataset):
+    figure = Figure()
+    left, right = figure.subplots(1, 2)
+    assert plotting.bifurcation(dataset, ax=left) is figure
+    assert plotting.parameter_map(dataset, ax=right, page=Page(title="right")) is figure
+    assert left.lines and right.collections and right.get_title() == "right"
+    assert not figure.legends and right.get_legend() is not None
+    three = Figure().subplots(3)
+    assert plotting.trajectory(dataset, ax=three) is three[0].figure
+    with pytest.raises(Exception, match="leave out ax or below"):
+        plotting.bifurcation(dataset, ax=left, below=["lyapunov"])
+
+
+def test_a_height_that_leaves_nothing_of_the_panels_is_refused(dataset):
+    with pytest.raises(Refused, match=r"height = 1\.2 in .*; expected: at least 2 in, of which"):
+        plotting.bifurcation(dataset, page=Page(width=3.4, height=1.2))
+    assert plotting.bifurcation(dataset, page=Page(height=2.5, title="")).get_figheight() == 2.5

@@ -1,0 +1,267 @@
+"""Pictures as files, the default picture, and invalid requests."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from sweeps import open_sweep, run_sweep
+from sweeps.analysis.bifurcations import find_bifurcations
+from sweeps.engine.run import _schema
+from sweeps.errors import Refused
+from sweeps.plotting import (
+    KINDS,
+    api,
+    bifurcation,
+    parameter_map,
+    plot,
+    saving,
+    section,
+    trajectory,
+)
+from tests.helpers.commands import call
+from tests.helpers.configurations import load
+from tests.helpers.written_files import FIXED, OMEGA, R, fill_blocks
+from vibroimpact.status import Status
+
+
+@pytest.mark.parametrize("link", ["symbolic", "hard", "dotted"])
+def test_the_data_are_never_replaced(random_sweep, tmp_path, link):
+    dataset = random_sweep({"omega": OMEGA})
+    data, picture = tmp_path / "0.h5", tmp_path / "link.png"
+    before = data.read_bytes()
+    if link == "symbolic":
+        picture.symlink_to("0.h5")
+    elif link == "hard":
+        picture.hardlink_to(data)
+    else:
+        (tmp_path / "folder").mkdir()
+        picture = tmp_path / "folder" / ".." / "0.h5"
+    with pytest.raises(Refused, match="would replace the data; give another output"):
+        plot(dataset, picture)
+    assert data.read_bytes() == before
+
+
+@pytest.mark.slow
+def test_a_picture_is_replaced_whole_or_not_at_all(random_sweep, tmp_path, monkeypatch):
+    dataset = random_sweep({"omega": OMEGA})
+    target, link = tmp_path / "a.png", tmp_path / "link.png"
+    target.write_text("old")
+    link.symlink_to("a.png")
+
+    def fail(self, file, **_):
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(saving.Figure, "savefig", fail)
+        plot(dataset, target)
+    assert target.read_text() == "old"
+    plot(dataset, link)
+    assert link.is_symlink() and target.read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.h5", "a.png", "link.png"]
+
+
+@pytest.mark.slow
+def test_a_name_that_the_font_lacks_gives_no_warning(random_sweep, tmp_path):
+    plot(random_sweep({"omega": OMEGA}, name="振動 衝突"), tmp_path / "a.png")
+
+
+def test_powers_of_ten_are_set_as_such(random_sweep):
+    dataset = random_sweep({"omega": OMEGA}, fixed={**FIXED, "clearance": 1e300, "f": 2.5e-7})
+    figure = section(dataset)
+    assert r"$f=2.5\times10^{-7}$" in figure.get_suptitle()
+    assert r"$\sigma=1\times10^{300}$" in figure.get_suptitle()
+    (legend,) = figure.legends
+    assert r"\sigma=1\times10^{300}$" in legend.get_texts()[0].get_text()
+
+
+@pytest.mark.slow
+def test_a_point_that_failed_is_titled_so(random_sweep):
+    dataset = random_sweep({}, status=np.array([Status.UNRESOLVED], np.int8))
+    for draw in (section, trajectory):
+        assert Status.UNRESOLVED.meaning in draw(dataset).get_suptitle().replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("axes", "with_trajectory", "expected"),
+    [
+        ({"omega": OMEGA}, True, "bifurcation"),
+        ({}, True, "trajectory"),
+        ({}, False, "section"),
+    ],
+)
+def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajectory, expected):
+    called = []
+
+    def spy(name):
+        return KINDS[name]._replace(draw=lambda *_, **__: called.append(name) or Figure())
+
+    monkeypatch.setattr(api, "KINDS", {name: spy(name) for name in KINDS})
+    plot(random_sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.PDF")
+    assert called == [expected] and (tmp_path / "a.PDF").read_bytes().startswith(b"%PDF")
+
+
+@pytest.fixture(scope="module")
+def without_impacts(random_sweep):
+    return random_sweep({"R": R, "omega": OMEGA}, impacts=0, with_trajectory=False)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"output": "a.jpg"}, r"a\.jpg must end in one of \.png, \.svg, \.pdf"),
+        ({"output": "a"}, r"must end in one of"),
+        ({"output": "missing/a.png"}, r"the folder .*missing of the picture a\.png does not exist"),
+        ({"output": "folder.png"}, r"folder\.png is a directory"),
+        ({"kind": ""}, "no picture ''; choose one of"),
+        ({"kind": "bifurcaton"}, "no picture 'bifurcaton' .did you mean bifurcation.*choose"),
+        ({"axes": [""]}, "'' is not a swept axis"),
+        ({"coordinate": ""}, "no '' to draw; choose from: poincare_x"),
+        (
+            {"kind": "pie"},
+            "no picture 'pie'; choose one of bifurcation, attractors, basins, integrity, map, sec",
+        ),
+        ({"axes": ["h"]}, "h is not a swept axis; the file has R, omega"),
+        ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
+        ({"axes": ["omega"], "at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
+        ({"at": {"R": 0.9}}, "R = 0.9 is outside the sweep: 0.5 to 0.8"),
+        (
+            {"at": {"R": float("nan")}},
+            "at = {'R': nan} is not allowed; expected: a number for each axis",
+        ),
+        (
+            {"coordinate": "status"},
+            "status is not a coordinate of the motion; choose from: poincare_x",
+        ),
+        (
+            {"coordinate": "impact_v"},
+            "has no impact_v to draw; choose from: poincare_x, poincare_v",
+        ),
+        (
+            {"kind": "section", "axes": ["R"]},
+            "axes can be chosen for a bifurcation or attractors or map or table only",
+        ),
+        ({"kind": "section", "exact": True}, "exact = True is not allowed; expected: the result"),
+        ({"kind": "section", "quantity": "period"}, "quantity can be chosen for a map or table"),
+        ({"kind": "bifurcation", "quantity": "period"}, "a diagram shows it as color or below"),
+        ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
+        (
+            {"coordinate": "max_penetration"},
+            "max_penetration is not a coordinate of the motion; choose from: poincare_x, "
+            "poincare_v, poincare_height; max_penetration can be drawn",
+        ),
+        (
+            {"below": ("status",)},
+            "status cannot be drawn below a diagram: its numbers stand for words",
+        ),
+        ({"below": ("rest_fraction",) * 2}, "rest_fraction is asked for twice"),
+        ({"kind": "map", "below": ("rest_fraction",)}, "below can be chosen for a bifurcation"),
+        (
+            {"kind": "trajectory", "periods": -1},
+            "periods = -1 is not allowed; expected: an integer from 1 to 1,000,000",
+        ),
+        (
+            {"below": ("rest_fracton",)},
+            "no rest_fracton .did you mean rest_fraction..; cho",
+        ),
+        ({"color": "poincare_x"}, "poincare_x is not a number for each point; choose from: cha"),
+        ({"kind": "basins", "color": "status"}, "color can be chosen for a bifurcation or section"),
+        (
+            {"kind": "section", "color": "impulse", "at": {"R": 0.5, "omega": 1.0}},
+            "a color tells several motions apart, and only one point is left",
+        ),
+        ({"kind": "section", "at": {"f": 1.0}}, "f cannot be fixed here; choose from: R, omega"),
+    ],
+)
+def test_requests_that_do_not_fit_are_refused(without_impacts, tmp_path, options, message):
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(Refused, match=message):
+        plot(without_impacts, **{**options, "output": tmp_path / options.get("output", "a.png")})
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_the_outermost_value_may_be_rounded(random_sweep):
+    dataset = random_sweep({"R": [0.1 * 3, 0.1], "omega": OMEGA})
+    assert "$R=0.3$" in section(dataset, at={"R": 0.3}).get_suptitle()
+
+
+def test_a_single_point_has_no_bifurcation(random_sweep):
+    with pytest.raises(Refused, match="a single point"):
+        bifurcation(random_sweep({}))
+
+
+def test_nothing_to_draw_is_said(random_sweep):
+    nothing = np.full((4, 5), np.nan)
+    pending = np.full(4, Status.PENDING, np.int8)
+    dataset = random_sweep({"omega": OMEGA}, status=pending, poincare_x=nothing)
+    with pytest.raises(Refused, match=r"no point has a result: not computed yet .4."):
+        bifurcation(dataset)
+    with pytest.raises(Refused, match="nothing to draw at this point: not computed yet"):
+        section(dataset)
+
+
+@pytest.mark.slow
+def test_a_picture_is_over_the_axis_that_is_left(random_sweep):
+    """Of equally long axes the first is drawn, unless it is fixed."""
+    dataset = random_sweep({"R": R, "omega": [1.0, 2.0]}, diagnostics=("period",))
+    over = {"R": "coefficient of restitution $R$", "omega": r"forcing frequency $\omega$"}
+    for at, axis in (({}, "R"), ({"R": 0.8}, "omega"), ({"omega": 2.0}, "R")):
+        assert bifurcation(dataset, at=at).axes[0].get_xlabel() == over[axis]
+        along, _ = find_bifurcations(dataset, at=at)
+        assert along == axis
+    with pytest.raises(Refused, match="R cannot be fixed here; choose from: omega"):
+        bifurcation(dataset, axes=["R"], at={"R": 0.8})
+    cube = random_sweep({"R": R, "omega": [1.0, 2.0], "h": [0.1, 0.2]}, diagnostics=("period",))
+    (panel,) = parameter_map(cube, at={"R": 0.8}).axes
+    assert panel.get_ylabel() == over["omega"] and "damping" in panel.get_xlabel()
+
+
+# Files of every shape, also those of which no block is finished
+
+RECORD = "record: {transient: 20, periods: 4, impacts: 4}\n"
+FIXED_OSCILLATOR = "oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}\n"
+STARTS = "start: {x0: {start: -3, stop: 0.5, num: 3}, v0: {start: -3, stop: 3, num: 3}}\n"
+SHAPES = {
+    "point": FIXED_OSCILLATOR,
+    "map": "oscillator: {h: 0.1, R: [0.7, 0.8], omega: [2.4, 2.6], f: 1.0}\n",
+    "followed": "oscillator: {h: 0.1, R: 0.8, omega: [2.4, 2.6], f: 1.0}\n"
+    "follow: {axis: omega, direction: both}\n",
+    "starts": FIXED_OSCILLATOR + STARTS,
+    "starts over a parameter": FIXED_OSCILLATOR.replace("2.6", "[2.6, 2.7]") + STARTS,
+    "table": "points: {omega: [2.4, 2.6, 2.6], x0: [-1, -1, -2], part: [a, b, c]}\n"
+    "oscillator: {h: 0.1, R: 0.8, f: 1.0}\n",
+    "table of starts": "points: {x0: [-1, -1, -2], v0: [0, 1, 2]}\n" + FIXED_OSCILLATOR,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("shape", "blocks"),
+    [*((shape, 0) for shape in SHAPES), ("table", None), ("table of starts", None)],
+)
+def test_every_command_draws_or_refuses_every_file(shape, blocks):
+    """A refusal is one line; without a finished block only maps have something to show."""
+    config = load(SHAPES[shape] + RECORD)
+    if blocks is None:
+        run_sweep(config, "a.h5")
+    else:
+        fill_blocks("a.h5", blocks, plan=_schema(config, 2), results=None)
+    for command in (["info"], ["info", "--bifurcations"], ["attractors", "--csv", "a.csv"],
+                    ["integrity", "--csv", "b.csv"], ["export", "-o", "c.csv"], ["plot"],
+                    ["plot", "--exact"], ["plot", "--quantity", "impulse"]):  # fmt: skip
+        result = call(*command, "a.h5")
+        assert result.exit_code == 0 or result.stderr.count("\n") == 1
+    drawn = set()
+    with open_sweep("a.h5") as dataset:
+        for kind in KINDS:
+            try:
+                KINDS[kind].draw(dataset)
+                drawn.add(kind)
+            except Refused as refused:
+                assert "\n" not in str(refused)
+    if blocks == 0:
+        assert drawn == {"map": {"map"}, "starts": {"map", "basins", "integrity"},
+                         "starts over a parameter": {"map", "basins", "integrity"},
+                         }.get(shape, set())  # fmt: skip
+    else:
+        assert drawn == {"table", "section", "impacts", "trajectory"}

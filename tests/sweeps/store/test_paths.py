@@ -1,0 +1,348 @@
+"""Paths that are refused for writing or reading, and the lock of the single writer."""
+
+import errno
+import os
+import re
+import shutil
+import stat
+import subprocess
+import sys
+import types
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from filelock import FileLock, Timeout
+
+from sweeps.errors import StoreError
+from sweeps.store import check_output, check_room, only_writer, open_sweep
+from sweeps.store.paths import FORMAT, FORMAT_VERSION
+from tests.helpers.commands import accepted, call
+from tests.helpers.places import ROOT
+from tests.helpers.written_files import contents, fill_blocks
+
+CONFIG = """\
+oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 40}, f: 1.0}
+method: {integrator: newmark, impact: plain}
+record: {transient: 3, periods: 4, impacts: 2}
+output: out.h5
+"""
+
+
+def run(*options):
+    return call("run", "sweep.yaml", "--quiet", *options)
+
+
+# Paths that are not replaced
+
+
+@pytest.mark.parametrize("blocks", [2, None])
+def test_an_existing_sweep_is_kept_unless_told(blocks):
+    fill_blocks("out.h5", blocks)
+    (path,) = Path().glob("out.h5*")
+    before = contents(path)
+    with pytest.raises(StoreError, match=f"{path} exists; resume it, overwrite it, or"):
+        fill_blocks("out.h5")
+    assert contents(path) == before
+    fill_blocks("out.h5", overwrite=True)
+    open_sweep("out.h5").close()
+    assert not Path("out.h5.parts").exists()
+
+
+@pytest.mark.parametrize("name", ["out.h5", "out.h5.parts/schema.h5"])
+def test_what_is_no_regular_file_is_refused_and_stays(name):
+    """Without waiting for a writer; for other kinds of files see ``test_replacing.py``."""
+    Path(name).parent.mkdir(exist_ok=True)
+    os.mkfifo(name)
+    before = os.stat(name).st_mode
+    for option in ("--overwrite", "--resume"):
+        result = run(option)
+        assert result.exit_code == 2
+        assert "not a regular file" in result.stderr
+    assert os.stat(name).st_mode == before and not stat.S_ISREG(before)
+    for command in ("info", "plot"):
+        result = call(command, "out.h5")
+        assert result.exit_code == 2 and "not a regular file" in result.stderr
+    assert sorted(path.name for path in Path().iterdir()) == [name.split("/")[0], "sweep.yaml"]
+
+
+@pytest.mark.parametrize(
+    "make", [os.mkfifo, lambda path: Path(path).touch(), lambda path: Path(path).symlink_to("a")]
+)
+def test_what_is_no_folder_is_not_used_for_the_blocks(make):
+    Path("a").mkdir()
+    make("out.h5.parts")
+    for option in ("--overwrite", "--resume", "--quiet"):
+        result = run(option)
+        assert result.exit_code == 2
+        assert "out.h5.parts is needed as a folder, but something else has that" in result.stderr
+    assert call("info", "out.h5").exit_code == 2
+    assert sorted(os.listdir()) == ["a", "out.h5.parts", "sweep.yaml"] and not os.listdir("a")
+
+
+def test_other_files_in_the_folder_of_the_blocks_stay():
+    fill_blocks("out.h5", 2)
+    mine = [Path("out.h5.parts") / name for name in ("notes.txt", "block-x.npz", ".new")]
+    for path in mine:
+        path.touch()
+    fill_blocks("out.h5", resume=True)
+    assert sorted(Path("out.h5.parts").iterdir()) == sorted(mine)
+    open_sweep("out.h5").close()
+    fill_blocks("out.h5", 2, overwrite=True)
+    fill_blocks("out.h5", 0, overwrite=True)
+    assert sorted(os.listdir("out.h5.parts")) == sorted([*(p.name for p in mine), "schema.h5"])
+
+
+@pytest.mark.parametrize("name", ["out.h5", "out.h5.parts/schema.h5"])
+def test_a_file_of_another_kind_is_never_replaced(name):
+    Path(name).parent.mkdir(exist_ok=True)
+    Path(name).write_bytes(b"precious")
+    for option in ("--overwrite", "--resume"):
+        result = run(option)
+        assert result.exit_code == 2 and "will not be replaced; give another" in result.stderr
+    assert Path(name).read_bytes() == b"precious"
+
+
+def test_an_hdf5_file_of_another_program_is_not_replaced():
+    with h5py.File("out.h5", "w") as file:
+        file["precious"] = range(5)
+        file.attrs["format"] = "another"
+    before = Path("out.h5").read_bytes()
+    for option in ("--overwrite", "--resume"):
+        result = run(option)
+        assert result.exit_code == 2 and "not one that vibroimpact wrote" in result.stderr
+    assert Path("out.h5").read_bytes() == before
+
+
+@pytest.mark.parametrize("kept", [0, 2500, 5000, -10])
+def test_a_damaged_file_of_a_sweep_can_be_replaced(kept):
+    accepted("run", "sweep.yaml", "--quiet")
+    Path("out.h5").write_bytes(Path("out.h5").read_bytes()[:kept])
+    accepted("run", "sweep.yaml", "--quiet", "--overwrite")
+    open_sweep("out.h5").close()
+
+
+def test_an_empty_file_becomes_the_output():
+    Path("out.h5").touch()
+    check_output("out.h5", resume=True)
+    assert run("--resume").exit_code == 0
+    open_sweep("out.h5").close()
+
+
+@pytest.mark.parametrize("ending", [".png", ".svg", ".PDF", ".yaml", ".yml", ".txt"])
+def test_the_ending_of_another_kind_of_file_is_refused(ending):
+    with pytest.raises(StoreError, match=rf"does not end in {ending}; did you mean .*z\.h5\?"):
+        check_output(f"z{ending}", overwrite=True)
+    check_output("z.5")
+
+
+@pytest.mark.parametrize("ending", [".parts", ".lock", ".PARTS"])
+def test_the_endings_of_the_files_beside_an_output_are_refused(ending):
+    with pytest.raises(StoreError, match=rf"must not end in {ending}, .* did you mean z\.h5\?"):
+        check_output(f"z.h5{ending}")
+    fill_blocks("out.h5", 1)
+    for name in ("schema.h5", "new.h5"):
+        with pytest.raises(StoreError, match=r"that is not complete; give out\.h5$"):
+            check_output(f"out.h5.parts/{name}", overwrite=True)
+
+
+def test_outputs_that_are_refused(tmp_path):
+    check_output("new.h5")
+    with pytest.raises(StoreError, match="is a directory"):
+        check_output(tmp_path, overwrite=True)
+    with pytest.raises(StoreError, match=r"the folder missing of the output new\.h5 does not"):
+        check_output("missing/new.h5", overwrite=True)
+    with pytest.raises(StoreError, match=r"the folder ~ .*; only a shell replaces ~ by the home"):
+        check_output("~/new.h5")
+    check_output(f"{'x' * 246}.h5")
+    with pytest.raises(StoreError, match="File name too long"):  # the name of its folder
+        check_output(f"{'x' * 247}.h5")
+    Path("link.h5").symlink_to("missing/new.h5")
+    said = r"the folder .*missing of the output link\.h5, a link to .*new\.h5, does not exist"
+    with pytest.raises(StoreError, match=said):
+        check_output("link.h5")
+
+
+def test_a_sweep_larger_than_the_disk_is_refused(monkeypatch):
+    fill_blocks("old.h5", 2)
+    part = sum(map(len, contents(Path("old.h5.parts")).values()))
+    monkeypatch.setattr("shutil.disk_usage", lambda _: types.SimpleNamespace(free=100_000))
+    with pytest.raises(StoreError, match=r"takes about 50 MB .* only 100 kB left; record less, or"):
+        check_room(Path("out.h5"), 50_000_000)
+    # An existing file frees no space, but the blocks of a resumed sweep already take room.
+    with pytest.raises(StoreError, match="only 100 kB left; record less, delete the old file"):
+        check_room(Path("old.h5"), 100_001)
+    check_room(Path("old.h5"), 100_000)
+    check_room(Path("old.h5"), 100_000 + part, resume=True)
+    with pytest.raises(StoreError, match="only 100 kB left"):
+        check_room(Path("old.h5"), 100_001 + part, resume=True)
+
+
+# Paths that are not read
+
+
+def test_files_that_are_not_ours_are_refused(tmp_path):
+    with pytest.raises(StoreError, match="does not exist"):
+        open_sweep("out.h5")
+    with pytest.raises(StoreError, match="is a directory"):
+        open_sweep(tmp_path)
+    Path("out.h5").write_text("name: not HDF5\n")
+    with pytest.raises(StoreError, match="is not an HDF5 file"):
+        open_sweep("out.h5")
+    for name in ("another", 7, np.array([1.0, 2.0]), h5py.Empty("f")):
+        with h5py.File("out.h5", "w") as file:
+            file.attrs["format"] = name
+        with pytest.raises(StoreError, match="not one that vibroimpact wrote"):
+            open_sweep("out.h5")
+
+
+@pytest.mark.parametrize("name", ["", "/schema.h5", "/block-000001.npz"])
+def test_the_folder_of_blocks_is_refused_with_the_name_to_give(name):
+    fill_blocks("out.h5", 2)
+    with pytest.raises(StoreError, match=r"to a sweep that is not complete; give out\.h5$"):
+        open_sweep(f"out.h5.parts{name}")
+
+
+def test_an_incomplete_sweep_is_read_through_a_link_to_its_output():
+    Path("folder").mkdir()
+    Path("link.h5").symlink_to("folder/real.h5")
+    fill_blocks("link.h5", 2)
+    assert Path("folder/real.h5.parts").exists()
+    open_sweep("link.h5").close()
+
+
+@pytest.mark.parametrize("ending", [b"L", b"4"])
+def test_files_of_other_versions_are_refused(ending):
+    with h5py.File("out.h5", "w") as file:
+        file.attrs["format"] = FORMAT
+    with Path("out.h5").open("ab") as file:
+        file.write(b"\x89VIBRO" + ending + b"\n")
+    message = f"not of format version {FORMAT_VERSION}: what is in it cannot be trusted"
+    for use in (open_sweep, lambda path: fill_blocks(path, resume=True)):
+        with pytest.raises(StoreError, match=message):
+            use("out.h5")
+    fill_blocks("out.h5", overwrite=True)
+
+
+# The lock and the new files beside the output
+
+
+@contextmanager
+def holder(path):
+    """Hold the lock of `path` in another process; it prints a line when it has it."""
+    code = (
+        "import sys, time; from pathlib import Path; from sweeps.store import only_writer\n"
+        "with only_writer(Path(sys.argv[1])):\n"
+        "    print('held', flush=True); time.sleep(1000)\n"
+    )
+    environment = {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", code, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as process:
+        try:
+            assert process.stdout.readline() == b"held\n"
+            yield process
+        finally:
+            process.kill()
+
+
+def test_a_second_writer_is_refused_by_number_and_a_dead_one_is_not():
+    Path("link.h5").symlink_to("out.h5")
+    with holder("out.h5") as other:
+        for name in ("out.h5", "link.h5", "out.h5"):
+            with pytest.raises(StoreError, match=f"being written by process {other.pid};"):
+                with only_writer(Path(name)):
+                    pass
+    assert Path("out.h5.lock").exists()  # its process was killed
+    with only_writer(Path("out.h5")):
+        assert re.search(rf"process {os.getpid()}\n", Path("out.h5.lock").read_text())
+    assert not Path("out.h5.lock").exists()
+
+
+def test_a_folder_without_room_for_a_lock_is_not_taken_for_another_writer(monkeypatch):
+    """On Windows, a folder that refuses new files looks like a lock that another process holds."""
+
+    def refuse(*_, **__):
+        raise Timeout("out.h5.lock")
+
+    monkeypatch.setattr(FileLock, "acquire", refuse)
+    with pytest.raises(StoreError, match=r"no file can be made in the folder .* of .* out\.h5$"):
+        with only_writer(Path("out.h5")):
+            pass
+
+
+@pytest.mark.parametrize("to", ["precious", "missing"])
+def test_a_link_where_the_lock_goes_is_not_followed(to):
+    Path("precious").write_text("42\n")
+    Path("out.h5.lock").symlink_to(to)
+    result = run()
+    assert result.exit_code == 2 and "out.h5.lock is needed as a lock" in result.stderr
+    assert Path("precious").read_text() == "42\n"
+    assert os.readlink("out.h5.lock") == to
+    assert not Path("out.h5").exists() and not Path("missing").exists()
+
+
+@pytest.mark.parametrize(
+    "text", ["my notes\n", "42\n", "vibroimpact lock of process 1\nand more\n", "\0" * 100]
+)
+def test_a_users_own_file_of_the_name_of_the_lock_stays(text):
+    Path("out.h5.lock").write_text(text)
+    result = run()
+    assert result.exit_code == 2 and "move it" in result.stderr
+    assert Path("out.h5.lock").read_text() == text
+
+
+@pytest.mark.parametrize("text", [b"", bytes(len("vibroimpact lock of process 12345\n"))])
+def test_a_lock_that_lost_its_text_with_the_power_is_a_leftover(text):
+    fill_blocks("out.h5", 2)
+    Path("out.h5.lock").write_bytes(text)
+    fill_blocks("out.h5", resume=True)
+    assert not Path("out.h5.lock").exists()
+
+
+def test_a_pipe_where_the_lock_goes_does_not_block():
+    os.mkfifo("out.h5.lock")
+    with pytest.raises(StoreError, match="needed as a lock"), only_writer(Path("out.h5")):
+        pass
+
+
+@pytest.mark.parametrize("error", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
+def test_on_a_disk_without_locks_the_file_itself_is_the_lock(monkeypatch, error):
+    """A dead process of this machine loses it; a living or a distant one is named."""
+
+    def refuse(*_):
+        raise OSError(error, os.strerror(error))
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    fill_blocks("out.h5", 2)
+    with only_writer(Path("out.h5"), resume=True):
+        mine = Path("out.h5.lock").read_text()
+        with pytest.raises(StoreError, match=rf"by process {os.getpid()} on .*, remove .*out\.h5"):
+            fill_blocks("out.h5", resume=True)
+    with subprocess.Popen(["true"]) as ended:
+        pass
+    number, _, rest = mine.partition("\n")
+    assert int(number) == os.getpid()
+    Path("out.h5.lock").write_text(f"{ended.pid}\n{rest}")
+    fill_blocks("out.h5", resume=True)
+    assert set(os.listdir()) == {"sweep.yaml", "out.h5"}
+    Path("out.h5.lock").write_text("1\nanother-machine\n")
+    with pytest.raises(StoreError, match=r"process 1 on another-machine; wait .*if it has ended"):
+        fill_blocks("out.h5", resume=True)
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+def test_a_complete_file_is_read_where_no_file_can_be_locked():
+    fill_blocks("out.h5")
+    code = (
+        "from pathlib import Path; from sweeps.store import open_sweep, per_point\n"
+        "from sweeps.store.file import schema_of\n"
+        "open_sweep('out.h5').load(); per_point(Path('out.h5'), ['status'])\n"
+        "schema_of(Path('out.h5'))"
+    )
+    without = ["-f", "-qq", "-e", "trace=flock,fcntl", "-e", "inject=flock:error=ENOLCK"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    reading = [shutil.which("strace"), *without, "-o", "/dev/null", sys.executable, "-c", code]
+    done = subprocess.run(reading, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,0 +1,253 @@
+"""Written data can be read back by this package and xarray, from complete and partial files."""
+
+import itertools
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps.config.groups import DIAGNOSTICS
+from sweeps.grid import Grid
+from sweeps.store import VARIABLES, open_sweep, status_counts, sweep_writer
+from sweeps.store.variables import held_variables
+from tests.helpers.written_files import (
+    CONFIGURATION,
+    GRID,
+    assert_holds,
+    block_results,
+    fill_blocks,
+    grid_results,
+    part,
+    schema,
+    spec_of,
+)
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
+
+
+def write_all(path, expected, *, grid=GRID, size=12, backwards=False, compressed=False):
+    with sweep_writer(path, schema(grid, block_size=size)) as store:
+        for block in store.pending()[:: -1 if backwards else 1]:
+            store.write(block, part(expected, block))
+        store.finish(compressed=compressed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [1, 5, 12])
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("gathered", ["all blocks", "each alone"])
+def test_every_variable_comes_back_from_blocks_in_any_order(
+    tmp_path, monkeypatch, size, compressed, gathered
+):
+    if gathered == "each alone":
+        monkeypatch.setattr("sweeps.store.file._GATHERED", 0)
+    path = tmp_path / "out.h5"
+    expected = grid_results()
+    write_all(path, expected, size=size, backwards=size == 5, compressed=compressed)
+    with open_sweep(path) as dataset:
+        assert set(dataset.data_vars) == set(VARIABLES)
+        assert_holds(dataset, expected)
+        for name, variable in VARIABLES.items():
+            record = () if variable.dimension is None else (variable.dimension,)
+            assert dataset[name].dims == ("R", "omega", *record)
+            assert dataset[name].dtype == variable.dtype
+            assert dataset[name].attrs["units"] == variable.unit
+    with h5py.File(path) as file:
+        assert {file[name].compression for name in VARIABLES} == {"gzip" if compressed else None}
+        assert all(file[name].fletcher32 for name in VARIABLES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("followed", ["h", "R", "f"])
+def test_blocks_of_many_shapes_and_large_records_come_back(tmp_path, followed):
+    """Of followed chains, and of more than fits into a chunk of the file."""
+    axes = {"h": np.arange(3.0), "R": np.arange(4.0), "f": np.arange(5.0)}
+    grid, widths = Grid(axes, {}), {"section": 12_007, "impact": 0, "sample": 0}
+    for size in (7, 60):
+        path = tmp_path / f"{size}.h5"
+        plan = schema(grid, widths=widths, diagnostics=())
+        object.__setattr__(plan, "blocks", tuple(grid.blocks(size, followed)))
+        with sweep_writer(path, plan) as store:
+            for block in store.pending():
+                store.write(block, block_results(block, widths=widths))
+            store.finish(compressed=followed == "R")
+        with open_sweep(path) as dataset:
+            for block in plan.blocks:
+                given = block_results(block, widths=widths)
+                x = given["poincare_x"].reshape(dataset["poincare_x"][block].shape)
+                np.testing.assert_array_equal(dataset["poincare_x"][block].values, x)
+                assert (dataset["status"][block] == 0).all()
+
+
+@pytest.mark.slow
+def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
+    path = tmp_path / "out.h5"
+    write_all(path, grid_results())
+    with xr.open_dataset(path, engine="h5netcdf") as dataset, open_sweep(path) as ours:
+        xr.testing.assert_identical(dataset, ours)
+        assert set(dataset.sizes) == {"R", "omega", "section", "impact", "sample", "exponent"}
+        for name, values in GRID.axes.items():
+            np.testing.assert_array_equal(dataset[name].values, values)
+        for name, value in GRID.fixed.items():
+            assert dataset.coords[name].shape == () and dataset[name] == value
+        for name in (*GRID.axes, *GRID.fixed):
+            assert dataset[name].attrs["long_name"] == PARAMETERS[name].meaning
+            assert dataset[name].attrs["units"] == PARAMETERS[name].unit
+            assert dataset[name].attrs["symbol"] == PARAMETERS[name].symbol
+        assert dataset["section"].values.tolist() == list(range(11, 31))
+        assert dataset["impact"].values.tolist() == [0, 1, 2]
+        assert dataset["exponent"].values.tolist() == [0, 1]
+        assert dataset["sample"].values.tolist() == list(range(6))
+        meanings = dataset["status"].attrs["flag_meanings"].split()
+        flags = dict(zip(meanings, dataset["status"].attrs["flag_values"], strict=True))
+        assert flags == {status.name.lower(): status for status in Status}
+        assert dataset.attrs["configuration"] == CONFIGURATION
+        assert dataset.attrs["name"] == "a test"
+        assert dataset.attrs["numpy_version"] == np.__version__
+        assert 0.0 < dataset.attrs["duration"] < 60.0
+        assert np.datetime64(dataset.attrs["started"].removesuffix("+00:00")) > np.datetime64(
+            "2024"
+        )
+        assert "coordinates" not in dataset.attrs and "blocks" not in dataset
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_single_point_has_no_axes(tmp_path, compressed):
+    path = tmp_path / "out.h5"
+    grid = Grid({}, dict.fromkeys(PARAMETERS, 0.5))
+    given = block_results((), 6)
+    with sweep_writer(path, schema(grid)) as store:
+        with open_sweep(tmp_path / "out.h5") as dataset:
+            assert dataset["status"] == Status.PENDING and np.isnan(dataset["rest_fraction"])
+            assert dataset["chatters"] == -1 and np.isnan(dataset["poincare_x"]).all()
+        store.write((), given)
+        store.finish(compressed=compressed)
+    with open_sweep(path) as dataset:
+        assert dataset["status"].shape == ()
+        assert_holds(dataset, {name: array[0] for name, array in given.items()})
+
+
+def test_a_width_of_zero_leaves_the_variables_out(tmp_path):
+    path = tmp_path / "out.h5"
+    widths = {"section": 4, "impact": 0, "sample": 0}
+    with sweep_writer(path, schema(widths=widths, diagnostics=(), block_size=12)) as store:
+        (block,) = store.pending()
+        store.write(block, block_results(block, widths=widths))
+        store.finish()
+    with open_sweep(path) as dataset:
+        assert set(dataset.sizes) == {"R", "omega", "section"}
+        assert {"poincare_x", "impacts_per_period"} <= set(dataset.data_vars)
+        assert not {"impact_v", "impact_phase", "trajectory_t"} & set(dataset.data_vars)
+
+
+@pytest.mark.parametrize(
+    ("diagnostics", "expected"),
+    [
+        ((), set()),
+        (("period",), {"period", "period_impacts"}),
+        (("lyapunov",), {"lyapunov"}),
+        (DIAGNOSTICS, {"period", "period_impacts", "lyapunov"}),
+    ],
+)
+def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected):
+    held = held_variables(spec_of(diagnostics=diagnostics))
+    with sweep_writer(tmp_path / "out.h5", schema(diagnostics=diagnostics)):
+        with open_sweep(tmp_path / "out.h5") as dataset:
+            assert set(dataset.data_vars) == set(held)
+            assert {"period", "period_impacts", "lyapunov"} & set(held) == expected
+            assert ("exponent" in dataset.sizes) == ("lyapunov" in diagnostics)
+    needed = {variable.diagnostic for variable in VARIABLES.values()}
+    assert needed == {None, "longest", *DIAGNOSTICS}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1)])
+def test_trajectories_are_as_wide_as_the_widest_and_padded(tmp_path, order):
+    path = tmp_path / "out.h5"
+    grid = Grid({"omega": np.array([1.0, 2.0, 3.0])}, {})
+    widths = (3, 300, 102)
+    blocks = [(slice(i, i + 1),) for i in range(3)]
+    with sweep_writer(path, schema(grid, block_size=1)) as store:
+        for i in order:
+            store.write(blocks[i], block_results(blocks[i], widths[i]))
+        with open_sweep(tmp_path / "out.h5") as dataset:
+            partial = dataset.load()
+        store.finish(compressed=order[0] == 1)
+    with open_sweep(path) as dataset:
+        assert dataset.drop_attrs().identical(partial.drop_attrs())
+        assert dataset["sample"].values.tolist() == list(range(300))
+        for name, i in itertools.product(VARIABLES, range(3)):
+            row, given = dataset[name][i].values, block_results(blocks[i], widths[i])[name][0]
+            if VARIABLES[name].dimension == "sample":
+                assert np.isnan(row[widths[i] :]).all()
+                row = row[: widths[i]]
+            np.testing.assert_array_equal(row, given)
+
+
+# Incomplete sweeps
+
+
+def test_a_partial_sweep_says_what_is_pending(tmp_path):
+    path = tmp_path / "out.h5"
+    expected = grid_results()
+    expected["status"][1, 2] = Status.NON_FINITE
+    with pytest.raises(KeyboardInterrupt), sweep_writer(path, schema()) as store:
+        for block in store.pending()[3:5]:
+            store.write(block, part(expected, block))
+        raise KeyboardInterrupt
+    assert not path.exists()
+    done = np.zeros((2, 6), bool)
+    done[1, :4] = True
+    with open_sweep(path) as dataset:
+        counts = {Status.PENDING: 8, Status.COMPUTED: 3, Status.NON_FINITE: 1}
+        assert status_counts(dataset) == dict.fromkeys(Status, 0) | counts
+        assert_holds(dataset, expected, done)
+        for name, variable in VARIABLES.items():
+            pending = dataset[name].values[~done]
+            assert (pending == -1 if variable.dtype.startswith("int") else np.isnan(pending)).all()
+
+
+@pytest.mark.slow
+def test_a_partial_sweep_is_read_lazily_and_by_any_index(tmp_path):
+    path = tmp_path / "out.h5"
+    fill_blocks(path, 4)
+    with open_sweep(path) as loaded:
+        loaded.load()
+    choices = [
+        {"R": 1}, {"R": [1, 0], "omega": slice(4, None, -2)}, {"omega": [5, 0, 3], "section": -1},
+        {"R": slice(1, 1)}, {"omega": 2, "R": 0, "section": slice(3, 17, 5)}, {"R": -1, "omega": 0},
+    ]  # fmt: skip
+    for choice in choices:
+        with open_sweep(path) as dataset:
+            assert not dataset["poincare_x"].variable._in_memory
+            found = dataset["poincare_x"].isel(choice)
+            xr.testing.assert_identical(found.load(), loaded["poincare_x"].isel(choice))
+
+
+@pytest.mark.slow
+def test_a_reader_sees_the_finished_blocks_of_a_running_sweep(tmp_path):
+    path = tmp_path / "out.h5"
+    with sweep_writer(path, schema()) as store:
+        for count, block in enumerate(store.pending(), 1):
+            store.write(block, block_results(block))
+            with open_sweep(path) as dataset:
+                assert int((dataset["status"] != Status.PENDING).sum()) == 2 * count
+        store.finish()
+    with open_sweep(path) as dataset:
+        assert int((dataset["status"] != Status.PENDING).sum()) == 12
+
+
+def test_a_block_that_does_not_fit_is_not_written(tmp_path):
+    block = (slice(0, 1), slice(0, 2))
+    with sweep_writer(tmp_path / "out.h5", schema()) as store:
+        given = block_results(block)
+        with pytest.raises(ValueError, match=r"impact_v has the shape \(2, 9\)"):
+            store.write(block, {**given, "impact_v": np.zeros((2, 9))})
+        with pytest.raises(ValueError, match="no variable speed"):
+            store.write(block, {**given, "speed": np.zeros(2)})
+        with pytest.raises(KeyError, match="status"):
+            store.write(block, {k: v for k, v in given.items() if k != "status"})
+        with pytest.raises(KeyError):
+            store.write((slice(0, 1), slice(0, 5)), given)
+        assert len(store.pending()) == 6

@@ -1,0 +1,596 @@
+"""A sweep survives kills and full disks, and a resumed run ends with the same data.
+
+A full disk at 400 sizes: ``pytest -m campaign tests/sweeps/store/test_writer.py``.
+"""
+
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import zipfile
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.engine import executors
+from sweeps.errors import Failed, StoreError
+from sweeps.grid import Grid
+from sweeps.store import SweepWriter, sweep_writer
+from tests.helpers.commands import call
+from tests.helpers.places import ROOT
+from tests.helpers.sweep_files import data
+from tests.helpers.written_files import GRID, block_results, contents, fill_blocks, schema
+from vibroimpact.status import Status
+
+CONFIG = """\
+oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 40}, f: 1.0}
+method: {integrator: newmark, impact: plain}
+record: {transient: 3, periods: 4, impacts: 2}
+output: out.h5
+"""
+PARTS = Path("out.h5.parts")
+SECTOR = 512
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Return the data of a file written without interruption."""
+    path = tmp_path_factory.mktemp("whole") / "whole.h5"
+    fill_blocks(path)
+    return data(path)
+
+
+def done_of(path, whole):
+    """Return the number of computed points of an incomplete sweep; check their values."""
+    with open_sweep(path) as dataset:
+        done = dataset["status"].values != Status.PENDING
+        for name in ("poincare_x", "chatters", "lyapunov", "impact_v"):
+            np.testing.assert_array_equal(dataset[name].values[done], whole[name].values[done])
+    return int(done.sum())
+
+
+def resumed(whole, **options):
+    """Resume to the end, and compare the data."""
+    fill_blocks("out.h5", resume=True, **options)
+    xr.testing.assert_identical(data("out.h5"), whole)
+    assert {path.name for path in Path().iterdir()} <= {"out.h5", "sweep.yaml"}
+
+
+# Resuming
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_resumed_sweep_ends_with_the_same_data(whole, compressed):
+    for blocks in (0, 1, 2, 0):
+        fill_blocks("out.h5", blocks, compressed, resume=True)
+    assert done_of("out.h5", whole) == 6
+    resumed(whole, compressed=compressed)
+    before = Path("out.h5").read_bytes()
+    resumed(whole)  # nothing is left to do
+    assert Path("out.h5").read_bytes() == before
+
+
+def test_an_incomplete_sweep_keeps_its_own_blocks():
+    fill_blocks("out.h5", 2)
+    with sweep_writer("out.h5", schema(block_size=5), resume=True) as store:
+        assert store.pending() == list(GRID.blocks(2))[2:]
+
+
+@pytest.mark.slow
+def test_the_duration_is_that_of_all_sessions(monkeypatch):
+    now = 0.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    for session, blocks in enumerate((1, 1, None), 1):
+        with sweep_writer("out.h5", schema(), resume=True) as store:
+            now += 1000.0
+            for block in store.pending()[:blocks]:
+                store.write(block, block_results(block))
+            if not store.pending():
+                store.finish()
+        with open_sweep("out.h5") as dataset:
+            assert dataset.attrs["duration"] == 1000.0 * session
+
+
+@pytest.mark.parametrize(
+    ("changed", "parts"),
+    [
+        (
+            {"configuration": "oscillator: {h: 0.2, omega: {num: 6}}\nrecord: {impacts: 3}"},
+            ["oscillator.h was 0.1 and is 0.2", "oscillator.omega.num was not given and is 6",
+             "record.impacts was not given and is 3"],
+        ),
+        ({"numerics": "2"}, ["the code that computes is another version"]),
+        ({"grid": Grid(dict(reversed(GRID.axes.items())), {})}, ["values or another order"]),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("blocks", [2, None])
+def test_another_sweep_is_not_resumed(changed, parts, blocks):
+    fill_blocks("out.h5", blocks)
+    name = "out.h5" if blocks is None else "out.h5.parts"
+    before = contents(Path(name))
+    with pytest.raises(StoreError, match=rf"{name} cannot be resumed: ") as caught:
+        with sweep_writer("out.h5", schema(**changed), resume=True):
+            pass
+    assert all(part in str(caught.value) for part in (*parts, "overwrite it"))
+    assert contents(Path(name)) == before
+
+
+def test_another_name_or_compression_is_no_other_sweep():
+    with sweep_writer("out.h5", schema(configuration="name: a\nh: 1\n")):
+        pass
+    other = "h: 1\nname: b\ncompression: gzip\n"
+    with sweep_writer("out.h5", schema(configuration=other), resume=True):
+        pass
+
+
+def test_the_names_of_the_blocks_are_on_the_disk_after_a_second(monkeypatch):
+    """A loss of power may lose the names of the blocks since then only."""
+    now, synced, fsync = [0.0], [], os.fsync
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    with sweep_writer("out.h5", schema()) as store:
+        folder = PARTS.stat().st_ino
+        monkeypatch.setattr(
+            os, "fsync", lambda file: (synced.append(os.fstat(file).st_ino), fsync(file))
+        )
+        for block, now[0] in zip(store.pending(), (0.5, 0.9, 1.1, 1.5, 2.0, 2.2), strict=True):
+            store.write(block, block_results(block))
+    assert [file == folder for file in synced] == [0, 0, 1, 0, 0, 0, 1, 0]
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+def test_an_error_of_truncate_in_the_last_pass_is_one_failure(whole):
+    code = "from tests.helpers.written_files import fill_blocks; fill_blocks('out.h5')"
+    inject = ["-f", "-qq", "-e", "trace=ftruncate", "-e", "inject=ftruncate:error=ENOSPC"]
+    done = subprocess.run(
+        [shutil.which("strace"), *inject, "-o", "/dev/null", sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stderr.endswith("out.h5 cannot be completed: No space left on device\n")
+    assert done_of("out.h5", whole) == 12
+    resumed(whole)
+
+
+def test_a_sweep_that_is_completed_while_it_is_opened_is_read_from_its_file(monkeypatch, whole):
+    """Wherever the reader is when the file gets its name and the blocks go."""
+    listdir, read, folder = os.listdir, Path.read_bytes, Path.cwd()
+    for where in ("listdir", "read_bytes"):
+        fill_blocks("out.h5", 2)
+
+        def complete(path, where=where):
+            monkeypatch.undo()
+            monkeypatch.chdir(folder)
+            fill_blocks("out.h5", resume=True)
+            return (listdir if where == "listdir" else read)(path)
+
+        monkeypatch.setattr(os if where == "listdir" else Path, where, complete)
+        xr.testing.assert_identical(data("out.h5"), whole)
+        Path("out.h5").unlink()
+
+
+@pytest.mark.parametrize("options", [{"resume": True}, {"overwrite": True}])
+def test_a_folder_with_the_name_of_a_block_is_refused_and_of_a_draft_left(whole, options):
+    fill_blocks("out.h5", 2)
+    (PARTS / "block-000001.npz").rename("block")
+    (PARTS / "block-000001.npz").mkdir()
+    before = sorted(os.listdir(PARTS))
+    with pytest.raises(StoreError, match=r"block-000001\.npz is a directory in the place of a b"):
+        fill_blocks("out.h5", **options)
+    assert sorted(os.listdir(PARTS)) == before
+    (PARTS / "block-000001.npz").rmdir()
+    draft = PARTS / ".block-000003.npz.1-01234567.new"
+    draft.mkdir()
+    fill_blocks("out.h5", **options)
+    xr.testing.assert_identical(data("out.h5"), whole)
+    assert draft.is_dir()
+
+
+# A kill, or a loss of power
+
+
+def last_block():
+    return max(PARTS.glob("block-*.npz"))
+
+
+@pytest.mark.slow
+def test_a_block_file_that_is_cut_off_anywhere_counts_as_not_computed(whole):
+    """Not by a kill, which leaves a draft, but by another program or a broken disk."""
+    fill_blocks("out.h5", 3)
+    content = last_block().read_bytes()
+    for length in np.linspace(0, len(content), 12).astype(int):
+        last_block().write_bytes(content[:length])
+        done = 6 if length == len(content) else 4
+        assert done_of("out.h5", whole) == done
+        with sweep_writer("out.h5", schema(), resume=True) as store:
+            assert 12 - 2 * len(store.pending()) == done and store.damaged == (done < 6)
+    last_block().write_bytes(content[: len(content) // 2])
+    resumed(whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("old", [b"\0", None])
+def test_of_a_block_any_sectors_may_be_lost(whole, old):
+    """They hold zeros or old data of the disk instead; the other blocks stay."""
+    fill_blocks("out.h5", 3)
+    first = PARTS / "block-000000.npz"
+    content = first.read_bytes()
+    random = np.random.default_rng(1)
+    sectors = range(-(-len(content) // SECTOR))
+    for case in (0, 1, 2, 3, 6, 9, 12, 15):
+        lost = [sectors[case % len(sectors)]] if case < 4 else random.permutation(sectors)[:case]
+        damaged = bytearray(content)
+        for sector in lost:
+            cut = slice(sector * SECTOR, min((sector + 1) * SECTOR, len(content)))
+            size = cut.stop - cut.start
+            damaged[cut] = old * size if old else random.bytes(size)
+        first.write_bytes(damaged)
+        assert done_of("out.h5", whole) == (6 if damaged == content else 4)
+    resumed(whole)
+
+
+@pytest.mark.slow
+def test_zeros_in_the_directory_of_a_block_are_no_empty_array(whole):
+    """Zeros are the checksum of nothing, and the size of nothing."""
+    fill_blocks("out.h5", 3)
+    content = last_block().read_bytes()
+    with zipfile.ZipFile(last_block()) as file:
+        members = file.infolist()
+    for member in members:
+        entry = content.rindex(member.filename.encode()) - 46
+        damaged = bytearray(content)
+        damaged[entry + 16 : entry + 28] = bytes(12)  # CRC-32, compressed size, size
+        last_block().write_bytes(damaged)
+        assert done_of("out.h5", whole) == 4
+    resumed(whole)
+
+
+@pytest.mark.slow
+def test_a_block_of_another_sweep_or_of_another_number_is_not_used(whole):
+    fill_blocks("out.h5", 2)
+    with sweep_writer("other.h5", schema(numerics="2")) as store:
+        for block in store.pending()[:1]:
+            store.write(block, block_results(block))
+    blocks = sorted(PARTS.iterdir())[:2]
+    shutil.copy(Path("other.h5.parts") / blocks[0].name, blocks[0])
+    shutil.copy(blocks[1], PARTS / "block-000004.npz")
+    assert done_of("out.h5", whole) == 2
+    shutil.rmtree("other.h5.parts")
+    assert fill_blocks("out.h5", resume=True) == 2
+    xr.testing.assert_identical(data("out.h5"), whole)
+
+
+def test_numpy_reads_a_block():
+    block = next(GRID.blocks(2))
+    fill_blocks("out.h5", 1)
+    with np.load(last_block()) as file:
+        given = block_results(block)
+        np.testing.assert_array_equal(file["poincare_x"].reshape(2, -1), given["poincare_x"])
+        np.testing.assert_array_equal(file["points"]["chatters"].ravel(), given["chatters"])
+        assert file["points"].dtype["status"] == np.int8
+
+
+@pytest.mark.slow
+def test_what_killed_runs_left_in_the_folder_is_removed(whole):
+    fill_blocks("out.h5", 2)
+    (PARTS / ".block-000003.npz.1-01234567.new").write_bytes(b"half of a block")
+    resumed(whole)
+    # A run that was killed while it removed its folder, before some of the blocks.
+    for resume in (True, False):
+        fill_blocks("other.h5", 2)
+        os.replace("other.h5.parts/schema.h5", "other.h5.parts/.schema.h5.1-01234567.new")
+        os.replace("other.h5.parts", PARTS)
+        fill_blocks("out.h5", resume=resume, overwrite=not resume)
+        assert not PARTS.exists()
+
+
+@pytest.mark.slow
+def test_a_dataset_that_is_read_after_the_end_of_its_run_says_so(whole):
+    fill_blocks("out.h5", 2)
+    for then in ({"resume": True}, {"overwrite": True, "blocks": 3}):
+        with open_sweep("out.h5") as early:
+            fill_blocks("out.h5", **then)
+            if PARTS.exists():
+                assert (early["status"].values[0, :2] == 0).all()
+                continue
+            said = r"block-000000\.npz was removed by another program, or its sweep was completed"
+            with pytest.raises(StoreError, match=said):
+                early["status"].load()
+        fill_blocks("out.h5", 2, overwrite=True)
+
+
+def test_each_block_is_on_the_disk_before_it_has_its_name_and_the_file_before_the_blocks_go(
+    monkeypatch,
+):
+    events = []
+    fsync, replace, unlink = os.fsync, os.replace, Path.unlink
+
+    def synced(descriptor):
+        fsync(descriptor)
+        events.append(("sync", os.fstat(descriptor).st_ino, os.fstat(descriptor).st_size))
+
+    def replaced(source, target):
+        file = os.stat(source)
+        assert ("sync", file.st_ino, file.st_size) in events
+        replace(source, target)
+        events.append(("replaced", Path(target).name))
+
+    def unlinked(path, **options):
+        with suppress(FileNotFoundError):  # a draft that has its name
+            unlink(path)
+            events.append(("removed", path.name))
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", replaced)
+    monkeypatch.setattr(Path, "unlink", unlinked)
+    with sweep_writer("out.h5", schema()) as store:
+        folders = [os.stat(folder).st_ino for folder in (PARTS, ".")]
+        assert events[-3] == ("replaced", "schema.h5")
+        assert [event[1] for event in events[-2:]] == folders
+        for block in store.pending():
+            store.write(block, block_results(block))
+            assert events[-1] == ("replaced", last_block().name)
+        folder = os.stat(".").st_ino
+        store.finish()
+    at = events.index(("replaced", "out.h5"))
+    assert events[at + 1][:2] == ("sync", folder)
+    kinds = [
+        "replaced",
+        *["removed"] * 6,
+        "sync",
+        "removed",
+    ]  # the schema is renamed, and goes last
+    assert [event[0] for event in events[at + 2 :]] == kinds
+    # The schema gets the name of a draft first, and goes last.
+    assert events[at + 2][1] == events[-1][1] and "schema.h5" in events[-1][1]
+
+
+# A full disk
+
+
+@contextmanager
+def small_disk(size):
+    """Limit the size of files, except those that the tests write."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path):
+    with pytest.raises(Failed, match=r"out\.h5 cannot be created: File too large$"):
+        with small_disk(5000):
+            fill_blocks("out.h5")
+    assert [path.name for path in tmp_path.iterdir()] == ["sweep.yaml"]
+
+
+@pytest.mark.slow
+def test_a_disk_that_fills_up_keeps_every_block_before(whole):
+    fill_blocks("out.h5", 2)
+    with pytest.raises(Failed, match=r"out\.h5 cannot be written: File too large$"):
+        with small_disk(last_block().stat().st_size - 100):
+            fill_blocks("out.h5", resume=True)
+    assert done_of("out.h5", whole) == 4
+    resumed(whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "sizes", [5, pytest.param(400, marks=pytest.mark.campaign)], ids=["some", "many"]
+)
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_disk_that_is_full_at_the_end_loses_nothing(whole, compressed, sizes):
+    """Anywhere in the complete file: HDF5 alone would end the process."""
+    fill_blocks("size.h5", compressed=compressed)
+    full = Path("size.h5").stat().st_size
+    Path("size.h5").unlink()
+    with sweep_writer("out.h5", schema()) as store:
+        for block in store.pending():
+            store.write(block, block_results(block))
+        for size in np.linspace(0, full - 100, sizes):
+            with pytest.raises(Failed, match=r"out\.h5 cannot be completed: File too large$"):
+                with small_disk(size):
+                    store.finish(compressed=compressed)
+    assert {path.name for path in Path().iterdir()} == {"out.h5.parts", "sweep.yaml"}
+    assert done_of("out.h5", whole) == 12
+    resumed(whole, compressed=compressed)
+
+
+# A file that disappears or appears during a run
+
+
+@pytest.fixture
+def small_blocks(monkeypatch):
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 10)
+
+
+def remove():
+    shutil.rmtree(PARTS)
+
+
+def replace():
+    shutil.copytree(PARTS, "other")
+    shutil.rmtree(PARTS)
+    os.replace("other", PARTS)
+
+
+def remove_block():
+    (PARTS / "block-000000.npz").unlink()
+
+
+def truncate():
+    os.truncate(PARTS / "block-000000.npz", 1000)
+
+
+def empty_and_restore():
+    """Like ``cp``: the size is the same, the content is not."""
+    path = PARTS / "block-000000.npz"
+    size = path.stat().st_size
+    os.truncate(path, 0)
+    os.truncate(path, size)
+
+
+def move_folder():
+    Path("elsewhere").mkdir()
+    PARTS.rename("elsewhere/out.h5.parts")
+
+
+LOSSES = {
+    remove: "out.h5.parts was removed by another program",
+    replace: "out.h5.parts was replaced by another program",
+    remove_block: "block-000000.npz was removed by another program",
+    truncate: "block-000000.npz is damaged",
+    empty_and_restore: "block-000000.npz is damaged",
+    move_folder: "out.h5.parts was removed by another program",
+}
+
+
+@pytest.mark.parametrize("at", [1, 3])
+@pytest.mark.parametrize("lose", LOSSES)
+def test_a_lost_block_is_a_failure_that_says_so(monkeypatch, small_blocks, lose, at):
+    """Between two of four blocks, or before the last."""
+    blocks = []
+
+    def losing(self, block, results):
+        if len(blocks) == at:
+            lose()
+        blocks.append(block)
+        write(self, block, results)
+
+    write = SweepWriter.write
+    monkeypatch.setattr(SweepWriter, "write", losing)
+    result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("vibroimpact: error: the run failed: ")
+    assert re.search(LOSSES[lose], result.stderr)
+    assert not Path("out.h5").exists() and not list(Path().glob(".out*"))
+    if lose is replace:  # the message names the kept blocks
+        assert f"{10 * at} of 40 points kept in out.h5.parts; to go on: " in result.stderr
+
+
+def test_a_file_that_another_program_puts_there_is_left_alone(monkeypatch):
+    finish = SweepWriter.finish
+
+    def finishing(self, *arguments, **options):
+        Path("out.h5").write_bytes(b"precious")
+        finish(self, *arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SweepWriter, "finish", finishing)
+        result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 1
+    assert "out.h5 was written by another program" in result.stderr
+    assert "40 of 40 points kept in out.h5.parts; to go on: " in result.stderr
+    assert Path("out.h5").read_bytes() == b"precious"
+    Path("out.h5").unlink()
+    assert call("run", "sweep.yaml", "--quiet", "--resume").exit_code == 0
+    open_sweep("out.h5").close()
+
+
+def test_what_is_lost_at_the_very_end_is_said(monkeypatch):
+    finish = SweepWriter.finish
+
+    def losing(self, *arguments, **options):
+        finish(self, *arguments, **options)
+        Path("out.h5").unlink()
+
+    monkeypatch.setattr(SweepWriter, "finish", losing)
+    result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 1 and "the output is gone: out.h5 does not exist" in result.stderr
+
+
+# Overwriting
+
+
+@pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("blocks", [2, None])
+def test_a_failed_overwrite_says_that_the_old_one_is_there(monkeypatch, failure, blocks):
+    fill_blocks("out.h5", blocks)
+    (old,) = Path().glob("out.h5*")
+    before = contents(old)
+
+    def fail(*_, **__):
+        raise failure
+
+    for where in ("sweeps.store.parts.describe", "sweeps.engine.estimate.trial"):
+        with monkeypatch.context() as patch:
+            patch.setattr(where, fail)
+            result = call("run", "sweep.yaml", "--quiet", "--overwrite")
+        assert result.exit_code == 1
+        assert f"nothing of it is kept, and the old {old} is unchanged" in result.stderr
+        assert "--resume" not in result.stderr
+        assert contents(old) == before
+
+
+@pytest.mark.slow
+def test_an_overwritten_file_stays_until_the_new_one_is_complete(monkeypatch, small_blocks, whole):
+    fill_blocks("out.h5")
+    compute_block, computed = executors.compute_block, []
+
+    def stopping(*arguments, **named):
+        xr.testing.assert_identical(data("out.h5"), whole)
+        if computed:
+            raise KeyboardInterrupt
+        computed.append(1)
+        return compute_block(*arguments, **named)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(executors, "compute_block", stopping)
+        result = call("run", "sweep.yaml", "--quiet", "--overwrite")
+    assert result.exit_code == 1
+    assert "10 of 40 points kept in out.h5.parts; to go on: " in result.stderr
+    xr.testing.assert_identical(data("out.h5"), whole)
+    assert call("run", "sweep.yaml", "--quiet", "--resume").exit_code == 0
+    with open_sweep("out.h5") as dataset:
+        assert dataset["status"].shape == (40,)
+    assert not PARTS.exists()
+
+
+@pytest.mark.slow
+def test_the_commands_read_a_sweep_that_is_not_complete(stop_after):
+    """And `run` uses its configuration and resumes it."""
+    with stop_after(1, size=10):
+        assert call("run", "sweep.yaml", "--quiet").exit_code == 1
+    assert "40 points, of which 30 PENDING" in call("info", "out.h5").stdout
+    for arguments in (["plot", "out.h5"], ["export", "out.h5", "-o", "out.csv"]):
+        assert call(*arguments).exit_code == 0
+    Path("sweep.yaml").unlink()
+    assert call("run", "out.h5", "--quiet", "--resume").exit_code == 0
+    assert "40 points" in call("info", "out.h5").stdout and not PARTS.exists()
+
+
+# A name that changes its meaning during a run
+
+
+def turn_the_link():
+    Path("link.h5").unlink()
+    Path("link.h5").symlink_to("other.h5")
+
+
+@pytest.mark.parametrize("change", [turn_the_link, lambda: os.chdir("folder")])
+def test_a_run_keeps_to_the_file_that_it_began(tmp_path, monkeypatch, change):
+    """A link may be redirected to another file, and a program may change its folder."""
+    Path("folder").mkdir()
+    Path("link.h5").symlink_to("real.h5")
+    write = SweepWriter.write
+
+    def writing(writer, block, results):
+        write(writer, block, results)
+        monkeypatch.setattr(SweepWriter, "write", write)
+        change()
+
+    config = load_config("sweep.yaml")
+    monkeypatch.setattr(SweepWriter, "write", writing)
+    run_sweep(config, "link.h5")
+    assert not (tmp_path / "other.h5").exists() and not (tmp_path / "real.h5.parts").exists()
+    with open_sweep(tmp_path / "real.h5") as dataset:
+        assert not (dataset["status"] == Status.PENDING).any()
