@@ -106,6 +106,6 @@ def _end(motion: np.void, other: np.void, phase: float, axis: str) -> _End:
             orbit = orbit_of(motion, phase)
             if orbit.stable:
                 point = leads_to(orbit, name, other["point"][name].item())
-                of = point.orbit if point.kind == "flip" else orbit
+                of = point.orbit if point.kind in ("flip", "graze") else orbit
                 return _End(point.kind, point.value, f"{of.m}/{of.q}")
     return _End()

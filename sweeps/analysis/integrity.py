@@ -7,7 +7,7 @@ of a periodic one, to the nearest start outside the basin (Soliman & Thompson 19
 135, 453-475; Rega & Lenci 2005, Nonlinear Anal. 63, 902-914). Distances are measured between
 starts, so their accuracy is the spacing of the starts.
 
-Outside the basin are all starts that reach another attractor, have no result or have not settled,
+Outside the basin are all starts that reach another attractor, have no result or are unknown,
 and all states beyond the window, where nothing is known. States beyond the stop do not exist, so no
 disturbance leads there: where the window reaches the stop, nothing counts as outside, and the stop
 cuts off the disc.

@@ -160,31 +160,18 @@ def _show_bifurcations(
     chosen: Mapping[str, Any],
 ) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
-    from sweeps.analysis import bifurcations
+    from sweeps.analysis.bifurcations import as_table, find_bifurcations
     from sweeps.analysis.selection import on_grid
     from sweeps.analysis.tables import write_csv
+    from sweeps.reports.bifurcations import describe
 
     here = on_grid(dataset, cuts)
-    along, items = bifurcations.find_bifurcations(dataset, axis, here)
-    say_moved(cuts, here, "listed")
-    text = bifurcations.describe(along, items)
-    if bifurcations.is_summary(items):
-        name, value = items.columns[0], items.iat[0, 0]
-        shown = value if isinstance(value, str) else f"{value:.6g}"
-        text += f"; one by one: --at {name}={shown}, or --csv FILE"
-    say(text)
-    for text in (
-        bifurcations.narrowing(file, along, items),
-        bifurcations.describe_unclassified(dataset, items),
-    ):
-        if text:
-            say(text)
     with preparing_shown():
-        text = bifurcations.describe_branches(dataset, along, here, **chosen)
-    if text:
-        say(text)
+        found = find_bifurcations(dataset, axis, here, **chosen)
+    say_moved(cuts, here, "listed")
+    say(describe(dataset, file, found))
     if csv is not None:
-        write_csv(csv, bifurcations.table_of(along, items))
+        write_csv(csv, as_table(found))
         say(csv)
 
 

@@ -149,7 +149,7 @@ def test_the_flips_of_both_directions_are_listed_and_drawn(file, name, tmp_path)
     assert {row["direction"] for row in flips} == {"up", "down"}
     values = {}
     for row in flips:
-        values.setdefault(row.get("R"), []).append(float(row["omega"]))
+        values.setdefault(row.get("R"), []).append(float(row["value"]))
     assert all(len(same) == 2 and np.ptp(same) < 1e-13 for same in values.values())
     if name == "both":
         assert values[None] == pytest.approx([FLIP, FLIP], rel=1e-13)
@@ -191,5 +191,5 @@ def test_a_table_replaces_an_older_one(file, tmp_path):
     table = tmp_path / "a.csv"
     table.write_text("older\n" * 1000)
     accepted("info", file("line"), "--bifurcations", "--csv", table)
-    assert table.read_text().startswith("omega_low,omega_high,before,after,kind,omega,")
+    assert table.read_text().startswith("kind,value,low,high,before,after,between,orbit,source\n")
     assert "older" not in table.read_text()

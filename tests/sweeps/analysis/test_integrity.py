@@ -234,7 +234,7 @@ def test_motions_that_have_not_settled_are_rows_without_measures(tmp_path):
     lines = accepted("integrity", file, "--csv", "a.csv").splitlines()
     (row,) = (line.split() for line in lines if line.split()[1:2] == ["unknown"])
     assert row[:2] == ["-", "unknown"] and row[4:] == ["-", "-", "-"]
-    assert "starts have not settled; their attractors are unknown" in "\n".join(lines)
+    assert "of the starts are unknown, which is no attractor" in "\n".join(lines)
     assert Path("a.csv").read_text().count("unknown") == 1
     assert accepted("attractors", file).splitlines()[2].split() == row[:4]
 

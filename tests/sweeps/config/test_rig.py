@@ -367,11 +367,11 @@ def test_tables_of_a_rig_are_in_si_units(joint):
 @pytest.mark.slow
 def test_bifurcations_of_a_rig_are_in_hertz(joint):
     text = accepted("info", joint, "--bifurcations", "--csv", "found.csv")
-    listed = [line for line in text.splitlines() if line.endswith("graze  1/1")]
+    listed = [line for line in text.splitlines() if " graze  1/1 " in line]
     assert float(listed[0].split()[0]) == pytest.approx(graze(), rel=1e-10)
-    assert text.startswith("frequency [Hz]  kind") and "\n\nfrequency [Hz]  kind" in text
+    assert text.startswith("frequency [Hz]  kind")
     assert "omega" not in text
-    low, high = columns_of("found.csv", "frequency_low", "frequency_high")
+    low, high = columns_of("found.csv", "low", "high")
     assert ((low >= 22.0) & (high <= 41.0 * (1.0 + 1e-15))).all()
     said = accepted("plot", joint, "--exact", "--csv", "branches.csv")
     assert "omega" not in said
