@@ -1,9 +1,9 @@
-"""The oscillator of eq. (1): its eight parameters, their meaning and their valid ranges.
+"""The oscillator of eq. (1): its parameters, their meaning and their valid ranges.
 
 The system is one mass, one stop and one harmonic force::
 
-    x'' + 2 h x' + p^2 x = -f sin(omega t),    x <= clearance            (1)
-    when x >= clearance and x' > 0:  x = clearance,  x'+ = -R x'-        (2)-(5)
+    x'' + 2 h x' + p^2 x = -(f + a omega^2) sin(omega t),    x <= clearance    (1)
+    when x >= clearance and x' > 0:  x = clearance,  x'+ = -R x'-             (2)-(5)
 
 ``PARAMETERS`` is the only place that names, describes and bounds the parameters; configuration,
 files and axis labels all use it.
@@ -54,9 +54,14 @@ PARAMETERS: Mapping[str, Parameter] = {
     "f": Parameter("f", "forcing amplitude", "length/time^2", low=0.0),
     "p": Parameter("p", "eigenfrequency", "rad/time", low=0.0, low_open=True, default=1.0),
     "clearance": Parameter(r"\sigma", "clearance", "length", default=0.0),
+    "a": Parameter("a", "amplitude of the base or unbalance", "length", low=0.0, default=0.0),
     "x0": Parameter("x_0", "initial displacement", "length", default=0.0),
     "v0": Parameter("v_0", "initial velocity", "length/time", default=0.0),
 }
+
+_FORCE = "the force f + a omega^2"
+#: Default of f, which becomes 0.
+_NOT_GIVEN: Any = None
 
 #: One parameter point. The kernel sweeps a structured array of this dtype.
 POINT = np.dtype([(name, np.float64) for name in PARAMETERS])
@@ -127,17 +132,21 @@ class Oscillator:
         Coefficient of restitution, 0 to 1.
     omega : float
         Forcing frequency [rad/time], > 0.
-    f : float
-        Forcing amplitude [length/time^2], >= 0.
+    f : float, optional
+        Forcing amplitude [length/time^2], >= 0; 0 if `a` is given, otherwise required.
     p : float, optional
         Eigenfrequency of the undamped system [rad/time], > 0.
     clearance : float, optional
         Distance from the rest position to the stop [length]; negative is a preload.
+    a : float, optional
+        Amplitude of a base that moves by -a sin(omega t), to which x is then relative, or of an
+        unbalance (its share of the mass times its eccentricity) [length], >= 0. It adds the force
+        a omega^2 to `f`.
 
     Raises
     ------
     TypeError, ValueError
-        If a parameter is not a number or not in its valid range.
+        If a parameter is not a number or not in its valid range, or if the force is not finite.
 
     Examples
     --------
@@ -149,13 +158,20 @@ class Oscillator:
     h: float
     R: float
     omega: float
-    f: float
+    f: float = _NOT_GIVEN
     p: float = 1.0
     clearance: float = 0.0
+    a: float = 0.0
 
     def __post_init__(self) -> None:
+        if self.f is _NOT_GIVEN:
+            if self.a == 0.0:
+                raise TypeError("f (forcing amplitude) is missing; expected: f, a > 0, or both")
+            object.__setattr__(self, "f", 0.0)
         for field in fields(self):
             object.__setattr__(self, field.name, checked(field.name, getattr(self, field.name)))
+        if not math.isfinite(self.force):
+            raise ValueError(f"{_FORCE} must be a finite number, not {self.force} at {self}")
 
     @classmethod
     def from_rig(
@@ -164,16 +180,18 @@ class Oscillator:
         mass: float,
         stiffness: float,
         damping: float,
-        force: float,
         frequency: float,
         gap: float,
         R: float,
+        force: float | None = None,
+        base: float = 0.0,
     ) -> Self:
         """Return the oscillator of a rig in SI units, by dividing the rig's equation by its mass.
 
         The rig is m x'' + c x' + k x = -F sin(2 pi nu t) with x <= gap. Hence h = c / (2 m),
-        p = sqrt(k / m), f = F / m, omega = 2 pi nu and clearance = gap. The units of the
-        oscillator then are m and s.
+        p = sqrt(k / m), f = F / m, omega = 2 pi nu and clearance = gap. A base that carries spring,
+        damper and stop, and moves by -a sin(2 pi nu t), adds m a omega^2 to F; x is then relative
+        to it. The units of the oscillator are m and s.
 
         Parameters
         ----------
@@ -183,14 +201,17 @@ class Oscillator:
             k of the spring [N/m], > 0.
         damping : float
             c of the viscous damper [N s/m], >= 0.
-        force : float
-            Amplitude F of the force [N], >= 0.
         frequency : float
-            nu of the force [Hz], > 0.
+            nu of the force or of the base [Hz], > 0.
         gap : float
             Distance from the rest position to the stop [m]; negative is a preload.
         R : float
             Coefficient of restitution, 0 to 1.
+        force : float, optional
+            Amplitude F of the force [N], >= 0; 0 if `base` is given, otherwise required.
+        base : float, optional
+            Amplitude a of the base [m], >= 0. Of a base with a given amplitude of its
+            acceleration, the force is the mass times this acceleration.
 
         Raises
         ------
@@ -208,15 +229,18 @@ class Oscillator:
         >>> osc.h, osc.p, osc.f
         (0.3, 20.0, 5.0)
         """
+        if force is None and base == 0.0:
+            raise TypeError("force [N] is missing; expected: force, base > 0, or both")
         # Each quantity has the valid range of the parameter that is computed from it.
         mass = _number("mass [kg]", mass, PARAMETERS["p"])
         return cls(
             h=_number("damping [N s/m]", damping, PARAMETERS["h"]) / (2.0 * mass),
             R=R,
             omega=2.0 * math.pi * _number("frequency [Hz]", frequency, PARAMETERS["omega"]),
-            f=_number("force [N]", force, PARAMETERS["f"]) / mass,
+            f=_NOT_GIVEN if force is None else _number("force [N]", force, PARAMETERS["f"]) / mass,
             p=math.sqrt(_number("stiffness [N/m]", stiffness, PARAMETERS["p"]) / mass),
             clearance=_number("gap [m]", gap, PARAMETERS["clearance"]),
+            a=_number("base [m]", base, PARAMETERS["a"]),
         )
 
     def to_rig(self, mass: float) -> dict[str, float]:
@@ -249,11 +273,17 @@ class Oscillator:
             "mass": mass,
             "stiffness": mass * self.p**2,
             "damping": 2.0 * mass * self.h,
-            "force": mass * self.f,
             "frequency": self.omega / (2.0 * math.pi),
             "gap": self.clearance,
             "R": self.R,
+            "force": mass * self.f,
+            "base": self.a,
         }
+
+    @property
+    def force(self) -> float:
+        """Amplitude of the whole force, f + a omega^2 [length/time^2]."""
+        return self.f + self.a * self.omega * self.omega
 
     @property
     def forcing_period(self) -> float:
@@ -307,6 +337,21 @@ def refuse_invalid(points: object, beyond_stop: bool) -> None:
                 f"points[{row}]: {name} ({parameter.meaning}) must be {allowed}, "
                 f"not {float(values[row])!r}"
             )
+    if not (finite := np.isfinite(with_one_force(points)["f"])).all():
+        row = int(np.argmin(finite))
+        raise ValueError(f"points[{row}]: {_FORCE} must be a finite number, not inf")
+
+
+def with_one_force(points: np.ndarray) -> np.ndarray:
+    """Return a copy of points for compiled code, with the whole force as f, and a = 0.
+
+    It is contiguous and writable, as compiled code needs it.
+    """
+    points = np.array(points, POINT)
+    with np.errstate(over="ignore"):
+        points["f"] += points["a"] * points["omega"] * points["omega"]
+    points["a"] = 0.0
+    return points
 
 
 def mesh(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> np.ndarray:

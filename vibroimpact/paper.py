@@ -125,7 +125,7 @@ def paper_procedure(
 
 def _acceleration(osc: Oscillator, t: float, x: float, v: float) -> float:
     """Return x'' from eq. (1)."""
-    return -2.0 * osc.h * v - osc.p**2 * x - osc.f * math.sin(osc.omega * t)
+    return -2.0 * osc.h * v - osc.p**2 * x - osc.force * math.sin(osc.omega * t)
 
 
 def _newmark(

@@ -9,7 +9,7 @@ import numpy as np
 
 from vibroimpact.jit import on_threads
 from vibroimpact.kernel.integrate import run_points
-from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other
+from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, RELEASE, REST, impulse_and_loss, time_to_release
 from vibroimpact.step.integrators import exact
@@ -126,7 +126,7 @@ def simulate(
     refuse_other("oscillator", oscillator, Oscillator)
     periods = checked_integer("periods", periods, 1, MOST_RECORDED)
     transient = checked_integer("transient", transient, 0, MOST_PERIODS)
-    points, interrupt = oscillator.at(x0, v0), np.zeros(1, np.int64)
+    points, interrupt = with_one_force(oscillator.at(x0, v0)), np.zeros(1, np.int64)
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section=True)
     before = Status.PENDING
     if transient > 0:
@@ -181,7 +181,7 @@ def exact_samples(
     `per_period` states, and none are inserted beside a row of NaN. Between two rows at rest on the
     stop, the mass stays there.
     """
-    omega, pt = oscillator.omega, oscillator.at(oscillator.clearance)[0]
+    omega, pt = oscillator.omega, with_one_force(oscillator.at(oscillator.clearance))[0]
     step = np.diff(t)
     # The margin prevents rounding from halving steps that are already short enough.
     parts = np.ceil(step * (omega * per_period / (2.0 * math.pi)) - 1e-9)

@@ -17,6 +17,7 @@ import numpy as np
 
 from sweeps.bench.scenes import EXACT, Scene, least_steps
 from vibroimpact import integrate
+from vibroimpact.oscillator import with_one_force
 
 #: Runs are repeated for at least this time, at least once.
 _LEAST_SECONDS = 0.1
@@ -130,7 +131,7 @@ class Peer:
         The results are those of `Scene.run`, without the deepest penetration. The seconds are per
         forcing period, the best of several runs, without the preparation.
         """
-        points = scene.points
+        points = with_one_force(scene.points)
         first = integrate(
             points,
             steps_per_period=2 * least_steps(EXACT, points),

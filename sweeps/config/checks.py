@@ -12,7 +12,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Axis, Key, MisplacedError
 from sweeps.grid import TABLE
 from sweeps.text import shortest
-from vibroimpact.oscillator import POINT, mesh
+from vibroimpact.oscillator import POINT, mesh, with_one_force
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import MOST_STEPS, default_steps
 from vibroimpact.step.stability import least_stable_steps
@@ -36,6 +36,7 @@ def completed(config: SweepConfig) -> SweepConfig:
     else:
         points = mesh({TABLE: config.points}, {name: axis.first for name, axis in axes.items()})
     _refuse_start(config, points)
+    _refuse_force(config, axes, points)
     _refuse_large_grid(config, axes)
     steps = _chosen_steps(config, points)
     _refuse_record(config, steps)
@@ -90,6 +91,17 @@ def _refuse_start(config: SweepConfig, points: np.ndarray) -> None:
         f"{where}x0 = {shortest(x0)} lies beyond the stop at {stop} = "
         f"{shortest(clearance)}; every x0 must be <= every {stop}",
     )
+
+
+def _refuse_force(config: SweepConfig, axes: dict[str, Axis], points: np.ndarray) -> None:
+    """Refuse a force f + a omega^2 that is not a finite number."""
+    if config.points is None:
+        points = mesh({}, {name: axis.high for name, axis in axes.items()})
+    infinite = ~np.isfinite(with_one_force(points)["f"])
+    if infinite.any():
+        where = "" if config.points is None else f"row {int(infinite.argmax()) + 1} of points: "
+        problem = "the force f + a omega^2 must be a finite number"
+        raise MisplacedError(_key_of(config, "a"), where + problem)
 
 
 def _refuse_large_grid(config: SweepConfig, axes: dict[str, Axis]) -> None:

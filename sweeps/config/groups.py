@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator
 from functools import partial
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -56,11 +56,11 @@ def choice(meaning: str, table: Collection[str], default: str) -> Any:
     return Field(default, description=text, json_schema_extra={"enum": [*table]})
 
 
-def parameter_field(parameter: Parameter) -> Any:
-    """Return the field of a parameter, with its bounds for editors."""
+def parameter_field(parameter: Parameter, note: str = "") -> Any:
+    """Return the field of a parameter, described with a note, and with its bounds for editors."""
     unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
     text = (
-        f"{parameter.meaning}{unit}: {parameter.allowed}; "
+        f"{parameter.meaning}{unit}: {parameter.allowed}{note}; "
         "to sweep it, a list of such numbers, {start, stop, num, spacing: linear or log}, or a "
         "column of points"
     )
@@ -94,6 +94,17 @@ def refuse_out_of_bounds(axis: Axis, parameter: Parameter) -> None:
 class ParameterConfig(Group):
     """Parameters out of ``PARAMETERS``: each a number, a list or a range, within its bounds."""
 
+    #: The key of the force, which is 0 where it is not given, and the key that makes it optional.
+    FORCES: ClassVar[tuple[str, str] | None] = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_force(cls, given: object) -> object:
+        """Set the force to 0 where only the amplitude of the base or unbalance is given."""
+        if cls.FORCES and isinstance(given, dict) and cls.FORCES[1] in given:
+            return {**given, cls.FORCES[0]: given.get(cls.FORCES[0], 0.0)}
+        return given
+
     @field_validator("*")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
@@ -114,12 +125,15 @@ class ParameterConfig(Group):
 class OscillatorConfig(ParameterConfig):
     """The parameters of the oscillator."""
 
+    FORCES = ("f", "a")
+
     h: Values = parameter_field(PARAMETERS["h"])
     R: Values = parameter_field(PARAMETERS["R"])
     omega: Values = parameter_field(PARAMETERS["omega"])
-    f: Values = parameter_field(PARAMETERS["f"])
+    f: Values = parameter_field(PARAMETERS["f"], ", required unless a is given")
     p: Values = parameter_field(PARAMETERS["p"])
     clearance: Values = parameter_field(PARAMETERS["clearance"])
+    a: Values = parameter_field(PARAMETERS["a"])
 
 
 class StartConfig(ParameterConfig):

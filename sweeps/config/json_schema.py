@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from sweeps.config.groups import OscillatorConfig
 from sweeps.config.rig import RigConfig
 from sweeps.config.sweep import SweepConfig
 
@@ -21,8 +22,17 @@ def json_schema() -> dict[str, Any]:
         "oscillator": schema["$defs"]["OscillatorConfig"].pop("required"),
         "rig": schema["$defs"]["RigConfig"].pop("required"),
     }
+    forces = {"oscillator": OscillatorConfig.FORCES, "rig": RigConfig.FORCES}
     grids = [
-        {"required": [name], "properties": {name: {"required": keys}}}
+        {
+            "required": [name],
+            "properties": {
+                name: {
+                    "required": [key for key in keys if key not in forces[name]],
+                    "anyOf": [{"required": [key]} for key in forces[name]],
+                }
+            },
+        }
         for name, keys in needed.items()
     ]
     follow = schema["$defs"]["FollowConfig"]["properties"]["axis"]

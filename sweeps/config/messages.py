@@ -152,6 +152,8 @@ _OTHER_NAMES = {
     "f": "amplitude forcing_amplitude forcing force excitation f0",
     "p": "eigenfrequency natural_frequency omega0 omega_0 omega_n stiffness k",
     "clearance": "gap sigma delta distance play backlash offset wall barrier obstacle",
+    "a": "base base_amplitude eccentricity unbalance imbalance",
+    "base": "a base_amplitude shaker",
     "x0": "x x_0 position displacement",
     "v0": "v v_0 velocity speed",
     "integrator": "scheme solver",

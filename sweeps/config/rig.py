@@ -43,9 +43,11 @@ class Quantity(NamedTuple):
     in_model: Callable[[float, Any], Any] = lambda mass, value: value
 
 
-def _described(name: str, symbol: str, meaning: str, unit: str) -> Parameter:
+def _described(
+    name: str, symbol: str, meaning: str, unit: str, default: float | None = None
+) -> Parameter:
     """Describe a quantity of the rig, with the bounds of the parameter `name` of the model."""
-    return replace(PARAMETERS[name], symbol=symbol, meaning=meaning, unit=unit, default=None)
+    return replace(PARAMETERS[name], symbol=symbol, meaning=meaning, unit=unit, default=default)
 
 
 #: The mass, which no parameter of the model is made from alone.
@@ -73,6 +75,9 @@ QUANTITIES: Mapping[str, Quantity] = {
     "clearance": Quantity(
         "gap", _described("clearance", r"\sigma", "gap", "m"), lambda mass, gap: gap
     ),
+    "a": Quantity(
+        "base", _described("a", "a", "amplitude of the base", "m", 0.0), lambda mass, a: a
+    ),
     "impulse": Quantity(
         "impulse", Parameter("J", "impulse on the stop per forcing period", "N s"),
         lambda mass, impulse: mass * impulse,
@@ -90,16 +95,19 @@ class RigConfig(ParameterConfig):
     Columns of a table hold values of the model, not of the rig.
     """
 
+    FORCES = ("force", "base")
+
     # The first field, because the checks of the others need it.
     mass: Annotated[Number, Field(gt=0.0)] = Field(
         description=f"mass [kg]: {MASS.allowed}, the same all over the sweep"
     )
     stiffness: Values = parameter_field(QUANTITIES["p"].description)
     damping: Values = parameter_field(QUANTITIES["h"].description)
-    force: Values = parameter_field(QUANTITIES["f"].description)
+    force: Values = parameter_field(QUANTITIES["f"].description, ", required unless base is given")
     frequency: Values = parameter_field(QUANTITIES["omega"].description)
     gap: Values = parameter_field(QUANTITIES["clearance"].description)
     R: Values = parameter_field(PARAMETERS["R"])
+    base: Values = parameter_field(QUANTITIES["a"].description)
 
     @field_validator("*")
     @classmethod

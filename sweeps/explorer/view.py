@@ -43,7 +43,8 @@ def window_around(name: str, values: Mapping[str, float]) -> Window:
     if name in ("omega", "p"):
         return 0.5 * value, 2.0 * value
     if PARAMETERS[name].low == 0.0:
-        least = {"h": 0.5 * rate, "f": 0.5 * length * rate * rate}.get(name, 0.5)
+        least = {"h": rate, "f": length * rate * rate, "a": length}.get(name, 1.0)
+        least *= 0.5
         return 0.0, min(max(least, 2.0 * value), PARAMETERS[name].high)
     if name == "x0":
         return min(value, values["clearance"] - 3.0 * length), values["clearance"]
@@ -60,7 +61,8 @@ def _scales(values: Mapping[str, float]) -> tuple[float, float]:
     times) or the force is 0.
     """
     rate = max(values["p"], values["omega"] / math.sqrt(6.0))
-    deflection, clearance = values["f"] / (rate * rate), abs(values["clearance"])
+    force, clearance = values["f"] + values["a"] * values["omega"] ** 2, abs(values["clearance"])
+    deflection = force / (rate * rate)
     near = clearance < 10.0 * deflection or not deflection
     return (max(deflection, clearance) if near else deflection) or 1.0, rate
 

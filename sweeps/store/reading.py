@@ -22,6 +22,8 @@ from sweeps.store.paths import (
     reason,
     refuse_parts,
 )
+from sweeps.text import in_units
+from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:
@@ -73,14 +75,36 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
             try:
                 parts = Parts(parts_path(path), verify=verify)
                 if _is_missing(path):  # otherwise a run has just completed the file
-                    return open_parts(parts)
+                    return _with_all_parameters(open_parts(parts))
             except StoreError:
                 if _is_missing(path):
                     raise
         check_file(path, verify=verify)
-        return opened(lambda options: xr.open_dataset(path, engine="h5netcdf", driver_kwds=options))
+        return _with_all_parameters(
+            opened(lambda options: xr.open_dataset(path, engine="h5netcdf", driver_kwds=options))
+        )
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
+
+
+def _with_all_parameters(dataset: xr.Dataset) -> xr.Dataset:
+    """Add the parameters that a file of an earlier version lacks, with their defaults."""
+    lacking = {name: about for name, about in PARAMETERS.items() if name not in dataset}
+    units = {key: dataset.attrs.get(f"{key}_unit", key) for key in ("length", "time")}
+    return dataset.assign_coords(
+        {
+            name: (
+                (),
+                about.default,
+                {
+                    "long_name": about.meaning,
+                    "units": in_units(about.unit, units),
+                    "symbol": about.symbol,
+                },
+            )
+            for name, about in lacking.items()
+        }
+    )
 
 
 def _is_missing(path: Path) -> bool:

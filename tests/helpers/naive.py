@@ -1,6 +1,6 @@
 """A straightforward, slow implementation, which shares no code with the package.
 
-States are (x, v); `osc` is any object with the attributes h, R, omega, f, p and clearance. The code
+States are (x, v); `osc` is any object with the attributes h, R, omega, f, p, clearance and a. It
 uses time, never phase, and computes every step from eq. (1).
 """
 
@@ -14,14 +14,19 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 
-def oscillator(h, R, omega, f=1.0, p=1.0, clearance=0.0):
+def oscillator(h, R, omega, f=1.0, p=1.0, clearance=0.0, a=0.0):
     """Return an object with the parameters of eq. (1) as attributes."""
-    return SimpleNamespace(h=h, R=R, omega=omega, f=f, p=p, clearance=clearance)
+    return SimpleNamespace(h=h, R=R, omega=omega, f=f, p=p, clearance=clearance, a=a)
+
+
+def force_of(osc):
+    """Return the amplitude of the force and of the shaken base together."""
+    return osc.f + osc.a * osc.omega**2
 
 
 def acceleration(osc, t, x, v):
     """Return x'' of eq. (1)."""
-    return -2.0 * osc.h * v - osc.p**2 * x - osc.f * math.sin(osc.omega * t)
+    return -2.0 * osc.h * v - osc.p**2 * x - force_of(osc) * math.sin(osc.omega * t)
 
 
 def flow(osc, x, v, s, c, T):
@@ -30,7 +35,7 @@ def flow(osc, x, v, s, c, T):
     One Taylor series over the whole step, with as many digits as its cancellation requires.
     """
     h, p, w, f, x, v, s, c, T = (
-        Decimal(float(q)) for q in (osc.h, osc.p, osc.omega, osc.f, x, v, s, c, T)
+        Decimal(float(q)) for q in (osc.h, osc.p, osc.omega, force_of(osc), x, v, s, c, T)
     )
     size = abs(float((2 * h + p + w) * T))
     with localcontext() as context:
@@ -82,7 +87,7 @@ def newmark_from(osc, t, x, v, a, T):
             [osc.p**2, 2.0 * osc.h, 1.0],
         ]
     )
-    force = -osc.f * math.sin(osc.omega * (t + T))
+    force = -force_of(osc) * math.sin(osc.omega * (t + T))
     right = np.array([x + T * v + T**2 / 4 * a, v + T / 2 * a, force])
     return tuple(np.linalg.solve(matrix, right))
 
@@ -107,7 +112,7 @@ def verlet_step(osc, t, x, v, T):
     """Central differences: x_T is explicit, v_T and a_T solve two linear equations."""
     a = acceleration(osc, t, x, v)
     x_T = x + T * v + T**2 / 2 * a
-    pull = -(osc.p**2) * x_T - osc.f * math.sin(osc.omega * (t + T))
+    pull = -(osc.p**2) * x_T - force_of(osc) * math.sin(osc.omega * (t + T))
     matrix = np.array([[1.0, -T / 2], [2.0 * osc.h, 1.0]])
     v_T, _ = np.linalg.solve(matrix, [v + T / 2 * a, pull])
     return x_T, v_T
@@ -212,7 +217,7 @@ class ClosedForm:
         root = cmath.sqrt(complex(osc.h**2 - osc.p**2))
         force = 1j * osc.omega
         # x_p = Im(steady e^(i omega t)), written as two conjugate exponentials.
-        steady = -osc.f / (osc.p**2 - osc.omega**2 + 2j * osc.h * osc.omega)
+        steady = -force_of(osc) / (osc.p**2 - osc.omega**2 + 2j * osc.h * osc.omega)
         steady *= cmath.exp(force * t0)
         x_h, v_h = x - steady.imag, v - (force * steady).imag
         one, two = -osc.h + root, -osc.h - root
@@ -231,7 +236,7 @@ class ClosedForm:
 def series(osc, t0, y, v, terms=40):
     """Return the Taylor coefficients of x - clearance about t0."""
     c = [y, v]
-    f = osc.f * cmath.exp(1j * osc.omega * t0)
+    f = force_of(osc) * cmath.exp(1j * osc.omega * t0)
     for k in range(terms):
         load = osc.p**2 * osc.clearance if k == 0 else 0.0
         pull = 2 * osc.h * (k + 1) * c[k + 1] + osc.p**2 * c[k] + f.imag + load
@@ -290,7 +295,9 @@ class ExactOrbit:
 
     def push(self, t):
         """Return the acceleration that presses the resting mass onto the stop."""
-        return -self.osc.f * math.sin(self.osc.omega * t) - self.osc.p**2 * self.osc.clearance
+        return (
+            -force_of(self.osc) * math.sin(self.osc.omega * t) - self.osc.p**2 * self.osc.clearance
+        )
 
     def pass_sections(self, t0, t, state):
         """Record the sections in (t0, t]."""
@@ -377,6 +384,6 @@ class ExactOrbit:
 
     def tangent(self, dt):
         """Return the derivative of a flight of length dt with respect to its start."""
-        free = SimpleNamespace(**(vars(self.osc) | {"f": 0.0}))
+        free = SimpleNamespace(**(vars(self.osc) | {"f": 0.0, "a": 0.0}))
         columns = [ClosedForm(free, 0.0, *unit)(dt) for unit in np.eye(2)]
         return np.array(columns).T

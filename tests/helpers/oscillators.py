@@ -212,8 +212,8 @@ class Flight:
 
 def steady_response(parameters):
     """Return the factor of exp(i omega t) in the steady motion without impacts."""
-    h, omega, f, p = (parameters[name] for name in ("h", "omega", "f", "p"))
-    return -f / mp.mpc(p * p - omega * omega, 2 * h * omega)
+    h, omega, f, p, a = (parameters[name] for name in ("h", "omega", "f", "p", "a"))
+    return -(f + a * omega * omega) / mp.mpc(p * p - omega * omega, 2 * h * omega)
 
 
 class SectionMap:

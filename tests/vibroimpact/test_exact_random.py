@@ -37,13 +37,18 @@ def test_random_points_end_decided():
     "every",
     [pytest.param(240, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.campaign)],
 )
-def test_random_points_are_those_of_the_slow_solver(every):
-    """2000 points, or 25 of them: sections, impacts and rests to 1e-9.
+@pytest.mark.parametrize("shaken", [False, True])
+def test_random_points_are_those_of_the_slow_solver(every, shaken):
+    """2000 points, or 9: sections, impacts and rests to 1e-9, with a force or with a shaken base.
 
     50 periods or 500 impacts, chatters included, while a rounding stays below 1e-11; from a graze
     within 1e-6 on, none is compared.
     """
     points = wide_points(2000, 23)[::every]
+    if shaken:
+        rng = np.random.default_rng(24)
+        points["a"] = rng.uniform(0.2, 2.0, len(points)) / (1.0 + points["omega"] ** 2)
+        points["f"] *= rng.choice([0.0, 0.5], len(points))
     grazed, lost, sections, impacts, rested = 0, 0, 0, 0, 0
     for point in points:
         osc, x0, v0 = taken_apart(point)

@@ -6,10 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, simulate
+from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import PARAMETERS, POINT
+from vibroimpact.trajectory import exact_samples
 
-GOOD = {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "p": 1.0, "clearance": 0.0}
+GOOD = {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "p": 1.0, "clearance": 0.0, "a": 0.5}
 NOT_NUMBERS = [True, np.True_, "0.5", None, [0.5], 1j, np.array([0.5]), np.complex128(2.0)]
 
 
@@ -52,7 +53,7 @@ def test_what_is_not_finite_is_refused(name, value):
 def test_what_is_no_number_is_refused(name, value):
     """A bool, a string and a list are not numbers."""
     with pytest.raises(TypeError, match=rf"^{name} \("):
-        Oscillator(**GOOD | {name: value})
+        Oscillator(**GOOD | {"a": 0.0, name: value})
 
 
 @pytest.mark.parametrize("name", ["x0", "v0"])
@@ -91,7 +92,7 @@ def test_values_become_floats():
     """Integers and NumPy scalars are numbers, and are stored as Python's floats."""
     osc = Oscillator(h=0, R=1, omega=np.int64(2), f=np.float32(0.5))
     assert [type(getattr(osc, name)) for name in GOOD] == [float] * len(GOOD)
-    assert (osc.omega, osc.f, osc.p, osc.clearance) == (2.0, 0.5, 1.0, 0.0)
+    assert (osc.omega, osc.f, osc.p, osc.clearance, osc.a) == (2.0, 0.5, 1.0, 0.0, 0.0)
     assert osc.forcing_period == math.pi
 
 
@@ -114,7 +115,7 @@ def test_many_values_are_told_where_to_go(name, values):
 
 RIG = {
     "mass": 0.5, "stiffness": 8000.0, "damping": 4.0, "force": 8.0, "frequency": 10.0,
-    "gap": 0.0005, "R": 0.7,
+    "gap": 0.0005, "R": 0.7, "base": 0.0002,
 }  # fmt: skip
 
 
@@ -123,7 +124,7 @@ def test_a_rig_moves_as_its_own_equation():
     osc = Oscillator.from_rig(**RIG | {"gap": 1.0})
     w = 2.0 * math.pi * RIG["frequency"]
     impedance = RIG["stiffness"] - RIG["mass"] * w**2 + 1j * w * RIG["damping"]
-    amplitude = -RIG["force"] / impedance
+    amplitude = -(RIG["force"] + RIG["mass"] * RIG["base"] * w**2) / impedance
     x0, v0 = amplitude.imag, (1j * w * amplitude).imag
     tr = simulate(osc, periods=3, steps_per_period=50, x0=x0, v0=v0)
     expected = (amplitude * np.exp(1j * w * tr.t)).imag
@@ -141,7 +142,7 @@ def test_a_rig_and_back():
 @pytest.mark.parametrize(
     ("name", "value"),
     [("mass", 0.0), ("stiffness", -1.0), ("damping", -0.1), ("force", -1.0), ("frequency", 0.0),
-     ("gap", math.inf), ("R", 1.2)],
+     ("gap", math.inf), ("R", 1.2), ("base", -1.0)],
 )  # fmt: skip
 def test_a_rig_that_cannot_be(name, value):
     """The message has the word of the rig, with its unit, and not that of the oscillator."""
@@ -149,3 +150,68 @@ def test_a_rig_that_cannot_be(name, value):
         Oscillator.from_rig(**RIG | {name: value})
     with pytest.raises(TypeError, match=rf"^{name} "):
         Oscillator.from_rig(**RIG | {name: "1"})
+
+
+def test_a_force_or_a_base_is_required():
+    """Where only a base is given, f is 0; the force that both make must be finite."""
+    osc = Oscillator(h=0.1, R=0.8, omega=2.0, a=0.5)
+    assert (osc.f, osc.force) == (0.0, 2.0)
+    assert Oscillator(**GOOD).force == 3.0
+    for missing in ({}, {"a": 0.0}):
+        with pytest.raises(TypeError, match=r"^f \(.*is missing; expected: f, a > 0, or both"):
+            Oscillator(h=0.1, R=0.8, omega=2.0, **missing)
+    with pytest.raises(ValueError, match=r"f \+ a omega\^2 must be a finite number"):
+        Oscillator(**GOOD | {"omega": 1e200, "a": 1e-20})
+    rig = {name: value for name, value in RIG.items() if name not in ("force", "base")}
+    assert Oscillator.from_rig(**rig, base=0.001).f == 0.0
+    with pytest.raises(
+        TypeError, match=r"^force .* is missing; expected: force, base > 0, or both"
+    ):
+        Oscillator.from_rig(**rig)
+
+
+def test_points_whose_force_is_not_finite_are_refused():
+    """As those of an oscillator."""
+    points = Oscillator(**GOOD).at().repeat(3)
+    points["omega"][1], points["a"][1] = 1e200, 1e-20
+    with pytest.raises(ValueError, match=r"points\[1\]: the force f \+ a omega\^2 must be"):
+        integrate(points, transient=0, periods=1)
+
+
+def motions(points, **how):
+    """Return the results of points, each a single array of bits."""
+    results = integrate(points, transient=20, periods=8, **how)
+    return {name: values.tobytes() for name, values in results.items()}
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{"lyapunov": True}, *({"integrator": "rk4", "impact": rule, "steps_per_period": 50}
+     for rule in ("plain", "reduced-step", "cubic"))],
+    ids=lambda how: how.get("impact", "exact"),
+)  # fmt: skip
+def test_one_force_gives_the_same_bits_however_it_is_made(how):
+    """A force from a base, from f, or from both, with every impact rule."""
+    osc = Oscillator(h=0.02, R=0.8, omega=1.0, f=0.0, clearance=0.1, a=0.25)
+    base, both, force = (osc.at().repeat(40) for _ in range(3))
+    omega = np.linspace(0.5, 4.0, 40)
+    base["omega"] = both["omega"] = force["omega"] = omega
+    force["f"], force["a"] = 0.25 * omega * omega, 0.0
+    both["a"] = 0.125
+    both["f"] = force["f"] - 0.125 * omega * omega
+    assert motions(base, **how) == motions(both, **how) == motions(force, **how)
+    assert motions(base, **how) != motions(osc.at().repeat(40), **how)
+
+
+def test_one_force_gives_the_same_trajectory():
+    """The rests, too, whose ends depend on the force, and the exact states between the steps."""
+    base = Oscillator(h=0.0, R=0.3, omega=0.5, a=4.0, clearance=-0.2)
+    force = dataclasses.replace(base, f=1.0, a=0.0)
+    runs = [simulate(osc, periods=5, x0=-0.2) for osc in (base, force)]
+    assert len(runs[0].rests) > 2
+    for name in ("t", "x", "v", "impact_t", "impact_v", "rests"):
+        assert np.array_equal(getattr(runs[0], name), getattr(runs[1], name)), name
+    drawn = [
+        exact_samples(osc, tr.t, tr.x, tr.v) for osc, tr in zip((base, force), runs, strict=True)
+    ]
+    assert np.array_equal(*drawn)

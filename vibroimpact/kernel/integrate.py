@@ -11,7 +11,7 @@ from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.growth import grows
 from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.run import KernelJob, lanes_per_thread, run_on_threads
-from vibroimpact.oscillator import POINT, checked_integer, refuse_invalid
+from vibroimpact.oscillator import checked_integer, refuse_invalid, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import impulse_and_loss
 from vibroimpact.step.scheme import (
@@ -137,7 +137,7 @@ def run_points(
     status ``PENDING``.
     """
     transient, periods, impacts = counts
-    points = np.array(points, POINT)  # contiguous and writable, as the kernel is compiled for
+    points = with_one_force(points)
     transient = checked_integer("transient", transient, 0, MOST_PERIODS)
     periods = checked_integer("periods", periods, 1, MOST_RECORDED)
     impacts = checked_integer("impacts", impacts, 0, MOST_RECORDED)
@@ -176,7 +176,7 @@ def find_destinations(
     sections = np.stack([results["poincare_x"], results["poincare_v"]], axis=2)
     threads, found = ALL_THREADS if threads is None else threads, no_destinations(n)
     record = Record(sections, np.empty((n, 0, 2)), np.empty((n, 2)), sums)
-    points = np.array(points, POINT)
+    points = with_one_force(points)
     _run(threads, points, scheme, 0, periods, False, record, interrupt, found, only_find=True)
     return found
 

@@ -349,8 +349,8 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
         return SpecialPoint("edge", last, free_orbit(at(last)))
 
     start, osc = float(getattr(orbit.oscillator, axis.name)), orbit.oscillator
-    # The amplitude has a single maximum, at resonance, so it is monotone on both sides.
-    resonance = {"omega": math.sqrt(max(osc.p**2 - 2.0 * osc.h**2, 0.0)), "p": osc.omega}
+    # The amplitude has a single extremum, at resonance, so it is monotone on both sides.
+    resonance = {"omega": _resonance(osc), "p": osc.omega}
     values = np.linspace(axis.low, axis.high, _FREE_VALUES)
     values = np.union1d(values, np.clip(resonance.get(axis.name, start), axis.low, axis.high))
     special = [end(values[values < start][::-1]), end(values[values > start])]
@@ -360,6 +360,15 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
     stable[[i for i in (0, -1) if special[i].kind == "graze"]] = False
     none = np.empty((values.size, 0))
     return Branch("", (axis.name,), 1, 0, values, stable, none, none, special, osc)
+
+
+def _resonance(osc: Oscillator) -> float:
+    """Return the omega > 0 of the only extremum of the free amplitude; 0 if there is none."""
+    square = osc.p**2 - 2.0 * osc.h**2
+    if osc.a:  # from d/d(omega^2) of (f + a omega^2)^2 / ((p^2 - omega^2)^2 + 4 h^2 omega^2)
+        bent = osc.f + osc.a * square
+        square += 4.0 * osc.a * osc.h**2 * (osc.p**2 - osc.h**2) / bent if bent else 0.0
+    return math.sqrt(max(square, 0.0))
 
 
 def _free_graze(osc: Oscillator) -> PeriodicOrbit:

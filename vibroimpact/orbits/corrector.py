@@ -52,7 +52,7 @@ _HALVINGS, _SHORTEST = 8, 0.1
 class System(NamedTuple):
     """The data that do not change in an iteration."""
 
-    values: np.ndarray  # parameters of the oscillator, (6,); those of `free` are taken from X
+    values: np.ndarray  # parameters of the oscillator, (7,); those of `free` are taken from X
     free: np.ndarray  # indices of the free parameters, (k,), k <= 2
     spans: np.ndarray  # their units in X, (k,)
     m: int  # forcing periods
@@ -65,7 +65,7 @@ class System(NamedTuple):
 
 @jit
 def parameters_at(system, X):
-    """Return the parameters of the oscillator at a vector of unknowns, shape (6,)."""
+    """Return the parameters of the oscillator at a vector of unknowns, shape (7,)."""
     values = system.values.copy()
     for j in range(system.free.size):
         values[system.free[j]] = X[free_at(system.q, j)] * system.spans[j]

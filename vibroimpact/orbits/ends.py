@@ -9,6 +9,7 @@ their orbit grazes.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -166,12 +167,13 @@ def _leaves(family: OrbitFamily, point: Point) -> bool:
 def _without_force(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
     """Return the limit at which orbits vanish with the force; None if X is not near it.
 
-    They vanish if the clearance is 0, since x and v are then proportional to f.
+    They vanish if the clearance is 0, since x and v are then proportional to the force.
     """
     for j, parameter in enumerate(family.parameters):
         near = free(X, family.q)[j] < _VANISHES
-        if parameter.name == "f" and parameter.low == 0.0 and near:
-            if family.oscillator(X).clearance == 0.0:
+        if parameter.name in ("f", "a") and parameter.low == 0.0 and near:
+            osc = replace(family.oscillator(X), **{parameter.name: 0.0})
+            if osc.clearance == osc.force == 0.0:
                 X = X.copy()
                 speeds(X, family.q)[:] = free(X, family.q)[j] = 0.0
                 return X

@@ -236,7 +236,8 @@ class OrbitFamily:
             return None, maximum
         if phase == phases(X, self.q)[flight]:
             return Inadmissible("rest", int(flight), float(phase)), maximum
-        if self.kind == "graze" and self.q == 1 and maximum < _TOUCHES * values[-1]:
+        touches = maximum < _TOUCHES * self.oscillator(X).clearance
+        if self.kind == "graze" and self.q == 1 and touches:
             return None, maximum  # the free oscillation touches the stop once in each of m periods
         return Inadmissible("penetration", int(flight), float(phase)), maximum
 

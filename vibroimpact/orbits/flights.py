@@ -63,13 +63,14 @@ class TimeSteps(NamedTuple):
 
 @jit
 def parameters(values):
-    """Return the ``Parameters`` stored in an array of six."""
-    return Parameters(values[0], values[1], values[2], values[3], values[4], values[5])
+    """Return the ``Parameters`` stored in an array of seven, with the whole force as f."""
+    force = values[3] + values[6] * values[2] * values[2]
+    return Parameters(values[0], values[1], values[2], force, values[4], values[5])
 
 
 def values_of(osc: Oscillator) -> np.ndarray:
-    """Return the parameters of an oscillator in an array of six."""
-    return np.array([osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance])
+    """Return the parameters of an oscillator in an array of seven."""
+    return np.array([osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance, osc.a])
 
 
 @jit

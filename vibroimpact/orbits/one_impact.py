@@ -43,7 +43,7 @@ import numpy as np
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
-from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other
+from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other, with_one_force
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
 
 _EPS = float(np.finfo(float).eps)
@@ -65,8 +65,9 @@ def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
     T = n * osc.forcing_period
     h, p, omega = osc.h, osc.p, osc.omega
     a = free_amplitude(osc)
-    if h >= p or osc.f < 0.1 * (p * p + omega * omega) * abs(a):  # or near resonance
-        flow = list(affine_map(INTEGRATORS["exact"].code, T, osc.at(osc.clearance)[0]))
+    if h >= p or osc.force < 0.1 * (p * p + omega * omega) * abs(a):  # or near resonance
+        points = with_one_force(osc.at(osc.clearance))
+        flow = list(affine_map(INTEGRATORS["exact"].code, T, points[0]))
         return flow, _one_minus_xx(flow[0], flow[1], osc, T)
     rate = math.sqrt((p - h) * (p + h))
     turns = round(n * rate / omega)
@@ -165,7 +166,7 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[PeriodicOrbit, ...]:
             solutions = _solve(osc, n)
     except ArithmeticError:
         raise ValueError(f"the numbers of the orbit are too large or too small: {osc}") from None
-    slowest = _rounding(osc, n) * (osc.f / osc.omega + osc.p * abs(osc.clearance))
+    slowest = _rounding(osc, n) * (osc.force / osc.omega + osc.p * abs(osc.clearance))
     return tuple(
         PeriodicOrbit(osc, n, np.array([_wrapped(math.atan2(s, c))]), np.array([v]))
         for v, s, c in solutions

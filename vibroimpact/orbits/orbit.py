@@ -171,7 +171,7 @@ def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
 def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
     """Return a typical speed of an orbit: its greatest, or the system's if that is greater."""
     largest = float(np.abs(speeds).max(initial=0.0))
-    push = osc.f + osc.p * osc.p * abs(osc.clearance)
+    push = osc.force + osc.p * osc.p * abs(osc.clearance)
     return max(largest, push / (osc.p + osc.omega)) or 1.0
 
 

@@ -1,9 +1,9 @@
 """A sweep along f as one computation and a scaling.
 
-With the stop at the rest position and a start at rest there, f is the only quantity in eq. (1) and
-the rules (2)-(5) whose unit has a length. So x and v are proportional to f, and the times of the
-impacts do not depend on it. The same holds for every step of every method. Scaling by a power of
-two is exact to the last bit.
+With the stop at the rest position, a start at rest there and a = 0, f is the only quantity in eq.
+(1) and the rules (2)-(5) whose unit has a length. So x and v are proportional to f, and the times
+of the impacts do not depend on it. The same holds for every step of every method. Scaling by a
+power of two is exact to the last bit.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SCALED_SQUARED = ("energy_lost",)
 
 def scales_with_f(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> bool:
     """Return whether f is swept and the motion is proportional to f over the whole grid."""
-    at_rest = all(fixed.get(name) == 0.0 for name in ("clearance", "x0", "v0"))
+    at_rest = all(fixed.get(name) == 0.0 for name in ("clearance", "a", "x0", "v0"))
     if "f" not in axes or not at_rest:
         return False
     f = axes["f"]

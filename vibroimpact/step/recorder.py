@@ -8,6 +8,7 @@ import sys
 import numpy as np
 
 from vibroimpact.jit import ALL_THREADS, claim, compiled, is_set, jit, on_threads, specialised
+from vibroimpact.oscillator import with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import (
     DISPLACEMENT,
@@ -189,6 +190,7 @@ def trace(
         return np.empty((0, 4)), Status.PENDING
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
+    points = with_one_force(points)
     run, outcome = _trace_steps, Status.COMPUTED
     if scheme.method[0] == EXACT:
         run, outcome = _trace_exact, Status.CERTIFIED
@@ -226,7 +228,7 @@ def trajectories(
     """
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
-    n, out = points.size, np.empty((3, points.size, 0))
+    points, n, out = with_one_force(points), points.size, np.empty((3, points.size, 0))
     threads = min(ALL_THREADS if threads is None else threads, n)
     rows = np.zeros(n, np.int64)
     longest = _rows_at_first(scheme, periods, every, events) if n else 0

@@ -93,7 +93,7 @@ def test_the_example_is_read_as_written():
     assert list(config.sweep.grid.axes) == ["omega"]
     np.testing.assert_array_equal(config.sweep.grid.axes["omega"], np.linspace(0.8, 4.0, 4096))
     assert config.sweep.grid.fixed == {
-        "h": 0.1, "R": 0.8, "f": 1.0, "p": 1.0, "clearance": 0.0, "x0": 0.0, "v0": 0.0,
+        "h": 0.1, "R": 0.8, "f": 1.0, "p": 1.0, "clearance": 0.0, "a": 0.0, "x0": 0.0, "v0": 0.0,
     }  # fmt: skip
 
 
@@ -483,3 +483,40 @@ def test_the_schema_describes_every_parameter():
         assert parameter.meaning in description
         assert (f"[{parameter.unit}]" in description) == (parameter.unit != "1")
         assert parameter.allowed in description
+
+
+# A shaken base or an unbalance
+
+
+def test_a_base_takes_the_place_of_the_force_or_adds_to_it():
+    """As a number, an axis or a column; without f the force is the base's alone."""
+    base = load("oscillator: {h: 0.1, R: 0.8, omega: 2, a: [0, 0.5]}\n").sweep.grid
+    assert base.fixed["f"] == 0.0 and base.axes["a"].tolist() == [0.0, 0.5]
+    both = load("oscillator: {h: 0.1, R: 0.8, omega: 2, a: 0.5, f: 3}\n").sweep.grid
+    assert (both.fixed["f"], both.fixed["a"]) == (3.0, 0.5)
+    table = "points: {omega: [1, 2], a: [0.5, 0.25]}\noscillator: {h: 0.1, R: 0.8}\n"
+    points = load(table).sweep.grid.points((slice(0, 2),))
+    assert points["a"].tolist() == [0.5, 0.25] and points["f"].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("oscillator: {h: 0, R: 1, omega: 2}\n", "oscillator.f is missing; expected: "),
+        ("oscillator: {h: 0, R: 1, omega: 2, a: -1}\n", "oscillator.a = -1 is not allowed"),
+        ("oscillator: {h: 0, R: 1, omega: [1, 1.0e+200], a: 1}\n", "oscillator.a: the force f + a"),
+        ("points: {omega: [1, 1.0e+200], a: [0, 1]}\noscillator: {h: 0, R: 1}\n",
+         "oscillator.a: row 2 of points: the force f + a omega^2 must be a finite number"),
+        ("oscillator: {h: 0, R: 1, omega: 2, base: 1}\n", "oscillator.base (did you mean a?)"),
+    ],
+)  # fmt: skip
+def test_a_force_that_cannot_be_is_refused(text, part):
+    assert part in refusal(text)
+
+
+def test_the_schema_asks_for_a_force_or_a_base():
+    jsonschema = pytest.importorskip("jsonschema")
+    validator = jsonschema.Draft202012Validator(json_schema())
+    given = {"h": 0.1, "R": 0.8, "omega": 2.0}
+    for force, valid in (({}, False), ({"f": 1.0}, True), ({"a": 0.1}, True), ({"a": -1.0}, False)):
+        assert validator.is_valid({"oscillator": {**given, **force}}) == valid

@@ -31,9 +31,12 @@ from tests.helpers.configurations import load, refusal
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator
 
-SWEPT = ["stiffness", "damping", "force", "frequency", "gap"]
+SWEPT = ["stiffness", "damping", "force", "frequency", "gap", "base"]
 FREQUENCY = "{start: 2.0, stop: 12.0, num: 41}"
-VALUES = {"mass": 2.5, "stiffness": 801.0, "damping": 1.3, "force": 10.1, "gap": 0.0007, "R": 0.8}
+VALUES = {
+    "mass": 2.5, "stiffness": 801.0, "damping": 1.3, "force": 10.1, "gap": 0.0007, "R": 0.8,
+    "base": 0.0003,
+}  # fmt: skip
 
 
 def rig(**changes):
@@ -50,7 +53,7 @@ def points_of(config):
 # The numbers of the model
 
 
-@pytest.mark.parametrize("name", ["stiffness", "damping", "force", "frequency", "gap", "R"])
+@pytest.mark.parametrize("name", [*SWEPT, "R"])
 @pytest.mark.parametrize(
     ("given", "values"),
     [
@@ -130,6 +133,8 @@ def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
         (rig(mass=None), 1, ["rig.mass is missing; expected: mass [kg]"]),
         (rig(stiffness=None), 1, ["rig.stiffness is missing; expected: ", "[N/m]"]),
         (rig(gap=None), 1, ["rig.gap is missing"]),
+        (rig(force=None, base=None), 1, ["rig.force is missing; expected: ", "unless base is"]),
+        (rig(base="1e-200", frequency="1e254"), 1, ["rig.base: the force f + a omega^2 must be"]),
         (rig(frequnecy=3, frequency=None), 1, ["rig.frequnecy (did you mean frequency?)"]),
         (rig(k=3, stiffness=None), 1, ["unknown key rig.k (did you mean stiffness?)"]),
         (rig(omega=3, frequency=None), 1, ["unknown key rig.omega (did you mean frequency?)"]),
@@ -170,10 +175,11 @@ def test_refused_rigs(text, line, parts):
 def test_the_schema_has_the_rig_in_place_of_the_oscillator():
     jsonschema = pytest.importorskip("jsonschema")
     validator = jsonschema.Draft202012Validator(json_schema())
-    for text in (rig(), rig() + "follow: {axis: frequency}\n",
+    for text in (rig(), rig() + "follow: {axis: base}\n", rig(force=None), rig(base=None),
                  rig(frequency=None) + "points: {omega: [1, 2]}\n"):  # fmt: skip
         assert validator.is_valid(yaml.safe_load(text)), text
-    for text in (rig(mass=None), rig(gap=None), rig(mass="[1, 2]"), rig(damping="-1"), rig(q=1),
+    for text in (rig(mass=None), rig(gap=None), rig(force=None, base=None), rig(q=1),
+                 rig(mass="[1, 2]"), rig(damping="-1"),
                  rig() + "oscillator: {h: 1, R: 1, omega: 1, f: 1}\n"):  # fmt: skip
         assert not validator.is_valid(yaml.safe_load(text)), text
 
@@ -351,7 +357,7 @@ def test_a_file_of_a_rig_is_described_in_si_units(joint):
 def test_tables_of_a_rig_are_in_si_units(joint):
     accepted("export", joint, "-o", "out.csv")
     head = Path("out.csv").read_text().splitlines()[0]
-    assert head.startswith("frequency,mass,damping,R,force,stiffness,gap,x0,v0,")
+    assert head.startswith("frequency,mass,damping,R,force,stiffness,gap,base,x0,v0,")
     nu, m, c, k, force, impulse, energy, speed, impacts = columns_of(
         "out.csv", "frequency", "mass", "damping", "stiffness", "force", "impulse",
         "energy_lost", "fastest_impact", "impacts_per_period",

@@ -251,3 +251,18 @@ def test_a_block_that_does_not_fit_is_not_written(tmp_path):
         with pytest.raises(KeyError):
             store.write((slice(0, 1), slice(0, 5)), given)
         assert len(store.pending()) == 6
+
+
+@pytest.mark.parametrize("blocks", [1, None], ids=["incomplete", "complete"])
+def test_a_file_from_before_a_parameter_was_added_has_its_default(tmp_path, blocks):
+    """As a coordinate of the points, with its meaning and its unit in the sweep."""
+    assert "a" not in GRID.fixed
+    path = tmp_path / "out.h5"
+    plan = schema()
+    plan.attributes["length_unit"] = "mm"
+    fill_blocks(path, blocks, plan=plan)
+    with open_sweep(path) as dataset:
+        assert dataset["a"].item() == 0.0 and dataset["h"].item() == 0.1
+        assert dataset["a"].attrs == {
+            "long_name": PARAMETERS["a"].meaning, "units": "mm", "symbol": "a",
+        }  # fmt: skip
