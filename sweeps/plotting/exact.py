@@ -18,7 +18,7 @@ from sweeps.plotting.style import VERMILION
 _STABLE, _UNSTABLE = "exact orbits, stable", "exact orbits, unstable"
 #: Names of the lines in the legend, with their dashes.
 LINES: dict[str, Any] = {_STABLE: "-", _UNSTABLE: (0, (4, 2))}
-_THIN_LINES = "thin: in chaos, or hardly ever stable"
+_THIN_LINES = "thin: chaotic, unknown, narrow"
 #: Markers of the bifurcations of a branch.
 MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
 #: Look of the lines over points of one colour and of several colours, which thin black lines leave

@@ -1,0 +1,114 @@
+"""The words of legends and reports are those of the glossary in sweeps/README.md."""
+
+import re
+
+import pytest
+
+from sweeps import bifurcations, branches, curves, open_sweep, plotting
+from sweeps.plotting.numbers import number_at
+from sweeps.plotting.style import EVIDENCE, REGIMES, STATUS_COLOURS
+from tests.helpers.commands import accepted
+from tests.helpers.places import ROOT
+from tests.helpers.sweep_files import run_in
+from vibroimpact.status import Evidence, Status
+
+RECORD = "record: {transient: 20, periods: 16, impacts: 4, diagnostics: [period, lyapunov]}\n"
+#: A map with orbits, rests and chaos; a line that is followed both ways; starts on two attractors.
+SCENES = {
+    "map": "oscillator: {h: 0.02, R: {start: 0, stop: 0.9, num: 10}, omega: "
+    "{start: 1, stop: 3, num: 12}, f: 1}\n",
+    "line": "oscillator: {h: 0.05, R: 0.8, f: 1, clearance: 1.5, omega: "
+    "{start: 1.2, stop: 1.7, num: 26}}\nfollow: {axis: omega, direction: both}\n",
+    "starts": "oscillator: {h: 0, R: 0.8, f: 1, omega: [1.3, 1.35]}\nstart: {x0: "
+    "{start: -3, stop: 0, num: 8}, v0: {start: -2, stop: 2, num: 8}}\n",
+}
+
+
+def glossary():
+    """Return the words in the first cells of the tables of the glossary that stand in legends."""
+    text = (ROOT / "sweeps" / "README.md").read_text()
+    section = text.split("\n## Words\n")[1].split("\n## ")[0]
+    cells = re.findall(r"^\| ([^|]+) \|", section, re.MULTILINE)
+    return {word for cell in cells for word in re.findall(r"`([^`]+)`", cell)}
+
+
+def phrases(text):
+    """Split a text into the phrases that the glossary has, without numbers, units and symbols."""
+    text = re.sub(r"\([^)]*\)|\$[^$]*\$", "", text)
+    text = re.sub(r"\b\d+/\d+\b", "m/q", text)
+    parts = re.split(r"[,;:→\n]| or | for | at |\d[\d.,e+-]*", text.replace("attractors at", "@"))
+    return {part.strip().replace("@", "attractors at") for part in parts} - {"", "?", "%", "to"}
+
+
+def unexplained(texts):
+    known = glossary()
+    found = {phrase for text in texts for phrase in phrases(text)}
+    return {phrase for phrase in found if not {phrase, phrase.removesuffix("s")} & known}
+
+
+def legends(figure):
+    """Return all texts of the legends of a figure, without their titles."""
+    panels = [panel.get_legend() for panel in figure.axes]
+    every = [*figure.legends, *(legend for legend in panels if legend is not None)]
+    return [text.get_text() for legend in every for text in legend.get_texts()]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("words")
+    return {name: run_in(folder, text + RECORD, name=f"{name}.h5") for name, text in SCENES.items()}
+
+
+def test_the_words_of_all_regimes_and_outcomes():
+    words = [regime.word for regime in REGIMES]
+    words += [one.name.lower().replace("_", "-") for one in (*EVIDENCE, *Status)]
+    assert {Status.PENDING, *STATUS_COLOURS} <= set(Status) and len(EVIDENCE) == len(Evidence) - 1
+    words.remove("pending")  # which is called by its meaning
+    assert not unexplained([*words, Status.PENDING.meaning])
+    assert unexplained(["unsettled", "1/1, not settled yet (3 %)"]) == {
+        "unsettled", "not settled yet"
+    }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_words_of_the_legends(files):
+    with (
+        open_sweep(files["map"]) as whole,
+        open_sweep(files["line"]) as line,
+        open_sweep(files["starts"]) as starts,
+    ):
+        figures = [plotting.parameter_map(whole, exact=curves(whole))]
+        numbers = ["status", "class_evidence", "impulse", "slowest_impact", "rest_fraction"]
+        for name in (*numbers, "fastest_impact", "lyapunov", "orbit_distance"):
+            assert number_at(whole, name) is not None
+            figures.append(plotting.parameter_map(whole, quantity=name))
+        found = branches(line)
+        figures += [
+            plotting.bifurcation(line, exact=found, below=["lyapunov"]),
+            plotting.bifurcation(line, coordinate="impact_v", at={"direction": "up"}, exact=found),
+            plotting.bifurcation(whole, at={"R": 0.9}, axes=["omega"], coordinate="impact_v"),
+            plotting.section(whole, color="period"),
+            plotting.trajectory(whole, at={"R": 0.9, "omega": 3.0}),
+            plotting.basins(starts, at={"omega": 1.3}),
+            plotting.attractor_diagram(starts),
+            plotting.integrity(starts),
+        ]
+        texts = [text for figure in figures for text in legends(figure)]
+    assert {"chaotic", "rest", "m/q", "on its way to m/q"} <= {
+        phrase for text in texts for phrase in phrases(text)
+    }
+    assert not unexplained(texts)
+
+
+@pytest.mark.slow
+def test_the_words_of_the_reports(files, tmp_path):
+    for path in files.values():
+        lines = accepted("info", path).splitlines()
+        (first, *_) = (line.split(None, 1)[1] for line in lines if line.startswith("classes "))
+        assert not unexplained([first])
+        with open_sweep(path) as dataset:
+            found = bifurcations(dataset, axis="omega")
+        for column in ("kind", "before", "after"):
+            assert not unexplained(re.sub(r" ?\d+/\d+", "", word) for word in found[column])
+    said = accepted("attractors", files["starts"], "--csv", tmp_path / "a.csv").splitlines()
+    assert not unexplained(line.split()[1] for line in said[1:3])
