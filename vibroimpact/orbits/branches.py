@@ -1,24 +1,19 @@
 """Branches of periodic orbits in one parameter, with every bifurcation on them.
 
-A branch is continued from an orbit in both directions (``continuation.py``). Its flips and folds
-are located on the way (``special_points.py``). It ends at a flip of an orbit of half the period, or
-at a graze, at the edge of the range, or where the mass would rest (``ends.py``). Other branches
-begin at its flips and at its grazes.
+A branch is continued from an orbit in both directions. Its flips and folds are located on the way
+(``paths.py``). It ends at a flip of an orbit of half the period, or at a graze, at the edge of the
+range, or where the mass would rest. Other branches begin at its flips and at its grazes.
 """
 
 from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from vibroimpact.orbits.continuation import continue_branch
-from vibroimpact.orbits.detection import ROUNDING
-from vibroimpact.orbits.ends import ending
 from vibroimpact.orbits.family import (
     NEARBY_DISTANCE,
     ArclengthStep,
@@ -26,7 +21,7 @@ from vibroimpact.orbits.family import (
     OrbitFamily,
     Point,
 )
-from vibroimpact.orbits.halves import doubling, grazing_flip, parents_flip
+from vibroimpact.orbits.halves import doubling
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
     free_amplitude,
@@ -34,38 +29,13 @@ from vibroimpact.orbits.orbit import (
     orbit_of,
     taken_twice,
 )
+from vibroimpact.orbits.paths import Path, SpecialPoint, both_ways, one_way
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
-from vibroimpact.orbits.special_points import special_points
 from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import Oscillator, refuse_other
 
 #: Number of values of the parameter at which the free oscillation is checked.
 _FREE_VALUES = 201
-
-
-class SpecialPoint(NamedTuple):
-    """A special point of a branch or a curve.
-
-    Attributes
-    ----------
-    kind : str
-        On a branch ``flip`` or ``fold``. On a curve of folds ``cusp``; on a curve of grazes
-        ``flip`` and ``fold``, where curves of these kinds meet it. The end of a curve of folds is a
-        ``flip`` where the orbit of half the period has a degenerate one. The other ends are
-        ``graze``: an impact has speed zero (on a curve another impact, to 1e-5 of the unit of
-        speed), or a flight touches the stop; ``penetration``: a flight crosses the stop, and no
-        touch is found; ``rest``: the mass cannot leave the stop; ``edge`` of a range; and ``lost``:
-        Newton's method fails or the path is too long.
-    value : float, or ndarray of shape (2,)
-        Value of the parameter, or of the two parameters of a curve.
-    orbit : PeriodicOrbit
-        At the graze of a branch it has the impact of speed zero. At the flip in which a branch or
-        a curve of folds ends it is the orbit of half the period.
-    """
-
-    kind: str
-    value: Any
-    orbit: PeriodicOrbit
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +178,7 @@ def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Bra
     """
     refuse_other("orbit", orbit, PeriodicOrbit)
     refuse_long(orbit.oscillator, orbit.m, orbit.q)
+    orbit = least(orbit)  # one taken twice has the branch of twice the period on both sides
     axis = ContinuationParameter.of(orbit.oscillator, parameter, low, high)
     value = getattr(orbit.oscillator, parameter)
     if not low <= value <= high:
@@ -218,7 +189,7 @@ def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Bra
     if orbit.speeds.all():  # a graze lies at the border of the orbits that exist
         refuse_inadmissible(family)
     tangent = family.tangent(family.start)
-    return both_directions(family, -tangent if tangent[-1] < 0.0 else tangent)
+    return as_branch(both_ways(family, -tangent if tangent[-1] < 0.0 else tangent))
 
 
 def doubled_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
@@ -226,7 +197,7 @@ def doubled_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
     axis = ContinuationParameter.of(orbit.oscillator, parameter, low, high)
     single = OrbitFamily(orbit, (axis,))
     family = OrbitFamily(taken_twice(orbit), (axis,))
-    return _as_branch(family, _path(family, *doubling(single, single.start, family.speed)))
+    return as_branch(one_way(family, *doubling(single, single.start, family.speed)))
 
 
 def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
@@ -242,7 +213,7 @@ def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
     for along in (tangent, -tangent):
         X = family.corrected(family.start + NEARBY_DISTANCE * along, along[None, :])
         if X is not None and family.inadmissible(X)[0] is None:
-            return _as_branch(family, _path(family, family.start, along))
+            return as_branch(one_way(family, family.start, along))
     raise OrbitError(f"no orbits of {orbit.m}/{orbit.q} begin at the graze")
 
 
@@ -254,70 +225,9 @@ def without_touch(orbit: PeriodicOrbit) -> PeriodicOrbit:
     return least(PeriodicOrbit(orbit.oscillator, orbit.m, orbit.phases[kept], orbit.speeds[kept]))
 
 
-class Path(NamedTuple):
-    """The points of a path with their stability, its special points, and whether it is closed."""
-
-    points: list[tuple[np.ndarray, bool]]
-    special: list[SpecialPoint]
-    closed: bool
-
-
-def both_directions(family: OrbitFamily, tangent: np.ndarray) -> Branch:
-    """Continue a family along a tangent and, unless that path closes, also against it."""
-    forward = _path(family, family.start, tangent)
-    if forward.closed:
-        return _as_branch(family, forward)
-    points, special, _ = _path(family, family.start, -tangent)
-    points, special = points[::-1] + forward.points[1:], special[::-1] + forward.special
-    return _as_branch(family, Path(points, special, closed=False))
-
-
-def _path(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
-    """Continue a family in one direction."""
-    family.system.work[0] = 0.0  # each direction has its own limit of work
-
-    def note(kind: str, orbit: PeriodicOrbit) -> None:
-        value = np.array([getattr(orbit.oscillator, name) for name in family.names])
-        special.append(SpecialPoint(kind, value if family.kind else value.item(), orbit))
-
-    start = family.point(X, tangent)
-    if family.slowest(X) == 0.0:  # at a graze, zeros of tests belong to the start, not to the step
-        start.tests[0, np.abs(start.tests[0]) < ROUNDING] = math.nan
-    points: list[tuple[np.ndarray, bool]] = [(X, family.stable(start))]
-    special: list[SpecialPoint] = []
-    for step in continue_branch(family, start):
-        if step.length > 0.0:
-            end = parents_flip(step) or grazing_flip(step)
-            located = list(special_points(step, None if end is None else end[1]))
-            for kind, X in located:
-                if not family.kind:  # the branch may change its stability there
-                    points.append((X, False))
-                note(kind, family.orbit(X))
-            if end is not None:
-                kind, X, orbit = end
-                if located:  # the stability from the last of them to the end
-                    points += _middle(family, points[-1][0], X)
-                points.append((X, False))
-                note(kind, orbit)
-                break
-            points.append((step.end.X, family.stable(step.end)))
-        if step.closed:
-            return Path(points, special, closed=True)
-        if step.last:
-            kind, X, orbit = ending(step)
-            points[-1] = X, kind == "edge" and family.stable(family.point(X, tangent))
-            note(kind, orbit)
-    return Path(points, special, closed=False)
-
-
-def _middle(family: OrbitFamily, X: np.ndarray, Y: np.ndarray) -> Iterator[tuple[np.ndarray, bool]]:
-    """Yield the point between two points of a branch, with its stability, if it is found."""
-    middle = family.corrected(0.5 * (X + Y), (Y - X)[None, :])
-    if middle is not None:
-        yield middle, family.stable(family.point(middle, Y - X))
-
-
-def _as_branch(family: OrbitFamily, path: Path) -> Branch:
+def as_branch(path: Path) -> Branch:
+    """Return a path as a branch or a curve."""
+    family = path.family
     X, stable = (np.array(column) for column in zip(*path.points, strict=True))
     values = family.kept(X) if family.kind else family.kept(X)[:, 0]
     return Branch(

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vibroimpact.orbits.branches import Branch, both_directions, branch, without_touch
+from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of, unit_of_speed
+from vibroimpact.orbits.paths import both_ways
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.oscillator import one_of, refuse_other
 
@@ -90,7 +91,7 @@ def bifurcation_curve(
     tangent = family.tangent(family.start)
     if not np.isfinite(tangent).all():
         raise OrbitError(f"the {kind} does not go on in {first[0]} and {second[0]}")
-    return both_directions(family, -tangent if tangent[-2] < 0.0 else tangent)
+    return as_branch(both_ways(family, -tangent if tangent[-2] < 0.0 else tangent))
 
 
 def _bifurcation(
