@@ -140,6 +140,20 @@ AbscissaLimits = Annotated[
 OrdinateLimits = Annotated[
     str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate.")
 ]
+Grey = Annotated[
+    bool,
+    typer.Option(
+        "--grey", help="Classes of a map as greys and hatches with their boundaries, for print."
+    ),
+]
+NoLegend = Annotated[bool, typer.Option("--no-legend", help="Leave out the legend.")]
+NoMarks = Annotated[
+    bool,
+    typer.Option(
+        "--no-marks",
+        help="On a map, do not mark motions on their way to m/q and special points of curves.",
+    ),
+]
 
 
 def plot(
@@ -164,6 +178,9 @@ def plot(
     title: Title = None,
     xlim: AbscissaLimits = None,
     ylim: OrdinateLimits = None,
+    grey: Grey = False,
+    no_legend: NoLegend = False,
+    no_marks: NoMarks = False,
 ) -> None:
     """Draw a picture from the file of each sweep."""
     from sweeps.plotting.api import check_kind
@@ -183,6 +200,9 @@ def plot(
         "title": title,
         "xlim": limits("--xlim", xlim),
         "ylim": limits("--ylim", ylim),
+        "legend": not no_legend,
+        "marks": not no_marks,
+        "grey": grey,
     }
     options = {
         "axes": tuple(axis) if axis else None,

@@ -28,7 +28,7 @@ from sweeps.errors import StoreError
 from sweeps.explorer.figures import LEAST, PixelFigure, Report, outer_edges, set_range
 from sweeps.explorer.view import View, Window
 from sweeps.explorer.worker import Step
-from sweeps.plotting.lines import count_pixels, widened
+from sweeps.plotting.pixels import count_pixels, widened
 from sweeps.plotting.style import (
     DENSITY,
     LEAST_SHARE,

@@ -26,7 +26,7 @@ from bokeh.plotting import figure
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import View, Window, bounds
 from sweeps.plotting.labels import as_variable, label
-from sweeps.plotting.lines import cell_edges
+from sweeps.plotting.pixels import cell_edges
 
 #: Called with the configuration of a picture, its number of computed points, the seconds to compute
 #: them, and the seconds in total.

@@ -2,11 +2,11 @@ from .api import KINDS as KINDS
 from .api import plot as plot
 from .attractors import attractor_diagram as attractor_diagram
 from .attractors import basins as basins
-from .canvas import Page as Page
 from .diagram import bifurcation as bifurcation
 from .erosion import integrity as integrity
 from .maps import parameter_map as parameter_map
 from .motion import trajectory as trajectory
+from .page import Page as Page
 from .sections import impacts as impacts
 from .sections import section as section
 from .table import table_panels as table_panels

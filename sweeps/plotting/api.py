@@ -18,14 +18,15 @@ from sweeps.arguments import PATH, TEXT
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.plotting.attractors import attractor_diagram, basins
-from sweeps.plotting.canvas import ARGUMENTS, PAGE, Page
 from sweeps.plotting.diagram import bifurcation
 from sweeps.plotting.erosion import integrity
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.motion import trajectory
+from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.saving import check_picture, description, save
 from sweeps.plotting.sections import impacts, section
 from sweeps.plotting.style import user_style
+from sweeps.plotting.styled import ARGUMENTS
 from sweeps.plotting.table import table_panels
 from sweeps.store import DIRECTION
 from sweeps.text import nearest, suggestion

@@ -28,7 +28,6 @@ from sweeps.analysis.selection import (
 )
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
-from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.colours import Cells
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
@@ -39,7 +38,9 @@ from sweeps.plotting.labels import (
 )
 from sweeps.plotting.lines import choose_coordinate, refuse_empty, refuse_without_result
 from sweeps.plotting.maps import draw_cells
+from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import ATTRACTORS, OTHER_ATTRACTORS, PARTIAL, REGIMES
+from sweeps.plotting.styled import styled
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
 

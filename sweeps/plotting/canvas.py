@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 import io
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
@@ -20,117 +16,20 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
 
-from sweeps.analysis.doors import takes_sweep
-from sweeps.analysis.rig import arguments_in_si
-from sweeps.arguments import TEXT, Allowed, integer, is_number, require_all
 from sweeps.errors import Refused
 from sweeps.plotting.labels import equation, status_name
 from sweeps.plotting.labels import title as title_of
-from sweeps.plotting.lines import widened
+from sweeps.plotting.page import Page
+from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import BLUE, MARKS, STATUS_COLOURS, user_style
-from vibroimpact.step.scheme import MOST_RECORDED
 
-
-@dataclass(frozen=True)
-class Page:
-    """The size, title and limits of a picture.
-
-    Attributes
-    ----------
-    width : float, optional
-        Width of the figure [inch], by default from matplotlib's ``figure.figsize``.
-    height : float, optional
-        Height of the figure [inch], by default the height of its panels, title and legend.
-    dpi : int, optional
-        Pixels per inch, by default matplotlib's ``savefig.dpi``.
-    title : str, optional
-        Title instead of the name, the parameters and the record of the sweep; may be empty.
-    xlim, ylim : (float, float), optional
-        Limits of the first panel, by default those of the data; the ordinate of a diagram or of a
-        motion fits the data within `xlim`.
-
-    Examples
-    --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> page = plotting.Page(width=3.4, title="", xlim=(2.62, 2.68))
-    >>> plotting.bifurcation(ds, page=page).savefig("column.pdf")
-    """
-
-    width: float | None = None
-    height: float | None = None
-    dpi: int | None = None
-    title: str | None = None
-    xlim: tuple[float, float] | None = None
-    ylim: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a size, title or limit that is not allowed."""
-        require_all({name: one for name, one in vars(self).items() if one is not None}, _OF_PAGE)
-
-    def set_limits(self, panel: Axes) -> None:
-        """Set the given limits; raise Refused if they contain no data."""
-        for name, given, ends in (
-            ("xlim", self.xlim, panel.dataLim.intervalx),
-            ("ylim", self.ylim, panel.dataLim.intervaly),
-        ):
-            if given is None:
-                continue
-            if given[1] < ends[0] or ends[1] < given[0]:
-                raise Refused(
-                    f"there is nothing to draw with {name} = {given[0]:g}:{given[1]:g}; the data "
-                    f"range from {ends[0]:.6g} to {ends[1]:.6g}"
-                )
-            (panel.set_xlim if name == "xlim" else panel.set_ylim)(given)
-
-    def fit_ordinate(self, panel: Axes, *ranges: tuple[float, float]) -> None:
-        """Fit the ordinate to the lines, and to further ranges, within the given abscissa."""
-        if self.xlim is None:
-            return
-        low, high = self.xlim
-        data = panel.transData  # an `axhline` has another transform
-        lines = [line for line in panel.lines if line.get_transform() == data]
-        points = [np.asarray(line.get_xydata()) for line in lines]
-        seen = [y[(low <= x) & (x <= high)] for x, y in (each.T for each in points)]
-        values = np.concatenate([*seen, *ranges, ()])
-        values = values[np.isfinite(values)]
-        if values.size:
-            bottom, top = widened(float(values.min()), float(values.max()))
-            margin = mpl.rcParams["axes.ymargin"] * (top - bottom)
-            panel.set_ylim(bottom - margin, top + margin)
-
-
-#: Least and greatest width and height of a picture [inch].
-LEAST, MOST = 1.0, 40.0
-_LENGTH = Allowed(
-    lambda value: is_number(value) and LEAST <= value <= MOST,  # type: ignore[operator]
-    f"inches, from {LEAST:g} to {MOST:g}",
-)
-_LIMITS = Allowed(
-    lambda value: (
-        isinstance(value, Sequence)
-        and len(value) == 2
-        and all(map(is_number, value))
-        and value[0] < value[1]
-    ),
-    "two numbers of which the first is smaller, as (2.4, 3.0)",
-)
-_OF_PAGE = {
-    "width": _LENGTH,
-    "height": _LENGTH,
-    "dpi": integer(1),
-    "title": TEXT,
-    "xlim": _LIMITS,
-    "ylim": _LIMITS,
-}
-
-PAGE = Page()
 #: Least height of the panels, as a share of the usual one.
 _LEAST_PANELS = 0.35
+#: Most columns of a legend.
+_MOST_COLUMNS = 8
 _LEGEND: dict[str, Any] = {"handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0}
 
 
@@ -186,96 +85,44 @@ class Picture(Figure):
             )
         self.set_figheight(height)
 
-    def add_legend(self, handles: Sequence[Artist], title: str | None) -> None:
-        """Put a legend below the panels, with as many columns as its width allows."""
+    def add_legend(
+        self,
+        handles: Sequence[Artist],
+        title: str | None,
+        rarest: Sequence[str] | None = None,
+        height: float | None = None,
+    ) -> None:
+        """Put a legend below the panels, with as many columns as its width allows.
+
+        If labels of the `rarest` entries are given, it takes at most a fifth of the figure, or of a
+        final `height`: as many of these entries as necessary are left out and counted instead.
+        """
         look = {"title": title, "frameon": False, "borderpad": 0.2, **_LEGEND}
-        for columns in range(min(4, len(handles)), 0, -1):
+        if rarest is None:
+            self.make_room(self._legend_of(handles, look))
+            return
+        most = 0.2 * height if height else 0.25 * self.get_figheight()
+        look |= {"fontsize": "small", "title_fontsize": "small", "labelspacing": 0.3}
+        for count in range(len(rarest) + 1):
+            left_out = rarest[:count]
+            shown = [one for one in handles if one.get_label() not in left_out]
+            if left_out:
+                shown.append(Line2D([], [], linestyle="", label=f"rarer classes: {count}"))
+            legend = self._legend_of(shown, look)
+            if legend.get_window_extent().height <= most * self.dpi or count == len(rarest):
+                break
+            legend.remove()
+        self.make_room(legend)
+
+    def _legend_of(self, handles: Sequence[Artist], look: Mapping[str, Any]) -> Legend:
+        """Put a legend below the panels, with as many columns as its width allows."""
+        for columns in range(min(_MOST_COLUMNS, len(handles)), 0, -1):
             legend = self.legend(handles=handles, ncols=columns, loc="outside lower center", **look)
-            if columns == 1 or legend.get_window_extent().width <= self.bbox.width:
+            if columns == 1 or legend.get_window_extent().width <= 0.95 * self.bbox.width:
                 break
             legend.remove()
         legend.get_title().set_multialignment("center")
-        self.make_room(legend)
-
-
-#: Docstring of the common parameters; `styled` appends it to the docstring of each picture.
-_COMMON = """\
-at : mapping of str to float, optional
-    Values of the swept axes that are not drawn. The nearest grid value is used; the default is the
-    first. If an axis was followed both ways, ``direction`` selects one direction.
-page : Page, optional
-    Size, title and limits.
-ax : Axes, optional
-    The panel to draw into, by default the panel of a new figure.
-
-Returns
--------
-Figure
-    The figure of `ax`, or the new one.
-
-Raises
-------
-Refused
-    If the file lacks the requested data, or there is nothing to draw."""
-
-
-def _is_wanted(value: object) -> bool:
-    return isinstance(value, str | xr.DataArray)
-
-
-def _are_wanted(value: object) -> bool:
-    return _is_wanted(value) or (isinstance(value, Sequence) and all(map(_is_wanted, value)))
-
-
-def _are_orbits(value: object) -> bool:
-    return isinstance(value, xr.Dataset) and "kind" in value and "point" in value.dims
-
-
-def _are_panels(value: object, panels: int) -> bool:
-    if panels == 1:
-        return isinstance(value, Axes)
-    several = [*value] if isinstance(value, Sequence | np.ndarray) else []
-    return len(several) == panels and all(isinstance(one, Axes) for one in several)
-
-
-#: What the arguments of pictures may be, besides those of all functions of a sweep.
-ARGUMENTS: Mapping[str, Allowed] = {
-    "page": Allowed(lambda value: isinstance(value, Page), "a Page, as Page(width=3.4)"),
-    "coordinate": TEXT,
-    "exact": Allowed(_are_orbits, "the result of sweeps.branches, or for a map of sweeps.curves"),
-    "below": Allowed(_are_wanted, "names or DataArrays, as ['lyapunov']"),
-    "color": Allowed(_is_wanted, "a name or a DataArray"),
-    "quantity": Allowed(_is_wanted, "a name or a DataArray"),
-    "axes": Allowed(_are_wanted, "names of axes, as ['omega', 'R']"),
-    "periods": integer(1, MOST_RECORDED),
-}
-
-
-def styled(draw: Callable[..., Figure], panels: int = 1) -> Callable[..., Figure]:
-    """Decorate a picture function: draw new figures in the common style, complete the docstring.
-
-    The first parameter of the function must be the dataset; `ax` has so many panels.
-    """
-    panel = "a panel" if panels == 1 else f"{panels} panels"
-    of_panels = Allowed(lambda value: _are_panels(value, panels), f"{panel} of matplotlib")
-
-    @takes_sweep({**ARGUMENTS, "ax": of_panels})
-    @functools.wraps(draw)
-    def _in_style(dataset: xr.Dataset, **options: Any) -> Figure:
-        """Draw in SI units if there is a rig, and in the common style, unless `ax` has its own."""
-        style = user_style() if options.get("ax") is None else {}
-        with mpl.rc_context(style), warnings.catch_warnings():
-            # The name of a sweep may have characters that the font lacks, drawn as boxes.
-            warnings.filterwarnings("ignore", "Glyph", UserWarning)
-            dataset, options = arguments_in_si(dataset, options)
-            return draw(dataset, **options)
-
-    written, mark, example = (inspect.getdoc(draw) or "").partition("\n\nExamples\n--------")
-    text, _, own = written.partition("\n\nParameters\n----------")
-    head = "Parameters\n----------\ndataset : Dataset or str or Path"
-    head += "\n    From `sweeps.open_sweep`, or the path of its file."
-    _in_style.__doc__ = f"{text}\n\n{head}{own}\n{_COMMON}{mark}{example}"
-    return _in_style
+        return legend
 
 
 def new_panel(ax: Axes | None, page: Page) -> Axes:
@@ -303,6 +150,13 @@ def figure_of(panel: Axes) -> Figure:
     return figure
 
 
+def lay_out(panel: Axes) -> None:
+    """Set the final place and size of a panel."""
+    figure = figure_of(panel)
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)
+
+
 def finish(
     panel: Axes,
     page: Page,
@@ -310,21 +164,24 @@ def finish(
     handles: Sequence[Artist] | None = None,
     legend_title: str | None = None,
     record: str | None = None,
+    rarest: Sequence[str] | None = None,
 ) -> Figure:
     """Put the title above a `Picture` and the legend below it, and return the figure.
 
     In another figure, the panel gets the legend, and a title only if the page has one. `handles`
     are labelled artists for the legend, by default those of the panel. `drawn` is the part of the
-    sweep that is shown. `record` replaces the record of the configuration in the title.
+    sweep that is shown. `record` replaces the record of the configuration in the title. `rarest`
+    are the labels that a legend of at most a fifth of the height may leave out, rarest first.
     """
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
+    handles = handles if page.legend else []
     if isinstance(figure, Picture):
         text = title_of(drawn, record) if page.title is None else page.title
         if text:
             figure.make_room(figure.suptitle(text, wrap=True))
         if handles:
-            figure.add_legend(handles, legend_title)
+            figure.add_legend(handles, legend_title, rarest, page.height)
         if page.height is not None:
             figure.set_height(page.height)
     else:

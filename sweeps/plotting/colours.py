@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -19,12 +19,17 @@ from sweeps.analysis.selection import Selection, check_diagnostic, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.labels import CLASSES_TITLE, label, status_name, tick_in_decades
-from sweeps.plotting.lines import refuse_without_result, widened
+from sweeps.plotting.lines import refuse_without_result
 from sweeps.plotting.numbers import Wanted, number_at, with_number
+from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
     BLUE,
     CLASSES,
     EVIDENCE,
+    GREY_CLASSES,
+    GREY_OTHER,
+    GREY_REGIMES,
+    HATCH,
     NO_VALUE,
     OTHER_CLASS,
     PALE,
@@ -63,11 +68,18 @@ _SIGNED, _SIGNED_DOTS = (
 
 
 class Cells(NamedTuple):
-    """The points of a picture with the same colour: a label, the colour and the mask of points."""
+    """The points of a picture with the same look: a label, the colour, the points, the hatch."""
 
     label: str
     colour: str
     where: np.ndarray
+    hatch: str = ""
+
+    def handle(self) -> Patch:
+        """Return the patch for the legend."""
+        edge = HATCH if self.hatch else "black"
+        look: dict[str, Any] = {"edgecolor": edge, "hatch": self.hatch, "linewidth": 0.4}
+        return Patch(facecolor=self.colour, label=self.label, **look)
 
 
 def failed_cells(status: np.ndarray) -> list[Cells]:
@@ -79,7 +91,7 @@ def failed_cells(status: np.ndarray) -> list[Cells]:
     ]
 
 
-def period_cells(cut: xr.Dataset) -> list[Cells]:
+def period_cells(cut: xr.Dataset, grey: bool = False) -> list[Cells]:
     """Return the points of each regime, those of each class of ``CLASSES`` apart.
 
     The labels say how many points are chaotic or unknown, as a share of those with a result.
@@ -88,19 +100,48 @@ def period_cells(cut: xr.Dataset) -> list[Cells]:
     regimes, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
     periodic = regimes == Regime.PERIODIC
     cells = []
-    for (periods, impacts), colour in CLASSES.items():
+    for periods, impacts in CLASSES:
         where = periodic & (m == periods) & (q == impacts)
         text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
-        cells.append(Cells(text, colour, where))
+        colour, hatch = look_of_class(periods, impacts, grey)
+        cells.append(Cells(text, colour, where, hatch))
         periodic = periodic & ~where
-    cells.append(Cells("other m/q", OTHER_CLASS, periodic))
+    colour, hatch = look_of_class(0, 0, grey)
+    cells.append(Cells("other m/q", colour, periodic, hatch))
     results = max(1, int(has_result(cut["status"].values).sum()))
-    for regime, colour in REGIMES.items():
+    for regime in REGIMES:
         where, text = regimes == regime, regime.word
         if regime in NO_CLASS:
             text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
-        cells.append(Cells(text, colour, where))
+        colour, hatch = look_of_regime(regime, grey)
+        cells.append(Cells(text, colour, where, hatch))
     return cells
+
+
+def look_of_class(m: int, q: int, grey: bool = False) -> tuple[str, str]:
+    """Return the colour and the hatch of a class, or of all other classes."""
+    if grey:
+        return GREY_CLASSES.get((m, q), GREY_OTHER)
+    return CLASSES.get((m, q), OTHER_CLASS), ""
+
+
+def look_of_regime(regime: Regime, grey: bool = False) -> tuple[str, str]:
+    """Return the colour and the hatch of a regime other than periodic."""
+    return GREY_REGIMES[regime] if grey else (REGIMES[regime], "")
+
+
+def class_numbers(cut: xr.Dataset) -> tuple[np.ndarray, dict[int, str]]:
+    """Return a number for the class at each point of a cut, and the names of classes.
+
+    Those of chaotic, unknown and failed points have no name.
+    """
+    regimes = classify(cut)
+    m, q = (cut[name].values.astype(np.int64) for name in ("period", "period_impacts"))
+    numbers = np.where(regimes == Regime.PERIODIC, m << 32 | q, -1 - regimes)
+    names = {-1 - regime: regime.word for regime in (Regime.REST, Regime.UNBOUNDED)}
+    for number in np.unique(numbers[numbers >= 0]).tolist():
+        names[number] = f"{number >> 32}/{number % 2**32}"
+    return numbers, names
 
 
 class Paint(NamedTuple):
@@ -122,11 +163,7 @@ class Paint(NamedTuple):
 
     def handles(self) -> list[Artist]:
         """Return the patches for the legend, of the cells that have points."""
-        return [
-            Patch(facecolor=cell.colour, edgecolor="black", linewidth=0.4, label=cell.label)
-            for cell in self.cells
-            if cell.where.any()
-        ]
+        return [cell.handle() for cell in self.cells if cell.where.any()]
 
     def add_bar(self, panels: Sequence[Axes]) -> None:
         """Add the colour bar, if any value has a colour; an arrow marks values below its range."""
@@ -146,16 +183,16 @@ class Paint(NamedTuple):
             tick_in_decades(bar.ax.xaxis)
 
 
-def paint(cut: xr.Dataset, name: str, *, dots: bool = False) -> Paint:
+def paint(cut: xr.Dataset, name: str, *, dots: bool = False, grey: bool = False) -> Paint:
     """Return the colours of a number at the points of a cut.
 
-    With `dots` no colour is as light as the paper.
+    With `dots` no colour is as light as the paper; with `grey` classes are greys and hatches.
     """
     variable = number_at(cut, name)
     ramp = mpl.colormaps["cividis"]
     nothing = np.ma.masked_all(variable.shape, float)
     if name == "period":
-        cells = period_cells(cut.transpose(*cut["status"].dims, ...))
+        cells = period_cells(cut.transpose(*cut["status"].dims, ...), grey)
         return Paint(variable, cells, nothing, Normalize(), ramp, CLASSES_TITLE)
     if name in _WORDS:
         found = np.where(has_result(cut["status"].values), variable.values, Status.PENDING)

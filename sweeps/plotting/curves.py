@@ -16,9 +16,6 @@ from sweeps.analysis.regimes import classify
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
 
-#: Most names of curves on a map; least length of a named piece and least distance between names, as
-#: shares of the panel.
-_MOST_NAMES, _LONG, _ROOM = 24, 0.12, 0.08
 #: If there are more curves, only those that bound a class with a colour of its own are drawn.
 _FEW = 12
 #: Points of a curve in each cell; interruptions of so many cells are ignored.
@@ -93,13 +90,14 @@ def draw_curves(
     cut: xr.Dataset,
     axes: Sequence[np.ndarray],
     coloured: Container[tuple[int, int]],
+    marks: bool,
 ) -> list[Line2D]:
     """Draw `sweeps.curves` over a map of a cut; return labelled handles for the legend.
 
-    Pieces that bound a motion are drawn strongly, and named where there is room. The others are
-    thin. If there are many curves, only those that bound one of the `coloured` classes are drawn.
-    The legend says how many others there are. Cusps and points where curves meet are marked on the
-    strong pieces.
+    Pieces that bound a motion are drawn strongly. The others are thin. If there are many curves,
+    only those that bound one of the `coloured` classes are drawn. The legend says how many others
+    there are. Cusps and points where curves meet are marked on the strong pieces if
+    `marks` is true.
     """
     limits = panel.get_xlim(), panel.get_ylim()
     kinds = _one_point_each(found)["kind"].values
@@ -110,14 +108,13 @@ def draw_curves(
     for piece in shown:
         look = {"path_effects": _EDGE, "zorder": 4, **_STRONG} if piece.bounds else _THIN
         panel.plot(*piece.points.T, ls=_CURVES[kinds[piece.number]], **look)
-    _name_pieces(panel, found, strong)
     drawn = kinds[[piece.number for piece in shown]]
     handles = [
         Line2D([], [], ls=dashes, label=kind, **_STRONG)
         for kind, dashes in _CURVES.items()
         if kind in drawn
     ]
-    handles += _mark_special(panel, found, strong)
+    handles += _mark_special(panel, found, strong) if marks else []
     if left := len(kinds) - len({piece.number for piece in strong}):
         text = f"{shown_count(left, 'further curve')}{' not shown' if is_many else ''}"
         handles.append(Line2D([], [], ls="" if is_many else "-", label=text, **_THIN))
@@ -145,27 +142,3 @@ def _mark_special(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> l
     (marks,) = panel.plot(*shown.T, "D", color="black", label="cusp or meeting")
     marks.set(markersize=2.5, markerfacecolor="white", markeredgewidth=0.6, zorder=5)
     return [marks]
-
-
-def _name_pieces(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> None:
-    """Write m/q beside long pieces where there is room, starting with the shortest periods."""
-    lines = [_places(panel, piece.points) for piece in strong]
-    lengths = [float(np.abs(np.diff(line, axis=0)).sum()) for line in lines]
-    classes = np.stack([_one_point_each(found)[name].values for name in ("m", "q")], axis=1)
-    names = [tuple(classes[piece.number].tolist()) for piece in strong]
-    taken = np.empty((0, 2))
-    order = sorted(range(len(lines)), key=lambda i: (*names[i], -lengths[i]))
-    for i in [i for i in order if lengths[i] > _LONG]:
-        inside = lines[i][((lines[i] > 0.05) & (lines[i] < 0.93)).all(axis=1)]
-        if not len(inside) or len(taken) >= _MOST_NAMES:
-            continue
-        away = np.abs(inside[:, None] - taken).max(axis=2).min(axis=1, initial=np.inf)
-        place = inside[len(inside) // 2] if not len(taken) else inside[np.argmax(away)]
-        if away.max() < _ROOM:
-            continue
-        m, q = names[i]
-        text = panel.text(
-            place[0], place[1], f"{m}/{q}", transform=panel.transAxes, size="x-small", zorder=6
-        )
-        text.set(path_effects=[withStroke(linewidth=1.5, foreground="white")], clip_on=True)
-        taken = np.vstack([taken, place])

@@ -13,7 +13,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from sweeps.analysis.grouping import in_parts
 from sweeps.analysis.selection import COORDINATES, recorded_coordinate
 from sweeps.plotting import canvas
-from sweeps.plotting.lines import cell_edges, pixels_of
+from sweeps.plotting.pixels import cell_edges, pixels_of
 from sweeps.plotting.style import (
     BOTH_COLOUR,
     DENSITY,

@@ -22,7 +22,6 @@ from sweeps.analysis.selection import (
 )
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
-from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.colours import Paint, paint
 from sweeps.plotting.density import draw_density, value_range
 from sweeps.plotting.directions import agreeing, draw_jumps
@@ -30,7 +29,9 @@ from sweeps.plotting.exact import draw_branches, name_parts
 from sweeps.plotting.labels import as_variable, label, label_axis, record_text
 from sweeps.plotting.lines import refuse_empty, select_line
 from sweeps.plotting.numbers import Wanted, with_number
+from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import APPROACHING, BOTH_COLOUR, DIRECTION_COLOURS, PARTIAL
+from sweeps.plotting.styled import styled
 from sweeps.store.variables import FLAGS
 from vibroimpact.points.regimes import NO_CLASS, has_result
 

@@ -28,10 +28,11 @@ from sweeps.plotting.attractors import (
     mark_attractors,
     reached,
 )
-from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.labels import as_variable, basins_title, equation, label_axis, named_unit
 from sweeps.plotting.maps import draw_cells
+from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import OTHER_ATTRACTORS
+from sweeps.plotting.styled import styled
 from sweeps.text import shown_count
 
 #: The panels of the profile: the measure, the flag that the edge decided it, and the title.

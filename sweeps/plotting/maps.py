@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import functools
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,17 +21,19 @@ from sweeps.analysis.regimes import approaching
 from sweeps.analysis.selection import Selection, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
-from sweeps.plotting.canvas import PAGE, Page, styled
-from sweeps.plotting.colours import Cells, failed_cells, paint
+from sweeps.plotting.colours import Cells, class_numbers, failed_cells, paint
 from sweeps.plotting.curves import draw_curves
 from sweeps.plotting.labels import (
     label_axis,
     log_spaced,
     status_name,
 )
-from sweeps.plotting.lines import cell_edges
 from sweeps.plotting.numbers import Wanted, with_number
-from sweeps.plotting.style import CLASSES
+from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.pixels import cell_edges
+from sweeps.plotting.regions import draw_boundaries, name_regions
+from sweeps.plotting.style import CLASSES, HATCH
+from sweeps.plotting.styled import styled
 from vibroimpact.points.regimes import ON_ITS_WAY, has_result
 from vibroimpact.status import Status
 
@@ -42,7 +45,7 @@ _PENDING: dict[str, Any] = {
 _APPROACHING: dict[str, Any] = {"edgecolor": "white", "hatch": "////////", "linewidth": 0.0}
 
 
-@styled
+@functools.partial(styled, looks=("marks", "grey"))
 def parameter_map(
     dataset: xr.Dataset,
     *,
@@ -56,7 +59,8 @@ def parameter_map(
     """Draw a quantity over two swept axes, one cell per point.
 
     A cell reaches halfway to its neighbours. Failed points are grey, and points that are not
-    computed yet are hatched. In a map of classes, white lines mark motions on their way to m/q.
+    computed yet are hatched. In a map of classes, white lines mark motions on their way to m/q, and
+    regions have the name of their class where there is room for it.
 
     Parameters
     ----------
@@ -88,19 +92,41 @@ def parameter_map(
         quantity = "period" if "period" in dataset else "impacts_per_period"
     dataset, name = with_number(dataset, quantity)
     cut = select(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
-    shown = paint(cut, name)
+    if page.grey and name != "period":
+        raise Refused(f"greys and hatches are for classes, and {name} is none; leave out grey")
+    shown = paint(cut, name, grey=page.grey)
     panel = canvas.new_panel(ax, page)
     if shown.values.count():
         _draw_mesh(panel, cut, shown.values, shown.norm, shown.ramp)
         shown.add_bar([panel])
     handles = draw_cells(panel, cut, shown.cells)
-    if name == "period":
+    rarest = _rarest(shown.cells) if name == "period" else None
+    if name == "period" and page.marks:
         handles += _mark_approaching(panel, cut)
     page.set_limits(panel)
     if exact is not None:
         y, x = (axis.values for axis in _axes_of(cut))
-        handles += draw_curves(panel, exact, cut, (x, y), CLASSES)
-    return canvas.finish(panel, page, cut, handles, shown.title)
+        handles += draw_curves(panel, exact, cut, (x, y), CLASSES, page.marks)
+    figure = canvas.finish(panel, page, cut, handles, shown.title, rarest=rarest)
+    if name == "period":
+        name_and_bound(panel, page, cut, *class_numbers(cut))
+    return figure
+
+
+def _rarest(cells: Sequence[Cells]) -> list[str]:
+    """Return the labels of the classes that have points, from the rarest."""
+    counts = {cell.label: np.count_nonzero(cell.where) for cell in cells if cell.label[0].isdigit()}
+    return sorted(filter(counts.__getitem__, counts), key=counts.__getitem__)
+
+
+def name_and_bound(
+    panel: Axes, page: Page, cut: xr.Dataset, classes: np.ndarray, names: Mapping[int, str]
+) -> None:
+    """Write the names of classes into their regions; in grey, draw the boundaries."""
+    edges = _edges_of(cut)
+    if page.grey:
+        draw_boundaries(panel, edges, classes)
+    name_regions(panel, edges, classes, names)
 
 
 def draw_cells(panel: Axes, cut: xr.Dataset, cells: Iterable[Cells]) -> list[Artist]:
@@ -120,10 +146,10 @@ def draw_cells(panel: Axes, cut: xr.Dataset, cells: Iterable[Cells]) -> list[Art
         colours = ListedColormap([cell.colour for cell in cells])
         norm = Normalize(-0.5, len(cells) - 0.5)
         _draw_mesh(panel, cut, np.ma.masked_equal(index, -1), norm, colours)
-    handles: list[Artist] = [
-        Patch(facecolor=cell.colour, edgecolor="black", linewidth=0.4, label=cell.label)
-        for cell in cells
-    ]
+    for cell in cells:
+        if cell.hatch:
+            _draw_hatch(panel, cut, cell.where, hatch=cell.hatch, edgecolor=HATCH)
+    handles: list[Artist] = [cell.handle() for cell in cells]
     pending = np.count_nonzero(status == Status.PENDING)
     if pending:
         panel.patch.set(**_PENDING)
@@ -137,19 +163,24 @@ def _mark_approaching(panel: Axes, cut: xr.Dataset) -> list[Artist]:
     where = approaching(cut)
     if not where.any():
         return []
+    _draw_hatch(panel, cut, where, **_APPROACHING)
+    share = 100.0 * where.sum() / has_result(cut["status"].values).sum()
+    text = f"{ON_ITS_WAY} ({share:.3g} %)"
+    return [Patch(facecolor="#888888", label=text, **_APPROACHING)]
+
+
+def _draw_hatch(panel: Axes, cut: xr.Dataset, where: np.ndarray, **look: Any) -> None:
+    """Hatch the cells of a mask."""
     x, y = _edges_of(cut)
     ends = np.diff(np.pad(where, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     (rows, first), (_, last) = np.nonzero(ends == 1), np.nonzero(ends == -1)
     left, right, low, high = x[first], x[last], y[rows], y[rows + 1]
     corners = np.stack([left, low, right, low, right, high, left, high, left, low], axis=1)
     codes = np.tile([Path.MOVETO, *[Path.LINETO] * 3, Path.CLOSEPOLY], len(rows))
-    outline = Path(
-        corners.reshape(-1, 2), codes
-    )  # one path, so that the lines pass from cell to cell
-    panel.add_artist(PathPatch(outline, facecolor="none", rasterized=True, **_APPROACHING))
-    share = 100.0 * where.sum() / has_result(cut["status"].values).sum()
-    text = f"{ON_ITS_WAY} ({share:.3g} %)"
-    return [Patch(facecolor="#888888", label=text, **_APPROACHING)]
+    # One path, so that the lines pass from cell to cell.
+    outline = Path(corners.reshape(-1, 2), codes)
+    look = {"linewidth": 0.0, **look}
+    panel.add_artist(PathPatch(outline, facecolor="none", rasterized=True, **look))
 
 
 def _axes_of(cut: xr.Dataset) -> list[xr.DataArray]:

@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import Selection, config_of, recorded
 from sweeps.plotting import canvas
-from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.numbers import Wanted
+from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import BLUE
+from sweeps.plotting.styled import styled
 
 
 class _Records(NamedTuple):

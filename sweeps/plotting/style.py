@@ -42,6 +42,11 @@ CLASSES = {
 }
 #: Colour of all other classes.
 OTHER_CLASS = "#EDEBD8"
+#: In grey the hatch says m, and the darker, the more impacts.
+_HATCHES = {1: "", 2: "////", 3: "....", 4: "\\\\\\\\", 8: "xxxx"}
+#: Colour of the lines of a hatch.
+HATCH = "#333333"
+_GREYS = ("#FFFFFF", "#D2D2D2", "#A8A8A8")
 REST = VERMILION
 #: Colours of the marks in a diagram: motions whose kept impacts are less than a repetition, and
 #: motions that are not on their orbit yet.
@@ -53,6 +58,18 @@ REGIMES = {
     Regime.CHAOTIC: "#000000",
     Regime.UNBOUNDED: "#7A4A12",
     Regime.UNKNOWN: "#CCCCCC",
+}
+#: Greys and hatches of the classes, of all other classes, and of the regimes.
+GREY_CLASSES = {
+    (m, q): (_GREYS[sum(own == m and fewer < q for own, fewer in CLASSES)], _HATCHES[m])
+    for m, q in CLASSES
+}
+GREY_OTHER = ("#E9E9E9", "")
+GREY_REGIMES = {
+    Regime.REST: ("#7A7A7A", ""),
+    Regime.CHAOTIC: ("#000000", ""),
+    Regime.UNBOUNDED: ("#FFFFFF", "||||"),
+    Regime.UNKNOWN: ("#4A4A4A", ""),
 }
 #: Colours of the outcomes with a result in a map of ``status``.
 RESULTS = {

@@ -15,11 +15,12 @@ from sweeps.analysis.selection import Selection, select
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.plotting import canvas
-from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.colours import paint
 from sweeps.plotting.labels import label, label_axis
 from sweeps.plotting.lines import refuse_without_result
 from sweeps.plotting.numbers import Wanted, number_at, with_number
+from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.styled import styled
 from sweeps.store import columns_of
 
 #: Least width of a panel, for its labels [inch].

@@ -11,8 +11,8 @@ from sweeps.analysis.selection import select
 from sweeps.analysis.tables import branch_table, write_csv
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot
-from sweeps.plotting.canvas import Page
 from sweeps.plotting.exact import parts_of
+from sweeps.plotting.page import Page
 from tests.helpers import naive
 from tests.helpers.sweep_files import run_in
 from vibroimpact.orbits.one_impact import one_impact_orbit

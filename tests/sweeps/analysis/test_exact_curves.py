@@ -52,7 +52,7 @@ def test_the_flips_of_the_map_are_on_the_closed_form(path):
     assert {*own["special"].values} == {"", "edge"}
     with open_sweep(path) as dataset:
         panel = parameter_map(dataset, exact=found).axes[0]
-    assert "1/1" in [text.get_text() for text in panel.texts]
+    assert {"1/1", "2/2"} <= {text.get_text() for text in panel.texts}
 
 
 @pytest.mark.slow
@@ -197,7 +197,6 @@ def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
         omega, R = line.get_data()
         assert np.ptp(R) > 0.35
         assert_on_closed_form(omega, R, 1e-4)
-        assert [text.get_text() for text in figure.axes[0].texts] == ["1/1"]
         elsewhere = dataset.copy()
         elsewhere["period"] = 0 * dataset["period"] + 3  # another motion all over the map
         thin = parameter_map(elsewhere, exact=found)

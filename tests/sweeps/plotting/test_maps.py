@@ -1,100 +1,14 @@
 import numpy as np
 import pytest
-import xarray as xr
-from matplotlib.colors import to_hex
 
-from sweeps import load_config, open_sweep
+from sweeps import open_sweep
 from sweeps.errors import Refused
 from sweeps.plotting import plot
-from sweeps.plotting.lines import cell_edges
 from sweeps.plotting.maps import parameter_map
-from sweeps.store import VARIABLES
+from sweeps.plotting.pixels import cell_edges
+from tests.helpers.equal_points import OMEGA, PLAIN, R, colours, equal_points, legend, texts
 from tests.helpers.sweep_files import run_in
-from vibroimpact.oscillator import PARAMETERS
-from vibroimpact.status import Evidence, Status
-
-R = np.array([0.3, 0.5, 0.9])
-OMEGA = np.array([1.0, 2.0, 3.0, 4.0])
-PERIODS = 50
-CONFIGURATION = {
-    "name": "by hand",
-    "oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "clearance": 0.25},
-    "method": {"integrator": "exact", "impact": "exact", "steps_per_period": 16},
-    "record": {"transient": 10, "periods": 50, "phase": 0.0},
-}
-#: Values of a point of period 1 with one impact.
-PLAIN = {
-    "status": Status.CERTIFIED,
-    "period": 1,
-    "period_impacts": 1,
-    "orbit_x": 0.0,
-    "orbit_v": 0.0,
-    "orbit_distance": 0.0,
-    "class_evidence": Evidence.REPEATS,
-    "rest_fraction": 0.0,
-    "impacts_per_period": 1.0,
-    "slowest_impact": 0.5,
-    "fastest_impact": 0.5,
-    "impulse": 0.9,
-    "energy_lost": 0.045,
-    "max_penetration": 0.0,
-    "lyapunov": -0.3,
-}
-
-
-def equal_points(omit=(), axes=None, **changed):
-    """Return equal points over (R, omega) with changes {name: {(row, column): value}}."""
-    axes = {"R": R, "omega": OMEGA} if axes is None else axes
-    shape = tuple(len(values) for values in axes.values())
-    config = load_config(CONFIGURATION)
-    data = xr.Dataset(coords={**config.sweep.grid.fixed, **axes}, attrs={"configuration": config})
-    for name, value in PLAIN.items():
-        if name not in omit:
-            values = np.full(shape, value, np.dtype(VARIABLES[name].dtype))
-            for at, other in changed.get(name, {}).items():
-                values[at] = other
-            data[name] = (tuple(axes), values)
-    if "lyapunov" in data:
-        data["lyapunov"] = data["lyapunov"].expand_dims(exponent=2, axis=-1).copy()
-    data["poincare_x"] = ((*axes, "section"), np.zeros((*shape, PERIODS)))
-    for name in axes:
-        about = PARAMETERS[name]
-        data[name].attrs = {"long_name": about.meaning, "units": about.unit, "symbol": about.symbol}
-    for name in data.data_vars:
-        about = VARIABLES[name]
-        data[name].attrs = {
-            "long_name": about.long_name, "units": about.unit, "symbol": about.symbol
-        }  # fmt: skip
-    return data
-
-
-def colours(figure):
-    """Return the colour of every cell, as drawn last; None where none was drawn."""
-    meshes = figure.axes[0].collections
-    shape = meshes[0].get_array().shape
-    found = np.full(shape, None)
-    for mesh in meshes:
-        array = mesh.get_array()
-        rgba = mesh.to_rgba(array)
-        for at in np.ndindex(shape):
-            if not np.ma.getmaskarray(array)[at]:
-                found[at] = to_hex(rgba[at])
-    return found
-
-
-def legend(figure):
-    """Return the colours by the labels."""
-    if not figure.legends:
-        return {}
-    (one,) = figure.legends
-    handles = zip(one.get_texts(), one.get_patches(), strict=True)
-    return {text.get_text(): to_hex(patch.get_facecolor()) for text, patch in handles}
-
-
-def texts(figure):
-    """Return the label of every cell, through its colour."""
-    names = {colour: text for text, colour in legend(figure).items()}
-    return np.vectorize(lambda colour: names.get(colour))(colours(figure))
+from vibroimpact.status import Status
 
 
 def test_every_class_has_its_colour_and_its_label():

@@ -1,0 +1,124 @@
+"""Maps for print: names in the regions, greys and hatches, and the legend."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from sweeps.errors import Refused
+from sweeps.plotting import Page, parameter_map, section
+from sweeps.plotting.style import CLASSES, GREY_CLASSES
+from tests.helpers.commands import accepted, refused
+from tests.helpers.equal_points import equal_points, legend
+from vibroimpact.status import Status
+
+AXES = {"R": np.linspace(0.3, 0.9, 40), "omega": np.linspace(1.0, 4.0, 60)}
+
+
+def blocks():
+    """Return a map of 1/1 with a block of 2/2, a strip of 4/4, one cell of 8/8 and a rest."""
+    dataset = equal_points(axes=AXES)
+    for name in ("period", "period_impacts"):
+        dataset[name].values[5:35, 20:35] = 2
+        dataset[name].values[2:38, 40:42] = 4
+        dataset[name].values[0, 0] = 8
+    dataset["rest_fraction"].values[:, 48:] = 0.5
+    return dataset
+
+
+def names(figure):
+    """Return the name, the place (R, omega) and the rotation of every text in the panel."""
+    panel = figure.axes[0]
+    figure.draw_without_rendering()
+    found = []
+    for text in panel.texts:
+        at = text.get_transform().transform(text.get_position())
+        omega, R = panel.transData.inverted().transform(at)
+        found.append((text.get_text(), (R, omega), text.get_rotation()))
+    return found
+
+
+def test_every_name_is_in_a_region_of_its_class_and_has_room():
+    dataset = blocks()
+    found = names(parameter_map(dataset))
+    assert sorted(name for name, _, _ in found) == ["1/1", "2/2", "4/4", "rest"]
+    for name, (R, omega), rotation in found:
+        there = dataset.sel(R=R, omega=omega, method="nearest")
+        rests = there["rest_fraction"] > 0.0
+        m, q = int(there["period"]), int(there["period_impacts"])
+        assert name == ("rest" if rests else f"{m}/{q}")
+        assert rotation == (90.0 if name == "4/4" else 0.0)
+    (widest,) = (place for name, place, _ in found if name == "2/2")
+    np.testing.assert_allclose(widest, (0.6, 2.4), atol=0.1)  # the middle of its block
+
+
+def test_names_are_those_of_the_shown_part():
+    page = Page(xlim=(3.6, 4.0))
+    assert [name for name, *_ in names(parameter_map(blocks(), page=page))] == ["rest"]
+
+
+def test_a_map_in_grey_has_no_colour_and_boundaries_between_regions():
+    figure = parameter_map(blocks(), page=Page(grey=True))
+    panel = figure.axes[0]
+    colours = [to_hex(rgba) for mesh in panel.collections[:1] for rgba in mesh.get_cmap().colors]
+    assert all(colour[1:3] == colour[3:5] == colour[5:] for colour in colours)
+    assert legend(figure).keys() == {"1/1", "2/2", "4/4", "8/8", "rest"}
+    hatched = {patch.get_hatch() for patch in panel.patches}
+    assert {GREY_CLASSES[2, 2][1], GREY_CLASSES[4, 4][1]} <= hatched
+    (lines,) = (lines for lines in panel.collections if hasattr(lines, "get_segments"))
+    ends = np.concatenate(lines.get_segments())
+    step = AXES["omega"][1] - AXES["omega"][0]
+    at = {round(float(x - 1.0) / step, 1) for x in ends[:, 0]}
+    assert {19.5, 34.5, 39.5, 41.5, 47.5} <= at  # the sides of the blocks
+    assert not {0.5, 1.5} & {round(float(x - 1.0) / step, 1) for x in ends[ends[:, 1] < 0.31, 0]}
+
+
+def test_looks_of_classes_in_grey_are_all_different():
+    assert GREY_CLASSES.keys() == CLASSES.keys()
+    assert len(set(GREY_CLASSES.values())) == len(CLASSES)
+
+
+def test_a_legend_takes_a_fifth_of_the_height_and_counts_what_it_leaves_out():
+    """The rarest classes are left out first; failed points and regimes never."""
+    classes = list(CLASSES)
+    columns = np.repeat(np.arange(14), [12, 9, 7, 6, 5, 4, 4, 3, 3, 2, 2, 1, 1, 1])
+    m, q = np.array([classes[i] for i in columns]).T
+    dataset = equal_points(axes=AXES, status={(0, 0): Status.UNRESOLVED, (1, 0): Status.NON_FINITE})
+    dataset["period"].values[:], dataset["period_impacts"].values[:] = m, q
+    figure = parameter_map(dataset, page=Page(width=2.4, title=""))
+    figure.draw_without_rendering()
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert figure.legends[0].get_window_extent().height < 0.205 * figure.bbox.height
+    shown = [text.split(",")[0] for text in texts if "/" in text]
+    assert shown == [f"{m}/{q}" for m, q in classes[: len(shown)]] and 3 < len(shown) < 14
+    assert f"rarer classes: {14 - len(shown)}" in texts and "unresolved" in texts
+    assert not parameter_map(dataset, page=Page(legend=False)).legends
+
+
+def test_marks_can_be_left_out():
+    dataset = equal_points(axes=AXES)
+    dataset["orbit_distance"].values[3:9, 3:9] = 0.5
+    assert parameter_map(dataset).axes[0].patches
+    assert not parameter_map(dataset, page=Page(marks=False)).axes[0].patches
+
+
+def test_a_look_that_a_picture_does_not_have_is_refused(tmp_path):
+    dataset = equal_points(axes=AXES)
+    for page, name in ((Page(grey=True), "grey = True"), (Page(marks=False), "marks = False")):
+        with pytest.raises(Refused, match=f"{name} is for maps, and this picture is none"):
+            section(dataset, page=page)
+    with pytest.raises(Refused, match="greys and hatches are for classes, and impulse is none"):
+        parameter_map(dataset, quantity="impulse", page=Page(grey=True))
+    with pytest.raises(Refused, match="grey = 1 is not allowed; expected: True or False"):
+        Page(grey=1)
+
+
+@pytest.mark.slow
+def test_the_command_draws_in_grey(tmp_path):
+    from tests.helpers.sweep_files import run_in
+
+    run_in(tmp_path, "oscillator: {h: 0.1, R: [0.5, 0.8], omega: [2.0, 2.7, 2.8], f: 1.0}")
+    (tmp_path / "a").mkdir()
+    for number, looks in enumerate(([], ["--grey"], ["--no-legend"], ["--grey", "--no-marks"])):
+        accepted("plot", "out.h5", *looks, "--dpi", "50", "-o", f"a/{number}.png")
+    assert len({file.read_bytes() for file in (tmp_path / "a").iterdir()}) >= 3
+    assert "grey = True is for maps" in refused("plot", "out.h5", "--kind", "section", "--grey")
