@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
-from tests.helpers.oscillators import SectionMap, bifurcation
+from tests.helpers.oscillators import SectionMap, bifurcation, peak
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
@@ -651,6 +651,50 @@ def test_the_flips_of_an_even_orbit_end_where_its_half_flips_and_grazes(
             end.orbit.oscillator, m // 2, end.orbit.phases[:q], end.orbit.speeds[:q]
         )
         assert half.exists and half.characteristic == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert np.ptp(ends, axis=0).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("values", "phases", "speeds", "ranges"),
+    [
+        (
+            {"h": 0.09397136038870241, "R": 0.897225519910674, "omega": 1.0679112274635831,
+             "f": 1.0, "clearance": -0.046805682666813675},
+            (1.2411141224550395, 4.7112263048390695, 10.979057750127623),
+            (0.0, 1.4689443321344122, 1.4359842278728046),
+            (("omega", 0.61, 1.77), ("R", 0.69, 1.0)),
+        ),
+        (
+            {"h": 0.07336322554555809, "R": 0.8760726697180561, "omega": 0.7374774926087023,
+             "f": 1.0, "p": 1.1425151123961863, "clearance": 0.7630138730968545},
+            (3.824677972367527, 6.280338273292941, 10.079123596335206, 12.209133830654347),
+            (0.7990778812042152, 0.0, 1.6287415230203897, 0.9667611108875604),
+            (("p", 0.515, 1.485), ("f", 0.69, 1.31)),
+        ),
+    ],
+)  # fmt: skip
+def test_the_grazes_of_two_periods_end_where_both_halves_graze(values, phases, speeds, ranges):
+    """From wherever the curve is followed, also if only one half has the touch as an impact.
+
+    Without its touch the orbit of 2/3 is 1/1 there, and has its flip in closed form and its graze.
+    """
+    start, ends = PeriodicOrbit(Oscillator(**values), 2, np.array(phases), np.array(speeds)), []
+    whole = bifurcation_curve(start, "graze", *ranges)
+    for i in len(whole.values) * np.array([1, 2, 3]) // 4:
+        (end,) = [
+            p for p in bifurcation_curve(whole.orbit(i), "graze", *ranges).special
+            if p.kind == "graze"
+        ]  # fmt: skip
+        ends.append(end.value)
+        if start.q == 3:
+            single = one_impact_orbit(end.orbit.oscillator)
+            assert single.multipliers[0] == pytest.approx(-1.0, abs=1e-8)
+            assert peak(single) == pytest.approx(0.0, abs=1e-9)
+        else:
+            half = PeriodicOrbit(
+                end.orbit.oscillator, 1, end.orbit.phases[:2], end.orbit.speeds[:2]
+            )
+            assert half.exists and half.characteristic == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
     assert np.ptp(ends, axis=0).max() < 1e-9
 
 

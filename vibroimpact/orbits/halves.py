@@ -18,7 +18,7 @@ from vibroimpact.orbits.ends import is_orbit
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.linear import null_vector
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.unknowns import free, impacts, speeds, unknowns
+from vibroimpact.orbits.unknowns import free, impacts, phases, speeds, unknowns
 
 #: Where the difference of the halves falls below this, a curve of folds may be about to end.
 _ALMOST_ALIKE = 0.1
@@ -140,24 +140,25 @@ def _edge_beside(
 
 
 def grazing_flip(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
-    """Return where a curve of flips or folds ends as its half flips and grazes; None if not near.
+    """Return where a curve ends as its half flips and grazes at once; None if not near.
 
-    Its condition is singular there: the end is sought on the curve of grazes of the half. The
-    result is ``graze``, the point, and its orbit, in which an impact of each half has speed zero.
+    The equations are singular there: the end is sought on the curve of grazes of the half. The
+    result is ``graze``, the point, and its orbit.
     """
-    family, X, along = step.family, step.begin.X, step.begin.tangent
-    q = family.q // 2
-    if family.kind not in ("flip", "fold") or family.m % 2 or family.q % 2:
+    family = step.family
+    if family.kind == "" or family.m % 2:
         return None
-    slowest = int(np.argmin(speeds(X, family.q))) % q
-    v, slopes = (speeds(Y, family.q)[[slowest, slowest + q]] for Y in (X, along))
-    if not (v.max() < _SLOW and (slopes < 0.0).all()):
+    near = _near_double_graze(step) if family.kind == "graze" else _near_grazing_flip(step)
+    if near is None:
         return None
-    halves, Y = _half(family, X - np.mean(v / slopes) * along, "graze", slowest)
-    graze = _at_its_flip(halves, Y)
+    halves, Y, touch = near
+    graze = _at_its_flip(halves, Y, touch is not None)
     if graze is None or not is_orbit(halves, halves.point(graze, np.zeros(graze.size))):
         return None
-    end, off = _taken_twice(halves, graze), []
+    X, end, off = step.begin.X, _taken_twice(halves, graze), list[float]()
+    if touch is not None:
+        z = np.delete(impacts(end, family.q + 1), touch, axis=0)
+        end = unknowns(z, free(end, family.q + 1))
     for share in (0.5, 0.875):  # a curve that leads to the end comes back to the straight line
         place = X + share * (end - X)
         between = family.corrected(place, (end - X)[None, :])
@@ -166,20 +167,86 @@ def grazing_flip(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit] |
     return ("graze", end, family.orbit(end)) if leads else None
 
 
-def _at_its_flip(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
-    """Return the point of a curve of grazes near X where curves of flips meet it, or None."""
-    tangent = family.tangent(X)
+def _near_grazing_flip(step: ArclengthStep) -> tuple[OrbitFamily, np.ndarray, None] | None:
+    """Return the grazes of the half, and one near which a curve of flips or folds may end."""
+    family, X, along = step.family, step.begin.X, step.begin.tangent
+    q = family.q // 2
+    if family.q % 2:
+        return None
+    slowest = int(np.argmin(speeds(X, family.q))) % q
+    v, slopes = (speeds(Y, family.q)[[slowest, slowest + q]] for Y in (X, along))
+    if not (v.max() < _SLOW and (slopes < 0.0).all()):
+        return None
+    return *_half(family, X - np.mean(v / slopes) * along, "graze", slowest), None
+
+
+def _near_double_graze(step: ArclengthStep) -> tuple[OrbitFamily, np.ndarray, int | None] | None:
+    """Return the same for a curve of grazes whose halves become equal, and a touch that was added.
+
+    The number of impacts may be odd: then one half grazes, and the other only will at the end.
+    """
+    family, graze, touch = step.family, step.family.system.graze, None
+    whole, points = family, [step.begin.X, step.end.X]
+    if family.q == 1:
+        return None
+    if family.q % 2:
+        touch = _place_of_touch(family, points[0])
+        points = [_touching(family, X, touch) for X in points]
+        z = impacts(points[0], family.q + 1)
+        whole = OrbitFamily(_solution(family, family.m, z), family.parameters, speed=family.speed)
+        graze += int(touch <= graze)
+        if abs(graze - touch) != whole.q // 2:
+            return None
+    sizes = [float(np.abs(difference_of_halves(whole, X)).max()) for X in points]
+    if not sizes[1] < min(_ALMOST_ALIKE, sizes[0]):
+        return None
+    return *_half(whole, points[0], "graze", graze % (whole.q // 2)), touch
+
+
+def _place_of_touch(family: OrbitFamily, X: np.ndarray) -> int:
+    """Return the index at which half an orbit after its graze, another touch is inserted."""
+    theta, half = phases(X, family.q), math.pi * family.m
+    other = theta[family.system.graze] + half
+    return int(
+        np.searchsorted(theta, other - 2.0 * half if other > theta[0] + 2.0 * half else other)
+    )
+
+
+def _touching(family: OrbitFamily, X: np.ndarray, touch: int) -> np.ndarray:
+    """Return a point with another touch half an orbit before or after its graze."""
+    z, graze = impacts(X, family.q), family.system.graze
+    half = math.pi * family.m * (1.0 if touch > graze else -1.0)
+    z = np.insert(z, touch, (z[graze, 0] + half, 0.0), axis=0)
+    return unknowns(z, free(X, family.q))
+
+
+def _at_its_flip(family: OrbitFamily, X: np.ndarray, without_touch: bool) -> np.ndarray | None:
+    """Return the point of a curve of grazes near X where curves of flips meet it, or None.
+
+    There the orbit flips, or the orbit `without_touch` does.
+    """
+    tangent, other = family.tangent(X), family
+    if without_touch:
+        z = impacts(_without_touch(family, X), family.q - 1)
+        other = OrbitFamily(_solution(family, family.m, z), family.parameters, speed=family.speed)
     for _ in range(_MOST_STEPS):
         Y = family.corrected(X, tangent[None, :])
         if Y is None:
             return None
-        value, slope = family.point(Y, tangent).tests[:, -2]
+        Z, along = (_without_touch(family, V) if without_touch else V for V in (Y, tangent))
+        value, slope = other.point(Z, along).tests[:, -2]
         if not abs(value) < _NEARBY * abs(slope):
             return None
         if abs(value) < _AT_FLIP * abs(slope):
             return Y
         X = Y - value / slope * tangent
     return None
+
+
+def _without_touch(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
+    """Return a point of a curve of grazes, or a direction, without the impact that grazes."""
+    z = np.delete(impacts(X, family.q), family.system.graze, axis=0)
+    return unknowns(z, free(X, family.q))
 
 
 def _taken_twice(halves: OrbitFamily, X: np.ndarray) -> np.ndarray:
@@ -189,13 +256,17 @@ def _taken_twice(halves: OrbitFamily, X: np.ndarray) -> np.ndarray:
     return unknowns(np.concatenate([z, second]), free(X, halves.q))
 
 
+def _solution(family: OrbitFamily, m: int, z: np.ndarray) -> PeriodicOrbit:
+    """Return the orbit of the impacts z, with the unit of speed and oscillator of a family."""
+    return PeriodicOrbit(family.osc, m, z[:, 0], z[:, 1] * family.speed)
+
+
 def _half(
     family: OrbitFamily, X: np.ndarray, kind: str = "", graze: int = 0
 ) -> tuple[OrbitFamily, np.ndarray]:
     """Return the family of orbits of half the period, and the mean of the halves of a point."""
     mean = mean_of_halves(family, X)
-    z = impacts(mean, family.q // 2)
-    half = PeriodicOrbit(family.osc, family.m // 2, z[:, 0], z[:, 1] * family.speed)
+    half = _solution(family, family.m // 2, impacts(mean, family.q // 2))
     return OrbitFamily(half, family.parameters, kind, graze, family.speed), mean
 
 
