@@ -176,8 +176,8 @@ def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row])
     if "integrity_factor" in result:
         root = "" if "p" in parameters_of(dataset) else ", p = sqrt(stiffness / mass)"
         lines.append(
-            f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = 0; "
-            ">=: the window's edge decided"
+            f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = "
+            f"{config_of(dataset).start.phase:g}; >=: the window's edge decided"
         )
     return "\n".join(lines)
 

@@ -46,7 +46,7 @@ def integrity(dataset: xr.Dataset) -> xr.Dataset:
     ----------
     dataset : Dataset
         An opened sweep over evenly spaced x0 and v0, with ``period`` and a section at
-        omega t = 0, where the starts are.
+        the phase of the starts.
 
     Returns
     -------
@@ -145,10 +145,11 @@ def refuse_unfit(dataset: xr.Dataset) -> None:
         raise Refused(f"integrity needs x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     if config.follow is not None:
         raise Refused("integrity needs starts at every point: run the sweep again without follow")
-    if config.record.phase != 0.0:
+    start, section = config.start.phase, config.record.phase
+    if section != start:
         raise Refused(
-            f"the starts are at omega t = 0, and the section is at {config.record.phase:g}: run "
-            "the sweep again with record.phase: 0"
+            f"the starts are at omega t = {start:g}, and the section is at {section:g}: run the "
+            f"sweep again with record.phase: {start:g}"
         )
     for name in ("x0", "v0"):
         steps = np.diff(np.sort(dataset[name].values))

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -167,8 +168,8 @@ class _Motions:
         endless = np.ones(len(states), bool)
 
         def run(points: np.ndarray, periods: int, started: bool) -> Results:
-            record = self._spec.part(periods - _RECORD, _RECORD, 0, False)
-            return compute_points(record, points, None, at_section=started, start=phase)
+            record = replace(self._spec, start=phase).part(periods - _RECORD, _RECORD, 0, False)
+            return compute_points(record, points, None, at_section=started)
 
         def goes_on(rows: np.ndarray, _: int, results: Results) -> np.ndarray:
             rest = rests(results)

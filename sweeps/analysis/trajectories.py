@@ -133,5 +133,6 @@ def continued_motion(
     if motion.status.failed:
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
     turns = config.sweep.spec.transient + last + 1
+    turns += config.start.phase > config.record.phase  # it passes the section after 2 pi
     rows = np.stack([motion.t, motion.x, motion.v])
     return PointMotion.of(point, [rows], periods, most, turns)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from sweeps.config.groups import StartConfig, UnitsConfig
+from sweeps.config.groups import STARTS, UnitsConfig
 from sweeps.config.rig import si_name
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Axis, Key, MisplacedError
@@ -48,7 +48,7 @@ def completed(config: SweepConfig) -> SweepConfig:
 
 def _key_of(config: SweepConfig, name: str) -> Key:
     """Return the key of a parameter of the model in its group, which may be the rig."""
-    if name in StartConfig.model_fields:
+    if name in STARTS:
         return "start", name
     return ("oscillator", name) if config.rig is None else ("rig", si_name(name, config.rig))
 
@@ -196,7 +196,7 @@ def _refuse_follow(config: SweepConfig, axes: dict[str, Axis]) -> None:
     swept = [
         si_name(name, config.rig)
         for name, axis in axes.items()
-        if axis.size > 1 and name not in StartConfig.model_fields
+        if axis.size > 1 and name not in STARTS
     ]
     raise MisplacedError(
         ("follow", "axis"),

@@ -46,6 +46,9 @@ DIAGNOSTICS = ("period", "lyapunov")
 #: Longest transient that is found, if no other is given.
 LONGEST_TRANSIENT = 10_000
 
+#: The parameters of the start, which can be axes.
+STARTS = ("x0", "v0")
+
 #: Directions in which an axis can be followed.
 DIRECTIONS = ("up", "down", "both")
 
@@ -69,6 +72,12 @@ def parameter_field(parameter: Parameter, note: str = "") -> Any:
         description=text,
         json_schema_extra=partial(_with_bounds, parameter),
     )
+
+
+def phase_field(place: str) -> Any:
+    """Return the field of a phase of the force."""
+    text = f"forcing phase omega t {place} [rad]: a number >= 0 and < 2 pi"
+    return Field(0.0, ge=0.0, lt=2.0 * math.pi, description=text)
 
 
 def _with_bounds(parameter: Parameter, schema: dict[str, Any]) -> None:
@@ -105,11 +114,14 @@ class ParameterConfig(Group):
             return {**given, cls.FORCES[0]: given.get(cls.FORCES[0], 0.0)}
         return given
 
+    #: Keys that are a number all over the sweep, and no parameter of the model.
+    NUMBERS: ClassVar[tuple[str, ...]] = ()
+
     @field_validator("*")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse values outside the bounds of their parameter."""
-        if not isinstance(value, Elsewhere):
+        if info.field_name not in cls.NUMBERS and not isinstance(value, Elsewhere):
             refuse_out_of_bounds(Axis.of(value), PARAMETERS[str(info.field_name)])
         return value
 
@@ -119,7 +131,7 @@ class ParameterConfig(Group):
 
     def axes(self) -> dict[str, Axis]:
         """Return the values that are given here by the names and in the units of the model."""
-        return {name: Axis.of(value) for name, value in self.items()}
+        return {name: Axis.of(value) for name, value in self.items() if name not in self.NUMBERS}
 
 
 class OscillatorConfig(ParameterConfig):
@@ -137,10 +149,13 @@ class OscillatorConfig(ParameterConfig):
 
 
 class StartConfig(ParameterConfig):
-    """The state at time 0."""
+    """The state at the start, and the phase of the force there."""
+
+    NUMBERS = ("phase",)
 
     x0: Values = parameter_field(PARAMETERS["x0"])
     v0: Values = parameter_field(PARAMETERS["v0"])
+    phase: Number = phase_field("at the start of every motion")
 
 
 class MethodConfig(Group):
@@ -232,12 +247,7 @@ class RecordConfig(Group):
         f"{MOST_PERIODS}; null for {LONGEST_TRANSIENT}",
     )
     periods: Integer = integer("forcing periods kept, with one section each", 1, MOST_RECORDED, 100)
-    phase: Number = Field(
-        0.0,
-        ge=0.0,
-        lt=2.0 * math.pi,
-        description="forcing phase omega t of the section [rad]: a number >= 0 and < 2 pi",
-    )
+    phase: Number = phase_field("of the section")
     impacts: Integer = integer("how many of the last impacts are kept", 0, MOST_RECORDED, 64)
     trajectory: Annotated[
         Annotated[Literal[False], BeforeValidator(_false), Tag("<scalar>")]
@@ -282,7 +292,7 @@ class RecordConfig(Group):
 
 def _followable(name: str) -> str:
     """Refuse a name that is not an axis that can be followed."""
-    if name in StartConfig.model_fields:
+    if name in STARTS:
         raise ValueError("is a start, but only the first point starts there")
     if name not in OscillatorConfig.model_fields:
         raise ValueError("is unknown" + suggestion(nearest(name, OscillatorConfig.model_fields)))

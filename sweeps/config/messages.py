@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from pydantic_core import ErrorDetails
 
-from sweeps.config.groups import RecordConfig, StartConfig, TrajectoryConfig, key_list
+from sweeps.config.groups import RecordConfig, TrajectoryConfig, key_list
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Group, Key, MisplacedError, Range
 from sweeps.text import nearest, shortened, suggestion
@@ -57,8 +57,6 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
         hint = suggestion(meant(name, group.model_fields, _keys_elsewhere()))
         if name.isdecimal():  # {h: 0,1} is read as {h: 0, 1: }
             hint = " (a number has a decimal point, no comma)"
-        if group is StartConfig and name == "phase":  # that of the record is another one
-            hint = " (every motion starts at omega t = 0)"
         return f"{where}unknown key {dotted(key)}{hint}; expected: {key_list(group)}"
     typed = f"{dotted(key)} = {shown(_typed(data, key, error['input']))}"
     problem = reason or _PROBLEMS.get(error["type"], "is not allowed")

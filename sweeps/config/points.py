@@ -64,6 +64,7 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
                 problem = f"expected: {model_name(name)}, in the unit of the model"
                 raise MisplacedError(("points", name), f"cannot be a column with a rig; {problem}")
         columns = [name for name in group.model_fields if model_name(name) in names]
+        columns = [name for name in columns if model_name(name) in PARAMETERS or name == "mass"]
         for name, value in given.items():
             if name in columns or isinstance(value, list | tuple | dict):
                 problem = "conflicts with points; expected: one number here, or only a column"

@@ -96,6 +96,7 @@ class RigConfig(ParameterConfig):
     """
 
     FORCES = ("force", "base")
+    NUMBERS = ("mass",)
 
     # The first field, because the checks of the others need it.
     mass: Annotated[Number, Field(gt=0.0)] = Field(
@@ -114,7 +115,7 @@ class RigConfig(ParameterConfig):
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse values outside the bounds of the parameter they are converted to."""
         title, mass = str(info.field_name), info.data.get("mass")
-        if title == "mass" or isinstance(value, Elsewhere):
+        if title in cls.NUMBERS or isinstance(value, Elsewhere):
             return value
         name, given = model_name(title), Axis.of(value)
         refuse_out_of_bounds(given, PARAMETERS[name])
@@ -135,7 +136,7 @@ class RigConfig(ParameterConfig):
     def axes(self) -> dict[str, Axis]:
         """Return the values that are given here by the names and in the units of the model."""
         given = ((model_name(name), axis) for name, axis in super().axes().items())
-        return {name: _in_model(name, axis, self.mass) for name, axis in given if name != "mass"}
+        return {name: _in_model(name, axis, self.mass) for name, axis in given}
 
     def in_si(self, name: str, value: Any) -> Any:
         """Convert a quantity of the model; what was made from a value of the rig gives that back.

@@ -86,7 +86,7 @@ class SweepConfig(Group):
     oscillator: OscillatorConfig = Field(
         description=f"parameters of eq. (1): {key_list(OscillatorConfig)}"
     )
-    start: StartConfig = _group("state at time 0", StartConfig)
+    start: StartConfig = _group("how every motion starts", StartConfig)
     method: MethodConfig = _group("how to compute", MethodConfig)
     record: RecordConfig = _group("what to keep", RecordConfig)
     follow: Annotated[FollowConfig | None, BeforeValidator(null)] = Field(
@@ -143,6 +143,7 @@ class SweepConfig(Group):
             longest=(record.longest or LONGEST_TRANSIENT) if record.transient is None else None,
             periods=record.periods,
             phase=record.phase,
+            start=self.start.phase,
             impacts=record.impacts,
             lyapunov="lyapunov" in record.diagnostics,
             period="period" in record.diagnostics,

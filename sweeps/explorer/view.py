@@ -102,6 +102,7 @@ class View:
     exact: bool = False
     tab: int = DIAGRAM  # ``DIAGRAM``, ``MAP`` or ``BASINS``
     log: tuple[str, ...] = ()  # the parameters whose axes are logarithmic
+    start: float = 0.0  # omega t at the start of every motion
 
     @classmethod
     def of(cls, config: SweepConfig) -> Self:
@@ -135,6 +136,7 @@ class View:
             units=config.units.model_dump(exclude={"mass"}),  # which only a rig needs
             tab=BASINS if starts else DIAGRAM,
             log=tuple(name for name in axes if axes[name].spacing == "log"),
+            start=config.start.phase,
         )
 
     @property
@@ -207,7 +209,7 @@ class View:
         data = {
             "name": self.name,
             "oscillator": oscillator,
-            "start": entries,
+            "start": {**entries, "phase": self.start},
             "method": dict(self.method),
             "record": {**self.record, "diagnostics": diagnostics},
             "units": dict(self.units),

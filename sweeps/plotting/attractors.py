@@ -52,7 +52,7 @@ def basins(
     """Draw the basins of attraction over x0 and v0: one cell per start, coloured by its attractor.
 
     x0 and v0 must both be swept, and the period must be recorded. The periodic attractors are
-    marked if the section is at phase 0, like the starts.
+    marked if the section is at the phase of the starts.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def basins(
     drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
     handles = draw_cells(panel, drawn, basin_cells(table, reached(result)))
     page.set_limits(panel)
-    if config_of(dataset).record.phase == 0.0:  # the phase of the starts
+    if config_of(dataset).record.phase == config_of(dataset).start.phase:
         handles += mark_attractors(panel, table)
     title = basins_title(config_of(dataset))
     return canvas.finish(panel, page, starts, handles, title)

@@ -149,7 +149,8 @@ def _record(motions: Sequence[PointMotion], time: xr.DataArray, found: Label | N
     turns = 2.0 * np.pi / np.array([motion.oscillator.omega for motion in motions])
     starts = np.array([motion.rows[0, 0] for motion in motions])
     starts += turns * [motion.turns for motion in motions]
-    (after, *others) = {f"after {periods:.6g} forcing periods" for periods in starts / turns}
+    since = starts / turns - config_of(motions[0].point).start.phase / (2.0 * np.pi)
+    (after, *others) = {f"after {periods:.6g} forcing periods" for periods in since}
     if others:
         return None
     record = f"{equation('t_0', time, starts[0])}, {after}" if len(motions) == 1 else after

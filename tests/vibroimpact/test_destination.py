@@ -23,8 +23,8 @@ def spec_of(points, impact="exact", transient=200, periods=100, phase=0.0):
     """Return what is computed of each point, with the least steps of the points."""
     steps = default_steps(points, impact)
     return RunSpec(
-        "exact", impact, steps, transient, None, periods, phase, 0, False, True, None, False, None,
-        (),
+        "exact", impact, steps, transient, None, periods, phase, 0.0, 0, False, True, None, False,
+        None, (),
     )  # fmt: skip
 
 

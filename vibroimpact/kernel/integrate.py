@@ -32,6 +32,7 @@ def integrate(
     transient: int = 1000,
     periods: int = 100,
     phase: float = 0.0,
+    start: float = 0.0,
     at_section: bool = False,
     impacts: int = 64,
     lyapunov: bool = False,
@@ -57,8 +58,10 @@ def integrate(
     phase : float
         omega t mod 2 pi of the stroboscopic section, in [0, 2 pi) [rad]. It is always a point of
         the grid of steps.
+    start : float
+        omega t at the start, in [0, 2 pi) [rad].
     at_section : bool
-        Whether the start is the state at a passage of `phase` instead of at t = 0. A run that
+        Whether the start is the state at a passage of `phase` instead of at `start`. A run that
         starts at the last section of another run continues it.
     impacts : int
         How many of the last impacts to keep, at most 1,000,000.
@@ -110,7 +113,7 @@ def integrate(
            [-0.1716, -0.4215]])
     """
     refuse_invalid(points, beyond_stop=at_section and impact == "plain")
-    scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section)
+    scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section, start)
     if lyapunov and scheme.method[0] != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
     counts = transient, periods, impacts

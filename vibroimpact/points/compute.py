@@ -55,17 +55,16 @@ def compute_points(
     threads: int | None,
     *,
     at_section: bool = False,
-    start: float = 0.0,
     interrupt: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Compute `points` of shape (n,), each from its own start; results as of `compute_box`.
 
-    x0 and v0 are the state at omega t = `start` or, with `at_section`, at the phase of the section.
-    The results are then not those of a start at rest, and nothing is scaled.
+    x0 and v0 are the state at the phase of the start or, with `at_section`, of the section. The
+    results are then not those of a start at rest, and nothing is scaled.
     """
 
     def part(spec: RunSpec, points: np.ndarray, later: bool) -> dict[str, np.ndarray]:
-        return _run(spec, points, threads, at_section or later, interrupt, start)
+        return _run(spec, points, threads, at_section or later, interrupt)
 
     def run(points: np.ndarray) -> dict[str, np.ndarray]:
         if spec.longest is None:
@@ -83,14 +82,14 @@ def _run(
     threads: int | None,
     at_section: bool,
     interrupt: np.ndarray | None,
-    start: float = 0.0,
 ) -> dict[str, np.ndarray]:
     """Compute points without scaling, following or period class."""
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
     scheme = scheme_of(
-        points, spec.integrator, spec.impact, spec.steps_per_period, spec.phase, at_section, start
-    )
+        points, spec.integrator, spec.impact, spec.steps_per_period, spec.phase, at_section,
+        spec.start,
+    )  # fmt: skip
     counts = spec.transient, spec.periods, spec.impacts
     results = run_points(points, scheme, counts, spec.lyapunov, threads, interrupt, spec.period)
     begun = results.pop("begun")
@@ -99,10 +98,12 @@ def _run(
             lead = lead_in(spec.phase, spec.phase, spec.steps_per_period)
             points, scheme = points.copy(), scheme._replace(lead=lead)
             points["x0"], points["v0"] = begun.T
+        # A start beyond the phase of the section passes it in the next period of the clock.
+        first = spec.transient + (not at_section and spec.start > spec.phase)
         # A rest has two events besides its impacts, and may begin before the record.
         events = spec.periods * results["impacts_per_period"] + 2.0 * results["chatters"] + 2.0
         results |= trajectories(
-            points, scheme, spec.periods, spec.transient, spec.every, threads, interrupt,
+            points, scheme, spec.periods, first, spec.every, threads, interrupt,
             int(np.nan_to_num(events).max(initial=0.0)),
         )  # fmt: skip
     return results

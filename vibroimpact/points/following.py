@@ -1,6 +1,6 @@
 """Chains of points: each starts from the final state of its neighbour along one axis.
 
-The first point of a chain starts as every point of a sweep does, from x0, v0 at t = 0. Each further
+The first point of a chain starts as every point of a sweep does, from x0, v0. Each further
 point starts at the section, in the last state that its neighbour recorded there. So its transient
 and its record continue the motion of the neighbour at another value of the axis. If the clearance
 is followed and the stop has moved past that state, the mass starts on the stop. If the neighbour

@@ -67,10 +67,10 @@ def _put_start(log, t, pt, resting):
 
 
 @specialised
-def _first_state(pt, rule, s, first):
+def _first_state(pt, rule, s, continued):
     """Return the state at the start, where the phase has the sine `s`, or at a later section."""
     x, v, resting = start(pt, s)
-    if first > 0:  # a run that came there at speed 0 rests, even if its release is due
+    if continued:  # a run that came there at speed 0 rests, even if its release is due
         resting = x == pt.clearance and v == 0.0
     return to_state(rule, x, v, resting and rule != PLAIN, pt)
 
@@ -86,7 +86,8 @@ def _trace(pt, scheme, periods, first, every, most_rows, log, interrupt, prepare
     """
     scratch, (method, lead, grid) = new_scratch(), scheme
     rule = method[0]
-    state, status = _first_state(pt, rule, sine_at_start(lead, grid), first), 0
+    continued = first > 0 and lead.size == 0
+    state, status = _first_state(pt, rule, sine_at_start(lead, grid), continued), 0
     size, T = grid.size, grid.phase_step / pt.omega
     t = (2.0 * math.pi * first + grid.table[THETA, 0]) / pt.omega
     rows = 0

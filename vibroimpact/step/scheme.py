@@ -151,11 +151,10 @@ def scheme_of(
 ) -> Scheme:
     """Check a method and lay out its steps; arguments as for ``integrate``.
 
-    If the start is not `at_section`, it is at omega t = `start`, below 2 pi.
     A ValueError says which name is unknown, which number is out of range, that the impact rule does
     not work with the integrator, or that the rule ``exact`` needs more steps.
     """
-    first = _phase(phase)
+    first, start = _phase("phase", phase), _phase("start", start)
     one_of("integrator", integrator, INTEGRATORS)
     one_of("impact", impact, IMPACT_RULES)
     if impact == "exact" and integrator != "exact":
@@ -177,9 +176,9 @@ def scheme_of(
     )
 
 
-def _phase(phase: object) -> float:
-    """Return the phase of a section as a float; ValueError if it is not valid."""
+def _phase(name: str, phase: object) -> float:
+    """Return a phase as a float; ValueError if it is not valid."""
     if not isinstance(phase, bool) and isinstance(phase, Real):
         if phase < 2.0 * math.pi and not phase < 0.0:
             return float(phase)
-    raise ValueError(f"phase must be a number from 0 to below 2 pi, not {phase!r}")
+    raise ValueError(f"{name} must be a number from 0 to below 2 pi, not {phase!r}")

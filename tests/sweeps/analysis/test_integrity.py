@@ -193,11 +193,12 @@ def motion(two, x, v):
         ("start.x0=0", "integrity needs x0 and v0 as axes; the file has omega, v0"),
         ("start.x0=[-3, -1, 0]", "the values of x0 are not evenly spaced"),
         ("record.phase=0.5", "the starts are at omega t = 0, and the section is at 0.5"),
+        ("start.phase=0.5", "again with record.phase: 0.5"),
         ("follow={axis: omega}", "run the sweep again without follow"),
     ],
 )
 def test_a_sweep_without_a_window_is_refused(override, message, tmp_path):
-    few = "record={transient: 0, periods: 2}", "start={x0: [-2, -1, 0], v0: [-1, 0, 1]}"
+    few = "record={transient: 0, periods: 2}", "start.x0=[-2, -1, 0]", "start.v0=[-1, 0, 1]"
     path = run_in(tmp_path, CONFIG, *few, override)
     assert message in refused("integrity", path)
 

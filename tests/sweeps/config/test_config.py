@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from sweeps.config.groups import OscillatorConfig, StartConfig
+from sweeps.config.groups import STARTS, OscillatorConfig
 from sweeps.config.json_schema import json_schema
 from sweeps.config.loading import load_config
 from sweeps.config.values import Range
@@ -424,7 +424,7 @@ def test_to_yaml_round_trip(text):
 def test_to_yaml_is_complete_and_keeps_the_order():
     plain = yaml.safe_load(load("start: {v0: 1}\n" + oscillator_yaml()).to_yaml())
     assert list(plain) == ["name", "start", "oscillator", "method", "record", "compression"]
-    assert list(plain["start"]) == ["v0", "x0"]
+    assert list(plain["start"]) == ["v0", "x0", "phase"]
     assert plain["record"] == {
         "transient": 1000, "periods": 100, "phase": 0.0, "impacts": 64, "trajectory": False,
         "diagnostics": ["period"],
@@ -458,7 +458,7 @@ EDGES = (-1.0, -5e-324, 0.0, 5e-324, 0.5, 1.0, 1.0000000000000002, 1.2, 1e300)
 
 @pytest.mark.parametrize("form", ["{v}", "[0.5, {v}]", "{{start: 0.5, stop: {v}, num: 2}}",
                                   "{{start: {v}, stop: 0.5, num: 2}}"])  # fmt: skip
-@pytest.mark.parametrize("name", [*OscillatorConfig.model_fields, *StartConfig.model_fields])
+@pytest.mark.parametrize("name", [*OscillatorConfig.model_fields, *STARTS])
 def test_the_schema_has_the_bounds_of_every_parameter(name, form):
     """An editor marks a number exactly where the parameter does not allow it."""
     jsonschema = pytest.importorskip("jsonschema")
@@ -468,7 +468,7 @@ def test_the_schema_has_the_bounds_of_every_parameter(name, form):
     for value in EDGES:
         given = form.format(v=f"{value:.17e}")
         text = oscillator_yaml(**{name: given} if name in OscillatorConfig.model_fields else {})
-        text += f"start: {{{name}: {given}}}" if name in StartConfig.model_fields else ""
+        text += f"start: {{{name}: {given}}}" if name in STARTS else ""
         assert validator.is_valid(yaml.safe_load(text)) == PARAMETERS[name].accepts(value), text
 
 

@@ -87,9 +87,10 @@ def test_refused_settings(line, key, given, allowed):
     assert f"{key} = {given}" in message and allowed in message
 
 
-def test_a_start_has_no_phase():
-    message = refusal(oscillator_yaml() + "start: {phase: 1.5}\n")
-    assert "unknown key start.phase (every motion starts at omega t = 0); expected: " in message
+@pytest.mark.parametrize("phase", ["-0.1", "6.3", "[0, 1]", "{start: 0, stop: 1, num: 2}"])
+def test_the_phase_of_the_start_is_one_number(phase):
+    message = refusal(oscillator_yaml() + f"start: {{phase: {phase}}}\n")
+    assert "start.phase = " in message and "a number >= 0 and < 2 pi" in message
 
 
 def test_a_key_that_is_gone_names_what_takes_its_place():

@@ -1,0 +1,161 @@
+"""The phase of the force at the start of every motion: `start: {phase: 1.5}`."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sweeps import attractors, knocks, open_sweep, plotting
+from sweeps.explorer.view import View
+from tests.helpers import naive
+from tests.helpers.commands import accepted
+from tests.helpers.configurations import load
+from tests.helpers.sweep_files import data, run_and_read, run_in
+from vibroimpact import INTEGRATORS, Oscillator, integrate, simulate
+
+OSC = Oscillator(h=0.05, R=0.8, omega=1.3, f=0.4, clearance=0.3, a=0.2)
+CONFIG = """
+oscillator: {h: 0.05, R: 0.8, omega: 1.3, f: 0.4, clearance: 0.3, a: 0.2}
+start: {x0: [-1.0, 0.0, 0.3], v0: [-0.5, 0.6], phase: 4.0}
+record: {transient: 0, periods: 6, phase: 1.0, trajectory: {every: 1}}
+"""
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_free_motion_from_any_phase_is_the_closed_form(integrator):
+    """To the error of the steps, from starts before and beyond the phase of the section."""
+    free, error = naive.oscillator(0.05, 0.8, 1.3, clearance=50.0, a=0.2), []
+    points = Oscillator(**vars(free)).at(-0.7, 0.4)
+    for start in (0.0, 0.9, 2.5, 6.1):
+        flight = naive.ClosedForm(free, start / 1.3, -0.7, 0.4)
+        run = integrate(
+            points, integrator=integrator, impact="exact" if integrator == "exact" else "plain",
+            steps_per_period=1000, transient=0, periods=2, phase=1.7, start=start,
+        )  # fmt: skip
+        turns = np.arange(1, 3) + (start > 1.7)
+        x, v = flight((1.7 + 2.0 * math.pi * turns) / 1.3)
+        error += [run["poincare_x"][0] - x, run["poincare_v"][0] - v]
+    order = INTEGRATORS[integrator].order
+    assert np.abs(error).max() < {None: 1e-12, 1: 0.1, 2: 1e-4, 4: 1e-9}[order]
+
+
+def test_a_motion_goes_on_from_its_own_state_at_any_phase():
+    """At the phase of the section with the same bits, at others to rounding."""
+    first = integrate(OSC.at(-0.5), transient=3, periods=1, phase=4.0)
+    points = OSC.at(float(first["poincare_x"][0, 0]), float(first["poincare_v"][0, 0]))
+    for how in ({"start": 4.0, "phase": 4.0}, {"at_section": True, "phase": 4.0}):
+        again = integrate(points, transient=0, periods=5, **how)
+        whole = integrate(OSC.at(-0.5), transient=4, periods=5, phase=4.0)
+        for name in ("poincare_x", "poincare_v", "impact_phase", "impact_v"):
+            assert np.array_equal(again[name], whole[name], equal_nan=True), (how, name)
+    again = integrate(points, transient=0, periods=5, start=4.0, phase=1.0)
+    whole = integrate(OSC.at(-0.5), transient=5, periods=5, phase=1.0)
+    assert again["poincare_x"] == pytest.approx(whole["poincare_x"], abs=1e-12)
+
+
+@pytest.mark.parametrize("start", [-0.1, 2.0 * math.pi, math.nan, "1", True])
+def test_a_phase_that_cannot_be_is_refused(start):
+    with pytest.raises(ValueError, match="start must be a number from 0 to below 2 pi"):
+        integrate(OSC.at(), start=start)
+
+
+def test_a_sweep_starts_at_the_phase_of_its_start():
+    """Results, trajectories and their times are those of `simulate` from that phase."""
+    swept = run_and_read(load(CONFIG))
+    flat = swept.stack(point=("x0", "v0"))
+    for i in range(flat.sizes["point"]):
+        one = flat.isel(point=i)
+        run = simulate(OSC, 8, phase=4.0, x0=float(one["x0"]), v0=float(one["v0"]))
+        t = one["trajectory_t"].values[np.isfinite(one["trajectory_t"].values)]
+        assert t[[0, -1]] == pytest.approx((1.0 + 2.0 * math.pi * np.array([1, 7])) / 1.3)
+        hits = np.flatnonzero(np.diff(t) == 0.0)
+        expected = run.impact_t[(run.impact_t > t[0]) & (run.impact_t < t[-1])]
+        assert len(expected) > 2
+        np.testing.assert_allclose(t[hits], expected, atol=1e-11)
+        speeds = run.impact_v[(run.impact_t > t[0]) & (run.impact_t < t[-1])]
+        np.testing.assert_allclose(one["trajectory_v"].values[hits], speeds, atol=1e-11)
+
+
+@pytest.mark.parametrize("transient", ["7", "auto"])
+def test_every_way_to_run_a_point_starts_there(transient):
+    """Grid, table, first points of chains, and transients that are found have the same bits."""
+    change = [f"record.transient={transient}", "record.trajectory=false"]
+    grid = run_and_read(load(CONFIG, *change))
+    assert (run_and_read(load(CONFIG, *change, "start.phase=3.9"))["poincare_x"]
+            != grid["poincare_x"]).any()  # fmt: skip
+    table = """
+oscillator: {h: 0.05, R: 0.8, omega: 1.3, f: 0.4, clearance: 0.3, a: 0.2}
+points: {x0: [-1.0, 0.3], v0: [0.6, -0.5], phase: [8, 9]}
+start: {phase: 4.0}
+record: {transient: 0, periods: 6, phase: 1.0}
+"""
+    rows = run_and_read(load(table, *change[:1]))
+    corners = [grid.sel(x0=-1.0, v0=0.6), grid.sel(x0=0.3, v0=-0.5)]
+    for row, corner in enumerate(corners):
+        assert np.array_equal(rows["poincare_x"][row], corner["poincare_x"])
+    if transient != "auto":
+        text = CONFIG + "follow: {axis: omega, direction: down}\n"
+        chain = run_and_read(
+            load(
+                text,
+                *change,
+                "oscillator.omega=[1.2, 1.3]",
+                f"method.steps_per_period={load(CONFIG).method.steps_per_period + 3}",
+            )
+        )
+        grid = run_and_read(
+            load(
+                CONFIG,
+                *change,
+                f"method.steps_per_period={load(CONFIG).method.steps_per_period + 3}",
+            )
+        )
+        assert np.array_equal(chain["poincare_x"].sel(omega=1.3), grid["poincare_x"])
+
+
+BASINS = """
+oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
+start: {x0: {start: -3, stop: 0.6, num: 13}, v0: {start: -3, stop: 3, num: 13}, phase: 1.1}
+record: {transient: 100, periods: 16, phase: 1.1}
+"""
+
+
+@pytest.mark.slow
+def test_basins_at_another_phase(tmp_path):
+    """Each start is classed as one period of its motion later, and a knock is that of phase 0."""
+    path = run_in(tmp_path, BASINS)
+    with open_sweep(path) as dataset:
+        period = dataset["period"].values
+        assert set(np.unique(period)) == {1, 2}
+        points = load(BASINS).sweep.grid.points((slice(None),) * 2)
+        later = integrate(points, transient=0, periods=1, phase=0.0, start=1.1)
+        points["x0"], points["v0"] = later["poincare_x"][:, 0], later["poincare_v"][:, 0]
+        ends = integrate(points, transient=100, periods=4)["poincare_x"]
+        twice = np.abs(ends[:, -1] - ends[:, -2]) > 1e-6
+        assert np.array_equal(twice.reshape(period.shape), period == 2)
+        assert "at omega t = 1.1" in accepted("integrity", path)
+        plotting.basins(dataset).savefig(tmp_path / "basins.png")
+        here = knocks(dataset)
+    there = run_in(tmp_path, BASINS, "start.phase=0", "record.phase=0", name="there.h5")
+    with open_sweep(there) as dataset:
+        assert attractors(dataset).sizes["coexisting"] == 2
+        other = knocks(dataset)
+    assert np.sort(np.abs(here["knock_harmful"])) == pytest.approx(
+        np.sort(np.abs(other["knock_harmful"])), rel=1e-6
+    )
+
+
+def test_the_phase_is_kept_and_shown(tmp_path):
+    """In the file, on the page, in the title, and in the configuration that each of them saves."""
+    path = run_in(tmp_path, CONFIG, "start.x0=0", "start.v0=0", "record.trajectory=false")
+    assert "phase: 4.0" in accepted("info", path, "--config")
+    again = run_in(tmp_path, accepted("info", path, "--config"), name="again.h5")
+    assert data(again).equals(data(path))
+    view = View.of(load(CONFIG))
+    assert view.diagram(3).start.phase == 4.0
+    with open_sweep(path) as dataset:
+        figure = plotting.trajectory(dataset)
+        assert "after 6.52254 forcing periods" in figure._suptitle.get_text()  # (14 pi - 3) / 2 pi
+        figure = plotting.section(dataset)
+        title = figure._suptitle.get_text().replace("\N{NO-BREAK SPACE}", " ")
+        assert "start at phase 4 rad, phase 1 rad, transient 0" in title.replace("\n", " ")
