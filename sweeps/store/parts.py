@@ -51,6 +51,8 @@ _ABOUT = np.dtype([("sweep", "u4"), ("number", "u4"), ("samples", "u8"), ("secon
 _SYNC = 1.0
 #: What else may have happened to a block that a reader does not find.
 _ELSE = "its sweep was completed or begun anew; open the sweep again"
+#: What to do with a block that the disk cannot read any more.
+_LOST = "delete that file, and the run computes its points again"
 
 
 class Entry(NamedTuple):
@@ -89,6 +91,7 @@ def remove(folder: Path) -> None:
     with suppress(OSError):  # on Windows, another process is reading it; there are other files
         with suppress(FileNotFoundError):
             os.replace(folder / SCHEMA, draft_of(folder / SCHEMA))
+            sync_names(folder)  # a loss of power leaves no schema without its blocks
         _remove(folder, BLOCK)
         sync_names(folder)
         _remove(folder, DRAFT)
@@ -142,7 +145,8 @@ class Parts:
                 self.entries[number] = self._entry(number)
                 if verify:
                     self.read(number, self.schema.variables)
-            except UnreadableError:
+            except UnreadableError as error:
+                error.args = (f"{error}; if that stays so, {_LOST}",)
                 raise
             except StoreError:
                 self.entries.pop(number, None)
@@ -195,14 +199,18 @@ class Parts:
             points[name] = arrays[name]
         records = {name: array for name, array in arrays.items() if not _is_single(name)}
         about = np.array((self._sweep, number, samples, seconds), _ABOUT)
-        if (now := time.monotonic()) > self._synced + _SYNC:  # the names of the blocks before
-            sync_names(self.folder)
-            self._synced = now
         with drafted(self._file(number)) as new:
             with zipfile.ZipFile(new, "w") as file:
                 for name, array in {"about": about, "points": points, **records}.items():
                     _write_array(file, name, array)
         self.entries[number] = Entry(samples, seconds, identity(self._file(number)))
+        if time.monotonic() > self._synced + _SYNC:
+            self.sync()
+
+    def sync(self) -> None:
+        """Wait until the names of all blocks are on the disk."""
+        sync_names(self.folder)
+        self._synced = time.monotonic()
 
     def refuse_loss(self) -> None:
         """Raise Failed if another program has removed or replaced the schema."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +67,9 @@ def sweep_writer(
         yield SweepWriter(path, parts)
     except StoreError as error:  # a block has changed since it passed its checks
         raise Failed(str(error)) from error
+    finally:
+        with suppress(OSError):  # an earlier error matters more; a completed sweep has no folder
+            parts.sync()
 
 
 class SweepWriter:

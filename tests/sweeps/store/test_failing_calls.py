@@ -101,7 +101,7 @@ def test_a_run_that_fails_while_its_blocks_cannot_be_read_does_not_say_that_none
     monkeypatch,
 ):
     fill_blocks("out.h5", 4)
-    said = r"kept is not known, because '.*' cannot be read: Input/output error; to go on: CMD$"
+    said = r"kept is not known, because .* cannot be read: Input/output error.*; to go on: CMD$"
     texts = []
     for which in range(12):
         with one_failing(monkeypatch, which, errno.EIO):
@@ -130,3 +130,23 @@ def test_a_folder_of_blocks_without_a_schema_is_kept_unless_overwritten(complete
     fill_blocks("out.h5", overwrite=True)
     open_sweep("out.h5").close()
     assert not PARTS.exists()
+
+
+def test_a_block_that_the_disk_cannot_read_any_more_is_named_and_can_be_deleted(monkeypatch):
+    fill_blocks("whole.h5")
+    fill_blocks("out.h5", 4)
+    block, opened = PARTS / "block-000002.npz", io.open
+
+    def failing(path, *arguments, **options):
+        if str(path).endswith(block.name):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return opened(path, *arguments, **options)
+
+    said = r"block-000002\.npz' cannot be read: Input/output error; if that stays so, delete that"
+    for read in (lambda: fill_blocks("out.h5", resume=True), lambda: open_sweep("out.h5")):
+        with monkeypatch.context() as patch, pytest.raises(SweepError, match=said):
+            patch.setattr(io, "open", failing)
+            read()
+    block.unlink()
+    fill_blocks("out.h5", resume=True)
+    xr.testing.assert_identical(data("out.h5"), data("whole.h5"))
