@@ -132,12 +132,14 @@ def find_bifurcations(
     axis: str | None = None,
     at: Selection | None = None,
     check: Callable[[], object] = lambda: None,
+    find: Callable[..., xr.Dataset] = branches,
     **chosen: Any,
 ) -> pd.DataFrame:
     """Return the table of `bifurcations` with a `Label` for each class, and two columns more.
 
     ``down`` says whether the line was followed downwards, and ``narrow`` whether the branch of a
-    bifurcation is stable over less than 1 % of the axis. The attribute ``heads`` has the heads of
+    bifurcation is stable over less than 1 % of the axis. `find` is `branches`, or a function with
+    its arguments. The attribute ``heads`` has the heads of
     the other axes and the axis.
     """
     import pandas as pd
@@ -164,7 +166,7 @@ def find_bifurcations(
         row["value"] = on_axis(dataset, along, row["value"])
     summary = ""
     if _has_one_line(dataset, along, at):
-        exact = branches(dataset, along, at, check, **chosen)
+        exact = find(dataset, along, at, check, **chosen)
         summary, way = exact.attrs["summary"], dict.fromkeys(others, _BOTH)
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))

@@ -11,7 +11,7 @@ classes passes within one cell of it. For every other change a reason is given.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -57,6 +57,7 @@ def curves(
     dataset: xr.Dataset,
     axes: Sequence[str] = (),
     at: Selection | None = None,
+    report: Callable[[float], object] = lambda share: None,
     *,
     classes: Collection[tuple[int, int]] = (),
     kinds: Collection[str] = (),
@@ -71,10 +72,13 @@ def curves(
         Abscissa and ordinate, by default those of a map.
     at : mapping of str to float, optional
         Values of the other swept axes; by default the first.
+    report : callable, optional
+        Called before each curve with the share of the changes that have a curve or a reason; an
+        exception that it raises ends the work.
     classes : collection of (int, int), optional
-        m and q of the curves to return, by default all that are found.
+        m and q of the curves to follow, by default all; no others are followed on the way.
     kinds : collection of str, optional
-        ``flip``, ``fold`` or ``graze``: the kinds of the curves to return, by default all.
+        ``flip``, ``fold`` or ``graze``: the kinds of the curves to follow, by default all.
 
     Returns
     -------
@@ -83,7 +87,7 @@ def curves(
         ``curve`` (the number of the curve), ``kind``, ``m`` and ``q`` of the curve, and
         ``special``, the kind of a special point, empty for all other points. The attribute
         ``changes`` counts the changes between periodic classes, of which one is among `classes`, if
-        given; ``explained`` counts those with a curve of any class within one cell; ``summary``
+        given; ``explained`` counts those with such a curve within one cell; ``summary``
         says why the others have none.
 
     Raises
@@ -118,7 +122,7 @@ def curves(
     check_diagnostic(dataset, "period")
     cut = select(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
     names = model_name(across), model_name(up)
-    return orbits_on_axes(dataset, _Search(cut, names, classes, kinds or KINDS).run())
+    return orbits_on_axes(dataset, _Search(cut, names, classes, kinds or KINDS).run(report))
 
 
 def summary(
@@ -173,6 +177,19 @@ def map_axes(
     return chosen
 
 
+def separated(kind: str, m: int, q: int) -> set[tuple[int, int]]:
+    """Return the classes beside a curve of a kind and of a class m/q."""
+    if kind == "flip":
+        return {(m, q), (2 * m, 2 * q)}
+    if kind == "graze":
+        return {(m, q), (1, 0) if q == 1 else (m, q - 1)}
+    return {(m, q)}
+
+
+class _UnaskedError(OrbitError):
+    """There is a bifurcation, of a class or kind that was not asked for."""
+
+
 class _Search:
     """The search for the curves of one map."""
 
@@ -192,31 +209,52 @@ class _Search:
         self._names = [tuple(sorted(map(tuple, pair))) for pair in zip(*sides, strict=True)]
         self._explained = np.zeros(len(self._cells), bool)
         self._lines: list[tuple[Branch, cKDTree]] = []
+        of_chosen = [any(mq in chosen for mq in pair) or not chosen for pair in self._names]
+        #: The changes that are counted, and from which curves are sought.
+        self._counted = np.array(of_chosen, bool)
 
-    def run(self) -> xr.Dataset:
+    def _is_asked(self, kind: str, mq: tuple[int, int]) -> bool:
+        """Whether a curve of a kind and of a class is asked for."""
+        return kind in self._kinds and (not self._chosen or mq in self._chosen)
+
+    def _may_border(self, mq: tuple[int, int]) -> bool:
+        """Whether a curve that is asked for may border a region of a class."""
+        return any(
+            not self._chosen or any(mq in separated(kind, *own) for own in self._chosen)
+            for kind in self._kinds
+        )
+
+    def run(self, report: Callable[[float], object]) -> xr.Dataset:
         """Search from the large tongues, and then from every change that no curve explains yet."""
         for cell, axis in middles_of_regions(self._classes):
+            if not self._may_border(tuple(self._classes[*cell].tolist())):
+                continue
+            report(self._share(()))
             for point in self._borders(cell, axis):
                 if not self._is_on_curve(point, axis, cell):
                     with suppress(OrbitError):  # the search from its changes reports the reason
                         self._follow(point)
         reasons: dict[int, str] = {}
         while (chosen := self._next(reasons)) is not None:
+            report(self._share(reasons))
             try:
                 self._follow(self._bifurcation(self._cells[chosen]))
                 reasons[chosen] = "the curve found there is of other classes"
+            except _UnaskedError as error:
+                pair = self._names[chosen]  # its other changes are likely to be of the same kind
+                reasons |= {i: str(error) for i, name in enumerate(self._names) if name == pair}
             except OrbitError as error:
                 reasons[chosen] = str(error)
         return self._as_dataset(reasons)
 
+    def _share(self, reasons: Collection[int]) -> float:
+        """Return the share of the counted changes that have a curve or a reason."""
+        explained = int((self._counted & self._explained).sum())
+        return (explained + len(reasons)) / max(1, int(self._counted.sum()))
+
     def _as_dataset(self, reasons: Mapping[int, str]) -> xr.Dataset:
         """Collect the chosen curves, and the counts of their changes, as `curves` returns them."""
-        found = [curve for curve, _ in self._lines if curve.kind in self._kinds]
-        shown = np.ones(len(self._cells), bool)
-        if self._chosen:
-            found = [curve for curve in found if (curve.m, curve.q) in self._chosen]
-            is_chosen = [any(mq in self._chosen for mq in pair) for pair in self._names]
-            shown = np.array(is_chosen, bool)
+        found, shown = [curve for curve, _ in self._lines], self._counted
         counted: dict[str, Counter[str]] = {}
         for i in np.flatnonzero(shown & ~self._explained).tolist():
             pair = " and ".join(f"{m}/{q}" for m, q in self._names[i])
@@ -246,7 +284,7 @@ class _Search:
         for side in (-1.0, 1.0):
             beyond = [pair for pair in away if side * pair[0] > 0.0]
             _, point = min(beyond, key=lambda pair: abs(pair[0]), default=(0.0, None))
-            if point is not None and point.kind in KINDS:
+            if point is not None and self._is_asked(point.kind, (point.orbit.m, point.orbit.q)):
                 yield point
 
     def _is_on_curve(self, point: SpecialPoint, axis: int, cell: np.ndarray) -> bool:
@@ -265,7 +303,7 @@ class _Search:
         Only changes without a curve and without a reason count; None if there is none.
         """
         groups: dict[tuple[tuple[int, int], ...], list[int]] = {}
-        for i in np.flatnonzero(~self._explained).tolist():
+        for i in np.flatnonzero(self._counted & ~self._explained).tolist():
             if i not in reasons:
                 groups.setdefault(self._names[i], []).append(i)
         if not groups:
@@ -293,9 +331,12 @@ class _Search:
             except OrbitError as error:
                 reason = str(error)
         bifurcations = [point for point in points if point.kind in KINDS]
-        if bifurcations:
+        asked = [p for p in bifurcations if self._is_asked(p.kind, (p.orbit.m, p.orbit.q))]
+        if asked:
             middle = 0.5 * (ends[0] + ends[1])
-            return min(bifurcations, key=lambda point: abs(point.value - middle))
+            return min(asked, key=lambda point: abs(point.value - middle))
+        if bifurcations:
+            raise _UnaskedError("the curve there is of a class or kind that was not asked for")
         ends_so = [point.kind for point in points if point.kind != "edge"]
         raise OrbitError(f"a branch ends there: {ends_so[0]}" if ends_so else reason)
 
@@ -313,12 +354,8 @@ class _Search:
         curve = bifurcation_curve(point.orbit, point.kind, first, second)
         line = self._line(curve)
         self._lines.append((curve, line))
-        separated = {(curve.m, curve.q)}
-        if curve.kind == "flip":
-            separated.add((2 * curve.m, 2 * curve.q))
-        elif curve.kind == "graze":
-            separated.add((1, 0) if curve.q == 1 else (curve.m, curve.q - 1))
-        separated_rows = np.array([not separated.isdisjoint(pair) for pair in self._names], bool)
+        beside = separated(curve.kind, curve.m, curve.q)
+        separated_rows = np.array([not beside.isdisjoint(pair) for pair in self._names], bool)
         rows = np.flatnonzero(separated_rows & ~self._explained)
         owners, middles = steps_between(self._cells[rows])
         distances, _ = line.query(middles, p=np.inf)

@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import sys
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -238,14 +239,19 @@ def say(text: object, *, error: bool = False, end: bool = True) -> None:
 
 
 @contextmanager
-def preparing_shown() -> Iterator[None]:
-    """Show on a terminal while code is compiled in the block, which takes many seconds."""
+def progress_shown() -> Iterator[Callable[..., None]]:
+    """Show on a terminal how far the work in the block is, and while its code is compiled.
+
+    Call the result with the share that is done, or without one if that is not known.
+    """
     from rich.console import Console
 
+    from sweeps.text import shown_duration
     from vibroimpact.jit import watched
 
     console = Console(stderr=True, quiet=not sys.stderr.isatty(), markup=False)
     status = console.status("")
+    begin = time.perf_counter()
 
     def show(text: str) -> None:
         status.update(text)
@@ -254,9 +260,17 @@ def preparing_shown() -> Iterator[None]:
         else:
             status.stop()
 
+    def report(share: float | None = None) -> None:
+        seconds = time.perf_counter() - begin
+        text = f"following exact orbits: {shown_duration(seconds)}"
+        if share is not None and share > 0.02:
+            left = shown_duration(seconds * (1.0 - share) / share)
+            text += f", {100.0 * share:.0f} % of the changes, about {left} left"
+        show(text)
+
     try:
         with watched(show):
-            yield
+            yield report
     finally:
         status.stop()
 

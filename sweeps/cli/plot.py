@@ -26,7 +26,7 @@ from sweeps.cli.options import (
     limits,
     named,
     opened,
-    preparing_shown,
+    progress_shown,
     say,
     say_moved,
     selection_of,
@@ -298,22 +298,24 @@ def _exact(
     from sweeps.analysis import tables
     from sweeps.analysis.exact_branches import branches
     from sweeps.analysis.exact_curves import curves, map_axes
+    from sweeps.analysis.kept import kept
     from sweeps.plotting.lines import select_line
 
-    axes, chosen = options.get("axes", ()), options["exact"]
+    axes, chosen, notes = options.get("axes", ()), options["exact"], list[str]()
     if kind == "map":
         if "most" in chosen:
             raise Refused(
                 f"--most {chosen['most']} limits exact branches, and a map shows curves; expected: "
                 "--exact, with or without --classes"
             )
-        with preparing_shown():
-            found = curves(dataset, map_axes(dataset, axes, cut), cut, **chosen)
-        return found, found.attrs["summary"].split("\n"), tables.curve_table(found)
+        with progress_shown() as report:
+            find = kept(curves, notes.append)
+            found = find(dataset, map_axes(dataset, axes, cut), cut, report, **chosen)
+        return found, [*found.attrs["summary"].split("\n"), *notes], tables.curve_table(found)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
-    with preparing_shown():
-        found = branches(dataset, axis, cut, **chosen)
-    lines = found.attrs["summary"].split("\n")
+    with progress_shown() as report:
+        found = kept(branches, notes.append)(dataset, axis, cut, report, **chosen)
+    lines = [*found.attrs["summary"].split("\n"), *notes]
     return found, lines, tables.branch_table(found, coordinate)

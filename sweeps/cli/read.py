@@ -22,7 +22,7 @@ from sweeps.cli.options import (
     branch_options,
     named,
     opened,
-    preparing_shown,
+    progress_shown,
     say,
     say_moved,
     selection_of,
@@ -49,7 +49,7 @@ def attractors(
     with opened(file) as dataset, named(file):
         here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
-        with preparing_shown():
+        with progress_shown():
             found = attractors(shown)
         say_moved(cuts, here, "shown")
         _show_attractors(shown, found, csv)
@@ -70,7 +70,7 @@ def integrity(
     with opened(file) as dataset, named(file):
         here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
-        with preparing_shown():
+        with progress_shown():
             found = integrity(shown)
             if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
                 found = knocks(shown, found)
@@ -161,15 +161,21 @@ def _show_bifurcations(
 ) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
     from sweeps.analysis.bifurcations import as_table, find_bifurcations
+    from sweeps.analysis.exact_branches import branches
+    from sweeps.analysis.kept import kept
     from sweeps.analysis.selection import on_grid
     from sweeps.analysis.tables import write_csv
     from sweeps.reports.bifurcations import describe
 
     here = on_grid(dataset, cuts)
-    with preparing_shown():
-        found = find_bifurcations(dataset, axis, here, **chosen)
+    notes = list[str]()
+    with progress_shown() as report:
+        find = kept(branches, notes.append)
+        found = find_bifurcations(dataset, axis, here, report, find, **chosen)
     say_moved(cuts, here, "listed")
     say(describe(dataset, file, found))
+    for note in notes:
+        say(note)
     if csv is not None:
         write_csv(csv, as_table(found))
         say(csv)

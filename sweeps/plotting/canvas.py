@@ -99,30 +99,34 @@ class Picture(Figure):
         """
         look = {"title": title, "frameon": False, "borderpad": 0.2, **_LEGEND}
         if rarest is None:
-            self.make_room(self._legend_of(handles, look))
+            self.make_room(self._legend_of(handles, look)[0])
             return
         most = 0.2 * height if height else 0.25 * self.get_figheight()
         look |= {"fontsize": "small", "title_fontsize": "small", "labelspacing": 0.3}
+        columns = _MOST_COLUMNS
         for count in range(len(rarest) + 1):
             left_out = rarest[:count]
             shown = [one for one in handles if one.get_label() not in left_out]
             if left_out:
                 shown.append(Line2D([], [], linestyle="", label=f"rarer classes: {count}"))
-            legend = self._legend_of(shown, look)
+            legend, fitting = self._legend_of(shown, look, columns)
+            columns = fitting + 1  # fewer entries seldom allow more
             if legend.get_window_extent().height <= most * self.dpi or count == len(rarest):
                 break
             legend.remove()
         self.make_room(legend)
 
-    def _legend_of(self, handles: Sequence[Artist], look: Mapping[str, Any]) -> Legend:
-        """Put a legend below the panels, with as many columns as its width allows."""
-        for columns in range(min(_MOST_COLUMNS, len(handles)), 0, -1):
+    def _legend_of(
+        self, handles: Sequence[Artist], look: Mapping[str, Any], most: int = _MOST_COLUMNS
+    ) -> tuple[Legend, int]:
+        """Put a legend below the panels, with as many columns as its width allows; return both."""
+        for columns in range(min(most, len(handles)), 0, -1):
             legend = self.legend(handles=handles, ncols=columns, loc="outside lower center", **look)
             if columns == 1 or legend.get_window_extent().width <= 0.95 * self.bbox.width:
                 break
             legend.remove()
         legend.get_title().set_multialignment("center")
-        return legend
+        return legend, columns
 
 
 def new_panel(ax: Axes | None, page: Page) -> Axes:

@@ -266,6 +266,12 @@ def _rows(file: io.BufferedReader) -> list[Row] | None:
     return rows if sum(row[2] for row in rows) == start else None
 
 
+def table_of(path: Path) -> list[Row] | None:
+    """Return the table of checksums of a complete file; None if it has no sound one."""
+    with path.open("rb") as file:
+        return _rows(file)
+
+
 def opened(open_file: Callable[[dict[str, Any]], Opened]) -> Opened:
     """Open a complete file with options of h5py: without a lock, where the file system has none.
 

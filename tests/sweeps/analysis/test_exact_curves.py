@@ -98,6 +98,27 @@ def test_chosen_classes_have_all_their_curves(path):
     assert " changes from or to 2/2, 5/1 (" in lines[2]
 
 
+@pytest.mark.slow
+def test_only_the_curves_that_are_asked_for_are_followed(path, monkeypatch):
+    """And the changes beside other curves have that as their reason."""
+    followed, follow = [], exact_curves.bifurcation_curve
+
+    def counted(orbit, kind, *ranges):
+        curve = follow(orbit, kind, *ranges)
+        followed.append((curve.kind, curve.m, curve.q))
+        return curve
+
+    monkeypatch.setattr(exact_curves, "bifurcation_curve", counted)
+    with open_sweep(path) as dataset:
+        curves(dataset)
+        every, followed[:] = list(followed), []
+        found = curves(dataset, classes=[(2, 2)], kinds=["flip"])
+    assert {("flip", 1, 1), ("flip", 2, 2)} <= set(every)
+    assert set(followed) == {("flip", 2, 2)} and len(followed) == every.count(("flip", 2, 2))
+    assert 0 < found.attrs["explained"] < found.attrs["changes"]
+    assert "the curve there is of a class or kind that was not asked for" in found.attrs["summary"]
+
+
 def test_every_large_region_of_a_class_has_a_start():
     classes = np.zeros((40, 40, 2), int)
     classes[2:10, 5:9] = classes[20:30, 20:38] = 1, 1

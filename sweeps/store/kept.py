@@ -1,0 +1,103 @@
+"""Results that were found for a sweep, kept beside its file: ``OUT.h5.exact``.
+
+It is a ZIP of arrays, which `numpy.load` reads, and may be removed at any time. Each result has a
+key, which says what it was computed from and what was asked for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sweeps.errors import Failed, StoreError
+from sweeps.store.file import table_of
+from sweeps.store.paths import open_regular
+from sweeps.store.replacing import of_another_user, writing
+
+#: Ending of the file, its first entry, and most results in it.
+KEPT = ".exact"
+_KEYS = "keys"
+_MOST = 16
+
+Arrays = Mapping[str, np.ndarray]
+
+
+def kept_path(file: Path) -> Path:
+    """Return the path of the results beside a file; for a link, beside its target."""
+    target = file.resolve() if os.path.islink(file) else file
+    return target.with_name(f"{target.name}{KEPT}")
+
+
+def digest_of(file: Path) -> str:
+    """Return a digest of all data of a complete file, from its table of checksums; else ``""``."""
+    rows = table_of(file)
+    return "" if rows is None else hashlib.blake2b(json.dumps(rows).encode()).hexdigest()[:32]
+
+
+def read_kept(file: Path, key: str) -> dict[str, np.ndarray] | None:
+    """Return the arrays kept for a sweep file under a key, or None.
+
+    A file of another user than this one and the owner of the sweep is not read.
+    """
+    found = _entries(file).get(key)
+    return None if found is None else dict(found)
+
+
+def keep(file: Path, key: str, arrays: Arrays, same_source: str) -> None:
+    """Keep arrays under a key, with the others whose key has the text `same_source`.
+
+    Raises StoreError or Failed if there is another file of that name, or none can be written.
+    """
+    path = kept_path(file)
+    if path.exists() and not _is_own(path):
+        raise StoreError(f"{path.name} is another file, and is left alone")
+    entries = {old: value for old, value in _entries(file).items() if same_source in old}
+    entries = {**entries, key: arrays}
+    entries = dict(list(entries.items())[-_MOST:])
+    image = io.BytesIO()
+    flat: dict[str, Any] = {_KEYS: np.array(list(entries))}
+    flat |= {
+        f"{number}/{name}": values
+        for number, part in enumerate(entries.values())
+        for name, values in part.items()
+    }
+    np.savez(image, **flat)
+    with writing(path, "file of exact orbits") as draft:
+        draft.write(image.getbuffer())
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file was written by `keep`."""
+    with suppress(OSError, StoreError, ValueError, zipfile.BadZipFile, Failed):
+        with open_regular(path) as file, zipfile.ZipFile(file) as zipped:
+            return zipped.namelist()[:1] == [f"{_KEYS}.npy"]
+    return False
+
+
+def _entries(file: Path) -> dict[str, Arrays]:
+    """Return all kept arrays by their keys; none of a file that is missing, damaged or foreign."""
+    path = kept_path(file)
+    with suppress(OSError, StoreError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        owner = path.stat()
+        if of_another_user(owner) and owner.st_uid != file.stat().st_uid:
+            return {}
+        with open_regular(path) as opened, np.load(opened, allow_pickle=False) as held:
+            entries: dict[str, dict[str, np.ndarray]] = {}
+            for number, key in enumerate(held[_KEYS].tolist()):
+                start = f"{number}/"
+                entries[key] = {
+                    name.removeprefix(start): held[name]
+                    for name in held.files
+                    if name.startswith(start)
+                }
+            return dict(entries)
+    return {}
