@@ -127,7 +127,7 @@ def test_the_graze_of_a_doubled_orbit_ends_where_the_orbit_flips_and_grazes():
         assert (found.kind, found.m, found.q) in (("graze", 6, 7), ("flip", 3, 3))
         (end,) = [p for p in found.special if p.kind == "graze" and p.value[1] < 0.5]
         ends.append(end.value)
-    assert len(ends) == 2 and ends[0] == pytest.approx(ends[1], abs=1e-6)
+    assert len(ends) == 2 and ends[0] == pytest.approx(ends[1], abs=1e-9)
 
 
 def test_the_graze_of_a_doubled_orbit_is_not_lost_where_newtons_method_fails(monkeypatch):
@@ -696,6 +696,31 @@ def test_the_grazes_of_two_periods_end_where_both_halves_graze(values, phases, s
             )
             assert half.exists and half.characteristic == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
     assert np.ptp(ends, axis=0).max() < 1e-9
+
+
+def test_folds_on_which_all_impacts_lose_their_speed_end_in_the_same_graze():
+    """At h = 0 and omega = p / 2, where every motion without impacts has the period of the force.
+
+    Without units the end depends on R alone, so two pairs of parameters lead to the same end.
+    """
+    osc = Oscillator(
+        h=0.0, R=0.22962440475055887, omega=0.49684387536385977, f=2.8364653295094806,
+        p=1.0026497831094847, clearance=3.0817931897581423,
+    )  # fmt: skip
+    phases, speeds = (4.749380558199104, 10.967371106745038), (0.0165892567959, 0.1053157937763)
+    start, ends = PeriodicOrbit(osc, 2, np.array(phases), np.array(speeds)), []
+    for second in (("omega", 0.27, 0.73), ("f", 0.84, 4.84)):
+        whole = bifurcation_curve(start, "fold", ("p", 0.3, 1.7), second)
+        for i in len(whole.values) * np.array([1, 2, 3]) // 4:
+            special = bifurcation_curve(whole.orbit(i), "fold", ("p", 0.3, 1.7), second).special
+            assert sorted(point.kind for point in special) == ["edge", "graze"]
+            (end,) = [point.orbit for point in special if point.kind == "graze"]
+            assert not end.speeds.any()
+            assert np.sin(end.phases) == pytest.approx([-1.0, -1.0], abs=1e-12)
+            o = end.oscillator
+            ends.append((o.omega / o.p, o.p**2 * o.clearance / o.f))
+    assert np.ptp(ends, axis=0).max() < 1e-8
+    assert ends[0][0] == pytest.approx(0.5, abs=1e-8)
 
 
 def test_the_folds_are_those_of_the_closed_form():

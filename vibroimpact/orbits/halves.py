@@ -105,12 +105,17 @@ class _Beside:
     def at(self, square: float) -> np.ndarray:
         """Return the unknowns at a square of the size, by a polynomial through all points."""
         q, squares = self.family.q, np.array([known for known, _ in self._points])
-        factors = (squares - square) / (squares - squares[:, None] + np.diag(squares - square))
-        even = np.prod(factors, axis=1) @ np.array([values for _, values in self._points])
+        even = interpolated(squares, np.array([values for _, values in self._points]), square)
         mean, change = even[:-q], 0.5 * math.sqrt(square) * even[-q:].reshape(-1, 2)
         first = impacts(mean, q // 2)
         second = first + change + np.array([math.pi * self.family.m, 0.0])
         return unknowns(np.concatenate([first - change, second]), free(mean, q // 2))
+
+
+def interpolated(places: np.ndarray, values: np.ndarray, place: float) -> np.ndarray:
+    """Return the polynomial through values, shape (n, k), at n places; at another place."""
+    factors = (places - place) / (places - places[:, None] + np.diag(places - place))
+    return np.prod(factors, axis=1) @ values
 
 
 def _edge_beside(

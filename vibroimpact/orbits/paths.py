@@ -20,6 +20,7 @@ from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.halves import grazing_flip, parents_flip
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.special_points import special_points
+from vibroimpact.orbits.standstill import standstill
 
 #: Points of a path that are closer than this, in scaled unknowns, may be in a wrong order.
 _SAME_POINT = 1e-7
@@ -99,8 +100,12 @@ def one_way(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
         if step.closed:
             path.closed = True
         elif step.last:
-            kind, X, orbit = ending(step)
-            path.points.pop()
+            kept, (kind, X, orbit) = len(path.points) - 1, ending(step)
+            stands = standstill(family, [X for X, _ in path.points]) if kind == "lost" else None
+            if stands is not None:
+                kept, X = stands
+                kind, orbit = "graze", family.orbit(X)
+            del path.points[kept:]
             path.add(X, kind == "edge" and family.stable(family.point(X, tangent)))
             path.note(kind, orbit)
     return path
