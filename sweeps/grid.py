@@ -155,3 +155,17 @@ class Sweep:
         """Most forcing periods of a point: those that are left out, and those that are kept."""
         spec = self.spec
         return (spec.transient if spec.longest is None else spec.longest) + spec.periods
+
+
+@dataclass(frozen=True)
+class Cost:
+    """The expected cost of a sweep."""
+
+    #: Extrapolated from short trials, which cannot show later changes of the motions; it excludes
+    #: compilation and other processes.
+    seconds: float
+    #: Size of the complete file without compression, with as many samples at impacts as in the
+    #: trials [bytes].
+    file: int
+    memory: int  # for the blocks [bytes]
+    block: int  # number of points in a block

@@ -80,8 +80,9 @@ def integrity(
 
 def _show_attractors(shown: xr.Dataset, found: xr.Dataset, csv: Path | None) -> None:
     """Show the attractors found in a part of a sweep, and write them to a CSV file if given."""
-    from sweeps.analysis.attractor_table import describe, rows, table_of
+    from sweeps.analysis.attractor_table import rows, table_of
     from sweeps.analysis.tables import write_csv
+    from sweeps.reports.attractors import describe
 
     table = rows(shown, found)
     say(describe(shown, found, table))
@@ -130,9 +131,9 @@ def info(
         elif config:
             _show_configuration(dataset)
         else:
-            from sweeps.engine import reports
+            from sweeps.reports.file import contents
 
-            say(reports.contents(dataset), end=False)
+            say(contents(dataset), end=False)
 
 
 def _show_configuration(dataset: xr.Dataset) -> None:

@@ -136,7 +136,7 @@ def plan_of(
     """Return the plan of a sweep in words; refuse the sweep if it takes too much."""
     from sweeps.engine.cluster import computer_for
     from sweeps.engine.estimate import expected_cost
-    from sweeps.engine.reports import plan
+    from sweeps.reports.run import plan
 
     computer = computer_for(client, threads)
     return plan(config, path, expected_cost(config.sweep, path, computer, resume))
@@ -144,7 +144,7 @@ def plan_of(
 
 def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:
     """Run a sweep and print its summary; on failure, name the command that resumes the run."""
-    from sweeps.engine import reports
+    from sweeps.reports import run as reports
 
     old = reports.identities(path) if options["overwrite"] else (None, None)
     try:

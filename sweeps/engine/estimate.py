@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from sweeps.engine.compute import compute
 from sweeps.engine.executors import Computer, in_thread
 from sweeps.engine.memory import available_memory
 from sweeps.errors import StoreError
-from sweeps.grid import Sweep
+from sweeps.grid import Cost, Sweep
 from sweeps.store import bytes_per_point, check_room, widths_of
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
@@ -39,20 +39,6 @@ _AT_IMPACTS = 8
 _TRIAL = 0.1
 #: Least number of points in a trial of a followed sweep.
 _LEAST_TRIED = 16
-
-
-@dataclass(frozen=True)
-class Cost:
-    """The expected cost of a sweep."""
-
-    #: Extrapolated from short trials, which cannot show later changes of the motions; it excludes
-    #: compilation and other processes.
-    seconds: float
-    #: Size of the complete file without compression, with as many samples at impacts as in the
-    #: trials [bytes].
-    file: int
-    memory: int  # for the blocks [bytes]
-    block: int  # number of points in a block
 
 
 #: Forcing periods that a transient takes if it is found, as a guess for the size of blocks.

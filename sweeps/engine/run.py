@@ -19,10 +19,10 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.engine.cluster import computer_for, is_client
 from sweeps.engine.estimate import expected_cost
 from sweeps.engine.executors import Computer
-from sweeps.engine.reports import plan
 from sweeps.errors import Refused
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
+from sweeps.reports.run import plan
 from sweeps.store import Schema, only_writer, sweep_writer
 from sweeps.text import printable
 from vibroimpact.jit import ALL_THREADS, NUMERICS, watched

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sweeps.analysis.attractor_table import Row, classes, parameter_axes, rows, shown_speeds
+from sweeps.analysis.attractor_table import Row, parameter_axes, rows
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.selection import (
@@ -41,6 +41,7 @@ from sweeps.plotting.maps import draw_cells
 from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import ATTRACTORS, OTHER_ATTRACTORS, PARTIAL, REGIMES
 from sweeps.plotting.styled import styled
+from sweeps.reports.attractors import classes, shown_speeds
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
 

@@ -52,7 +52,7 @@ PATIENCE = 300.0
 
 _FORKS = """
 import gc, json, os, signal, sys
-import sweeps.cli.main, sweeps.engine.reports, sweeps.engine.run
+import sweeps.cli.main, sweeps.reports.run, sweeps.engine.run
 from sweeps.cli.__main__ import main
 from vibroimpact import Oscillator, integrate
 

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps.engine.reports import kept
 from sweeps.errors import StoreError, SweepError
+from sweeps.reports.run import kept
 from sweeps.store import kept_points, open_sweep
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import block_results, contents, fill_blocks

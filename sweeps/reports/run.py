@@ -1,4 +1,4 @@
-"""Reports of the commands about a sweep: before a run, after it, and when it ended early."""
+"""A run as text: its plan, its summary, and what is kept when it ends early."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.config.rig import RigConfig, parameter_of, si_name, si_values
+from sweeps.config.rig import parameter_of, si_name, si_values
 from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
     SCHEMA,
-    VARIABLES,
-    columns_of,
     identity,
     is_remarkable,
     is_sweep,
@@ -25,7 +23,6 @@ from sweeps.store import (
 )
 from sweeps.text import (
     in_units,
-    shortest,
     shown_bytes,
     shown_count,
     shown_duration,
@@ -36,16 +33,13 @@ from vibroimpact.points.regimes import UNKNOWN, has_result, partition, regimes_o
 from vibroimpact.status import Evidence, Status
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from sweeps.config.sweep import SweepConfig
-    from sweeps.engine.estimate import Cost
-    from sweeps.grid import Sweep
+    from sweeps.grid import Cost, Sweep
 
 #: If neither is above 0, the mass did not meet the stop.
 _CONTACT = ("impacts_per_period", "rest_fraction")
 #: The variables that say what became of a point and where its motion goes.
-_RESULTS = (
+RESULTS = (
     "status",
     *_CONTACT,
     "class_evidence",
@@ -63,7 +57,7 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
     periods = sweep.size * sweep.most_periods
     units = dict(config.units.items())
     axes = [
-        _axis(shown, values, in_units(parameter_of(name, config.rig).unit, units))
+        shown_axis(shown, values, in_units(parameter_of(name, config.rig).unit, units))
         for name, own in sweep.grid.swept.items()
         for shown, values in si_values({name: own}, config.rig).items()
     ]
@@ -90,12 +84,12 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
 def summary(path: Path, sweep: Sweep) -> str:
     """Describe the result of a complete run of a sweep."""
     try:
-        variables, seconds = per_point(path, _RESULTS)
+        variables, seconds = per_point(path, RESULTS)
     except StoreError as error:
         raise Failed(f"the output is gone: {error}") from error
-    first = f"{path}: {_outcomes(variables)} in {shown_duration(seconds)}"
+    first = f"{path}: {outcomes(variables)} in {shown_duration(seconds)}"
     omega = sweep.grid.along("omega")
-    return "\n".join([first, *_classes(variables, omega, sweep.spec.periods)])
+    return "\n".join([first, *classes(variables, omega, sweep.spec.periods)])
 
 
 def identities(path: Path) -> tuple[object, object]:
@@ -122,66 +116,7 @@ def kept(path: Path, command: str, old: tuple[object, object] = (None, None)) ->
     return f"all of it is kept in {path}" if complete else "nothing is kept"
 
 
-def contents(dataset: xr.Dataset) -> str:
-    """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
-    attributes = dict(dataset.attrs)
-    configuration = attributes.pop("configuration")
-    for name in ("computation", "columns", "in_si"):  # shown in another form
-        attributes.pop(name, None)
-    dims = dataset["status"].dims
-    results = {
-        name: dataset[name].transpose(*dims, ...).values for name in _RESULTS if name in dataset
-    }
-    omega = dataset["omega"].broadcast_like(dataset["status"]).transpose(*dims).values
-    rows = [
-        ("name", str(attributes.pop("name"))),
-        ("points", _outcomes(dataset)),
-        *(("classes", line) for line in _classes(results, omega, dataset.sizes["section"])),
-        *(
-            ("axis", _axis(str(axis), dataset[axis].values, dataset[axis].attrs["units"]))
-            for axis in dataset["status"].dims
-        ),
-        *(
-            ("column", _axis(name, values, str(dataset[name].attrs["units"])))
-            for name, values in columns_of(dataset).items()
-        ),
-        *_of_rig(dataset),
-    ]
-    names = [name for name in VARIABLES if name in dataset]
-    shapes = [f"{name} ({_sizes(dataset[name])})" for name in names]
-    width = max(map(len, shapes))
-    rows += [
-        ("variable", f"{shape:{width}}  {dataset[name].long_name}{_bracketed(dataset[name])}")
-        for name, shape in zip(names, shapes, strict=True)
-    ]
-    attributes["duration"] = shown_duration(float(attributes["duration"]))
-    rows += [(str(name), str(value)) for name, value in attributes.items()]
-    if not isinstance(configuration, str):  # of a table in SI units
-        configuration = configuration.to_yaml(table=False)
-    return f"{table(rows)}\n\n{configuration}"
-
-
-def _of_rig(dataset: xr.Dataset) -> list[tuple[str, str]]:
-    """Return a row for the mass and each fixed quantity of a rig; none without a rig."""
-    fixed = [name for name in RigConfig.model_fields if name in dataset and not dataset[name].dims]
-    return [
-        ("rig", f"{name} = {shortest(dataset[name].item())}{_bracketed(dataset[name])}")
-        for name in fixed
-        if "mass" in dataset
-    ]
-
-
-def _bracketed(variable: xr.DataArray) -> str:
-    """Return the unit of a variable after a space, in brackets; none for a pure number."""
-    unit = variable.attrs["units"]
-    return "" if unit == "1" else f" [{unit}]"
-
-
-def _sizes(variable: xr.DataArray) -> str:
-    return ", ".join(f"{name}: {size}" for name, size in variable.sizes.items())
-
-
-def _axis(name: str, values: np.ndarray, unit: str) -> str:
+def shown_axis(name: str, values: np.ndarray, unit: str) -> str:
     """Describe an axis or a column: its range, its unit and the number of its values."""
     if name == DIRECTION:
         return f"{name} = {', '.join(values)}"
@@ -191,7 +126,7 @@ def _axis(name: str, values: np.ndarray, unit: str) -> str:
     return f"{name} = {ends}, {shown_count(len(values), 'value')}"
 
 
-def _outcomes(variables: Mapping[Any, Any]) -> str:
+def outcomes(variables: Mapping[Any, Any]) -> str:
     """Say how many points there are, and how many have a remarkable outcome."""
     counts = status_counts(variables)
     remarks = [
@@ -211,7 +146,7 @@ def _outcomes(variables: Mapping[Any, Any]) -> str:
     return text
 
 
-def _classes(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> list[str]:
+def classes(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> list[str]:
     """Say how many motions go where, and what is known of those of which this is unknown.
 
     `results` are those of `regimes_of`, with ``orbit_distance``; empty if there are no classes.
