@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 
 def nearest(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
@@ -109,3 +109,13 @@ def shown_duration(seconds: float) -> str:
         if seconds < limit:
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds / 86400:,.3g} days"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Join names with commas."""
+    return ", ".join(names)
+
+
+def choice_of(names: Collection[str], noun: str = "axis") -> str:
+    """Write the allowed names for the message of a refusal."""
+    return f"choose from: {listed(names)}" if names else f"there is no {noun} to choose from"

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.cuts import Selection, select, swept_axes
+from sweeps.analysis.dataset import config_of
 from sweeps.analysis.grouping import STARTS, GridIndex, parameter_at_points, points_of
 from sweeps.analysis.motions import different, run_on
 from sweeps.analysis.rig import parameters_of
-from sweeps.analysis.selection import Selection, choice_of, config_of, select, swept_axes
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.store import columns_of
+from sweeps.text import choice_of
 from vibroimpact.points.regimes import Regime
 
 if TYPE_CHECKING:

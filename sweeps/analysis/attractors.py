@@ -24,12 +24,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.dataset import config_of, described, diagnostics_with
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import SETS, GridIndex
 from sweeps.analysis.motions import cycles_of, different, motions_of
 from sweeps.analysis.regimes import approaching
 from sweeps.analysis.section_distance import TOLERANCE, same_motions
-from sweeps.analysis.selection import config_of, described, diagnostics_with
 from sweeps.analysis.settle import EXTENSIONS, settle
 from sweeps.analysis.tracking import PeriodicAttractors, exact_links, track
 from sweeps.config.rig import model_name

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.cuts import Selection, chosen_axes, select, swept_axes
+from sweeps.analysis.dataset import check_diagnostic, config_of, headed
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.analysis.explanations import NO_LABEL, explain
@@ -24,15 +26,6 @@ from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.motions import motions_of
 from sweeps.analysis.regimes import changes, labels
 from sweeps.analysis.rig import on_axis
-from sweeps.analysis.selection import (
-    Selection,
-    check_diagnostic,
-    chosen_axes,
-    config_of,
-    headed,
-    select,
-    swept_axes,
-)
 from sweeps.config.rig import model_name
 from sweeps.store import DIRECTION
 from vibroimpact.points.regimes import Label, Regime

@@ -17,24 +17,17 @@ import xarray as xr
 
 from sweeps.analysis.branch_set import BranchSet
 from sweeps.analysis.chords import with_short_chords
+from sweeps.analysis.coordinates import COORDINATES, orbit_coordinates
+from sweeps.analysis.cuts import Selection, chosen_axes, select, split_directions
+from sweeps.analysis.dataset import config_of
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.motions import motions_of, orbit_at
 from sweeps.analysis.rig import orbits_on_axes
-from sweeps.analysis.selection import (
-    COORDINATES,
-    Selection,
-    chosen_axes,
-    config_of,
-    listed,
-    orbit_coordinates,
-    select,
-    split_directions,
-)
 from sweeps.config.rig import model_name
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
-from sweeps.text import shown_count
+from sweeps.text import listed, shown_count
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 

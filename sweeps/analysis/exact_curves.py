@@ -18,23 +18,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.cuts import Selection, chosen_axes, select
+from sweeps.analysis.dataset import check_diagnostic, config_of
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import check_axis, with_special_points
 from sweeps.analysis.map_cells import changes, middles_of_regions, steps_between
 from sweeps.analysis.motions import motions_of, orbit_of
 from sweeps.analysis.rig import on_axis, orbits_on_axes
-from sweeps.analysis.selection import (
-    Selection,
-    check_diagnostic,
-    choice_of,
-    chosen_axes,
-    config_of,
-    listed,
-    select,
-)
 from sweeps.config.rig import model_name
 from sweeps.errors import Refused
-from sweeps.text import nearest, shown_count, suggestion
+from sweeps.text import choice_of, listed, nearest, shown_count, suggestion
 from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
 from vibroimpact.orbits.continuation import lost_text
 from vibroimpact.orbits.curves import KINDS, bifurcation_curve

@@ -1,18 +1,17 @@
-"""The parameter point and the start of each point of a sweep, and records read in parts."""
+"""The parameter point and the start of each point of a sweep."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import COORDINATES, recorded_coordinate
 from sweeps.errors import Refused
-from sweeps.grid import TABLE, Grid, block_points
+from sweeps.grid import TABLE
 from sweeps.store import DIRECTION
 from vibroimpact.oscillator import PARAMETERS, POINT
 
@@ -20,8 +19,6 @@ from vibroimpact.oscillator import PARAMETERS, POINT
 STARTS = ("x0", "v0", DIRECTION)
 #: The dimension of the different sets of parameters in a table.
 SETS = "set"
-#: Number of section states read at a time.
-_PART = 500_000
 
 
 @dataclass(frozen=True)
@@ -90,24 +87,3 @@ def parameter_at_points(dataset: xr.Dataset, name: str) -> np.ndarray:
     """Return a parameter, swept or not, at every point of an opened sweep, in C order."""
     values: np.ndarray = dataset[name].variable.set_dims(dataset["status"].sizes).values
     return values.ravel()
-
-
-def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
-    """Return a coordinate at points given in C order, shape (k, record), reading in parts."""
-    width = dataset.sizes[COORDINATES[name].dimension]
-    result = np.empty((len(at), width))
-    for part, cut in in_parts(dataset, _PART // width):
-        wanted = np.flatnonzero((at >= cut.start) & (at < cut.stop))
-        if len(wanted):
-            values = recorded_coordinate(part, name).values.reshape(-1, width)
-            result[wanted] = values[at[wanted] - cut.start]
-    return result
-
-
-def in_parts(dataset: xr.Dataset, size: int) -> Iterator[tuple[xr.Dataset, slice]]:
-    """Yield parts of at most `size` points (at least 1), each with its slice of all in C order."""
-    sizes, stop = dataset["status"].sizes, 0
-    grid = Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
-    for block in grid.blocks(max(1, size)):
-        start, stop = stop, stop + block_points(block)
-        yield dataset.isel(dict(zip(sizes, block, strict=True))), slice(start, stop)

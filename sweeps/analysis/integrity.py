@@ -19,11 +19,13 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.attractors import COUNTED, attractors
+from sweeps.analysis.cuts import swept_axes
+from sweeps.analysis.dataset import config_of, described
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import points_of
 from sweeps.analysis.motions import run_on
-from sweeps.analysis.selection import config_of, described, listed, swept_axes
 from sweeps.errors import Refused
+from sweeps.text import listed
 
 #: The variables that `integrity` adds, with their meanings and units.
 _MEASURES = {

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import Selection
+from sweeps.analysis.cuts import Selection
 from sweeps.errors import Failed, StoreError
 from sweeps.store.kept import digest_of, keep, kept_path, read_kept
 from vibroimpact.jit import NUMERICS

@@ -24,10 +24,10 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.attractors import attractors
+from sweeps.analysis.dataset import config_of, described, oscillator_of
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.motions import MOTION, orbit_of
 from sweeps.analysis.section_distance import TOLERANCE, section_distance
-from sweeps.analysis.selection import config_of, described, oscillator_of
 from sweeps.errors import Refused
 from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, simulate
 from vibroimpact.points.compute import compute_points

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.dataset import config_of, oscillator_of
 from sweeps.analysis.grouping import points_of
 from sweeps.analysis.regimes import classify
 from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances
-from sweeps.analysis.selection import config_of, oscillator_of
 from sweeps.config.sweep import SweepConfig
 from vibroimpact import integrate
 from vibroimpact.orbits.branches import SpecialPoint, branch

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import config_of
+from sweeps.analysis.dataset import config_of
 from sweeps.config.rig import (
     MASS,
     QUANTITIES,

@@ -24,9 +24,9 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.dataset import config_of
 from sweeps.analysis.grouping import GridIndex
 from sweeps.analysis.motions import put_classes
-from sweeps.analysis.selection import config_of
 from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.compute import compute_points
 from vibroimpact.points.regimes import Regime, regimes_of

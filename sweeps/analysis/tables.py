@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.grouping import in_parts
+from sweeps.analysis.coordinates import COORDINATES
+from sweeps.analysis.parts import in_parts
 from sweeps.analysis.rig import parameters_of
-from sweeps.analysis.selection import COORDINATES
 from sweeps.errors import Refused
 from sweeps.store import VARIABLES, columns_of
 from sweeps.store.replacing import check_target, writing

@@ -10,14 +10,9 @@ from typing import Self
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import (
-    Selection,
-    config_of,
-    oscillator_of,
-    recorded,
-    refuse_unrecorded,
-    select,
-)
+from sweeps.analysis.coordinates import recorded, refuse_unrecorded
+from sweeps.analysis.cuts import Selection, select
+from sweeps.analysis.dataset import config_of, oscillator_of
 from sweeps.errors import Refused
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import exact_samples, simulate

@@ -23,7 +23,7 @@ from sweeps.text import printable, told_apart
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sweeps.analysis.selection import Selection
+    from sweeps.analysis.cuts import Selection
 
 
 def integer(option: str, least: int = 1, most: float = math.inf) -> Callable[[object], int]:

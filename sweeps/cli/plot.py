@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from sweeps.analysis.selection import Selection
+    from sweeps.analysis.cuts import Selection
 
 
 Files = Annotated[list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")]
@@ -262,7 +262,7 @@ def draw(
     **options: Any,
 ) -> None:
     """Write a picture of an opened sweep; report its file and the choices made for it."""
-    from sweeps.analysis.selection import on_grid
+    from sweeps.analysis.cuts import on_grid
     from sweeps.plotting import Page, plot
     from sweeps.plotting.api import check_options, default_kind, silent_cuts
 

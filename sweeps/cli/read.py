@@ -32,7 +32,7 @@ from sweeps.errors import Refused
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sweeps.analysis.selection import Selection
+    from sweeps.analysis.cuts import Selection
 
 
 def attractors(
@@ -43,7 +43,7 @@ def attractors(
     """List the attractors of a sweep, their impact speeds, and how many starts reach each."""
     from sweeps.analysis.attractor_table import cut
     from sweeps.analysis.attractors import attractors
-    from sweeps.analysis.selection import on_grid
+    from sweeps.analysis.cuts import on_grid
 
     cuts = selection_of(at)
     with opened(file) as dataset, named(file):
@@ -62,9 +62,10 @@ def integrity(
 ) -> None:
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
     from sweeps.analysis.attractor_table import cut
+    from sweeps.analysis.cuts import on_grid
+    from sweeps.analysis.dataset import config_of
     from sweeps.analysis.integrity import integrity
     from sweeps.analysis.knocks import knocks
-    from sweeps.analysis.selection import config_of, on_grid
 
     cuts = selection_of(at)
     with opened(file) as dataset, named(file):
@@ -142,7 +143,7 @@ def _show_configuration(dataset: xr.Dataset) -> None:
     If the output is not in UTF-8, it is in ASCII, so that `run` reads it also if PowerShell has
     written it to a file.
     """
-    from sweeps.analysis.selection import config_of
+    from sweeps.analysis.dataset import config_of
 
     rows = dataset.sizes.get("point", 0)
     if rows > 1000:
@@ -162,9 +163,9 @@ def _show_bifurcations(
 ) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
     from sweeps.analysis.bifurcations import as_table, find_bifurcations
+    from sweeps.analysis.cuts import on_grid
     from sweeps.analysis.exact_branches import branches
     from sweeps.analysis.kept import kept
-    from sweeps.analysis.selection import on_grid
     from sweeps.analysis.tables import write_csv
     from sweeps.reports.bifurcations import describe
 
@@ -194,7 +195,7 @@ def export(
     ] = "points",
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
-    from sweeps.analysis.selection import impacts_left_out
+    from sweeps.analysis.coordinates import impacts_left_out
     from sweeps.analysis.tables import ROWS, check_table, write_rows
 
     if rows not in ROWS:

@@ -61,7 +61,7 @@ def zoom(
     overwrite: Overwrite = False,
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
-    from sweeps.analysis.selection import COORDINATES
+    from sweeps.analysis.coordinates import COORDINATES
     from sweeps.engine.configurations import read_config, zoomed
     from sweeps.plotting.lines import choose_coordinate
     from sweeps.plotting.saving import check_picture

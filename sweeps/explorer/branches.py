@@ -8,8 +8,8 @@ from typing import Any
 import xarray as xr
 from bokeh.models import ColumnDataSource, HoverTool, LegendItem
 
+from sweeps.analysis.dataset import dataset_of
 from sweeps.analysis.exact_branches import branches
-from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.diagram import Diagram, numbers
 from sweeps.explorer.view import DIAGRAM, View

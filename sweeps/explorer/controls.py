@@ -19,7 +19,7 @@ from bokeh.models import (
     Toggle,
 )
 
-from sweeps.analysis.selection import COORDINATES
+from sweeps.analysis.coordinates import COORDINATES
 from sweeps.explorer.figures import symbol
 from sweeps.explorer.view import View, window_around
 from sweeps.plotting.labels import as_variable

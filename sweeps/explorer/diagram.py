@@ -20,7 +20,8 @@ from bokeh.models import (
 )
 from bokeh.palettes import interp_palette
 
-from sweeps.analysis.selection import COORDINATES, dataset_of, recorded_coordinate, shows_part
+from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate, shows_part
+from sweeps.analysis.dataset import dataset_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.engine.estimate import check_memory

@@ -13,8 +13,8 @@ from bokeh.models import ColumnDataSource, Div, Range1d, Span
 
 from sweeps.analysis.attractor_table import Row, rows
 from sweeps.analysis.attractors import COUNTED, attractors
+from sweeps.analysis.dataset import dataset_of
 from sweeps.analysis.integrity import measures_of
-from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.engine.estimate import block_size

@@ -14,8 +14,8 @@ from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, Span
 from bokeh.plotting import figure
 
+from sweeps.analysis.dataset import config_of, dataset_of, oscillator_of
 from sweeps.analysis.regimes import approaching, classify
-from sweeps.analysis.selection import config_of, dataset_of, oscillator_of
 from sweeps.analysis.trajectories import continued_motion, periods_shown
 from sweeps.errors import Refused
 from sweeps.explorer.diagram import numbers

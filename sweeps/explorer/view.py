@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 from urllib.parse import parse_qsl, urlencode
 
-from sweeps.analysis.selection import COORDINATES
+from sweeps.analysis.coordinates import COORDINATES
 from sweeps.config.groups import OscillatorConfig, RecordConfig
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig

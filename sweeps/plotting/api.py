@@ -11,9 +11,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.analysis.attractor_table import parameter_axes
+from sweeps.analysis.cuts import Selection, swept_axes
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import STARTS
-from sweeps.analysis.selection import Selection, choice_of, listed, swept_axes
 from sweeps.arguments import PATH, TEXT
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
@@ -29,7 +29,7 @@ from sweeps.plotting.style import user_style
 from sweeps.plotting.styled import ARGUMENTS
 from sweeps.plotting.table import table_panels
 from sweeps.store import DIRECTION
-from sweeps.text import nearest, suggestion
+from sweeps.text import choice_of, listed, nearest, suggestion
 
 
 class Kind(NamedTuple):

@@ -14,18 +14,11 @@ from matplotlib.lines import Line2D
 
 from sweeps.analysis.attractor_table import Row, parameter_axes, rows
 from sweeps.analysis.attractors import attractors
-from sweeps.analysis.grouping import STARTS, records
-from sweeps.analysis.selection import (
-    COORDINATES,
-    Selection,
-    choice_of,
-    chosen_axes,
-    config_of,
-    listed,
-    select,
-    shows_part,
-    swept_axes,
-)
+from sweeps.analysis.coordinates import COORDINATES, shows_part
+from sweeps.analysis.cuts import Selection, chosen_axes, select, swept_axes
+from sweeps.analysis.dataset import config_of
+from sweeps.analysis.grouping import STARTS
+from sweeps.analysis.parts import records
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Cells
@@ -42,7 +35,7 @@ from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import ATTRACTORS, OTHER_ATTRACTORS, PARTIAL, REGIMES
 from sweeps.plotting.styled import styled
 from sweeps.reports.attractors import classes, shown_speeds
-from sweeps.text import shown_count
+from sweeps.text import choice_of, listed, shown_count
 from vibroimpact.points.regimes import Regime
 
 

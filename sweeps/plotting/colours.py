@@ -14,8 +14,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_rgba
 from matplotlib.patches import Patch
 
+from sweeps.analysis.cuts import Selection, select
+from sweeps.analysis.dataset import check_diagnostic
 from sweeps.analysis.regimes import classify
-from sweeps.analysis.selection import Selection, check_diagnostic, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.labels import CLASSES_TITLE, label, status_name, tick_in_decades

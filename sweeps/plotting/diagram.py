@@ -10,16 +10,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate, shows_part
+from sweeps.analysis.cuts import Selection, split_directions
+from sweeps.analysis.dataset import config_of
 from sweeps.analysis.regimes import approaching, classify
-from sweeps.analysis.selection import (
-    COORDINATES,
-    Selection,
-    config_of,
-    listed,
-    recorded_coordinate,
-    shows_part,
-    split_directions,
-)
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, paint
@@ -33,6 +27,7 @@ from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import APPROACHING, BOTH_COLOUR, DIRECTION_COLOURS, PARTIAL
 from sweeps.plotting.styled import styled
 from sweeps.store.variables import FLAGS
+from sweeps.text import listed
 from vibroimpact.points.regimes import NO_CLASS, has_result
 
 #: More points than this are drawn as a density, because single markers would merge.

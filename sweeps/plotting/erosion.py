@@ -15,9 +15,10 @@ from matplotlib.patches import Ellipse, Patch
 from matplotlib.patheffects import withStroke
 
 from sweeps.analysis.attractor_table import Row, rows
+from sweeps.analysis.cuts import Selection, select, swept_axes
+from sweeps.analysis.dataset import config_of, oscillator_of
 from sweeps.analysis.integrity import refuse_unfit, with_measures
 from sweeps.analysis.knocks import at_section, knocks
-from sweeps.analysis.selection import Selection, config_of, oscillator_of, select, swept_axes
 from sweeps.plotting import canvas
 from sweeps.plotting.attractors import (
     attractors_in,

@@ -15,8 +15,9 @@ from matplotlib.ticker import (
     StrMethodFormatter,
 )
 
+from sweeps.analysis.coordinates import COORDINATES, impacts_left_out
+from sweeps.analysis.dataset import config_of
 from sweeps.analysis.rig import parameters_of
-from sweeps.analysis.selection import COORDINATES, config_of, impacts_left_out
 from sweeps.config.rig import parameter_of
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import in_units, unit_name

@@ -8,10 +8,12 @@ from typing import NoReturn
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import COORDINATES, Selection, choice_of, chosen_axes, listed, select
+from sweeps.analysis.coordinates import COORDINATES
+from sweeps.analysis.cuts import Selection, chosen_axes, select
 from sweeps.errors import Refused
 from sweeps.plotting.numbers import numbers_of
 from sweeps.store import DIRECTION
+from sweeps.text import choice_of, listed
 from vibroimpact.points.regimes import has_result
 from vibroimpact.status import Status
 

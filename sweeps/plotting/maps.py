@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
+from sweeps.analysis.cuts import Selection, select
 from sweeps.analysis.exact_curves import map_axes
 from sweeps.analysis.regimes import approaching
-from sweeps.analysis.selection import Selection, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Cells, class_numbers, failed_cells, paint
@@ -34,6 +34,7 @@ from sweeps.plotting.pixels import cell_edges
 from sweeps.plotting.regions import draw_boundaries, name_regions
 from sweeps.plotting.style import CLASSES, HATCH
 from sweeps.plotting.styled import styled
+from sweeps.text import listed
 from vibroimpact.points.regimes import ON_ITS_WAY, has_result
 from vibroimpact.status import Status
 

@@ -11,8 +11,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sweeps.analysis.cuts import Selection, select
+from sweeps.analysis.dataset import config_of
 from sweeps.analysis.regimes import labels
-from sweeps.analysis.selection import Selection, config_of, select
 from sweeps.analysis.trajectories import (
     MOST_PERIODS,
     RECORDED,

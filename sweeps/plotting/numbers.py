@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import xarray as xr
 
+from sweeps.analysis.dataset import check_diagnostic
 from sweeps.analysis.rig import parameters_of
-from sweeps.analysis.selection import check_diagnostic, choice_of, listed
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
-from sweeps.text import nearest, suggestion
+from sweeps.text import choice_of, listed, nearest, suggestion
 from vibroimpact.oscillator import PARAMETERS
 
 #: A variable of the file by its name, or values computed from the file.

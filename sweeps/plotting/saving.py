@@ -13,11 +13,11 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
-from sweeps.analysis.selection import config_of, listed
+from sweeps.analysis.dataset import config_of
 from sweeps.errors import Refused
 from sweeps.plotting.style import STYLE, dots_per_inch, user_style
 from sweeps.store.replacing import check_target, writing
-from sweeps.text import printable, shortened
+from sweeps.text import listed, printable, shortened
 from vibroimpact import __version__
 
 #: Metadata fields of each format for the title, the program and a text.

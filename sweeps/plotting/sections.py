@@ -9,7 +9,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.selection import Selection, config_of, recorded
+from sweeps.analysis.coordinates import recorded
+from sweeps.analysis.cuts import Selection
+from sweeps.analysis.dataset import config_of
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.labels import as_variable, label_axis, record_text

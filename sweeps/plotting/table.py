@@ -11,7 +11,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.selection import Selection, select
+from sweeps.analysis.cuts import Selection, select
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.plotting import canvas

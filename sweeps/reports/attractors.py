@@ -12,9 +12,9 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.attractor_table import Row, parameter_axes
+from sweeps.analysis.dataset import config_of, headed
 from sweeps.analysis.grouping import SETS
 from sweeps.analysis.rig import parameters_of
-from sweeps.analysis.selection import config_of, headed
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.points.regimes import Regime
 

@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 
 from sweeps import branches, open_sweep
+from sweeps.analysis.cuts import select
 from sweeps.analysis.motions import motions_of, orbit_of
-from sweeps.analysis.selection import select
 from sweeps.analysis.tables import branch_table, write_csv
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot

@@ -12,7 +12,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import sweeps
-from sweeps.analysis.selection import config_of
+from sweeps.analysis.dataset import config_of
 from sweeps.engine import executors
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.places import ROOT

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sweeps import open_sweep
-from sweeps.analysis.selection import config_of
+from sweeps.analysis.dataset import config_of
 from sweeps.engine.compute import compute
 from tests.helpers.configurations import load, refusal
 from tests.helpers.sweep_files import run_in

@@ -15,7 +15,7 @@ import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.attractors import attractors
-from sweeps.analysis.selection import dataset_of
+from sweeps.analysis.dataset import dataset_of
 from sweeps.explorer.diagram import Diagram, density, numbers, ordinates, ramp
 from sweeps.explorer.figures import axis_label, plain
 from sweeps.explorer.maps import Filling

@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from sweeps import branches, open_sweep, plotting, run_sweep
-from sweeps.analysis.selection import config_of
+from sweeps.analysis.dataset import config_of
 from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting.saving import save

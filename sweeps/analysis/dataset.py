@@ -1,0 +1,88 @@
+"""An opened sweep as a Dataset: its configuration, its oscillators, and heads of columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from functools import lru_cache
+
+import numpy as np
+import xarray as xr
+
+from sweeps.config.groups import DIAGNOSTICS
+from sweeps.config.loading import stored_config
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
+from sweeps.store.variables import VARIABLES, columns_of
+from sweeps.text import in_units, unit_name
+from vibroimpact.oscillator import Oscillator
+
+
+def dataset_of(
+    config: SweepConfig, axes: Mapping[str, np.ndarray], results: Mapping[str, np.ndarray]
+) -> xr.Dataset:
+    """Return results in memory as a Dataset like an opened file, so that all analyses can read it.
+
+    `axes` are the swept parameters with their values, slowest first. `results` are arrays of shape
+    (points, ...), in C order over the axes.
+    """
+    shape = tuple(map(len, axes.values()))
+    variables = {}
+    for name, values in results.items():
+        dimension = VARIABLES[name].dimension
+        dimensions = (*axes, dimension) if dimension else tuple(axes)
+        variables[name] = (dimensions, values.reshape((*shape, *values.shape[1:])))
+    sweep = config.sweep
+    section = sweep.spec.transient + 1 + np.arange(sweep.spec.periods)
+    coordinates = {**sweep.grid.fixed, **axes, "section": section}
+    return xr.Dataset(variables, coordinates, {"configuration": config})
+
+
+def config_of(dataset: xr.Dataset) -> SweepConfig:
+    """Return the configuration of an opened sweep, or of a sweep in memory.
+
+    Raises ConfigError if the configuration in a file is not valid, for example because another
+    version wrote it.
+    """
+    configuration = dataset.attrs["configuration"]
+    if isinstance(configuration, SweepConfig):
+        return configuration
+    table = columns_of(dataset)
+    if table:
+        return stored_config(configuration, "its configuration", "sweep", table)
+    return _parsed(configuration)
+
+
+@lru_cache(maxsize=8)
+def _parsed(configuration: str) -> SweepConfig:
+    """Parse the configuration of a file; the cache avoids doing so for each part of a picture."""
+    return stored_config(configuration, "its configuration", "sweep")
+
+
+def described(config: SweepConfig, meaning: str, unit: str) -> dict[str, str]:
+    """Return the attributes of what is computed from a sweep, with the names of its units."""
+    return {"long_name": meaning, "units": in_units(unit, dict(config.units.items()))}
+
+
+def headed(name: str, variable: xr.DataArray) -> str:
+    """Return the head of a column, with the unit of the variable in brackets if it has a name."""
+    unit = unit_name(variable.attrs.get("units", "1"))
+    return f"{name} [{unit}]" if unit else name
+
+
+def oscillator_of(point: xr.Dataset | np.void | Mapping[str, float]) -> Oscillator:
+    """Return the oscillator at a point of a sweep, or with parameters given by name."""
+    return Oscillator(**{field.name: float(point[field.name]) for field in fields(Oscillator)})
+
+
+def check_diagnostic(dataset: xr.Dataset, name: str) -> None:
+    """Refuse a file in which a diagnostic was not recorded."""
+    if name not in dataset:
+        raise Refused(
+            f"the file has no {name}: run the sweep again with {diagnostics_with(dataset, name)}"
+        )
+
+
+def diagnostics_with(dataset: xr.Dataset, name: str) -> str:
+    """Return the key of a configuration that adds a diagnostic to those of a file."""
+    return f"record.diagnostics: [{', '.join(d for d in DIAGNOSTICS if d == name or d in dataset)}]"
