@@ -1,5 +1,7 @@
 """Pictures as files, the default picture, and invalid requests."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -27,15 +29,15 @@ from vibroimpact.status import Status
 @pytest.mark.parametrize("link", ["symbolic", "hard", "dotted"])
 def test_the_data_are_never_replaced(random_sweep, tmp_path, link):
     dataset = random_sweep({"omega": OMEGA})
-    data, picture = tmp_path / "0.h5", tmp_path / "link.png"
+    data, picture = Path(dataset.encoding["source"]), tmp_path / "link.png"
     before = data.read_bytes()
     if link == "symbolic":
-        picture.symlink_to("0.h5")
+        picture.symlink_to(data)
     elif link == "hard":
         picture.hardlink_to(data)
     else:
-        (tmp_path / "folder").mkdir()
-        picture = tmp_path / "folder" / ".." / "0.h5"
+        (data.parent / "folder").mkdir()
+        picture = data.parent / "folder" / ".." / data.name
     with pytest.raises(Refused, match="would replace the data; give another output"):
         plot(dataset, picture)
     assert data.read_bytes() == before
@@ -58,7 +60,7 @@ def test_a_picture_is_replaced_whole_or_not_at_all(random_sweep, tmp_path, monke
     assert target.read_text() == "old"
     plot(dataset, link)
     assert link.is_symlink() and target.read_bytes().startswith(b"\x89PNG")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.h5", "a.png", "link.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "link.png"]
 
 
 @pytest.mark.slow
