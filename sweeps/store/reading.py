@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,12 +23,14 @@ from sweeps.store.paths import (
     reason,
     refuse_parts,
 )
-from sweeps.text import in_units
-from vibroimpact.oscillator import PARAMETERS
+from sweeps.store.schema import schema_in
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:
     import xarray as xr
+    from xarray.backends import CachingFileManager
+
+    from sweeps.store.dataset import Key
 
 
 def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
@@ -62,8 +65,6 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     >>> ds["period"].values
     array([1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2])
     """
-    import xarray as xr  # slow to import
-
     require("path", path, PATH)
     require("verify", verify, FLAG)
     path = Path(path)
@@ -75,36 +76,34 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
             try:
                 parts = Parts(parts_path(path), verify=verify)
                 if _is_missing(path):  # otherwise a run has just completed the file
-                    return _with_all_parameters(open_parts(parts))
+                    return open_parts(parts)
             except StoreError:
                 if _is_missing(path):
                     raise
         check_file(path, verify=verify)
-        return _with_all_parameters(
-            opened(lambda options: xr.open_dataset(path, engine="h5netcdf", driver_kwds=options))
-        )
+        return opened(lambda options: _open_file(path, options))
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
 
 
-def _with_all_parameters(dataset: xr.Dataset) -> xr.Dataset:
-    """Add the parameters that a file of an earlier version lacks, with their defaults."""
-    lacking = {name: about for name, about in PARAMETERS.items() if name not in dataset}
-    units = {key: dataset.attrs.get(f"{key}_unit", key) for key in ("length", "time")}
-    return dataset.assign_coords(
-        {
-            name: (
-                (),
-                about.default,
-                {
-                    "long_name": about.meaning,
-                    "units": in_units(about.unit, units),
-                    "symbol": about.symbol,
-                },
-            )
-            for name, about in lacking.items()
-        }
-    )
+def _open_file(path: Path, options: dict[str, Any]) -> xr.Dataset:
+    """Open a complete file, and keep it open for the arrays of the Dataset."""
+    from xarray.backends import CachingFileManager  # slow to import
+
+    from sweeps.store.dataset import lazy_dataset
+
+    manager = CachingFileManager(h5py.File, path, mode="r", kwargs=options)
+    file = manager.acquire()
+    read = partial(_selected, manager)
+    dataset = lazy_dataset(path, schema_in(file), float(file.attrs["duration"]), read)
+    dataset.set_close(manager.close)
+    return dataset
+
+
+def _selected(manager: CachingFileManager, name: str, key: Key) -> np.ndarray:
+    """Return the values of a variable that a key selects."""
+    values: np.ndarray = manager.acquire()[name][key]
+    return values
 
 
 def _is_missing(path: Path) -> bool:

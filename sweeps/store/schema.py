@@ -38,6 +38,8 @@ from vibroimpact.points.run_spec import RunSpec
 _COORDINATES = "coordinates"
 #: Dataset of the blocks; only the schema of an incomplete sweep has it.
 _BLOCKS = "blocks"
+#: What a dimension means that is no parameter.
+_MEANINGS = {**RECORDS, TABLE: "row of the table", DIRECTION: DIRECTION_MEANING}
 #: Most values in one chunk of a variable.
 _CHUNK_VALUES = 1 << 17
 
@@ -148,31 +150,41 @@ def describe(file: h5py.File, schema: Schema, *, compressed: bool = False) -> No
     file.attrs[_COORDINATES] = " ".join([*schema.fixed, *columns])
     for axis, values in schema.axes.items():
         if axis == TABLE:
-            _add_scale(file, axis, 1 + np.arange(len(values)), ("row of the table", "1", ""))
+            _add_scale(file, axis, 1 + np.arange(len(values)), schema)
             for name in columns:
                 column = file.create_dataset(name, data=_stored(values[name]))
-                _label(column, _about_parameter(name, schema))
+                column.attrs.update(attributes_of(schema, name))
                 column.dims[0].attach_scale(file[axis])
-        elif axis == DIRECTION:
-            _add_scale(file, axis, _stored(values), (DIRECTION_MEANING, "1", ""))
         else:
-            _add_scale(file, axis, values.astype(float), _about_parameter(axis, schema))
+            _add_scale(file, axis, values if axis == DIRECTION else values.astype(float), schema)
     for name, value in schema.fixed.items():
-        _label(file.create_dataset(name, data=float(value)), _about_parameter(name, schema))
+        file.create_dataset(name, data=float(value)).attrs.update(attributes_of(schema, name))
     for record, numbers in schema.records.items():
-        _add_scale(file, record, numbers, (RECORDS[record], "1", ""))
+        _add_scale(file, record, numbers, schema)
     for name in schema.variables:
-        variable = VARIABLES[name]
         storage = _storage(schema, name, compressed)
-        dataset = file.create_dataset(name, schema.shape_of(name), variable.dtype, **storage)
-        unit = schema.shown_unit(variable.unit)
-        _label(dataset, (variable.long_name, unit, variable.symbol))
+        dtype = VARIABLES[name].dtype
+        dataset = file.create_dataset(name, schema.shape_of(name), dtype, **storage)
+        dataset.attrs.update(attributes_of(schema, name))
         for index, dimension in enumerate(schema.dimensions(name)):
             dataset.dims[index].attach_scale(file[dimension])
-    for name in FLAGS.keys() & set(schema.variables):
-        words = FLAGS[name]
-        file[name].attrs["flag_values"] = np.array(list(words), VARIABLES[name].dtype)
-        file[name].attrs["flag_meanings"] = " ".join(one.name.lower() for one in words)
+
+
+def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
+    """Return what a file says of an axis, a parameter, a column, a record or a variable."""
+    if name in PARAMETERS:
+        parameter = PARAMETERS[name]
+        about = parameter.meaning, schema.shown_unit(parameter.unit), parameter.symbol
+    elif name in VARIABLES:
+        variable = VARIABLES[name]
+        about = variable.long_name, schema.shown_unit(variable.unit), variable.symbol
+    else:
+        about = _MEANINGS.get(name, name), "1", ""
+    found: dict[str, Any] = dict(zip(("long_name", "units", "symbol"), about, strict=True))
+    if name in FLAGS:
+        found["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)
+        found["flag_meanings"] = " ".join(one.name.lower() for one in FLAGS[name])
+    return found
 
 
 def add_blocks(file: h5py.File, schema: Schema) -> None:
@@ -211,24 +223,11 @@ def _stored(values: np.ndarray) -> np.ndarray:
     return values.astype(h5py.string_dtype()) if values.dtype == object else values
 
 
-def _about_parameter(name: str, schema: Schema) -> tuple[str, str, str]:
-    """Return the meaning of a parameter, its unit in this sweep, and its symbol."""
-    if name not in PARAMETERS:  # a further column of a table
-        return name, "1", ""
-    about = PARAMETERS[name]
-    return about.meaning, schema.shown_unit(about.unit), about.symbol
-
-
-def _add_scale(file: h5py.File, name: str, values: np.ndarray, about: tuple[str, str, str]) -> None:
+def _add_scale(file: h5py.File, name: str, values: np.ndarray, schema: Schema) -> None:
     """Add the coordinate of a dimension."""
-    scale = file.create_dataset(name, data=values)
-    _label(scale, about)
+    scale = file.create_dataset(name, data=_stored(values))
+    scale.attrs.update(attributes_of(schema, name))
     scale.make_scale(name)
-
-
-def _label(dataset: h5py.Dataset, about: tuple[str, str, str]) -> None:
-    """Set the attributes of a dataset: its meaning, its unit and its symbol."""
-    dataset.attrs.update(zip(("long_name", "units", "symbol"), about, strict=True))
 
 
 def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
