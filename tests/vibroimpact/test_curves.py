@@ -723,6 +723,23 @@ def test_folds_on_which_all_impacts_lose_their_speed_end_in_the_same_graze():
     assert ends[0][0] == pytest.approx(0.5, abs=1e-8)
 
 
+def test_the_graze_of_an_orbit_that_is_symmetric_in_time_is_followed_through_both_its_touches():
+    """Without damping and loss, each touch has its mirror image about the impact at 3 pi / 2.
+
+    At clearance 0 nothing but omega / p matters without units, so the curve is a straight line.
+    """
+    osc = Oscillator(h=0.0, R=1.0, omega=3.4357072811811675, f=1.0, p=1.1029479945702383)
+    touch = 7.06666735
+    start = PeriodicOrbit(osc, 2, np.array([1.5 * math.pi, touch]), np.array([0.21772937, 0.0]))
+    found = bifurcation_curve(start, "graze", ("p", 0.83, 1.17), ("omega", 2.8, 4.1))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    assert len(found.values) < 60
+    p, omega = found.values.T
+    assert np.ptp(p) > 0.25 and np.ptp(omega / p) < 1e-9
+    x, v = found.orbit(0).sections(3.0 * math.pi - touch)[0]  # at the mirror image
+    assert (x, v) == pytest.approx((0.0, 0.0), abs=1e-7)
+
+
 def test_the_folds_are_those_of_the_closed_form():
     osc = Oscillator(h=0.1, R=0.8, omega=1.5, f=1.0, clearance=1.0)
     found = bifurcation_curve(one_impact_orbit(osc), "fold", ("omega", 1.4, 2.0), ("R", 0.6, 0.9))

@@ -60,6 +60,7 @@ class System(NamedTuple):
     speed: float  # unit of speeds
     condition: int  # the bifurcation to move onto
     graze: int  # index of the impact that grazes
+    touches: bool  # whether flights between the impacts touch the stop, too, and never cross it
     work: np.ndarray  # receives the number of time steps taken, (1,)
 
 

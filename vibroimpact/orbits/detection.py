@@ -242,9 +242,7 @@ def may_miss(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
         slopes = length * tests[1, i], length_Y * tests_Y[1, i]
         if _may_have_more_roots(tests[0, i], slopes[0], tests_Y[0, i], slopes[1]):
             return True
-    # The free oscillation touches the stop once per period, and never crosses it.
-    free = system.condition == GRAZE and system.q == 1
-    if not free and _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
+    if not system.touches and _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
         return True
     if system.condition != FOLD:
         return False

@@ -32,8 +32,8 @@ _MOST_ITERATIONS = 8
 NEARBY_DISTANCE = 1e-3
 #: A speed below this, in the unit of speed, is zero to rounding: a graze.
 _ZERO_SPEED = 1e-12
-#: By rounding, a flight that is known to touch the stop passes it by at most this share of the
-#: clearance.
+#: By rounding, a flight that is known to touch the stop passes it by at most this length, in the
+#: unit of displacements.
 _TOUCHES = 1e-9
 #: The chord of a step deviates from the mean of both tangents by less than this share of the step.
 #: On a circle it does not deviate at all; of 20,000 steps, 11 deviate by more.
@@ -119,13 +119,26 @@ class OrbitFamily:
         self.spans = np.array([parameter.span for parameter in parameters])
         self.system = corrector.System(
             values_of(self.osc), np.array([*map(_NAMES.index, self.names)], np.int64), self.spans,
-            self.m, self.q, self.speed, CONDITIONS[kind], graze, np.zeros(1),
+            self.m, self.q, self.speed, CONDITIONS[kind], graze, False, np.zeros(1),
         )  # fmt: skip
         ends = [(axis.low - axis.slack, axis.high + axis.slack) for axis in parameters]
         self.bounds = np.reshape(ends, (-1, 2)) / self.spans[:, None]
         at = [getattr(self.osc, axis.name) / axis.span for axis in parameters]
         z = np.column_stack([orbit.phases, orbit.speeds / self.speed])
         self.start = unknowns(z, np.array(at))
+        self._rounding = _TOUCHES * self.speed / self.osc.omega
+        if kind == "graze":
+            self.system = self.system._replace(touches=self._touches())
+
+    def _touches(self) -> bool:
+        """Whether flights touch the stop all along a curve of grazes.
+
+        The free oscillation touches the stop once in each of m periods. An orbit that is symmetric
+        in time, without damping and loss, has each touch twice.
+        """
+        values = values_of(self.osc)
+        maximum = first_penetration(values, self.m, self.speed, self.start, self.q)[2]
+        return self.q == 1 or bool(abs(maximum) < self._rounding)
 
     def values(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at a point."""
@@ -236,9 +249,8 @@ class OrbitFamily:
             return None, maximum
         if phase == phases(X, self.q)[flight]:
             return Inadmissible("rest", int(flight), float(phase)), maximum
-        touches = maximum < _TOUCHES * self.oscillator(X).clearance
-        if self.kind == "graze" and self.q == 1 and touches:
-            return None, maximum  # the free oscillation touches the stop once in each of m periods
+        if self.system.touches and maximum < self._rounding:
+            return None, maximum
         return Inadmissible("penetration", int(flight), float(phase)), maximum
 
 
