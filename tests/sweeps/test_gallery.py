@@ -9,13 +9,14 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.stats import binomtest
 
-from sweeps import attractors, bifurcations, integrity, load_config, open_sweep, run_sweep
+from sweeps import attractors, bifurcations, curves, integrity, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import classify
 from sweeps.plotting import KINDS, Page, plot
 from tests.helpers import naive
 from tests.helpers.places import CONFIGS
-from vibroimpact import Oscillator, integrate, one_impact_orbit, one_impact_orbits
+from vibroimpact import Oscillator, branch, integrate, one_impact_orbit, one_impact_orbits
+from vibroimpact.orbits.orbit import free_orbit
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.regimes import Regime
 
@@ -293,13 +294,52 @@ def test_integrity(scene):
 
 @pytest.mark.slow
 def test_bouncing_ball(scene):
-    """Downwards; the fold is at pi / 3 and the flip at 1.5268237, and the speed is 4 pi / 3."""
-    f = values(0.98, 1.04, 1.06, 1.15, 1.3, 1.5, 1.6, 1.68, 1.7, 1.75)
-    dataset = scene("bouncing-ball", f"oscillator.f={f}")
+    """Downwards; omega^2 is pi / 3 at the fold and 1.5268237 at the flip; v = 4 pi / (3 omega)."""
+    omega = np.sqrt([0.98, 1.04, 1.06, 1.15, 1.3, 1.5, 1.6, 1.68, 1.7, 1.75])
+    dataset = scene("bouncing-ball", f"oscillator.omega={values(*omega.tolist())}")
     expected = ["rest"] * 2 + ["1/1"] * 4 + ["2/2", "4/4", "8/8", "chaotic"]
     assert classes(dataset) == expected
     assert dataset["impacts_per_period"].values[0] == 0.0 < dataset["impacts_per_period"].values[1]
-    assert_allclose(dataset["impact_v"].values[2:6, -1], 4.0 * np.pi / 3.0, rtol=1e-6)
+    speeds = 4.0 * np.pi / (3.0 * omega[2:6])
+    assert_allclose(dataset["impact_v"].values[2:6, -1], speeds, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_vibrating_table(scene):
+    """The fold and the flip of 1/1 are on the curves of the closed form, and 1/1 is between."""
+    few = "rig.frequency.num=5", "rig.base.num=81"
+    dataset = scene("vibrating-table", *few)
+    found = curves(dataset)
+    acceleration = (found["a"] * found["omega"] ** 2 / 9.81).values
+    flip = np.sqrt((np.pi / 3.0) ** 2 + 4.0 * 1.25**2 / 1.5**4)
+    single = (found["m"] == 1).values & (found["q"] == 1).values
+    for kind, expected in (("fold", np.pi / 3.0), ("flip", flip)):
+        on_curve = acceleration[single & (found["kind"] == kind).values]
+        assert len(on_curve) > 2
+        assert_allclose(on_curve, expected, rtol=1e-6)
+    level = (dataset["a"] * dataset["omega"] ** 2 / 9.81).transpose(*dataset["period"].dims).values
+    period = np.where(dataset["rest_fraction"].values > 0.0, -1, dataset["period"].values)
+    inside = (level > np.pi / 3.0 + 0.01) & (level < flip - 0.01)
+    assert (period[inside] == 1).mean() > 0.8 and set(period[inside]) <= {1, -1}
+    assert not (period[level < np.pi / 3.0] == 1).any()
+
+
+@pytest.mark.slow
+def test_shaker(scene):
+    """Impacts begin and end where a omega^2 / |p^2 - omega^2 + 2 i h omega| is the gap."""
+    dataset = scene("shaker", "rig.frequency.num=171")
+    omega = dataset["omega"].values
+    amplitude = 5e-5 * omega**2 / np.hypot(16000.0 - omega**2, 8.0 * omega)
+    above, hertz = amplitude > 3e-4, omega / (2.0 * np.pi)
+    assert_allclose(hertz[above][[0, -1]], [18.7549, 21.9161], atol=0.1)
+    up, down = (dataset["impacts_per_period"].values > 0.0)[:2]
+    assert np.array_equal(down, above)
+    assert np.array_equal(up, (hertz > 18.7549) & (hertz < 29.8532))
+    grazes = [end.value for end in branch(
+        free_orbit(Oscillator.from_rig(mass=0.5, stiffness=8000, damping=4, base=5e-5, gap=3e-4,
+                                       R=0.7, frequency=15.0)), "omega", 80.0, 160.0,
+    ).special if end.kind == "graze"]  # fmt: skip
+    assert_allclose(grazes, [2.0 * np.pi * 18.7548527643], rtol=1e-11)
 
 
 @pytest.mark.slow
