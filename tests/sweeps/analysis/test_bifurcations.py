@@ -141,6 +141,7 @@ def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
     assert " basin         2/3 -> 1/1" in said and "basin: the motion of one side is stable" in said
 
 
+@pytest.mark.slow
 def test_a_window_behind_chaos_is_no_part_of_the_flip_before_it(sweep):
     """A row for 1/1, which flips at its certified value, and one for the 3/3 window behind."""
     path = sweep(
@@ -159,6 +160,7 @@ def test_a_window_behind_chaos_is_no_part_of_the_flip_before_it(sweep):
     assert ["flip", "1/1", "1/1", "->", "?"] in [line.split()[1:6] for line in said.splitlines()]
 
 
+@pytest.mark.slow
 def test_the_arrow_points_where_a_line_was_followed(sweep):
     oscillator = "h: 0.05, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.7, num: 5}"
     for way, arrow in (("up", "->"), ("down", "<-")):
@@ -192,6 +194,7 @@ def test_the_command_that_is_named_narrows_a_change_without_a_value(tmp_path, mo
     assert change.low <= np.hypot(np.pi, 1.0) <= change.high <= change.low + 0.051
 
 
+@pytest.mark.slow
 def test_a_file_with_added_points_still_opens(tmp_path, monkeypatch):
     """As earlier versions wrote with the key refine: the values are more than the grid has."""
     text = "oscillator: {h: 0, R: 0.8, omega: [2.64, 2.653, 2.654, 2.66], f: 1}\n"
@@ -207,6 +210,7 @@ def test_a_file_with_added_points_still_opens(tmp_path, monkeypatch):
     assert "refine.levels was 4 and is not given" in refused("run", path, "--resume", "--quiet")
 
 
+@pytest.mark.slow
 def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
     chaotic = "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 3.23, 3.235, 3.24]"
     path = sweep(chaotic, changes=["record.diagnostics=[period]"])

@@ -87,6 +87,7 @@ def test_what_a_file_says_reaches_the_terminal_escaped():
     assert r"\x1b[31m.h5 does not exist" in refused("info", "\x1b[31m.h5")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems allow Unicode alone")
 def test_names_of_files_that_are_not_utf_8(small_file):
     data, picture = (os.fsdecode(name) for name in (b"a\xff.h5", b"p\xff"))
