@@ -15,10 +15,10 @@ from sweeps.explorer.diagram import Diagram, numbers
 from sweeps.explorer.view import DIAGRAM, View
 from sweeps.explorer.worker import Step
 from sweeps.interrupts import check
-from sweeps.plotting.style import VERMILION
+from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION
 
 #: The dash style of each line and the marker of each special point, by name in the legend.
-_LINES = {"exact orbits, stable": "solid", "exact orbits, unstable": "dashed"}
+_LINES = {STABLE: "solid", UNSTABLE: "dashed"}
 _MARKERS = {"flip": "circle", "fold": "square", "graze": "triangle"}
 
 #: Columns of data by the same names: abscissas, ordinates and class of every piece or mark.

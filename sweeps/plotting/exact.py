@@ -13,11 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 
 from sweeps.analysis.exact_branches import wide_branches
-from sweeps.plotting.style import VERMILION
+from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION
 
-_STABLE, _UNSTABLE = "exact orbits, stable", "exact orbits, unstable"
 #: Names of the lines in the legend, with their dashes.
-LINES: dict[str, Any] = {_STABLE: "-", _UNSTABLE: (0, (4, 2))}
+LINES: dict[str, Any] = {STABLE: "-", UNSTABLE: (0, (4, 2))}
 _THIN_LINES = "thin: chaotic, unknown, narrow"
 #: Markers of the bifurcations of a branch.
 MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
@@ -57,7 +56,7 @@ def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
             indices = [i for i, _ in group]
             part = slice(indices[0], indices[-1] + 2)
             if run >= 0:
-                name = _STABLE if steady else _UNSTABLE
+                name = STABLE if steady else UNSTABLE
                 yield Part(name, x[part], y[part], q > 0 and not is_wide, f"{m}/{q}")
     for kind in MARKERS:
         here = (found["kind"].values == kind) & wide[found["branch"].values]
@@ -102,7 +101,7 @@ def draw_branches(
     for name, x, y, thin, _ in parts_of(found, coordinate):
         hidden = in_chaos(x)
         if name in LINES:
-            faint = (hidden & (name == _UNSTABLE) | thin).tolist()
+            faint = (hidden & (name == UNSTABLE) | thin).tolist()
             for is_faint, group in groupby(range(len(x)), key=faint.__getitem__):
                 (first, *_, last) = 2 * list(group)
                 run, of = slice(first, last + 2), _THIN_LINES if is_faint else name

@@ -22,6 +22,8 @@ STATUS_COLOURS = {
     Status.NON_FINITE: "#333333",
 }
 
+#: Names of exact orbits in a legend.
+STABLE, UNSTABLE = "exact orbits, stable", "exact orbits, unstable"
 #: Colours of the classes m/q, in every picture. The hue says m; the darker, the more impacts. These
 #: are as many as can be told apart beside each other and the colours of regimes and outcomes.
 CLASSES = {

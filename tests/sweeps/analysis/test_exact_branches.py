@@ -120,7 +120,7 @@ def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact
         page = Page(**limits)
         figure = bifurcation(exact, at={"R": 0.8}, exact=found, page=page)
         texts = figure.legends[0].get_texts() if figure.legends else []
-        return [text.get_text() for text in texts if not text.get_text().startswith("not settled")]
+        return [text.get_text() for text in texts if not text.get_text().startswith("on its way")]
 
     assert {"exact orbits, stable", "exact orbits, unstable", "flip"} <= {*named()}
     assert named(xlim=(2.4, 2.6)) == ["exact orbits, stable"]
