@@ -827,3 +827,28 @@ def test_a_curve_of_grazes_ends_at_the_edge_where_two_impacts_meet():
     end = found.special[0]
     assert end.value[0] == 0.0
     assert end.value[1] == pytest.approx(brentq(misses, 1.6, 1.8, xtol=1e-15), abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("kind", "omega", "clearance", "n"),
+    [("flip", 2.6, 0.1, 1), ("fold", 3.6, 0.25, 2), ("graze", 1.2, 0.05, 1)],
+)
+def test_a_curve_over_the_amplitude_of_a_base_is_that_of_the_force_there(kind, omega, clearance, n):
+    """At every point of the curve the orbit of f = a omega^2 has the same bifurcation."""
+    osc = Oscillator(h=0.02, R=0.8, omega=omega, clearance=clearance, a=1.0 / omega**2)
+    start = one_impact_orbit(osc, n)
+    ends = [p for p in branch(start, "omega", 0.7 * omega, 1.4 * omega).special if p.kind == kind]
+    found = bifurcation_curve(
+        ends[0].orbit, kind, ("omega", 0.7 * omega, 1.4 * omega), ("a", 0.05, 1.2)
+    )
+    assert len(found.values) > 8 and np.ptp(found.values[:, 1]) > 0.02
+    for i, (at, a) in enumerate(found.values[1:-1].tolist(), 1):
+        force = replace(osc, omega=at, f=a * at * at, a=0.0)
+        here = PeriodicOrbit(force, found.m, found.phases[i], found.speeds[i])
+        assert not why_inadmissible(here)
+        if kind == "graze":
+            assert found.speeds[i].min() == 0.0
+        else:
+            c0, c1, c2 = here.characteristic
+            zero = c0 + c2 + (c1 if kind == "fold" else -c1)
+            assert abs(zero) < 1e-9 * (abs(c0) + abs(c1) + abs(c2))
