@@ -203,6 +203,19 @@ def test_every_byte_of_a_complete_file_is_covered(bases, base):
         content[at] ^= 1 + at % 255
 
 
+def test_every_part_of_the_table_of_checksums_is_covered(bases):
+    content = bytearray(bases["complete"].content)
+    end = len(content) - 20
+    table = end - int.from_bytes(content[end : end + 8], "little")
+    assert content[table : table + 2] == b"[["
+    for at in (*range(table, end, 11), *range(end, len(content))):
+        content[at] ^= 1
+        Path("out.h5").write_bytes(content)
+        with pytest.raises(StoreError, match=r"damaged|not a sweep"):
+            open_sweep("out.h5", verify=False)
+        content[at] ^= 1
+
+
 # Messages
 
 
