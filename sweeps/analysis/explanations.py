@@ -20,7 +20,7 @@ NO_LABEL = Label(Regime.UNKNOWN)
 _KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
 
 
-class _End(NamedTuple):
+class _Onward(NamedTuple):
     """The first special point on a branch; without a stable orbit to follow, no kind."""
 
     kind: str = ""
@@ -59,13 +59,13 @@ def explain(
     if axis in STARTS:
         return [(change, "basin", np.nan, "")]
     low, high = motions[np.searchsorted(values, [change.low, change.high])]
-    left, right = _end(low, high, phase, axis), _end(high, low, phase, axis)
+    left, right = _onward(low, high, phase, axis), _onward(high, low, phase, axis)
     first, second = (right, left) if down else (left, right)
     if first.kind == "edge":
         return [(change, "basin", np.nan, "")]
     if change.kind in ("rest", "chaotic", "unbounded"):
         return [(change, "basin" if second.kind == "edge" else change.kind, np.nan, "")]
-    exact = [end for end in (first, second) if end.is_exact]
+    exact = [onward for onward in (first, second) if onward.is_exact]
     if not exact:
         return [(change, change.kind, np.nan, "")]
     if not change.between or _is_joined(change, first, second):
@@ -76,7 +76,7 @@ def explain(
     ]
 
 
-def _is_joined(change: Change, first: _End, second: _End) -> bool:
+def _is_joined(change: Change, first: _Onward, second: _Onward) -> bool:
     """Whether the same bifurcation ends the first motion and leads to the second one."""
     if first.is_exact and second.is_exact:
         return bool(abs(first.value - second.value) <= 1e-9 * max(1.0, abs(first.value)))
@@ -98,7 +98,7 @@ def _open(values: np.ndarray, change: Change, value: float, *, after: bool) -> C
     return replace(change, low=end, before=NO_LABEL, between=int((inside > end).sum()))
 
 
-def _end(motion: np.void, other: np.void, phase: float, axis: str) -> _End:
+def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> _Onward:
     """Return the first special point on the branch of the orbit of a motion towards another one."""
     if motion["m"]:
         name = model_name(axis)
@@ -107,5 +107,5 @@ def _end(motion: np.void, other: np.void, phase: float, axis: str) -> _End:
             if orbit.stable:
                 point = leads_to(orbit, name, other["point"][name].item())
                 of = point.orbit if point.kind in ("flip", "graze") else orbit
-                return _End(point.kind, point.value, f"{of.m}/{of.q}")
-    return _End()
+                return _Onward(point.kind, point.value, f"{of.m}/{of.q}")
+    return _Onward()

@@ -157,7 +157,7 @@ class _Motions:
                 with suppress(OrbitError):  # too many periods: motions that end there are unknown
                     self.orbits[one.number] = orbit_of(motion[0], self._phase)
 
-    def _ends(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _reached(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the attractors that motions from states (n, 2) reach, and which are certified.
 
         The attractor is -1 if it is unknown.
@@ -211,8 +211,8 @@ class _Motions:
         of `ways`, shape (k, sizes), has changes of velocity that start with a harmless one.
         """
         knocked = states[:, None, None] + np.stack([np.zeros_like(ways), ways], axis=2)
-        ends = self._ends(phase % _TURN, knocked.reshape(-1, 2))
-        number, certified = (values.reshape(knocked.shape[:3]) for values in ends)
+        reached = self._reached(phase % _TURN, knocked.reshape(-1, 2))
+        number, certified = (values.reshape(knocked.shape[:3]) for values in reached)
         harmful = number != home
         harmful[:, :, 0] = False  # known; at a fractal boundary, rounding could change it
         if not harmful.any():

@@ -77,7 +77,7 @@ def _about(quantity: Parameter) -> dict[str, str]:
     return {"long_name": quantity.meaning, "units": quantity.unit, "symbol": quantity.symbol}
 
 
-def parameters_of(dataset: xr.Dataset) -> Mapping[str, Parameter]:
+def named_parameters(dataset: xr.Dataset) -> Mapping[str, Parameter]:
     """Return the parameters of a sweep by the names that its user reads."""
     if IN_SI not in dataset.attrs:
         return PARAMETERS

@@ -30,7 +30,7 @@ def completed(config: SweepConfig) -> SweepConfig:
 
     Raises MisplacedError if the groups do not go together.
     """
-    axes = config.axes()
+    axes = config.parameters()
     if config.points is None:
         points = _extreme_points(axes, config.method.integrator)
     else:

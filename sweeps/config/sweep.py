@@ -124,7 +124,7 @@ class SweepConfig(Group):
         data = data if null(data.get("rig")) is None else with_rig(data)
         return with_columns(data) if isinstance(data.get("points"), np.ndarray) else data
 
-    def axes(self) -> dict[str, Axis]:
+    def parameters(self) -> dict[str, Axis]:
         """Return the values of each parameter of the model, columns apart, in the file's order."""
         groups = [group for _, group in self.items() if isinstance(group, ParameterConfig)]
         return {name: axis for group in groups for name, axis in group.axes().items()}
@@ -132,7 +132,7 @@ class SweepConfig(Group):
     @cached_property
     def sweep(self) -> Sweep:
         """The points to compute, and what is computed of each."""
-        axes = self.axes()
+        axes = self.parameters()
         swept = {name: axis.values() for name, axis in axes.items() if axis.swept}
         fixed = {name: axis.first for name, axis in axes.items() if not axis.swept}
         grid = Grid(swept if self.points is None else {TABLE: self.points}, fixed)

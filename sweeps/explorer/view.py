@@ -107,7 +107,7 @@ class View:
     @classmethod
     def of(cls, config: SweepConfig) -> Self:
         """Return the view of a configuration: its longest axes, other axes at their first value."""
-        axes = config.axes()
+        axes = config.parameters()
         values = {name: axes[name].first for name in PARAMETERS}
         axis, across = sorted(axes, key=lambda name: -axes[name].size)[:2]
         axis = axis if axes[axis].size > 1 else "omega"

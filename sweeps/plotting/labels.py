@@ -17,7 +17,7 @@ from matplotlib.ticker import (
 
 from sweeps.analysis.coordinates import COORDINATES, impacts_left_out
 from sweeps.analysis.dataset import config_of
-from sweeps.analysis.rig import parameters_of
+from sweeps.analysis.rig import named_parameters
 from sweeps.config.rig import parameter_of
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import in_units, unit_name
@@ -122,7 +122,7 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
     config = config_of(drawn)
     parts = [
         equation(parameter.symbol, drawn[name], float(drawn[name]))
-        for name, parameter in parameters_of(drawn).items()
+        for name, parameter in named_parameters(drawn).items()
         if not drawn[name].dims and float(drawn[name]) != parameter.default
     ]
     if config.follow is not None and DIRECTION not in drawn.dims:  # else it is in the legend

@@ -8,7 +8,7 @@ from __future__ import annotations
 import xarray as xr
 
 from sweeps.analysis.dataset import check_diagnostic
-from sweeps.analysis.rig import parameters_of
+from sweeps.analysis.rig import named_parameters
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
 from sweeps.text import choice_of, listed, nearest, suggestion
@@ -20,7 +20,7 @@ Wanted = str | xr.DataArray
 
 def numbers_of(dataset: xr.Dataset) -> list[str]:
     """List what has a number for each point, results first; the Lyapunov exponents have two."""
-    replaced = PARAMETERS.keys() - parameters_of(dataset).keys()  # by those of a rig
+    replaced = PARAMETERS.keys() - named_parameters(dataset).keys()  # by those of a rig
     return [
         str(name)
         for name in (*dataset.data_vars, *dataset.coords)

@@ -9,7 +9,7 @@ import numpy as np
 from vibroimpact.kernel.integrate import run_points
 from vibroimpact.oscillator import mesh
 from vibroimpact.points.destinations import classified
-from vibroimpact.points.following import follow
+from vibroimpact.points.following import follow_chains
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.scaling import computed_once
 from vibroimpact.points.transient import run_with_own_transients
@@ -44,7 +44,7 @@ def compute_box(
 
     box = points.reshape(tuple(map(len, axes.values())))
     along = list(axes).index(spec.followed)
-    results = follow(box, along, spec.followed, spec.directions, run, advance)
+    results = follow_chains(box, along, spec.followed, spec.directions, run, advance)
     points = np.tile(points, len(spec.directions))
     return classified(spec, points, results, threads, interrupt) if spec.period else results
 

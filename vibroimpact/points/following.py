@@ -24,7 +24,7 @@ RunPoints = Callable[[np.ndarray, bool], dict[str, np.ndarray]]
 _FAILED = [int(status) for status in Status if status.failed]
 
 
-def follow(
+def follow_chains(
     points: np.ndarray,
     along: int,
     axis: str,

@@ -170,7 +170,7 @@ def test_no_value_of_a_range_is_rounded_out_of_it(spacing):
     ],
 )
 def test_an_axis_has_the_values_of_every_form(text, ends, swept, values):
-    axis = load(oscillator_yaml(R=text)).axes()["R"]
+    axis = load(oscillator_yaml(R=text)).parameters()["R"]
     assert (axis.first, axis.low, axis.high) == ends
     assert (axis.size, axis.swept, axis.values().tolist()) == (len(values), swept, values)
 
@@ -181,7 +181,7 @@ def test_the_values_of_a_long_range_are_not_created_before_they_are_needed(monke
     monkeypatch.setattr(Range, "values", lambda self: created.append(self.num) or values(self))
     long = "{start: 1, stop: 2, num: 1e7}"
     for name in ("omega", "f", "p", "clearance"):
-        assert load(oscillator_yaml(**{name: long})).axes()[name].size == 10**7
+        assert load(oscillator_yaml(**{name: long})).parameters()[name].size == 10**7
     assert "beyond the stop" in refusal(oscillator_yaml() + f"start: {{x0: {long}}}\n")
     assert "20,000,000,000 points" in refusal(
         oscillator_yaml(f=long, R="{start: 0, stop: 1, num: 2e3}")

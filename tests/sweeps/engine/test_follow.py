@@ -13,7 +13,7 @@ from tests.helpers.oscillators import bifurcation
 from tests.helpers.places import CONFIGS
 from tests.helpers.sweep_files import data, run_and_read
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
-from vibroimpact.points.following import follow
+from vibroimpact.points.following import follow_chains
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import scheme_of
 
@@ -170,7 +170,7 @@ def test_only_the_chain_that_failed_begins_anew(status):
 
     counted = []
     box = config.sweep.grid.points(full_block(config)[-2:]).reshape(config.sweep.grid.shape)
-    results = follow(box, 1, "omega", ["up"], run, counted.append)
+    results = follow_chains(box, 1, "omega", ["up"], run, counted.append)
     assert counted == [3] * 5
     assert calls[0] == (False, [(R, 0.6, -1.0, 0.0) for R in (0.8, 0.5, 0.6)])
     assert calls[1] == (True, [(R, 1.3, -0.6, R) for R in (0.8, 0.5, 0.6)])
