@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -16,7 +16,6 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
@@ -99,34 +98,68 @@ class Picture(Figure):
         """
         look = {"title": title, "frameon": False, "borderpad": 0.2, **_LEGEND}
         if rarest is None:
-            self.make_room(self._legend_of(handles, look)[0])
-            return
-        most = 0.2 * height if height else 0.25 * self.get_figheight()
-        look |= {"fontsize": "small", "title_fontsize": "small", "labelspacing": 0.3}
-        columns = _MOST_COLUMNS
-        for count in range(len(rarest) + 1):
-            left_out = rarest[:count]
-            shown = [one for one in handles if one.get_label() not in left_out]
-            if left_out:
-                shown.append(Line2D([], [], linestyle="", label=f"rarer classes: {count}"))
-            legend, fitting = self._legend_of(shown, look, columns)
-            columns = fitting + 1  # fewer entries seldom allow more
-            if legend.get_window_extent().height <= most * self.dpi or count == len(rarest):
-                break
-            legend.remove()
+            handles, columns = [*handles], self._entries(handles, look).columns()
+        else:
+            look |= {"fontsize": "small", "title_fontsize": "small", "labelspacing": 0.3}
+            most = 0.2 * height if height else 0.25 * self.get_figheight()
+            handles, columns = self._within(most * self.dpi, handles, rarest, look)
+        legend = self.legend(handles=handles, ncols=columns, loc="outside lower center", **look)
+        legend.get_title().set_multialignment("center")
         self.make_room(legend)
 
-    def _legend_of(
-        self, handles: Sequence[Artist], look: Mapping[str, Any], most: int = _MOST_COLUMNS
-    ) -> tuple[Legend, int]:
-        """Put a legend below the panels, with as many columns as its width allows; return both."""
-        for columns in range(min(most, len(handles)), 0, -1):
-            legend = self.legend(handles=handles, ncols=columns, loc="outside lower center", **look)
-            if columns == 1 or legend.get_window_extent().width <= 0.95 * self.bbox.width:
-                break
-            legend.remove()
-        legend.get_title().set_multialignment("center")
-        return legend, columns
+    def _within(
+        self, height: float, handles: Sequence[Artist], rarest: Sequence[str], look: dict[str, Any]
+    ) -> tuple[list[Artist], int]:
+        """Return the entries of a legend that is at most so high [px], and its columns.
+
+        Entries of similar width are beside each other, so that more columns fit.
+        """
+        texts = [str(handle.get_label()) for handle in handles]
+        order = [(1, len(text)) if text not in rarest else (0, 0) for text in texts]
+        ordered = [handles[i] for i in sorted(range(len(handles)), key=order.__getitem__)]
+        shown, left_out = ordered, 0
+        while True:
+            entries = self._entries(shown, look)
+            columns = entries.columns()
+            if entries.height(columns) <= height or left_out == len(rarest):
+                return shown, columns
+            left_out += 1
+            kept = [one for one in ordered if one.get_label() not in rarest[:left_out]]
+            text = f"rarer classes: {left_out}"
+            shown = [*kept, Line2D([], [], linestyle="", label=text)]
+
+    def _entries(self, handles: Sequence[Artist], look: dict[str, Any]) -> _Entries:
+        """Measure the entries of a legend."""
+        legend = self.legend(handles=[*handles], loc="lower center", **look)
+        texts, title = legend.get_texts(), legend.get_title().get_window_extent().height
+        widths = np.array([text.get_window_extent().width for text in texts])
+        em = float(texts[0].get_fontsize()) * self.dpi / 72.0
+        row = (legend.get_window_extent().height - title) / len(texts)
+        legend.remove()
+        return _Entries(widths, em, row, title, 0.95 * self.bbox.width)
+
+
+class _Entries(NamedTuple):
+    """The widths of the texts of a legend, its font size, the heights of its parts, its room."""
+
+    widths: np.ndarray
+    em: float
+    row: float
+    title: float
+    room: float
+
+    def columns(self) -> int:
+        """Return the number of columns for which there is room."""
+        beside = float(sum(_LEGEND.values()))
+        for columns in range(min(_MOST_COLUMNS, len(self.widths)), 1, -1):
+            texts = sum(part.max() for part in np.array_split(self.widths, columns))
+            if texts + columns * beside * self.em <= self.room:
+                return columns
+        return 1
+
+    def height(self, columns: int) -> float:
+        """Return the height of the legend."""
+        return self.title + self.row * math.ceil(len(self.widths) / columns)
 
 
 def new_panel(ax: Axes | None, page: Page) -> Axes:

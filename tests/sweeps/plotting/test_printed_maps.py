@@ -94,6 +94,29 @@ def test_a_legend_takes_a_fifth_of_the_height_and_counts_what_it_leaves_out():
     assert not parameter_map(dataset, page=Page(legend=False)).legends
 
 
+def test_entries_of_one_width_are_beside_each_other_in_a_legend_within_the_figure():
+    """So that more columns fit, and fewer classes are left out."""
+    changed = {
+        "orbit_distance": {(0, 0): 0.1},
+        "period": {(1, 1): 0},
+        "rest_fraction": {(0, 3): 0.5},
+    }
+    dataset = equal_points(axes=AXES, **changed)
+    for column, (m, q) in enumerate(list(CLASSES)[1:7]):
+        dataset["period"].values[2:, 8 * column :] = m
+        dataset["period_impacts"].values[2:, 8 * column :] = q
+    dataset["period_impacts"].values[1, 6] = 7
+    figure = parameter_map(dataset, page=Page(width=3.4))
+    figure.draw_without_rendering()
+    (one,) = figure.legends
+    texts = [text.get_text() for text in one.get_texts()]
+    assert {"rest", "other m/q"} <= set(texts)
+    assert [len(text) for text in texts] == sorted(map(len, texts))
+    box = one.get_window_extent()
+    assert figure.bbox.x0 < box.x0 and box.x1 < figure.bbox.x1
+    assert len({round(text.get_window_extent().x0) for text in one.get_texts()}) >= 3
+
+
 def test_marks_can_be_left_out():
     dataset = equal_points(axes=AXES)
     dataset["orbit_distance"].values[3:9, 3:9] = 0.5
