@@ -46,6 +46,7 @@ def one_failing(monkeypatch, which, error):
         yield made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [errno.ESTALE, errno.EIO])
 def test_whichever_call_fails_a_resumed_run_loses_nothing(monkeypatch, error):
     fill_blocks("whole.h5")
@@ -81,6 +82,7 @@ def test_whichever_call_fails_a_resumed_run_loses_nothing(monkeypatch, error):
     assert refused > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blocks", [4, None])
 def test_whichever_call_fails_a_reader_sees_all_that_is_there_or_is_refused(monkeypatch, blocks):
     fill_blocks("out.h5", blocks)

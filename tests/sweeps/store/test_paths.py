@@ -332,6 +332,7 @@ def test_on_a_disk_without_locks_the_file_itself_is_the_lock(monkeypatch, error)
         fill_blocks("out.h5", resume=True)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 def test_a_complete_file_is_read_where_no_file_can_be_locked():
     fill_blocks("out.h5")

@@ -144,6 +144,7 @@ def test_the_names_of_the_blocks_are_on_the_disk_after_a_second(monkeypatch):
     assert [file == folder for file in synced] == [0, 0, 0, 1, 0, 0, 0, 1, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 def test_an_error_of_truncate_in_the_last_pass_is_one_failure(whole):
     code = "from tests.helpers.written_files import fill_blocks; fill_blocks('out.h5')"
