@@ -18,6 +18,7 @@ With another impact rule, a record that repeats is all the evidence, to the same
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,6 +49,7 @@ from vibroimpact.destination.repetition import (
 from vibroimpact.destination.section_map import flow_of, follow, impacts_over
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Evidence, Status
+from vibroimpact.step.contact import Scratch
 from vibroimpact.step.propagator import from_dimensionless, to_dimensionless
 from vibroimpact.step.scheme import COS, SIN
 
@@ -73,6 +75,14 @@ _REPEATS, _FREE = int(Evidence.REPEATS), int(Evidence.FREE)
 _CLEARLY_STABLE = 1.0 - 1e-4
 # Kinds of records. A record has a result, and it has no impact, impacts, or rests.
 _NO_RESULT, _NO_IMPACT, _IMPACTS, _RESTS = range(4)
+
+
+class Memory(NamedTuple):
+    """The memory in which destinations are found; one per thread."""
+
+    scratch: Scratch
+    passed: np.ndarray  #: That of a ``Flow``.
+    tried: np.ndarray  #: Receives the ``near_repetitions`` of a record, shape (TRIED,).
 
 
 @inlined
@@ -150,7 +160,6 @@ def find_exact(pt, sections, sums, grid, memory, found):
     kind = kind_of(sums)
     if kind == _NO_RESULT:
         return
-    scratch, passed, tried = memory
     last = sections.shape[0] - 1
     x, v = sections[last, 0], sections[last, 1]
     steady = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
@@ -158,7 +167,7 @@ def find_exact(pt, sections, sums, grid, memory, found):
     if not free and put_cycle(found, sections, sums, pt):
         return
     size = size_of(sections, pt)
-    flow = flow_of(pt, grid, scratch, passed)
+    flow = flow_of(pt, grid, memory.scratch, memory.passed)
     free = free or (kind == _NO_IMPACT and stays_free(flow, x, v, steady))
     if free and pt.h > 0.0:
         off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
@@ -183,9 +192,10 @@ def find_exact(pt, sections, sums, grid, memory, found):
             return
         judge(flow, y, w, m, units, found)
         return
-    near_repetitions(sections, size, tried)
+    near_repetitions(sections, size, memory.tried)
     for k in range(TRIED):
-        if tried[k] > 0 and judge(flow, y, w, tried[k], units, found):
+        m = memory.tried[k]
+        if m > 0 and judge(flow, y, w, m, units, found):
             return
 
 

@@ -47,7 +47,6 @@ _BORROWING = (
 )
 #: These modules of theirs create arrays, so they count.
 _CREATING = {
-    "vibroimpact.kernel.run",
     "vibroimpact.step.contact",
     "vibroimpact.step.recorder",
     "vibroimpact.step.stepper",

@@ -39,9 +39,11 @@ from numba.core.typing import Context
 from vibroimpact.jit.cache import cache_folder, read, syntax, warn_once, write
 from vibroimpact.jit.sharing import claimed, released, tell
 
-#: Passes for what this project does not use: lifted loops, closures, raised exceptions that are
-#: computed, literal loops, overloads to merge, array expressions; and for what only a reader needs.
+#: Passes for what this project does not use: generators, lifted loops, closures, raised exceptions
+#: that are computed, literal loops, overloads to merge, array expressions; and for what only a
+#: reader needs.
 _UNUSED_PASSES = {
+    "IRProcessing",
     "WithLifting",
     "InlineClosureLikes",
     "RewriteDynamicRaises",
@@ -233,7 +235,8 @@ class _LeanManager(PassManager):
         for one, _ in self.passes:
             kept = _pass_registry.get(one)
             kept.pass_inst.analysis = self._analysis
-            with trigger_event("numba:run_pass"):
+            told = {"name": one.name(), "qualname": state.func_id.func_qualname}
+            with trigger_event("numba:run_pass", data=told):
                 kept.pass_inst.run_pass(state)
             if kept.mutates_CFG:
                 state.func_ir.blocks = canonicalize_cfg(state.func_ir.blocks)

@@ -4,11 +4,10 @@ All lanes take a step as if there were no stop, and lanes that may have met it a
 whose record is complete takes the next point. Each thread does so until there are no more points,
 without holding Python's global lock:
 
-- ``run_on_threads``: starts the threads.
-- ``take_exact``, ``take_plain``, ``take_shortened``: the work of one thread, compiled for one rule.
-  It allocates the workspace.
-- ``run_exact`` and so on of ``loop.py``: its lanes, from point to point. From here on nothing is
+- ``run_on_threads``: starts the threads, and gives each its memory. From here on nothing is
   allocated, so references to arrays need not be counted.
+- ``take_exact``, ``take_plain``, ``take_shortened``: the work of one thread, compiled for one rule.
+- ``run_exact`` and so on of ``loop.py``: its lanes, from point to point.
 - ``take_exact_steps`` or ``take_strides``: one forcing period.
 """
 
@@ -18,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.destination.find import find_exact, find_repetition
+from vibroimpact.destination.find import Memory, find_exact, find_repetition
 from vibroimpact.destination.repetition import TRIED
 from vibroimpact.destination.section_map import MOST_SECTIONS
 from vibroimpact.jit import claim, compiled, jit, on_threads, specialised
@@ -59,8 +58,7 @@ def lanes_per_thread(points: int, threads: int) -> int:
     return min(LANES, max(FEWEST_LANES, -(-share // VECTOR) * VECTOR))
 
 
-@jit
-def aligned(size):
+def aligned(size: int) -> np.ndarray:
     """Return an array of `size` zeros that begins at a cache line.
 
     A vector of 512 bits across two lines would be read twice. The memory is set to zero because
@@ -72,24 +70,24 @@ def aligned(size):
     return memory[skipped : skipped + size]
 
 
-@jit
-def new_workspace(columns):
+def new_workspace(columns: int) -> Workspace:
     """Return the workspace of a thread; `columns` is the number of values in its columns."""
-    met = np.zeros(LANES, np.int64)
-    added = aligned(2 * KEPT * ROW).reshape((KEPT, 2, ROW))
     return Workspace(
-        aligned(LANES_SIZE), met, aligned(columns), added, new_scratch(),
-        np.zeros(LANES, np.int64), np.empty(LANES, POINT), np.empty(LANES, SUMS),
-        np.empty(LANES, SUMS),
-    )  # fmt: skip
+        lanes=aligned(LANES_SIZE),
+        met=np.zeros(LANES, np.int64),
+        columns=aligned(columns),
+        added=aligned(2 * KEPT * ROW).reshape((KEPT, 2, ROW)),
+        scratch=new_scratch.py_func(),  # compiled code calls it, too
+        rows=np.zeros(LANES, np.int64),
+        points=np.empty(LANES, POINT),
+        sums=np.empty(LANES, SUMS),
+        marked=np.empty(LANES, SUMS),
+    )
 
 
 @specialised
-def take_points(job, run, find, columns):
+def take_points(job, workspace, memory, run, find):
     """Run point after point, or only find where their motions go."""
-    workspace = new_workspace(columns)
-    # The memory in which destinations are found.
-    memory = workspace.scratch, np.zeros((MOST_SECTIONS, 2)), np.zeros(TRIED, np.int64)
     if not job.only_find:
         run(workspace, job, memory)
         return
@@ -100,25 +98,32 @@ def take_points(job, run, find, columns):
 
 
 @jit
-def take_exact(job):
+def take_exact(job, workspace, memory):
     """Do the work of one thread with the rule ``exact``."""
-    take_points(job, run_exact, find_exact, EXACT_COLUMNS)
+    take_points(job, workspace, memory, run_exact, find_exact)
 
 
 @jit
-def take_plain(job):
+def take_plain(job, workspace, memory):
     """Do the work of one thread with the rule ``plain``."""
-    take_points(job, run_plain, find_repetition, 0)
+    take_points(job, workspace, memory, run_plain, find_repetition)
 
 
 @jit
-def take_shortened(job):
+def take_shortened(job, workspace, memory):
     """Do the work of one thread with the rules ``reduced-step`` and ``cubic``."""
-    take_points(job, run_shortened, find_repetition, REDUCED_STEP_COLUMNS)
+    take_points(job, workspace, memory, run_shortened, find_repetition)
 
 
 def run_on_threads(threads: int, job: KernelJob) -> None:
     """Run every point, on `threads` threads."""
-    loops = {PLAIN: take_plain, EXACT: take_exact}
-    work = compiled(loops.get(job.scheme.method[0], take_shortened), job)
-    on_threads(threads, job.interrupt, work, job)
+    loops = {PLAIN: (take_plain, 0), EXACT: (take_exact, EXACT_COLUMNS)}
+    loop, columns = loops.get(job.scheme.method[0], (take_shortened, REDUCED_STEP_COLUMNS))
+
+    def memory_of_thread() -> tuple[Workspace, Memory]:
+        workspace = new_workspace(columns)
+        sections, tried = np.zeros((MOST_SECTIONS, 2)), np.zeros(TRIED, np.int64)
+        return workspace, Memory(workspace.scratch, sections, tried)
+
+    work = compiled(loop, job, *memory_of_thread())
+    on_threads(threads, job.interrupt, lambda: work(job, *memory_of_thread()))

@@ -200,11 +200,11 @@ def single_impact(eq, start, free, waves, phase_step, polish):
     cosine of the phase at the start, then at the end. The guess is improved `polish` times; once is
     mostly enough.
     """
-    late, t = guess(start, free, phase_step)
-    k = expand_near(eq, start, free, waves, late)
+    y_T, w_T, bound = free
+    late, t = guess(start, (y_T, w_T), phase_step)
+    k = expand_near(eq, start, (y_T, w_T), waves, late)
     for _ in range(polish):
         t = approach(k, t, phase_step)
-    values, (y_T, _, bound) = all_terms(k, t), free
-    u, r, w_i, proved = first_impact(start, y_T, bound, (late, t), k, values, phase_step)
+    u, r, w_i, proved = first_impact(start, y_T, bound, (late, t), k, all_terms(k, t), phase_step)
     y, w, proved = rebound(eq, free, r, w_i, proved, phase_step)
     return Impact(y, w, u, w_i, proved)
