@@ -178,7 +178,7 @@ def test_a_lane_takes_its_place_with_all_it_has():
     workspace = new_workspace(0)
     workspace.lanes[:] = np.arange(workspace.lanes.size)
     workspace.added[:] = np.arange(workspace.added.size).reshape(workspace.added.shape)
-    for array in (workspace.rows, workspace.points, workspace.sums, workspace.marked):
+    for array in (workspace.rows, workspace.points, workspace.sums, workspace.sums_at_mark):
         array[:] = np.arange(array.size)
     lanes, rows = workspace.lanes.copy(), workspace.lanes[:COEFFICIENTS].reshape(-1, ROW)
     added = workspace.added.copy()
@@ -191,5 +191,5 @@ def test_a_lane_takes_its_place_with_all_it_has():
     coefficients = workspace.lanes[COEFFICIENTS:].reshape(-1, 8)
     np.testing.assert_array_equal(coefficients[2], lanes[COEFFICIENTS:].reshape(-1, 8)[5])
     assert workspace.rows[2] == 5
-    for array in (workspace.points, workspace.sums, workspace.marked):
+    for array in (workspace.points, workspace.sums, workspace.sums_at_mark):
         assert array[2] == array[5]

@@ -114,7 +114,10 @@ def put_repetition(found, sections, m, off, multiplier, q):
 
 @jit
 def put_cycle(found, sections, sums, pt):
-    """Write the class of a motion that came back to the same bits; return whether it is known."""
+    """Write the class of a motion that came back to the same bits; return whether it is known.
+
+    Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
+    """
     m = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt)
     if m == 0:
         return False

@@ -32,9 +32,9 @@ from vibroimpact.kernel.workspace import (
     KEPT,
     LEVEL,
     MARK_LEVEL,
+    MARK_PERIOD,
     MARK_V,
     MARK_X,
-    MARKED,
     OMEGA,
     PERIOD,
     POSITION,
@@ -137,7 +137,7 @@ def move_lane(workspace, source, target, exactly):
     workspace.rows[target] = workspace.rows[source]
     workspace.points[target] = workspace.points[source]
     workspace.sums[target] = workspace.sums[source]
-    workspace.marked[target] = workspace.marked[source]
+    workspace.sums_at_mark[target] = workspace.sums_at_mark[source]
 
 
 @jit
@@ -151,7 +151,7 @@ def begin_record(workspace, i):
 
 
 @jit
-def find_due(lanes, size, row):
+def find_due(lanes, size, offset):
     """Go on to the next period; the GUARD of a lane that came back or is due is not negative."""
     widest_vectors()
     for i in range(whole_vectors(size)):
@@ -159,27 +159,31 @@ def find_due(lanes, size, row):
         period = lanes[PERIOD + i] + 1.0
         lanes[PERIOD + i] = period
         back = (
-            (lanes[POSITION + row + i] == lanes[MARK_X + i])
-            & (lanes[VELOCITY + row + i] == lanes[MARK_V + i])
+            (lanes[POSITION + offset + i] == lanes[MARK_X + i])
+            & (lanes[VELOCITY + offset + i] == lanes[MARK_V + i])
             & (lanes[LEVEL + i] == lanes[MARK_LEVEL + i])
         )
         lanes[GUARD + i] = select(back | (period >= lanes[DUE + i]), 1.0, -1.0)
 
 
 @jit
-def end_period(batch, row, phase_step):
-    """Store the states at the section in the records; `row` is 0 or ROW, where the states lie."""
+def end_period(batch, offset, phase_step):
+    """Store the states at the section, which lie 0 or ROW numbers on: the `offset`."""
     workspace, record, size = batch
     lanes = workspace.lanes
     for i in range(size):
         if lanes[PERIOD + i] >= 0.0:
-            x, v, sums = lanes[POSITION + row + i], lanes[VELOCITY + row + i], workspace.sums[i]
+            x, v, sums = (
+                lanes[POSITION + offset + i],
+                lanes[VELOCITY + offset + i],
+                workspace.sums[i],
+            )
             sections, k = record.sections[workspace.rows[i]], int(lanes[PERIOD + i])
             record_section(x, v, sections, k, sums)
             if lanes[SLEPT + i] > 0.0:
                 sums.rested += lanes[SLEPT + i] * phase_step / lanes[OMEGA + i]
                 lanes[SLEPT + i] = 0.0
-    find_due(lanes, size, row)
+    find_due(lanes, size, offset)
 
 
 @jit
@@ -187,9 +191,9 @@ def skip_cycles(batch, i, periods, only_transient):
     """Skip whole cycles of lane `i`, which has come back to its mark; copy them in its record."""
     workspace, record, _ = batch
     lanes, row, sums = workspace.lanes, workspace.rows[i], workspace.sums[i]
-    marked = workspace.marked[i]
+    marked = workspace.sums_at_mark[i]
     period = int(lanes[PERIOD + i])
-    cycle = period - int(lanes[MARKED + i])
+    cycle = period - int(lanes[MARK_PERIOD + i])
     if period <= 0:
         lanes[PERIOD + i] += -period // cycle * cycle
         return
@@ -208,11 +212,11 @@ def skip_cycles(batch, i, periods, only_transient):
 
 
 @jit
-def attend_lane(batch, i, row, transient, periods, only_transient):
+def attend_lane(batch, i, offset, transient, periods, only_transient):
     """Do what is due in lane `i` at a section: skip cycles, begin the record, renew the mark."""
     workspace, record, _ = batch
     lanes = workspace.lanes
-    x, v, level = lanes[POSITION + row + i], lanes[VELOCITY + row + i], lanes[LEVEL + i]
+    x, v, level = lanes[POSITION + offset + i], lanes[VELOCITY + offset + i], lanes[LEVEL + i]
     same = x == lanes[MARK_X + i] and v == lanes[MARK_V + i]
     if same and level == lanes[MARK_LEVEL + i]:
         skip_cycles(batch, i, periods, only_transient)
@@ -225,8 +229,8 @@ def attend_lane(batch, i, row, transient, periods, only_transient):
     elif period < lanes[DUE + i]:
         return
     lanes[MARK_X + i], lanes[MARK_V + i], lanes[MARK_LEVEL + i] = x, v, level
-    lanes[MARKED + i] = period
-    workspace.marked[i] = workspace.sums[i]
+    lanes[MARK_PERIOD + i] = period
+    workspace.sums_at_mark[i] = workspace.sums[i]
     lanes[DUE + i] = min(period + 1.0 + math.floor(0.25 * (period + transient)), end)
 
 

@@ -36,7 +36,7 @@ def run_lanes(workspace, job, memory, fill, find, exactly, plain):
     the loop of that rule is compiled.
     """
     lanes, met, record = workspace.lanes, workspace.met, job.record
-    (method, _, grid), size, row = job.scheme, 0, ROW if exactly else 0
+    (method, _, grid), size, offset = job.scheme, 0, ROW if exactly else 0
     while size < job.lanes and fill(workspace, job, size):
         size += 1
     while size > 0 and not is_set(job.interrupt):
@@ -47,11 +47,11 @@ def run_lanes(workspace, job, memory, fill, find, exactly, plain):
             round_states(lanes, size)
         else:
             take_strides(batch, method, plain, grid)
-        end_period(batch, row, grid.phase_step)
+        end_period(batch, offset, grid.phase_step)
         # From the last lane on: a lane that takes the place of a complete one is done already.
         for j in range(list_lanes(lanes, met, size) - 1, -1, -1):
             i = met[j]
-            attend_lane(batch, i, row, job.transient, job.periods, job.lyapunov)
+            attend_lane(batch, i, offset, job.transient, job.periods, job.lyapunov)
             if lanes[PERIOD + i] >= job.periods:
                 close_lane(workspace, job, i, exactly, plain)
                 find_destination(job, workspace.rows[i], find, memory)

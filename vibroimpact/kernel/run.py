@@ -81,7 +81,7 @@ def new_workspace(columns: int) -> Workspace:
         rows=np.zeros(LANES, np.int64),
         points=np.empty(LANES, POINT),
         sums=np.empty(LANES, SUMS),
-        marked=np.empty(LANES, SUMS),
+        sums_at_mark=np.empty(LANES, SUMS),
     )
 
 

@@ -34,7 +34,8 @@ COEFFICIENTS_SIZE = 8
     # The state (x, v), which is (y, w) with exact impacts, and the tangent vectors. Each number has
     # two rows: one for the start of even steps, one for odd steps. Time stepping uses the first.
     POSITION, VELOCITY, TANGENTS,
-    # GUARD is not negative if the lane may have met its stop, or is at rest. LEVEL is the stop that
+    # GUARD is not negative if the lane may have met its stop, or is at rest; at a section, if it
+    # has come back to its mark or is due. LEVEL is the stop that
     # time stepping watches, or AT_REST. WAKE is the phase before which a resting lane is not
     # released, or AWAKE.
     GUARD, LEVEL, WAKE, CLEARANCE, OMEGA,
@@ -45,7 +46,7 @@ COEFFICIENTS_SIZE = 8
     MAP, RESTITUTION, GREATEST, SPEEDS,
     # The period of the record in which a lane is, below 0 in its transient; the period before which
     # nothing happens but a return of the motion; and the state of its mark, with its period.
-    PERIOD, DUE, MARK_X, MARK_V, MARK_LEVEL, MARKED,
+    PERIOD, DUE, MARK_X, MARK_V, MARK_LEVEL, MARK_PERIOD,
     # The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers
     # of one lane are contiguous.
     COEFFICIENTS,
@@ -66,7 +67,7 @@ class Workspace(NamedTuple):
     """The memory of a thread."""
 
     lanes: np.ndarray  #: The rows of the lanes.
-    met: np.ndarray  #: The list of lanes that may have met the stop.
+    met: np.ndarray  #: The list of lanes whose GUARD is not negative.
     columns: np.ndarray  #: The rows of the columns, each a copy of a listed lane.
     #: With exact impacts, what each step adds to y and w of each lane: shape (KEPT, 2, ROW).
     added: np.ndarray
@@ -74,7 +75,7 @@ class Workspace(NamedTuple):
     rows: np.ndarray  #: The row of the point of each lane, in the points and in the record.
     points: np.ndarray  #: The points of the lanes.
     sums: np.ndarray  #: Their sums so far, of dtype ``SUMS``.
-    marked: np.ndarray  #: Their sums at their marks.
+    sums_at_mark: np.ndarray  #: Their sums at their marks.
 
 
 class Batch(NamedTuple):
