@@ -740,6 +740,16 @@ def test_the_graze_of_an_orbit_that_is_symmetric_in_time_is_followed_through_bot
     assert (x, v) == pytest.approx((0.0, 0.0), abs=1e-7)
 
 
+def test_a_graze_of_any_natural_vibration_has_no_curve():
+    """At h = 0 and omega = 4 p the orbits of 4/1 vanish, and vibrations of any phase touch."""
+    osc = Oscillator(h=0.0, R=0.8, omega=4.2, f=1.0, clearance=1.0)
+    (end,) = [p for p in branch(one_impact_orbit(osc, 4), "omega", 3.0, 4.3).special
+              if p.kind == "graze"]  # fmt: skip
+    for second in (("p", 0.8, 1.2), ("R", 0.5, 1.0), ("clearance", 0.5, 1.5)):
+        with pytest.raises(OrbitError, match=r"not isolated.* 4 forcing periods at omega = 4"):
+            bifurcation_curve(end.orbit, "graze", ("omega", 3.0, 4.3), second)
+
+
 def test_the_folds_are_those_of_the_closed_form():
     osc = Oscillator(h=0.1, R=0.8, omega=1.5, f=1.0, clearance=1.0)
     found = bifurcation_curve(one_impact_orbit(osc), "fold", ("omega", 1.4, 2.0), ("R", 0.6, 0.9))

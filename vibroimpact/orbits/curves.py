@@ -12,7 +12,7 @@ import numpy as np
 
 from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
-from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of, unit_of_speed
+from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of, unit_of_speed
 from vibroimpact.orbits.paths import both_ways
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.oscillator import one_of, refuse_other
@@ -22,6 +22,8 @@ KINDS = tuple(filter(None, CONDITIONS))
 #: A bifurcation that was found belongs to the orbit if it is closer to it than this, in scaled
 #: unknowns.
 _BESIDE = 0.2
+#: A natural vibration repeats if its turns are a whole number, to this share.
+_REPEATS = 1e-9
 #: If no impact is faster than this, in the unit of speed, the orbit is the free oscillation.
 _STILL = 1e-6
 
@@ -55,8 +57,9 @@ def bifurcation_curve(
     Raises
     ------
     OrbitError
-        If no such bifurcation is found near the orbit, or it is outside a range; or if a repetition
-        of the orbit is too long to be solved for, as in `periodic_orbit`.
+        If no such bifurcation is found near the orbit, or it is outside a range; if it is a graze
+        of any natural vibration, without damping; or if a repetition of the orbit is too long to be
+        solved for, as in `periodic_orbit`.
     TypeError, ValueError
         If an argument is not valid.
 
@@ -80,7 +83,9 @@ def bifurcation_curve(
     if axes[0].name == axes[1].name:
         raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")
     start = _bifurcation(orbit, kind, axes)
-    start = _least_graze(start, axes) if kind == "graze" else start
+    if kind == "graze":
+        start = _least_graze(start, axes)
+        _refuse_natural(start)
     for axis in axes:
         value = getattr(start.oscillator, axis.name)
         if not axis.holds(value):
@@ -92,6 +97,22 @@ def bifurcation_curve(
     if not np.isfinite(tangent).all():
         raise OrbitError(f"the {kind} does not go on in {first[0]} and {second[0]}")
     return as_branch(both_ways(family, -tangent if tangent[-2] < 0.0 else tangent))
+
+
+def _refuse_natural(graze: PeriodicOrbit) -> None:
+    """Raise an OrbitError at the graze of a natural vibration, of which there is one at any phase.
+
+    That is without damping, where m p is a multiple of omega. It is not the free oscillation.
+    """
+    osc = graze.oscillator
+    turns = graze.m * osc.p / osc.omega
+    repeats = osc.h == 0.0 and abs(turns - round(turns)) < _REPEATS * turns
+    reach = osc.clearance - abs(free_amplitude(osc))
+    if repeats and not graze.speeds.any() and abs(reach) > _STILL * abs(osc.clearance):
+        raise OrbitError(
+            "the graze is not isolated: without damping, every natural vibration repeats after "
+            f"{graze.m} forcing periods at omega = {osc.omega:g}"
+        )
 
 
 def _bifurcation(
