@@ -168,7 +168,7 @@ def test_a_boundary_that_rounding_decides_is_fractal(two, monkeypatch):
         reached = np.where(np.abs(states[:, 1] - v) > 0.3, chance.integers(0, 2, count), 0)
         return reached, np.ones(count, bool)
 
-    monkeypatch.setattr("sweeps.analysis.knocks._Motions._ends", ends)
+    monkeypatch.setattr("sweeps.analysis.knocks._Motions._reached", ends)
     starts = two.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-4)
