@@ -34,7 +34,7 @@ def with_short_chords(
 
     `drawn` returns the ordinates of an orbit in the plot over the parameter, as shares of the
     plotted ranges, shape (k,). They stay within `tolerance` of a chord, and a jump lies between two
-    points that are as close together.
+    points that are as close together. Between such points nothing is looked for.
     """
     if len(found.values) < 2:
         return found
@@ -113,5 +113,7 @@ class _Chords:
     def _is_off(self, begin: _Place, middle: _Place, end: _Place) -> bool:
         """Whether an ordinate of the middle is too far from the chord."""
         across, up = end.x - begin.x, end.y - begin.y
+        if max(abs(across), abs(middle.x - begin.x)) <= self.tolerance:
+            return False  # a jump, or ordinates that are rounding only, never come nearer
         away = across * (middle.y - begin.y) - up * (middle.x - begin.x)
         return bool((np.abs(away) > self.tolerance * np.hypot(across, up)).any())

@@ -64,9 +64,12 @@ class Page:
 
     def refuse_looks(self, looks: Collection[str]) -> None:
         """Refuse a page with a look that is not among the `looks` of a picture."""
-        for name, usual in (("marks", True), ("grey", False)):
+        for name, usual, which in (
+            ("marks", True, "only maps can leave out their marks"),
+            ("grey", False, "only maps can be drawn in grey"),
+        ):
             if getattr(self, name) != usual and name not in looks:
-                raise Refused(f"{name} = {not usual} is for maps, and this picture is none")
+                raise Refused(f"{which}, and this picture is none")
 
     def set_limits(self, panel: Axes) -> None:
         """Set the given limits; raise Refused if they contain no data."""

@@ -26,6 +26,17 @@ def test_orbits_between_a_fold_and_a_flip_of_one_step_are_stable():
     np.testing.assert_array_equal(found.stable[clear], largest[clear] < 1.0)
 
 
+def test_ordinates_that_are_rounding_only_end_the_search_for_a_picture():
+    """A branch over a range so narrow that the drawn ordinates are noise."""
+    osc = Oscillator(h=0.1, R=0.8, omega=2.5, f=1.0)
+    noise = np.random.default_rng(1)
+    start = branch(one_impact_orbit(osc), "omega", 2.45, 2.55)
+    found = with_short_chords(
+        start, 2.45, 2.55, lambda orbit: 0.03 * noise.integers(2, size=1), 0.02
+    )
+    assert len(start.values) < len(found.values) < 2000
+
+
 def speeds_of(orbit):
     return orbit.speeds
 

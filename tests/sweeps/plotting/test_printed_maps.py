@@ -126,8 +126,11 @@ def test_marks_can_be_left_out():
 
 def test_a_look_that_a_picture_does_not_have_is_refused(tmp_path):
     dataset = equal_points(axes=AXES)
-    for page, name in ((Page(grey=True), "grey = True"), (Page(marks=False), "marks = False")):
-        with pytest.raises(Refused, match=f"{name} is for maps, and this picture is none"):
+    for page, which in (
+        (Page(grey=True), "only maps can be drawn in grey"),
+        (Page(marks=False), "only maps can leave out their marks"),
+    ):
+        with pytest.raises(Refused, match=f"{which}, and this picture is none"):
             section(dataset, page=page)
     with pytest.raises(Refused, match="greys and hatches are for classes, and impulse is none"):
         parameter_map(dataset, quantity="impulse", page=Page(grey=True))
@@ -144,4 +147,5 @@ def test_the_command_draws_in_grey(tmp_path):
     for number, looks in enumerate(([], ["--grey"], ["--no-legend"], ["--grey", "--no-marks"])):
         accepted("plot", "out.h5", *looks, "--dpi", "50", "-o", f"a/{number}.png")
     assert len({file.read_bytes() for file in (tmp_path / "a").iterdir()}) >= 3
-    assert "grey = True is for maps" in refused("plot", "out.h5", "--kind", "section", "--grey")
+    told = refused("plot", "out.h5", "--kind", "section", "--grey")
+    assert "only maps can be drawn in grey" in told
