@@ -18,7 +18,7 @@ from matplotlib.ticker import (
 from sweeps.analysis.coordinates import COORDINATES, impacts_left_out
 from sweeps.analysis.dataset import config_of
 from sweeps.analysis.rig import named_parameters
-from sweeps.config.rig import parameter_of
+from sweeps.config.rig import model_name, parameter_of
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import in_units, unit_name
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -120,10 +120,14 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
     default that of `record_text`.
     """
     config = config_of(drawn)
+    usual = {name: parameter.default for name, parameter in named_parameters(drawn).items()}
+    called = {model_name(name): name for name in usual}
+    if called["a"] in drawn.coords and bool((drawn[called["a"]] > 0.0).any()):
+        usual[called["f"]] = 0.0  # the base alone may shake the mass
     parts = [
         equation(parameter.symbol, drawn[name], float(drawn[name]))
         for name, parameter in named_parameters(drawn).items()
-        if not drawn[name].dims and float(drawn[name]) != parameter.default
+        if not drawn[name].dims and float(drawn[name]) != usual[name]
     ]
     if config.follow is not None and DIRECTION not in drawn.dims:  # else it is in the legend
         ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.follow.directions

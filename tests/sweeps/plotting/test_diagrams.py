@@ -99,6 +99,10 @@ def test_a_title_leaves_out_defaults_and_breaks_between_words(random_sweep):
     figure = bifurcation(dataset, page=Page(width=3.4))
     _, rest = figure.get_suptitle().split("\n")
     assert rest.startswith("$h=0.05$, $R=0.8$, $f=1$, phase")
+    for a, force in ((0.0, "$f=0$, phase"), (0.5, "$a=0.5$, phase")):  # no force but that of a base
+        shaken = random_sweep({"omega": OMEGA}, fixed={**fixed, "f": 0.0, "a": a})
+        assert force in bifurcation(shaken).get_suptitle().replace("\n", " ")
+        assert ("$f=0$" in bifurcation(shaken).get_suptitle()) == (a == 0.0)
     (text,) = figure.texts
     assert text.get_window_extent().width <= figure.bbox.width
     wide = bifurcation(dataset).texts[0].get_window_extent()
