@@ -6,8 +6,9 @@ As in ``main.py``, modules are imported inside the command.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,10 +24,13 @@ from sweeps.cli.options import (
     say,
 )
 from sweeps.cli.plot import Coordinate, Width, draw
-from sweeps.cli.run import DryRun, plan_of, run_and_report
+from sweeps.cli.run import DryRun, Overrides, plan_of, run_and_report
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import shortest
+
+if TYPE_CHECKING:
+    from sweeps.config.sweep import SweepConfig
 
 _NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
 
@@ -53,6 +57,7 @@ def zoom(
     file: SweepFile,
     pieces: Pieces,
     output: Output = None,
+    overrides: Overrides = None,
     coordinate: Coordinate = None,
     width: Width = None,
     threads: Threads = None,
@@ -62,7 +67,7 @@ def zoom(
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
     from sweeps.analysis.coordinates import COORDINATES
-    from sweeps.engine.configurations import read_config, zoomed
+    from sweeps.engine.configurations import zoomed
     from sweeps.plotting.lines import choose_coordinate
     from sweeps.plotting.saving import check_picture
     from sweeps.store import check_output
@@ -81,9 +86,13 @@ def zoom(
     page = {"ylim": limits[drawn[0]] if drawn else None, "width": inches("--width", width)}
     axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
     with opened(file, verify=False) as dataset:  # refuses a configuration
-        choose_coordinate(dataset, coordinate)  # the piece has the same
-    config = zoomed(read_config(file), axes)
-    path = output or file.with_name(_name(file, axes))
+        if coordinate not in COORDINATES:
+            choose_coordinate(dataset, coordinate)
+    whole = _overridden(file, overrides or (), axes)
+    if coordinate is not None:
+        _check_recorded(coordinate, whole)
+    path = output or (file.with_name(_name(file, axes)) if whole.output == file else whole.output)
+    config = zoomed(whole, axes)
     figure = path.with_suffix(".png")
     check_output(path, **existing)
     check_picture(figure)
@@ -93,6 +102,26 @@ def zoom(
     run_and_report(config, path, quiet=False, threads=threads, **existing)
     with opened(path, verify=False) as dataset, raised_at_once():
         draw(dataset, figure, None, {}, page, coordinate=coordinate)
+
+
+def _overridden(file: Path, overrides: Sequence[str], axes: Iterable[str]) -> SweepConfig:
+    """Read the configuration of a file with overrides; refuse those that a piece replaces."""
+    from sweeps.engine.configurations import read_config
+
+    replaced = {f"{name}.{end}" for name in axes for end in ("start", "stop")}
+    for text in overrides:
+        key = text.partition("=")[0].strip()
+        if key.partition(".")[2] in replaced:
+            raise Refused(f"--set {text} is not allowed; the piece chooses {key}")
+    return read_config(file, overrides)
+
+
+def _check_recorded(coordinate: str, config: SweepConfig) -> None:
+    """Refuse a coordinate that a sweep does not record."""
+    from sweeps.analysis.coordinates import COORDINATES
+
+    if COORDINATES[coordinate].dimension == "impact" and not config.record.impacts:
+        raise Refused(f"the piece has no {coordinate} to draw: record.impacts is 0")
 
 
 def _piece(text: str) -> tuple[str, tuple[float, float]]:

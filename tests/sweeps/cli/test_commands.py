@@ -163,10 +163,33 @@ def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_plann
         (["omega=2:3", "--width", "4"], "--width 4 is not allowed"),
         (["omega=2:3", "-o", "no/folder.h5"], "does not exist"),
         (["omega=2:3", "-o", "small.h5"], "small.h5 exists"),
+        (["omega=2:3", "--set", "record.transiet=9"], "did you mean transient?"),
+        (["omega=2:3", "--set", "oscillator.omega=2.0"], "omega is not a swept axis"),
+        (["omega=2:3", "--set", "oscillator.omega.stop=4"], "the piece chooses oscillator.omega"),
+        (
+            ["omega=2:3", "--set", "record.impacts=0", "--coordinate", "impact_v"],
+            "the piece has no impact_v to draw: record.impacts is 0",
+        ),
     ],
 )
 def test_a_zoom_that_cannot_be(small_file, pieces, reason):
     assert reason in refused("zoom", "small.h5", *pieces)
+
+
+@pytest.mark.slow
+def test_a_zoom_takes_overrides_as_a_run_does(small_file):
+    overrides = ("--set", "record.transient=60", "--set", "oscillator.omega.num=3")
+    accepted("zoom", "small.h5", "omega=2:2.5", *overrides)
+    ends = [f"oscillator.omega.{end}" for end in ("start=2.0", "stop=2.5")]
+    accepted("run", "small.h5", "-o", "run.h5", *overrides, "--set", ends[0], "--set", ends[1])
+    with sweeps.open_sweep("small-omega-2-2.5.h5") as zoomed, sweeps.open_sweep("run.h5") as run:
+        assert zoomed.drop_attrs().identical(run.drop_attrs())
+        assert config_of(zoomed).record.transient == 60
+    planned = accepted("zoom", "small.h5", "omega=2:2.5", "--set", "output=n.h5", "--dry-run")
+    assert planned.splitlines()[-1] == "output            n.h5"
+    accepted("run", "small.h5", "-o", "none.h5", "--set", "record.impacts=0")
+    impacts = ("--set", "record.impacts=9", "--coordinate", "impact_v")
+    accepted("zoom", "none.h5", "omega=2:2.5", *impacts)  # the file itself has no impacts
 
 
 @pytest.mark.slow
