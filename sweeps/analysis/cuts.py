@@ -80,16 +80,24 @@ def select(dataset: xr.Dataset, at: Selection | None, free: Collection[str] = ()
     for name in at or {}:
         if name in free and name != DIRECTION:
             raise Refused(f"{name} cannot be fixed here; {choice_of(axes)}")
-    index = {name: 0 for name in axes}
-    ways = directions(dataset)
-    if ways and DIRECTION not in free:
-        index[DIRECTION] = 0
-    for name, value in on_grid(dataset, at or {}).items():
-        if isinstance(value, str):
-            index[name] = ways.index(value)
-        else:
-            index[name] = int(np.argmin(np.abs(dataset[name].values - value)))
-    return dataset.isel(index)
+    if directions(dataset) and DIRECTION not in free:
+        axes.append(DIRECTION)
+    return dataset.isel(dict.fromkeys(axes, 0) | _places(dataset, at or {}))
+
+
+def part(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
+    """Return the points of a sweep at the grid values nearest to `at`, with all its dimensions."""
+    return dataset.isel({name: slice(i, i + 1) for name, i in _places(dataset, at).items()})
+
+
+def _places(dataset: xr.Dataset, at: Selection) -> dict[str, int]:
+    """Return the index of the grid value nearest to each value of `at`, or of its direction."""
+    return {
+        name: directions(dataset).index(value)
+        if isinstance(value, str)
+        else int(np.argmin(np.abs(dataset[name].values - value)))
+        for name, value in on_grid(dataset, at).items()
+    }
 
 
 def chosen_axes(

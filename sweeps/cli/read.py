@@ -193,16 +193,22 @@ def export(
         str,
         typer.Option(metavar="NAME", help="What has a row: points, sections or impacts."),
     ] = "points",
+    at: At = None,
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
     from sweeps.analysis.coordinates import impacts_left_out
+    from sweeps.analysis.cuts import on_grid, part
     from sweeps.analysis.tables import ROWS, check_table, write_rows
 
     if rows not in ROWS:
         raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")
+    cuts = selection_of(at)
     check_table(output)
     with opened(file) as dataset, named(file):
-        written = write_rows(dataset, output, rows)
-        left_out = impacts_left_out(dataset) if rows == "impacts" else ""
+        here = on_grid(dataset, cuts)
+        cut = part(dataset, here)
+        written = write_rows(cut, output, rows)
+        left_out = impacts_left_out(cut) if rows == "impacts" else ""
+        say_moved(cuts, here, "written")
     points = "; the file has only the " + left_out + " of a point" if left_out else ""
     say(f"{output}: {written:,} {'row' if written == 1 else 'rows'}{points}")

@@ -103,6 +103,42 @@ def test_every_record_comes_back_to_the_last_bit(file, monkeypatch, rows, dimens
     assert Path("parts.csv").read_bytes() == Path("rows.csv").read_bytes()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("rows", ["points", "sections", "impacts"])
+def test_the_rows_of_a_cut_are_those_of_the_whole_table(file, rows):
+    _, whole = exported(file, "whole.csv", "--rows", rows)
+    for cuts in ({"R": 0.8}, {"R": 0.5, "omega": 2.0}):
+        at = [word for name, value in cuts.items() for word in ("--at", f"{name}={value}")]
+        _, cut = exported(file, "cut.csv", "--rows", rows, *at)
+        expected = [row for row in whole if all(float(row[n]) == cuts[n] for n in cuts)]
+        assert cut == expected and 0 < len(cut) < len(whole)
+    moved = call("export", file, "-o", "cut.csv", "--at", "omega=2.01")
+    assert moved.stderr == "omega = 2.01 is not on the grid; written at omega = 2\n"
+
+
+def test_the_rows_of_a_sweep_followed_both_ways_are_cut_by_direction():
+    overrides = ["oscillator.R=0.5", "follow.axis=omega", "follow.direction=both"]
+    path = run_sweep(load_config("sweep.yaml", overrides), "both.h5")
+    _, whole = exported(path, "whole.csv")
+    _, down = exported(path, "down.csv", "--at", "direction=down")
+    assert down == [row for row in whole if row["direction"] == "down"] and len(whole) == 14
+
+
+@pytest.mark.parametrize(
+    ("cut", "reason"),
+    [
+        ("R", "expected: NAME=VALUE"),
+        ("omgea=2", "omgea cannot be fixed here (did you mean omega?)"),
+        ("h=0.1", "h cannot be fixed here; choose from: R, omega"),
+        ("omega=4", "omega = 4 is outside the sweep: 1 to 3"),
+        ("direction=up", "the sweep was not followed in both"),
+    ],
+)
+def test_a_cut_that_the_sweep_has_not_is_refused(file, cut, reason):
+    assert reason in refused("export", file, "-o", "cut.csv", "--at", cut)
+    assert not Path("cut.csv").exists()
+
+
 def test_the_rows_of_a_table_have_its_columns():
     points = "points: {omega: [2.0, 2.5], serial: [A1, A2]}"
     text = CONFIG.replace("omega: {start: 1.0, stop: 3.0, num: 7}, ", "").replace(
@@ -112,6 +148,8 @@ def test_the_rows_of_a_table_have_its_columns():
     _, table = exported(path, "rows.csv", "--rows", "sections")
     assert list(table[0].values())[:4] == ["1", "2.0", "A1", "21"]
     assert list(table[0])[:4] == ["point", "omega", "serial", "section"] and len(table) == 16
+    _, second = exported(path, "second.csv", "--rows", "sections", "--at", "point=2")
+    assert second == table[8:]
 
 
 def test_a_record_that_the_file_lacks_is_refused():
