@@ -22,6 +22,7 @@ from sweeps.config.rig import (
     model_name,
     parameter_of,
     si_name,
+    si_value,
     si_values,
 )
 from sweeps.store.variables import COLUMNS
@@ -88,8 +89,8 @@ def named_parameters(dataset: xr.Dataset) -> Mapping[str, Parameter]:
 
 def on_axis(dataset: xr.Dataset, axis: str, values: Any) -> Any:
     """Convert values of the model's parameter along an axis to the units of the axis."""
-    name, rig = model_name(axis), rig_of(dataset) if IN_SI in dataset.attrs else None
-    return values if rig is None or name not in QUANTITIES else rig.in_si(name, values)
+    rig = rig_of(dataset) if IN_SI in dataset.attrs else None
+    return si_value(model_name(axis), values, rig)
 
 
 def orbits_on_axes(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:

@@ -178,12 +178,22 @@ def parameter_of(name: str, rig: RigConfig | None) -> Parameter:
     return QUANTITIES[name].description if in_rig else PARAMETERS[name]
 
 
+def si_value(name: str, value: Any, rig: RigConfig | None) -> Any:
+    """Convert values of the parameter `name` of the model to units of the rig, if there is one."""
+    return value if rig is None or name not in QUANTITIES else rig.in_si(name, value)
+
+
+def model_value(name: str, value: Any, rig: RigConfig | None) -> Any:
+    """Convert values of the rig, if there is one, to those of the parameter `name` of the model."""
+    if rig is None or name not in QUANTITIES:
+        return value
+    return QUANTITIES[name].in_model(rig.mass, value)
+
+
 def si_values(values: Mapping[str, Any], rig: RigConfig | None) -> dict[str, Any]:
     """Convert values of the model, by name, to names and units of the rig, if there is one."""
     return {
-        si_name(name, rig): value
-        if rig is None or name not in QUANTITIES or isinstance(value, str)
-        else rig.in_si(name, value)
+        si_name(name, rig): value if isinstance(value, str) else si_value(name, value, rig)
         for name, value in values.items()
     }
 

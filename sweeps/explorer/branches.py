@@ -10,6 +10,7 @@ from bokeh.models import ColumnDataSource, HoverTool, LegendItem
 
 from sweeps.analysis.dataset import dataset_of
 from sweeps.analysis.exact_branches import branches
+from sweeps.config.rig import si_value
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.diagram import Diagram, numbers
 from sweeps.explorer.view import DIAGRAM, View
@@ -75,7 +76,7 @@ class Branches:
             self._found = config, branches(dataset, view.axis, check=check)
         parts = _nothing()
         for name, x, y, _, orbit in parts_of(self._found[1], view.ordinate):
-            columns = parts[name]
+            columns, x = parts[name], si_value(view.axis, x, config.rig)
             for column in y.T:
                 columns["x"] += [x] if name in _LINES else x.tolist()
                 columns["y"] += [column] if name in _LINES else column.tolist()

@@ -20,6 +20,7 @@ from bokeh.models import (
 )
 
 from sweeps.analysis.coordinates import COORDINATES
+from sweeps.config.rig import QUANTITIES, RigConfig, parameter_of, si_name
 from sweeps.explorer.figures import symbol
 from sweeps.explorer.view import View, window_around
 from sweeps.plotting.labels import as_variable
@@ -50,7 +51,9 @@ class Controls:
         save: Callable[[], None],  # writes the configuration of the picture shown
     ) -> None:
         self._change = change
-        self.axis = self._choice("abscissa", [(name, meaning(name)) for name in PARAMETERS])
+        self.axis = self._choice(
+            "abscissa", [(name, meaning(name, view.rig)) for name in PARAMETERS]
+        )
         names = [(name, as_variable(name).attrs["long_name"]) for name in COORDINATES]
         self.ordinate = self._choice("ordinate", names)
         connect(self.axis, "value", change, View.with_axis)
@@ -86,34 +89,35 @@ class Controls:
 
     def _parameter(self, name: str, view: View) -> LayoutDOM:
         """Return the symbol, the field and the slider of a parameter."""
-        parameter, value = PARAMETERS[name], view.values[name]
-        tip = f"{parameter.meaning}: {parameter.allowed}"
-        low, high = window_around(name, view.values)
-        field = self._field(name, width=94, height=22, margin=(0, 2, 0, 0))
+        parameter, value = parameter_of(name, view.rig), view.values[name]
+        unit = f" [{parameter.unit}]" if view.rig is not None and name in QUANTITIES else ""
+        tip = f"{parameter.meaning}{unit}: {parameter.allowed}"
+        low, high = window_around(name, view.values, view.rig)
+        field = self._field(name, si_name(name, view.rig), width=94, height=22, margin=(0, 2, 0, 0))
         slider = Slider(
             start=low, end=high, value=value, step=(high - low) / 400.0, show_value=False,
             title=None, width=88, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
         )  # fmt: skip
         connect(slider, "value", self._change, lambda view, new: view.moved(**{name: float(new)}))
         self.sliders[name] = slider
-        label = Div(text=f'<span title="{tip}">{symbol(name)}</span>', width=22)
+        label = Div(text=f'<span title="{tip}">{symbol(name, view.rig)}</span>', width=22)
         label.styles = {"text-align": "right", "padding-top": "2px"}
         return row(label, field, slider, spacing=2)
 
     def _record(self, name: str) -> LayoutDOM:
         """Return the field of a value of the record."""
         return self._field(
-            name, title=name, width=74, margin=(0, 0, 2, 0), description=_RECORD[name]
+            name, name, title=name, width=74, margin=(0, 0, 2, 0), description=_RECORD[name]
         )
 
-    def _field(self, name: str, **look: Any) -> TextInput:
-        """Return a field for a number in the view."""
+    def _field(self, name: str, called: str, **look: Any) -> TextInput:
+        """Return a field for a number in the view, which is called so in an address."""
         field = TextInput(name=name, stylesheets=[_COMPACT], **look)
         connect(
             field,
             "value",
             self._change,
-            lambda view, text: view.with_query(urlencode({name: text})),
+            lambda view, text: view.with_query(urlencode({called: text})),
         )
         self.fields[name] = field
         return field
@@ -125,7 +129,7 @@ class Controls:
         for name, value in view.values.items():
             slider = self.sliders[name]
             if not slider.start <= value <= slider.end:
-                low, high = window_around(name, view.values)
+                low, high = window_around(name, view.values, view.rig)
                 slider.update(start=low, end=high, step=(high - low) / 400.0)
             slider.value = value
         values = {**view.values, **view.record}
@@ -139,9 +143,9 @@ def _message(name: str, colour: str) -> Div:
     return Div(name=name, width=_WIDTH, text="", styles=styles, render_as_text=True)
 
 
-def meaning(name: str) -> str:
+def meaning(name: str, rig: RigConfig | None) -> str:
     """Return the symbol and the meaning of a parameter."""
-    return f"{symbol(name)}: {PARAMETERS[name].meaning}"
+    return f"{symbol(name, rig)}: {parameter_of(name, rig).meaning}"
 
 
 def connect(

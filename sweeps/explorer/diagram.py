@@ -22,6 +22,7 @@ from bokeh.palettes import interp_palette
 
 from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate, shows_part
 from sweeps.analysis.dataset import dataset_of
+from sweeps.config.rig import si_value
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.engine.estimate import check_memory
@@ -132,8 +133,10 @@ class Shown:
 
     @property
     def values(self) -> np.ndarray:
-        """The values of the axis."""
-        return self.config.sweep.grid.axes[self.view.axis]
+        """The values of the axis, in the units of the page."""
+        axis = self.view.axis
+        values: np.ndarray = si_value(axis, self.config.sweep.grid.axes[axis], self.config.rig)
+        return values
 
     def has(self, kind: Status | str) -> np.ndarray:
         """Return the mask of points with an outcome, or of those that show a part only."""

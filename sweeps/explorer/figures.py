@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
+from sweeps.config.rig import RigConfig
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import View, Window, bounds
 from sweeps.plotting.labels import as_variable, label
@@ -39,7 +40,7 @@ LEAST, _MOST = 16, 4096
 _BESIDE = 40.0
 #: Unicode in place of TeX: a typesetter of formulas would add a megabyte to the page.
 _LETTERS = {
-    r"\omega": "ω", r"\sigma": "σ", r"\lambda": "λ", r"\pi": "π", r"\dot{x}^{-}": "ẋ⁻",
+    r"\omega": "ω", r"\nu": "ν", r"\sigma": "σ", r"\lambda": "λ", r"\pi": "π", r"\dot{x}^{-}": "ẋ⁻",
     r"\dot{x}": "ẋ", r"\mathrm{mod}": "mod", r"\approx": "≈", "~": " ", "\t": "", "_0": "₀",
     "_1": "₁", "^2": "²", "$": "",
 }  # fmt: skip
@@ -52,17 +53,17 @@ def plain(text: str) -> str:
     return text
 
 
-def symbol(name: str) -> str:
+def symbol(name: str, rig: RigConfig | None) -> str:
     """Return the symbol of a parameter or of a result as Unicode text."""
-    return plain(as_variable(name).attrs["symbol"])
+    return plain(as_variable(name, rig=rig).attrs["symbol"])
 
 
-def axis_label(name: str, units: Mapping[str, str], pixels: float = math.inf) -> str:
+def axis_label(name: str, view: View, pixels: float = math.inf) -> str:
     """Return the meaning, the symbol and the unit of a parameter or of a result.
 
     If the label needs more than `pixels`, the meaning is left out.
     """
-    variable = as_variable(name, units)
+    variable = as_variable(name, view.units, view.rig)
     text = plain(label(variable))
     return text if 7.0 * len(text) < pixels else text.removeprefix(variable.long_name).strip()
 
@@ -126,8 +127,8 @@ class PixelFigure:
         """Set the label, the scale, the window and the bounds of axis x or y."""
         axis, log, allowed = getattr(self.figure, f"{side}axis"), name in view.log, None
         if name in view.values:
-            allowed = bounds(name, view.values)
-        axis.axis_label = axis_label(name, view.units, self.size[side == "y"] + _BESIDE)
+            allowed = bounds(name, view)
+        axis.axis_label = axis_label(name, view, self.size[side == "y"] + _BESIDE)
         scale = LogScale if log else LinearScale
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())

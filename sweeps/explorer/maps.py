@@ -15,6 +15,7 @@ from sweeps.analysis.attractor_table import Row, rows
 from sweeps.analysis.attractors import COUNTED, attractors
 from sweeps.analysis.dataset import dataset_of
 from sweeps.analysis.integrity import measures_of
+from sweeps.config.rig import si_value
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.engine.estimate import block_size
@@ -247,7 +248,10 @@ class Map(PixelFigure):
         """Show a map and its legend."""
         axes = tiles.config.sweep.grid.axes
         names = [name for name, _ in view.plane(self._tab)]
-        x, y = (outer_edges(axes[name], name in view.log) for name in names)
+        x, y = (
+            outer_edges(si_value(name, axes[name], tiles.config.rig), name in view.log)
+            for name in names
+        )
         self.set_colours([colour for _, colour, _ in tiles.kinds])
         self.set_pixels(tiles.pixels, x, y)
         discs = np.reshape(tiles.discs, (-1, len(_DISC))).T.tolist()

@@ -121,9 +121,9 @@ class MotionPanel:
         """Set the labels, with the units of the view."""
         for panel, names in zip(self._panels, ("tx", "xv"), strict=True):
             across, upwards = (f"trajectory_{name}" for name in names)
-            text = axis_label(across, view.units).replace("time t", "time t − t₀")
+            text = axis_label(across, view).replace("time t", "time t − t₀")
             panel.xaxis.axis_label = text
-            panel.yaxis.axis_label = axis_label(upwards, view.units, 0)
+            panel.yaxis.axis_label = axis_label(upwards, view, 0)
 
     def steps(self, view: View) -> list[Step]:
         """Return the step that computes the motion, if the view shows it."""
@@ -137,8 +137,9 @@ class MotionPanel:
         clearance = view.values["clearance"]
         for stop in self._stops:
             stop.location = clearance
-        said = escape(f"{symbol(view.axis)} = {view.values[view.axis]:.6g}: {drawn.text}")
+        name = symbol(view.axis, view.rig)
+        said = escape(f"{name} = {view.values[view.axis]:.6g}: {drawn.text}")
         self.text.text = (
             f"<b>{said}</b> &nbsp; <span style='color:{ORANGE}'>●</span> impacts, "
-            f"┄ stop, x = {symbol('clearance')} = {clearance:.6g}"
+            f"┄ stop, x = {symbol('clearance', view.rig)} = {clearance:.6g}"
         )

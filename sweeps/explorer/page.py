@@ -84,7 +84,9 @@ class LivePage:
         self.motion = MotionPanel(self._close)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
         self._across = Select(
-            options=[(name, meaning(name)) for name in PARAMETERS], width=220, name="across"
+            options=[(name, meaning(name, home.rig)) for name in PARAMETERS],
+            width=220,
+            name="across",
         )
         self._tabs = self._new_tabs()
         self.worker = Worker(document.add_next_tick_callback, self._refuse)

@@ -27,6 +27,7 @@ from vibroimpact.status import Status
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
 
+    from sweeps.config.rig import RigConfig
     from sweeps.config.sweep import SweepConfig
 
 #: Title of a legend of periodic classes.
@@ -39,9 +40,15 @@ _PREFIXES = ((1e-4, "m", 1e-3), (1e-7, "\N{MICRO SIGN}", 1e-6), (1e-10, "n", 1e-
 _JOINT = "\N{NO-BREAK SPACE}"
 
 
-def as_variable(name: str, units: Mapping[str, str] | None = None) -> xr.DataArray:
-    """Return a DataArray with the attributes of a parameter, variable or coordinate, no values."""
-    of = PARAMETERS[name] if name in PARAMETERS else {**VARIABLES, **COORDINATES}[name]
+def as_variable(
+    name: str, units: Mapping[str, str] | None = None, rig: RigConfig | None = None
+) -> xr.DataArray:
+    """Return a DataArray with the attributes of a parameter, variable or coordinate, no values.
+
+    With a rig, those of a parameter are the rig's.
+    """
+    is_parameter = name in PARAMETERS
+    of = parameter_of(name, rig) if is_parameter else {**VARIABLES, **COORDINATES}[name]
     meaning = of.meaning if isinstance(of, Parameter) else of.long_name
     unit = in_units(of.unit, units or {})
     return xr.DataArray(attrs={"long_name": meaning, "units": unit, "symbol": of.symbol})

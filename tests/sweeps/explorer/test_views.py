@@ -107,7 +107,7 @@ def test_the_windows_are_of_the_size_of_the_motion():
     assert view.x0lim[0] == pytest.approx(0.0005 - 0.003) and view.x0lim[1] == 0.0005
     assert view.v0lim == pytest.approx((-0.253, 0.253), abs=1e-3)
     assert view.with_axis("clearance").xlim == pytest.approx((0.0, 0.0025))
-    assert "[m]" in axis_label("poincare_x", view.units)
+    assert "[m]" in axis_label("poincare_x", view)
 
 
 @pytest.mark.parametrize("axis", PARAMETERS)
