@@ -21,7 +21,7 @@ from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.labels import CLASSES_TITLE, label, status_name, tick_in_decades
 from sweeps.plotting.lines import refuse_without_result
-from sweeps.plotting.numbers import Wanted, number_at, with_number
+from sweeps.plotting.numbers import MEAN_FORCE, Wanted, number_at, with_number
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
     BLUE,
@@ -47,12 +47,13 @@ from vibroimpact.status import Status
 #: Names of the value 0 of quantities that are 0 or not defined without impacts.
 _ZERO = {
     **dict.fromkeys(("impacts_per_period", "slowest_impact", "fastest_impact"), "no impact"),
-    **dict.fromkeys(("impulse", "energy_lost"), "no impact"),
+    **dict.fromkeys(("impulse", "energy_lost", MEAN_FORCE), "no impact"),
     "max_penetration": "none",
     "rest_fraction": "no rest",
 }
-#: Quantities that a motion with rest does not have, because a chatter has infinitely many impacts.
-_NOT_AT_REST = ("impacts_per_period", "slowest_impact")
+#: Quantities that a motion with rest does not have: a chatter has infinitely many impacts, and the
+#: force at rest is not in the file.
+_NOT_AT_REST = ("impacts_per_period", "slowest_impact", MEAN_FORCE)
 #: Quantities whose numbers stand for words: for each number the word and its colour.
 _WORDS: Mapping[str, Mapping[int, tuple[str, str]]] = {
     "status": {one: (status_name(one), colour) for one, colour in RESULTS.items()},

@@ -69,8 +69,8 @@ def parameter_map(
         Abscissa and ordinate, by default the two with most values; if both have the same number of
         values, the later one is the abscissa.
     quantity : str or DataArray, optional
-        A variable of the file with a number per point, by default ``period``, or numbers computed
-        from the Dataset, with ``long_name`` and ``units``.
+        A variable of the file with a number per point, by default ``period``; ``mean_force``, that
+        on the stop; or numbers computed from the Dataset, with ``long_name`` and ``units``.
     exact : Dataset, optional
         Curves of flips, folds and grazes to draw over the map: the result of `sweeps.curves` for
         these axes.

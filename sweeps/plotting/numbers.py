@@ -1,14 +1,15 @@
-"""The numbers per point that a picture can show: variables of the file, and further quantities.
+"""The numbers per point that a picture can show: variables of the file, and what follows from them.
 
 This is the only way in which ``quantity``, ``below`` and ``color`` become values, label and units.
 """
 
 from __future__ import annotations
 
+import numpy as np
 import xarray as xr
 
-from sweeps.analysis.dataset import check_diagnostic
-from sweeps.analysis.rig import named_parameters
+from sweeps.analysis.dataset import check_diagnostic, config_of, described
+from sweeps.analysis.rig import IN_SI, named_parameters
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
 from sweeps.text import choice_of, listed, nearest, suggestion
@@ -17,17 +18,35 @@ from vibroimpact.oscillator import PARAMETERS
 #: A variable of the file by its name, or values computed from the file.
 Wanted = str | xr.DataArray
 
+#: The mean force on the stop, which follows from the impulse of the file.
+MEAN_FORCE = "mean_force"
+
 
 def numbers_of(dataset: xr.Dataset) -> list[str]:
     """List what has a number for each point, results first; the Lyapunov exponents have two."""
     replaced = PARAMETERS.keys() - named_parameters(dataset).keys()  # by those of a rig
-    return [
+    held = [
         str(name)
         for name in (*dataset.data_vars, *dataset.coords)
         if name not in replaced
         and dataset[name].dtype.kind in "biuf"
         and _is_of_points(dataset, dataset[name], "exponent")
     ]
+    follows = held and {"impulse", "rest_fraction"} <= set(dataset.data_vars)
+    return list(dict.fromkeys([*held, MEAN_FORCE])) if follows else held
+
+
+def _mean_force(dataset: xr.Dataset) -> xr.DataArray:
+    """Return impulse times omega / (2 pi), without a value where the mass rests on the stop.
+
+    The impulse of the file has no part of the force at rest.
+    """
+    force = dataset["impulse"] * dataset["omega"] / (2.0 * np.pi)
+    force = force.where(dataset["rest_fraction"] == 0.0).transpose(*dataset["status"].dims)
+    in_si = IN_SI in dataset.attrs
+    meaning = "mean force on the stop" if in_si else "mean force on the stop per mass"
+    about = described(config_of(dataset), meaning, "N" if in_si else "length/time^2")
+    return force.assign_attrs(about, symbol=r"\overline{F}")
 
 
 def _is_of_points(dataset: xr.Dataset, values: xr.DataArray, *further: str) -> bool:
@@ -49,6 +68,8 @@ def with_number(dataset: xr.Dataset, wanted: Wanted) -> tuple[xr.Dataset, str]:
         if name in dataset:
             problem = f"{name} is not a number for each point"
         raise Refused(f"{problem}; {choice_of(available)}")
+    if name not in dataset:
+        dataset = dataset.assign({name: _mean_force(dataset)})
     about = {"long_name": name, "units": "1", "symbol": ""} | dataset[name].attrs
     described = dataset.copy()
     described[name].attrs = about

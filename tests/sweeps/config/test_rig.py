@@ -284,6 +284,18 @@ def test_numbers_computed_in_python_are_drawn_over_the_axes_of_the_rig(joint):
     assert coloured.axes[1].get_xlabel() == r"forcing frequency $\nu$ [Hz]"
 
 
+def test_the_mean_force_on_the_stop_of_a_rig_is_in_newtons(joint):
+    with open_sweep(joint) as ds:
+        (_, panel) = plotting.bifurcation(ds, below=["mean_force"]).axes
+        at_rest = ds["rest_fraction"].values > 0.0
+        speeds, impacts = ds["fastest_impact"].values, ds["impacts_per_period"].values
+    assert panel.get_title(loc="left") == r"mean force on the stop $\overline{F}$ [N]"
+    x, y = panel.lines[0].get_data()
+    once = (impacts == 1.0) & ~at_rest
+    assert once.sum() > 6
+    assert y[once] == pytest.approx(MASS * (1.0 + R) * speeds[once] * x[once], rel=1e-6)
+
+
 def test_a_diagram_of_a_rig_is_in_hertz(joint):
     with open_sweep(joint) as ds:
         figure = plotting.bifurcation(ds, below=["impulse"])

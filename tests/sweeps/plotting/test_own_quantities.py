@@ -63,6 +63,42 @@ def test_a_quantity_of_ones_own_is_mapped_with_its_label_and_units(dataset):
 
 
 @pytest.mark.slow
+def test_the_mean_force_is_what_holds_the_spring(tmp_path):
+    """A periodic motion has no mean acceleration or speed: the stop takes -p^2 times the mean x."""
+    kept = "units: {length: mm, time: s}\nmethod: {steps_per_period: 500}" + SWEEP.replace(
+        "impacts", "trajectory: {every: 1}, impacts"
+    )
+    with open_sweep(run_in(tmp_path, kept)) as recorded:
+        figure = parameter_map(recorded, quantity="mean_force")
+        drawn = figure.axes[0].collections[0].get_array()
+        assert figure.axes[1].get_xlabel() == (
+            r"mean force on the stop per mass $\overline{F}$ [mm/s$^2$]"
+        )
+        settled = (recorded["orbit_distance"] < 1e-9) & recorded["period"].isin([1, 2, 4, 8])
+        settled &= recorded["rest_fraction"] == 0.0
+        t, x = recorded["trajectory_t"].values, recorded["trajectory_x"].values
+        (below,) = bifurcation(recorded, at={"R": 0.8}, below="mean_force").axes[1].lines
+    for point in np.argwhere(settled.values):
+        seen = np.isfinite(t[tuple(point)])
+        times, places = t[tuple(point)][seen], x[tuple(point)][seen]
+        mean_x = np.trapezoid(places, times) / (times[-1] - times[0])
+        assert drawn[tuple(point)] == pytest.approx(-mean_x, rel=1e-4)
+    assert settled.sum() > 10
+    np.testing.assert_array_equal(below.get_ydata(), drawn[1])
+
+
+@pytest.mark.slow
+def test_the_mean_force_has_no_value_where_the_mass_rests(tmp_path):
+    resting = SWEEP.replace("[0.6, 0.8]", "[0.1, 0.8]").replace("start: 2.2", "start: 0.5")
+    with open_sweep(run_in(tmp_path, resting)) as points:
+        rests = (points["rest_fraction"] > 0.0).values
+        figure = parameter_map(points, quantity="mean_force")
+    assert 0 < rests.sum() < rests.size
+    np.testing.assert_array_equal(figure.axes[0].collections[0].get_array().mask, rests)
+    assert "rest" in legend(figure)
+
+
+@pytest.mark.slow
 def test_any_variable_of_the_dataset_is_mapped(dataset):
     wider = dataset.assign(loud=dataset["fastest_impact"] > 1.0, phase_now=dataset["omega"] * 2.0)
     for name in ("chatters", "orbit_x", "class_evidence", "loud", "phase_now", "R"):
