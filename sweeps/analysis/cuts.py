@@ -90,6 +90,17 @@ def part(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
     return dataset.isel({name: slice(i, i + 1) for name, i in _places(dataset, at).items()})
 
 
+def several(dataset: xr.Dataset, at: Mapping[str, Sequence[float]]) -> xr.Dataset:
+    """Return the points of a sweep at the grid values nearest to several values of axes."""
+    for name, values in at.items():
+        places = {_places(dataset, {name: value})[name] for value in values}
+        if len(places) < len(values):
+            given = listed([f"{value:.12g}" for value in values])
+            raise Refused(f"{name} = {given}: two of these have the same nearest grid value")
+        dataset = dataset.isel({name: sorted(places)})
+    return dataset
+
+
 def _places(dataset: xr.Dataset, at: Selection) -> dict[str, int]:
     """Return the index of the grid value nearest to each value of `at`, or of its direction."""
     return {

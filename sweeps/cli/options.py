@@ -201,6 +201,28 @@ def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
     return cuts
 
 
+def several_of(texts: Sequence[str] | None) -> tuple[list[str], dict[str, list[float]]]:
+    """Split the texts of ``--at`` into those with one value and lists of values by axis."""
+    single, lists = list[str](), dict[str, list[float]]()
+    for text in texts or ():
+        name, _, values = text.partition("=")
+        name = name.strip()
+        if "," not in values or name == "direction":
+            single.append(text)
+            continue
+        if name in lists:
+            raise Refused(f"--at {text} is not allowed; {name} was given before")
+        try:
+            lists[name] = list(map(float, values.split(",")))
+        except ValueError:
+            raise Refused(
+                f"--at {text} is not allowed; expected: NAME=VALUE,VALUE, as omega=2.5,2.7"
+            ) from None
+    for name in selection_of(single).keys() & lists.keys():
+        raise Refused(f"--at {name} is not allowed twice; give its values in one list")
+    return single, lists
+
+
 @contextmanager
 def opened(file: Path, *, verify: bool = True) -> Iterator[xr.Dataset]:
     """Open the file of a sweep, that of a rig in SI units; close it at the end of the block."""

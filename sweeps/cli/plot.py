@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sweeps.cli.options import (
-    At,
     Classes,
     Csv,
     MostBranches,
@@ -30,6 +29,7 @@ from sweeps.cli.options import (
     say,
     say_moved,
     selection_of,
+    several_of,
     targets,
 )
 from sweeps.errors import Refused
@@ -67,6 +67,15 @@ AxisNames = Annotated[
         metavar="NAME",
         help="The swept parameter as abscissa; for a map, then the ordinate; for a table, a column "
         "or a result; repeatable.",
+    ),
+]
+At = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=VALUE[,...]",
+        help="Value at which a swept parameter is cut, or direction=up or down for a sweep that "
+        "was followed both ways; for a section, impacts or trajectory also several values, as "
+        "omega=2.7,2.8; repeatable.",
     ),
 ]
 Coordinate = Annotated[
@@ -155,6 +164,9 @@ NoMarks = Annotated[
     ),
 ]
 
+#: The kinds of pictures that show the motions of single points.
+_OF_MOTIONS = ("section", "impacts", "trajectory")
+
 
 def plot(
     files: Files,
@@ -183,12 +195,16 @@ def plot(
     no_marks: NoMarks = False,
 ) -> None:
     """Draw a picture from the file of each sweep."""
+    from sweeps.analysis.cuts import on_grid, several
     from sweeps.plotting.api import check_kind
     from sweeps.plotting.saving import check_picture
 
     if kind is not None:
         check_kind(kind)
-    cuts = selection_of(at)
+    single, lists = several_of(at)
+    cuts = selection_of(single)
+    if lists:
+        _check_several(lists, kind, color)
     if csv is not None and (not exact or len(files) > 1):
         raise Refused(f"--csv {csv} is not allowed here; expected: with --exact, for a single file")
     if not exact and (classes or kinds or most is not None):
@@ -213,7 +229,10 @@ def plot(
         "color": color,
         "periods": periods,
     }
-    figures = targets(files, output, [_name(file, kind, cuts, options) for file in files])
+    values = {name: "-".join(map(shortest, given)) for name, given in lists.items()}
+    names = [_name(file, kind, cuts | values, options) for file in files]
+    figures = targets(files, output, names)
+    options["color"] = color or next(iter(lists), None)
     with ExitStack() as stack:
         datasets = []
         for file, figure in zip(files, figures, strict=True):  # check all before drawing any
@@ -221,7 +240,21 @@ def plot(
             datasets.append(stack.enter_context(opened(file)))
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with named(file):
-                draw(dataset, figure, kind, cuts, page, csv, **options)
+                shown = several(dataset, lists)
+                draw(shown, figure, kind, cuts, page, csv, **options)
+                for name, value in ((axis, one) for axis in lists for one in lists[axis]):
+                    say_moved({name: value}, on_grid(dataset, {name: value}), "drawn")
+
+
+def _check_several(lists: Mapping[str, list[float]], kind: str | None, color: str | None) -> None:
+    """Refuse several values of an axis in a picture that does not show single motions."""
+    given = " ".join(f"--at {name}={','.join(map(shortest, lists[name]))}" for name in lists)
+    if kind not in _OF_MOTIONS:
+        raise Refused(
+            f"{given} is not allowed here; expected: with --kind {' or '.join(_OF_MOTIONS)}"
+        )
+    if len(lists) > 1 and color is None:
+        raise Refused(f"{given} is not allowed here; expected: with --color, as --color period")
 
 
 def _chosen_orbits(classes: str | None, most: int | None, kinds: str | None) -> dict[str, Any]:

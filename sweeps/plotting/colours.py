@@ -11,7 +11,7 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_rgba
+from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_hex, to_rgba
 from matplotlib.patches import Patch
 
 from sweeps.analysis.cuts import Selection, select
@@ -19,7 +19,7 @@ from sweeps.analysis.dataset import check_diagnostic
 from sweeps.analysis.regimes import classify
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
-from sweeps.plotting.labels import CLASSES_TITLE, label, status_name, tick_in_decades
+from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
 from sweeps.plotting.lines import refuse_without_result
 from sweeps.plotting.numbers import MEAN_FORCE, Wanted, number_at, with_number
 from sweeps.plotting.pixels import widened
@@ -61,6 +61,8 @@ _WORDS: Mapping[str, Mapping[int, tuple[str, str]]] = {
 }
 #: Positive values are on a logarithmic scale if the greatest is this many times the least.
 _LOG_FROM = 10.0
+#: The values of an axis with at most so many are named in a legend, instead of a colour bar.
+_FEW = 6
 
 
 _SIGNED, _SIGNED_DOTS = (
@@ -204,6 +206,9 @@ def paint(cut: xr.Dataset, name: str, *, dots: bool = False, grey: bool = False)
         return Paint(variable, cells, nothing, Normalize(), ramp)
     values = variable.values.astype(float)
     has_value = has_result(cut["status"].values)
+    if dots and name in cut.dims and 1 < cut.sizes[name] <= _FEW:
+        cells = _cells_of_few(cut[name], variable, has_value, ramp)
+        return Paint(variable, cells, nothing, Normalize(), ramp)
     cells = _special_cells(cut, name, values, has_value, PALE if dots else WHITE)
     for cell in cells:
         has_value &= ~cell.where
@@ -231,6 +236,21 @@ def coloured_points(
     shown = paint(points, name, dots=True)
     refuse_without_result(points["status"].values)
     return points, shown
+
+
+def _cells_of_few(
+    axis: xr.DataArray, variable: xr.DataArray, has_value: np.ndarray, ramp: Colormap
+) -> list[Cells]:
+    """Return the points at each of the few values of an axis."""
+    colours = ramp(np.linspace(0.0, 1.0, axis.size))
+    return [
+        Cells(
+            equation(variable.symbol or rf"\mathrm{{{axis.name}}}", variable, value),
+            to_hex(colour),
+            has_value & (variable.values == value),
+        )
+        for value, colour in zip(axis.values.tolist(), colours, strict=True)
+    ]
 
 
 def _special_cells(

@@ -210,6 +210,40 @@ def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(small_fil
 
 
 @pytest.mark.slow
+def test_several_values_of_an_axis_in_one_picture(small_file):
+    cut = ("--at", "clearance=0.1", "--at", "omega=1.9,2.6")
+    for kind in ("section", "impacts", "trajectory"):
+        said = call("plot", "small.h5", "--kind", kind, *cut)
+        assert said.stdout == f"small-{kind}-clearance-0.1-omega-1.9-2.6.png\n"
+        assert said.stderr == (
+            "omega = 1.9 is not on the grid; drawn at omega = 1.875\n"
+            "omega = 2.6 is not on the grid; drawn at omega = 2.625\n"
+        )
+    both = ("--at", "clearance=0,0.1", "--at", "omega=2.25,3")
+    accepted("plot", "small.h5", "--kind", "section", *both, "--color", "impulse")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["omega=2,3"], "expected: with --kind section or impacts or trajectory"),
+        (["omega=2,3", "--kind", "map"], "--at omega=2,3 is not allowed here; expected: with"),
+        (["omega=2,x", "--kind", "section"], "expected: NAME=VALUE,VALUE, as omega=2.5,2.7"),
+        (["omega=2,", "--kind", "section"], "expected: NAME=VALUE,VALUE"),
+        (["omega=2,9", "--kind", "section"], "omega = 9 is outside the sweep: 1.5 to 3"),
+        (["omgea=2,3", "--kind", "section"], "did you mean omega?"),
+        (["omega=2.2,2.3", "--kind", "section"], "omega = 2.2, 2.3: two of these have the same"),
+        (["omega=2,3", "--at", "omega=2", "--kind", "section"], "its values in one list"),
+        (["omega=2,3", "--at", "omega=2,3", "--kind", "section"], "omega was given before"),
+        (["omega=2,3", "--at", "clearance=0,0.1", "--kind", "section"], "with --color, as"),
+    ],
+)
+def test_several_values_that_cannot_be_drawn(small_file, options, reason):
+    assert reason in refused("plot", "small.h5", "--at", *options)
+
+
+@pytest.mark.slow
 def test_a_map_and_the_exact_orbits():
     accepted("run", "sweep.yaml", "--quiet", "--set", "record.diagnostics=[period]")
     assert accepted("plot", "small.h5", "--kind", "map") == "small-map.png\n"

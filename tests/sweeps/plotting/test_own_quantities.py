@@ -5,6 +5,7 @@ import pytest
 from matplotlib.colors import to_hex, to_rgba
 
 from sweeps import open_sweep
+from sweeps.analysis.cuts import several
 from sweeps.errors import Refused
 from sweeps.plotting import (
     bifurcation,
@@ -183,6 +184,19 @@ def test_sections_of_all_points_or_of_those_left_have_the_colours(dataset):
         assert len(np.unique(colours, axis=0)) == 13
         assert "omega" in figure.axes[1].get_xlabel()
     assert len(points_of(section(dataset, color="R"))[0]) == dataset["poincare_x"].size
+
+
+def test_a_few_values_of_an_axis_are_named_in_the_legend(dataset):
+    """The colours of the file: each section has that of its value."""
+    figure = section(several(dataset, {"omega": [3.4, 2.2]}), color="omega", at={"R": 0.8})
+    shown = legend(figure)
+    assert list(shown) == [r"$\omega=2.2$", r"$\omega=3.4$"]
+    offsets, colours = points_of(figure)
+    for omega, colour in zip([2.2, 3.4], shown.values(), strict=True):
+        own = [dataset[name].sel(R=0.8, omega=omega) for name in ("poincare_x", "poincare_v")]
+        of_colour = [to_hex(one) == colour for one in colours]
+        np.testing.assert_array_equal(offsets[of_colour].T, own)
+    assert len(figure.axes) == 1  # no colour bar
 
 
 @pytest.mark.slow
