@@ -197,7 +197,8 @@ class Diagram(PixelFigure):
         self.set_axis("x", view.axis, view, view.xlim)
         now = self.windows[1]  # the browser may have fitted a newer picture by itself
         fit = now if now in self.fitted else self.fitted[-1]
-        self.set_axis("y", view.ordinate, view, view.ylim or fit)
+        seen = view.ylim or self.fitted[-1]
+        self.set_axis("y", view.ordinate, view, view.ylim or fit, seen)
         self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
 
     def move(self, across: float, upwards: float, size: float) -> None:
@@ -274,6 +275,7 @@ class Diagram(PixelFigure):
         fits = shown.view.ylim is None and (shown.view.ordinate, None) == self._ordinate
         if fits and shown.window != before:
             self.fitted.append(shown.window)
+            self.label("y", shown.view.ordinate, shown.view, shown.window)
         fit = [(before, self.fitted[-1])]
         self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent], fit=fit)
         for kind, (source, item) in self._strips.items():

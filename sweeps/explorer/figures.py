@@ -12,6 +12,7 @@ from bokeh.models import (
     BasicTickFormatter,
     BoxAnnotation,
     ColumnDataSource,
+    CustomJSTickFormatter,
     Label,
     LayoutDOM,
     LinearColorMapper,
@@ -20,13 +21,14 @@ from bokeh.models import (
     LogTicker,
     PrintfTickFormatter,
     Range1d,
+    TickFormatter,
 )
 from bokeh.plotting import figure
 
 from sweeps.config.rig import RigConfig
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import View, Window, bounds
-from sweeps.plotting.labels import as_variable, label
+from sweeps.plotting.labels import as_variable, label, prefix_of
 from sweeps.plotting.pixels import cell_edges
 
 #: Called with the configuration of a picture, its number of computed points, the seconds to compute
@@ -44,6 +46,13 @@ _LETTERS = {
     r"\dot{x}": "ẋ", r"\mathrm{mod}": "mod", r"\approx": "≈", "~": " ", "\t": "", "_0": "₀",
     "_1": "₁", "^2": "²", "$": "",
 }  # fmt: skip
+#: Writes a tick divided by the factor of a prefix; steps are 1, 2 or 5 times a power of ten.
+_PREFIXED = """
+const value = tick / factor;
+if (log || ticks.length < 2) return String(Number(value.toPrecision(6)));
+const digits = Math.ceil(-Math.log10(Math.abs(ticks[1] - ticks[0]) / factor) - 1e-6);
+return value.toFixed(Math.min(Math.max(digits, 0), 15)).replace("-", "\u2212");
+"""
 
 
 def plain(text: str) -> str:
@@ -58,14 +67,29 @@ def symbol(name: str, rig: RigConfig | None) -> str:
     return plain(as_variable(name, rig=rig).attrs["symbol"])
 
 
-def axis_label(name: str, view: View, pixels: float = math.inf) -> str:
-    """Return the meaning, the symbol and the unit of a parameter or of a result.
+def label_axis(axis: Any, name: str, view: View, size: float, pixels: float = math.inf) -> None:
+    """Label an axis and its ticks, with the prefix that `plot` gives to numbers of this size.
 
-    If the label needs more than `pixels`, the meaning is left out.
+    The label has the meaning, the symbol and the unit of a parameter or of a result. If it needs
+    more than `pixels`, the meaning is left out.
     """
     variable = as_variable(name, view.units, view.rig)
-    text = plain(label(variable))
-    return text if 7.0 * len(text) < pixels else text.removeprefix(variable.long_name).strip()
+    prefix, factor = prefix_of(variable, size)
+    text = plain(label(variable, prefix))
+    fits = 7.0 * len(text) < pixels
+    axis.axis_label = text if fits else text.removeprefix(variable.long_name).strip()
+    log = isinstance(axis.ticker, LogTicker)
+    if axis.formatter.tags != [log, factor]:
+        axis.formatter = _formatter(log, factor)
+
+
+def _formatter(log: bool, factor: float) -> TickFormatter:
+    """Return what writes the ticks of an axis, divided by the factor of a prefix."""
+    tags = [log, factor]
+    if factor != 1.0:
+        args = {"factor": factor, "log": log}
+        return CustomJSTickFormatter(args=args, code=_PREFIXED, tags=tags)
+    return PrintfTickFormatter(format="%g", tags=tags) if log else BasicTickFormatter(tags=tags)
 
 
 class PixelFigure:
@@ -123,18 +147,27 @@ class PixelFigure:
         x, y = self.figure.x_range, self.figure.y_range
         return (x.start, x.end), (y.start, y.end)
 
-    def set_axis(self, side: str, name: str, view: View, window: Window) -> None:
-        """Set the label, the scale, the window and the bounds of axis x or y."""
+    def set_axis(
+        self, side: str, name: str, view: View, window: Window, seen: Window | None = None
+    ) -> None:
+        """Set the label, the scale, the window and the bounds of axis x or y.
+
+        `seen` is the window in the browser, if that is another.
+        """
         axis, log, allowed = getattr(self.figure, f"{side}axis"), name in view.log, None
         if name in view.values:
             allowed = bounds(name, view)
-        axis.axis_label = axis_label(name, view, self.size[side == "y"] + _BESIDE)
         scale = LogScale if log else LinearScale
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())
             axis.ticker = LogTicker() if log else BasicTicker()
-            axis.formatter = PrintfTickFormatter(format="%g") if log else BasicTickFormatter()
+        self.label(side, name, view, seen or window)
         set_range(getattr(self.figure, f"{side}_range"), window, allowed)
+
+    def label(self, side: str, name: str, view: View, window: Window) -> None:
+        """Set the label and the ticks of axis x or y for a window."""
+        axis, pixels = getattr(self.figure, f"{side}axis"), self.size[side == "y"] + _BESIDE
+        label_axis(axis, name, view, max(map(abs, window)), pixels)
 
     def move(self, across: float, upwards: float, size: float) -> None:
         """Move the window by fractions of its width and height, and scale it about its centre."""

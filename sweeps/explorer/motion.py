@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -19,7 +20,7 @@ from sweeps.analysis.regimes import approaching, classify
 from sweeps.analysis.trajectories import continued_motion, periods_shown
 from sweeps.errors import Refused
 from sweeps.explorer.diagram import numbers
-from sweeps.explorer.figures import axis_label, symbol
+from sweeps.explorer.figures import label_axis, symbol
 from sweeps.explorer.view import View
 from sweeps.explorer.worker import Step
 from sweeps.plotting.style import BLUE, ORANGE
@@ -117,14 +118,6 @@ class MotionPanel:
             sizing_mode="stretch_both",
         )  # fmt: skip
 
-    def show(self, view: View) -> None:
-        """Set the labels, with the units of the view."""
-        for panel, names in zip(self._panels, ("tx", "xv"), strict=True):
-            across, upwards = (f"trajectory_{name}" for name in names)
-            text = axis_label(across, view).replace("time t", "time t − t₀")
-            panel.xaxis.axis_label = text
-            panel.yaxis.axis_label = axis_label(upwards, view, 0)
-
     def steps(self, view: View) -> list[Step]:
         """Return the step that computes the motion, if the view shows it."""
         compute, show = partial(motion_at, view), partial(self._paint, view)
@@ -134,6 +127,12 @@ class MotionPanel:
         """Show a motion, the stop and the text."""
         for source, rows in ((self.line, drawn.line), (self.impacts, drawn.impacts)):
             source.data = dict(zip("txv", rows, strict=True))
+        for panel, names in zip(self._panels, ("tx", "xv"), strict=True):
+            for axis, name, pixels in zip(panel.axis, names, (math.inf, 0.0), strict=True):
+                size = float(np.abs(self.line.data[name]).max(initial=0.0))
+                label_axis(axis, f"trajectory_{name}", view, size, pixels)
+        time = self._panels[0].xaxis
+        time.axis_label = time.axis_label.replace("time t", "time t − t₀")
         clearance = view.values["clearance"]
         for stop in self._stops:
             stop.location = clearance

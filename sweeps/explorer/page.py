@@ -181,7 +181,7 @@ class LivePage:
     def _show(self) -> None:
         """Set all parts of the page to the view, and request its pictures."""
         self._showing = True
-        for part in (self.controls, *self._pictures, self.branches, self.motion):
+        for part in (self.controls, *self._pictures, self.branches):
             part.show(self.view)
         self._tabs.active, self._across.value = self.view.tab, self.view.across
         for number, tab in enumerate(self._tabs.tabs):

@@ -1,17 +1,20 @@
 """The live picture of a rig, in the names and SI units of the rig."""
 
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from bokeh.document import Document
 
+import sweeps
 from sweeps import ConfigError, load_config
 from sweeps.explorer.maps import Filling
 from sweeps.explorer.page import LivePage
 from sweeps.explorer.saving import write_yaml
 from sweeps.explorer.view import MAP, View
 from sweeps.plotting.style import STABLE
+from tests.helpers.browser import Window, chromium
 from tests.helpers.places import CONFIGS
 from vibroimpact.oscillator import Oscillator
 
@@ -71,3 +74,23 @@ def test_exact_branches_of_a_rig_are_at_their_frequencies(rig):
     for graze in np.sqrt(squares) / (2 * np.pi):
         assert min(abs(np.array(parts["graze"]["x"]) - graze)) < 1e-6 * graze
     assert max(x.max() for x in parts[STABLE]["x"]) == pytest.approx(32.0)
+
+
+@pytest.mark.slow
+def test_lengths_have_the_prefix_of_the_pictures_and_the_browser_writes_it(tmp_path):
+    """At the sections, the mass of this rig is at most 0.2 mm away."""
+    config = load_config(CONFIGS / "shaker.yaml")
+    with chromium() as browser, closing(sweeps.explore(config, folder=tmp_path)) as explorer:
+        window = Window(browser, explorer)
+        page, y = window.page, "m.left[0]"
+        window.settle()
+        assert window.model("diagram", f"{{return {y}.axis_label}}").endswith("x [mm]")
+        write = f"{{return {y}.formatter.doFormat([-5e-5, 0, 5e-5, 1e-4], {{loc: 0}})}}"
+        assert window.model("diagram", write) == ["\u22120.05", "0.00", "0.05", "0.10"]
+        page.document.add_next_tick_callback(
+            lambda: page.change(lambda view: replace(view, ylim=(0.0, 2.0)))
+        )
+        window.settle(lambda: page.view.ylim == (0.0, 2.0))
+        assert window.model("diagram", f"{{return {y}.axis_label}}").endswith("x [m]")
+        assert window.model("diagram", write) != ["\u22120.05", "0.00", "0.05", "0.10"]
+        assert window.problems == []
