@@ -28,7 +28,7 @@ from bokeh.plotting import figure
 from sweeps.config.rig import RigConfig
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import View, Window, bounds
-from sweeps.plotting.labels import as_variable, label, prefix_of
+from sweeps.plotting.labels import as_variable, label, named_unit, prefix_of
 from sweeps.plotting.pixels import cell_edges
 
 #: Called with the configuration of a picture, its number of computed points, the seconds to compute
@@ -65,6 +65,14 @@ def plain(text: str) -> str:
 def symbol(name: str, rig: RigConfig | None) -> str:
     """Return the symbol of a parameter or of a result as Unicode text."""
     return plain(as_variable(name, rig=rig).attrs["symbol"])
+
+
+def value_text(name: str, view: View) -> str:
+    """Return the symbol of a parameter with its value and, if the unit has a name, its unit."""
+    variable, value = as_variable(name, view.units, view.rig), view.values[name]
+    prefix, factor = prefix_of(variable, value)
+    unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
+    return plain(f"{variable.symbol} = {value / factor:.6g}{unit}")
 
 
 def label_axis(axis: Any, name: str, view: View, size: float, pixels: float = math.inf) -> None:

@@ -20,7 +20,7 @@ from sweeps.analysis.regimes import approaching, classify
 from sweeps.analysis.trajectories import continued_motion, periods_shown
 from sweeps.errors import Refused
 from sweeps.explorer.diagram import numbers
-from sweeps.explorer.figures import label_axis, symbol
+from sweeps.explorer.figures import label_axis, value_text
 from sweeps.explorer.view import View
 from sweeps.explorer.worker import Step
 from sweeps.plotting.style import BLUE, ORANGE
@@ -136,9 +136,8 @@ class MotionPanel:
         clearance = view.values["clearance"]
         for stop in self._stops:
             stop.location = clearance
-        name = symbol(view.axis, view.rig)
-        said = escape(f"{name} = {view.values[view.axis]:.6g}: {drawn.text}")
+        said = escape(f"{value_text(view.axis, view)}: {drawn.text}")
         self.text.text = (
             f"<b>{said}</b> &nbsp; <span style='color:{ORANGE}'>●</span> impacts, "
-            f"┄ stop, x = {symbol('clearance', view.rig)} = {clearance:.6g}"
+            f"┄ stop, x = {value_text('clearance', view)}"
         )

@@ -10,6 +10,7 @@ from bokeh.document import Document
 import sweeps
 from sweeps import ConfigError, load_config
 from sweeps.explorer.maps import Filling
+from sweeps.explorer.motion import motion_at
 from sweeps.explorer.page import LivePage
 from sweeps.explorer.saving import write_yaml
 from sweeps.explorer.view import MAP, View
@@ -74,6 +75,12 @@ def test_exact_branches_of_a_rig_are_at_their_frequencies(rig):
     for graze in np.sqrt(squares) / (2 * np.pi):
         assert min(abs(np.array(parts["graze"]["x"]) - graze)) < 1e-6 * graze
     assert max(x.max() for x in parts[STABLE]["x"]) == pytest.approx(32.0)
+
+
+def test_the_text_on_a_motion_of_a_rig_has_units(rig):
+    rig.motion._paint(rig.view, motion_at(rig.view), 0.0)
+    assert "ν = 15 Hz: settled on 1/0; " in rig.motion.text.text
+    assert rig.motion.text.text.endswith("stop, x = σ = 0.3 mm")
 
 
 @pytest.mark.slow
