@@ -107,7 +107,7 @@ def graze(rng):
         or path.max() > osc.clearance - 1e-4
     ):
         return None
-    values = osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance, x, v
+    values = osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance, 0.0, x, v
     return values, top, a, height
 
 

@@ -152,7 +152,7 @@ def test_just_beyond_its_flip_an_attractor_is_the_orbit_of_twice_the_period(comp
     motions = _Motions(dataset, found)
     states = np.repeat(motions.orbits[0].sections(0.0)[:1], 6, axis=0)
     states[:, 1] += [0.0, 1e-7, -1e-5, -7.2e-5, -1e-4, 1e-3]
-    assert motions._ends(0.0, states)[0].tolist() == [0] * 6
+    assert motions._reached(0.0, states)[0].tolist() == [0] * 6
 
 
 @pytest.mark.slow
