@@ -47,19 +47,23 @@ class Picture(Figure):
         FigureCanvasAgg(self)  # measures all texts with the same renderer
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the figure, with room for the tick labels at the final width of the panels.
+        """Draw the figure, with room for all labels at the final size of the panels.
 
-        The layout engine measures the ticks of panels of another width, and may never converge.
+        The layout engine measures the ticks of panels of another size, and may never converge.
         """
         if (engine := self.get_layout_engine()) is not None:
             engine.execute(self)
             boxes = [
-                panel.xaxis.get_tightbbox(renderer, for_layout_only=True) for panel in self.axes
+                axis.get_tightbbox(renderer, for_layout_only=True)
+                for panel in self.axes
+                for axis in (panel.xaxis, panel.yaxis)
             ]
-            beyond = max((box.x1 for box in boxes if box), default=0.0) - self.bbox.x1
-            if beyond > 0.0 and isinstance(engine, ConstrainedLayoutEngine):
-                room = beyond / self.bbox.width + engine.get()["w_pad"] / self.get_figwidth()
-                engine.set(rect=(0.0, 0.0, 1.0 - room, 1.0))
+            sides = [(self.bbox.x0 - box.x0, box.x1 - self.bbox.x1) for box in boxes if box]
+            beyond = np.max([(0.0, 0.0), *sides], axis=0)
+            if beyond.any() and isinstance(engine, ConstrainedLayoutEngine):
+                room = beyond / self.bbox.width
+                room[beyond > 0.0] += engine.get()["w_pad"] / self.get_figwidth()
+                engine.set(rect=(room[0], 0.0, 1.0 - room.sum(), 1.0))
         super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
