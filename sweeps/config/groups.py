@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator
 from functools import partial
+from numbers import Real
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
@@ -100,18 +101,26 @@ def refuse_out_of_bounds(axis: Axis, parameter: Parameter) -> None:
             raise ValueError(f"{contains}is not allowed")
 
 
+def _is_zero(value: object) -> bool:
+    """Whether a value is the number 0, which the loader keeps as text."""
+    try:
+        return isinstance(value, str | Real) and float(value) == 0.0
+    except ValueError:  # refused by the check of the value
+        return False
+
+
 class ParameterConfig(Group):
     """Parameters out of ``PARAMETERS``: each a number, a list or a range, within its bounds."""
 
-    #: The key of the force, which is 0 where it is not given, and the key that makes it optional.
+    #: The key of the force, and the key that makes it optional where it is not 0.
     FORCES: ClassVar[tuple[str, str] | None] = None
 
     @model_validator(mode="before")
     @classmethod
     def _without_force(cls, given: object) -> object:
-        """Set the force to 0 where only the amplitude of the base or unbalance is given."""
-        if cls.FORCES and isinstance(given, dict) and cls.FORCES[1] in given:
-            return {**given, cls.FORCES[0]: given.get(cls.FORCES[0], 0.0)}
+        """Set the force to 0 where only the base or unbalance is given, and is not 0."""
+        if cls.FORCES and isinstance(given, dict) and not _is_zero(given.get(cls.FORCES[1], 0.0)):
+            return {cls.FORCES[0]: 0.0, **given}
         return given
 
     #: Keys that are a number all over the sweep, and no parameter of the model.
@@ -142,7 +151,7 @@ class OscillatorConfig(ParameterConfig):
     h: Values = parameter_field(PARAMETERS["h"])
     R: Values = parameter_field(PARAMETERS["R"])
     omega: Values = parameter_field(PARAMETERS["omega"])
-    f: Values = parameter_field(PARAMETERS["f"], ", required unless a is given")
+    f: Values = parameter_field(PARAMETERS["f"], ", required unless a is given and not 0")
     p: Values = parameter_field(PARAMETERS["p"])
     clearance: Values = parameter_field(PARAMETERS["clearance"])
     a: Values = parameter_field(PARAMETERS["a"])

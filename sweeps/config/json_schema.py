@@ -29,7 +29,13 @@ def json_schema() -> dict[str, Any]:
             "properties": {
                 name: {
                     "required": [key for key in keys if key not in forces[name]],
-                    "anyOf": [{"required": [key]} for key in forces[name]],
+                    "anyOf": [
+                        {"required": [forces[name][0]]},
+                        {
+                            "required": [forces[name][1]],
+                            "properties": {forces[name][1]: {"not": {"const": 0}}},
+                        },
+                    ],
                 }
             },
         }

@@ -104,7 +104,9 @@ class RigConfig(ParameterConfig):
     )
     stiffness: Values = parameter_field(QUANTITIES["p"].description)
     damping: Values = parameter_field(QUANTITIES["h"].description)
-    force: Values = parameter_field(QUANTITIES["f"].description, ", required unless base is given")
+    force: Values = parameter_field(
+        QUANTITIES["f"].description, ", required unless base is given and not 0"
+    )
     frequency: Values = parameter_field(QUANTITIES["omega"].description)
     gap: Values = parameter_field(QUANTITIES["clearance"].description)
     R: Values = parameter_field(PARAMETERS["R"])

@@ -503,6 +503,8 @@ def test_a_base_takes_the_place_of_the_force_or_adds_to_it():
     ("text", "part"),
     [
         ("oscillator: {h: 0, R: 1, omega: 2}\n", "oscillator.f is missing; expected: "),
+        ("oscillator: {h: 0, R: 1, omega: 2, a: 0}\n", "oscillator.f is missing; expected: "),
+        ("oscillator: {h: 0, R: 1, omega: 2, a: -0.0e+3}\n", "oscillator.f is missing; expected: "),
         ("oscillator: {h: 0, R: 1, omega: 2, a: -1}\n", "oscillator.a = -1 is not allowed"),
         ("oscillator: {h: 0, R: 1, omega: [1, 1.0e+200], a: 1}\n", "oscillator.a: the force f + a"),
         ("points: {omega: [1, 1.0e+200], a: [0, 1]}\noscillator: {h: 0, R: 1}\n",
@@ -518,5 +520,7 @@ def test_the_schema_asks_for_a_force_or_a_base():
     jsonschema = pytest.importorskip("jsonschema")
     validator = jsonschema.Draft202012Validator(json_schema())
     given = {"h": 0.1, "R": 0.8, "omega": 2.0}
-    for force, valid in (({}, False), ({"f": 1.0}, True), ({"a": 0.1}, True), ({"a": -1.0}, False)):
-        assert validator.is_valid({"oscillator": {**given, **force}}) == valid
+    for force in ({"f": 1.0}, {"f": 0.0, "a": 0.0}, {"a": 0.1}, {"a": [0.0, 0.1]}):
+        assert validator.is_valid({"oscillator": {**given, **force}})
+    for force in ({}, {"a": -1.0}, {"a": 0}, {"a": 0.0}):
+        assert not validator.is_valid({"oscillator": {**given, **force}})

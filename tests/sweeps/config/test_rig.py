@@ -134,6 +134,7 @@ def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
         (rig(stiffness=None), 1, ["rig.stiffness is missing; expected: ", "[N/m]"]),
         (rig(gap=None), 1, ["rig.gap is missing"]),
         (rig(force=None, base=None), 1, ["rig.force is missing; expected: ", "unless base is"]),
+        (rig(force=None, base="0.0"), 1, ["rig.force is missing; expected: ", "unless base is"]),
         (rig(base="1e-200", frequency="1e254"), 1, ["rig.base: the force f + a omega^2 must be"]),
         (rig(frequnecy=3, frequency=None), 1, ["rig.frequnecy (did you mean frequency?)"]),
         (rig(k=3, stiffness=None), 1, ["unknown key rig.k (did you mean stiffness?)"]),
@@ -179,7 +180,7 @@ def test_the_schema_has_the_rig_in_place_of_the_oscillator():
                  rig(frequency=None) + "points: {omega: [1, 2]}\n"):  # fmt: skip
         assert validator.is_valid(yaml.safe_load(text)), text
     for text in (rig(mass=None), rig(gap=None), rig(force=None, base=None), rig(q=1),
-                 rig(mass="[1, 2]"), rig(damping="-1"),
+                 rig(force=None, base="0"), rig(mass="[1, 2]"), rig(damping="-1"),
                  rig() + "oscillator: {h: 1, R: 1, omega: 1, f: 1}\n"):  # fmt: skip
         assert not validator.is_valid(yaml.safe_load(text)), text
 
