@@ -165,7 +165,7 @@ class Oscillator:
 
     def __post_init__(self) -> None:
         if self.f is _NOT_GIVEN:
-            if self.a == 0.0:
+            if checked("a", self.a) == 0.0:
                 raise TypeError("f (forcing amplitude) is missing; expected: f, a > 0, or both")
             object.__setattr__(self, "f", 0.0)
         for field in fields(self):
@@ -229,6 +229,7 @@ class Oscillator:
         >>> osc.h, osc.p, osc.f
         (0.3, 20.0, 5.0)
         """
+        base = _number("base [m]", base, PARAMETERS["a"])
         if force is None and base == 0.0:
             raise TypeError("force [N] is missing; expected: force, base > 0, or both")
         # Each quantity has the valid range of the parameter that is computed from it.
@@ -240,7 +241,7 @@ class Oscillator:
             f=_NOT_GIVEN if force is None else _number("force [N]", force, PARAMETERS["f"]) / mass,
             p=math.sqrt(_number("stiffness [N/m]", stiffness, PARAMETERS["p"]) / mass),
             clearance=_number("gap [m]", gap, PARAMETERS["clearance"]),
-            a=_number("base [m]", base, PARAMETERS["a"]),
+            a=base,
         )
 
     def to_rig(self, mass: float) -> dict[str, float]:

@@ -170,6 +170,17 @@ def test_a_force_or_a_base_is_required():
         Oscillator.from_rig(**rig)
 
 
+@pytest.mark.parametrize("many", [np.array([0.1, 0.2]), np.array([0.0])])
+def test_many_bases_without_a_force_are_refused_with_a_hint(many):
+    with pytest.raises(TypeError, match=r"^a \(.*; for many points at once use vibroimpact\."):
+        Oscillator(h=0.1, R=0.8, omega=2.0, a=many)
+    rig = {name: value for name, value in RIG.items() if name not in ("force", "base")}
+    with pytest.raises(
+        TypeError, match=r"^base \[m\] .*; for many points at once use vibroimpact\."
+    ):
+        Oscillator.from_rig(**rig, base=many)
+
+
 def test_points_whose_force_is_not_finite_are_refused():
     """As those of an oscillator."""
     points = Oscillator(**GOOD).at().repeat(3)
