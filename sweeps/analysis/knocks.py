@@ -278,10 +278,15 @@ def _size(knock: Knock) -> float:
     return abs(knock.harmful)
 
 
-def at_section(oscillator: Oscillator, phase: float, x: float, v: float) -> tuple[float, float]:
-    """Return the state of a motion when omega t is next 2 pi, to 1e-4, enough for a picture."""
+def at_section(
+    oscillator: Oscillator, phase: float, x: float, v: float, section: float
+) -> tuple[float, float]:
+    """Return the state of a motion when it next passes the section, to 1e-4, enough for a picture.
+
+    `phase` is omega t at the given state, and `section` that of the section, in [0, 2 pi).
+    """
     phase %= _TURN
     motion = simulate(oscillator, 1, x0=x, v0=v, phase=phase)
     t, x_t, v_t = exact_samples(oscillator, motion.t, motion.x, motion.v)
-    at = _TURN / oscillator.omega
+    at = (section if section > phase else section + _TURN) / oscillator.omega
     return float(np.interp(at, t, x_t)), float(np.interp(at, t, v_t))

@@ -148,7 +148,7 @@ def _draw_disturbances(
     panel: Axes, starts: xr.Dataset, there: xr.Dataset, table: Sequence[Row]
 ) -> list[Artist]:
     """Draw discs, knocks and the attractors at the section; return their handles."""
-    oscillator = oscillator_of(starts)
+    oscillator, section = oscillator_of(starts), config_of(starts).record.phase
     line: dict[str, Any] = {"color": "black", "linewidth": 0.8}
     exact = config_of(starts).method.impact == "exact"
     own, others = by_colour(table)
@@ -169,7 +169,9 @@ def _draw_disturbances(
         if exact and math.isfinite(one["knock_harmful"]):
             at = one["knock_phase"], one["knock_x"]
             size = one["knock_harmful"]
-            begin, end = (at_section(oscillator, *at, one["knock_v"] + dv) for dv in (0.0, size))
+            begin, end = (
+                at_section(oscillator, *at, one["knock_v"] + dv, section) for dv in (0.0, size)
+            )
             look: dict[str, Any] = {"color": colour_of(row), "linewidth": 1.2}
             outline = {"path_effects": [withStroke(linewidth=3.0, foreground="white")]}
             panel.annotate("", end, begin, arrowprops={"arrowstyle": "->", **look, **outline})

@@ -135,6 +135,14 @@ def test_basins_at_another_phase(tmp_path):
         assert np.array_equal(twice.reshape(period.shape), period == 2)
         assert "at omega t = 1.1" in accepted("integrity", path)
         plotting.basins(dataset).savefig(tmp_path / "basins.png")
+        figure = plotting.integrity(dataset)
+        figure.savefig(tmp_path / "integrity.png")
+        arrows = [arrow for panel in figure.axes for arrow in panel.texts if arrow.arrowprops]
+        assert len(arrows) == 2
+        for arrow in arrows:  # from a state of its orbit at the section
+            x, v = arrow.xyann
+            away = np.hypot(dataset["poincare_x"] - x, dataset["poincare_v"] - v)
+            assert float(away.min()) < 1e-3
         here = knocks(dataset)
     there = run_in(tmp_path, BASINS, "start.phase=0", "record.phase=0", name="there.h5")
     with open_sweep(there) as dataset:
