@@ -163,6 +163,17 @@ def test_a_bad_table_is_refused_by_row_and_column(text, part):
     assert part in refused_table(text)
 
 
+@pytest.mark.parametrize("start", ["", "start: {phase: 1}\n"])
+def test_a_column_that_cannot_vary_is_refused(start):
+    """It would be a comment in the file beside the phase of the motions."""
+    text = f"points: {{omega: [1, 1], R: [1, 1], phase: [0, 1.5]}}\n{FIXED}\n{start}"
+    with pytest.raises(ConfigError) as refusal:
+        load(text)
+    assert "line 1: points.phase: cannot be a column; start.phase is one number" in str(
+        refusal.value
+    )
+
+
 def test_the_bytes_of_a_table_are_those_that_programs_write():
     """A BOM, Windows' line ends, empty lines, quotes, spaces and long serial numbers are read."""
     text = '\ufeffomega , R,serial\r\n2.5 ,"0.8",99999999999999999999\r\n\r\n1e-3,1,7\r\n\r\n'
