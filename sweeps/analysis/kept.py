@@ -12,8 +12,8 @@ import xarray as xr
 
 from sweeps.analysis.cuts import Selection
 from sweeps.errors import Failed, StoreError
-from sweeps.store.kept import digest_of, keep, kept_path, read_kept
-from vibroimpact.jit import NUMERICS
+from sweeps.store.kept import keep, kept_path, read_kept
+from vibroimpact.jit import NUMERICS, numerics_of
 
 #: The array that describes a result, as JSON.
 _ABOUT = "about"
@@ -24,8 +24,8 @@ def kept(
 ) -> Callable[..., xr.Dataset]:
     """Return `branches` or `curves` as a function that keeps what it finds, and uses it again.
 
-    What was found is used again if the data of the file, the code of the physics and the request
-    are the same. `say` is told that, or why what was found is not kept.
+    What was found is used again if the data of the opened file, the code of the physics and of the
+    analysis, and the request are the same. `say` is told that, or why what was found is not kept.
     """
 
     def found(
@@ -37,14 +37,14 @@ def kept(
     ) -> xr.Dataset:
         """Look for a kept result first."""
         file = Path(str(dataset.encoding.get("source", "")))
-        data = digest_of(file) if file.is_file() else ""
+        data = dataset.encoding.get("digest", "")
         if not data:
             result = find(dataset, axes, at, *checks, **chosen)
             say("the exact orbits are not kept: the sweep is not complete")
             return result
-        source = f"data {data}, numerics {NUMERICS}"
+        source = f"data {data}, code {NUMERICS} {numerics_of(Path(__file__).parent)}"
         request = [find.__name__, axes, sorted((at or {}).items()), sorted(chosen.items())]
-        key = f"{source}, request {json.dumps(request)}"
+        key = f"{source}, request {json.dumps(request, default=int)}"
         if (arrays := read_kept(file, key)) is not None:
             say(f"the exact orbits are those of {kept_path(file)}")
             return _from_arrays(arrays)

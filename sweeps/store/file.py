@@ -8,6 +8,7 @@ file without HDF5, and HDF5 opens the file only if the checksums agree.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
@@ -270,6 +271,12 @@ def table_of(path: Path) -> list[Row] | None:
     """Return the table of checksums of a complete file; None if it has no sound one."""
     with path.open("rb") as file:
         return _rows(file)
+
+
+def digest_of(file: Path) -> str:
+    """Return a digest of all data of a complete file, from its table of checksums; else ``""``."""
+    rows = table_of(file)
+    return "" if rows is None else hashlib.blake2b(json.dumps(rows).encode()).hexdigest()[:32]
 
 
 def opened(open_file: Callable[[dict[str, Any]], Opened]) -> Opened:

@@ -38,7 +38,10 @@ def _selected(parts: Parts, shapes: dict[str, tuple[int, ...]], name: str, key: 
         if all(cut.start < cut.stop for cut in common):
             array = parts.read(number, [name])[name]
             found[_within(window, common)] = array[_within(box, common)]
-    return found[tuple(rest for _, rest in pairs)]
+    # One axis at a time, the last first: an array would move to the front beside an integer.
+    for axis, (_, rest) in reversed(list(enumerate(pairs))):
+        found = found[(slice(None),) * axis + (rest,)]
+    return found
 
 
 def _windowed(cut: int | slice | np.ndarray, length: int) -> tuple[slice, int | slice | np.ndarray]:

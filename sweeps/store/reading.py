@@ -12,7 +12,7 @@ import numpy as np
 
 from sweeps.arguments import FLAG, PATH, require
 from sweeps.errors import StoreError
-from sweeps.store.file import check_file, opened
+from sweeps.store.file import check_file, digest_of, opened
 from sweeps.store.parts import Parts
 from sweeps.store.paths import (
     SCHEMA,
@@ -92,11 +92,14 @@ def _open_file(path: Path, options: dict[str, Any]) -> xr.Dataset:
 
     from sweeps.store.dataset import lazy_dataset
 
+    digest = digest_of(path)
     manager = CachingFileManager(h5py.File, path, mode="r", kwargs=options)
     file = manager.acquire()
     read = partial(_selected, manager)
     dataset = lazy_dataset(path, schema_in(file), float(file.attrs["duration"]), read)
     dataset.set_close(manager.close)
+    if digest == digest_of(path):  # otherwise the file was replaced meanwhile
+        dataset.encoding["digest"] = digest
     return dataset
 
 

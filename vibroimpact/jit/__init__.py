@@ -1,6 +1,6 @@
 """Compiled functions: their options, single LLVM instructions, the disk cache, and threads."""
 
-from vibroimpact.jit.cache import NUMERICS, name_of
+from vibroimpact.jit.cache import NUMERICS, name_of, numerics_of
 from vibroimpact.jit.compiling import (
     ALL_THREADS,
     called_before_passes,
@@ -37,6 +37,7 @@ __all__ = [
     "lowest_bit",
     "name_of",
     "not_negative",
+    "numerics_of",
     "on_threads",
     "select",
     "specialised",

@@ -219,6 +219,7 @@ def test_a_sweep_is_read_lazily_and_by_any_index(tmp_path, blocks):
         {"R": 1}, {"R": [1, 0], "omega": slice(4, None, -2)}, {"omega": [5, 0, 3], "section": -1},
         {"R": slice(1, 1)}, {"omega": []}, {"omega": [3, 3, 1]},
         {"omega": 2, "R": 0, "section": slice(3, 17, 5)}, {"R": -1, "omega": 0},
+        {"R": 0, "section": [1, 3]}, {"omega": [3, 1], "section": 2},
     ]  # fmt: skip
     for choice in choices:
         with open_sweep(path) as dataset:
