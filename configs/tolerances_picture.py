@@ -5,6 +5,7 @@ import numpy as np
 from scipy import stats
 
 from sweeps import open_sweep
+from sweeps.analysis.regimes import labels
 
 MASS = 0.5  # kg
 PARTS = ["gap", "restitution", "stiffness", "force"]
@@ -16,13 +17,10 @@ def independent(sweep):
 
 
 def classes(sweep):
-    """Return the number of each class m/q among the joints with independent parts."""
-    drawn = sweep.isel(point=independent(sweep))
-    pairs = np.stack([drawn.period, drawn.period_impacts], axis=1)
-    names, counts = np.unique(pairs, axis=0, return_counts=True)
-    return {
-        f"{m}/{q}" if m else "undecided": int(k) for (m, q), k in zip(names, counts, strict=True)
-    }
+    """Return the number of each class of motion among the joints with independent parts."""
+    found = labels(sweep.isel(point=independent(sweep)))
+    names, counts = np.unique([str(label or "unknown") for label in found], return_counts=True)
+    return dict(zip(names.tolist(), counts.tolist(), strict=True))
 
 
 def indices(result):

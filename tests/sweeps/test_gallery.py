@@ -37,6 +37,14 @@ def scene(tmp_path):
     return run
 
 
+def script(name):
+    """Return a script of configs/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, CONFIGS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def values(*given):
     return "[" + ", ".join(map(str, given)) + "]"
 
@@ -50,6 +58,18 @@ def classes(dataset):
     ):  # fmt: skip
         named.append(f"{m}/{q}" if motion == Regime.PERIODIC else Regime(motion).name.lower())
     return named
+
+
+@pytest.mark.parametrize(
+    ("diagnostics", "word"), [(["period"], "unknown"), (["period", "lyapunov"], "chaotic")]
+)
+def test_motions_without_a_class_have_the_words_of_the_reports(tmp_path, diagnostics, word):
+    """At h = 0, R = 0.8, omega = 2.8 the motion is chaotic, which only exponents show."""
+    points = {"omega": [2.8, 2.8], "f": [1.0, 1.0], "matrix": ["A", "B"]}
+    record = {"transient": 200, "periods": 100, "impacts": 0, "diagnostics": diagnostics}
+    scene = {"points": points, "oscillator": {"h": 0.0, "R": 0.8}, "record": record}
+    with open_sweep(run_sweep(scene, tmp_path / "joints.h5", progress=False)) as dataset:
+        assert script("tolerances_picture").classes(dataset) == {word: 2}
 
 
 @pytest.mark.slow
@@ -69,9 +89,7 @@ def test_scattering_parts_have_the_probabilities_of_a_sample_ten_times_as_large(
     missed = dataset["impacts_per_period"].values[: 2 * n] == 0.0
     low, high = binomtest(int(missed.sum()), 2 * n).proportion_ci(0.99, method="wilson")
     assert low < share < high
-    spec = importlib.util.spec_from_file_location("picture", CONFIGS / "tolerances_picture.py")
-    picture = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(picture)
+    picture = script("tolerances_picture")
     assert picture.classes(dataset)["1/0"] == missed.sum()
     first, total = picture.indices(dataset["impulse"])
     assert first[1] > 0.7 and (total[[0, 2, 3]] < 0.25).all()
