@@ -14,6 +14,7 @@ from sweeps.analysis.coordinates import recorded, refuse_unrecorded
 from sweeps.analysis.cuts import Selection, select
 from sweeps.analysis.dataset import config_of, oscillator_of
 from sweeps.errors import Refused
+from sweeps.store.variables import DIRECTION
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import exact_samples, simulate
 
@@ -88,6 +89,22 @@ def recorded_motion(
     return PointMotion.of(point, chain([first], parts), config_of(dataset).record.periods, most)
 
 
+def first_phase(point: xr.Dataset) -> float:
+    """Return omega t where the motion of a point began: at the start, or at a section if followed.
+
+    A point of a followed sweep begins at the start only if it is the first of its chain. After a
+    point that failed the next one does, too, but a point does not know its neighbours.
+    """
+    config = config_of(point)
+    if (follow := config.follow) is not None:
+        values = config.sweep.grid.swept[follow.axis]
+        way = point[DIRECTION].item() if DIRECTION in point.coords else follow.direction
+        first = values.min() if way == "up" else values.max()
+        if values[np.argmin(np.abs(values - float(point[follow.axis])))] != first:
+            return config.record.phase
+    return config.start.phase
+
+
 def _recorded_parts(point: xr.Dataset) -> Iterator[np.ndarray]:
     """Read the recorded trajectory of a point in parts, shape (3, k), without the padding."""
     for start in range(0, point.sizes["sample"], _PART):
@@ -128,6 +145,6 @@ def continued_motion(
     if motion.status.failed:
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
     turns = config.sweep.spec.transient + last + 1
-    turns += config.start.phase > config.record.phase  # it passes the section after 2 pi
+    turns += first_phase(point) > config.record.phase  # it passes the section after 2 pi
     rows = np.stack([motion.t, motion.x, motion.v])
     return PointMotion.of(point, [rows], periods, most, turns)

@@ -19,6 +19,7 @@ from sweeps.analysis.trajectories import (
     RECORDED,
     PointMotion,
     continued_motion,
+    first_phase,
     periods_shown,
     recorded_motion,
 )
@@ -150,7 +151,8 @@ def _record(motions: Sequence[PointMotion], time: xr.DataArray, found: Label | N
     turns = 2.0 * np.pi / np.array([motion.oscillator.omega for motion in motions])
     starts = np.array([motion.rows[0, 0] for motion in motions])
     starts += turns * [motion.turns for motion in motions]
-    since = starts / turns - config_of(motions[0].point).start.phase / (2.0 * np.pi)
+    begun = np.array([first_phase(motion.point) for motion in motions])
+    since = starts / turns - begun / (2.0 * np.pi)
     (after, *others) = {f"after {periods:.6g} forcing periods" for periods in since}
     if others:
         return None

@@ -1,11 +1,13 @@
 """The phase of the force at the start of every motion: `start: {phase: 1.5}`."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
 
 from sweeps import attractors, knocks, open_sweep, plotting
+from sweeps.analysis.trajectories import continued_motion
 from sweeps.explorer.view import View
 from tests.helpers import naive
 from tests.helpers.commands import accepted
@@ -167,3 +169,28 @@ def test_the_phase_is_kept_and_shown(tmp_path):
         figure = plotting.section(dataset)
         title = figure._suptitle.get_text().replace("\N{NO-BREAK SPACE}", " ")
         assert "start at phase 4 rad, phase 1 rad, transient 0" in title.replace("\n", " ")
+
+
+def test_the_times_of_a_followed_sweep(tmp_path):
+    """Only the first point of a chain starts before the section, at the phase of the start."""
+    omega, ways = [2.6, 2.65, 2.7], ("up", "down")
+    path = run_in(
+        tmp_path,
+        f"oscillator: {{h: 0.1, R: 0.8, omega: {omega}, f: 1.0}}",
+        "start.phase=1.0",
+        "record={transient: 10, periods: 5, phase: 0.5, trajectory: {every: 1}}",
+        "follow={axis: omega, direction: both}",
+    )
+    with open_sweep(path) as dataset:
+        for way, value in product(ways, omega):
+            at = {"direction": way, "omega": value}
+            first = value == (2.6 if way == "up" else 2.7)
+            t = dataset.sel(at)["trajectory_t"].values
+            turn = 2.0 * math.pi / value
+            motion = continued_motion(dataset, at, 4)
+            after = motion.rows[0, 0] + motion.turns * turn
+            assert after == pytest.approx(np.nanmax(t), rel=1e-12)
+            since = 11.0 - 0.5 / (2.0 * math.pi) if first else 10.0
+            for periods, more in ((None, 0), (4, 5)):
+                title = plotting.trajectory(dataset, at=at, periods=periods).get_suptitle()
+                assert f"after {since + more:.6g} forcing periods" in title
