@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: The variables of `sweeps.attractors` that are fields of a `Row`, or only lead to one.
-_OWN = {"number", "fraction", "motion", "m", "q", "settled", "representative"}
+_OWN = {"number", "fraction", "motion", "m", "q", "from_record", "representative"}
 _OWN |= {"section_x", "section_v"}
 
 

@@ -88,7 +88,7 @@ def attractors(
         - ``section_x``, ``section_v``: a state on it.
         - ``representative``: the start that leads to this state, as its index in C order over the
           axes of starts in the order of the file.
-        - ``settled``: whether the record of that start shows the attractor.
+        - ``from_record``: whether the record of that start shows the attractor.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def attractors(
     others = np.flatnonzero(regime != Regime.PERIODIC)
     first = int(number[own].max(initial=-1)) + 1
     number[others] = first + np.unique(regime[others], return_inverse=True)[1]
-    shown = _settled_members(of_point, heads, followed)
+    shown = _recorded_members(of_point, heads, followed)
     motion = motions[shown]
     columns: dict[str, tuple[np.ndarray, str, str]] = {
         "number": (number, "number of the attractor", "1"),
@@ -135,7 +135,7 @@ def attractors(
         "motion": (regime, "kind of motion", "1"),
         "m": (motion["m"], "forcing periods per repetition, 0: not periodic", "1"),
         "q": (motion["q"], "impacts per repetition, 0: not periodic", "1"),
-        "settled": (~followed[shown], "whether its record shows it", "1"),
+        "from_record": (~followed[shown], "whether its record shows it", "1"),
         "section_x": (motion["point"]["x0"], "displacement at the section", "length"),
         "section_v": (motion["point"]["v0"], "velocity at the section", "length/time"),
         "representative": (index.start[shown], "number of its representative start", "1"),
@@ -228,7 +228,7 @@ def _shares(of_point: np.ndarray, heads: np.ndarray, index: GridIndex) -> np.nda
     return shares
 
 
-def _settled_members(of_point: np.ndarray, heads: np.ndarray, followed: np.ndarray) -> np.ndarray:
+def _recorded_members(of_point: np.ndarray, heads: np.ndarray, followed: np.ndarray) -> np.ndarray:
     """Return a point on each attractor, if possible one whose record shows the attractor."""
     shown = np.flatnonzero((of_point >= 0) & ~followed)
     attractor, first = np.unique(of_point[shown], return_index=True)

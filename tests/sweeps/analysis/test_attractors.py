@@ -111,7 +111,7 @@ def test_starts_that_settle_slowly_are_on_the_attractor_they_go_to(computed_star
 
 
 @pytest.mark.parametrize(("transient", "starts"), [(340, (9, 7, 3)), (300, (10, 6, 0))])
-def test_an_attractor_is_represented_by_a_start_that_has_settled(
+def test_an_attractor_is_represented_by_a_start_whose_record_shows_it(
     computed_starts, transient, starts
 ):
     """Tables and pictures show the record of the representative."""
@@ -120,7 +120,7 @@ def test_an_attractor_is_represented_by_a_start_that_has_settled(
     found = attractors(slow.isel(x0=[x0], v0=v0))
     assert found["followed"].values.ravel().tolist() == [False, True]
     assert found["attractor"].values.ravel().tolist() == [0, 0]
-    assert found["settled"].all() and found["representative"].item() == 0
+    assert found["from_record"].all() and found["representative"].item() == 0
 
 
 def test_the_table_says_which_share_was_followed_on(computed_starts):
