@@ -87,7 +87,7 @@ def test_every_way_to_run_a_point_starts_there(transient):
             != grid["poincare_x"]).any()  # fmt: skip
     table = """
 oscillator: {h: 0.05, R: 0.8, omega: 1.3, f: 0.4, clearance: 0.3, a: 0.2}
-points: {x0: [-1.0, 0.3], v0: [0.6, -0.5], phase: [8, 9]}
+points: {x0: [-1.0, 0.3], v0: [0.6, -0.5], setting: [8, 9]}
 start: {phase: 4.0}
 record: {transient: 0, periods: 6, phase: 1.0}
 """
