@@ -412,7 +412,7 @@ def test_cuts_and_limits_are_those_of_the_axes(joint):
     error = refused("plot", joint, "--axis", "frequency", "--axis", "frequency")
     assert "not frequency, frequency" in error
     error = refused("plot", joint, "--color", "nothing")
-    assert error.rstrip().endswith("status, frequency")
+    assert error.rstrip().endswith("status, frequency, mean_force")
     error = refused("plot", joint, "--kind", "section", "--at", "frequency=50")
     assert "frequency = 50 is outside the sweep: 22 to 41" in error
 
