@@ -15,7 +15,7 @@ import yaml
 from pydantic import ValidationError
 
 from sweeps.config.checks import completed
-from sweeps.config.groups import key_list
+from sweeps.config.groups import StartConfig, key_list
 from sweeps.config.messages import (
     conflict_at,
     dotted,
@@ -102,11 +102,13 @@ def stored_config(
 ) -> SweepConfig:
     """Read the configuration in a sweep file, which stores its table of `points` apart from it.
 
-    Files of earlier versions may name ``refine``, by which points were added to their grid. It is
-    left out.
+    Files of earlier versions may name ``refine``, by which points were added to their grid, and may
+    have a further column ``phase`` in their table. Both are left out.
     """
     data, sources = _keys(text, origin)
     data.pop("refine", None)
+    if points is not None:
+        points = {key: values for key, values in points.items() if key not in StartConfig.NUMBERS}
     return _checked({"name": name, "points": points, **data}, origin, sources, overrides)
 
 

@@ -14,6 +14,7 @@ from scipy import stats
 
 from sweeps import attractors, load_config, open_sweep, plotting, run_sweep
 from sweeps.analysis.attractor_table import rows
+from sweeps.config.loading import stored_config
 from sweeps.errors import ConfigError, Refused, StoreError
 from tests.helpers.commands import accepted, refused
 from tests.helpers.configurations import load
@@ -172,6 +173,15 @@ def test_a_column_that_cannot_vary_is_refused(start):
     assert "line 1: points.phase: cannot be a column; start.phase is one number" in str(
         refusal.value
     )
+
+
+def test_a_file_with_a_further_column_phase_still_opens():
+    """Earlier versions took it for a comment."""
+    columns = {"omega": [1.0, 1.2], "R": [0.5, 0.6], "phase": [0.0, 1.5], "serial": [7.0, 8.0]}
+    table = {name: np.array(values) for name, values in columns.items()}
+    config = stored_config(f"{FIXED}\n{RECORD}\n", "its configuration", "sweep", table)
+    assert config.points.dtype.names == ("omega", "R", "serial")
+    assert config.start.phase == 0.0
 
 
 def test_the_bytes_of_a_table_are_those_that_programs_write():
