@@ -14,6 +14,7 @@ from typing import Any, Self
 from urllib.parse import parse_qsl, urlencode
 
 from sweeps.analysis.coordinates import COORDINATES
+from sweeps.analysis.dataset import oscillator_of
 from sweeps.config.groups import OscillatorConfig, RecordConfig
 from sweeps.config.loading import load_config
 from sweeps.config.rig import RigConfig, model_value, parameter_of, si_name, si_value
@@ -70,8 +71,8 @@ def _scales(values: Mapping[str, float]) -> tuple[float, float]:
     times) or the force is 0.
     """
     rate = max(values["p"], values["omega"] / math.sqrt(6.0))
-    force, clearance = values["f"] + values["a"] * values["omega"] ** 2, abs(values["clearance"])
-    deflection = force / (rate * rate)
+    oscillator = oscillator_of(values)
+    deflection, clearance = oscillator.force / (rate * rate), abs(oscillator.clearance)
     near = clearance < 10.0 * deflection or not deflection
     return (max(deflection, clearance) if near else deflection) or 1.0, rate
 
