@@ -7,12 +7,10 @@ import pytest
 
 from sweeps import attractors, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
-from sweeps.analysis.grouping import GridIndex
 from sweeps.analysis.knocks import _Motions
 from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances, same_motions
 from sweeps.analysis.tracking import MAX_DISTANCE, PeriodicAttractors, track
 from sweeps.errors import Refused
-from tests.helpers.by_records import by_records
 from tests.helpers.motions import cycle, given_sections, partition
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
@@ -153,32 +151,6 @@ def test_just_beyond_its_flip_an_attractor_is_the_orbit_of_twice_the_period(comp
     states = np.repeat(motions.orbits[0].sections(0.0)[:1], 6, axis=0)
     states[:, 1] += [0.0, 1e-7, -1e-5, -7.2e-5, -1e-4, 1e-3]
     assert motions._reached(0.0, states)[0].tolist() == [0] * 6
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("overrides", "least"),
-    [
-        ((), 2),
-        (("oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 40}, f: 1.0}",), 40),
-        (("oscillator.clearance=0.4", "method={integrator: newmark, impact: reduced-step}",
-          "record={transient: 400, periods: 130, diagnostics: [period]}"), 1),
-        (("oscillator={h: 0, R: 1, omega: 1, f: 0, clearance: 10}",
-          "record={transient: 0, periods: 4}"), 72),
-        (("oscillator={h: 0, R: [0.8, 0.9], omega: {start: 0.5, stop: 3.5, num: 20}, f: 1.0}",
-          "record={transient: 400, periods: 130, phase: 1.0, diagnostics: [period]}"), 40),
-    ],
-)  # fmt: skip
-def test_the_same_partition_as_by_all_states_of_the_records(computed_starts, overrides, least):
-    dataset = computed_starts(*overrides)
-    expected = by_records(dataset)
-    found = np.where(
-        expected < 0, -1, attractors(dataset, extensions=0)["attractor"].values.ravel()
-    )
-    index = GridIndex.of(dataset)  # one number along the axes is one attractor at each point
-    found = np.where(found < 0, -1, found * index.count + index.parameter)
-    assert partition(found) == partition(expected)
-    assert len(partition(expected)) >= least
 
 
 def test_what_is_on_no_attractor_or_does_not_repeat():

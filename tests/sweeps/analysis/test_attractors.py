@@ -13,21 +13,28 @@ from vibroimpact.points.regimes import Regime
 
 
 def pair_by_pair(dataset, tolerance=1e-3):
-    """Label periodic points: the first before it with the same m and, rotated, the same states."""
-    x, v = (dataset[name].values.reshape(-1, 32) for name in ("poincare_x", "poincare_v"))
-    omega = dataset["omega"].item() if "omega" in dataset.coords else 1.3
-    period, found = dataset["period"].values.ravel(), []
-    for i, m in enumerate(period):
-        own = np.column_stack([x[i, -m:], v[i, -m:] / omega])
-        label = i
-        for j in range(i):
-            if period[j] == m and found[j] == j:
-                other = np.column_stack([x[j, -m:], v[j, -m:] / omega])
-                near = min(np.abs(np.roll(other, k, axis=0) - own).max() for k in range(m))
-                if near <= tolerance * max(np.abs(own).max(), np.abs(other).max()):
-                    label = j
-                    break
-        found.append(label)
+    """Label the motions on an orbit that the record shows, -1 for others; (n,), in C order.
+
+    The label is the first motion with the same parameters, m and q and, rotated, the same states.
+    """
+    status = dataset["status"]
+    names = ("h", "R", "omega", "f", "p", "clearance", "period", "period_impacts")
+    rows = [dataset[name].broadcast_like(status).transpose(*status.dims) for name in names]
+    rows = np.stack([row.values.ravel() for row in rows], axis=1)
+    x, v = (dataset[f"poincare_{name}"].values.reshape(status.size, -1) for name in "xv")
+    shown = (dataset["orbit_distance"] <= 1e-6) & (dataset["rest_fraction"] == 0.0)
+    shown = shown.values.ravel() & (dataset["period"].values.ravel() <= x.shape[1])
+    found, first = np.full(status.size, -1), {}
+    for i in np.flatnonzero(shown).tolist():
+        m, states = int(rows[i, 6]), np.stack([x[i] - rows[i, 5], v[i] / rows[i, 2]])
+        for j, other in first.setdefault(tuple(rows[i]), []):
+            near = min(np.abs(np.roll(other, k, axis=1) - states[:, -m:]).max() for k in range(m))
+            if near <= tolerance * max(np.abs(other).max(), np.abs(states[:, -m:]).max()):
+                found[i] = j
+                break
+        else:
+            found[i] = i
+            first[tuple(rows[i])].append((i, states[:, -m:]))
     return found
 
 
@@ -252,9 +259,54 @@ def long_run_shares(dataset):
     return [kinds.count(kind) / 400.0 for kind in set(kinds)]
 
 
-def test_the_same_partition_pair_by_pair(computed_starts):
-    dataset = computed_starts()
-    assert partition(attractors(dataset)["attractor"]) == partition(pair_by_pair(dataset))
+@pytest.mark.parametrize(
+    ("overrides", "least"),
+    [
+        ((), 2),
+        pytest.param(
+            ("oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 40}, f: 1.0}",),
+            40,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            (
+                "oscillator.clearance=0.4",
+                "method={integrator: newmark, impact: reduced-step}",
+                "record={transient: 400, periods: 130, diagnostics: [period]}",
+            ),
+            1,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            (
+                "oscillator={h: 0, R: 1, omega: 1, f: 0, clearance: 10}",
+                "record={transient: 0, periods: 4}",
+            ),
+            72,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            (
+                "oscillator={h: 0, R: [0.8, 0.9], omega: {start: 0.5, stop: 3.5, num: 20}, f: 1.0}",
+                "record={transient: 400, periods: 130, phase: 1.0, diagnostics: [period]}",
+            ),
+            40,
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_the_same_partition_pair_by_pair(computed_starts, overrides, least):
+    dataset = computed_starts(*overrides)
+    expected = pair_by_pair(dataset)
+    found = attractors(dataset, extensions=0)["attractor"]
+    _, point = np.unique(  # one number along the axes is one attractor at each point
+        [found[name].broadcast_like(found).values.ravel() for name in ("R", "omega")],
+        axis=1,
+        return_inverse=True,
+    )
+    found = np.where(expected < 0, -1, found.values.ravel() * (1 + point.max()) + point)
+    assert partition(found) == partition(expected)
+    assert len(partition(expected)) >= least
 
 
 @pytest.mark.slow
