@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibroimpact.jit import on_threads
-from vibroimpact.kernel.integrate import run_points
+from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, RELEASE, REST, impulse_and_loss, time_to_release
-from vibroimpact.step.integrators import exact
+from vibroimpact.step.integrators import closed_form
 from vibroimpact.step.recorder import SECTION, trace
 from vibroimpact.step.scheme import MOST_PERIODS, MOST_RECORDED, scheme_of
 
@@ -130,7 +130,7 @@ def simulate(
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section=True)
     before = Status.PENDING
     if transient > 0:
-        run = run_points(points, scheme, (transient, 1, 0), False, 1, interrupt)
+        run = run_points(points, scheme, Length(transient, 1, 0), False, 1, interrupt)
         points["x0"], points["v0"] = run["begun"].T
         before = Status(run["status"][0])
     arguments = points, scheme, periods, transient, 1, interrupt, MOST_ROWS
@@ -191,7 +191,7 @@ def exact_samples(
     s = step[row] * (1 + np.arange(len(row)) - first[row]) / parts[row]
     theta = omega * t[row]
     starts = zip(x[row], v[row], np.sin(theta), np.cos(theta), s, strict=True)
-    state = np.array([exact(*start, pt) for start in starts]).reshape(-1, 2)
+    state = np.array([closed_form(*start, pt) for start in starts]).reshape(-1, 2)
     on_stop = (x == oscillator.clearance) & (v == 0.0)
     resting = (on_stop[:-1] & on_stop[1:])[row]
     state[resting] = oscillator.clearance, 0.0

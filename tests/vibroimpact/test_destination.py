@@ -10,7 +10,7 @@ from tests.helpers.oscillators import bifurcation
 from vibroimpact import Oscillator, integrate, one_impact_orbit, periodic_orbit
 from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
 from vibroimpact.oscillator import POINT
-from vibroimpact.points.destinations import classified, destinations
+from vibroimpact.points.destinations import classified
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps
@@ -46,8 +46,8 @@ def record_class(points, x, v, impacts_per_period):
         "poincare_x": x, "poincare_v": v, "impacts_per_period": impacts_per_period,
         "rest_fraction": np.zeros(n), "chatters": np.zeros(n, int), "status": np.zeros(n, int),
     }  # fmt: skip
-    found = destinations(spec_of(points, "plain"), points, results)
-    return found["m"], found["q"]
+    out = classified(spec_of(points, "plain"), points, results, None, None)
+    return out["period"], out["period_impacts"]
 
 
 def cycle(m, periods, seed=0):
@@ -421,8 +421,8 @@ def test_threads_and_neighbours_change_nothing():
     single = integrate(
         points[5:6], steps_per_period=spec.steps_per_period, transient=30, periods=32, impacts=0
     )
-    found = destinations(spec, points[5:6], single)
-    assert found["evidence"][0] == out["class_evidence"][5]
+    alone = classified(spec, points[5:6], single, None, None)
+    assert alone["class_evidence"][0] == out["class_evidence"][5]
 
 
 def test_a_doubled_orbit_is_found_from_beside_its_half():

@@ -138,7 +138,7 @@ PROGRAM = """\
 import hashlib
 import numpy as np
 from vibroimpact import Oscillator
-from vibroimpact.kernel.integrate import run_points
+from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.step.scheme import scheme_of
 points = np.concatenate(
     [Oscillator(h=0.1, R=R, omega=omega, f=1.0 + omega / 9.0, clearance=c).at(min(c, 0.0))
@@ -148,7 +148,8 @@ for integrator, impact in (
     ("exact", "exact"), ("rk4", "plain"), ("newmark", "reduced-step"), ("rk4", "cubic")
 ):
     scheme = scheme_of(points, integrator, impact, 600, phase=0.1)
-    out = run_points(points, scheme, (5, 20, 64), impact == "exact", 1, np.zeros(1, int), True)
+    length = Length(5, 20, 64)
+    out = run_points(points, scheme, length, impact == "exact", 1, np.zeros(1, int), True)
     for name in sorted(out):
         print(impact, name, hashlib.sha256(out[name].tobytes()).hexdigest())
 """

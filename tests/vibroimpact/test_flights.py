@@ -9,7 +9,7 @@ import pytest
 from vibroimpact import Oscillator
 from vibroimpact.step.chatter import is_first
 from vibroimpact.step.exact import stays_below
-from vibroimpact.step.impact import FIRST, ONLY, single_impact
+from vibroimpact.step.impact import FIRST, ONLY, FreeEnd, Waves, single_impact
 from vibroimpact.step.propagator import (
     SLACK,
     coefficients_of,
@@ -193,8 +193,8 @@ def test_what_is_proved_of_a_single_impact_holds():
         eq, flow, step, (y, w), theta, c = random_step(rng)
         end = evaluate(c, 0, 1.0)
         added = forced(flow[1], math.sin(theta), math.cos(theta))
-        free = end[0], end[1] / step, propagate(flow[0], y, w, added, step)[2]
-        waves = tuple(q(theta + d) for d in (0.0, step) for q in (math.sin, math.cos))
+        free = FreeEnd(end[0], end[1] / step, propagate(flow[0], y, w, added, step)[2])
+        waves = Waves(*(q(theta + d) for d in (0.0, step) for q in (math.sin, math.cos)))
         y_1, w_1, t, w_i, proved = single_impact(eq, (y, w), free, waves, step, 1)
         root, _ = first_crossing(c, 0, 1.0)
         crossings += root > 0.0
@@ -227,7 +227,8 @@ def test_no_impact_is_proved_from_what_is_no_number():
     eq = coefficients_of(Oscillator(0.1, 0.8, 2.0, 1.0).at()[0])
     for start in ((-math.inf, 1.0), (math.nan, 1.0), (0.0, 0.0), (-1.0, math.inf), (-1e308, 1e308)):
         for end in ((1.0, 1.0), (math.inf, 1.0), (math.nan, 0.0)):
-            assert single_impact(eq, start, (*end, 0.1), (0.0, 1.0, 0.5, 0.9), 0.5, 1)[4] < ONLY
+            free, waves = FreeEnd(*end, 0.1), Waves(0.0, 1.0, 0.5, 0.9)
+            assert single_impact(eq, start, free, waves, 0.5, 1).proved < ONLY
 
 
 def test_a_rebound_that_ends_falling_is_not_proved_to_be_the_first():

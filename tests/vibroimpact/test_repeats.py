@@ -9,7 +9,7 @@ import pytest
 
 from tests.helpers.kernel_cases import METHODS, one, random_points
 from vibroimpact import Oscillator, Status, integrate, simulate
-from vibroimpact.kernel.integrate import run_points
+from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.kernel.lane import move_lane
 from vibroimpact.kernel.run import new_workspace
 from vibroimpact.kernel.workspace import COEFFICIENTS, ROW
@@ -122,8 +122,8 @@ def test_a_sum_that_overflowed_has_failed_when_cycles_are_added(transient):
 def classes_of(points, transient, periods, rule="exact", integrator="exact", lyapunov=False):
     """Return where motions go, as the kernel finds it."""
     scheme = scheme_of(points, integrator, rule, 100)
-    counts, none = (transient, periods, 0), np.zeros(1, np.int64)
-    return run_points(points, scheme, counts, lyapunov, None, none, classes=True)["destination"]
+    length, none = Length(transient, periods, 0), np.zeros(1, np.int64)
+    return run_points(points, scheme, length, lyapunov, None, none, classes=True)["destination"]
 
 
 def test_a_class_does_not_depend_on_the_exponents():

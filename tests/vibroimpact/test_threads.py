@@ -13,7 +13,7 @@ import pytest
 from tests.helpers.kernel_cases import METHODS, assert_same, one, random_points, steps_for
 from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.kernel import run
-from vibroimpact.kernel.integrate import run_points
+from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.kernel.workspace import LANES
 from vibroimpact.step.recorder import trace, trajectories
 from vibroimpact.step.scheme import scheme_of
@@ -110,10 +110,10 @@ def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator)
     """What is complete has the bits of a whole run, and the rest is pending: NaN and no count."""
     points = random_points(3 * LANES)
     method = integrator, rule, steps_for(points, rule)
-    counts = 4_000 if rule == "plain" else 500, 5, 64
-    arguments = points, scheme_of(points, *method), counts, False
+    length = Length(4_000 if rule == "plain" else 500, 5, 64)
+    arguments = points, scheme_of(points, *method), length, False
     names = dict(zip(("integrator", "impact", "steps_per_period"), method, strict=True))
-    whole = integrate(points, **names, transient=counts[0], periods=counts[1])
+    whole = integrate(points, **names, transient=length.transient, periods=length.periods)
     began = time.perf_counter()
     complete = run_points(*arguments, 1, np.zeros(1, np.int64))
     del complete["begun"]
@@ -149,7 +149,7 @@ def test_a_run_of_days_ends_when_it_is_interrupted():
     timer = threading.Timer(0.2, interrupt.fill, (1,))
     timer.start()
     scheme = scheme_of(chaos, "exact", "exact", None)
-    out = run_points(chaos, scheme, (10**9, 1, 0), False, None, interrupt)
+    out = run_points(chaos, scheme, Length(10**9, 1, 0), False, None, interrupt)
     assert interrupt[0] and out["status"] == Status.PENDING
     extent = {"periods": 10**6, "every": 10**12}
     log, status = trace(chaos, scheme, **extent, interrupt=interrupt)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.helpers.kernel_cases import random_points
-from vibroimpact.kernel.integrate import run_points
+from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.scheme import scheme_of
 
@@ -26,8 +26,8 @@ def in_units(values, name, rate, length):
 def run(points, integrator, rule):
     """Return all results, with those of the destination beside them."""
     scheme = scheme_of(points, integrator, rule, None, phase=0.3)
-    counts, flag = (20, 64, 8), np.zeros(1, np.int64)
-    results = run_points(points, scheme, counts, rule == "exact", None, flag, classes=True)
+    length, flag = Length(20, 64, 8), np.zeros(1, np.int64)
+    results = run_points(points, scheme, length, rule == "exact", None, flag, classes=True)
     del results["begun"]
     found = results.pop("destination")
     return results | {name: found[name] for name in found.dtype.names}

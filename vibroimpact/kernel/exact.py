@@ -52,7 +52,7 @@ from vibroimpact.kernel.workspace import (
     whole_vectors,
 )
 from vibroimpact.step.exact import exact_step
-from vibroimpact.step.impact import ONLY, Impact
+from vibroimpact.step.impact import ONLY, FreeEnd, Impact
 from vibroimpact.step.propagator import (
     Forcing,
     Propagator,
@@ -189,7 +189,7 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying):
     eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
     y, w, resting, n_events, rested, status, grazes = exact_step(
         eq, pt, (c[Y_0 + j], c[W_0 + j], was_resting),
-        (c[Y_T + j], c[W_T + j], c[BOUND + j]),
+        FreeEnd(c[Y_T + j], c[W_T + j], c[BOUND + j]),
         Impact(0.0, 0.0, c[U + j], c[W_I + j], c[PROVED + j]),
         (theta, table[SIN, n], table[COS, n]), phase_step, scratch,
     )  # fmt: skip

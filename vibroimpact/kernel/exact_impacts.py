@@ -8,8 +8,6 @@ time.
 
 from __future__ import annotations
 
-from itertools import accumulate
-
 from vibroimpact.jit import inlined, jit, transpose, widest_vectors
 from vibroimpact.kernel.workspace import (
     COEFFICIENTS,
@@ -19,6 +17,7 @@ from vibroimpact.kernel.workspace import (
     ROW,
     TANGENTS,
     VECTOR,
+    Rows,
     W,
     Y,
     pair_in,
@@ -26,6 +25,9 @@ from vibroimpact.kernel.workspace import (
 )
 from vibroimpact.step.impact import (
     ONLY,
+    FreeEnd,
+    Guess,
+    Waves,
     all_terms,
     approach,
     expand_near,
@@ -37,19 +39,25 @@ from vibroimpact.step.propagator import Coefficients, remainder_bound
 from vibroimpact.step.scheme import COS, SIN
 from vibroimpact.step.variational import tangents_through_impact
 
-# Where the rows of the columns begin; row + j belongs to column j.
-(
-    # The coefficients of (P) and the factors of the remainder bound; the states at the start of the
-    # step and at its end without and with the impact; the remainder bound, the tangent vectors, the
-    # impact, and what is proved of it.
-    COLUMN_COEFFICIENTS, _FACTORS, Y_0, W_0, Y_T, W_T, Y_1, W_1, BOUND, PAIR, U, W_I, PROVED,
-    # Handed from one stage to the next: the guess, the time left after the impact, the value of the
-    # series with its derivatives, and the series.
-    _LATE, _T, _R, _VALUES, _SERIES,
-    EXACT_COLUMNS,
-) = accumulate(  # of the number of rows of each
-    (0, *(COLUMN_ROW * n for n in (5, 3, 1, 1, 1, 1, 1, 1, 1, 4, 1, 1, 1, 1, 1, 1, 3, 17)))
-)  # fmt: skip
+_rows = Rows(COLUMN_ROW)
+COLUMN_COEFFICIENTS = _rows.take(5)  #: The coefficients of (P).
+_FACTORS = _rows.take(3)  # of the remainder bound
+# The states at the start of the step, and at its end without and with the impact.
+Y_0, W_0 = _rows.take(), _rows.take()
+Y_T, W_T = _rows.take(), _rows.take()
+Y_1, W_1 = _rows.take(), _rows.take()
+BOUND = _rows.take()  #: The remainder bound of the step.
+PAIR = _rows.take(4)  #: The tangent vectors.
+# The phase of the impact since the start of the step, its speed, and what is proved of it.
+U, W_I, PROVED = _rows.take(), _rows.take(), _rows.take()
+# Handed from one stage to the next: the guess, the time left after the impact, the value of the
+# series with its derivatives, and the series.
+_LATE, _T = _rows.take(), _rows.take()
+_R = _rows.take()
+_VALUES = _rows.take(3)
+_SERIES = _rows.take(17)
+#: Numbers in the rows of the columns together.
+EXACT_COLUMNS = _rows.size
 
 
 @inlined
@@ -59,6 +67,12 @@ def coefficients_in(rows, e, distance):
         rows[e], rows[e + distance], rows[e + 2 * distance], rows[e + 3 * distance],
         rows[e + 4 * distance],
     )  # fmt: skip
+
+
+@inlined
+def _free_end_in(c, j):
+    """Return the ``FreeEnd`` of column `j`."""
+    return FreeEnd(c[Y_T + j], c[W_T + j], c[BOUND + j])
 
 
 @inlined
@@ -89,33 +103,29 @@ def correct_columns(c, vectors, waves, phase_step):
     widest_vectors()
     count = VECTOR * vectors  # shows LLVM that no column is left over
     for j in range(count):
-        start, end = (c[Y_0 + j], c[W_0 + j]), (c[Y_T + j], c[W_T + j])
-        c[_LATE + j], c[_T + j] = guess(start, end, phase_step)
-        f = _FACTORS + j
+        f, start = _FACTORS + j, (c[Y_0 + j], c[W_0 + j])
         factors = c[f], c[f + COLUMN_ROW], c[f + 2 * COLUMN_ROW]
         c[BOUND + j] = remainder_bound(factors, start[0], start[1])
+        c[_LATE + j], c[_T + j] = guess(start, _free_end_in(c, j), phase_step)
     for j in range(count):
-        start, end = (c[Y_0 + j], c[W_0 + j]), (c[Y_T + j], c[W_T + j])
         eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
-        _put_series(c, j, expand_near(eq, start, end, waves, c[_LATE + j]))
+        start, free = (c[Y_0 + j], c[W_0 + j]), _free_end_in(c, j)
+        _put_series(c, j, expand_near(eq, start, free, waves, c[_LATE + j]))
     for j in range(count):
         c[_T + j] = approach(_series_in(c, j), c[_T + j], phase_step)
     for j in range(count):
         v = _VALUES + j
         c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW] = all_terms(_series_in(c, j), c[_T + j])
     for j in range(count):
-        v, start, guessed = _VALUES + j, (c[Y_0 + j], c[W_0 + j]), (c[_LATE + j], c[_T + j])
+        v, start, guessed = _VALUES + j, (c[Y_0 + j], c[W_0 + j]), Guess(c[_LATE + j], c[_T + j])
         c[U + j], c[_R + j], c[W_I + j], c[PROVED + j] = first_impact(
-            start, c[Y_T + j], c[BOUND + j], guessed, _series_in(c, j),
+            start, _free_end_in(c, j), guessed, _series_in(c, j),
             (c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW]), phase_step,
         )  # fmt: skip
     for j in range(count):
-        eq, free = (
-            coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW),
-            (c[Y_T + j], c[W_T + j], c[BOUND + j]),
-        )
+        eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
         c[Y_1 + j], c[W_1 + j], c[PROVED + j] = rebound(
-            eq, free, c[_R + j], c[W_I + j], c[PROVED + j], phase_step
+            eq, _free_end_in(c, j), c[_R + j], c[W_I + j], c[PROVED + j], phase_step
         )
 
 
@@ -147,7 +157,8 @@ def correct_exact_lanes(workspace, lo, count, grid, n, carrying):
         c[Y_T + j], c[W_T + j] = lanes[Y + new_row + i], lanes[W + new_row + i]
         if carrying:
             put_pair(c, PAIR + j, COLUMN_ROW, pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
-    correct_columns(c, vectors, (*wave, table[SIN, n + 1], table[COS, n + 1]), grid.phase_step)
+    waves = Waves(wave[0], wave[1], table[SIN, n + 1], table[COS, n + 1])
+    correct_columns(c, vectors, waves, grid.phase_step)
     if carrying:
         carry_columns(c, vectors, wave, grid.phase_step)
     for j in range(count):

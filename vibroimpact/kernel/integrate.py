@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,14 @@ from vibroimpact.step.scheme import (
     Scheme,
     scheme_of,
 )
+
+
+class Length(NamedTuple):
+    """How long a run is, and how much of it is kept."""
+
+    transient: int  #: Periods left out.
+    periods: int  #: Periods recorded.
+    impacts: int  #: How many of the last impacts to keep.
 
 
 def integrate(
@@ -116,8 +125,8 @@ def integrate(
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section, start)
     if lyapunov and scheme.method[0] != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
-    counts = transient, periods, impacts
-    results = run_points(points, scheme, counts, bool(lyapunov), threads, np.zeros(1, np.int64))
+    length = Length(transient, periods, impacts)
+    results = run_points(points, scheme, length, bool(lyapunov), threads, np.zeros(1, np.int64))
     del results["begun"]
     return results
 
@@ -125,7 +134,7 @@ def integrate(
 def run_points(
     points: np.ndarray,
     scheme: Scheme,
-    counts: tuple[int, int, int],
+    length: Length,
     lyapunov: bool,
     threads: int | None,
     interrupt: np.ndarray,
@@ -133,17 +142,15 @@ def run_points(
 ) -> dict[str, np.ndarray]:
     """Do what ``integrate`` does, for valid points of which the scheme is known.
 
-    `counts` are the periods left out, the periods recorded, and the impacts to keep. There is also
-    ``begun``, (n, 2), the state where the record begins after a transient, and with `classes`
-    ``destination``, of dtype ``DESTINATION``. Once another thread sets `interrupt`, an array of one
-    int64, the run ends within a forcing period. Points that are not complete then have NaN and the
-    status ``PENDING``.
+    There is also ``begun``, (n, 2), the state where the record begins after a transient, and with
+    `classes` ``destination``, of dtype ``DESTINATION``. Once another thread sets `interrupt`, an
+    array of one int64, the run ends within a forcing period. Points that are not complete then have
+    NaN and the status ``PENDING``.
     """
-    transient, periods, impacts = counts
     points = with_one_force(points)
-    transient = checked_integer("transient", transient, 0, MOST_PERIODS)
-    periods = checked_integer("periods", periods, 1, MOST_RECORDED)
-    impacts = checked_integer("impacts", impacts, 0, MOST_RECORDED)
+    transient = checked_integer("transient", length.transient, 0, MOST_PERIODS)
+    periods = checked_integer("periods", length.periods, 1, MOST_RECORDED)
+    impacts = checked_integer("impacts", length.impacts, 0, MOST_RECORDED)
     threads = (
         ALL_THREADS if threads is None else checked_integer("threads", threads, 1, MOST_RECORDED)
     )

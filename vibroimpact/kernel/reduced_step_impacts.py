@@ -10,24 +10,29 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from vibroimpact.jit import inlined, jit, select, specialised, widest_vectors
-from vibroimpact.kernel.workspace import COLUMN_ROW, VECTOR
+from vibroimpact.kernel.workspace import COLUMN_ROW, VECTOR, Rows
 from vibroimpact.step.integrators import INTEGRATORS, Parameters, integrator_step
 from vibroimpact.step.time_stepping import single_linear_impact
 
-# Where the rows of the columns begin; row + j belongs to column j.
-(
-    # The parameters of eq. (1), one row each, from which vectors can be loaded.
-    OF_H, OF_R, OF_OMEGA, OF_F, OF_P, OF_CLEARANCE,
-    # The step in which the lane meets the stop, and its two ends.
-    STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T,
-    # The impact, the time that remains of the step, and whether the impact is the only one.
-    T_R, V_TR, S_TR, C_TR, REMAINDER, SINGLE,
-    REDUCED_STEP_COLUMNS,
-) = range(0, 21 * COLUMN_ROW, COLUMN_ROW)  # fmt: skip
+_rows = Rows(COLUMN_ROW)
+# The parameters of eq. (1), one row each, from which vectors can be loaded.
+OF_H, OF_R, OF_OMEGA = _rows.take(), _rows.take(), _rows.take()
+OF_F, OF_P, OF_CLEARANCE = _rows.take(), _rows.take(), _rows.take()
+STEP = _rows.take()  #: The step in which the lane meets the stop.
+# Its start: the phase with its sine and cosine, and the state; and the state at its end.
+THETA_0, S_0, C_0 = _rows.take(), _rows.take(), _rows.take()
+X_0, V_0 = _rows.take(), _rows.take()
+X_T, V_T = _rows.take(), _rows.take()
+# The impact: its time since the start of the step, its speed, sine and cosine of its phase.
+T_R, V_TR, S_TR, C_TR = _rows.take(), _rows.take(), _rows.take(), _rows.take()
+REMAINDER = _rows.take()  #: The time that remains of the step.
+SINGLE = _rows.take()  #: Whether the impact is the only one.
+#: Numbers in the rows of the columns together.
+REDUCED_STEP_COLUMNS = _rows.size
 
 
 @specialised
-def parameters_of(c, j):
+def parameters_in(c, j):
     """Return the parameters of column `j`."""
     return Parameters(
         c[OF_H + j], c[OF_R + j], c[OF_OMEGA + j], c[OF_F + j], c[OF_P + j], c[OF_CLEARANCE + j]
@@ -39,7 +44,7 @@ def shorten_steps(c, count, phase_step):
     """Take the first columns to their impacts by eqs (6)-(9)."""
     widest_vectors()
     for j in range((count + VECTOR - 1) // VECTOR * VECTOR):
-        pt = parameters_of(c, j)
+        pt = parameters_in(c, j)
         T = phase_step / pt.omega
         T_r, c[V_TR + j], c[S_TR + j], c[C_TR + j], sure = single_linear_impact(
             c[X_0 + j], c[V_0 + j], c[X_T + j], c[V_T + j], c[THETA_0 + j], T, pt
@@ -50,7 +55,7 @@ def shorten_steps(c, count, phase_step):
 @specialised
 def launch(c, j):
     """Return the arguments of an integrator for the remainder of the step of column `j`."""
-    pt = parameters_of(c, j)
+    pt = parameters_in(c, j)
     return pt.clearance, -pt.R * c[V_TR + j], c[S_TR + j], c[C_TR + j], c[REMAINDER + j], pt
 
 

@@ -8,7 +8,6 @@ omega is swept, and the loops contain no trigonometry.
 from __future__ import annotations
 
 import math
-from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -28,31 +27,55 @@ KEPT = 64
 #: Numbers of a lane from COEFFICIENTS on: one cache line.
 COEFFICIENTS_SIZE = 8
 
-# Where the rows of the lanes begin; row + i belongs to lane i. All rows lie in one flat array,
-# because the compiler then knows the distances between them.
-(
-    # The state (x, v), which is (y, w) with exact impacts, and the tangent vectors. Each number has
-    # two rows: one for the start of even steps, one for odd steps. Time stepping uses the first.
-    POSITION, VELOCITY, TANGENTS,
-    # GUARD is not negative if the lane may have met its stop, or is at rest; at a section, if it
-    # has come back to its mark or is due. LEVEL is the stop that
-    # time stepping watches, or AT_REST. WAKE is the phase before which a resting lane is not
-    # released, or AWAKE.
-    GUARD, LEVEL, WAKE, CLEARANCE, OMEGA,
-    # For exact impacts: the propagator of a step, its forcing, and the steps at rest.
-    PROPAGATOR, FORCING, SLEPT,
-    # For time stepping: the affine map; with the rule ``plain`` also R, the greatest displacement,
-    # and the speeds of the impacts in a stride.
-    MAP, RESTITUTION, GREATEST, SPEEDS,
-    # The period of the record in which a lane is, below 0 in its transient; the period before which
-    # nothing happens but a return of the motion; and the state of its mark, with its period.
-    PERIOD, DUE, MARK_X, MARK_V, MARK_LEVEL, MARK_PERIOD,
-    # The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers
-    # of one lane are contiguous.
-    COEFFICIENTS,
-) = accumulate(  # of the number of rows of each
-    (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 8, 1, 1, 4, 1, 1, 1, 1, 1, 1)))
-)  # fmt: skip
+
+class Rows:
+    """The places of rows that lie one after another in a flat array, `distance` numbers apart.
+
+    In a flat array the compiler knows the distances between the rows.
+    """
+
+    def __init__(self, distance: int) -> None:
+        self._distance, self.size = distance, 0
+
+    def take(self, rows: int = 1) -> int:
+        """Return where the next rows begin; the number at this place + i belongs to lane i."""
+        place, self.size = self.size, self.size + rows * self._distance
+        return place
+
+
+_rows = Rows(ROW)
+# The state (x, v), which is (y, w) with exact impacts, and the tangent vectors. Each number has two
+# rows: one for the start of even steps, one for odd steps. Time stepping uses the first.
+POSITION = _rows.take(2)
+VELOCITY = _rows.take(2)
+TANGENTS = _rows.take(8)
+#: Not negative if the lane may have met its stop, or is at rest; at a section, if it has come back
+#: to its mark or is due.
+GUARD = _rows.take()
+LEVEL = _rows.take()  #: The stop that time stepping watches, or AT_REST.
+WAKE = _rows.take()  #: The phase before which a resting lane is not released, or AWAKE.
+CLEARANCE = _rows.take()
+OMEGA = _rows.take()
+# For exact impacts.
+PROPAGATOR = _rows.take(7)
+FORCING = _rows.take(6)
+SLEPT = _rows.take()  #: Steps at rest.
+# For time stepping; all but the map with the rule ``plain``.
+MAP = _rows.take(8)  #: The affine map of a step.
+RESTITUTION = _rows.take()
+GREATEST = _rows.take()  #: The greatest displacement.
+SPEEDS = _rows.take(4)  #: Those of the impacts in a stride.
+#: The period of the record in which the lane is, below 0 in its transient.
+PERIOD = _rows.take()
+DUE = _rows.take()  #: The period before which nothing happens but a return of the motion.
+# The state of the mark, and its period.
+MARK_X = _rows.take()
+MARK_V = _rows.take()
+MARK_LEVEL = _rows.take()
+MARK_PERIOD = _rows.take()
+#: The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers of
+#: one lane are contiguous.
+COEFFICIENTS = _rows.size
 #: The rows of the state with exact impacts, in the units of ``propagator.py``.
 Y, W = POSITION, VELOCITY
 #: Numbers in the rows of the lanes together.

@@ -60,7 +60,7 @@ def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
     For h < p and far from resonance the flow is written in closed form: with A the complex steady
     response, G = (I - M) (A, i omega A). The angle Om T is reduced exactly, so that coefficients
     that are small near a multiple of the natural period keep all their digits. Otherwise it is the
-    map of ``integrators.exact``.
+    map of ``integrators.closed_form``.
     """
     T = n * osc.forcing_period
     h, p, omega = osc.h, osc.p, osc.omega

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from vibroimpact.kernel.integrate import run_points
+from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.oscillator import mesh
 from vibroimpact.points.destinations import classified
 from vibroimpact.points.following import follow_chains
@@ -90,8 +90,8 @@ def _run(
         points, spec.integrator, spec.impact, spec.steps_per_period, spec.phase, at_section,
         spec.start,
     )  # fmt: skip
-    counts = spec.transient, spec.periods, spec.impacts
-    results = run_points(points, scheme, counts, spec.lyapunov, threads, interrupt, spec.period)
+    length = Length(spec.transient, spec.periods, spec.impacts)
+    results = run_points(points, scheme, length, spec.lyapunov, threads, interrupt, spec.period)
     begun = results.pop("begun")
     if spec.every is not None:
         if spec.transient > 0:  # the record begins at a section

@@ -26,18 +26,42 @@ RECORD = (
 _NOWHERE = [int(status) for status in Status if status.failed or status is Status.UNBOUNDED]
 
 
-def destinations(
+def classified(
+    spec: RunSpec,
+    points: np.ndarray,
+    results: dict[str, np.ndarray],
+    threads: int | None,
+    interrupt: np.ndarray | None,
+) -> dict[str, np.ndarray]:
+    """Add the class of every motion to its results, with its distance and evidence.
+
+    The results are at least those named in ``RECORD``, of a run with the method and the phase of
+    `spec`. ``period`` and ``period_impacts`` are those of the orbit to which the motion goes, 0 if
+    none is known. ``orbit_x`` and ``orbit_v`` are the state of the orbit at the last section, and
+    ``orbit_distance`` is the distance of the motion from it, as a share of the size of the record;
+    NaN without a class. ``class_evidence`` is an ``Evidence``.
+    """
+    found = _destinations(spec, points, results, threads, interrupt)
+    known = found["evidence"] > Evidence.UNREACHED
+    kept = {name: values for name, values in results.items() if name != "destination"}
+    return kept | {
+        "period": np.where(known, found["m"], 0),
+        "period_impacts": np.where(known, found["q"], 0),
+        "orbit_x": np.where(known, found["x"], np.nan),
+        "orbit_v": np.where(known, found["v"], np.nan),
+        "orbit_distance": np.where(known, found["distance"], np.nan),
+        "class_evidence": found["evidence"].astype(np.int8),
+    }
+
+
+def _destinations(
     spec: RunSpec,
     points: np.ndarray,
     results: Mapping[str, np.ndarray],
-    threads: int | None = None,
-    interrupt: np.ndarray | None = None,
+    threads: int | None,
+    interrupt: np.ndarray | None,
 ) -> np.ndarray:
-    """Find where motions go, given the results of a run.
-
-    The results are those of `vibroimpact.integrate`, with the method and the phase of `spec`; a run
-    for `spec` has found ``destination`` already. Returns an array of dtype ``DESTINATION``, (n,).
-    """
+    """Return where motions go; a run that was asked for classes has found it already."""
     if "destination" in results:
         found = results["destination"]
     else:
@@ -88,30 +112,3 @@ def _impacts(
         )
         counted[rows] = once["impacts_per_period"] * repetition
     return np.rint(counted).astype(np.int64)
-
-
-def classified(
-    spec: RunSpec,
-    points: np.ndarray,
-    results: dict[str, np.ndarray],
-    threads: int | None,
-    interrupt: np.ndarray | None,
-) -> dict[str, np.ndarray]:
-    """Add the class of every motion to its results, with its distance and evidence.
-
-    ``period`` and ``period_impacts`` are those of the orbit to which the motion goes, 0 if none is
-    known. ``orbit_x`` and ``orbit_v`` are the state of the orbit at the last section, and
-    ``orbit_distance`` is the distance of the motion from it, as a share of the size of the record;
-    NaN without a class. ``class_evidence`` is an ``Evidence``.
-    """
-    found = destinations(spec, points, results, threads, interrupt)
-    known = found["evidence"] > Evidence.UNREACHED
-    kept = {name: values for name, values in results.items() if name != "destination"}
-    return kept | {
-        "period": np.where(known, found["m"], 0),
-        "period_impacts": np.where(known, found["q"], 0),
-        "orbit_x": np.where(known, found["x"], np.nan),
-        "orbit_v": np.where(known, found["v"], np.nan),
-        "orbit_distance": np.where(known, found["distance"], np.nan),
-        "class_evidence": found["evidence"].astype(np.int8),
-    }

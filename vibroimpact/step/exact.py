@@ -44,7 +44,7 @@ from vibroimpact.step.contact import (
     time_to_release,
 )
 from vibroimpact.step.elementary import sin_cos
-from vibroimpact.step.impact import FIRST, ONLY, single_impact
+from vibroimpact.step.impact import FIRST, ONLY, Waves, single_impact
 from vibroimpact.step.propagator import extent
 from vibroimpact.step.series import (
     LONGEST_STEP,
@@ -129,10 +129,11 @@ def polished(eq, start, free, impact, phase, phase_step):
 
     Most of these impacts are slow.
     """
-    if not (start[0] < 0.0 < free[0] and impact.proved < FIRST):
+    if not (start[0] < 0.0 < free.y and impact.proved < FIRST):
         return impact
     s_T, c_T = sin_cos(phase[0] + phase_step)
-    return single_impact(eq, start, free, (phase[1], phase[2], s_T, c_T), phase_step, _POLISH)
+    waves = Waves(phase[1], phase[2], s_T, c_T)
+    return single_impact(eq, start, free, waves, phase_step, _POLISH)
 
 
 @inlined
@@ -194,16 +195,15 @@ def log_impact(events, impact, pt):
 def exact_step(eq, pt, start, free, impact, phase, phase_step, scratch):
     """Take one step with every impact in it.
 
-    `start` is (y, w, resting); `free` is y_T, w_T and the bound from ``propagate``; `impact` is
-    from ``single_impact``, not proved to be ``ONLY``; `phase` is the phase at the start, its sine
-    and its cosine. Returns y, w, resting, the number of events in `scratch` (in the units of
-    (x, v)), the phase spent at rest, the status, and the number of near grazes.
+    `start` is (y, w, resting); `impact` is from ``single_impact``, not proved to be ``ONLY``;
+    `phase` is the phase at the start, its sine and its cosine. Returns y, w, resting, the number of
+    events in `scratch` (in the units of (x, v)), the phase spent at rest, the status, and the
+    number of near grazes.
     """
     events, flight = scratch
     (y, w, resting), (theta_0, s, c) = start, phase
     stop, per_time = pt.clearance, 1.0 / pt.omega
     passed, n, grazes, rested, status = 0.0, 0, 0, 0.0, _CERTIFIED
-    bound = free[2]
     impact = polished(eq, (y, w), free, impact, phase, phase_step)
     if impact.proved == ONLY:
         return impact.y, impact.w, False, log_impact(events, impact, pt), 0.0, status, 0
@@ -222,7 +222,7 @@ def exact_step(eq, pt, start, free, impact, phase, phase_step, scratch):
         left = phase_step - passed
         if not dtheta >= 0.0:
             dtheta, w_i, m, turn = exact_flight(
-                eq, Launch(y, w, s, c), released, bound, left, phase_step, flight
+                eq, Launch(y, w, s, c), released, free.bound, left, phase_step, flight
             )
             grazes += is_near_graze(eq, turn)
             if dtheta == 0.0 and m > 1:  # the flight starts on the stop and is pressed against it

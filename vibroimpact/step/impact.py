@@ -34,6 +34,30 @@ _RESIDUAL, _LAST_CHANGE = 1e-17, 1e-5
 NOTHING, FIRST, ONLY = -2.0, -1.0, 0.0
 
 
+class FreeEnd(NamedTuple):
+    """The end of a step as if there were no stop, and its remainder bound; see ``propagate``."""
+
+    y: float
+    w: float
+    bound: float
+
+
+class Waves(NamedTuple):
+    """Sine and cosine of the phase at the start of a step, and at its end."""
+
+    s: float
+    c: float
+    s_end: float
+    c_end: float
+
+
+class Guess(NamedTuple):
+    """A guess of an impact, from the end of its step that is nearer."""
+
+    late: float  #: 0. if the impact is in the first half of the step, 1. if in the second.
+    t: float  #: The time from the start of the step, or the negative time from its end.
+
+
 class Impact(NamedTuple):
     """The impact of a step, as far as `proved` says that its numbers are valid.
 
@@ -97,15 +121,11 @@ def all_terms(k, t):
 
 
 @inlined
-def guess(start, end, phase_step):
-    """Guess where a step from `start` to `end`, states (y, w), rises through 0.
-
-    Returns 0. if that is in the first half of the step, 1. if in the second, and the time from the
-    start of the step, or the negative time from its end.
-    """
+def guess(start, free, phase_step):
+    """Return the ``Guess`` where a step from `start`, (y, w), to its free end rises through 0."""
     # The place of the root and w at both ends, in units of the step and of the rise.
-    inverse = 1.0 / (end[0] - start[0])
-    u, a, b = -start[0] * inverse, start[1] * inverse * phase_step, end[1] * inverse * phase_step
+    inverse = 1.0 / (free.y - start[0])
+    u, a, b = -start[0] * inverse, start[1] * inverse * phase_step, free.w * inverse * phase_step
     steep = (a > 0.25) & (b > 0.25)
     cubic = u * (1.0 - u) * fma((1.0 - u) * b, 1.0 - a, -u * a * (1.0 - b))
     # Single precision is enough for a guess, and faster. NaN is possible only without a crossing.
@@ -113,15 +133,16 @@ def guess(start, end, phase_step):
     over, under = select(steep, cubic, 2.0 * u), select(steep, a * b, a + np.float64(root))
     u = select(steep, u, 0.0) + np.float64(np.float32(over) / np.float32(under))
     late = select(u > 0.5, 1.0, 0.0)
-    return late, (u - late) * phase_step
+    return Guess(late, (u - late) * phase_step)
 
 
 @inlined
-def expand_near(eq, start, end, waves, late):
+def expand_near(eq, start, free, waves, late):
     """Expand a step as ``series`` does, about its start (`late` is 0) or its end (`late` is 1)."""
-    (s_0, c_0, s_T, c_T), at_end = waves, late > 0.0
-    y, w = select(at_end, end[0], start[0]), select(at_end, end[1], start[1])
-    return series(eq, y, w, select(at_end, s_T, s_0), select(at_end, c_T, c_0))
+    at_end = late > 0.0
+    y, w = select(at_end, free.y, start[0]), select(at_end, free.w, start[1])
+    s, c = select(at_end, waves.s_end, waves.s), select(at_end, waves.c_end, waves.c)
+    return series(eq, y, w, s, c)
 
 
 @inlined
@@ -149,14 +170,14 @@ def approach(k, t, phase_step):
 
 
 @inlined
-def first_impact(start, y_T, bound, guessed, k, values, phase_step):
+def first_impact(start, free, guessed, k, values, phase_step):
     """Find an impact to rounding, and prove that it is the first.
 
     `guessed` is the improved ``guess``, `k` the series about the end of the step that it refers to,
     `values` the result of ``all_terms`` there. Returns the time of the impact since the start of
     the step, the time from it to the end, w_i, and ``NOTHING`` or ``FIRST``.
     """
-    (y_0, w_0), (late, t), (y, d, e), per_step = start, guessed, values, 1.0 / phase_step
+    (y_0, w_0), (y, d, e), t, per_step = start, values, guessed.t, 1.0 / phase_step
     j = fma(fma(fma(fma(35.0 * k[7], t, 20.0 * k[6]), t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
     change, left = newton_step(y, d, e, j, per_step)
     fourth = fma(fma(60.0 * k[6], t, 20.0 * k[5]), t, 4.0 * k[4])  # derivative, over 3!
@@ -164,13 +185,13 @@ def first_impact(start, y_T, bound, guessed, k, values, phase_step):
     t -= change
     change = abs(change) * per_step
     converged = (left * change < _RESIDUAL) & (change < _LAST_CHANGE)
-    begin = late * phase_step
+    begin = guessed.late * phase_step
     u, r = t + begin, (phase_step - begin) - t
     n = u * per_step
     n *= n
-    middle = fma(bound, n * n, fma((w_0 - w_i) * (1.0 / 3.0), u, y_0))
+    middle = fma(free.bound, n * n, fma((w_0 - w_i) * (1.0 / 3.0), u, y_0))
     below = max(max(y_0, fma(w_0, u, 4.0 * y_0)), middle) < 0.0
-    first = below & converged & (min(min(y_T, w_i), min(u, r)) > 0.0)
+    first = below & converged & (min(min(free.y, w_i), min(u, r)) > 0.0)
     return u, r, w_i, select(first, FIRST, NOTHING)
 
 
@@ -180,14 +201,14 @@ def rebound(eq, free, r, w_i, proved, phase_step):
 
     Parameters as returned by ``first_impact``, results as of ``single_impact``.
     """
-    (y_T, w_T, bound), per_step = free, 1.0 / phase_step
+    per_step = 1.0 / phase_step
     of_y, of_w = impulse(eq.of_w, eq.of_y, r)
     launch = eq.R * w_i
     kick = w_i + launch
-    y, w = fma(-kick, of_y, y_T), fma(-kick, of_w, w_T)
+    y, w = fma(-kick, of_y, free.y), fma(-kick, of_w, free.w)
     n = r * per_step
     n *= n
-    middle = fma(bound, n * n, fma((launch + w) * (-1.0 / 3.0), r, y))
+    middle = fma(free.bound, n * n, fma((launch + w) * (-1.0 / 3.0), r, y))
     only = max(max(y, fma(-w, r, 4.0 * y)), middle) < 0.0
     return y, w, select(only & (proved == FIRST), ONLY, proved)
 
@@ -196,15 +217,13 @@ def rebound(eq, free, r, w_i, proved, phase_step):
 def single_impact(eq, start, free, waves, phase_step, polish):
     """Correct a step that may have met the stop; return its ``Impact``.
 
-    `start` is (y, w), `free` is y_T, w_T and the bound from ``propagate``. `waves` are sine and
-    cosine of the phase at the start, then at the end. The guess is improved `polish` times; once is
-    mostly enough.
+    `start` is (y, w). The guess is improved `polish` times; once is mostly enough.
     """
-    y_T, w_T, bound = free
-    late, t = guess(start, (y_T, w_T), phase_step)
-    k = expand_near(eq, start, (y_T, w_T), waves, late)
+    late, t = guess(start, free, phase_step)
+    k = expand_near(eq, start, free, waves, late)
     for _ in range(polish):
         t = approach(k, t, phase_step)
-    u, r, w_i, proved = first_impact(start, y_T, bound, (late, t), k, all_terms(k, t), phase_step)
+    guessed = Guess(late, t)
+    u, r, w_i, proved = first_impact(start, free, guessed, k, all_terms(k, t), phase_step)
     y, w, proved = rebound(eq, free, r, w_i, proved, phase_step)
     return Impact(y, w, u, w_i, proved)

@@ -163,7 +163,7 @@ _TERMS = 20
 
 
 @jit
-def exact(x, v, s, c, T, pt):
+def closed_form(x, v, s, c, T, pt):
     """The flow of eq. (1) itself: M = exp(A T), G from the augmented system (x, v, sin, cos).
 
     A Taylor step short enough to converge to rounding is doubled as often as needed:
@@ -225,7 +225,7 @@ INTEGRATORS: Mapping[str, Integrator] = {
             ("verlet", 2, verlet, lambda zeta: np.full_like(zeta, 2.0)),
             ("newmark", 2, newmark, lambda zeta: np.full_like(zeta, math.inf)),
             ("rk4", 4, rk4, rk4_limit),
-            ("exact", None, exact, lambda zeta: np.full_like(zeta, math.inf)),
+            ("exact", None, closed_form, lambda zeta: np.full_like(zeta, math.inf)),
         )
     )
 }

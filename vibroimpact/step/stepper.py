@@ -12,7 +12,7 @@ import numpy as np
 from vibroimpact.jit import jit, specialised, widest_vectors
 from vibroimpact.status import Status
 from vibroimpact.step.exact import exact_step, log_impact
-from vibroimpact.step.impact import ONLY, single_impact
+from vibroimpact.step.impact import ONLY, FreeEnd, Waves, single_impact
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.propagator import (
     coefficients_of,
@@ -92,12 +92,12 @@ def take_exact_step(eq, propagators, state, phase, end_wave, phase_step, pt, scr
     y_T, w_T, bound, guard = propagate(propagator, y, w, forced(forcing, s, c), phase_step)
     if guard < 0.0:
         return y_T, w_T, False, 0, 0.0, 0, 0
-    waves = s, c, end_wave[0], end_wave[1]
-    impact = single_impact(eq, (y, w), (y_T, w_T, bound), waves, phase_step, 1)
+    free, waves = FreeEnd(y_T, w_T, bound), Waves(s, c, end_wave[0], end_wave[1])
+    impact = single_impact(eq, (y, w), free, waves, phase_step, 1)
     if impact.proved == ONLY:
         n = log_impact(scratch.events, impact, pt)
         return impact.y, impact.w, False, n, 0.0, 0, 0
-    return exact_step(eq, pt, state, (y_T, w_T, bound), impact, phase, phase_step, scratch)
+    return exact_step(eq, pt, state, free, impact, phase, phase_step, scratch)
 
 
 @jit
