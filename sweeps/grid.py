@@ -89,9 +89,9 @@ class Grid:
                 room = room // n if parts == 1 else 1
         yield from itertools.product(*reversed(cuts_of_axes))
 
-    def points(self, block: Block) -> np.ndarray:
-        """Return the parameter points of a block, of dtype POINT, in C order."""
-        return mesh(self.within(block), self.fixed)
+    def points(self, block: Block | None = None) -> np.ndarray:
+        """Return the parameter points of a block, or all, of dtype POINT, in C order."""
+        return mesh(self.axes if block is None else self.within(block), self.fixed)
 
     def within(self, block: Block) -> dict[str, np.ndarray]:
         """Return the values of each axis in a block."""
@@ -125,7 +125,7 @@ class Grid:
         returned completely.
         """
         if self.size <= count:
-            return self.points(tuple(slice(0, n) for n in self.shape))
+            return self.points()
         k = np.arange(count)
         longest = int(np.argmax(self.shape))
         irrationals = iter(np.sqrt([2, 3, 5, 7, 11, 13, 17]))

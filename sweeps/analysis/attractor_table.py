@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -41,7 +42,7 @@ class Row(NamedTuple):
     states : ndarray, shape (m, 2)
         x and v at the section.
     point : int
-        Index in C order of a point of the file on the attractor.
+        Index in C order of a point of the file on the attractor, -1 for none.
     measures : mapping of str to number
         The variables that `sweeps.integrity` and `sweeps.knocks` add, if any.
     """
@@ -54,8 +55,8 @@ class Row(NamedTuple):
     fraction: float
     speeds: np.ndarray
     states: np.ndarray
-    point: int
-    measures: Mapping[str, Any]
+    point: int = -1
+    measures: Mapping[str, Any] = MappingProxyType({})
 
     @property
     def name(self) -> str:
@@ -102,7 +103,7 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     points = points_of(dataset, place)
     swept = {name: parameter_at_points(dataset, name)[place] for name in parameter_axes(dataset)}
     points["x0"], points["v0"] = frame["section_x"], frame["section_v"]
-    orbits = _orbits(config_of(dataset), points, frame["m"].values, frame["q"].values)
+    orbits = orbits_of(config_of(dataset), points, frame["m"].values, frame["q"].values)
     measures = {name: frame[name].tolist() for name in map(str, columns) if name not in _OWN}
     return [
         Row(
@@ -120,7 +121,7 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     ]
 
 
-def _orbits(
+def orbits_of(
     config: SweepConfig, points: np.ndarray, m: np.ndarray, q: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return speeds before the impacts, increasing, and section states of periodic motions.

@@ -118,8 +118,7 @@ def attractors(
     if ((motions["m"] == 0) & (motions["regime"] > Regime.FAILED)).any():
         _put_last_states(motions, dataset)
         followed |= settle(motions, dataset, index, extensions)
-    representative, periodic = _orbits(motions, index.parameter, config, tolerance)
-    heads, of_point = _members(index, motions["regime"], representative)
+    heads, of_point, periodic = attractors_of(motions, index.parameter, config, tolerance)
     number, fraction = np.empty(len(heads), np.int64), _shares(of_point, heads, index)
     own = np.searchsorted(heads, periodic.at)
     number[own] = _numbers(config, index, periodic, motions[periodic.at], fraction[own])
@@ -164,6 +163,24 @@ def attractors(
     return xr.Dataset(data, {name: dataset[name] for name in dataset["status"].coords})
 
 
+def attractors_of(
+    motions: np.ndarray, parameter: np.ndarray, config: SweepConfig, tolerance: float = TOLERANCE
+) -> tuple[np.ndarray, np.ndarray, PeriodicAttractors]:
+    """Return a motion on each attractor, and the attractor of each motion, -1 for none.
+
+    `parameter` are the parameter points of the `motions`. The periodic attractors are returned,
+    too. All other motions of one regime at a parameter point are on one attractor.
+    """
+    representative, periodic = _orbits(motions, parameter, config, tolerance)
+    regime = motions["regime"]
+    others = np.flatnonzero((representative < 0) & (regime > Regime.FAILED))
+    first, number = different([parameter[others], regime[others]])
+    representative[others] = others[first[number]]
+    heads = np.unique(representative[representative >= 0])
+    of_motion = np.where(representative < 0, -1, np.searchsorted(heads, representative))
+    return heads, of_motion, periodic
+
+
 def _put_last_states(motions: np.ndarray, dataset: xr.Dataset) -> None:
     """Write the last section states of all motions that are not periodic as their starts."""
     rows = motions["m"] == 0
@@ -204,21 +221,6 @@ def _rounded(points: np.ndarray, share: float) -> tuple[np.ndarray, ...]:
     states = np.stack([points["x0"] - points["clearance"], points["v0"] / points["omega"]])
     _, exponent = np.frexp(np.abs(states).max(axis=0))
     return exponent, *np.rint(np.ldexp(states, -exponent) / share).astype(np.int64)
-
-
-def _members(
-    index: GridIndex, regime: np.ndarray, representative: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return a point on each attractor, and the attractor of each point, -1 for none.
-
-    `representative` are the points that represent the periodic motions. All other motions of one
-    regime at a parameter point are on one attractor.
-    """
-    others = np.flatnonzero((representative < 0) & (regime > Regime.FAILED))
-    first, number = different([index.parameter[others], regime[others]])
-    representative[others] = others[first[number]]
-    heads = np.unique(representative[representative >= 0])
-    return heads, np.where(representative < 0, -1, np.searchsorted(heads, representative))
 
 
 def _shares(of_point: np.ndarray, heads: np.ndarray, index: GridIndex) -> np.ndarray:

@@ -21,10 +21,10 @@ from sweeps.analysis.cuts import Selection, chosen_axes, select, swept_axes
 from sweeps.analysis.dataset import check_diagnostic, config_of, headed
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import MOST_BRANCHES, branches, wide_branches
-from sweeps.analysis.explanations import NO_LABEL, explain
+from sweeps.analysis.explanations import NO_LABEL, changes, explain
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.motions import motions_of
-from sweeps.analysis.regimes import changes, labels
+from sweeps.analysis.regimes import labels
 from sweeps.analysis.rig import on_axis
 from sweeps.config.rig import model_name
 from sweeps.store import DIRECTION

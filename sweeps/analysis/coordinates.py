@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 import xarray as xr
 
 from sweeps.analysis.cuts import Selection, select
-from sweeps.analysis.dataset import config_of
+from sweeps.analysis.dataset import config_of, results_of
 from sweeps.errors import Refused
 from sweeps.store.variables import VARIABLES, Variable
 from sweeps.text import listed
+from vibroimpact.points.regimes import impacts_met, shown_in_part
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:
     from vibroimpact.orbits.orbit import PeriodicOrbit
+
+_Values = TypeVar("_Values", xr.DataArray, np.ndarray)
 
 
 def recorded(
@@ -30,14 +33,13 @@ def recorded(
     columns = np.array([point[name].values for name in names])
     columns = columns[:, np.isfinite(columns).all(axis=0)]
     if not columns.size:
-        refuse_unrecorded(point, names[0])
+        refuse_unrecorded(point["status"].item(), names[0])
     return point, list(columns)
 
 
-def refuse_unrecorded(point: xr.Dataset, name: str) -> NoReturn:
+def refuse_unrecorded(status: int, name: str) -> NoReturn:
     """Refuse a point that has no value of a variable, and say why."""
-    status = Status(int(point["status"]))
-    reason = status.meaning if status.failed else f"no {name} was recorded"
+    reason = Status(status).meaning if Status(status).failed else f"no {name} was recorded"
     raise Refused(f"there is nothing to draw at this point: {reason}")
 
 
@@ -51,38 +53,28 @@ COORDINATES: Mapping[str, Variable] = {
 }
 
 
-def recorded_coordinate(dataset: xr.Dataset, coordinate: str) -> xr.DataArray:
-    """Return a coordinate at the points of a sweep, read from the file or computed from x."""
+def recorded_coordinate(record: Mapping[Any, _Values], coordinate: str) -> _Values:
+    """Return a coordinate at the points of a sweep, recorded or computed from x.
+
+    `record` is a Dataset, or results by name and ``clearance``, which broadcasts against x.
+    """
     if coordinate != "poincare_height":
-        return dataset[coordinate]
-    x = dataset["poincare_x"]
-    return (dataset["clearance"] - x).transpose(*x.dims)
-
-
-def impacts_met(dataset: xr.Dataset) -> np.ndarray:
-    """Return the number of impacts during the record of every point, in the shape of ``status``."""
-    per_period = dataset["impacts_per_period"].transpose(*dataset["status"].dims).values
-    return np.rint(np.nan_to_num(per_period) * config_of(dataset).record.periods).astype(int)
+        return record[coordinate]
+    return -record["poincare_x"] + record["clearance"]  # with the dimensions of x in their order
 
 
 def impacts_left_out(dataset: xr.Dataset) -> str:
     """Say how many impacts of the record were kept at most; empty if all were."""
-    kept, most = dataset.sizes["impact"], int(impacts_met(dataset).max(initial=0))
+    met = impacts_met(dataset["impacts_per_period"].values, config_of(dataset).record.periods)
+    kept, most = dataset.sizes["impact"], int(met.max(initial=0))
     several = "up to " if dataset["status"].size > 1 else ""
     return f"last {kept:,} of {several}{most:,} impacts" if most > kept else ""
 
 
 def shows_part(dataset: xr.Dataset) -> np.ndarray:
-    """Return the mask of the points of which the kept impacts are less than a repetition.
-
-    Where no class is known, the impacts of a forcing period count.
-    """
-    repetition = dataset["impacts_per_period"]
-    if "period" in dataset:
-        repetition = dataset["period_impacts"].where(dataset["period"] > 0, repetition)
-    kept = dataset.sizes["impact"]
-    longer: np.ndarray = repetition.transpose(*dataset["status"].dims).values > kept
-    return longer & (impacts_met(dataset) > kept)
+    """Return the mask of the points of which less than a repetition of impacts was kept."""
+    results = results_of(dataset, ("impacts_per_period", "period", "period_impacts"))
+    return shown_in_part(results, config_of(dataset).record.periods, dataset.sizes["impact"])
 
 
 def orbit_coordinates(orbit: PeriodicOrbit, phase: float) -> dict[str, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields
 from functools import lru_cache
 
@@ -13,33 +13,19 @@ from sweeps.config.groups import DIAGNOSTICS
 from sweeps.config.loading import stored_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.store.variables import VARIABLES, columns_of
+from sweeps.store.variables import columns_of
 from sweeps.text import in_units, unit_name
 from vibroimpact.oscillator import Oscillator
 
 
-def dataset_of(
-    config: SweepConfig, axes: Mapping[str, np.ndarray], results: Mapping[str, np.ndarray]
-) -> xr.Dataset:
-    """Return results in memory as a Dataset like an opened file, so that all analyses can read it.
-
-    `axes` are the swept parameters with their values, slowest first. `results` are arrays of shape
-    (points, ...), in C order over the axes.
-    """
-    shape = tuple(map(len, axes.values()))
-    variables = {}
-    for name, values in results.items():
-        dimension = VARIABLES[name].dimension
-        dimensions = (*axes, dimension) if dimension else tuple(axes)
-        variables[name] = (dimensions, values.reshape((*shape, *values.shape[1:])))
-    sweep = config.sweep
-    section = sweep.spec.transient + 1 + np.arange(sweep.spec.periods)
-    coordinates = {**sweep.grid.fixed, **axes, "section": section}
-    return xr.Dataset(variables, coordinates, {"configuration": config})
+def results_of(dataset: xr.Dataset, names: Collection[str]) -> dict[str, np.ndarray]:
+    """Return results as arrays in the shape of ``status``, without those that are not recorded."""
+    axes = dataset["status"].dims
+    return {name: dataset[name].transpose(*axes, ...).values for name in names if name in dataset}
 
 
 def config_of(dataset: xr.Dataset) -> SweepConfig:
-    """Return the configuration of an opened sweep, or of a sweep in memory.
+    """Return the configuration of an opened sweep.
 
     Raises ConfigError if the configuration in a file is not valid, for example because another
     version wrote it.

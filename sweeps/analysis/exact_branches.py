@@ -108,9 +108,27 @@ def branches(
     (axis,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "branch")
     lines = [motions_of(line) for line in lines_of(dataset, axis, at)]
     name, phase = model_name(axis), config_of(dataset).record.phase
-    low = min(float(line["point"][name][0]) for line in lines)
-    high = max(float(line["point"][name][-1]) for line in lines)
-    found = BranchSet(name, low, high, phase, most, LONGEST_ORBIT, classes, check)
+    found = branches_of(lines, name, phase, check, classes=classes, most=most)
+    return orbits_on_axes(dataset, found)
+
+
+def branches_of(
+    lines: Sequence[np.ndarray],
+    axis: str,
+    phase: float,
+    check: Callable[[], object] = lambda: None,
+    *,
+    classes: Collection[tuple[int, int]] = (),
+    most: int = MOST_BRANCHES,
+) -> xr.Dataset:
+    """Follow the orbits of motions along one axis, and return the Dataset of `branches`.
+
+    Each line has motions of dtype ``MOTION`` at increasing values of the axis, a parameter of the
+    model; `phase` is that of their section.
+    """
+    low = min(float(line["point"][axis][0]) for line in lines)
+    high = max(float(line["point"][axis][-1]) for line in lines)
+    found = BranchSet(axis, low, high, phase, most, LONGEST_ORBIT, classes, check)
     left_out: dict[str, Counter[tuple[int, int]]] = {}
     for motion, length in _seeds(lines):
         mq = int(motion["m"]), int(motion["q"])
@@ -130,7 +148,7 @@ def branches(
             left_out.setdefault(reason, Counter())[mq] += length
     found.grow()
     found.branches = [grown for grown in found.branches if found.is_chosen(grown.m, grown.q)]
-    return orbits_on_axes(dataset, _as_dataset(found, phase, left_out))
+    return _as_dataset(found, phase, left_out)
 
 
 def _seeds(lines: Sequence[np.ndarray]) -> list[tuple[np.void, int]]:
@@ -274,16 +292,15 @@ def wide_branches(found: xr.Dataset) -> np.ndarray:
     return sums > 0.01 * (high - low)
 
 
-def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:
+def check_axis(axis: str, values: np.ndarray, picture: str) -> None:
     """Refuse an axis on which the orbits do not depend, and one with a single value."""
     if axis in STARTS:
         raise Refused(
             f"the exact orbits do not depend on {axis}; draw {picture} without exact orbits"
         )
-    if dataset.sizes[axis] == 1:
-        value = dataset[axis].item()
+    if len(values) == 1:
         raise Refused(
-            f"{axis} has the single value {value:g}: exact orbits are followed over a range"
+            f"{axis} has the single value {values[0]:g}: exact orbits are followed over a range"
         )
 
 
@@ -293,5 +310,5 @@ def lines_of(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> lis
     Raises Refused if the orbits do not depend on the axis, or if it has a single value.
     """
     line = select(dataset, at, free=[axis, DIRECTION])
-    check_axis(line, axis, "it")
+    check_axis(axis, line[axis].values, "it")
     return split_directions(line.sortby(axis))

@@ -111,7 +111,7 @@ def curves(
     if len(chosen) == 1:
         raise Refused(f"curves are over two swept axes, not {across} alone")
     for axis in (across, up):
-        check_axis(dataset, axis, "the map")
+        check_axis(axis, dataset[axis].values, "the map")
     check_diagnostic(dataset, "period")
     cut = select(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
     names = model_name(across), model_name(up)

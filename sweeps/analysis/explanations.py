@@ -1,23 +1,65 @@
-"""The explanation of a change of class: the bifurcation on the branch of the orbit on a side."""
+"""Changes of class along an axis, and their explanation.
+
+If the class changes, there is a bifurcation on the branch of the orbit on one of the sides, or the
+start leads to another attractor.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.motions import leads_to, orbit_of
-from sweeps.analysis.regimes import Change
 from sweeps.config.rig import model_name
 from vibroimpact.points.regimes import Label, Regime
 
 #: The class of points that have none.
 NO_LABEL = Label(Regime.UNKNOWN)
+#: Regimes whose beginning or end is a kind of change.
+_REGIMES = (Regime.UNBOUNDED, Regime.REST, Regime.CHAOTIC)
 #: Kinds in the list for the special points of a branch: a penetration begins with a graze.
 _KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
+
+
+@dataclass(frozen=True)
+class Change:
+    """Two values of an axis between which the class changes."""
+
+    #: low, high: the nearest values with known classes.
+    low: float
+    high: float
+    #: before, after: the classes at `low` and `high`.
+    before: Label
+    after: Label
+    between: int = 0  # number of points of unknown class between them
+
+    @property
+    def kind(self) -> str:
+        """The kind that the two classes suggest, without proof.
+
+        ``flip`` if m and q double; ``rest``, ``chaotic`` or ``unbounded`` if this regime begins or
+        ends; otherwise ``unknown``.
+        """
+        ends = {self.before.regime, self.after.regime}
+        for regime in _REGIMES:
+            if regime in ends and len(ends) == 2:
+                return regime.word
+        is_flip = self.before.doubles_to(self.after) or self.after.doubles_to(self.before)
+        return "flip" if is_flip else "unknown"
+
+
+def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Change]:
+    """Yield the changes of class along increasing values, ignoring points of unknown class."""
+    classified = [(i, label) for i, label in enumerate(classes) if label is not None]
+    for (i, before), (j, after) in pairwise(classified):
+        if before != after:
+            yield Change(float(values[i]), float(values[j]), before, after, j - i - 1)
 
 
 class _Onward(NamedTuple):

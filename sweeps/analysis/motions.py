@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.dataset import config_of, oscillator_of
+from sweeps.analysis.dataset import config_of, oscillator_of, results_of
 from sweeps.analysis.grouping import points_of
-from sweeps.analysis.regimes import classify
 from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances
 from sweeps.config.sweep import SweepConfig
 from vibroimpact import integrate
@@ -17,7 +16,8 @@ from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.destinations import RECORD, classified
-from vibroimpact.points.regimes import Regime
+from vibroimpact.points.regimes import OF_REGIMES, Regime, regimes_of
+from vibroimpact.points.run_spec import RunSpec
 
 #: The motion of a point. The start of its `point` is the state of its orbit at the last section,
 #: NaN without one. m and q are the forcing periods and impacts per repetition, 0 if it is not
@@ -26,14 +26,28 @@ MOTION = np.dtype([("point", POINT), ("regime", np.int64), ("m", np.int64), ("q"
 
 
 def motions_of(cut: xr.Dataset) -> np.ndarray:
-    """Return the motions of a cut through a sweep, of dtype ``MOTION``, in its shape.
+    """Return the motions of a cut through a sweep, of dtype ``MOTION``, in its shape."""
+    names = {*OF_REGIMES, *_CLASS} if "period" in cut else {*OF_REGIMES, *RECORD}
+    points, shape = points_of(cut), cut["status"].shape
+    results = {
+        name: values.reshape(len(points), *values.shape[len(shape) :])
+        for name, values in results_of(cut, names).items()
+    }
+    return motions_from(config_of(cut).sweep.spec, points, results).reshape(shape)
+
+
+def motions_from(
+    spec: RunSpec, points: np.ndarray, results: Mapping[str, np.ndarray]
+) -> np.ndarray:
+    """Return the motions of points, of dtype ``MOTION``, shape (n,), given the results of a run.
 
     Classes that were not recorded are found from the section.
     """
-    cut = with_classes(cut)
-    motions = np.empty(cut["status"].shape, MOTION)
-    motions["point"] = points_of(cut).reshape(motions.shape)
-    put_classes(motions, classify(cut), {name: cut[name].values for name in _CLASS})
+    if "period" not in results:
+        results = classified(spec, points, results, None, None)
+    motions = np.empty(len(points), MOTION)
+    motions["point"] = points
+    put_classes(motions, regimes_of(results, points["omega"], spec.periods), results)
     return motions
 
 
@@ -48,19 +62,6 @@ def put_classes(motions: np.ndarray, regime: np.ndarray, results: Mapping[str, n
     motions["m"] = np.where(periodic, results["period"], 0)
     motions["q"] = np.where(periodic, results["period_impacts"], 0)
     motions["point"]["x0"], motions["point"]["v0"] = results["orbit_x"], results["orbit_v"]
-
-
-def with_classes(cut: xr.Dataset) -> xr.Dataset:
-    """Return a cut through a sweep with the classes of its motions, if it has none."""
-    if "period" in cut:
-        return cut
-    points, dims, shape = points_of(cut), cut["status"].dims, cut["status"].shape
-    columns = {name: cut[name].transpose(*dims, ...).values for name in RECORD}
-    results = {name: a.reshape(len(points), *a.shape[len(shape) :]) for name, a in columns.items()}
-    classes = classified(config_of(cut).sweep.spec, points, results, None, None)
-    return cut.assign(
-        {name: (dims, a.reshape(shape)) for name, a in classes.items() if name not in RECORD}
-    )
 
 
 def run_on(

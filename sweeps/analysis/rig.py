@@ -33,7 +33,7 @@ IN_SI = "in_si"
 
 
 def rig_of(dataset: xr.Dataset) -> RigConfig | None:
-    """Return the rig of an opened sweep, or of a sweep in memory, if it has one."""
+    """Return the rig of an opened sweep, if it has one."""
     text = dataset.attrs["configuration"]
     if isinstance(text, str) and not re.search("^rig:", text, re.MULTILINE):
         return None  # without reading a table

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Self
@@ -13,6 +13,7 @@ import xarray as xr
 from sweeps.analysis.coordinates import recorded, refuse_unrecorded
 from sweeps.analysis.cuts import Selection, select
 from sweeps.analysis.dataset import config_of, oscillator_of
+from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from vibroimpact.oscillator import Oscillator
@@ -30,22 +31,29 @@ _PART = 1_000_000
 class PointMotion:
     """The motion of one point."""
 
-    point: xr.Dataset  # the point of the sweep
-    oscillator: Oscillator  # its oscillator
+    oscillator: Oscillator
+    is_exact: bool  # whether its integrator is ``exact``
     #: Time, displacement and velocity. Two columns with the same time are the states before
     #: and after an impact. Of more than the periods to keep as many are kept, evenly spread,
     #: and a column of NaN stands for the periods between them. Shape (3, n).
     rows: np.ndarray
     depth: float  # largest x - clearance in all periods [length]
     periods: int  # number of forcing periods, with those left out
-    turns: int = 0  # number of forcing periods of the sweep before time 0 of the rows
+    begun: float  # omega t where the motion of the sweep began
+    turns: int  # number of forcing periods of the sweep before time 0 of the rows
 
     @classmethod
     def of(
-        cls, point: xr.Dataset, parts: Iterable[np.ndarray], periods: int, most: int, turns: int = 0
+        cls,
+        oscillator: Oscillator,
+        config: SweepConfig,
+        parts: Iterable[np.ndarray],
+        periods: int,
+        most: int,
+        begun: float,
+        turns: int = 0,
     ) -> Self:
         """Join parts of a motion over `periods`, shape (3, k); keep at most so many of these."""
-        oscillator = oscillator_of(point)
         kept, depth, begin, drawn, gap = list[np.ndarray](), -np.inf, None, False, True
         for rows in parts:
             begin = rows[0, 0] if begin is None else begin
@@ -57,7 +65,9 @@ class PointMotion:
             drawn, gap = bool(chosen[-1]), bool(left_out[-1])
             rows = np.where(left_out, np.nan, rows)
             kept.append(rows[:, ~left_out | first_left_out])
-        return cls(point, oscillator, np.concatenate(kept, axis=1), depth, periods, turns)
+        is_exact = config.method.integrator == "exact"
+        rows = np.concatenate(kept, axis=1)
+        return cls(oscillator, is_exact, rows, depth, periods, begun, turns)
 
     @property
     def impacts(self) -> np.ndarray:
@@ -67,7 +77,7 @@ class PointMotion:
 
     def flow(self, per_period: int) -> np.ndarray:
         """Return the rows; for the integrator ``exact``, with `per_period` samples in between."""
-        if config_of(self.point).method.integrator != "exact":
+        if not self.is_exact:
             return self.rows
         t, x, v = self.rows
         return np.stack(exact_samples(self.oscillator, t, x, v, per_period))
@@ -82,14 +92,15 @@ def recorded_motion(
     dataset: xr.Dataset, at: Selection | None, most: int = MOST_PERIODS
 ) -> PointMotion:
     """Return at most so many periods of the trajectory of a point; refuse a point without one."""
-    point = select(dataset[[*RECORDED, "status"]], at)
+    point, config = select(dataset[[*RECORDED, "status"]], at), config_of(dataset)
     parts = _recorded_parts(point)
     if (first := next(parts, None)) is None:
-        refuse_unrecorded(point, RECORDED[0])
-    return PointMotion.of(point, chain([first], parts), config_of(dataset).record.periods, most)
+        refuse_unrecorded(point["status"].item(), RECORDED[0])
+    whole, periods = chain([first], parts), config.record.periods
+    return PointMotion.of(oscillator_of(point), config, whole, periods, most, _begun(point))
 
 
-def first_phase(point: xr.Dataset) -> float:
+def _begun(point: xr.Dataset) -> float:
     """Return omega t where the motion of a point began: at the start, or at a section if followed.
 
     A point of a followed sweep begins at the start only if it is the first of its chain. After a
@@ -118,15 +129,27 @@ def _recorded_parts(point: xr.Dataset) -> Iterator[np.ndarray]:
 def continued_motion(
     dataset: xr.Dataset, at: Selection | None, periods: int, most: int = MOST_PERIODS
 ) -> PointMotion:
-    """Compute the motion that follows the last recorded state at the section of a point.
+    """Compute the motion that follows the last recorded state at the section of a point."""
+    point, states = recorded(dataset, ("poincare_x", "poincare_v"), at)
+    config, begun = config_of(dataset), _begun(point)
+    return continued(oscillator_of(point), config, states, periods, begun, most)
+
+
+def continued(
+    oscillator: Oscillator,
+    config: SweepConfig,
+    states: Sequence[np.ndarray],
+    periods: int,
+    begun: float,
+    most: int = MOST_PERIODS,
+) -> PointMotion:
+    """Compute the motion that follows the last of the recorded section states x and v, (2, n).
 
     Some impact rules let the mass pass the stop, and a motion cannot start beyond the stop. Then
     the last state that is not beyond it is used. Raises Refused if there is no such state, or if
     the motion cannot be computed.
     """
-    point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
-    config = config_of(dataset)
-    oscillator = oscillator_of(point)
+    x, v = states
     allowed = np.flatnonzero(x <= oscillator.clearance)
     if not len(allowed):
         raise Refused("every recorded state of the section is beyond the stop at this point")
@@ -145,6 +168,6 @@ def continued_motion(
     if motion.status.failed:
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
     turns = config.sweep.spec.transient + last + 1
-    turns += first_phase(point) > config.record.phase  # it passes the section after 2 pi
+    turns += begun > config.record.phase  # it passes the section after 2 pi
     rows = np.stack([motion.t, motion.x, motion.v])
-    return PointMotion.of(point, [rows], periods, most, turns)
+    return PointMotion.of(oscillator, config, [rows], periods, most, begun, turns)

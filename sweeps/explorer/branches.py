@@ -8,8 +8,8 @@ from typing import Any
 import xarray as xr
 from bokeh.models import ColumnDataSource, HoverTool, LegendItem
 
-from sweeps.analysis.dataset import dataset_of
-from sweeps.analysis.exact_branches import branches
+from sweeps.analysis.exact_branches import branches_of, check_axis
+from sweeps.analysis.motions import motions_from
 from sweeps.config.rig import si_value
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.diagram import Diagram, numbers
@@ -72,8 +72,10 @@ class Branches:
         from sweeps.plotting.exact import parts_of  # this import takes a second
 
         if self._found is None or self._found[0] != config:
-            dataset = dataset_of(config, config.sweep.grid.axes, numbers(config))
-            self._found = config, branches(dataset, view.axis, check=check)
+            sweep = config.sweep
+            check_axis(view.axis, sweep.grid.axes[view.axis], "it")
+            line = motions_from(sweep.spec, sweep.grid.points(), numbers(config))
+            self._found = config, branches_of([line], view.axis, config.record.phase, check)
         parts = _nothing()
         for name, x, y, _, orbit in parts_of(self._found[1], view.ordinate):
             columns, x = parts[name], si_value(view.axis, x, config.rig)

@@ -20,8 +20,7 @@ from bokeh.models import (
 )
 from bokeh.palettes import interp_palette
 
-from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate, shows_part
-from sweeps.analysis.dataset import dataset_of
+from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
 from sweeps.config.rig import si_value
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
@@ -39,7 +38,7 @@ from sweeps.plotting.style import (
     STATUS_COLOURS,
     VERMILION,
 )
-from vibroimpact.points.regimes import has_result
+from vibroimpact.points.regimes import has_result, shown_in_part
 from vibroimpact.status import Status
 
 #: Columns of the fine picture per column of the coarse one.
@@ -73,8 +72,7 @@ if (y.start === {_UNSEEN[0]} && y.end === {_UNSEEN[1]} && pixels.data.fit !== un
 
 def numbers(config: SweepConfig) -> Results:
     """Compute all points of a configuration, with the same results as a run."""
-    grid = config.sweep.grid
-    return compute(config.sweep.spec, grid.points(tuple(slice(0, n) for n in grid.shape)), None)
+    return compute(config.sweep.spec, config.sweep.grid.points(), None)
 
 
 def ramp() -> list[str]:
@@ -84,8 +82,8 @@ def ramp() -> list[str]:
 
 def ordinates(config: SweepConfig, results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
     """Return the ordinates of each point, shape (n, width); NaN where there is none."""
-    dataset = dataset_of(config, config.sweep.grid.axes, results)
-    values = recorded_coordinate(dataset, ordinate).values
+    clearance = config.sweep.grid.points()["clearance"][:, None]
+    values = recorded_coordinate({**results, "clearance": clearance}, ordinate)
     return np.where(has_result(results["status"])[:, None], values, np.nan)
 
 
@@ -144,7 +142,8 @@ class Shown:
             return np.asarray(self.results["status"] == kind)
         if COORDINATES[self.view.ordinate].dimension != "impact":
             return np.zeros(len(self.values), bool)
-        return shows_part(dataset_of(self.config, self.config.sweep.grid.axes, self.results))
+        kept = self.results["impact_v"].shape[1]
+        return shown_in_part(self.results, self.config.record.periods, kept)
 
 
 class Diagram(PixelFigure):

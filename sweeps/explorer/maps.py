@@ -11,13 +11,13 @@ import numpy as np
 from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, Div, Range1d, Span
 
-from sweeps.analysis.attractor_table import Row, rows
-from sweeps.analysis.attractors import COUNTED, attractors
-from sweeps.analysis.dataset import dataset_of
+from sweeps.analysis.attractor_table import Row, orbits_of
+from sweeps.analysis.attractors import COUNTED, attractors_of
 from sweeps.analysis.integrity import measures_of
+from sweeps.analysis.motions import MOTION, motions_from
 from sweeps.config.rig import si_value
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.compute import Results, compute
+from sweeps.engine.compute import compute
 from sweeps.engine.estimate import block_size
 from sweeps.explorer.figures import PixelFigure, Report, outer_edges, plain
 from sweeps.explorer.view import BASINS, View
@@ -39,15 +39,8 @@ _HIGHER = (
 #: The columns of a disc: x and v of its centre, and its size along each.
 _DISC = ("x", "y", "width", "height")
 Disc = tuple[float, float, float, float]
-#: The results that determine the classes of the points.
-_OF_CLASSES = (
-    "status",
-    "rest_fraction",
-    "period",
-    "period_impacts",
-    "class_evidence",
-    "lyapunov",
-)
+#: The fields of a motion that are kept of every point.
+_CLASS = ("regime", "m", "q")
 
 
 @dataclass(frozen=True)
@@ -82,10 +75,10 @@ class Filling:
         #: Numbers of computed points at which the map is shown.
         self.stops = sorted({*np.cumsum(np.bincount(levels)), *range(every, levels.size, every)})
         self._done, self._seconds = 0, 0.0
-        self._kept = {"status": np.full(levels.size, Status.PENDING)}
-        #: The attractors found, the results of one start on each, and the attractor of each start.
-        self._found: list[Row] = []
-        self._on_each: Results = {}
+        self._status = np.full(levels.size, Status.PENDING)
+        self._classes = {name: np.zeros(levels.size, MOTION[name]) for name in _CLASS}
+        #: A motion on each attractor found, and the attractor of each start.
+        self._found = np.empty(0, MOTION)
         self._reached = np.full(levels.size, -1)
 
     def advance(self, stop: int) -> Tiles:
@@ -95,30 +88,26 @@ class Filling:
             size = block_size(sweep, least=stop - self._done)
             at = self._order[self._done : min(self._done + size, stop)]
             begin = perf_counter()
-            results = compute(sweep.spec, sweep.grid.numbered(at), None)
+            points = sweep.grid.numbered(at)
+            results = compute(sweep.spec, points, None)
             self._seconds += perf_counter() - begin
-            for name in _OF_CLASSES:
-                if (values := results.get(name)) is not None:
-                    empty = np.zeros((self._order.size, *values.shape[1:]), values.dtype)
-                    self._kept.setdefault(name, empty)[at] = values
+            motions = motions_from(sweep.spec, points, results)
+            self._status[at] = results["status"]
+            for name, values in self._classes.items():
+                values[at] = motions[name]
             if self._basins:
-                self._group(at, results)
+                self._group(at, motions)
             self._done += at.size
         return self._tiles()
 
-    def _group(self, at: np.ndarray, results: Results) -> None:
-        """Assign starts to the attractors found before, or to new ones."""
-        known = {name: self._on_each.get(name, values[:0]) for name, values in results.items()}
-        both = {name: np.concatenate([known[name], values]) for name, values in results.items()}
-        nowhere = {"x0": np.zeros(len(both["status"]))}  # the values are not needed
-        starts = dataset_of(self.config, nowhere, both).assign_coords(v0=0.0)
-        result = attractors(starts, extensions=0)
-        self._found = sorted(rows(starts, result), key=lambda row: row.number)
-        before, now = np.split(result["attractor"].values, [-at.size])
+    def _group(self, at: np.ndarray, motions: np.ndarray) -> None:
+        """Assign the motions of starts to the attractors found before, or to new ones."""
+        both = np.concatenate([self._found, motions])
+        of_each, reached, _ = attractors_of(both, np.zeros(both.size, int), self.config)
+        before, now = np.split(reached, [-at.size])
         self._reached = np.append(before, -1)[self._reached]
         self._reached[at] = now
-        kept = np.array([row.point for row in self._found], int)
-        self._on_each = {name: values[kept] for name, values in both.items()}
+        self._found = both[of_each]
 
     def _tiles(self) -> Tiles:
         """Colour the computed points by the kinds that `plot` uses."""
@@ -135,9 +124,9 @@ class Filling:
                     discs.append(disc)
                     cells[i] = cells[i]._replace(label=f"{cells[i].label}; {said}")
         else:
-            cells = period_cells(dataset_of(self.config, self.config.sweep.grid.axes, self._kept))
+            cells = period_cells(*self._classes.values())
         pixels, kinds = np.zeros(self._order.size, np.uint8), []
-        for cell in (*cells, *failed_cells(self._kept["status"])):
+        for cell in (*cells, *failed_cells(self._status)):
             if count := np.count_nonzero(cell.where):
                 kinds.append((plain(cell.label), cell.colour, float(count) / self._done))
                 pixels[cell.where.ravel()] = len(kinds)
@@ -158,14 +147,17 @@ class Filling:
 
     def _ranked(self) -> tuple[list[Row], np.ndarray]:
         """Return the attractors by decreasing share, renumbered, and the number of each start."""
-        counts = np.bincount(self._reached + 1, minlength=len(self._found) + 1)[1:]
+        found = self._found
+        counts = np.bincount(self._reached + 1, minlength=len(found) + 1)[1:]
         order = np.argsort(-counts, kind="stable")
-        aperiodic = np.array([row.regime is not Regime.PERIODIC for row in self._found], bool)
+        aperiodic = found["regime"] != Regime.PERIODIC
         number = np.empty(len(order), int)
         number[order[np.argsort(aperiodic[order], kind="stable")]] = np.arange(len(order))
-        shares = counts / counts.sum()
+        shares = (counts / counts.sum()).tolist()
+        m, q, regime = (found[name] for name in ("m", "q", "regime"))
+        orbits = orbits_of(self.config, found["point"], m, q)
         table = [
-            self._found[i]._replace(number=int(number[i]), fraction=float(shares[i]))
+            Row({}, int(number[i]), Regime(regime[i]), int(m[i]), int(q[i]), shares[i], *orbits[i])
             for i in order.tolist()
         ]
         return table, np.append(number, -1)[self._reached]

@@ -10,22 +10,23 @@ from html import escape
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, Span
 from bokeh.plotting import figure
 
-from sweeps.analysis.dataset import config_of, dataset_of, oscillator_of
-from sweeps.analysis.regimes import approaching, classify
-from sweeps.analysis.trajectories import continued_motion, periods_shown
+from sweeps.analysis.coordinates import refuse_unrecorded
+from sweeps.analysis.dataset import oscillator_of
+from sweeps.analysis.motions import motions_from, orbit_of
+from sweeps.analysis.trajectories import continued, periods_shown
+from sweeps.engine.compute import Results
 from sweeps.errors import Refused
 from sweeps.explorer.diagram import numbers
 from sweeps.explorer.figures import label_axis, value_text
 from sweeps.explorer.view import View
 from sweeps.explorer.worker import Step
 from sweeps.plotting.style import BLUE, ORANGE
-from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
-from vibroimpact.points.regimes import ON_ITS_WAY, SETTLED, Regime
+from vibroimpact.orbits.periodic import OrbitError
+from vibroimpact.points.regimes import ON_ITS_WAY, SETTLED, Regime, on_its_way
 from vibroimpact.status import Status
 
 #: Most forcing periods drawn of a periodic motion, and those drawn of other motions.
@@ -43,48 +44,47 @@ class Drawn(NamedTuple):
 def motion_at(view: View) -> Drawn:
     """Compute the motion at the mark, for some periods after its last recorded section."""
     config = view.point()
-    point = dataset_of(config, {}, numbers(config))
+    points, found = config.sweep.grid.points(), numbers(config)
     nothing = np.empty((3, 0)), np.empty((3, 0))
-    status = Status(int(point["status"]))
+    status = Status(found["status"][0])
     if status.failed:
         return Drawn(status.meaning, *nothing)
-    m, text = _class_in_words(point)
+    (motion,) = motions_from(config.sweep.spec, points, found)
+    text, m = _in_words(motion, found, config.record.phase), int(motion["m"])
+    states = found["poincare_x"][0], found["poincare_v"][0]
     try:
+        if not np.isfinite(states).any():
+            refuse_unrecorded(status, "poincare_x")
         periods = min(periods_shown(m), _MOST) if m else _UNREPEATED
-        motion = continued_motion(point, None, periods)
+        oscillator, begun = oscillator_of(points[0]), config.start.phase
+        drawn = continued(oscillator, config, states, periods, begun)
     except Refused as error:
         return Drawn(f"{text}; {error}", *nothing)
-    start = np.array([[motion.rows[0, 0]], [0.0], [0.0]])
-    return Drawn(text, motion.flow(per_period=64) - start, motion.impacts - start)
+    start = np.array([[drawn.rows[0, 0]], [0.0], [0.0]])
+    return Drawn(text, drawn.flow(per_period=64) - start, drawn.impacts - start)
 
 
-def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
-    """Return the forcing periods per repetition (0: not periodic) and a text on the motion."""
-    motion, phase = Regime(int(classify(point))), config_of(point).record.phase
-    m, q = int(point["period"]), int(point["period_impacts"])
-    said = (ON_ITS_WAY if approaching(point) else SETTLED).removesuffix(" m/q")
-    orbit = None
-    if motion is Regime.PERIODIC:
-        state = float(point["orbit_x"]), float(point["orbit_v"])
+def _in_words(motion: np.void, found: Results, phase: float) -> str:
+    """Return a text on a motion, given the results of its point alone."""
+    regime = Regime(motion["regime"])
+    if regime is Regime.PERIODIC:
+        going = on_its_way(motion["regime"], found["orbit_distance"][0])
+        said = (ON_ITS_WAY if going else SETTLED).removesuffix(" m/q")
+        text = f"{said} {motion['m']}/{motion['q']}"
         with suppress(OrbitError):  # an orbit of another impact rule
-            orbit = periodic_orbit(oscillator_of(point), *state, m, phase)
-    if orbit is not None and orbit.m == m:
-        first, second = orbit.multipliers.astype(complex)
-        shown = f"{first.real:.4g} and {second.real:.4g}"
-        if first.imag:
-            shown = f"{first.real:.4g} ± {abs(first.imag):.4g} i"
-        text = f"{said} {orbit.m}/{orbit.q}; Floquet multipliers {shown}"
-        return orbit.m, text
-    if motion is Regime.PERIODIC:
-        text = f"{said} {m}/{q}"
+            first, second = orbit_of(motion, phase).multipliers.astype(complex)
+            shown = f"{first.real:.4g} and {second.real:.4g}"
+            if first.imag:
+                shown = f"{first.real:.4g} ± {abs(first.imag):.4g} i"
+            return f"{text}; Floquet multipliers {shown}"
     else:
-        text = motion.word
-    if motion is Regime.REST:
-        text += f", {100.0 * float(point['rest_fraction']):.3g} % of the time"
-    elif "lyapunov" in point:
-        first, second = point["lyapunov"].values
+        text = regime.word
+    if regime is Regime.REST:
+        return f"{text}, {100.0 * found['rest_fraction'][0]:.3g} % of the time"
+    if "lyapunov" in found:
+        first, second = found["lyapunov"][0]
         text += f"; Lyapunov exponents {first:.4g} and {second:.4g} per unit time"
-    return m if motion is Regime.PERIODIC else 0, text
+    return text
 
 
 class MotionPanel:

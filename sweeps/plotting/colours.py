@@ -15,8 +15,7 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normal
 from matplotlib.patches import Patch
 
 from sweeps.analysis.cuts import Selection, select
-from sweeps.analysis.dataset import check_diagnostic
-from sweeps.analysis.regimes import classify
+from sweeps.analysis.regimes import classes_of
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
@@ -95,13 +94,13 @@ def failed_cells(status: np.ndarray) -> list[Cells]:
     ]
 
 
-def period_cells(cut: xr.Dataset, grey: bool = False) -> list[Cells]:
+def period_cells(
+    regimes: np.ndarray, m: np.ndarray, q: np.ndarray, *, grey: bool = False
+) -> list[Cells]:
     """Return the points of each regime, those of each class of ``CLASSES`` apart.
 
     The labels say how many points are chaotic or unknown, as a share of those with a result.
     """
-    check_diagnostic(cut, "period")
-    regimes, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
     periodic = regimes == Regime.PERIODIC
     cells = []
     for periods, impacts in CLASSES:
@@ -112,7 +111,7 @@ def period_cells(cut: xr.Dataset, grey: bool = False) -> list[Cells]:
         periodic = periodic & ~where
     colour, hatch = look_of_class(0, 0, grey)
     cells.append(Cells("other m/q", colour, periodic, hatch))
-    results = max(1, int(has_result(cut["status"].values).sum()))
+    results = max(1, int((regimes > Regime.FAILED).sum()))
     for regime in REGIMES:
         where, text = regimes == regime, regime.word
         if regime in NO_CLASS:
@@ -139,8 +138,7 @@ def class_numbers(cut: xr.Dataset) -> tuple[np.ndarray, dict[int, str]]:
 
     Those of chaotic, unknown and failed points have no name.
     """
-    regimes = classify(cut)
-    m, q = (cut[name].values.astype(np.int64) for name in ("period", "period_impacts"))
+    regimes, m, q = classes_of(cut)
     numbers = np.where(regimes == Regime.PERIODIC, m << 32 | q, -1 - regimes)
     names = {-1 - regime: regime.word for regime in (Regime.REST, Regime.UNBOUNDED)}
     for number in np.unique(numbers[numbers >= 0]).tolist():
@@ -196,7 +194,7 @@ def paint(cut: xr.Dataset, name: str, *, dots: bool = False, grey: bool = False)
     ramp = mpl.colormaps["cividis"]
     nothing = np.ma.masked_all(variable.shape, float)
     if name == "period":
-        cells = period_cells(cut.transpose(*cut["status"].dims, ...), grey)
+        cells = period_cells(*classes_of(cut), grey=grey)
         return Paint(variable, cells, nothing, Normalize(), ramp, CLASSES_TITLE)
     if name in _WORDS:
         found = np.where(has_result(cut["status"].values), variable.values, Status.PENDING)

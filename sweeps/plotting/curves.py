@@ -12,9 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
-from sweeps.analysis.regimes import classify
+from sweeps.analysis.regimes import classes_of
 from sweeps.text import shown_count
-from vibroimpact.points.regimes import Regime
 
 #: If there are more curves, only those that bound a class with a colour of its own are drawn.
 _FEW = 12
@@ -50,8 +49,7 @@ def _pieces(
     """
     from scipy.ndimage import binary_closing, binary_opening, maximum_filter
 
-    classes = np.stack([cut["period"].values, cut["period_impacts"].values])
-    classes = np.where(classify(cut) == Regime.PERIODIC, classes, 0)
+    classes = np.stack(classes_of(cut)[1:])
     window = np.ones(_PER_CELL * _GAP, bool)
     values = np.stack([found[name].values for name in found.coords], axis=1)
     each = _one_point_each(found)

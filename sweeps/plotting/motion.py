@@ -19,7 +19,6 @@ from sweeps.analysis.trajectories import (
     RECORDED,
     PointMotion,
     continued_motion,
-    first_phase,
     periods_shown,
     recorded_motion,
 )
@@ -77,9 +76,9 @@ def trajectory(
     """
     over_time, velocity, phase_plane = panels = _new_panels(page) if ax is None else list(ax)
     if color is None:
-        shown, (found,) = None, _classes(select(dataset, at).expand_dims("motion"))
+        drawn, shown = select(dataset, at), None
+        (found,) = _classes(drawn.expand_dims("motion"))
         motions = [_motion_at(dataset, at, periods, found)]
-        drawn = motions[0].point
         _draw_curves(panels, motions[0])
         _mark_impacts(panels, motions[0])
     else:
@@ -151,7 +150,7 @@ def _record(motions: Sequence[PointMotion], time: xr.DataArray, found: Label | N
     turns = 2.0 * np.pi / np.array([motion.oscillator.omega for motion in motions])
     starts = np.array([motion.rows[0, 0] for motion in motions])
     starts += turns * [motion.turns for motion in motions]
-    begun = np.array([first_phase(motion.point) for motion in motions])
+    begun = np.array([motion.begun for motion in motions])
     since = starts / turns - begun / (2.0 * np.pi)
     (after, *others) = {f"after {periods:.6g} forcing periods" for periods in since}
     if others:

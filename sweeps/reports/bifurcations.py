@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import fields
-from itertools import pairwise, starmap
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -12,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sweeps.analysis.bifurcations import other_axes
-from sweeps.analysis.regimes import Change, cascades
 from sweeps.store import DIRECTION
 from sweeps.text import shortest, shown_count, shown_range, table
+from vibroimpact.points.regimes import Label
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -147,14 +146,30 @@ def _summary(found: pd.DataFrame) -> str:
 
 def _cascades(found: pd.DataFrame) -> Iterator[str]:
     """Yield a line for each cascade of flips: their values and the ratios of their distances."""
-    others, names = other_axes(found), [field.name for field in fields(Change)]
-    values = found["value"].fillna(0.5 * (found["low"] + found["high"]))
+    others, places = other_axes(found), found["value"].fillna(0.5 * (found["low"] + found["high"]))
     for at, line in found.groupby(others, sort=False) if others else [((), found)]:
-        value_of = dict(zip(starmap(Change, line[names].values), values[line.index], strict=True))
-        for run in cascades(list(value_of)):
-            places = np.array([value_of[change] for change in run])
-            flips = ", ".join(f"{value:.9g}" for value in places)
-            ratios = ", ".join(f"{a / b:.4g}" for a, b in pairwise(np.diff(places)))
+        changes = zip(places[line.index], line["before"], line["after"], strict=True)
+        for run in cascades(list(changes)):
+            flips = ", ".join(f"{value:.9g}" for value in run)
+            ratios = ", ".join(f"{a / b:.4g}" for a, b in pairwise(np.diff(run)))
             where = [f"{name} = {_label(value)}" for name, value in zip(others, at, strict=True)]
             text = f"cascade: {found.attrs['axis']} = {flips}; ratios of the distances {ratios}"
             yield ", ".join([*where, text])
+
+
+def cascades(changes: Sequence[tuple[float, Label, Label]]) -> Iterator[list[float]]:
+    """Yield the values of at least three flips in a row, each of the orbit of the previous flip.
+
+    `changes` are values of the axis, in its order, with the classes before and after.
+    """
+    for step in (1, -1):
+        run, reached = list[float](), None
+        for value, *classes in changes[::step]:
+            parent, doubled = classes[::step]
+            if not parent.doubles_to(doubled):
+                continue
+            if parent != reached:
+                yield from [run] * (len(run) >= 3)
+                run = []
+            run, reached = [*run, value], doubled
+        yield from [run] * (len(run) >= 3)

@@ -29,7 +29,7 @@ _NOWHERE = [int(status) for status in Status if status.failed or status is Statu
 def classified(
     spec: RunSpec,
     points: np.ndarray,
-    results: dict[str, np.ndarray],
+    results: Mapping[str, np.ndarray],
     threads: int | None,
     interrupt: np.ndarray | None,
 ) -> dict[str, np.ndarray]:

@@ -47,6 +47,8 @@ SETTLED, ON_ITS_WAY = "settled on m/q", "on its way to m/q"
 UNKNOWN = Regime.UNKNOWN.word
 #: Regimes of motions that go to no known attractor but chaos.
 NO_CLASS = (Regime.CHAOTIC, Regime.UNKNOWN)
+#: The results that determine a regime.
+OF_REGIMES = ("status", "rest_fraction", "period", "class_evidence", "lyapunov")
 #: Regimes that are classes; of the others the attractor is not known.
 _CLASSIFIED = (Regime.UNBOUNDED, Regime.REST, Regime.PERIODIC, Regime.CHAOTIC)
 
@@ -67,6 +69,10 @@ class Label(NamedTuple):
             return "?"
         word = "" if self.regime is Regime.PERIODIC else self.regime.word
         return " ".join(filter(None, [word, f"{self.m}/{self.q}" if self.m else ""]))
+
+    def doubles_to(self, other: Label) -> bool:
+        """Whether the other motion has twice m and q of this periodic motion, as after a flip."""
+        return self.regime is Regime.PERIODIC and other == (self.regime, 2 * self.m, 2 * self.q)
 
 
 def has_result(status: np.ndarray) -> np.ndarray:
@@ -96,8 +102,8 @@ def is_chaotic(lyapunov: np.ndarray, omega: np.ndarray, periods: int) -> np.ndar
 def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:
     """Return the `Regime` of results of any shape (...), from records of `periods` forcing periods.
 
-    The results are ``status``, ``rest_fraction``, ``period``, ``class_evidence`` and, if recorded,
-    ``lyapunov`` of shape (..., 2), as in a file. `omega` is broadcast against them.
+    The results are those of ``OF_REGIMES``, as in a file: ``lyapunov``, which may be missing, has
+    the shape (..., 2). `omega` is broadcast against them.
     """
     status = results["status"]
     rules = [
@@ -114,6 +120,23 @@ def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: in
         [int(regime) for _, regime in rules],
         int(Regime.UNKNOWN),
     )
+
+
+def shown_in_part(results: Mapping[str, np.ndarray], periods: int, kept: int) -> np.ndarray:
+    """Return the mask of motions of which less than a repetition of impacts was kept.
+
+    At most `kept` impacts were, of a record of `periods` forcing periods. Where no class is known,
+    the impacts of a forcing period count as a repetition.
+    """
+    repetition = per_period = results["impacts_per_period"]
+    if "period" in results:
+        repetition = np.where(results["period"] > 0, results["period_impacts"], per_period)
+    return (repetition > kept) & (impacts_met(per_period, periods) > kept)
+
+
+def impacts_met(per_period: np.ndarray, periods: int) -> np.ndarray:
+    """Return the number of impacts in records of `periods` forcing periods; 0 for NaN."""
+    return np.rint(np.nan_to_num(per_period) * periods).astype(int)
 
 
 def on_its_way(regimes: np.ndarray, distance: np.ndarray) -> np.ndarray:

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps.analysis.regimes import Change, cascades, changes, classify
+from sweeps.analysis.explanations import Change, changes
+from sweeps.analysis.regimes import classify
+from sweeps.reports.bifurcations import cascades
 from vibroimpact.points.regimes import Label, Regime
 from vibroimpact.status import Evidence, Status
 
@@ -104,9 +106,10 @@ def test_kinds_of_change(before, after, kind):
 
 
 def test_cascades_run_both_ways_and_break_where_a_flip_is_missing():
-    up = [Change(k, k, a, b) for k, (a, b) in enumerate([(ONE, TWO), (TWO, FOUR), (FOUR, EIGHT)])]
-    down = [Change(k, k, b, a) for k, (a, b) in enumerate([(FOUR, EIGHT), (TWO, FOUR), (ONE, TWO)])]
-    assert list(cascades(up)) == [up]
-    assert list(cascades(down)) == [down[::-1]]
-    assert list(cascades([*up, Change(5, 6, EIGHT, CHAOS), *down])) == [up, down[::-1]]
+    up = [(1.0, ONE, TWO), (2.0, TWO, FOUR), (2.5, FOUR, EIGHT)]
+    down = [(4.0, EIGHT, FOUR), (5.0, FOUR, TWO), (7.0, TWO, ONE)]
+    assert list(cascades(up)) == [[1.0, 2.0, 2.5]]
+    assert list(cascades(down)) == [[7.0, 5.0, 4.0]]
+    chaos = [(3.0, EIGHT, CHAOS), (3.5, CHAOS, EIGHT)]
+    assert list(cascades([*up, *chaos, *down])) == [[1.0, 2.0, 2.5], [7.0, 5.0, 4.0]]
     assert list(cascades([up[0], up[2]])) == []

@@ -15,7 +15,7 @@ import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.attractors import attractors
-from sweeps.analysis.dataset import dataset_of
+from sweeps.analysis.regimes import classes_of
 from sweeps.explorer.diagram import Diagram, density, numbers, ordinates, ramp
 from sweeps.explorer.figures import plain
 from sweeps.explorer.maps import Filling
@@ -180,7 +180,7 @@ def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tab", [MAP, BASINS])
-def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, tab):
+def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, tab, tmp_path):
     view = replace(view, record={**view.record, "transient": 100, "periods": 30})
     view = view.moved(h=0.0, omega=1.3) if tab == BASINS else view
     config, (x, y) = view.tiles(tab, 50, 30), (name for name, _ in view.plane(tab))
@@ -188,9 +188,9 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
     shares = [np.mean(filling.advance(stop).pixels > 0) for stop in filling.stops]
     assert filling.stops[0] == 4 and shares[0] > 0.9  # two cells by two, each of 27 pixels
     tiles = filling.advance(config.sweep.grid.size)
-    whole = dataset_of(config, config.sweep.grid.axes, numbers(config)).transpose(y, x, ...)
+    whole = open_sweep(run_sweep(config, tmp_path / "whole.h5")).transpose(y, x, ...)
     if tab == MAP:
-        cells = [cell for cell in period_cells(whole) if cell.where.any()]
+        cells = [cell for cell in period_cells(*classes_of(whole)) if cell.where.any()]
     else:
         result = attractors(whole, extensions=0)
         found = result["attractor"].values

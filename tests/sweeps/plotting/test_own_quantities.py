@@ -7,6 +7,7 @@ from matplotlib.colors import to_hex, to_rgba
 
 from sweeps import open_sweep
 from sweeps.analysis.cuts import several
+from sweeps.analysis.regimes import classes_of
 from sweeps.errors import Refused
 from sweeps.plotting import (
     bifurcation,
@@ -153,7 +154,7 @@ def test_the_classes_have_the_colours_of_the_map_in_every_picture(dataset):
     assert len(shown) > 2 and shown.items() <= of_map.items()
     offsets, colours = points_of(figure)
     expected = {}
-    for cell in period_cells(line):
+    for cell in period_cells(*classes_of(line)):
         expected |= dict.fromkeys(line["omega"].values[cell.where], to_rgba(cell.colour))
     assert {tuple(c[:3]) for c in colours} > {to_rgba(style.CLASSES[1, 1])[:3]}
     for (x, _), colour in zip(offsets, colours, strict=True):
