@@ -10,7 +10,7 @@ import pytest
 from tests.helpers import naive
 from tests.helpers.oscillators import SectionMap
 from vibroimpact.orbits.branches import branch, doubled_branch
-from vibroimpact.orbits.corrector import correct
+from vibroimpact.orbits.calls import correct
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits

@@ -182,20 +182,19 @@ def _gradient(system, X, along):
 
 
 @jit
-def tangent(system, X):
-    """Return the direction of a branch (k = 1) or a curve (k = 2); NaN if there is none."""
-    k, P = system.free.size, np.empty(X.size)
-    N = np.empty((k, X.size))
+def tangent(system, X, P):
+    """Set P to the direction of a branch (k = 1) or a curve (k = 2); P[0] is NaN if it has none."""
+    k, N = system.free.size, np.empty((system.free.size, X.size))
     if not _newton_step(system, X, X, np.empty((0, X.size)), P, N) < math.inf:
         P[0] = math.nan
-        return P
-    if k == 1:
-        return N[0].copy()
-    first, second = _gradient(system, X, N[0]), _gradient(system, X, N[1])
-    size = math.hypot(first, second)
-    for i in range(X.size):
-        P[i] = (second * N[0, i] - first * N[1, i]) / size
-    return P
+    elif k == 1:
+        for i in range(X.size):
+            P[i] = N[0, i]
+    else:
+        first, second = _gradient(system, X, N[0]), _gradient(system, X, N[1])
+        size = math.hypot(first, second)
+        for i in range(X.size):
+            P[i] = (second * N[0, i] - first * N[1, i]) / size
 
 
 @jit

@@ -109,14 +109,13 @@ def _fill(system, X, bounds, values):
 
 
 @jit
-def test_functions(system, X, tangent, bounds):
-    """Return the test functions at a point and their slopes along a tangent, shape (2, 2 k + 2).
+def test_functions(system, X, tangent, bounds, tests):
+    """Set the test functions at a point and their slopes along a tangent, shape (2, 2 k + 2).
 
     They are in the order of the docstring of this module; NaN where one does not apply. `bounds`,
     shape (k, 2), are the edges of the free parameters in their units in X.
     """
-    q, k = system.q, system.free.size
-    tests, step = np.empty((2, 2 * k + 2)), difference(system, X)
+    q, k, step = system.q, system.free.size, difference(system, X)
     _fill(system, X, bounds, tests[0])
     _fill(system, moved(X, step, tangent), bounds, tests[1])
     for i in range(2 * k + 2):
@@ -124,7 +123,6 @@ def test_functions(system, X, tangent, bounds):
     for j in range(k):
         tests[1, 2 * j] = tangent[free_at(q, j)]
         tests[1, 2 * j + 1] = -tangent[free_at(q, j)]
-    return tests
 
 
 @jit
@@ -229,12 +227,14 @@ def _halves_may_meet(system, X, Y):
 
 
 @jit
-def may_miss(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
+def may_miss(system, here, there, length):
     """Whether a step may miss roots of the test functions, or points that are not orbits.
 
-    X, tangent and tests are the unknowns, the direction and the test functions at its start; Y,
-    tangent_Y and tests_Y those at its end. `length` is its length along the first tangent.
+    It leads from a place to another (``calls.Place``); `length` is its length along the first
+    tangent.
     """
+    X, tangent, tests = here
+    Y, tangent_Y, tests_Y = there
     if _oscillates_far(system, X, Y):
         return True
     length_Y = length / inner(tangent, tangent_Y, system.q)

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import parameters_at
+from vibroimpact.orbits import calls
 from vibroimpact.orbits.detection import ROUNDING
 from vibroimpact.orbits.family import (
     NEARBY_DISTANCE,
@@ -22,7 +22,6 @@ from vibroimpact.orbits.family import (
     OrbitFamily,
     Point,
 )
-from vibroimpact.orbits.flights import state_after
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.unknowns import free, impacts, speeds, unknowns
 
@@ -239,11 +238,11 @@ def _with_touch(
 
     This impact is at the highest point of the flight that crosses the stop.
     """
-    at, values, z = reason.at, parameters_at(family.system, X), impacts(X, family.q)
-    omega, theta, v = family.oscillator(X).omega, z[at, 0], z[at, 1] * family.speed
+    at, z = reason.at, impacts(X, family.q)
+    omega, theta = family.oscillator(X).omega, z[at, 0]
     tau = (reason.where - theta) / omega
     for _ in range(20):
-        _, u, a = state_after(values, theta, v, tau)
+        _, u, a = calls.state_after(family.system, X, at, tau)
         if abs(u / a) < 1e-12 * tau:
             break
         tau -= u / a

@@ -12,11 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.orbits import corrector
-from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, parameters_at
-from vibroimpact.orbits.detection import may_miss, test_functions
-from vibroimpact.orbits.flights import first_penetration, values_of
-from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
+from vibroimpact.orbits import calls
+from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, System
+from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, system_of, unit_of_speed
 from vibroimpact.orbits.unknowns import free, inner, phases, speeds, unknowns
 from vibroimpact.oscillator import Oscillator, one_of
 
@@ -117,10 +115,12 @@ class OrbitFamily:
         self.names = tuple(parameter.name for parameter in parameters)
         self.speed = unit_of_speed(self.osc, orbit.speeds) if speed is None else speed
         self.spans = np.array([parameter.span for parameter in parameters])
-        self.system = corrector.System(
-            values_of(self.osc), np.array([*map(_NAMES.index, self.names)], np.int64), self.spans,
-            self.m, self.q, self.speed, CONDITIONS[kind], graze, False, np.zeros(1),
-        )  # fmt: skip
+        self.system = system_of(self.osc, self.m, self.q, self.speed)._replace(
+            free=np.array([*map(_NAMES.index, self.names)], np.int64),
+            spans=self.spans,
+            condition=CONDITIONS[kind],
+            graze=graze,
+        )
         ends = [(axis.low - axis.slack, axis.high + axis.slack) for axis in parameters]
         self.bounds = np.reshape(ends, (-1, 2)) / self.spans[:, None]
         at = [getattr(self.osc, axis.name) / axis.span for axis in parameters]
@@ -136,8 +136,7 @@ class OrbitFamily:
         The free oscillation touches the stop once in each of m periods. An orbit that is symmetric
         in time, without damping and loss, has each touch twice.
         """
-        values = values_of(self.osc)
-        maximum = first_penetration(values, self.m, self.speed, self.start, self.q)[2]
+        maximum = calls.first_penetration(self.system, self.start)[2]
         return self.q == 1 or bool(abs(maximum) < self._rounding)
 
     def values(self, X: np.ndarray) -> np.ndarray:
@@ -170,14 +169,14 @@ class OrbitFamily:
         X: np.ndarray,
         planes: np.ndarray,
         most: int = _MOST_ITERATIONS,
-        system: corrector.System | None = None,
+        system: System | None = None,
     ) -> np.ndarray | None:
         """Return the point of the family in planes through X; None if none is found.
 
         None also once all calls together have taken more than ``MOST_WORK`` time steps.
         """
         X, system = X.copy(), system or self.system
-        if system.work[0] > MOST_WORK or not corrector.correct(system, X, planes, most):
+        if system.work[0] > MOST_WORK or not calls.correct(system, X, planes, most):
             return None
         if system.condition == GRAZE and len(planes) < len(self.parameters):
             speeds(X, self.q)[system.graze] = 0.0  # it is zero to rounding
@@ -197,7 +196,7 @@ class OrbitFamily:
 
     def tangent(self, X: np.ndarray, along: np.ndarray | None = None) -> np.ndarray:
         """Return the direction of the family; with `along`, that which goes the same way."""
-        tangent = corrector.tangent(self.system, X)
+        tangent = calls.tangent(self.system, X)
         return -tangent if along is not None and self.inner(tangent, along) < 0.0 else tangent
 
     def inner(self, X: np.ndarray, Y: np.ndarray) -> float:
@@ -210,19 +209,22 @@ class OrbitFamily:
 
     def stable(self, point: Point) -> bool:
         """Whether both multipliers are inside the unit circle (Jury); False at a bifurcation."""
-        h, R, omega, *_ = parameters_at(self.system, point.X)
+        values = self.system.values.copy()
+        values[self.system.free] = self.values(point.X)
+        h, R, omega, *_ = values
         flip, fold = point.tests[0, -2:]
         return bool(flip * fold > 0.0) and determinant(h, R, omega, self.m, self.q) < 1.0
 
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
         """Return the point X of a path that has this tangent."""
-        tests = test_functions(self.system, X, tangent, self.bounds)
+        tests = calls.test_functions(self.system, X, tangent, self.bounds)
         reason, maximum = self.inadmissible(X)
         return Point(X, tangent, tests, maximum, reason)
 
     def test(self, number: int, X: np.ndarray) -> float:
         """Return one of the test functions."""
-        return float(test_functions(self.system, X, np.zeros(X.size), self.bounds)[0, number])
+        tests = calls.test_functions(self.system, X, np.zeros(X.size), self.bounds)
+        return float(tests[0, number])
 
     def slowest(self, X: np.ndarray) -> float:
         """Return the slowest speed; on a curve of grazes that of the other impacts, inf if none."""
@@ -243,15 +245,14 @@ class OrbitFamily:
         slowest = int(np.argmin(speeds(X, self.q)))
         if speeds(X, self.q)[slowest] < 0.0:
             return Inadmissible("speed", slowest), math.nan
-        values = parameters_at(self.system, X)
-        flight, phase, maximum = first_penetration(values, self.m, self.speed, X, self.q)
+        flight, phase, maximum = calls.first_penetration(self.system, X)
         if flight < 0:
             return None, maximum
         if phase == phases(X, self.q)[flight]:
-            return Inadmissible("rest", int(flight), float(phase)), maximum
+            return Inadmissible("rest", flight, phase), maximum
         if self.system.touches and maximum < self._rounding:
             return None, maximum
-        return Inadmissible("penetration", int(flight), float(phase)), maximum
+        return Inadmissible("penetration", flight, phase), maximum
 
 
 @dataclass(frozen=True)
@@ -284,8 +285,7 @@ class ArclengthStep:
 
     def may_miss(self) -> bool:
         """Whether the step may miss roots of test functions, or points that are not orbits."""
-        first, second = self.begin[:3], self.end[:3]
-        return bool(may_miss(self.family.system, *first, *second, self.length))
+        return calls.may_miss(self.family.system, self.begin[:3], self.end[:3], self.length)
 
     def root(self, function: Callable[[np.ndarray], float]) -> np.ndarray | None:
         """Return the root of a function that changes its sign over the step; None if not found."""

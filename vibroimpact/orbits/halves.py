@@ -12,11 +12,10 @@ import math
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import linearised
+from vibroimpact.orbits.calls import null_vector
 from vibroimpact.orbits.detection import ROUNDING
 from vibroimpact.orbits.ends import is_orbit
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
-from vibroimpact.orbits.linear import null_vector
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.unknowns import free, impacts, phases, speeds, unknowns
 
@@ -303,8 +302,7 @@ def doubling(family: OrbitFamily, X: np.ndarray, speed: float) -> tuple[np.ndarr
     """
     q, units = family.q, np.array([1.0, family.speed / speed])
     z = impacts(X, q) * units
-    _, A, B = linearised(family.system, X)
-    vector = impacts(null_vector(A, B, -1.0), q) * units
+    vector = impacts(null_vector(family.system, X, -1.0), q) * units
     vector /= math.sqrt(np.sum(vector**2) / q)
     second = z + np.array([2.0 * math.pi * family.m, 0.0])
     doubled = unknowns(np.concatenate([z, second]), free(X, q))

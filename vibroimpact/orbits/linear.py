@@ -194,14 +194,14 @@ def characteristic_and_slopes(A, B, dA, dB):
 
 
 @jit
-def null_vector(A, B, mu):
-    """Return z, (2 q,), with A_i z_i + B_i z_{i+1} = 0, z_{q+1} = mu z_1, for a multiplier mu.
+def null_vector(A, B, mu, z):
+    """Set z, (2 q,), so that A_i z_i + B_i z_{i+1} = 0, z_{q+1} = mu z_1, for a multiplier mu.
 
     Its first element, the phase of the first impact, is not negative.
     """
     n, largest = 2 * A.shape[0], -1.0
-    N, z, last = np.empty((2, n)), np.empty(n), np.zeros(2)
-    solve(_without_last(A, B), np.empty(n), N)
+    N, last = np.empty((2, n)), np.zeros(2)
+    solve(_without_last(A, B), z, N)
     for row in range(2):
         for i in range(2):
             last[i] = 0.0
@@ -214,4 +214,3 @@ def null_vector(A, B, mu):
     if z[0] < 0.0:
         for j in range(n):
             z[j] = -z[j]
-    return z

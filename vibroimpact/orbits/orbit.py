@@ -13,14 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from vibroimpact.orbits.flights import (
-    amplitude,
-    first_penetration,
-    residuals,
-    state_after,
-    values_of,
-)
-from vibroimpact.orbits.linear import characteristic
+from vibroimpact.orbits import calls
+from vibroimpact.orbits.corrector import NONE, System
+from vibroimpact.orbits.flights import amplitude, values_of
 from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import Oscillator
 
@@ -77,8 +72,7 @@ class PeriodicOrbit:
         o = self.oscillator
         if self.q == 0:
             return abs(free_amplitude(o)) < o.clearance
-        X, speed = scaled(self)
-        meets = first_penetration(values_of(o), self.m, speed, X, self.q)[0] >= 0
+        meets = calls.first_penetration(*self._equations())[0] >= 0
         return not meets and float(self.speeds.min()) >= 0.0
 
     @cached_property
@@ -98,7 +92,12 @@ class PeriodicOrbit:
     @cached_property
     def characteristic(self) -> tuple[float, float, float]:
         """c0, c1, c2 of c0 + c1 mu + c2 mu^2, whose roots are the multipliers, also at a graze."""
-        return characteristic(*linearised(self)[1:])
+        return calls.characteristic(*self._equations())
+
+    def _equations(self) -> tuple[System, np.ndarray]:
+        """Return its equations and its vector of unknowns."""
+        X, speed = scaled(self)
+        return system_of(self.oscillator, self.m, self.q, speed), X
 
     @property
     def stable(self) -> bool:
@@ -126,7 +125,8 @@ class PeriodicOrbit:
         theta = first + (theta - first) % turn
         i = int(np.searchsorted(self.phases, theta, side="right")) - 1
         start, v = float(self.phases[i]), float(self.speeds[i])
-        y, u, _ = state_after(values_of(o), start, v, (theta - start) / o.omega)
+        system, X = system_of(o, self.m, 1, 1.0), np.array([start, v])
+        y, u, _ = calls.state_after(system, X, 0, (theta - start) / o.omega)
         return min(y + o.clearance, o.clearance), u
 
 
@@ -168,6 +168,13 @@ def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
     return unknowns(z, np.empty(0)), speed
 
 
+def system_of(osc: Oscillator, m: int, q: int, speed: float) -> System:
+    """Return the equations of orbits without free parameters."""
+    return System(
+        values_of(osc), np.empty(0, np.int64), np.empty(0), m, q, speed, NONE, 0, False, np.zeros(1)
+    )
+
+
 def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
     """Return a typical speed of an orbit: its greatest, or the system's if that is greater."""
     largest = float(np.abs(speeds).max(initial=0.0))
@@ -177,8 +184,7 @@ def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
 
 def linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return F, A and B of the flights (``flights.residuals``)."""
-    X, speed = scaled(orbit)
-    return residuals(values_of(orbit.oscillator), orbit.m, speed, X, orbit.q)
+    return calls.linearised(*orbit._equations())
 
 
 def free_orbit(osc: Oscillator) -> PeriodicOrbit:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import correct
+from vibroimpact.orbits.calls import correct
 from vibroimpact.orbits.ends import is_orbit
 from vibroimpact.orbits.family import Inadmissible, OrbitFamily
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps, values_of

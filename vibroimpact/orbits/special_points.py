@@ -13,11 +13,10 @@ from functools import partial
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import linearised
-from vibroimpact.orbits.detection import HEADING, ROUNDING, halves_apart
+from vibroimpact.orbits import calls
+from vibroimpact.orbits.detection import HEADING, ROUNDING
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.halves import difference_of_halves
-from vibroimpact.orbits.linear import null_vector
 from vibroimpact.orbits.unknowns import free
 
 #: Greatest difference of the halves of an orbit at which the test of a fold, divided by the square
@@ -85,7 +84,7 @@ def _cusp(step: ArclengthStep) -> np.ndarray | None:
     family = step.family
     before, after = (_heading(step, point.X) for point in (step.begin, step.end))
     # The slopes of the condition vanish with this, but their rounding does not.
-    apart = min(1.0, halves_apart(step.end.X, family.m, family.q))
+    apart = min(1.0, calls.halves_apart(family.system, step.end.X))
     fastest = max(float(np.abs(free(heading, family.q)).max()) for heading in (before, after))
     seen = fastest * apart > HEADING
     if not (family.inner(before, after) < 0.0 and seen):
@@ -100,8 +99,7 @@ def _heading(step: ArclengthStep, X: np.ndarray) -> np.ndarray:
     It vanishes only with the velocity of the parameters. Where they turn smoothly, it turns little.
     """
     family = step.family
-    _, A, B = linearised(family.system, X)
-    null = np.append(null_vector(A, B, 1.0), np.zeros(2))
+    null = np.append(calls.null_vector(family.system, X, 1.0), np.zeros(2))
     tangent = family.tangent(X, step.begin.tangent)
     return tangent - family.inner(tangent, null) / family.inner(null, null) * null
 

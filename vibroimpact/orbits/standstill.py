@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import linearised
+from vibroimpact.orbits.calls import linearised
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.halves import interpolated
 from vibroimpact.orbits.unknowns import speeds

@@ -1,0 +1,158 @@
+"""The compiled functions of orbits that Python calls: all through one.
+
+What Python calls is optimised together with all that it calls. These functions have most of that in
+common, so one function that does the task of each compiles in half the time of all of them.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+
+from vibroimpact.jit import compiled, jit
+from vibroimpact.orbits import corrector, detection, flights, linear
+from vibroimpact.orbits.corrector import System
+from vibroimpact.orbits.unknowns import phase_at, speed_at
+
+# The tasks of ``_do``.
+(
+    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _STATE, _LINEARISED,
+    _CHARACTERISTIC, _NULL_VECTOR,
+) = range(10)  # fmt: skip
+_NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
+
+#: A place on a path: the unknowns, the direction of the path, and the test functions there. It is a
+#: plain tuple, since a call with one that has names takes 3 us longer.
+Place: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@jit
+def _do(task, system, here, there, rows, count, number, results):
+    """Do a task; the other arguments depend on it."""
+    X, along, tests = here
+    if task == _CORRECT:
+        results[0] = corrector.correct(system, X, rows, count)
+    elif task == _TANGENT:
+        corrector.tangent(system, X, results)
+    elif task == _TESTS:
+        detection.test_functions(system, X, along, rows, tests)
+    elif task == _MAY_MISS:
+        results[0] = detection.may_miss(system, here, there, number)
+    elif task == _HALVES:
+        results[0] = detection.halves_apart(X, system.m, system.q)
+    elif task == _PENETRATION or task == _STATE:
+        _follow(task, system, X, count, number, results)
+    else:
+        _linearise(task, system, X, number, results)
+
+
+@jit
+def _follow(task, system, X, count, number, results):
+    """Do a task for which flights are followed."""
+    values, m, speed, q = corrector.parameters_at(system, X), system.m, system.speed, system.q
+    if task == _PENETRATION:
+        flight, phase, highest = flights.first_penetration(values, m, speed, X, q)
+        results[0], results[1], results[2] = flight, phase, highest
+    else:
+        theta, v = X[phase_at(count)], X[speed_at(count)] * speed
+        y, u, a = flights.state_after(values, theta, v, number)
+        results[0], results[1], results[2] = y, u, a
+
+
+@jit
+def _linearise(task, system, X, number, results):
+    """Do a task for which flights are linearised."""
+    F, A, B = corrector.linearised(system, X)
+    if task == _CHARACTERISTIC:
+        c0, c1, c2 = linear.characteristic(A, B)
+        results[0], results[1], results[2] = c0, c1, c2
+    elif task == _NULL_VECTOR:
+        linear.null_vector(A, B, number, results)
+    else:
+        for i in range(system.q):
+            for row in range(2):
+                at = 5 * (2 * i + row)
+                results[at] = F[i, row]
+                for j in range(2):
+                    results[at + 1 + j], results[at + 3 + j] = A[i, row, j], B[i, row, j]
+
+
+def _at(X: np.ndarray) -> Place:
+    return X, _NO_VECTOR, _NO_ROWS
+
+
+def _done(
+    task: int,
+    system: System,
+    here: Place,
+    size: int = 1,
+    *,
+    there: Place = (_NO_VECTOR, _NO_VECTOR, _NO_ROWS),
+    rows: np.ndarray = _NO_ROWS,
+    count: int = 0,
+    number: float = 0.0,
+) -> np.ndarray:
+    """Do a task; return its results, of which there are at most `size`."""
+    results = np.empty(size)
+    arguments = task, system, here, there, rows, count, number, results
+    compiled(_do, *arguments)(*arguments)
+    return results
+
+
+def correct(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> bool:
+    """Do what ``corrector.correct`` does."""
+    return bool(_done(_CORRECT, system, _at(X), rows=planes, count=most)[0])
+
+
+def tangent(system: System, X: np.ndarray) -> np.ndarray:
+    """Return the direction of a path, as ``corrector.tangent`` sets it."""
+    return _done(_TANGENT, system, _at(X), X.size)
+
+
+def test_functions(
+    system: System, X: np.ndarray, tangent: np.ndarray, bounds: np.ndarray
+) -> np.ndarray:
+    """Return the test functions, as ``detection.test_functions`` sets them, (2, 2 k + 2)."""
+    tests = np.empty((2, 2 * len(bounds) + 2))
+    _done(_TESTS, system, (X, tangent, tests), rows=bounds)
+    return tests
+
+
+def may_miss(system: System, here: Place, there: Place, length: float) -> bool:
+    """Do what ``detection.may_miss`` does."""
+    return bool(_done(_MAY_MISS, system, here, there=there, number=length)[0])
+
+
+def halves_apart(system: System, X: np.ndarray) -> float:
+    """Do what ``detection.halves_apart`` does."""
+    return float(_done(_HALVES, system, _at(X))[0])
+
+
+def first_penetration(system: System, X: np.ndarray) -> tuple[int, float, float]:
+    """Do what ``flights.first_penetration`` does."""
+    flight, phase, highest = _done(_PENETRATION, system, _at(X), 3).tolist()
+    return int(flight), phase, highest
+
+
+def state_after(system: System, X: np.ndarray, i: int, tau: float) -> tuple[float, float, float]:
+    """Do what ``flights.state_after`` does, for impact i."""
+    y, u, a = _done(_STATE, system, _at(X), 3, count=i, number=tau).tolist()
+    return y, u, a
+
+
+def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return F, A and B of the flights (``flights.residuals``)."""
+    rows = _done(_LINEARISED, system, _at(X), 10 * system.q).reshape(-1, 2, 5)
+    return rows[..., 0], rows[..., 1:3], rows[..., 3:]
+
+
+def characteristic(system: System, X: np.ndarray) -> tuple[float, float, float]:
+    """Return c0, c1, c2 (``linear.characteristic``)."""
+    c0, c1, c2 = _done(_CHARACTERISTIC, system, _at(X), 3).tolist()
+    return c0, c1, c2
+
+
+def null_vector(system: System, X: np.ndarray, mu: float) -> np.ndarray:
+    """Return the vector that ``linear.null_vector`` sets for a multiplier, (2 q,)."""
+    return _done(_NULL_VECTOR, system, _at(X), 2 * system.q, number=mu)
