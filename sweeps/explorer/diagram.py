@@ -17,6 +17,7 @@ from bokeh.models import (
     NumericInput,
     Range1d,
     Span,
+    Toggle,
 )
 from bokeh.palettes import interp_palette
 
@@ -43,7 +44,8 @@ from vibroimpact.status import Status
 
 #: Columns of the fine picture per column of the coarse one.
 _COARSER = 4
-#: The window of the ordinate before the first picture: values that no user would choose.
+#: The window of the ordinate before the first picture: values that no user would choose. Undoing
+#: the first zoom, and reset, restore it.
 _UNSEEN = (-0.123456789, 0.123456789)
 #: Below this number of columns the legend has two columns.
 _NARROW = 480
@@ -52,21 +54,26 @@ _RECORDS = (1, 4, 16, 64)
 #: Number of colours; 0 stands for no colour.
 _SHADES = 255
 
-#: Sets the window that fits a picture, unless the user has moved the window before. Only the
-#: browser knows that at once, and the server need not know. Then reports which picture is on the
-#: screen: a picture drawn in one frame is visible in the next.
-_PAINTED = """
-const number = pixels.data.number[0], [before, [start, end]] = pixels.data.fit[0];
-if (y.start === before[0] && y.end === before[1]) y.setv({start, end}, {sync: false});
-requestAnimationFrame(() => requestAnimationFrame(() => {painted.value = number}));
+#: Fits the ordinate to the points of the last picture, unless the user has moved the ordinate. Only
+#: the browser knows that at once; it tells the server, which need not know the fitted window.
+_FIT = """
+const fit = pixels.data.fit?.[0];
+const fit_ordinate = () => {
+  if (fits.active && fit) y.setv({start: fit[0], end: fit[1]}, {sync: false});
+};
 """
-#: Undoing the first zoom, and reset, restore the window before the first picture; this script
-#: replaces it by the window that fits the points.
-_RESET = f"""
-if (y.start === {_UNSEEN[0]} && y.end === {_UNSEEN[1]} && pixels.data.fit !== undefined) {{
-  const [start, end] = pixels.data.fit[0][1];
-  y.setv({{start, end}}, {{sync: false}});
-}}
+#: A window that fits the points, or that before the first picture, is not one of the user.
+_MOVED = f"""{_FIT}
+const fitted = [{list(_UNSEEN)}, fit ?? []];
+fits.active = fitted.some(([start, end]) => y.start === start && y.end === end);
+fit_ordinate();
+"""
+#: Fits the ordinate, and reports which picture is on the screen: a picture drawn in one frame is
+#: visible in the next.
+_PAINTED = f"""{_FIT}
+fit_ordinate();
+const number = pixels.data.number[0];
+requestAnimationFrame(() => requestAnimationFrame(() => {{painted.value = number}}));
 """
 
 
@@ -153,18 +160,19 @@ class Diagram(PixelFigure):
         super().__init__("diagram", report)
         #: The picture computed last.
         self.kept: Shown | None = None
-        #: The windows that fitted all points along the ordinate, the newest last.
-        self.fitted: list[Window] = [_UNSEEN]
-        #: The ordinate of the view and its window; None for the window that fits the points.
-        self._ordinate: tuple[str, Window | None] = ("", None)
+        #: The window that fits all points of the last picture without a window of its own.
+        self._fit: Window = _UNSEEN
+        #: Whether the browser fits the ordinate to the points; before the first view it does not.
+        self.fits = Toggle(visible=False, active=False, name="fits")
         self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
         self.set_colours(ramp())
         #: The numbers of the picture that the browser painted last and of the one sent last.
         self.painted, self.sent = NumericInput(visible=False, value=0), 0
         y = self.figure.y_range
-        models = {"pixels": self.source, "painted": self.painted, "y": y}
+        models = {"pixels": self.source, "painted": self.painted, "y": y, "fits": self.fits}
         self.source.js_on_change("data", CustomJS(args=models, code=_PAINTED))
-        y.js_on_change("start", CustomJS(args=models, code=_RESET))
+        for end in ("start", "end"):
+            y.js_on_change(end, CustomJS(args=models, code=_MOVED))
         self._strips = self._new_strips()
         self.mark = Span(
             dimension="height", location=0.0, visible=False, line_color=VERMILION, line_width=2,
@@ -191,19 +199,20 @@ class Diagram(PixelFigure):
 
     def show(self, view: View) -> None:
         """Set the window, the labels and the mark."""
-        self._ordinate = view.ordinate, view.ylim
+        self._view = view
         self.legend.ncols = 2 if self.size[0] < _NARROW else "auto"
         self.set_axis("x", view.axis, view, view.xlim)
-        now = self.windows[1]  # the browser may have fitted a newer picture by itself
-        fit = now if now in self.fitted else self.fitted[-1]
-        seen = view.ylim or self.fitted[-1]
-        self.set_axis("y", view.ordinate, view, view.ylim or fit, seen)
+        self._label_ordinate()
+        if view.ylim is not None or not self.fits.active:  # else the browser has its own window
+            set_range(self.figure.y_range, view.ylim or self._fit)
+        self.fits.active = view.ylim is None
         self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
 
     def move(self, across: float, upwards: float, size: float) -> None:
         """Move or scale the window, starting from the one that the browser has fitted."""
-        if self.windows[1] in self.fitted:
-            set_range(self.figure.y_range, self.fitted[-1])
+        if self.fits.active and (upwards or size != 1.0):
+            set_range(self.figure.y_range, self._fit)
+            self.fits.active = False
         super().move(across, upwards, size)
 
     def steps(self, view: View) -> list[Step]:
@@ -269,14 +278,10 @@ class Diagram(PixelFigure):
         """Show a picture, the window that fits it, and the points that failed."""
         self.sent += 1
         edges = outer_edges(shown.values, shown.view.axis in shown.view.log)
-        before = self.fitted[-1]
-        # A picture of an older view may arrive after the window of a newer view was set.
-        fits = shown.view.ylim is None and (shown.view.ordinate, None) == self._ordinate
-        if fits and shown.window != before:
-            self.fitted.append(shown.window)
-            self.label("y", shown.view.ordinate, shown.view, shown.window)
-        fit = [(before, self.fitted[-1])]
-        self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent], fit=fit)
+        if shown.view.ylim is None:
+            self._fit = shown.window
+            self._label_ordinate()
+        self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent], fit=[self._fit])
         for kind, (source, item) in self._strips.items():
             x = shown.values[shown.has(kind)]
             if len(x) or len(source.data["x"]):
@@ -286,6 +291,10 @@ class Diagram(PixelFigure):
                 item.visible = bool(len(x))
         self.show_legend()
         self._report(shown.config, len(shown.values), shown.seconds, seconds)
+
+    def _label_ordinate(self) -> None:
+        """Set the label and the ticks of the ordinate for its window."""
+        self.label("y", self._view.ordinate, self._view, self._view.ylim or self._fit)
 
     def show_legend(self) -> None:
         """Show the legend if it has a visible item."""

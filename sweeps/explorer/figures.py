@@ -155,13 +155,8 @@ class PixelFigure:
         x, y = self.figure.x_range, self.figure.y_range
         return (x.start, x.end), (y.start, y.end)
 
-    def set_axis(
-        self, side: str, name: str, view: View, window: Window, seen: Window | None = None
-    ) -> None:
-        """Set the label, the scale, the window and the bounds of axis x or y.
-
-        `seen` is the window in the browser, if that is another.
-        """
+    def set_axis(self, side: str, name: str, view: View, window: Window) -> None:
+        """Set the label, the scale, the window and the bounds of axis x or y."""
         axis, log, allowed = getattr(self.figure, f"{side}axis"), name in view.log, None
         if name in view.values:
             allowed = bounds(name, view)
@@ -169,7 +164,7 @@ class PixelFigure:
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())
             axis.ticker = LogTicker() if log else BasicTicker()
-        self.label(side, name, view, seen or window)
+        self.label(side, name, view, window)
         set_range(getattr(self.figure, f"{side}_range"), window, allowed)
 
     def label(self, side: str, name: str, view: View, window: Window) -> None:

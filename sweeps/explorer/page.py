@@ -96,7 +96,7 @@ class LivePage:
         self._key = TextInput(visible=False, name="key")
         self._connect()
         body = row(self.controls.layout, self._tabs, sizing_mode="stretch_both")
-        hidden = (self._address, self._key, self.diagram.painted)
+        hidden = (self._address, self._key, self.diagram.painted, self.diagram.fits)
         document.add_root(column(self._ended, body, *hidden, sizing_mode="stretch_both"))
         document.template = FILE.environment.from_string(_TEMPLATE)
         document.title = f"{home.name}: vibroimpact"
@@ -128,6 +128,7 @@ class LivePage:
         for model in ranges.values():
             for name in ("start", "end"):
                 model.on_change(name, self._ranges_changed)
+        self.diagram.fits.on_change("active", self._ranges_changed)
         for picture in self._pictures:
             for name in ("inner_width", "inner_height"):
                 picture.figure.on_change(name, partial(self._resized, picture))
@@ -250,9 +251,8 @@ class LivePage:
     def _as_zoomed(self, view: View) -> View:
         """Return a view with the windows of the figures."""
         xlim, ylim = self.diagram.windows
-        fits = ylim in self.diagram.fitted
         (_, maplim), (x0lim, v0lim) = self.map.windows, self.basins.windows
-        view = replace(view, xlim=xlim, ylim=None if fits else ylim)
+        view = replace(view, xlim=xlim, ylim=None if self.diagram.fits.active else ylim)
         return replace(view, maplim=maplim, x0lim=x0lim, v0lim=v0lim)
 
     def _at_home(self, view: View) -> View:
