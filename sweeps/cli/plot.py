@@ -152,7 +152,9 @@ OrdinateLimits = Annotated[
 Grey = Annotated[
     bool,
     typer.Option(
-        "--grey", help="Classes of a map as greys and hatches with their boundaries, for print."
+        "--grey",
+        help="A map of classes, basins, attractors or integrity in greys and hatches with "
+        "boundaries and names, for print.",
     ),
 ]
 NoLegend = Annotated[bool, typer.Option("--no-legend", help="Leave out the legend.")]

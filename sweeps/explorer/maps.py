@@ -111,14 +111,16 @@ class Filling:
 
     def _tiles(self) -> Tiles:
         """Colour the computed points by the kinds that `plot` uses."""
-        from sweeps.plotting.attractors import basin_cells, by_colour
+        from sweeps.plotting.attractors import basin_cells
         from sweeps.plotting.colours import failed_cells, period_cells
+        from sweeps.plotting.looks import Looks
 
         discs = list[Disc]()
         if self._basins:
             table, numbers = self._ranked()
-            cells = basin_cells(table, numbers)
-            for i, row in enumerate(by_colour(table)[0]):
+            looks = Looks.of_rows(table)
+            cells = basin_cells(table, numbers, looks, self.config)
+            for i, row in enumerate(looks.split(table)[0]):
                 if self._done == self._order.size and row.regime in COUNTED:
                     disc, said = self._disc(cells[i].where)
                     discs.append(disc)

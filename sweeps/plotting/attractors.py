@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,6 +21,7 @@ from sweeps.analysis.cuts import Selection, chosen_axes, select, swept_axes
 from sweeps.analysis.dataset import config_of
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.parts import records
+from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Cells
@@ -26,27 +29,31 @@ from sweeps.plotting.labels import (
     CLASSES_TITLE,
     as_variable,
     basins_title,
+    equation,
     label_axis,
     record_text,
 )
 from sweeps.plotting.lines import choose_coordinate, refuse_empty, refuse_without_result
-from sweeps.plotting.maps import draw_cells
+from sweeps.plotting.looks import Looks
+from sweeps.plotting.maps import draw_cells, name_and_bound
+from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.style import ATTRACTORS, OTHER_ATTRACTORS, PARTIAL, REGIMES
+from sweeps.plotting.style import PARTIAL
 from sweeps.plotting.styled import styled
 from sweeps.reports.attractors import classes, shown_speeds
 from sweeps.text import choice_of, listed, shown_count
 from vibroimpact.points.regimes import Regime
 
 
-@styled
+@functools.partial(styled, looks=("grey",))
 def basins(
     dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
 ) -> Figure:
     """Draw the basins of attraction over x0 and v0: one cell per start, coloured by its attractor.
 
-    x0 and v0 must both be swept, and the period must be recorded. The periodic attractors are
-    marked if the section is at the phase of the starts.
+    The first attractor of a class has the colour of the class, and further ones have colours of
+    their own. x0 and v0 must both be swept, and the period must be recorded. The periodic
+    attractors are marked if the section is at the phase of the starts.
 
     Examples
     --------
@@ -64,20 +71,22 @@ def basins(
         raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     starts = select(dataset, at, free=("x0", "v0"))
     panel = canvas.new_panel(ax, page)
-    result = attractors_in(starts, dataset)
-    table = rows(starts, result)
+    result, looks = attractors_in(starts, dataset, page.grey)
+    table, numbers = rows(starts, result), reached(result)
     drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
-    handles = draw_cells(panel, drawn, basin_cells(table, reached(result)))
+    handles = draw_cells(panel, drawn, basin_cells(table, numbers, looks, config_of(dataset)))
     page.set_limits(panel)
     if config_of(dataset).record.phase == config_of(dataset).start.phase:
-        handles += mark_attractors(panel, table)
+        handles += mark_attractors(panel, looks.split(table)[0])
     title = basins_title(config_of(dataset))
-    return canvas.finish(panel, page, starts, handles, title)
+    figure = canvas.finish(panel, page, starts, handles, title)
+    name_basins(panel, page, drawn, table, numbers)
+    return figure
 
 
 def mark_attractors(panel: Axes, table: Sequence[Row]) -> list[Artist]:
-    """Mark the periodic attractors with a colour at the section; return a handle for the legend."""
-    states = [row.states for row in by_colour(table)[0] if row.m]
+    """Mark the periodic attractors of a table at the section; return a handle for the legend."""
+    states = [row.states for row in table if row.m]
     if not states:
         return []
     look: dict[str, Any] = {"color": "black", "markeredgecolor": "white", "markersize": 4.0}
@@ -85,28 +94,12 @@ def mark_attractors(panel: Axes, table: Sequence[Row]) -> list[Artist]:
     return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
 
 
-def attractors_in(cut: xr.Dataset, dataset: xr.Dataset) -> xr.Dataset:
-    """Return the attractors in a cut, numbered as in the file, for the same colours everywhere.
-
-    An attractor that has no colour of its own in the file gets a number that is free in the cut.
-    """
+def attractors_in(cut: xr.Dataset, dataset: xr.Dataset, grey: bool) -> tuple[xr.Dataset, Looks]:
+    """Return the attractors in a cut, numbered as in the file, and the looks of the file."""
     fixed = {str(name) for name in dataset["status"].dims} - set(map(str, cut["status"].dims))
     starts, others = fixed & set(STARTS), fixed - set(STARTS)
     found = attractors(dataset.sel({name: cut[name].item() for name in starts}))
-    found = found.sel({name: cut[name].item() for name in others})
-    used = np.unique(found["attractor"].values[found["attractor"].values >= 0])
-    own = used[used < len(ATTRACTORS)]
-    free = np.setdiff1d(np.arange(len(used) + len(ATTRACTORS)), own)
-    names = np.append(np.concatenate([own, free])[: len(used)], -1)
-
-    def renamed(numbers: np.ndarray) -> np.ndarray:
-        """Replace the numbers of the file."""
-        return names[np.where(numbers < 0, -1, np.searchsorted(used, numbers))]
-
-    columns = "attractor", "number"
-    return found.assign(
-        {name: found[name].copy(data=renamed(found[name].values)) for name in columns}
-    )
+    return found.sel({name: cut[name].item() for name in others}), Looks.of(found, grey)
 
 
 def reached(result: xr.Dataset) -> np.ndarray:
@@ -114,30 +107,38 @@ def reached(result: xr.Dataset) -> np.ndarray:
     return result["attractor"].sortby(["x0", "v0"]).transpose("v0", "x0", ...).values
 
 
-def basin_cells(table: Sequence[Row], numbers: np.ndarray) -> list[Cells]:
+def basin_cells(
+    table: Sequence[Row], numbers: np.ndarray, looks: Looks, config: SweepConfig
+) -> list[Cells]:
     """Return the cells of each basin, given the number of the attractor of each start.
 
-    All attractors without a colour of their own are one entry, which says how many they are.
+    All attractors without a look of their own are one entry, which says how many they are.
     """
-    own, others = by_colour(table)
-    cells = [Cells(_describe(row), colour_of(row), numbers == row.number) for row in own]
+    own, others = looks.split(table)
+    cells = []
+    for row, (name, place) in zip(own, names_of([[row] for row in own], config), strict=True):
+        speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
+        text = f"{name}: {speeds}{100.0 * row.fraction:.1f} %{place}"
+        colour, hatch = looks.look(row)
+        cells.append(Cells(text, colour, numbers == row.number, hatch))
     if others:
         share = 100.0 * sum(row.fraction for row in others)
         text = f"{shown_count(len(others), 'other periodic attractor')}: {share:.1f} %"
+        colour, hatch = looks.look(others[0])
         where = np.isin(numbers, [row.number for row in others])
-        cells.append(Cells(text, OTHER_ATTRACTORS, where))
+        cells.append(Cells(text, colour, where, hatch))
     return cells
 
 
-def by_colour(table: Sequence[Row]) -> tuple[list[Row], list[Row]]:
-    """Return the attractors that have a colour of their own, and the others."""
-    parts: tuple[list[Row], list[Row]] = [], []
-    for row in table:
-        parts[colour_of(row) == OTHER_ATTRACTORS].append(row)
-    return parts
+def name_basins(
+    panel: Axes, page: Page, starts: xr.Dataset, table: Sequence[Row], numbers: np.ndarray
+) -> None:
+    """Write the names of classes into the basins; in grey, draw their boundaries."""
+    named = [row for row in table if row.regime in (Regime.PERIODIC, Regime.REST)]
+    name_and_bound(panel, page, starts, numbers, {row.number: row.name for row in named})
 
 
-@styled
+@functools.partial(styled, looks=("grey",))
 def attractor_diagram(
     dataset: xr.Dataset,
     *,
@@ -185,13 +186,14 @@ def attractor_diagram(
         raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(dataset))}")
     line = select(dataset, at, free=[axis, *free])
     refuse_without_result(line["status"].values)
-    table = rows(line, attractors_in(line, dataset))
+    found, looks = attractors_in(line, dataset, page.grey)
+    table = rows(line, found)
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)
     label_axis(panel.xaxis, line[axis])
     label_axis(panel.yaxis, as_variable(coordinate, dict(config_of(dataset).units.items())))
-    _draw_rows(panel, line, table, axis, coordinate)
+    drawn = _draw_rows(panel, line, table, looks, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
     page.fit_ordinate(panel)
@@ -202,13 +204,19 @@ def attractor_diagram(
     canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks)
     title = f"{CLASSES_TITLE}\n{shown_count(status.shape[1], 'start')} at each value"
     record = record_text(line, coordinate)
-    return canvas.finish(panel, page, line, legend_title=title, record=record)
+    figure = canvas.finish(panel, page, line, legend_title=title, record=record)
+    if page.grey:
+        name_lines(panel, drawn)
+    return figure
 
 
 def _draw_rows(
-    panel: Axes, line: xr.Dataset, table: Sequence[Row], axis: str, coordinate: str
-) -> None:
-    """Draw the record of each attractor, with the periodic ones on top."""
+    panel: Axes, line: xr.Dataset, table: Sequence[Row], looks: Looks, axis: str, coordinate: str
+) -> dict[str, np.ndarray]:
+    """Draw the record of each attractor, with the periodic ones on top.
+
+    Return the points drawn of each periodic class or attractor, shape (n, 2).
+    """
     values = records(line, coordinate, np.array([row.point for row in table]))
     if coordinate.startswith("poincare"):
         for record, row in zip(values, table, strict=True):
@@ -218,29 +226,53 @@ def _draw_rows(
         refuse_empty(line, coordinate)
     canvas.widen_if_constant(panel.set_ylim, finite.min(), finite.max())
     abscissa = np.array([row.parameters[axis] for row in table])
-    series: dict[tuple[bool, int, str], list[int]] = {}
-    for i, row in enumerate(table):
-        periodic = row.regime is Regime.PERIODIC
-        rank = min(row.number, len(ATTRACTORS)) if periodic else int(row.regime)
-        series.setdefault((not periodic, rank, colour_of(row)), []).append(i)
-    for (scattered, _, colour), places in sorted(series.items()):
+    series = looks.series(table)
+    names = names_of([[table[i] for i in places] for places in series], config_of(line), line[axis])
+    drawn = {}
+    for places, name in zip(series, map("".join, names), strict=True):
         y = values[places]
         x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
         y = y[np.isfinite(y)]
+        first = table[places[0]]
+        colour = looks.ink(first)
         (points,) = panel.plot(x, y, "o", color=colour, rasterized=True)
+        scattered = first.regime is not Regime.PERIODIC
         least, most, zorder = (0.8, 1.2, 2.0) if scattered else (1.5, 2.0, 3.0)
         size = canvas.marker_size(x, y, least, most)
         points.set(markersize=size, markeredgewidth=0, zorder=zorder)
-        text = class_names([table[i] for i in places])
-        text = "other periodic attractors" if colour == OTHER_ATTRACTORS else text
-        panel.plot([], [], "o", color=colour, markersize=4.0, markeredgewidth=0, label=text)
+        name = name if looks.has_own(first) else "other periodic attractors"
+        panel.plot([], [], "o", color=colour, markersize=4.0, markeredgewidth=0, label=name)
+        if not scattered and looks.has_own(first):
+            drawn[classes([table[i] for i in places])] = np.stack([x, y], axis=1)
+    return drawn
 
 
-def colour_of(row: Row) -> str:
-    """Return the colour of an attractor, or of its regime."""
-    if row.regime is not Regime.PERIODIC:
-        return REGIMES[row.regime]
-    return ATTRACTORS[row.number] if row.number < len(ATTRACTORS) else OTHER_ATTRACTORS
+def names_of(
+    series: Sequence[Sequence[Row]], config: SweepConfig, axis: xr.DataArray | None = None
+) -> list[tuple[str, str]]:
+    """Name the classes of each series of attractors, or its regime.
+
+    Where two series have a class in common, a second line says which is which by a state at the
+    section, for several values of an `axis` with that value.
+    """
+    counts = Counter(name for own in series for name in {row.name for row in own if row.m})
+    units = dict(config.units.items())
+    names = list[tuple[str, str]]()
+    for own in series:
+        place = ""
+        shared = [row for row in own if counts[row.name] > 1]
+        if shared:
+            row = shared[0]
+            state = zip(("x0", "v0"), ("x", "v"), row.states[0], strict=True)
+            parts = [
+                equation(symbol, as_variable(name, units), float(f"{value:.3g}"))
+                for name, symbol, value in state
+            ]
+            if axis is not None:
+                parts.append(equation(axis.symbol, axis, row.parameters[str(axis.name)]))
+            place = f"\nat {', '.join(parts)}"
+        names.append((class_names(own), place))
+    return names
 
 
 def class_names(attractor: Sequence[Row]) -> str:
@@ -249,9 +281,3 @@ def class_names(attractor: Sequence[Row]) -> str:
     if regime is not Regime.PERIODIC:
         return regime.word
     return classes(attractor) + ("" if any(row.q for row in attractor) else ", no impact")
-
-
-def _describe(row: Row) -> str:
-    """Write the class, the impact speeds and the share of an attractor at one parameter point."""
-    speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
-    return f"{class_names([row])}: {speeds}{100.0 * row.fraction:.1f} %"

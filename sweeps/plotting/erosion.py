@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Ellipse, Patch
+from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
 from sweeps.analysis.attractor_table import Row, rows
@@ -19,21 +21,24 @@ from sweeps.analysis.cuts import Selection, select, swept_axes
 from sweeps.analysis.dataset import config_of, oscillator_of
 from sweeps.analysis.integrity import refuse_unfit, with_measures
 from sweeps.analysis.knocks import at_section, knocks
+from sweeps.config.sweep import SweepConfig
 from sweeps.plotting import canvas
 from sweeps.plotting.attractors import (
     attractors_in,
     basin_cells,
-    by_colour,
-    class_names,
-    colour_of,
     mark_attractors,
+    name_basins,
+    names_of,
     reached,
 )
+from sweeps.plotting.colours import Cells
 from sweeps.plotting.labels import as_variable, basins_title, equation, label_axis, named_unit
+from sweeps.plotting.looks import Looks
 from sweeps.plotting.maps import draw_cells
+from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.style import OTHER_ATTRACTORS
 from sweeps.plotting.styled import styled
+from sweeps.reports.attractors import classes
 from sweeps.text import shown_count
 
 #: The panels of the profile: the measure, the flag that the edge decided it, and the title.
@@ -42,9 +47,11 @@ _MEASURES = (
     ("integrity_factor", "factor_at_edge", "integrity factor, a radius"),
     ("local_integrity", "local_at_edge", "local integrity, a distance"),
 )
+#: Look of a lower bound.
+_BOUND: dict[str, Any] = {"marker": "^", "markersize": 4.0, "markerfacecolor": "white"}
 
 
-@styled
+@functools.partial(styled, looks=("grey",))
 def integrity(
     dataset: xr.Dataset,
     *,
@@ -79,48 +86,62 @@ def integrity(
     cuts = {name: value for name, value in (at or {}).items() if name not in along}
     line = select(dataset, cuts, free=[*along, "x0", "v0"])
     refuse_unfit(line)
-    found = with_measures(line, attractors_in(line, dataset))
+    found, looks = attractors_in(line, dataset, page.grey)
+    found = with_measures(line, found)
     starts = select(line, {name: at[name] for name in along if at and name in at}, ["x0", "v0"])
     there = found.sel({name: float(starts[name]) for name in along})
-    table: dict[int, list[Row]] = {}
-    for row in rows(line, found):
-        table.setdefault(row.number, []).append(row)
+    table = rows(line, found)
     if ax is None:
         heights = [0.35, 0.5, 0.5, 1.0] if along else [1.0]
         ax = canvas.stacked_panels(page, heights, shared=len(heights) - 1)
     *profile, panel = ax
-    marks: list[Artist] = []
+    marks, lines = list[Artist](), list[dict[str, np.ndarray]]()
     if along:
         axis = line[along[0]]
         here = float(starts[along[0]])
-        marks = _draw_profile(profile, found, along[0], table)
+        marks, lines = _draw_profile(profile, found, along[0], table, looks)
         for each in profile:
             each.axvline(here, color="black", linewidth=0.6, linestyle=":")
         label_axis(profile[-1].xaxis, axis)
         panel.set_title(f"basins at {equation(axis.symbol, axis, here)}", loc="left")
     drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
     rows_there = rows(starts, there)
-    handles = draw_cells(panel, drawn, basin_cells(rows_there, reached(there)))
-    names = {
-        colour_of(appearances[0]): class_names(appearances)
-        for number, appearances in table.items()
-        if number not in there["number"]
-    }
-    if OTHER_ATTRACTORS in names:
-        names[OTHER_ATTRACTORS] = "other periodic attractors"
-    handles += [Patch(color=colour, label=text) for colour, text in names.items()]
-    handles += marks + _draw_disturbances(panel, starts, there, rows_there)
+    numbers = reached(there)
+    handles = draw_cells(panel, drawn, basin_cells(rows_there, numbers, looks, config_of(line)))
+    handles += _patches_of_others(table, rows_there, looks, config_of(line))
+    handles += marks + _draw_disturbances(panel, starts, there, rows_there, looks)
     page.set_limits(panel)
-    title = basins_title(config_of(line))
-    return canvas.finish(panel, page, line, handles, title)
+    figure = canvas.finish(panel, page, line, handles, basins_title(config_of(line)))
+    name_basins(panel, page, drawn, rows_there, numbers)
+    if page.grey:
+        for each, drawn_there in zip(profile, lines, strict=True):
+            name_lines(each, drawn_there)
+    return figure
+
+
+def _patches_of_others(
+    table: Sequence[Row], there: Sequence[Row], looks: Looks, config: SweepConfig
+) -> list[Artist]:
+    """Return a patch for the legend of each look that is in the profile, not in the basins."""
+    shown = {looks.look(row) for row in there}
+    series = [[table[i] for i in places] for places in looks.series(table)]
+    patches: list[Artist] = []
+    for own, names in zip(series, names_of(series, config), strict=True):
+        colour, hatch = looks.look(own[0])
+        if (colour, hatch) not in shown:
+            text = "".join(names) if looks.has_own(own[0]) else "other periodic attractors"
+            patches.append(Cells(text, colour, np.empty(0), hatch).handle())
+    return patches
 
 
 def _draw_profile(
-    panels: Sequence[Axes], found: xr.Dataset, axis: str, table: dict[int, list[Row]]
-) -> list[Artist]:
-    """Draw the measures of each attractor over the axis, in its colour; return a handle."""
-    look: dict[str, Any] = {"marker": "^", "markersize": 4.0, "markerfacecolor": "white"}
-    bounded = False
+    panels: Sequence[Axes], found: xr.Dataset, axis: str, table: Sequence[Row], looks: Looks
+) -> tuple[list[Artist], list[dict[str, np.ndarray]]]:
+    """Draw the measures of each attractor over the axis, in the colours of its classes.
+
+    Return a handle, and for each panel the points of each line, shape (n, 2).
+    """
+    bounded, drawn = False, list[dict[str, np.ndarray]]()
     for panel, (name, at_edge, title) in zip(panels, _MEASURES, strict=True):
         panel.set_title(title, loc="left")
         if named_unit(found[name]):
@@ -129,29 +150,55 @@ def _draw_profile(
         values = found[name].where(found["integrity_factor"].notnull())
         highest = values.where(~is_bound).max().fillna(values.max()).fillna(0.0)
         top = 1.1 * float(highest) or 1.0
-        for number, appearances in table.items():
+        drawn.append({})
+        for number in {row.number: None for row in table}:
             mine = found["number"] == number
-            y = values.where(mine).max("coexisting")
-            bound = (mine & is_bound & values.notnull()).any("coexisting")
+            y = values.where(mine).max("coexisting").values
+            bound = (mine & is_bound & values.notnull()).any("coexisting").values
+            own = [row for row in table if row.number == number]
+            lines = _draw_lines(panel, found[axis].values, (y, bound, top), own, axis, looks)
+            drawn[-1].update(lines)
             bounded |= bool(bound.any())
-            x, colour = found[axis], colour_of(appearances[0])
-            panel.plot(x, y.where(y <= top), color=colour, linewidth=1.0)
-            panel.plot(x, y.where(~bound), "o", color=colour, markersize=2.5)
-            inside = y.where(y <= top, 0.95 * top)
-            panel.plot(x, inside.where(bound), linestyle="", color=colour, **look)
         panel.set_ylim(0.0, top)
-    handle = Line2D([], [], linestyle="", color="black", label="lower bound", **look)
-    return [handle] if bounded else []
+    handle = Line2D([], [], linestyle="", color="black", label="lower bound", **_BOUND)
+    return [handle] if bounded else [], drawn
+
+
+def _draw_lines(
+    panel: Axes,
+    x: np.ndarray,
+    measure: tuple[np.ndarray, np.ndarray, float],
+    own: Sequence[Row],
+    axis: str,
+    looks: Looks,
+) -> dict[str, np.ndarray]:
+    """Draw a measure of one attractor over the axis, a line for each of its looks; return these.
+
+    The measure has values, says which of them are lower bounds, and has the top of the panel.
+    """
+    y, bound, top = measure
+    lines = {}
+    for places in looks.series(own):
+        here = np.isin(x, [own[i].parameters[axis] for i in places])
+        to_next = here | np.append(False, here[:-1])
+        look: dict[str, Any] = {"color": looks.ink(own[places[0]])}
+        panel.plot(x, np.where(to_next & (y <= top), y, np.nan), linewidth=1.0, **look)
+        panel.plot(x, np.where(here & ~bound, y, np.nan), "o", markersize=2.5, **look)
+        inside = np.where(y <= top, y, 0.95 * top)
+        panel.plot(x, np.where(here & bound, inside, np.nan), linestyle="", **look, **_BOUND)
+        named = classes([own[i] for i in places])
+        lines[named] = np.stack([x, np.where(here & (y <= top), y, np.nan)], axis=1)
+    return lines
 
 
 def _draw_disturbances(
-    panel: Axes, starts: xr.Dataset, there: xr.Dataset, table: Sequence[Row]
+    panel: Axes, starts: xr.Dataset, there: xr.Dataset, table: Sequence[Row], looks: Looks
 ) -> list[Artist]:
     """Draw discs, knocks and the attractors at the section; return their handles."""
     oscillator, section = oscillator_of(starts), config_of(starts).record.phase
     line: dict[str, Any] = {"color": "black", "linewidth": 0.8}
     exact = config_of(starts).method.impact == "exact"
-    own, others = by_colour(table)
+    own, others = looks.split(table)
     numbers = [row.number for row in own]
     there = knocks(starts, there, numbers) if exact else there
     named = named_unit(as_variable("v0", dict(config_of(starts).units.items())))
@@ -172,8 +219,8 @@ def _draw_disturbances(
             begin, end = (
                 at_section(oscillator, *at, one["knock_v"] + dv, section) for dv in (0.0, size)
             )
-            look: dict[str, Any] = {"color": colour_of(row), "linewidth": 1.2}
-            outline = {"path_effects": [withStroke(linewidth=3.0, foreground="white")]}
+            look: dict[str, Any] = {"color": looks.ink(row), "linewidth": 1.2}
+            outline = {"path_effects": [withStroke(linewidth=2.4, foreground="black")]}
             panel.annotate("", end, begin, arrowprops={"arrowstyle": "->", **look, **outline})
             text = rf"least knock, {row.name}: ${size:+.4g}${unit} at $\omega t={at[0]:.4g}$"
             text += ", fractal" if one["knock_fractal"] else ""
@@ -182,4 +229,4 @@ def _draw_disturbances(
     if others:
         text = f"no disc and no knock for {shown_count(len(others), 'other attractor')}"
         handles.append(Line2D([], [], linestyle="", label=text))
-    return handles + mark_attractors(panel, table)
+    return handles + mark_attractors(panel, own)

@@ -35,7 +35,8 @@ class Page:
         Whether there is a legend; whether a map marks motions on their way to m/q and special
         points of curves.
     grey : bool
-        Whether the classes of a map are greys and hatches, with their boundaries.
+        Whether a map of classes, basins, a diagram of attractors and the integrity of attractors
+        are drawn without colour: in greys and hatches, with boundaries and names.
 
     Examples
     --------
@@ -65,11 +66,11 @@ class Page:
     def refuse_looks(self, looks: Collection[str]) -> None:
         """Refuse a page with a look that is not among the `looks` of a picture."""
         for name, usual, which in (
-            ("marks", True, "only maps can leave out their marks"),
-            ("grey", False, "only maps can be drawn in grey"),
+            ("marks", True, "only a map can leave out its marks"),
+            ("grey", False, "only pictures of classes or attractors can be grey"),
         ):
             if getattr(self, name) != usual and name not in looks:
-                raise Refused(f"{which}, and this picture is none")
+                raise Refused(f"{which}, and this picture is none of these")
 
     def set_limits(self, panel: Axes) -> None:
         """Set the given limits; raise Refused if they contain no data."""

@@ -15,9 +15,9 @@ from sweeps.plotting import canvas
 
 #: Pixels per inch at which the room for a name is measured, and its least share of a name's box,
 #: because single cells of another class hide nothing.
-_PER_INCH, _LEAST_SHARE = 72.0, 0.97
-#: Space around a name [px].
-_MARGIN = 1
+PER_INCH, _LEAST_SHARE = 72.0, 0.97
+#: Space around a name, and half the size of a marker [px].
+_MARGIN, _MARK = 1, 2
 #: Most names in a panel.
 _MOST_NAMES = 60
 #: Least share of a map on both sides of a boundary that is drawn.
@@ -35,6 +35,7 @@ def name_regions(
     """
     canvas.lay_out(panel)
     raster = _as_seen(panel, edges, classes)
+    _leave_marks_free(panel, raster)
     number, sizes = _regions(raster)
     count = 0
     for region in np.argsort(-sizes, kind="stable").tolist():
@@ -50,7 +51,7 @@ def name_regions(
         )  # fmt: skip
         corner = rows.min(), columns.min()
         own = number[corner[0] : rows.max() + 1, corner[1] : columns.max() + 1] == region
-        height, width = _box(text)
+        height, width = box_of(text)
         place = _widest(own, height, width)
         if place is None:
             place = _widest(own, width, height)
@@ -66,7 +67,7 @@ def name_regions(
 
 def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> np.ndarray:
     """Return the class in every pixel of a panel, from the bottom; -1 beside the cells."""
-    box, scale = panel.get_window_extent(), _PER_INCH / canvas.figure_of(panel).dpi
+    box, scale = panel.get_window_extent(), PER_INCH / canvas.figure_of(panel).dpi
     size = [max(2, round(length * scale)) for length in (box.width, box.height)]
     places = []
     for axis, (pixels, of_cells) in enumerate(zip(size, edges, strict=True)):
@@ -80,6 +81,17 @@ def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> n
     )
     seen: np.ndarray = np.where(np.minimum.outer(y, x) < 0, -1, classes[np.ix_(y, x)])
     return seen
+
+
+def _leave_marks_free(panel: Axes, raster: np.ndarray) -> None:
+    """Set the pixels around the markers of a panel, which a name would hide, to -1."""
+    for line in panel.lines:
+        if line.get_marker() == "o":
+            places = panel.transData.transform(np.asarray(line.get_xydata()))
+            places = panel.transAxes.inverted().transform(places)[:, ::-1] * raster.shape
+            for row, column in places[np.isfinite(places).all(axis=1)].astype(int).tolist():
+                near = (slice(max(0, at - _MARK), max(0, at + _MARK + 1)) for at in (row, column))
+                raster[tuple(near)] = -1
 
 
 def _regions(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -96,11 +108,11 @@ def _regions(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return number.reshape(classes.shape), np.bincount(number)
 
 
-def _box(text: Text) -> tuple[int, int]:
+def box_of(text: Text) -> tuple[int, int]:
     """Return the height and the width of a text with the space around it [px]."""
     figure = text.get_figure(root=True)
     assert figure is not None
-    box, scale = text.get_window_extent(), _PER_INCH / figure.dpi
+    box, scale = text.get_window_extent(), PER_INCH / figure.dpi
     height, width = (2 * _MARGIN + math.ceil(scale * side) for side in (box.height, box.width))
     return height, width
 

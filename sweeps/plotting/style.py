@@ -94,9 +94,16 @@ EVIDENCE = {
 #: Colours of points without a value, and of dots that would be white.
 NO_VALUE, PALE = "#CCCCCC", STATUS_COLOURS[Status.PENDING]
 
-#: Colours of the periodic attractors, the most frequent first; successive colours differ strongly.
-ATTRACTORS = (BLUE, ORANGE, "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
-OTHER_ATTRACTORS = "#D3E4B4"
+#: Colours of attractors that have not that of a class, and their greys and hatches. They differ by
+#: at least 9 from those of classes.
+FURTHER = ("#1E8C8C", "#FA6478", "#5A506E", "#A0F08C", "#B42846")
+GREY_FURTHER = (
+    ("#E9E9E9", "----"),
+    ("#BDBDBD", "oo"),
+    ("#E9E9E9", "++"),
+    ("#BDBDBD", "||||"),
+    ("#E9E9E9", "**"),
+)
 
 #: Colours of the two directions in which an axis was followed, and of points in both.
 DIRECTION_COLOURS = (BLUE, ORANGE)

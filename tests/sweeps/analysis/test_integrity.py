@@ -12,7 +12,7 @@ from sweeps.analysis.integrity import measures_of
 from sweeps.analysis.knocks import Knock
 from sweeps.plotting import attractor_diagram, basins, plot
 from sweeps.plotting import integrity as draw_integrity
-from sweeps.plotting.style import ATTRACTORS, BLUE
+from sweeps.plotting.style import CLASSES
 from tests.helpers.commands import accepted, refused
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, integrate, periodic_orbit
@@ -269,10 +269,9 @@ def colours_of(figure):
 
 
 @pytest.mark.slow
-def test_an_attractor_has_one_colour_in_all_pictures_of_a_file(ranked):
+def test_an_attractor_has_the_colour_of_its_class_in_all_pictures(ranked):
     assert attractors(ranked)["m"].values.tolist() == [[1, -1], [2, 1], [1, 2]]
-    numbered = {"2/1": ATTRACTORS[0].lower(), "1/1": ATTRACTORS[1].lower()}
-    numbered["1/0"] = ATTRACTORS[2].lower()
+    numbered = {f"{m}/{q}": CLASSES[m, q].lower() for m, q in ((2, 1), (1, 1), (1, 0))}
     for draw, clearance in ((basins, 0.4), (basins, 0.6), (draw_integrity, 0.4)):
         found = colours_of(draw(ranked, at={"clearance": clearance}))
         assert found == {name: numbered[name] for name in found} and len(found) > 1
@@ -283,13 +282,6 @@ def test_an_attractor_has_one_colour_in_all_pictures_of_a_file(ranked):
         if line.get_label()[0] != "_"
     }
     assert found == numbered
-
-
-@pytest.mark.slow
-def test_where_the_attractors_with_a_colour_are_absent_others_take_it(ranked, monkeypatch):
-    monkeypatch.setattr("sweeps.plotting.attractors.ATTRACTORS", (BLUE,))
-    assert colours_of(basins(ranked, at={"clearance": 0.0})) == {"1/1": BLUE.lower()}
-    assert colours_of(basins(ranked, at={"clearance": 0.6}))["2/1"] == BLUE.lower()
 
 
 @pytest.mark.slow
@@ -308,13 +300,14 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
     )
     assert handles["lower bound"].get_markerfacecolor() == "white"
     arrows = {to_hex(handle.get_color()) for text, handle in handles.items() if "knock" in text}
-    drawn = {to_hex(text.arrow_patch.get_edgecolor()) for text in panel.texts}
-    assert arrows == drawn == {ATTRACTORS[0].lower(), ATTRACTORS[2].lower()}
+    knocks_drawn = [text.arrow_patch for text in panel.texts if hasattr(text, "arrow_patch")]
+    drawn = {to_hex(arrow.get_edgecolor()) for arrow in knocks_drawn}
+    assert arrows == drawn == {CLASSES[2, 1].lower(), CLASSES[1, 0].lower()}
     assert [line.get_marker() for line in panel.lines] == ["o"]  # a single call
 
 
 @pytest.mark.slow
-def test_discs_and_knocks_are_those_of_the_attractors_with_a_colour(ranked, monkeypatch):
+def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, monkeypatch):
     sought = []
 
     def worst(motions, home, limit):
@@ -322,7 +315,8 @@ def test_discs_and_knocks_are_those_of_the_attractors_with_a_colour(ranked, monk
         return Knock()
 
     monkeypatch.setattr("sweeps.analysis.knocks._Motions.worst", worst)
-    monkeypatch.setattr("sweeps.plotting.attractors.ATTRACTORS", (BLUE,))
+    monkeypatch.setattr("sweeps.plotting.looks.CLASSES", {(2, 1): CLASSES[2, 1]})
+    monkeypatch.setattr("sweeps.plotting.looks.FURTHER", ())
     figure = draw_integrity(ranked, at={"clearance": 0.6})
     assert sought == [0] and len(figure.axes[-1].patches) == 1
     texts = [text.get_text() for text in figure.legends[0].get_texts()]

@@ -139,7 +139,9 @@ def test_basins_at_another_phase(tmp_path):
         plotting.basins(dataset).savefig(tmp_path / "basins.png")
         figure = plotting.integrity(dataset)
         figure.savefig(tmp_path / "integrity.png")
-        arrows = [arrow for panel in figure.axes for arrow in panel.texts if arrow.arrowprops]
+        arrows = [
+            arrow for panel in figure.axes for arrow in panel.texts if hasattr(arrow, "arrowprops")
+        ]
         assert len(arrows) == 2
         for arrow in arrows:  # from a state of its orbit at the section
             x, v = arrow.xyann

@@ -24,8 +24,10 @@ from sweeps.explorer.page import LivePage
 from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
 from sweeps.explorer.worker import Step, Worker
 from sweeps.interrupts import check
+from sweeps.plotting import style
 from sweeps.plotting.attractors import basin_cells
 from sweeps.plotting.colours import period_cells
+from sweeps.plotting.looks import Looks
 from sweeps.plotting.style import PARTIAL
 from tests.helpers.commands import refused
 from tests.helpers.places import CONFIGS
@@ -194,7 +196,7 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
     else:
         result = attractors(whole, extensions=0)
         found = result["attractor"].values
-        cells = basin_cells(rows(whole, result), found)
+        cells = basin_cells(rows(whole, result), found, Looks.of(result), config)
     assert len(cells) == len(tiles.kinds) > 1
     for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
         label, *seen = kind
@@ -226,6 +228,8 @@ def test_more_basins_than_colours_share_one():
     tiles = Filling(config, "x0", basins=True).advance(300)
     *six, (label, _, share) = tiles.kinds
     assert len(six) == len(tiles.discs) == 6 and all("disc" in label for label, *_ in six)
+    assert [colour for _, colour, _ in six] == [style.CLASSES[1, 0], *style.FURTHER]
+    assert len({label.partition("at x=")[2] for label, *_ in six}) == 6
     assert label == "294 other periodic attractors: 98.0 %" and share == pytest.approx(0.98)
     assert np.bincount(tiles.pixels.ravel()).tolist() == [0, 1, 1, 1, 1, 1, 1, 294]
 

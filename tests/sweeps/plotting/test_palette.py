@@ -66,15 +66,15 @@ def difference(first, second):
 #: Colours that one picture may show beside each other.
 IN_A_MAP = {
     **{f"{m}/{q}": colour for (m, q), colour in style.CLASSES.items()},
-    **style.REGIMES,
-    **style.STATUS_COLOURS,
+    **{regime.word: colour for regime, colour in style.REGIMES.items()},
+    **{outcome.name: colour for outcome, colour in style.STATUS_COLOURS.items()},
     "other": style.OTHER_CLASS,
 }
 PICTURES = {
     "map": IN_A_MAP,
     "status": style.RESULTS | style.STATUS_COLOURS,
     "evidence": style.EVIDENCE | style.STATUS_COLOURS,
-    "attractors": dict(enumerate((*style.ATTRACTORS, style.OTHER_ATTRACTORS))) | style.REGIMES,
+    "attractors": dict(enumerate(style.FURTHER)),
     "directions": dict(enumerate((*style.DIRECTION_COLOURS, style.BOTH_COLOUR))),
 }
 
@@ -103,6 +103,12 @@ def test_every_pair_of_colours_of_a_picture_is_told_apart(picture, vision):
         for one, other in combinations(colours, 2)
         if (how := difference(lab[one], lab[other])) < 10.0
     }
+
+
+@pytest.mark.parametrize("vision", VISIONS)
+def test_a_further_attractor_has_the_colour_of_no_class(vision):
+    further, others = seen(style.FURTHER, VISIONS[vision]), seen(IN_A_MAP.values(), VISIONS[vision])
+    assert min(difference(one, other) for one in further for other in others) > 9.0
 
 
 @pytest.mark.parametrize("vision", VISIONS)

@@ -127,10 +127,10 @@ def test_marks_can_be_left_out():
 def test_a_look_that_a_picture_does_not_have_is_refused(tmp_path):
     dataset = equal_points(axes=AXES)
     for page, which in (
-        (Page(grey=True), "only maps can be drawn in grey"),
-        (Page(marks=False), "only maps can leave out their marks"),
+        (Page(grey=True), "only pictures of classes or attractors can be grey"),
+        (Page(marks=False), "only a map can leave out its marks"),
     ):
-        with pytest.raises(Refused, match=f"{which}, and this picture is none"):
+        with pytest.raises(Refused, match=f"{which}, and this picture is none of these"):
             section(dataset, page=page)
     with pytest.raises(Refused, match="greys and hatches are for classes, and impulse is none"):
         parameter_map(dataset, quantity="impulse", page=Page(grey=True))
@@ -148,4 +148,4 @@ def test_the_command_draws_in_grey(tmp_path):
         accepted("plot", "out.h5", *looks, "--dpi", "50", "-o", f"a/{number}.png")
     assert len({file.read_bytes() for file in (tmp_path / "a").iterdir()}) >= 3
     told = refused("plot", "out.h5", "--kind", "section", "--grey")
-    assert "only maps can be drawn in grey" in told
+    assert "only pictures of classes or attractors can be grey" in told

@@ -1,0 +1,200 @@
+"""The colours, hatches and names of attractors in basins, diagrams and integrity plots."""
+
+import re
+from itertools import combinations
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex, to_rgb
+
+from sweeps import attractors, open_sweep
+from sweeps.analysis.attractor_table import rows
+from sweeps.plotting import Page, attractor_diagram, basins, integrity, plot
+from sweeps.plotting.looks import Looks
+from sweeps.plotting.style import CLASSES, FURTHER, GREY_FURTHER
+from tests.helpers.sweep_files import run_in
+
+#: Two orbits of the class 1/3 at each frequency.
+TWO = """\
+oscillator: {h: 0.05, R: 0.9, omega: [0.9462, 0.9576], f: 1.0, clearance: -0.5}
+start: {x0: {start: -3.5, stop: -0.5, num: 13}, v0: {start: -3.0, stop: 3.0, num: 12}}
+record: {transient: 400, periods: 32, impacts: 16}
+"""
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    """Return the file of two orbits of one class, opened."""
+    with open_sweep(run_in(tmp_path_factory.mktemp("two"), TWO)) as dataset:
+        yield dataset
+
+
+class Found(dict):
+    """The columns number, m and q of attractors, shape (points, coexisting)."""
+
+    def __init__(self, *points):
+        most = max(map(len, points))
+        filled = np.array([[*point, *[(-1, -1, -1)] * (most - len(point))] for point in points])
+        self.columns = [filled[..., i] for i in range(3)]
+
+
+def further(*points):
+    from sweeps.plotting.looks import _further
+
+    return _further(*Found(*points).columns)
+
+
+def test_the_first_attractor_of_a_class_has_its_colour_and_others_one_of_no_class():
+    assert further([(0, 1, 1), (1, 2, 1)]) == {}
+    assert further([(0, 1, 1), (1, 1, 1)]) == {(1, 1, 1): 0}
+    assert further([(0, 1, 3), (1, 1, 1), (2, 1, 3)]) == {(0, 1, 3): 0, (2, 1, 3): 1}
+
+
+def test_attractors_that_are_never_beside_each_other_have_the_colour_of_their_class():
+    assert further([(0, 1, 1)], [(1, 1, 1)]) == {}
+    assert further([(0, 1, 1)], [(0, 2, 2), (1, 1, 1)], [(1, 2, 2)]) == {}
+
+
+def test_an_attractor_keeps_its_colour_where_the_first_one_of_its_class_is_gone():
+    assert further([(0, 1, 1), (1, 1, 1)], [(1, 1, 1)]) == {(1, 1, 1): 0}
+
+
+def test_chaos_and_rest_have_the_colours_of_their_regimes():
+    assert further([(0, 1, 1), (1, 0, 0), (2, 0, 0)]) == {}
+
+
+def test_colours_that_are_used_up_are_those_of_attractors_that_are_not_beside():
+    many = [[(number, 5, number)] for number in range(len(FURTHER) + 2)]
+    chosen = further(*many)
+    assert sorted(chosen.values()) == [0, 0, 1, 1, *range(2, len(FURTHER))]
+    beside = further([point for (point,) in many])
+    assert list(beside.values()) == [*range(len(FURTHER)), None, None]
+
+
+def legend(figure):
+    """Return the colour and the hatch of each patch of the legend, by its text."""
+    (one,) = figure.legends
+    pairs = zip(one.get_texts(), one.legend_handles, strict=True)
+    return {
+        text.get_text(): (to_hex(handle.get_facecolor()), handle.get_hatch())
+        for text, handle in pairs
+        if hasattr(handle, "get_hatch")
+    }
+
+
+@pytest.mark.slow
+def test_two_orbits_of_a_class_are_told_apart_by_colour_and_by_a_state(two):
+    """A motion from a state of the legend is back there after 60 periods, as `simulate` finds."""
+    from vibroimpact import Oscillator, simulate
+
+    at = {"omega": 0.9576}
+    found = legend(basins(two, at=at))
+    assert {look for look in found.values()} == {(colour.lower(), "") for colour in FURTHER[:2]}
+    for text in found:
+        assert re.match(r"1/3: [\d., ]+; \d+\.\d %\nat ", text)
+        x, v = (float(re.search(rf"\${name}=(-?[\d.]+)\$", text)[1]) for name in "xv")
+        oscillator = Oscillator(h=0.05, R=0.9, omega=0.9576, f=1.0, clearance=-0.5)
+        motion = simulate(oscillator, x0=x, v0=v, periods=60)
+        np.testing.assert_allclose([motion.x[-1], motion.v[-1]], [x, v], atol=2e-3)
+    grey = legend(basins(two, at=at, page=Page(grey=True)))
+    assert set(grey) == set(found)
+    assert [*grey.values()] == [(colour.lower(), hatch) for colour, hatch in GREY_FURTHER[:2]]
+
+
+@pytest.mark.slow
+def test_the_colours_are_the_same_in_all_three_pictures_of_a_file(two):
+    of_basins = legend(basins(two, at={"omega": 0.9462}))
+    by_state = {re.search(r"at .*", text)[0]: look[0] for text, look in of_basins.items()}
+    assert len(by_state) == 2
+    (panel,) = attractor_diagram(two).axes
+    named = {
+        line.get_label(): to_hex(line.get_color())
+        for line in panel.lines
+        if not line.get_label().startswith("_")
+    }
+    diagram = {
+        re.search(r"at (.*), \$\\omega", text)[0][:-9]: c
+        for text, c in named.items()
+        if "at" in text
+    }
+    assert {text.removesuffix(","): colour for text, colour in diagram.items()} == by_state
+    profile = integrity(two, at={"omega": 0.9462}).axes[0]
+    assert {to_hex(line.get_color()) for line in profile.lines[:-1]} >= set(by_state.values())
+
+
+@pytest.mark.slow
+def test_a_grey_picture_has_no_colour_and_names_all_classes(two, tmp_path):
+    from PIL import Image
+
+    kinds = {"basins": {"omega": 0.9576}, "attractors": {}, "integrity": {"omega": 0.9576}}
+    for kind, at in kinds.items():
+        path = plot(
+            two, tmp_path / f"{kind}.png", kind, at, page=Page(grey=True, dpi=80, width=3.4)
+        )
+        image = np.asarray(Image.open(path).convert("RGB"), int)
+        assert np.ptp(image, axis=2).max() == 0, kind
+    panels = [
+        basins(two, at={"omega": 0.9576}, page=Page(grey=True)).axes[0],
+        attractor_diagram(two, page=Page(grey=True)).axes[0],
+        *integrity(two, page=Page(grey=True)).axes[:3],
+    ]
+    for panel in panels:
+        assert "1/3" in {text.get_text()[:3] for text in panel.texts}
+
+
+@pytest.mark.slow
+def test_lines_and_dots_in_grey_can_be_seen_on_paper(two):
+    found = attractors(two)
+    looks = Looks.of(found, grey=True)
+    for row in rows(two, found):
+        assert to_rgb(looks.ink(row))[0] <= 0.6 or not row.m
+    white = rows(two, found)[0]._replace(m=1, q=0, number=99)
+    assert to_hex(looks.look(white)[0]) == "#ffffff" and 0.55 < to_rgb(looks.ink(white))[0] <= 0.6
+
+
+def test_names_of_lines_are_beside_all_points():
+    """No point of any line is inside the box of a name, and each name is near its own line."""
+    from matplotlib.figure import Figure
+
+    from sweeps.plotting.names import name_lines
+
+    panel = Figure(dpi=100).add_subplot()
+    x = np.linspace(0.0, 1.0, 400)
+    lines = {
+        "1/1": np.stack([x, x**2], axis=1),
+        "2/1": np.stack([x, 0.5 + 0.4 * np.sin(6 * x)], axis=1),
+    }
+    for points in lines.values():
+        panel.plot(*points.T, "o")
+    name_lines(panel, lines)
+    assert [text.get_text() for text in panel.texts] == [*lines]
+    boxes = [text.get_window_extent() for text in panel.texts]
+    for box, (name, own) in zip(boxes, lines.items(), strict=True):
+        for points in lines.values():
+            places = panel.transData.transform(points)
+            assert not box.count_contains(places), name
+        away = np.abs(
+            panel.transData.transform(own) - [box.x0 + box.width / 2, box.y0 + box.height / 2]
+        )
+        assert np.hypot(*away.T).min() < 2.0 * box.height + box.width / 2
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+
+
+def test_a_line_without_room_has_no_name():
+    from matplotlib.figure import Figure
+
+    from sweeps.plotting.names import name_lines
+
+    panel = Figure(dpi=100).add_subplot()
+    dense = np.random.default_rng(0).uniform(size=(40000, 2))
+    panel.plot(*dense.T, "o")
+    name_lines(panel, {"1/1": np.array([[0.5, 0.5]])})
+    assert not panel.texts
+
+
+def test_every_look_of_a_class_and_of_further_attractors_is_its_own():
+    from sweeps.plotting.style import GREY_CLASSES
+
+    looks = [*GREY_CLASSES.values(), *GREY_FURTHER]
+    assert len(set(looks)) == len(looks)
+    assert not set(FURTHER) & set(CLASSES.values())
