@@ -52,13 +52,15 @@ def in_si(dataset: xr.Dataset) -> xr.Dataset:
     coordinates: dict[str, Any] = {"mass": ((), rig.mass, _about(MASS))}
     for name in PARAMETERS:
         if name in QUANTITIES:
-            own = dataset[name]
+            own, called = dataset[name], si_name(name, rig)
             about = {**own.attrs, **_about(QUANTITIES[name].description)}
-            coordinates[si_name(name, rig)] = own.dims, rig.in_si(name, own.values), about
+            typed = called != name and called in dataset.coords  # a column of the table
+            values = dataset[called].values if typed else rig.in_si(name, own.values)
+            coordinates[called] = own.dims, values, about
     si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, rig.mass))
     si = si.swap_dims({name: si_name(name, rig) for name in PARAMETERS if name in dataset.dims})
     if COLUMNS in si.attrs:  # a table: its configuration could not be read under the new names
-        columns = [si_name(name, rig) for name in si.attrs[COLUMNS].split()]
+        columns = dict.fromkeys(si_name(name, rig) for name in si.attrs[COLUMNS].split())
         si.attrs |= {"configuration": config_of(dataset), COLUMNS: " ".join(columns)}
     return si.assign_attrs({IN_SI: 1})
 

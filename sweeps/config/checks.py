@@ -31,10 +31,10 @@ def completed(config: SweepConfig) -> SweepConfig:
     Raises MisplacedError if the groups do not go together.
     """
     axes = config.parameters()
-    if config.points is None:
+    if config.table is None:
         points = _extreme_points(axes, config.method.integrator)
     else:
-        points = mesh({TABLE: config.points}, {name: axis.first for name, axis in axes.items()})
+        points = mesh({TABLE: config.table}, {name: axis.first for name, axis in axes.items()})
     _refuse_start(config, points)
     _refuse_force(config, axes, points)
     _refuse_large_grid(config, axes)

@@ -25,6 +25,7 @@ from sweeps.config.messages import (
     without_misspelt,
 )
 from sweeps.config.points import read_points
+from sweeps.config.rig import RIG_PARAMETERS, model_name
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Key, MisplacedError, null
 from sweeps.errors import ConfigError
@@ -102,13 +103,16 @@ def stored_config(
 ) -> SweepConfig:
     """Read the configuration in a sweep file, which stores its table of `points` apart from it.
 
-    Files of earlier versions may name ``refine``, by which points were added to their grid, and may
-    have a further column ``phase`` in their table. Both are left out.
+    Columns of the model that were made from those of a rig are left out. Files of earlier versions
+    may name ``refine``, by which points were added to their grid, and may have a further column
+    ``phase`` in their table. Both are left out, too.
     """
     data, sources = _keys(text, origin)
     data.pop("refine", None)
     if points is not None:
-        points = {key: values for key, values in points.items() if key not in StartConfig.NUMBERS}
+        made = {model_name(name) for name in RIG_PARAMETERS if name in points and "rig" in data}
+        without = {*StartConfig.NUMBERS, *made}
+        points = {key: values for key, values in points.items() if key not in without}
     return _checked({"name": name, "points": points, **data}, origin, sources, overrides)
 
 
@@ -133,7 +137,8 @@ def _checked(
         source = source_of(("points",), sources, origin)
         try:  # the path of a table given by an override is relative to the working folder
             folder = Path() if ("points",) in overridden else Path(origin).parent
-            data["points"] = read_points(data["points"], folder)
+            of_rig = null(data.get("rig")) is not None
+            data["points"] = read_points(data["points"], folder, of_rig=of_rig)
         except ValueError as error:
             raise ConfigError(f"{source}: points: {error}") from None
     try:

@@ -6,33 +6,36 @@ import csv
 import math
 import re
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sweeps.config.groups import OscillatorConfig, StartConfig
-from sweeps.config.rig import RigConfig, model_name
+from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name, model_value
 from sweeps.config.values import Elsewhere, MisplacedError, null, plain_number
 from sweeps.grid import as_table
 from sweeps.text import nearest, printable, shortened, suggestion
-from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.oscillator import PARAMETERS, Parameter
 
 #: Longest header of a table; a file without line breaks would be read as a whole.
 _LONGEST_HEADER = 100_000
 
 
-def read_points(given: Any, folder: Path) -> np.ndarray:
+def read_points(given: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
     """Read a table into a structured array of shape (rows,), with a field for every column.
 
     `given` is a CSV file (relative to `folder`), a mapping of columns, a DataFrame or a structured
-    array. Columns of parameters must hold valid numbers; further columns hold numbers or texts. A
-    ValueError names the column and the row, counted from 1.
+    array. Columns of parameters, of the rig too if there is one, must hold valid numbers; further
+    columns hold numbers or texts. A ValueError names the column and the row, counted from 1.
     """
     path = folder / given if isinstance(given, str | Path) else None
+    known = {**PARAMETERS, **(RIG_PARAMETERS if of_rig else {})}
     try:
-        columns = _columns(given) if path is None else _read_csv(path)
-        table = as_table({name: _checked(name, column) for name, column in columns.items()})
+        columns = _columns(given, known) if path is None else _read_csv(path, known)
+        checked = {name: _checked(name, column, known) for name, column in columns.items()}
+        table = as_table(checked)
         if len(table):
             return table
         reason = "the table has no row"
@@ -63,21 +66,51 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
         given = data.get(title, {})
         if not isinstance(given, dict):
             continue  # refused by the check of the group
+        if of_rig and "mass" in names:
+            problem = "cannot be a column with a rig, whose mass is one number"
+            raise MisplacedError(
+                ("points", "mass"), f"{problem}; expected: h, p and f of the model"
+            )
+        columns = {}
         for name in group.model_fields:
-            if name in names and name != model_name(name):
-                problem = f"expected: {model_name(name)}, in the unit of the model"
-                raise MisplacedError(("points", name), f"cannot be a column with a rig; {problem}")
-        columns = [name for name in group.model_fields if model_name(name) in names]
-        columns = [name for name in columns if model_name(name) in PARAMETERS or name == "mass"]
+            own = model_name(name)
+            if name != own and {name, own} <= {*names}:
+                problem = f"is {name} in the units of the model; expected: one of both columns"
+                raise MisplacedError(("points", own), problem)
+            if own in PARAMETERS and not {name, own}.isdisjoint(names):
+                columns[name] = name if name in names else own
         for name, value in given.items():
             if name in columns or isinstance(value, list | tuple | dict):
                 problem = "conflicts with points; expected: one number here, or only a column"
-                raise MisplacedError((title, name), f"{problem} {model_name(name)} of points")
+                raise MisplacedError(
+                    (title, name), f"{problem} {columns.get(name, name)} of points"
+                )
         groups[title] = {**given, **dict.fromkeys(columns, Elsewhere.COLUMN)}
     return {**data, **groups}
 
 
-def _read_csv(path: Path) -> dict[str, np.ndarray]:
+def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
+    """Return a table with a column of the model behind the others for each column of the rig.
+
+    Raises MisplacedError if a value cannot be converted.
+    """
+    columns = {name: table[name] for name in table.dtype.names or ()}
+    for name in RIG_PARAMETERS if rig is not None else ():
+        if name in columns:
+            own = model_name(name)
+            with np.errstate(over="ignore"):  # refused below
+                values = np.asarray(model_value(own, columns[name], rig))
+            wrong = ~(np.isfinite(values) & PARAMETERS[own].accepts(values))
+            if wrong.any():
+                row = int(wrong.argmax())
+                problem = f"row {row + 1}, {columns[name][row]:g} makes {own} = {values[row]:g}"
+                allowed = PARAMETERS[own].allowed
+                raise MisplacedError(("points", name), f"{problem}; expected: {allowed}")
+            columns[own] = values
+    return as_table(columns)
+
+
+def _read_csv(path: Path, known: Mapping[str, Parameter]) -> dict[str, np.ndarray]:
     """Return the columns of a CSV file, those of parameters as numbers if all their cells are."""
     if path.exists() and not path.is_file():  # a device may never end, and a FIFO never begin
         raise ValueError("is not a regular file; expected: a CSV file")
@@ -87,10 +120,10 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
         if len(header) > _LONGEST_HEADER:
             raise ValueError(f"the header is longer than {_LONGEST_HEADER:,} characters")
         names = [name.strip() for name in next(csv.reader([header]), [])]
-        _check_names(names)
+        _check_names(names, known)
         for kind in (float, object):
             file.seek(0)
-            types = [(name, kind if name in PARAMETERS else object) for name in names]
+            types = [(name, kind if name in known else object) for name in names]
             try:
                 table = np.loadtxt(file, types, None, ",", skiprows=1, ndmin=1, quotechar='"')
                 break
@@ -100,14 +133,14 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
     return {name: table[name] for name in names}
 
 
-def _columns(given: Any) -> dict[str, np.ndarray]:
+def _columns(given: Any, known: Mapping[str, Parameter]) -> dict[str, np.ndarray]:
     """Return the columns of a mapping, a DataFrame or a structured array."""
     names = getattr(getattr(given, "dtype", None), "names", None)
     if names is None and not hasattr(given, "items"):
         raise ValueError("no table; expected: a CSV file, or a mapping of columns")
     items = given.items() if names is None else ((name, given[name]) for name in names)
     pairs = [(str(name), column) for name, column in items]
-    _check_names([name for name, _ in pairs])
+    _check_names([name for name, _ in pairs], known)
     for name, column in pairs:
         if np.ma.is_masked(column):
             row = int(np.ma.getmaskarray(column).argmax()) + 1
@@ -128,14 +161,14 @@ def _array(column: Any) -> np.ndarray:
     return np.asarray(column, object) if values.dtype.kind == "U" else values
 
 
-def _check_names(names: list[str]) -> None:
+def _check_names(names: list[str], known: Mapping[str, Parameter]) -> None:
     """Refuse a table without a parameter column, and repeated, misspelt and malformed names."""
-    missing = [name for name in PARAMETERS if name not in names]
-    if len(missing) == len(PARAMETERS):
+    missing = [name for name in known if name not in names]
+    if len(missing) == len(known):
         problem = f"no column of {shortened(', '.join(names))} is a parameter"
         raise ValueError(
             f"{problem if names else 'the table is empty'}; expected: a header with one of "
-            f"{', '.join(PARAMETERS)}, and commas between the columns"
+            f"{', '.join(known)}, and commas between the columns"
         )
     if "" in names:
         raise ValueError(
@@ -145,20 +178,20 @@ def _check_names(names: list[str]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"column {name} is given twice; expected: once")
-        word = nearest(name, missing, least=0.8) if name not in PARAMETERS else None
+        word = nearest(name, missing, least=0.8) if name not in known else None
         # A further column becomes a coordinate of the file, whose name other programs must accept.
         if word or not re.fullmatch(r"\w[\w.-]*", name):
             raise ValueError(
                 f"unknown column {name}{suggestion(word)}; expected: a parameter "
-                f"out of {', '.join(PARAMETERS)}, or another word"
+                f"out of {', '.join(known)}, or another word"
             )
 
 
-def _checked(name: str, column: np.ndarray) -> np.ndarray:
+def _checked(name: str, column: np.ndarray, known: Mapping[str, Parameter]) -> np.ndarray:
     """Return the values of a column; refuse the first value that its parameter does not allow."""
     numeric = column.dtype.kind in "iuf"
     values = column if numeric else np.array([_number(cell) for cell in column], float)
-    parameter = PARAMETERS.get(name)
+    parameter = known.get(name)
     if parameter is None:
         wrong = np.array([not numeric and not _is_plain(cell) for cell in column], bool)
         allowed = "a number, or a Unicode text without NUL"

@@ -88,12 +88,14 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
 }  # fmt: skip
 
+#: The quantities of the rig from which a parameter of the model is made, by their own names.
+RIG_PARAMETERS: Mapping[str, Parameter] = {
+    one.name: one.description for own, one in QUANTITIES.items() if own in PARAMETERS
+}
+
 
 class RigConfig(ParameterConfig):
-    """A rig in SI units, with the arguments of `Oscillator.from_rig`.
-
-    Columns of a table hold values of the model, not of the rig.
-    """
+    """A rig in SI units, with the arguments of `Oscillator.from_rig`."""
 
     FORCES = ("force", "base")
     NUMBERS = ("mass",)

@@ -26,8 +26,8 @@ from sweeps.config.groups import (
     choice,
     key_list,
 )
-from sweeps.config.points import with_columns
-from sweeps.config.rig import RigConfig, si_name, with_rig
+from sweeps.config.points import in_model, with_columns
+from sweeps.config.rig import RIG_PARAMETERS, RigConfig, si_name, with_rig
 from sweeps.config.values import Axis, Group, MisplacedError, Table, null, one_of
 from sweeps.grid import TABLE, Grid, Sweep
 from sweeps.text import printable
@@ -77,7 +77,7 @@ class SweepConfig(Group):
         None,
         description="table of the points, in place of lists and ranges: a CSV file with a header, "
         "relative to this one, or a mapping of columns, each a list; columns are named like "
-        "parameters, and further ones are kept",
+        "parameters, with a rig also like its keys but mass, and further ones are kept",
     )
     rig: Annotated[RigConfig | None, BeforeValidator(null)] = Field(
         None,
@@ -130,12 +130,26 @@ class SweepConfig(Group):
         return {name: axis for group in groups for name, axis in group.axes().items()}
 
     @cached_property
+    def table(self) -> np.ndarray | None:
+        """The columns of `points`, and those of the model made from columns of a rig.
+
+        Raises MisplacedError if a value of a rig cannot be converted.
+        """
+        return None if self.points is None else in_model(self.points, self.rig)
+
+    @property
+    def column_units(self) -> dict[str, str]:
+        """The units of the columns that a rig names."""
+        names = () if self.rig is None or self.points is None else self.points.dtype.names or ()
+        return {name: RIG_PARAMETERS[name].unit for name in names if name in RIG_PARAMETERS}
+
+    @cached_property
     def sweep(self) -> Sweep:
         """The points to compute, and what is computed of each."""
         axes = self.parameters()
         swept = {name: axis.values() for name, axis in axes.items() if axis.swept}
         fixed = {name: axis.first for name, axis in axes.items() if not axis.swept}
-        grid = Grid(swept if self.points is None else {TABLE: self.points}, fixed)
+        grid = Grid(swept if self.table is None else {TABLE: self.table}, fixed)
         record, follow = self.record, self.follow
         spec = RunSpec(
             **self.method.arguments,

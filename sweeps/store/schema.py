@@ -179,7 +179,8 @@ def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
         variable = VARIABLES[name]
         about = variable.long_name, schema.shown_unit(variable.unit), variable.symbol
     else:
-        about = _MEANINGS.get(name, name), "1", ""
+        unit = str(schema.attributes.get(f"{name}_unit", "1"))
+        about = _MEANINGS.get(name, name), unit, ""
     found: dict[str, Any] = dict(zip(("long_name", "units", "symbol"), about, strict=True))
     if name in FLAGS:
         found["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)

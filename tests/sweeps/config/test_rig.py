@@ -119,6 +119,31 @@ def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
     assert points_of(load(config.to_yaml())).tobytes() == points.tobytes()
 
 
+def test_the_columns_of_a_table_may_be_those_of_the_rig(tmp_path):
+    """The points equal those of `Oscillator.from_rig` row by row, from a mapping and from CSV."""
+    columns = {"stiffness": [800.0, 810.5, 795.3], "damping": [1.2, 1.1, 1.3],
+               "gap": [5e-4, 5.1e-4, 4.9e-4], "force": [10.0, 11.0, 9.7],
+               "frequency": [3.3, 3.1, 2.9], "R": [0.8, 0.7, 0.75], "base": [0.0, 1e-5, 2e-5],
+               "serial": [1, 2, 3]}  # fmt: skip
+    left = "rig: {mass: 2.0}\n"
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    made = [
+        Oscillator.from_rig(mass=2.0, **{k: v for k, v in row.items() if k != "serial"})
+        for row in rows
+    ]
+    lines = [",".join(columns), *(",".join(map(repr, row.values())) for row in rows)]
+    (tmp_path / "table.csv").write_text("\n".join(lines) + "\n")
+    for given in (yaml.safe_dump(columns, default_flow_style=True), f"{tmp_path / 'table.csv'}\n"):
+        config = load(left + f"points: {given}")
+        points = points_of(config)
+        for name in ("h", "p", "f", "omega", "clearance", "a", "R"):
+            assert points[name].tolist() == [getattr(osc, name) for osc in made], name
+        assert points_of(load(config.to_yaml())).tobytes() == points.tobytes()
+        assert "stiffness: [800.0, 810.5, 795.3]" in config.to_yaml()
+    assert load("rig: {mass: 2.0, base: 0.001, damping: 1, gap: 1, frequency: 2, R: 1}\n"
+                "points: {stiffness: [1, 2]}\n").sweep.grid.fixed["f"] == 0.0  # fmt: skip
+
+
 # Refused configurations
 
 
@@ -157,8 +182,23 @@ def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
                                                 "swept axis out of frequency"]),
         (rig() + "points: {omega: [1, 2]}\n", 1, ["rig.frequency: conflicts with points",
                                                   "a column omega of points"]),
-        (rig(damping=None, frequency=3) + "points: {h: [1, 2], gap: [1, 2]}\n", 2,
-         ["points.gap: cannot be a column with a rig; expected: clearance"]),
+        (rig(damping=None, frequency=3) + "points: {h: [1, 2], gap: [1, 2]}\n", 1,
+         ["rig.gap: conflicts with points", "only a column gap of points"]),
+        (rig(damping=None) + "points: {h: [1, 2], damping: [1, 2]}\n", 2,
+         ["points.h: is damping in the units of the model; expected: one of both columns"]),
+        (rig(mass=None) + "points: {mass: [1, 2], h: [1, 2]}\n", 2,
+         ["points.mass: cannot be a column with a rig, whose mass is one number",
+          "expected: h, p and f of the model"]),
+        (rig(stiffness=None, frequency=3) + "points: {stifness: [1, 2], R: [0.5, 0.6]}\n", 2,
+         ["points: unknown column stifness (did you mean stiffness?)", "or another word"]),
+        (rig(stiffness=None, frequency=3) + "points: {stiffness: [800, 900, -1]}\n", 2,
+         ["points: row 3, column stiffness = -1 is not allowed; expected: a finite number > 0"]),
+        (rig(stiffness=None, frequency=3) + "points: {stiffness: [800, 5e-324]}\n", 2,
+         ["points.stiffness: row 2, 4.94066e-324 makes p = 0; expected: a finite number > 0"]),
+        (rig(frequency=None) + "points: {frequency: [1, 1e308]}\n", 2,
+         ["points.frequency: row 2, 1e+308 makes omega = inf; expected: a finite number > 0"]),
+        (rig(frequency=None) + "points: {frequency: [1, '2,5']}\n", 2,
+         ["row 2, column frequency = 2,5 is not allowed", "with a decimal point"]),
         ("rig: 5\n", 1, ["rig = 5 is not allowed; expected: a rig in SI units"]),
         ("rig: null\n", 1, ["oscillator is missing"]),
         ("mass: 3\n" + rig(), 1, ["unknown key mass (did you mean rig.mass?)"]),
@@ -462,6 +502,35 @@ def test_a_map_of_a_rig_and_its_curves_are_in_si_units():
     omega = 2.0 * math.pi * nu[grazes]
     free = FORCE / np.abs(k[grazes] - MASS * omega**2 + 1j * DAMPING * omega)
     assert free == pytest.approx(GAP, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_typed_columns_of_a_rig_are_kept_with_their_units_and_run_again():
+    """2 * 0.5 * (c / (2 * 0.5)) and sqrt(k / m)^2 m do not give every number back."""
+    stiffness, frequency = [8000.1, 7999.3, 8100.7], [35.3, 36.7, 15.0]
+    table = f"points: {{stiffness: {stiffness}, frequency: {frequency}, serial: [7, 8, 9]}}\n"
+    text = JOINT.replace(f"stiffness: {STIFFNESS}, ", "").replace(
+        ", frequency: {start: 22, stop: 41, num: 39}", ""
+    )
+    text = text.replace(f"      R: {R}", f"      R: {R}")
+    path = run_sweep(load(text.replace(f"      R: {R},", f"      R: {R}") + table), "typed.h5")
+    with open_sweep(path) as ds:
+        assert ds["stiffness"].values.tolist() == stiffness and ds["stiffness"].units == "N/m"
+        assert ds["p"].values.tolist() == [math.sqrt(k / MASS) for k in stiffness]
+        figure = plotting.table_panels(ds, quantity="impulse", color="stiffness")
+        labels = [panel.get_xlabel() for panel in figure.axes]
+    assert labels[0].startswith("stiffness of the spring") and labels[0].endswith("[N/m]")
+    assert any(text.endswith("[Hz]") for text in labels)
+    accepted("export", path, "-o", "typed.csv")
+    k, nu = columns_of("typed.csv", "stiffness", "frequency")
+    assert (k.tolist(), nu.tolist()) == (stiffness, frequency)
+    assert Path("typed.csv").read_text().splitlines()[0].count("stiffness") == 1
+    accepted("run", path, "-o", "again.h5", "--quiet")
+    with open_sweep(path) as one, open_sweep("again.h5") as other:
+        assert one["poincare_x"].values.tobytes() == other["poincare_x"].values.tobytes()
+        assert other["stiffness"].values.tolist() == stiffness
+    assert "stiffness" in accepted("info", path) and "N/m" in accepted("info", path)
+    accepted("plot", path, "--axis", "stiffness", "--quantity", "impulse", "-o", "typed.png")
 
 
 @pytest.mark.slow
