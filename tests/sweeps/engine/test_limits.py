@@ -53,6 +53,15 @@ def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
     assert sizes == sorted(sizes, reverse=True) and sizes[-1] < 4
 
 
+@pytest.mark.parametrize("memory", [10**11, 2 * 10**7])
+def test_a_block_is_whole_sets_of_lanes(monkeypatch, memory):
+    """Also where the memory ends it; the rest of a set would be computed without a point."""
+    with_memory(monkeypatch, memory)
+    size = block_size(load(CONFIG, "oscillator.omega.num=50021").sweep)
+    assert size >= LANES and size % LANES == 0
+    assert (size + LANES > 50021 // limits._BLOCKS) == (memory > 10**8)
+
+
 def test_a_block_has_points_for_every_thread(monkeypatch):
     """Also where the blocks are short because their points take long."""
     with_memory(monkeypatch, 10**11)

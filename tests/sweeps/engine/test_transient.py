@@ -11,6 +11,7 @@ from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, integrate, one_impact_orbit
 from vibroimpact.destination.repetition import TOLERANCE
 from vibroimpact.points.compute import compute_points
+from vibroimpact.status import Status
 
 CONFIG = """
 oscillator: {h: [0.01, 0.05], R: 0.8, omega: {start: 2.4, stop: 3.5, num: 40}, f: 1.0}
@@ -56,6 +57,18 @@ def test_a_transient_of_another_rule_ends_where_the_record_repeats(tmp_path):
         assert periodic.any()
         assert (dataset["orbit_distance"].values[periodic] <= TOLERANCE).all()
         assert (dataset["transient"].values[periodic] < 3000).any()
+
+
+def test_a_motion_that_fails_is_not_continued(tmp_path):
+    """Euler overflows at omega = 0.3, in a few periods; there is no result to wait for."""
+    text = """
+oscillator: {h: 0.1, R: 0.8, omega: [3, 0.3], f: 1.0}
+method: {integrator: euler, impact: plain, steps_per_period: 25, allow_unstable: true}
+record: {transient: auto, longest: 3000, periods: 4}
+"""
+    with open_sweep(run_in(tmp_path, text)) as dataset:
+        assert dataset["status"].values.tolist() == [Status.COMPUTED, Status.NON_FINITE]
+        assert dataset["transient"].values[1] < 200
 
 
 def test_blocks_and_threads_change_nothing(found):
