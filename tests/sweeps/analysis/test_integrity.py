@@ -33,6 +33,10 @@ def two(tmp_path_factory):
         yield dataset
 
 
+#: Usual numbers of moments in a period and of sizes at each, of which most tests try fewer.
+MOMENTS, SIZES = 64, 256
+
+
 def outside(inside, x, v, at_stop):
     """Return every start outside the basin, and one row of starts around the window."""
     dx, dv = x[1] - x[0], v[1] - v[0]
@@ -115,8 +119,14 @@ def impacts_per_period(two, phase, x, velocities):
     return integrate(points, transient=1000, periods=4, **options)["impacts_per_period"]
 
 
+@pytest.fixture
+def all_knocks(monkeypatch):
+    monkeypatch.setattr("sweeps.analysis.knocks._MOMENTS", MOMENTS)
+    monkeypatch.setattr("sweeps.analysis.knocks._SIZES", SIZES)
+
+
 @pytest.mark.slow
-def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(two):
+def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(two, all_knocks):
     found = knocks(two.isel(omega=0))
     home = {0: 0.0, 1: 0.5}
     assert found["knock_ends"].values.tolist() == [1, 0]
@@ -137,7 +147,7 @@ def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(two):
 
 
 @pytest.mark.slow
-def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path):
+def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_knocks):
     """At other phases a tongue of 0.1 % of the knock is 0.4 % nearer; thinner ones more."""
     osc = Oscillator(h=0.0605, R=0.8748, omega=1.79, f=1.0, clearance=0.4613)
     file = run_in(
@@ -159,7 +169,7 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_boundary_that_rounding_decides_is_fractal(two, monkeypatch):
+def test_a_boundary_that_rounding_decides_is_fractal(two, all_knocks, monkeypatch):
     """Beyond a change of velocity by 0.3, every trial ends on an unpredictable attractor."""
     chance = np.random.default_rng(0)
 

@@ -51,6 +51,15 @@ def window(browser, explorer):
     assert window.problems == []
 
 
+@pytest.fixture
+def before_chaos(browser, explorer):
+    """A window on the first flip alone, where there are few orbits to follow."""
+    window = Window(browser, explorer, f"{explorer.address}&xlim=2.4:2.7")
+    yield window
+    window.tab.close()
+    assert window.problems == []
+
+
 def expected(page):
     """Return the picture of the page's view, computed independently of the page."""
     view, rows = page.view, page.diagram.kept.pixels.shape[0]
@@ -221,8 +230,8 @@ def test_a_click_shows_the_motion_and_the_mark_can_be_dragged(window):
     assert "Lyapunov exponents 0." in page.motion.text.text
 
 
-def test_exact_branches_lie_over_the_points_come_and_go(window):
-    page = window.page
+def test_exact_branches_lie_over_the_points_come_and_go(before_chaos):
+    window, page = before_chaos, before_chaos.page
     button, seen = window.tab.get_by_text("exact branches"), "{return m.visible}"
     button.click()
     window.settle(lambda: window.model("flip marks", seen))
@@ -240,9 +249,11 @@ def test_exact_branches_lie_over_the_points_come_and_go(window):
         window.settle(lambda on=on: window.model("flip marks", seen) is on)
 
 
-def test_a_diagram_of_earlier_values_is_dimmed_and_says_what_it_waits_for(window, monkeypatch):
+def test_a_diagram_of_earlier_values_is_dimmed_and_says_what_it_waits_for(
+    before_chaos, monkeypatch
+):
     """The first exact branches are not cancelled by a new view, because they compile."""
-    page, compiled = window.page, threading.Event()
+    window, page, compiled = before_chaos, before_chaos.page, threading.Event()
     find = page.branches._find
     monkeypatch.setattr(page.branches, "_find", lambda *of: compiled.wait(300.0) and find(*of))
     shown = "{return m.visible ? m.text : ''}"
