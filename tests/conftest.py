@@ -1,6 +1,7 @@
-"""Campaigns of thousands of cases run only if ``-m`` names them."""
+"""The order of the files; campaigns of thousands of cases run only if ``-m`` names them."""
 
 import signal
+from pathlib import Path
 
 import pytest
 
@@ -12,8 +13,32 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 pytest.register_assert_rewrite("tests.helpers")
 
 
+TESTS = Path(__file__).parent
+#: The files that run first: two that compile, each another half of the physics, and those that take
+#: longest, so that no process is left with one at the end.
+EARLY = [
+    TESTS / name
+    for name in (
+        "vibroimpact/test_branches.py",
+        "vibroimpact/test_diagnostics.py",
+        "sweeps/explorer/test_page.py",
+        "sweeps/analysis/test_bifurcations.py",
+        "vibroimpact/test_jit.py",
+        "sweeps/cli/test_commands.py",
+        "sweeps/analysis/test_integrity.py",
+        "sweeps/engine/test_kill.py",
+        "sweeps/cli/test_environment.py",
+        "sweeps/analysis/test_exact_branches.py",
+        "sweeps/engine/test_cluster.py",
+    )
+]
+assert all(path.exists() for path in EARLY)
+
+
 def pytest_collection_modifyitems(config, items):
-    """Deselect the campaigns unless ``-m`` names them."""
+    """Put the files of `EARLY` first, and deselect the campaigns unless ``-m`` names them."""
+    place = {path: number for number, path in enumerate(EARLY)}
+    items.sort(key=lambda item: place.get(item.path, len(EARLY)))
     if "campaign" not in config.getoption("markexpr"):
         campaigns = [item for item in items if item.get_closest_marker("campaign")]
         config.hook.pytest_deselected(items=campaigns)
