@@ -77,7 +77,7 @@ def plot(
     dataset : Dataset
         From `sweeps.open_sweep`.
     output : str or Path
-        The picture; its ending must be .png, .svg or .pdf.
+        The picture; its ending must be .png, .svg, .pdf or .eps.
     kind : str, optional
         One of ``KINDS``, by default the result of `default_kind`.
     at : mapping of str to float, optional

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.dataset import config_of
 from sweeps.errors import Refused
+from sweeps.plotting.postscript import described, make_opaque, without_warning
 from sweeps.plotting.style import STYLE, dots_per_inch, user_style
 from sweeps.store.replacing import check_target, writing
 from sweeps.text import listed, printable, shortened
@@ -25,9 +26,10 @@ _FIELDS = {
     "png": ("Title", "Software", "Description"),
     "svg": ("Title", "Creator", "Description"),
     "pdf": ("Title", "Creator", "Subject"),
+    "eps": ("", "Creator", ""),  # the others are comments of the file
 }
 #: Metadata that leave out the dates, so that the same picture always gives the same bytes.
-_NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+_NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}, "eps": {}}
 FORMATS = tuple(_FIELDS)
 #: A figure must have fewer pixels than this in each direction.
 _MOST_PIXELS = 2**16
@@ -84,7 +86,7 @@ def _check_settings(file: str) -> None:
 
 
 def _check_size(figure: Figure) -> None:
-    """Refuse a figure with more pixels than matplotlib can draw, also for SVG and PDF."""
+    """Refuse a figure with more pixels than matplotlib can draw, also for SVG, PDF and EPS."""
     width, height = figure.get_size_inches() * dots_per_inch()
     if max(width, height) >= _MOST_PIXELS:
         raise Refused(
@@ -103,12 +105,18 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
     kind = output.suffix.lower().lstrip(".")
     about = dict(zip(_FIELDS[kind], description, strict=False))
     image = BytesIO()  # on a full disk, matplotlib would raise errors that do not say so
-    with warnings.catch_warnings():
+    if kind == "eps":
+        make_opaque(figure)
+    with warnings.catch_warnings(), without_warning():
         # The name of a sweep may have characters that the font lacks, drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         figure.savefig(image, format=kind, metadata={**about, **_NO_DATES[kind]})
+    content = image.getvalue()
+    if kind == "eps":
+        title, _, text = description or ("", "", "")
+        content = described(content, title, text)
     with writing(output, "picture") as draft:
-        draft.write(image.getbuffer())
+        draft.write(content)
 
 
 def draw(output: Path, picture: Callable[..., Figure], *measured: object) -> None:

@@ -126,6 +126,7 @@ STYLE: dict[Any, Any] = {
     "hatch.linewidth": 0.7,
     "agg.path.chunksize": 10000,
     "pdf.fonttype": 42,
+    "ps.fonttype": 42,
     "svg.fonttype": "none",
     "svg.hashsalt": "vibroimpact",  # the same picture gives the same bytes
     "savefig.dpi": 300,
@@ -153,6 +154,6 @@ def user_style() -> dict[Any, Any]:
 
 
 def dots_per_inch() -> float:
-    """Return the resolution of a PNG, and of the pixels embedded in an SVG or a PDF."""
+    """Return the resolution of a PNG, and of the pixels embedded in an SVG, a PDF or an EPS."""
     dpi = mpl.rcParams["savefig.dpi"]
     return float(mpl.rcParams["figure.dpi"] if dpi == "figure" else dpi)

@@ -20,13 +20,13 @@ from vibroimpact.step.stability import spectral_radius
     ("arguments", "words"),
     [
         (["accuracy-speed", "absent.yaml"], ["absent.yaml", "cannot be read"]),
-        (["accuracy-speed", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf"]),
+        (["accuracy-speed", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf, .eps"]),
         (["accuracy-speed", "-o", "nowhere/a.png"], ["folder nowhere of the picture a.png does"]),
         (["accuracy-speed", "--csv", "a.txt"], ["--csv a.txt ", ".csv"]),
         (["accuracy-speed", "--csv", "nowhere/a.csv"], ["folder nowhere of the table a.csv does"]),
         (["accuracy-speed", "--threads", "0"], ["--threads 0 ", "an integer from 1 to "]),
-        (["paper", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf"]),
-        (["stability", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf"]),
+        (["paper", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf, .eps"]),
+        (["stability", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf, .eps"]),
         (["stability", "--csv", "nowhere/a.csv"], ["folder nowhere of the table a.csv does"]),
     ],
 )

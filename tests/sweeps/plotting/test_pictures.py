@@ -368,7 +368,7 @@ def test_the_attractors_are_marked_in_their_basins(files):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf", "eps"])
 def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
     output = tmp_path / f"a.{ending}"
     plotting.plot(dataset, output, "section", command="vibroimpact plot map.h5")

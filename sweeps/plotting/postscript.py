@@ -1,0 +1,83 @@
+"""EPS: pictures without transparency, which PostScript does not have, and files without a date."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.spines import Spine
+from matplotlib.text import Text
+
+#: Most characters of a line of comments, by Adobe's conventions.
+_LONGEST = 240
+
+
+def make_opaque(figure: Figure) -> None:
+    """Prepare a figure for PostScript, so that it looks as in the other formats.
+
+    In each panel, what consists of pixels and all that is below it become one image. Labels, ticks
+    and frame are drawn above it. Transparent lines get the colour that they have on white paper.
+    """
+    for panel in figure.axes:
+        _make_one_image(panel)
+    for line in figure.findobj(Line2D):
+        alpha = line.get_alpha()
+        if alpha is not None and not line.get_rasterized():
+            colour = 1.0 - alpha * (1.0 - np.array(to_rgb(line.get_color())))
+            line.set(color=tuple(colour), alpha=None)
+
+
+def _make_one_image(panel: Axes) -> None:
+    """Draw the pixels of a panel, and all that is below them, as one image."""
+    pixels = [artist for artist in panel.get_children() if artist.get_rasterized()]
+    if not pixels:
+        return
+    top = max(artist.get_zorder() for artist in pixels)
+    above: tuple[type[Artist], ...] = (Axis, Spine, Text)
+    for artist in panel.get_children():
+        if isinstance(artist, above) and artist.get_zorder() <= top:
+            artist.set_zorder(top + 0.5)
+    panel.set_rasterization_zorder(top + 0.1)
+
+
+@contextmanager
+def without_warning() -> Iterator[None]:
+    """Silence the warning of matplotlib about transparency, for which `make_opaque` has cared."""
+    log = logging.getLogger("matplotlib.backends.backend_ps")
+    log.addFilter(_is_other)
+    try:
+        yield
+    finally:
+        log.removeFilter(_is_other)
+
+
+def _is_other(record: logging.LogRecord) -> bool:
+    return "transparency" not in record.getMessage()
+
+
+def described(image: bytes, title: str, text: str) -> bytes:
+    """Return a file without its date, with a title, and with a text as comments."""
+    head, mark, body = image.partition(b"%%EndComments\n")
+    head = re.sub(rb"(?m)^%%CreationDate:.*\n", b"", head)
+    lines = [f"%%Title: {_ascii(title)}" if title else "", *map(_comment, text.splitlines())]
+    named, *comments = (line.encode("ascii") + b"\n" for line in lines)
+    return head + (named if title else b"") + mark + b"".join(comments) + body
+
+
+def _comment(line: str) -> str:
+    """Return a line of a text as a comment of PostScript."""
+    return f"% {_ascii(line)}"[:_LONGEST]
+
+
+def _ascii(text: str) -> str:
+    """Escape characters that are not printable ASCII."""
+    return "".join(one if " " <= one <= "~" else ascii(one)[1:-1] for one in text)

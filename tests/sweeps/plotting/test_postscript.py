@@ -1,0 +1,114 @@
+"""Pictures as EPS: what they look like without transparency, and what their files say."""
+
+import logging
+import re
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+
+from sweeps.plotting import Page, plot
+from sweeps.plotting.saving import save
+from tests.helpers.equal_points import equal_points
+
+BLUE = "#0072B2"
+
+
+def images(path):
+    """Return the images in an EPS file, shape (rows, columns, 3)."""
+    found = re.findall(
+        r"(\d+) (\d+) 8 \[[^\]]*\]\n\{\n.*?colorimage\n([0-9a-f\n]+)", path.read_text(), re.DOTALL
+    )
+    return [
+        np.frombuffer(bytes.fromhex(digits), np.uint8).reshape(int(rows), int(columns), 3)
+        for columns, rows, digits in found
+    ]
+
+
+def panel_with(*artists):
+    """Return a figure whose panel has a white background, and artists as `draw(panel)` adds."""
+    figure = Figure(figsize=(2.0, 2.0), dpi=100)
+    panel = figure.add_axes((0.2, 0.2, 0.7, 0.7))
+    panel.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    for draw in artists:
+        draw(panel)
+    return figure
+
+
+def transparent(panel):
+    panel.fill_between([0.0, 1.0], 0.0, 1.0, color=BLUE, alpha=0.25, rasterized=True, zorder=2)
+
+
+def black(panel):
+    panel.axhline(0.5, color="black", linewidth=5.0, zorder=1)
+
+
+def red_pixels(panel):
+    panel.fill_between([0.0, 0.1], 0.9, 1.0, color="red", rasterized=True, zorder=4)
+    panel.fill_between([0.9, 1.0], 0.0, 0.1, color="red", rasterized=True, zorder=4)
+
+
+def test_transparent_pixels_have_the_colour_that_they_have_on_paper(tmp_path):
+    save(panel_with(transparent), tmp_path / "a.eps")
+    (image,) = images(tmp_path / "a.eps")
+    middle = image[image.shape[0] // 2, image.shape[1] // 4]
+    expected = 255.0 * (0.25 * np.array(to_rgb(BLUE)) + 0.75)
+    np.testing.assert_allclose(middle, expected, atol=2.0)
+
+
+def test_pixels_hide_nothing_that_is_below_them(tmp_path):
+    """An image of PostScript has no holes: it contains what is seen between the pixels."""
+    figure = panel_with(black, transparent, red_pixels)
+    save(figure, tmp_path / "a.eps")
+    save(figure, tmp_path / "a.png")
+    (image,) = images(tmp_path / "a.eps")
+    row = image[:, image.shape[1] // 2].astype(int)
+    shown = (255.0 * imread(tmp_path / "a.png")).astype(int)
+    column = shown[:, int(0.55 * shown.shape[1]), :3]
+    assert row.sum(axis=1).min() == pytest.approx(column.sum(axis=1)[40:-60].min(), abs=6)
+    assert row.sum(axis=1).min() < 0.4 * row.sum(axis=1).max()
+
+
+def test_labels_and_ticks_stay_texts_and_lines(tmp_path):
+    def named(panel):
+        panel.text(0.5, 0.5, "label", zorder=3)
+        panel.set_xlabel("abscissa")
+
+    save(panel_with(red_pixels, named), tmp_path / "a.eps")
+    written = "".join(re.findall(r"\((.*?)\)", (tmp_path / "a.eps").read_text())) + "".join(
+        re.findall(r"/(\w) glyphshow", (tmp_path / "a.eps").read_text())
+    )
+    for text in ("label", "abscissa"):
+        assert text in written
+
+
+def test_transparent_lines_are_lighter_and_matplotlib_warns_of_nothing(tmp_path, caplog):
+    def faint(panel):
+        panel.plot([0.0, 1.0], [0.0, 1.0], color="black", alpha=0.4)
+
+    with caplog.at_level(logging.WARNING):
+        save(panel_with(faint), tmp_path / "a.eps")
+    assert not caplog.records
+    assert re.search(r"^0\.6 setgray", (tmp_path / "a.eps").read_text(), re.MULTILINE)
+
+
+def test_the_file_has_a_title_and_its_source_and_no_date(tmp_path, monkeypatch):
+    """The same picture gives the same bytes at any time: `time.ctime` is not in it."""
+    dataset = equal_points()
+    dataset.attrs["configuration"] = dataset.attrs["configuration"].model_copy(
+        update={"name": "größe"}
+    )
+    files = [tmp_path / f"{number}.eps" for number in range(2)]
+    for number, path in enumerate(files):
+        monkeypatch.setattr("time.ctime", lambda number=number: f"at {number}")
+        plot(dataset, path, "map", page=Page(dpi=50), command="vibroimpact plot map.h5")
+    one, other = (path.read_bytes() for path in files)
+    assert one == other and b"CreationDate" not in one
+    lines = one.decode("ascii").splitlines()
+    assert lines[0] == "%!PS-Adobe-3.0 EPSF-3.0" and max(map(len, lines)) <= 255
+    assert r"%%Title: gr\xf6\xdfe" in lines[: lines.index("%%EndComments")]
+    assert "% command: vibroimpact plot map.h5" in lines
+    assert any(line.startswith("% oscillator: {h: 0.1") for line in lines)
+    assert {line.split()[1] for line in lines if "/FontType" in line} == {"42"}
