@@ -1,46 +1,27 @@
-"""The exact curves of flips, folds and grazes over a map: the borders of its tongues.
-
-From the middle of each large region of a class its orbit is followed along both axes until it
-flips, folds or grazes, and these bifurcations are followed in both parameters
-(`vibroimpact.orbits.curves`). Then every change between two periodic classes is a seed: the orbit
-on one side is followed to the other side. Beside a flip motions settle slowly, so a few cells
-without a class may lie between the two. A change counts as explained if a curve of one of its
-classes passes within one cell of it. For every other change a reason is given.
-"""
+"""The exact curves of flips, folds and grazes over a map: the borders of its tongues."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
-from contextlib import suppress
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.curve_search import CurveSearch
 from sweeps.analysis.cuts import Selection, chosen_axes, select
 from sweeps.analysis.dataset import check_diagnostic, config_of
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import check_axis, with_special_points
-from sweeps.analysis.map_cells import changes, middles_of_regions, steps_between
-from sweeps.analysis.motions import motions_of, orbit_of
+from sweeps.analysis.motions import motions_of
 from sweeps.analysis.rig import on_axis, orbits_on_axes
 from sweeps.config.rig import model_name
 from sweeps.errors import Refused
 from sweeps.text import choice_of, listed, nearest, shown_count, suggestion
-from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
+from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.continuation import lost_text
-from vibroimpact.orbits.curves import KINDS, bifurcation_curve
-from vibroimpact.orbits.periodic import OrbitError
+from vibroimpact.orbits.curves import KINDS
 
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
-
-#: Most curves that are followed.
-MOST_CURVES = 400
-#: Distances in cells: how far beyond a change its bifurcation is sought, and how near to a curve of
-#: its kind a bifurcation counts as on the curve.
-_CELLS, _ON = 0.5, 0.2
 #: Most pairs of classes that are named with a reason.
 _EXAMPLES = 3
 
@@ -114,8 +95,30 @@ def curves(
         check_axis(axis, dataset[axis].values, "the map")
     check_diagnostic(dataset, "period")
     cut = select(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
-    names = model_name(across), model_name(up)
-    return orbits_on_axes(dataset, _Search(cut, names, classes, kinds or KINDS).run(report))
+    names, phase = [model_name(across), model_name(up)], config_of(cut).record.phase
+    values = [cut[name].values for name in names]
+    search = CurveSearch(motions_of(cut), names, values, phase, classes, kinds or KINDS)
+    reasons = search.run(report)
+    found = _as_dataset(search.curves, names)
+    of_pairs: dict[str, Counter[str]] = {}
+    for i in np.flatnonzero(search.counted & ~search.explained).tolist():
+        pair = " and ".join(f"{m}/{q}" for m, q in search.names[i])
+        of_pairs.setdefault(reasons[i], Counter())[pair] += 1
+    counts = int(search.counted.sum()), int((search.counted & search.explained).sum())
+    found.attrs |= dict(zip(("changes", "explained"), counts, strict=True))
+    found.attrs["summary"] = summary(cut, search.curves, classes, *counts, of_pairs)
+    return orbits_on_axes(dataset, found)
+
+
+def _as_dataset(found: Sequence[Branch], axes: Sequence[str]) -> xr.Dataset:
+    """Collect curves as the Dataset that `curves` returns."""
+    rows = with_special_points(found, "curve", "special", axes)
+    number = rows["curve"].values
+    return rows.assign(
+        kind=("point", np.array([curve.kind for curve in found], "U11")[number]),
+        m=("point", np.array([curve.m for curve in found], int)[number]),
+        q=("point", np.array([curve.q for curve in found], int)[number]),
+    )
 
 
 def summary(
@@ -168,201 +171,3 @@ def map_axes(
     if not axes and dataset.sizes[chosen[0]] == dataset.sizes[chosen[1]]:
         chosen.reverse()
     return chosen
-
-
-def separated(kind: str, m: int, q: int) -> set[tuple[int, int]]:
-    """Return the classes beside a curve of a kind and of a class m/q."""
-    if kind == "flip":
-        return {(m, q), (2 * m, 2 * q)}
-    if kind == "graze":
-        return {(m, q), (1, 0) if q == 1 else (m, q - 1)}
-    return {(m, q)}
-
-
-class _UnaskedError(OrbitError):
-    """There is a bifurcation, of a class or kind that was not asked for."""
-
-
-class _Search:
-    """The search for the curves of one map."""
-
-    def __init__(
-        self,
-        cut: xr.Dataset,
-        axes: tuple[str, str],
-        chosen: Collection[tuple[int, int]],
-        kinds: Collection[str],
-    ) -> None:
-        self._cut, self._axes, self._chosen, self._kinds = cut, axes, chosen, kinds
-        self._values = [cut[axis].values for axis in axes]
-        self._motions, self._phase = motions_of(cut), config_of(cut).record.phase
-        self._classes = np.stack([self._motions["m"], self._motions["q"]], axis=2)
-        self._cells = changes(self._classes, self._motions["regime"])
-        sides = (self._classes[i, j].tolist() for i, j in self._cells.transpose(1, 2, 0))
-        self._names = [tuple(sorted(map(tuple, pair))) for pair in zip(*sides, strict=True)]
-        self._explained = np.zeros(len(self._cells), bool)
-        self._lines: list[tuple[Branch, cKDTree]] = []
-        of_chosen = [any(mq in chosen for mq in pair) or not chosen for pair in self._names]
-        #: The changes that are counted, and from which curves are sought.
-        self._counted = np.array(of_chosen, bool)
-
-    def _is_asked(self, kind: str, mq: tuple[int, int]) -> bool:
-        """Whether a curve of a kind and of a class is asked for."""
-        return kind in self._kinds and (not self._chosen or mq in self._chosen)
-
-    def _may_border(self, mq: tuple[int, int]) -> bool:
-        """Whether a curve that is asked for may border a region of a class."""
-        return any(
-            not self._chosen or any(mq in separated(kind, *own) for own in self._chosen)
-            for kind in self._kinds
-        )
-
-    def run(self, report: Callable[[float], object]) -> xr.Dataset:
-        """Search from the large tongues, and then from every change that no curve explains yet."""
-        for cell, axis in middles_of_regions(self._classes):
-            if not self._may_border(tuple(self._classes[*cell].tolist())):
-                continue
-            report(self._share(()))
-            for point in self._borders(cell, axis):
-                if not self._is_on_curve(point, axis, cell):
-                    with suppress(OrbitError):  # the search from its changes reports the reason
-                        self._follow(point)
-        reasons: dict[int, str] = {}
-        while (chosen := self._next(reasons)) is not None:
-            report(self._share(reasons))
-            try:
-                self._follow(self._bifurcation(self._cells[chosen]))
-                reasons[chosen] = "the curve found there is of other classes"
-            except _UnaskedError as error:
-                pair = self._names[chosen]  # its other changes are likely to be of the same kind
-                reasons |= {i: str(error) for i, name in enumerate(self._names) if name == pair}
-            except OrbitError as error:
-                reasons[chosen] = str(error)
-        return self._as_dataset(reasons)
-
-    def _share(self, reasons: Collection[int]) -> float:
-        """Return the share of the counted changes that have a curve or a reason."""
-        explained = int((self._counted & self._explained).sum())
-        return (explained + len(reasons)) / max(1, int(self._counted.sum()))
-
-    def _as_dataset(self, reasons: Mapping[int, str]) -> xr.Dataset:
-        """Collect the chosen curves, and the counts of their changes, as `curves` returns them."""
-        found, shown = [curve for curve, _ in self._lines], self._counted
-        counted: dict[str, Counter[str]] = {}
-        for i in np.flatnonzero(shown & ~self._explained).tolist():
-            pair = " and ".join(f"{m}/{q}" for m, q in self._names[i])
-            counted.setdefault(reasons[i], Counter())[pair] += 1
-        rows = with_special_points(found, "curve", "special", self._axes)
-        number = rows["curve"].values
-        total, explained = int(shown.sum()), int((shown & self._explained).sum())
-        about = {
-            "changes": total,
-            "explained": explained,
-            "summary": summary(self._cut, found, self._chosen, total, explained, counted),
-        }
-        return rows.assign(
-            kind=("point", np.array([curve.kind for curve in found], "U11")[number]),
-            m=("point", np.array([curve.m for curve in found], int)[number]),
-            q=("point", np.array([curve.q for curve in found], int)[number]),
-        ).assign_attrs(about)
-
-    def _borders(self, cell: np.ndarray, axis: int) -> Iterator[SpecialPoint]:
-        """Yield the nearest bifurcations on both sides of a cell, on the branch of its orbit."""
-        values = self._values[axis]
-        try:
-            special = self._branch(cell, axis, values[0], values[-1]).special
-        except OrbitError:
-            return
-        away = [(point.value - values[cell[axis]], point) for point in special]
-        for side in (-1.0, 1.0):
-            beyond = [pair for pair in away if side * pair[0] > 0.0]
-            _, point = min(beyond, key=lambda pair: abs(pair[0]), default=(0.0, None))
-            if point is not None and self._is_asked(point.kind, (point.orbit.m, point.orbit.q)):
-                yield point
-
-    def _is_on_curve(self, point: SpecialPoint, axis: int, cell: np.ndarray) -> bool:
-        """Whether a bifurcation on the line through a cell lies on a curve found before."""
-        at = cell.astype(float)
-        at[axis] = np.interp(point.value, self._values[axis], np.arange(len(self._values[axis])))
-        return any(
-            (curve.kind, curve.m, curve.q) == (point.kind, point.orbit.m, point.orbit.q)
-            and line.query(at, p=np.inf)[0] < _ON
-            for curve, line in self._lines
-        )
-
-    def _next(self, reasons: Container[int]) -> int | None:
-        """Return the next change to search from, the middle one of the most frequent pair.
-
-        Only changes without a curve and without a reason count; None if there is none.
-        """
-        groups: dict[tuple[tuple[int, int], ...], list[int]] = {}
-        for i in np.flatnonzero(self._counted & ~self._explained).tolist():
-            if i not in reasons:
-                groups.setdefault(self._names[i], []).append(i)
-        if not groups:
-            return None
-        most = max(groups.values(), key=len)
-        return most[len(most) // 2]
-
-    def _branch(self, cell: np.ndarray, axis: int, low: float, high: float) -> Branch:
-        """Follow the orbit of a cell; raise OrbitError if none of its class is found."""
-        orbit = orbit_of(self._motions[*cell], self._phase)
-        return branch(orbit, self._axes[axis], float(low), float(high))
-
-    def _bifurcation(self, cells: np.ndarray) -> SpecialPoint:
-        """Return the bifurcation at a change, sought from both sides; OrbitError has the reason."""
-        axis = int(np.flatnonzero(cells[0] != cells[1])[0])
-        values = self._values[axis]
-        ends = values[cells[:, axis]]
-        beyond = cells[:, axis] + np.array([-_CELLS, _CELLS])
-        low, high = np.interp(beyond, np.arange(len(values)), values)
-        points: list[SpecialPoint] = []
-        reason = "both motions are stable on both sides, and the start decides"
-        for cell in cells:
-            try:
-                points += self._branch(cell, axis, low, high).special
-            except OrbitError as error:
-                reason = str(error)
-        bifurcations = [point for point in points if point.kind in KINDS]
-        asked = [p for p in bifurcations if self._is_asked(p.kind, (p.orbit.m, p.orbit.q))]
-        if asked:
-            middle = 0.5 * (ends[0] + ends[1])
-            return min(asked, key=lambda point: abs(point.value - middle))
-        if bifurcations:
-            raise _UnaskedError("the curve there is of a class or kind that was not asked for")
-        ends_so = [point.kind for point in points if point.kind != "edge"]
-        raise OrbitError(f"a branch ends there: {ends_so[0]}" if ends_so else reason)
-
-    def _follow(self, point: SpecialPoint) -> None:
-        """Follow a bifurcation in both parameters, and mark the changes that its curve explains.
-
-        Raises OrbitError if it cannot be followed.
-        """
-        if len(self._lines) >= MOST_CURVES:
-            raise OrbitError(f"curves beyond the first {MOST_CURVES} are not followed")
-        first, second = (
-            (axis, float(values[0]), float(values[-1]))
-            for axis, values in zip(self._axes, self._values, strict=True)
-        )
-        curve = bifurcation_curve(point.orbit, point.kind, first, second)
-        line = self._line(curve)
-        self._lines.append((curve, line))
-        beside = separated(curve.kind, curve.m, curve.q)
-        separated_rows = np.array([not beside.isdisjoint(pair) for pair in self._names], bool)
-        rows = np.flatnonzero(separated_rows & ~self._explained)
-        owners, middles = steps_between(self._cells[rows])
-        distances, _ = line.query(middles, p=np.inf)
-        self._explained[rows[owners[distances <= 1.0]]] = True
-
-    def _line(self, curve: Branch) -> cKDTree:
-        """Return points along a curve, at most a quarter of a cell apart, in units of cells."""
-        from scipy.spatial import cKDTree
-
-        columns = zip(curve.values.T, self._values, strict=True)
-        line = np.stack(
-            [np.interp(column, values, np.arange(len(values))) for column, values in columns], 1
-        )
-        steps = np.ceil(4.0 * np.abs(np.diff(line, axis=0)).max(axis=1, initial=0.0)).astype(int)
-        along = np.concatenate([[0], np.cumsum(np.maximum(steps, 1))])
-        points = np.arange(along[-1] + 1)
-        return cKDTree(np.stack([np.interp(points, along, column) for column in line.T], axis=1))

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from sweeps import curves, load_config, open_sweep
-from sweeps.analysis import exact_curves
+from sweeps.analysis import curve_search, exact_curves
 from sweeps.analysis.map_cells import middles_of_regions
 from sweeps.errors import Refused
 from sweeps.plotting import parameter_map
@@ -71,7 +71,7 @@ def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
 
 def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(path, monkeypatch):
     """As beside a flip, where motions settle slowly."""
-    monkeypatch.setattr(exact_curves, "middles_of_regions", lambda _: iter(()))
+    monkeypatch.setattr(curve_search, "middles_of_regions", lambda _: iter(()))
     with open_sweep(path) as dataset:
         period = dataset["period"].copy()
         for axis in ("omega", "R"):
@@ -101,14 +101,14 @@ def test_chosen_classes_have_all_their_curves(path):
 @pytest.mark.slow
 def test_only_the_curves_that_are_asked_for_are_followed(path, monkeypatch):
     """And the changes beside other curves have that as their reason."""
-    followed, follow = [], exact_curves.bifurcation_curve
+    followed, follow = [], curve_search.bifurcation_curve
 
     def counted(orbit, kind, *ranges):
         curve = follow(orbit, kind, *ranges)
         followed.append((curve.kind, curve.m, curve.q))
         return curve
 
-    monkeypatch.setattr(exact_curves, "bifurcation_curve", counted)
+    monkeypatch.setattr(curve_search, "bifurcation_curve", counted)
     with open_sweep(path) as dataset:
         curves(dataset)
         every, followed[:] = list(followed), []
@@ -165,7 +165,7 @@ def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
     def refuse(*_):
         raise OrbitError("the flip does not go on")
 
-    monkeypatch.setattr(exact_curves, "bifurcation_curve", refuse)
+    monkeypatch.setattr(curve_search, "bifurcation_curve", refuse)
     with open_sweep(path) as dataset:
         found = curves(dataset)
     assert found.sizes["point"] == found.attrs["explained"] == 0 < found.attrs["changes"]
