@@ -17,6 +17,7 @@ from tests.helpers.commands import accepted, refused
 from tests.helpers.sweep_files import run_in
 from vibroimpact.orbits.branches import Branch, SpecialPoint
 from vibroimpact.orbits.continuation import MOST_POINTS
+from vibroimpact.orbits.one_impact import one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.oscillator import Oscillator
@@ -117,6 +118,26 @@ def test_only_the_curves_that_are_asked_for_are_followed(path, monkeypatch):
     assert set(followed) == {("flip", 2, 2)} and len(followed) == every.count(("flip", 2, 2))
     assert 0 < found.attrs["explained"] < found.attrs["changes"]
     assert "the curve there is of a class or kind that was not asked for" in found.attrs["summary"]
+
+
+@pytest.mark.slow
+def test_a_motion_ends_at_the_fold_of_its_orbit_not_at_the_graze_beyond(tmp_path):
+    """The unstable orbit beyond the fold grazes at a value before it, between it and the motion.
+
+    On the fold two orbits in closed form begin; from rest, motions reach 1/1 up to the graze only.
+    """
+    oscillator = "{h: 0.05, R: 0.7, clearance: 0.5, omega: {start: 1.18, stop: 1.22, num: 4}, "
+    force = "f: {start: 0.05, stop: 0.5, num: 12}}"
+    record = "record={transient: 200, periods: 8, diagnostics: [period]}"
+    with open_sweep(run_in(tmp_path, f"oscillator: {oscillator}{force}", record)) as dataset:
+        found = curves(dataset, kinds=["fold"])
+    assert set(found["kind"].values) == {"fold"} and set(found["m"].values) == {1}
+    for omega, f in zip(found["omega"].values, found["f"].values, strict=True):
+        sides = [
+            one_impact_orbits(Oscillator(h=0.05, R=0.7, omega=omega, f=f * share, clearance=0.5))
+            for share in (1.0 - 1e-9, 1.0 + 1e-9)
+        ]
+        assert [len(orbits) for orbits in sides] == [0, 2]
 
 
 def test_every_large_region_of_a_class_has_a_start():
