@@ -22,7 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import jit
-from vibroimpact.orbits.flights import residuals, time_steps
+from vibroimpact.orbits.arrays import filled, pairs, zero_rows
+from vibroimpact.orbits.flights import parameters, residuals, time_steps
 from vibroimpact.orbits.linear import (
     Equations,
     characteristic,
@@ -30,6 +31,7 @@ from vibroimpact.orbits.linear import (
     solve,
 )
 from vibroimpact.orbits.unknowns import free_at, inner, moved, phase_at, speed_at
+from vibroimpact.step.elementary import larger, smaller
 
 # Conditions of ``System``.
 NONE, FLIP, FOLD, GRAZE = range(4)
@@ -77,7 +79,7 @@ def parameters_at(system, X):
 def linearised(system, X):
     """Return F, A and B of the flights at a vector of unknowns (``flights.residuals``)."""
     values = parameters_at(system, X)
-    system.work[0] += time_steps(values, system.m, system.q)
+    system.work[0] += time_steps(parameters(values), system.m, system.q)
     return residuals(values, system.m, system.speed, X, system.q)
 
 
@@ -85,7 +87,7 @@ def linearised(system, X):
 def _largest(F):
     size = 0.0
     for i in range(F.shape[0]):
-        size = max(size, abs(F[i, 0]), abs(F[i, 1]))
+        size = larger(larger(size, abs(F[i, 0])), abs(F[i, 1]))
     return size
 
 
@@ -93,12 +95,12 @@ def _largest(F):
 def _parameter_slopes(system, X):
     """Return the derivatives of the residuals with respect to the free parameters, (q, 2, k)."""
     q, values = system.q, parameters_at(system, X)
-    D = np.empty((q, 2, system.free.size))
-    system.work[0] += 2 * system.free.size * time_steps(values, system.m, q)
+    D = pairs(q, system.free.size)
+    system.work[0] += 2 * system.free.size * time_steps(parameters(values), system.m, q)
     for j in range(system.free.size):
         at, span = system.free[j], system.spans[j]
         value = values[at]
-        step = FLIGHT_DIFFERENCE * max(abs(value), 0.1 * span)
+        step = FLIGHT_DIFFERENCE * larger(abs(value), 0.1 * span)
         values[at] = value + step
         above, _, _ = residuals(values, system.m, system.speed, X, q)
         values[at] = value - step
@@ -122,7 +124,7 @@ def _newton_step(system, X, origin, planes, P, N):
     if not size < math.inf:
         return math.inf
     block = 2 + system.free.size
-    right = np.zeros(block * (q - 1) + 2 + planes.shape[0])
+    right = filled(block * (q - 1) + 2 + planes.shape[0], 0.0)
     for i in range(q):
         right[block * i], right[block * i + 1] = -F[i, 0], -F[i, 1]
     for i in range(planes.shape[0]):
@@ -149,9 +151,9 @@ def difference(system, X):
     """Return the step for the difference of a condition."""
     step = _DIFFERENCE
     for i in range(system.q):
-        step = max(step, _DIFFERENCE * abs(X[speed_at(i)]))
+        step = larger(step, _DIFFERENCE * abs(X[speed_at(i)]))
     for i in range(free_at(system.q, 0), X.size):
-        step = max(step, min(_DIFFERENCE_SHARE * abs(X[i]), FLIGHT_DIFFERENCE))
+        step = larger(step, smaller(_DIFFERENCE_SHARE * abs(X[i]), FLIGHT_DIFFERENCE))
     return step
 
 
@@ -162,14 +164,14 @@ def _gradient(system, X, along):
         return along[speed_at(system.graze)]
     q, fastest = system.q, 0.0
     for i in range(q):  # no unknown moves by more than this share of its size
-        fastest = max(fastest, abs(along[phase_at(i)]))
-        fastest = max(fastest, abs(along[speed_at(i)]) / max(abs(X[speed_at(i)]), 1.0))
+        fastest = larger(fastest, abs(along[phase_at(i)]))
+        fastest = larger(fastest, abs(along[speed_at(i)]) / larger(abs(X[speed_at(i)]), 1.0))
     for i in range(free_at(q, 0), X.size):
-        fastest = max(fastest, abs(along[i]) / max(abs(X[i]), 0.1))
+        fastest = larger(fastest, abs(along[i]) / larger(abs(X[i]), 0.1))
     step = FLIGHT_DIFFERENCE / fastest
     _, above, above_B = linearised(system, moved(X, step, along))
     _, A, B = linearised(system, moved(X, -step, along))
-    dA, dB = np.empty(A.shape), np.empty(B.shape)
+    dA, dB = pairs(q, 2), pairs(q, 2)
     for i in range(q):
         for j in range(2):
             for k in range(2):
@@ -184,8 +186,8 @@ def _gradient(system, X, along):
 @jit
 def tangent(system, X, P):
     """Set P to the direction of a branch (k = 1) or a curve (k = 2); P[0] is NaN if it has none."""
-    k, N = system.free.size, np.empty((system.free.size, X.size))
-    if not _newton_step(system, X, X, np.empty((0, X.size)), P, N) < math.inf:
+    k, N = system.free.size, zero_rows(system.free.size, X.size)
+    if not _newton_step(system, X, X, zero_rows(0, X.size), P, N) < math.inf:
         P[0] = math.nan
     elif k == 1:
         for i in range(X.size):
@@ -229,10 +231,11 @@ def correct(system, X, planes, most):
     planes, the condition of the system is the last equation. There are at most `most` iterations.
     """
     k, q = system.free.size, system.q
-    origin, P, N = X.copy(), np.empty(X.size), np.empty((k - planes.shape[0], X.size))
+    origin, P = moved(X, 0.0, X), filled(X.size, 0.0)
+    N = zero_rows(k - planes.shape[0], X.size)
     before, rounding = math.inf, 0.0
     for i in range(free_at(q, 0), X.size):
-        rounding = max(rounding, _ROUNDED * abs(X[i]))
+        rounding = larger(rounding, _ROUNDED * abs(X[i]))
     for _ in range(most):
         size = _newton_step(system, X, origin, planes, P, N)
         if not size < math.inf:
@@ -248,7 +251,7 @@ def correct(system, X, planes, most):
             share = _decreasing(system, X, P, share, size)
         for i in range(X.size):
             X[i] += share * P[i]
-        converged = length < max(_CONVERGED, rounding) or (
+        converged = length < larger(_CONVERGED, rounding) or (
             length < _STALLED and length > 0.5 * before
         )
         if share == 1.0 and converged:

@@ -26,9 +26,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from vibroimpact.jit import jit
+from vibroimpact.orbits.arrays import filled
 from vibroimpact.orbits.corrector import (
     FLIGHT_DIFFERENCE,
     FOLD,
@@ -48,6 +47,7 @@ from vibroimpact.orbits.flights import (
 )
 from vibroimpact.orbits.linear import characteristic
 from vibroimpact.orbits.unknowns import free_at, inner, moved, phase_at, speed_at
+from vibroimpact.step.elementary import larger, smaller
 from vibroimpact.step.series import TERMS, first_crossing
 
 #: Values of test functions below this are rounding.
@@ -135,7 +135,8 @@ def _may_have_more_roots(a, slope_a, b, slope_b):
     first, second = sign * (4.0 * a + 2.0 * slope_a - b), sign * (4.0 * b - 2.0 * slope_b - a)
     if sign * b > 0.0 or not abs(b) > ROUNDING:
         return first < 0.0 or second < 0.0
-    return min(first, sign * (2.0 * a + b)) < 0.0 and max(second, sign * (2.0 * b + a)) > 0.0
+    least, greatest = smaller(first, sign * (2.0 * a + b)), larger(second, sign * (2.0 * b + a))
+    return least < 0.0 and greatest > 0.0
 
 
 @jit
@@ -154,7 +155,7 @@ def _oscillates_far(system, X, Y):
 @jit
 def _flights(system, X, tangent, i, n, zeros):
     """Return the polynomials of a flight and their slopes along the tangent."""
-    step = max(FLIGHT_DIFFERENCE, difference(system, X))
+    step = larger(FLIGHT_DIFFERENCE, difference(system, X))
     above, below = moved(X, step, tangent), moved(X, -step, tangent)
     m, speed, q = system.m, system.speed, system.q
     pt = parameters(parameters_at(system, X))
@@ -180,13 +181,15 @@ def _may_meet(c, here, slopes, there, k, length):
 @jit
 def _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
     """Whether a flight may meet the stop within a step from X to Y."""
-    m, q, c = system.m, system.q, np.empty(TERMS)
+    m, q, c = system.m, system.q, filled(TERMS, 0.0)
     pt, pt_Y = parameters(parameters_at(system, X)), parameters(parameters_at(system, Y))
     for i in range(q):
         # The flights of a difference must have the same number of steps.
-        n = 1 + max(steps_of(pt, m, X, q, i), steps_of(pt_Y, m, Y, q, i))
-        zeros, zeros_Y = zeros_of(pt.R, X, q, i), zeros_of(pt_Y.R, Y, q, i)
-        zeros = min(zeros[0], zeros_Y[0]), min(zeros[1], zeros_Y[1])
+        n, n_Y = 1 + steps_of(pt, m, X, q, i), 1 + steps_of(pt_Y, m, Y, q, i)
+        n = n if n > n_Y else n_Y
+        first, last = zeros_of(pt.R, X, q, i)
+        first_Y, last_Y = zeros_of(pt_Y.R, Y, q, i)
+        zeros = first if first < first_Y else first_Y, last if last < last_Y else last_Y
         a, a_slope = _flights(system, X, tangent, i, n, zeros)
         b, b_slope = _flights(system, Y, tangent_Y, i, n, zeros)
         for k in range(n):
@@ -206,8 +209,9 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
         a, b = tangent[j], tangent_Y[j] / cosine
         c = 3.0 * (Y[j] - X[j]) / length - a - b
         together, size = together + a * b, size + a * a
-        middle, bend = middle + a * c, bend + (c - 0.5 * (a + b)) ** 2
-    return size > HEADING**2 and together > 0.0 and middle < math.sqrt(size * bend)
+        off = c - 0.5 * (a + b)
+        middle, bend = middle + a * c, bend + off * off
+    return size > HEADING * HEADING and together > 0.0 and middle < math.sqrt(size * bend)
 
 
 @jit

@@ -31,11 +31,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.destination.free_motion import steady_response
-from vibroimpact.jit import jit, specialised
+from vibroimpact.jit import inlined, jit
+from vibroimpact.orbits.arrays import filled, pairs, zero_rows
 from vibroimpact.orbits.unknowns import phase_at, speed_at
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.step.elementary import sin_cos
+from vibroimpact.step.elementary import larger, sin_cos
 from vibroimpact.step.integrators import Parameters
 from vibroimpact.step.propagator import Coefficients, coefficients_of, impulse
 from vibroimpact.step.series import (
@@ -74,23 +74,15 @@ def values_of(osc: Oscillator) -> np.ndarray:
 
 
 @jit
-def amplitude(values):
-    """Return A of the steady motion without impacts, x = Im A exp(i omega t); inf at resonance."""
-    pt = parameters(values)
-    return complex(steady_response(pt, 1.0, 0.0)[0], steady_response(pt, 0.0, 1.0)[0])
-
-
-@jit
-def time_steps(values, m, q):
+def time_steps(pt, m, q):
     """Return the approximate number of time steps that the flights of a repetition take."""
-    pt = parameters(values)
     return abs(m * 2.0 * math.pi * ((2.0 * pt.h + pt.p) / pt.omega + 1.0) / LONGEST_STEP) + q
 
 
 @jit
 def _divide(tau, pt, least):
     """Divide a flight into time steps, at least `least`."""
-    n = max(float(least), math.ceil((2.0 * pt.h + pt.p + pt.omega) * tau / LONGEST_STEP))
+    n = larger(float(least), math.ceil((2.0 * pt.h + pt.p + pt.omega) * tau / LONGEST_STEP))
     T = tau / n
     return TimeSteps(int(n), T, pt.omega * T, coefficients_of(pt))
 
@@ -118,7 +110,7 @@ def _land(flight, theta, v, pt, coefficients, M):
     return y, u
 
 
-@specialised
+@inlined
 def phase_of_landing(m, X, q, i):
     """Return the phase at the end of flight i."""
     return X[phase_at(0)] + 2.0 * math.pi * m if i + 1 == q else X[phase_at(i + 1)]
@@ -135,16 +127,19 @@ def residuals(values, m, speed, X, q):
     impact after it.
     """
     pt = parameters(values)
-    F, A, B = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2))
-    coefficients, M = np.empty(TERMS), np.empty((2, 2))
+    F, A, B = zero_rows(q, 2), pairs(q, 2), pairs(q, 2)
+    coefficients, M = filled(TERMS, 0.0), zero_rows(2, 2)
     length = speed / pt.omega
-    if not time_steps(values, m, 0) <= MOST_ORBIT_STEPS:
-        F[:], A[:], B[:] = math.inf, math.nan, math.nan
-        return F, A, B
+    in_order = time_steps(pt, m, 0) <= MOST_ORBIT_STEPS
     for i in range(q):
-        if not X[phase_at(i)] < phase_of_landing(m, X, q, i):
-            F[:] = math.inf
-            return F, A, B
+        in_order = in_order and X[phase_at(i)] < phase_of_landing(m, X, q, i)
+    if not in_order:
+        for i in range(q):
+            for row in range(2):
+                F[i, row] = math.inf
+                for j in range(2):
+                    A[i, row, j] = B[i, row, j] = math.nan
+        return F, A, B
     for i in range(q):
         theta, v = X[phase_at(i)], X[speed_at(i)] * speed
         end, arrival = phase_of_landing(m, X, q, i), X[speed_at((i + 1) % q)]
@@ -205,7 +200,7 @@ def polynomials(pt, m, speed, X, q, i, n, zeros):
     """
     theta = X[phase_at(i)]
     flight = _divide((phase_of_landing(m, X, q, i) - theta) / pt.omega, pt, n)
-    C, rounding = np.empty((flight.n, TERMS)), np.zeros(flight.n)
+    C, rounding = zero_rows(flight.n, TERMS), filled(flight.n, 0.0)
     y, u = 0.0, -pt.R * X[speed_at(i)] * speed
     for k in range(flight.n):
         y, u = _advance(flight, theta + pt.omega * flight.T * k, y, u, pt, C[k])
@@ -224,7 +219,7 @@ def is_below(c):
     for j in range(TERMS):
         end += c[j]
         bend += j * (j - 1) * abs(c[j])
-    return max(c[0], end) + 0.125 * bend < 0.0
+    return larger(c[0], end) + 0.125 * bend < 0.0
 
 
 @jit
@@ -248,7 +243,7 @@ def first_penetration(values, m, speed, X, q):
             if is_below(C[k]):
                 continue
             crossing, maximum = first_crossing(C[k], 0, 1.0)
-            highest = max(highest, maximum)
+            highest = larger(highest, maximum)
             if crossing >= 0.0:
                 length = phase_of_landing(m, X, q, i) - X[phase_at(i)]
                 return i, X[phase_at(i)] + length * (k + crossing) / n, highest
@@ -263,6 +258,6 @@ def state_after(values, theta, v, tau):
         y, u = 0.0, -pt.R * v
     else:
         flight = _divide(tau, pt, 1)
-        y, u = _land(flight, theta, v, pt, np.empty(TERMS), np.empty((2, 2)))
+        y, u = _land(flight, theta, v, pt, filled(TERMS, 0.0), zero_rows(2, 2))
     s = sin_cos(theta + pt.omega * tau)[0]
     return y, u, -2.0 * pt.h * u - pt.p * pt.p * (y + pt.clearance) - pt.f * s

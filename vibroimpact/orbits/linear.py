@@ -30,10 +30,12 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import jit
+from vibroimpact.orbits.arrays import filled, pairs, zero_rows
 from vibroimpact.orbits.unknowns import free_at, phase_at, speed_at
 
-#: Equations count as dependent if only this share of a row is orthogonal to the rows before it.
-_INDEPENDENT = 1e-14
+#: Equations count as dependent if only the root of this share of a row is orthogonal to the rows
+#: before it.
+_INDEPENDENT = 1e-14**2
 
 
 class Equations(NamedTuple):
@@ -79,7 +81,8 @@ def _set_row(equations, row, w):
 def _reflect(V, row, block, w):
     """Apply the Householder reflection I - v v^T to a vector, in place."""
     start, product = row - row % block, 0.0
-    stop = min(start + V.shape[1], w.size)
+    stop = start + V.shape[1]
+    stop = stop if stop < w.size else w.size
     for j in range(start, stop):
         product += V[row, j - start] * w[j]
     for j in range(start, stop):
@@ -105,10 +108,10 @@ def _factorise(equations, V, diagonal, w, y):
         for j in range(first, row):
             left -= w[j] * y[j]
             before += w[j] * w[j]
-        stop = min(block * (i + 2), w.size)
+        stop = block * (i + 2) if i + 2 < q else w.size
         for j in range(row, stop):
             rest += w[j] * w[j]
-        if not rest > _INDEPENDENT**2 * (before + rest):
+        if not rest > _INDEPENDENT * (before + rest):
             return False
         diagonal[row] = -math.copysign(math.sqrt(rest), w[row])
         y[row] = left / diagonal[row]
@@ -123,8 +126,8 @@ def _factorise(equations, V, diagonal, w, y):
 def solve(equations, P, N):
     """Find the shortest solution P and an orthonormal basis N; False if equations are dependent."""
     q, block, rows = equations.A.shape[0], 2 + equations.D.shape[2], equations.right.size
-    V, w, y = np.zeros((rows, 2 * block)), np.empty(q * block), np.zeros(q * block)
-    independent = _factorise(equations, V, np.empty(rows), w, y)
+    V, w, y = zero_rows(rows, 2 * block), filled(q * block, 0.0), filled(q * block, 0.0)
+    independent = _factorise(equations, V, filled(rows, 0.0), w, y)
     for number in range(-1, N.shape[0]):
         vector = P if number < 0 else N[number]
         for j in range(w.size):
@@ -144,13 +147,13 @@ def solve(equations, P, N):
 def _without_last(A, B):
     """Return the equations of all flights but the last."""
     q = A.shape[0]
-    return Equations(A, B, np.empty((q, 2, 0)), np.empty((0, 2 * q)), np.zeros(2 * q - 2))
+    return Equations(A, B, pairs(q, 0), zero_rows(0, 2 * q), filled(2 * q - 2, 0.0))
 
 
 @jit
 def characteristic(A, B):
     """Return c0, c1, c2 of det J(mu), divided by the volume of all flights but the last."""
-    return characteristic_and_slopes(A, B, np.zeros(A.shape), np.zeros(B.shape))[0]
+    return characteristic_and_slopes(A, B, A, B)[0]  # they do not depend on the derivatives
 
 
 @jit
@@ -167,9 +170,9 @@ def characteristic_and_slopes(A, B, dA, dB):
     dA and dB are the derivatives of A and B.
     """
     q, c0, s0, c2, s2 = A.shape[0], 1.0, 0.0, 1.0, 0.0
-    V, diagonal = np.zeros((2 * q - 2, 4)), np.ones(2 * q)
-    _factorise(_without_last(A, B), V, diagonal, np.empty(2 * q), np.empty(2 * q - 2))
-    M, dM = np.zeros((2, 2)), np.zeros((2, 2))
+    V, diagonal = zero_rows(2 * q - 2, 4), filled(2 * q, 1.0)
+    _factorise(_without_last(A, B), V, diagonal, filled(2 * q, 0.0), filled(2 * q - 2, 0.0))
+    M, dM = zero_rows(2, 2), zero_rows(2, 2)
     M[0, 0] = M[1, 1] = 1.0
     for i in range(q):
         volume = abs(diagonal[2 * i] * diagonal[2 * i + 1])
@@ -200,7 +203,7 @@ def null_vector(A, B, mu, z):
     Its first element, the phase of the first impact, is not negative.
     """
     n, largest = 2 * A.shape[0], -1.0
-    N, last = np.empty((2, n)), np.zeros(2)
+    N, last = zero_rows(2, n), filled(2, 0.0)
     solve(_without_last(A, B), z, N)
     for row in range(2):
         for i in range(2):

@@ -13,11 +13,13 @@ from functools import cached_property
 
 import numpy as np
 
+from vibroimpact.destination.free_motion import steady_response
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import NONE, System
-from vibroimpact.orbits.flights import amplitude, values_of
+from vibroimpact.orbits.flights import values_of
 from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.step.integrators import Parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,4 +196,6 @@ def free_orbit(osc: Oscillator) -> PeriodicOrbit:
 
 def free_amplitude(osc: Oscillator) -> complex:
     """Return A of the steady motion without impacts, x = Im A exp(i omega t); inf at resonance."""
-    return complex(amplitude(values_of(osc)))
+    response = steady_response.py_func  # not worth compiling
+    pt = Parameters(osc.h, osc.R, osc.omega, osc.force, osc.p, osc.clearance)
+    return complex(response(pt, 1.0, 0.0)[0], response(pt, 0.0, 1.0)[0])

@@ -13,7 +13,7 @@ import numpy as np
 from vibroimpact.orbits.calls import correct
 from vibroimpact.orbits.ends import is_orbit
 from vibroimpact.orbits.family import Inadmissible, OrbitFamily
-from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps, values_of
+from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
     free_amplitude,
@@ -187,7 +187,7 @@ def refuse_long(osc: Oscillator, m: int, q: int) -> None:
     """Raise an OrbitError if an orbit has more impacts or time steps than are solved for."""
     if q > MOST_IMPACTS:
         raise OrbitError(f"{q:,} impacts are more than the {MOST_IMPACTS:,} that are solved for")
-    steps = time_steps(values_of(osc), m, 0)
+    steps = time_steps.py_func(osc, m, 0)  # not worth compiling
     if not steps <= MOST_ORBIT_STEPS:
         raise OrbitError(
             f"{m:,} forcing periods here are {steps:,.0f} time steps, more than the "

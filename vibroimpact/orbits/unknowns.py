@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from vibroimpact.jit import inlined, jit
+from vibroimpact.orbits.arrays import filled
 
 
 @inlined
@@ -71,7 +72,7 @@ def inner(X, Y, q):
 @jit
 def moved(X, share, step):
     """Return X + share step."""
-    Y = np.empty(X.size)
+    Y = filled(X.size, 0.0)
     for i in range(X.size):
         Y[i] = X[i] + share * step[i]
     return Y

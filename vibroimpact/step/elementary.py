@@ -10,12 +10,24 @@ import math
 
 import numpy as np
 
-from vibroimpact.jit import fma, inlined, jit
+from vibroimpact.jit import fma, inlined, jit, select
 
 # pi / 2 in double precision, and its rounding error.
 _QUARTER, _QUARTER_REST = 1.5707963267948966, 6.123233995736766e-17
 # ln 2 in two parts, of which the first has so few digits that its multiples are exact.
 _LN_2, _LN_2_REST = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+
+
+@inlined
+def larger(a, b):
+    """Return max(a, b), which numba compiles anew wherever it is used."""
+    return select(b > a, b, a)
+
+
+@inlined
+def smaller(a, b):
+    """Return min(a, b), likewise."""
+    return select(b < a, b, a)
 
 
 @jit
@@ -94,7 +106,7 @@ def log(x):
 @jit
 def hypot(x, y):
     """Return the length of a vector, to rounding; it is scaled if its square would overflow."""
-    greatest = max(abs(x), abs(y))
+    greatest = larger(abs(x), abs(y))
     if not greatest > 0.0:
         return greatest
     scale = 1.0 if 1e-140 < greatest < 1e140 else greatest

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 
 from vibroimpact.jit import fma, inlined, jit
+from vibroimpact.step.elementary import larger, smaller
 
 #: Number of Taylor coefficients.
 TERMS = 22
@@ -126,7 +127,7 @@ def _root(c, m, low, high, u):
         new = u - value / slope if slope > 0.0 else -1.0
         # Newton's method squares the error: the next change would be below rounding.
         if abs(new - u) <= 1e-8 * u or high - low <= 4e-16 * high:
-            return min(max(new, low), high)
+            return smaller(larger(new, low), high)
         u = new if low < new < high else 0.5 * (low + high)
     return u
 
@@ -145,7 +146,7 @@ def _turning_point(c, m, low, high):
             second = _curvature(c, m, u)
             new = u - slope / second if second < 0.0 else -1.0
             if abs(new - u) <= 1e-8 * u:
-                return min(max(new, low), high)
+                return smaller(larger(new, low), high)
             if not low < new < high:
                 break
             u = new
@@ -179,7 +180,7 @@ def first_crossing(c, m, end):
         if slope_a > 0.0 and slope <= 0.0:
             top = _turning_point(c, m, a, b)
             height, _ = value_and_slope(c, m, top)
-            turn = max(turn, height * top**m)
+            turn = larger(turn, height * top**m)
             if height > 0.0:
                 return _root(c, m, a, top, -1.0), turn
         if value > 0.0:
