@@ -53,6 +53,8 @@ def others(run: Callable[..., None], vibroimpact: str) -> None:
 
 def main(venv: Path) -> None:
     """Run the commands with a virtual environment, and print the digest."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in a background job of a shell
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # which the commands inherit
     scripts = venv.absolute() / ("Scripts" if os.name == "nt" else "bin")
     python, vibroimpact = str(scripts / "python"), str(scripts / "vibroimpact")
     with tempfile.TemporaryDirectory() as work:
