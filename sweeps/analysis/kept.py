@@ -12,7 +12,7 @@ import xarray as xr
 
 from sweeps.analysis.cuts import Selection
 from sweeps.errors import Failed, StoreError
-from sweeps.store.kept import keep, kept_path, read_kept
+from sweeps.store.kept import is_damaged, keep, kept_path, read_kept
 from vibroimpact.jit import NUMERICS, numerics_of
 
 #: The array that describes a result, as JSON.
@@ -49,6 +49,8 @@ def kept(
             say(f"the exact orbits are those of {kept_path(file)}")
             return _from_arrays(arrays)
         result = find(dataset, axes, at, *checks, **chosen)
+        if is_damaged(file):
+            say(f"{kept_path(file)} was damaged, and is replaced")
         try:
             keep(file, key, _as_arrays(result), source)
         except (StoreError, Failed, OSError) as error:

@@ -91,7 +91,9 @@ def zoom(
     whole = _overridden(file, overrides or (), axes)
     if coordinate is not None:
         _check_recorded(coordinate, whole)
-    path = output or (file.with_name(_name(file, axes)) if whole.output == file else whole.output)
+    path = output or (
+        file.with_name(_name(file, axes, overrides or ())) if whole.output == file else whole.output
+    )
     config = zoomed(whole, axes)
     figure = path.with_suffix(".png")
     check_output(path, **existing)
@@ -136,10 +138,19 @@ def _piece(text: str) -> tuple[str, tuple[float, float]]:
     return name.strip(), piece
 
 
-def _name(file: Path, axes: dict[str, tuple[float, float]]) -> str:
-    """Name a file after its pieces, replacing those in the name of a file that was zoomed."""
+def _name(file: Path, axes: dict[str, tuple[float, float]], overrides: Sequence[str]) -> str:
+    """Name a file after its pieces and overrides.
+
+    They replace those of the same names in the name of a file that was zoomed.
+    """
     stem = file.stem
     for name in axes:
         stem = re.sub(rf"-{name}-{_NUMBER}-{_NUMBER}(?=-|$)", "", stem)
-    pieces = [f"{name}-{shortest(low)}-{shortest(high)}" for name, (low, high) in axes.items()]
-    return "-".join([stem, *pieces]) + ".h5"
+    words = [f"{name}-{shortest(low)}-{shortest(high)}" for name, (low, high) in axes.items()]
+    for text in overrides:
+        key, _, value = text.partition("=")
+        name = key.strip().rpartition(".")[2]
+        stem = re.sub(rf"-{re.escape(name)}-[^-]+(?=-|$)", "", stem)
+        words.append(f"{name}-{value.strip()}")
+    valid = re.sub(r"[^\w.+-]+", "_", "-".join(words)).rstrip("._")  # on every system
+    return f"{stem}-{valid}.h5"

@@ -27,7 +27,7 @@ def contents(dataset: xr.Dataset) -> str:
     rows = [
         ("name", str(attributes.pop("name"))),
         ("points", outcomes(dataset)),
-        *(("classes", line) for line in classes(results, omega, dataset.sizes["section"])),
+        *zip(("classes", ""), classes(results, omega, dataset.sizes["section"]), strict=False),
         *(
             ("axis", shown_axis(str(axis), dataset[axis].values, dataset[axis].attrs["units"]))
             for axis in dataset["status"].dims

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
@@ -24,6 +25,9 @@ from sweeps.store.replacing import of_another_user, writing
 KEPT = ".exact"
 _KEYS = "keys"
 _MOST = 16
+#: The bytes at the beginning of the file, also of one that is cut off: a ZIP of that first entry.
+_HEAD = re.compile(rb"PK\x03\x04.{26}keys\.npy", re.DOTALL)
+_HEAD_SIZE = 38
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -39,8 +43,13 @@ def read_kept(file: Path, key: str) -> dict[str, np.ndarray] | None:
 
     A file of another user than this one and the owner of the sweep is not read.
     """
-    found = _entries(file).get(key)
+    found = (_entries(file) or {}).get(key)
     return None if found is None else dict(found)
+
+
+def is_damaged(file: Path) -> bool:
+    """Whether the results beside a sweep file were written by `keep` and cannot be read."""
+    return _is_own(kept_path(file)) and _entries(file) is None
 
 
 def keep(file: Path, key: str, arrays: Arrays, same_source: str) -> None:
@@ -51,7 +60,8 @@ def keep(file: Path, key: str, arrays: Arrays, same_source: str) -> None:
     path = kept_path(file)
     if path.exists() and not _is_own(path):
         raise StoreError(f"{path.name} is another file, and is left alone")
-    entries = {old: value for old, value in _entries(file).items() if same_source in old}
+    held = (_entries(file) or {}).items()
+    entries = {old: value for old, value in held if same_source in old}
     entries = {**entries, key: arrays}
     entries = dict(list(entries.items())[-_MOST:])
     image = io.BytesIO()
@@ -67,15 +77,15 @@ def keep(file: Path, key: str, arrays: Arrays, same_source: str) -> None:
 
 
 def _is_own(path: Path) -> bool:
-    """Whether a file was written by `keep`."""
-    with suppress(OSError, StoreError, ValueError, zipfile.BadZipFile, Failed):
-        with open_regular(path) as file, zipfile.ZipFile(file) as zipped:
-            return zipped.namelist()[:1] == [f"{_KEYS}.npy"]
+    """Whether a file was written by `keep`, as far as its beginning shows."""
+    with suppress(OSError, StoreError, Failed):
+        with open_regular(path) as file:
+            return _HEAD.match(file.read(_HEAD_SIZE)) is not None
     return False
 
 
-def _entries(file: Path) -> dict[str, Arrays]:
-    """Return all kept arrays by their keys; none of a file that is missing, damaged or foreign."""
+def _entries(file: Path) -> dict[str, Arrays] | None:
+    """Return all kept arrays by their keys: none if there are none, None if they are damaged."""
     try:
         with open_regular(kept_path(file)) as opened:
             owner = os.fstat(opened.fileno())
@@ -84,7 +94,7 @@ def _entries(file: Path) -> dict[str, Arrays]:
             image = opened.read()
         with zipfile.ZipFile(io.BytesIO(image)) as zipped:
             if zipped.testzip() is not None:  # NumPy does not compare all checksums
-                return {}
+                return None
         with np.load(io.BytesIO(image), allow_pickle=False) as held:
             entries: dict[str, dict[str, np.ndarray]] = {}
             for number, key in enumerate(held[_KEYS].tolist()):
@@ -96,4 +106,4 @@ def _entries(file: Path) -> dict[str, Arrays]:
                 }
             return dict(entries)
     except Exception:  # a damaged archive raises errors of a dozen kinds
-        return {}
+        return None

@@ -84,13 +84,12 @@ def test_nothing_is_used_again_after_a_change_of_the_data_or_of_the_code(path, m
         assert len(held["keys"]) == 1  # what is never used again is not kept
 
 
-@pytest.mark.parametrize("content", [b"", b"a text", "cut"])
-def test_a_foreign_file_is_left_alone_and_a_damaged_one_is_not_used(path, content):
+@pytest.mark.parametrize("content", [b"", b"a text", b"PK\x03\x04" + bytes(100)])
+def test_a_foreign_file_is_left_alone(path, content):
     find = Counted(branches)
     asked(path, find, "omega")
     beside = kept_path(path)
-    whole = beside.read_bytes()
-    beside.write_bytes(whole[: len(whole) // 2] if content == "cut" else content)
+    beside.write_bytes(content)
     before = beside.read_bytes()
     _, said = asked(path, find, "omega")
     assert find.calls == 2
@@ -98,6 +97,21 @@ def test_a_foreign_file_is_left_alone_and_a_damaged_one_is_not_used(path, conten
         f"the exact orbits are not kept: {beside.name} is another file, and is left alone"
     ]
     assert beside.read_bytes() == before
+
+
+@pytest.mark.parametrize("damage", ["cut", "byte"])
+def test_a_damaged_file_is_not_used_but_replaced_and_that_is_said(path, damage):
+    find = Counted(branches)
+    first, _ = asked(path, find, "omega")
+    beside = kept_path(path)
+    whole = bytearray(beside.read_bytes())
+    whole[len(whole) // 2] ^= 255
+    beside.write_bytes(whole[: len(whole) // 2] if damage == "cut" else whole)
+    again, said = asked(path, find, "omega")
+    assert said == [f"{beside} was damaged, and is replaced"]
+    xr.testing.assert_identical(again, first)
+    assert asked(path, find, "omega")[1] == [f"the exact orbits are those of {beside}"]
+    assert find.calls == 2
 
 
 def test_a_flipped_bit_is_never_used(path):
@@ -109,7 +123,7 @@ def test_a_flipped_bit_is_never_used(path):
         image = bytearray(whole)
         image[place // 8] ^= 1 << place % 8
         beside.write_bytes(image)
-        for arrays in _entries(path).values():
+        for arrays in (_entries(path) or {}).values():
             xr.testing.assert_identical(_from_arrays(dict(arrays)), first)
 
 

@@ -182,9 +182,14 @@ def test_a_zoom_takes_overrides_as_a_run_does(small_file):
     accepted("zoom", "small.h5", "omega=2:2.5", *overrides)
     ends = [f"oscillator.omega.{end}" for end in ("start=2.0", "stop=2.5")]
     accepted("run", "small.h5", "-o", "run.h5", *overrides, "--set", ends[0], "--set", ends[1])
-    with sweeps.open_sweep("small-omega-2-2.5.h5") as zoomed, sweeps.open_sweep("run.h5") as run:
+    named = "small-omega-2-2.5-transient-60-num-3.h5"
+    with sweeps.open_sweep(named) as zoomed, sweeps.open_sweep("run.h5") as run:
         assert zoomed.drop_attrs().identical(run.drop_attrs())
         assert config_of(zoomed).record.transient == 60
+    other = ("--set", "record.transient=70", "--set", "oscillator.clearance=[0.1, 0.2]")
+    planned = accepted("zoom", named, "omega=2:2.2", *other, "--dry-run")
+    name = "small-num-3-omega-2-2.2-transient-70-clearance-_0.1_0.2.h5"
+    assert planned.splitlines()[-1] == f"output            {name}"
     planned = accepted("zoom", "small.h5", "omega=2:2.5", "--set", "output=n.h5", "--dry-run")
     assert planned.splitlines()[-1] == "output            n.h5"
     accepted("run", "small.h5", "-o", "none.h5", "--set", "record.impacts=0")
@@ -405,7 +410,10 @@ def test_how_many_motions_go_where_is_told(monkeypatch):
     ]
     assert accepted("run", "sweep.yaml").splitlines()[1:3] == lines
     shown = accepted("info", "small.h5")
-    assert [line[21:] for line in shown.splitlines() if line.startswith("classes ")] == lines
+    below = shown.splitlines()
+    place = next(number for number, line in enumerate(below) if line.startswith("classes "))
+    assert [line[21:] for line in below[place : place + len(lines)]] == lines
+    assert not any(line.startswith("classes ") for line in below[place + 1 :])
     monkeypatch.setattr(executors, "compute_block", compute)
     bare = accepted("run", "sweep.yaml", "--overwrite", "--set", "record.diagnostics=[]")
     assert "class" not in bare + accepted("info", "small.h5").replace("class_", "")
