@@ -111,7 +111,15 @@ def test_the_notebook_shows_a_bar_and_every_figure_once(tmp_path, monkeypatch, c
         shown[cell["id"]] = [*map(plt.figure, plt.get_fignums()), *[value] * (value is not None)]
         plt.close("all")
     names["sweep"].close()
+    names["page"].close()
     assert "points" in capsys.readouterr().err
-    for name in ("diagram", "trajectory", "panels"):
+    (exact,), (means,), (page,) = (shown[name] for name in ("table", "data", "live"))
+    first = exact[exact["kind"] == "flip"].iloc[0]
+    assert first["value"] == pytest.approx(2.6589, abs=5e-5) and first["after"] == "2/2"
+    middle = vibroimpact.Oscillator(h=0.05, R=0.8, omega=float(means.index[0].mid), f=1.0)
+    impulse = 1.8 * vibroimpact.one_impact_orbit(middle).v  # in closed form
+    assert len(means) == 10 and means.iloc[0] == pytest.approx(impulse, rel=0.01)
+    assert page._repr_html_().startswith("<iframe")
+    for name in ("diagram", "trajectory", "panels", "exact"):
         assert len(shown[name]) == 1 and isinstance(shown[name][0], Figure), name
         assert shown[name][0].axes, name
