@@ -231,7 +231,7 @@ def ball_rows():
         ("flip of 2/1", 2, math.hypot(TAU, 2.0)),
     ):
         error = 0.25 * (1e-4 * TAU * n) ** 2 * value + 2.5e-7
-        find = partial(inelastic_change, value - 0.13, value + 0.1)
+        find = partial(inelastic_change, value - 0.013, value + 0.01)
         yield Row(f"inelastic ball: {name}", value, error, "the same, and a bracket", find, mehta)
 
 

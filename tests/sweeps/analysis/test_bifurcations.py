@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 import sweeps
 from sweeps import branches, open_sweep
 from sweeps.analysis.bifurcations import find_bifurcations
+from sweeps.analysis.kept import kept
 from sweeps.config.sweep import SweepConfig
 from tests.helpers.commands import accepted, refused
 from tests.helpers.oscillators import SectionMap
@@ -36,9 +37,13 @@ def sweep(tmp_path):
     return run
 
 
-def bifurcations(path, **options):
+#: What is found is kept beside the file, so that a command finds it there.
+FIND = kept(branches, print)
+
+
+def bifurcations(path):
     with open_sweep(path) as dataset:
-        return list(find_bifurcations(dataset, **options).itertuples())
+        return list(find_bifurcations(dataset, find=FIND).itertuples())
 
 
 @pytest.mark.parametrize(
@@ -212,7 +217,7 @@ def test_a_file_with_added_points_still_opens(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
-    chaotic = "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 3.23, 3.235, 3.24]"
+    chaotic = "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 2.8, 2.81, 2.82]"
     path = sweep(chaotic, changes=["record.diagnostics=[period]"])
     with open_sweep(path) as dataset:
         assert dataset["period"].values.tolist() == [1, 0, 0, 0]
@@ -295,7 +300,7 @@ def test_all_twelve_digits_are_those_of_the_section_map(tmp_path, scene):
     listed = accepted("info", path, "--bifurcations").split("\n\n")[0].splitlines()[1:]
     printed = {(words[1], words[2], words[0]) for words in map(str.split, listed)}
     with open_sweep(path) as dataset:
-        found = branches(dataset, axis)
+        found = FIND(dataset, axis)
         fixed = {field.name: dataset[field.name].values.flat[0] for field in fields(Oscillator)}
     compared = set()
     for i, kind in enumerate(found["kind"].values):

@@ -16,6 +16,7 @@ from sweeps.cli.__main__ import _reason
 from sweeps.config.loading import load_config
 from sweeps.text import printable
 from tests.helpers.commands import SMALL, accepted, call, refused
+from tests.helpers.interruptions import environment
 from tests.helpers.places import ROOT
 
 CONFIG = SMALL
@@ -24,8 +25,8 @@ CONFIG = SMALL
 def process(*arguments, **variables):
     """Run the command line in a separate process with environment variables."""
     command = [sys.executable, "-m", "sweeps.cli", *arguments]
-    environment = {"PYTHONPATH": str(ROOT), "PATH": "", **variables}
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+    variables = {**environment(), **variables}
+    return subprocess.run(command, capture_output=True, text=True, env=variables, timeout=120)
 
 
 # The rest
@@ -52,8 +53,9 @@ def test_help_imports_nothing_heavy():
         "    heavy -= {'pydantic'}\n"
     )
     command = [sys.executable, "-c", code]
-    environment = {"PYTHONPATH": str(ROOT)}
-    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
+    result = subprocess.run(
+        command, capture_output=True, text=True, env={"PYTHONPATH": str(ROOT)}, timeout=300
+    )
     assert result.returncode == 0, result.stderr
     assert result.stdout.count("Usage: vibroimpact") == 3
 
@@ -206,8 +208,9 @@ def test_a_warning_is_one_line():
         "warnings.warn('the cache\\x1b[31m is full')\n"
     )
     command = [sys.executable, "-c", code]
-    environment = {"PYTHONPATH": str(ROOT)}
-    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+    result = subprocess.run(
+        command, capture_output=True, text=True, env={"PYTHONPATH": str(ROOT)}, timeout=120
+    )
     assert result.stderr == "vibroimpact: warning: the cache\\x1b[31m is full\n"
 
 
