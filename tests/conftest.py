@@ -1,4 +1,4 @@
-"""The order of the files; campaigns of thousands of cases run only if ``-m`` names them."""
+"""The order of the files, campaigns only where ``-m`` names them, and a short search for knocks."""
 
 import signal
 from pathlib import Path
@@ -43,3 +43,12 @@ def pytest_collection_modifyitems(config, items):
         campaigns = [item for item in items if item.get_closest_marker("campaign")]
         config.hook.pytest_deselected(items=campaigns)
         items[:] = [item for item in items if item not in set(campaigns)]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def few_knocks():
+    """Try a tenth of the usual knocks; sweeps/analysis/test_integrity.py tests their number."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sweeps.analysis.knocks._MOMENTS", 12)
+        patch.setattr("sweeps.analysis.knocks._SIZES", 64)
+        yield

@@ -33,15 +33,6 @@ def short_trials():
         yield
 
 
-@pytest.fixture(autouse=True, scope="session")
-def few_knocks():
-    """Try a tenth of the usual knocks; test_integrity.py tests their number."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sweeps.analysis.knocks._MOMENTS", 12)
-        patch.setattr("sweeps.analysis.knocks._SIZES", 64)
-        yield
-
-
 @pytest.fixture
 def stop_after(monkeypatch):
     """Return a context manager that interrupts a run after `count` blocks of `size` points."""
