@@ -29,7 +29,8 @@ print(digest.hexdigest())
 def others(run: Callable[..., None], vibroimpact: str) -> None:
     """Run what follows the first run."""
     run("plot", "quickstart.h5", leaves="quickstart.png")
-    run("plot", "quickstart.h5", "--exact", "-o", "exact.png", leaves="exact.png")
+    exact = ("--exact", "--classes", "1/1")
+    run("plot", "quickstart.h5", *exact, "-o", "exact.png", leaves="exact.png")
     run("info", "quickstart.h5")
     run("export", "quickstart.h5", "-o", "points.csv", leaves="points.csv")
     run("zoom", "quickstart.h5", "omega=2.7:2.8", "-o", "zoom.h5", leaves="zoom.h5")

@@ -52,11 +52,12 @@ PATIENCE = 300.0
 
 _FORKS = """
 import gc, json, os, signal, sys
-import sweeps.cli.main, sweeps.reports.run, sweeps.engine.run
+import sweeps.cli.main, sweeps.reports.run, sweeps.engine.run, sweeps.engine.estimate
 from sweeps.cli.__main__ import main
 from vibroimpact import Oscillator, integrate
 
 integrate(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at())  # loads the kernel
+sweeps.engine.estimate._TRIAL = 0.01  # as in the tests themselves
 gc.freeze()  # forks do not search the shared objects when they end
 for line in sys.stdin:
     request = json.loads(line)
