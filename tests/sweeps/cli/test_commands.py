@@ -21,6 +21,12 @@ from vibroimpact.status import Evidence, Status
 CONFIG = SMALL
 
 
+@pytest.fixture
+def unpainted(monkeypatch):
+    """Save figures without painting them, where only names and messages matter."""
+    monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"painted"))
+
+
 # run
 
 
@@ -177,7 +183,7 @@ def test_a_zoom_that_cannot_be(small_file, pieces, reason):
 
 
 @pytest.mark.slow
-def test_a_zoom_takes_overrides_as_a_run_does(small_file):
+def test_a_zoom_takes_overrides_as_a_run_does(small_file, unpainted):
     overrides = ("--set", "record.transient=60", "--set", "oscillator.omega.num=3")
     accepted("zoom", "small.h5", "omega=2:2.5", *overrides)
     ends = [f"oscillator.omega.{end}" for end in ("start=2.0", "stop=2.5")]
@@ -198,7 +204,7 @@ def test_a_zoom_takes_overrides_as_a_run_does(small_file):
 
 
 @pytest.mark.slow
-def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_file):
+def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_file, unpainted):
     accepted("zoom", "small.h5", "omega=0.05:0.1", "-o", "beyond.h5")
     with sweeps.open_sweep("beyond.h5") as beyond, sweeps.open_sweep("small.h5") as small:
         assert (beyond["status"] == Status.CERTIFIED).all()
@@ -207,7 +213,7 @@ def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_f
 
 
 @pytest.mark.slow
-def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(small_file):
+def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(small_file, unpainted):
     accepted("zoom", "small.h5", "omega=2:2.5", "-o", "small-omega-2-2.5.h5")
     said = call("zoom", "small-omega-2-2.5.h5", "omega=2.1234567:2.1234568")
     assert said.stdout.splitlines()[-1] == "small-omega-2.1234567-2.1234568.png"
@@ -215,7 +221,7 @@ def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(small_fil
 
 
 @pytest.mark.slow
-def test_several_values_of_an_axis_in_one_picture(small_file):
+def test_several_values_of_an_axis_in_one_picture(small_file, unpainted):
     cut = ("--at", "clearance=0.1", "--at", "omega=1.9,2.6")
     for kind in ("section", "impacts", "trajectory"):
         said = call("plot", "small.h5", "--kind", kind, *cut)
@@ -267,9 +273,8 @@ def test_a_map_and_the_exact_orbits():
 
 
 @pytest.mark.slow
-def test_no_two_pictures_have_the_same_name(small_file, monkeypatch):
-    """A name has only characters that every system allows; what is drawn does not matter."""
-    monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"drawn"))
+def test_no_two_pictures_have_the_same_name(small_file, unpainted):
+    """A name has only characters that every system allows."""
     for options, name in (
         ([], "small"),
         (["--kind", "map", "--quantity", "energy_lost"], "small-map-energy_lost"),
