@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from html import escape
 from typing import Any
 from urllib.parse import urlencode
 
@@ -20,10 +21,10 @@ from bokeh.models import (
 )
 
 from sweeps.analysis.coordinates import COORDINATES
-from sweeps.config.rig import QUANTITIES, RigConfig, parameter_of, si_name
+from sweeps.config.rig import RigConfig, parameter_of, si_name
 from sweeps.explorer.figures import symbol
 from sweeps.explorer.view import View, window_around
-from sweeps.plotting.labels import as_variable
+from sweeps.plotting.labels import as_variable, named_unit
 from vibroimpact.oscillator import PARAMETERS
 
 _WIDTH = 232
@@ -90,18 +91,23 @@ class Controls:
     def _parameter(self, name: str, view: View) -> LayoutDOM:
         """Return the symbol, the field and the slider of a parameter."""
         parameter, value = parameter_of(name, view.rig), view.values[name]
-        unit = f" [{parameter.unit}]" if view.rig is not None and name in QUANTITIES else ""
+        named = named_unit(as_variable(name, view.units, view.rig))
+        unit = f" [{named}]" if named else ""
         tip = f"{parameter.meaning}{unit}: {parameter.allowed}"
         low, high = window_around(name, view.values, view.rig)
-        field = self._field(name, si_name(name, view.rig), width=94, height=22, margin=(0, 2, 0, 0))
+        # Room for the longest unit, N s/m, beside the symbol.
+        beside, typed, slides = (22, 94, 88) if view.rig is None else (64, 74, 66)
+        look = {"width": typed, "height": 22, "margin": (0, 2, 0, 0)}
+        field = self._field(name, si_name(name, view.rig), **look)
         slider = Slider(
             start=low, end=high, value=value, step=(high - low) / 400.0, show_value=False,
-            title=None, width=88, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
+            title=None, width=slides, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
         )  # fmt: skip
         connect(slider, "value", self._change, lambda view, new: view.moved(**{name: float(new)}))
         self.sliders[name] = slider
-        label = Div(text=f'<span title="{tip}">{symbol(name, view.rig)}</span>', width=22)
-        label.styles = {"text-align": "right", "padding-top": "2px"}
+        shown = symbol(name, view.rig) + (unit if view.rig is not None else "")
+        label = Div(text=f'<span title="{escape(tip)}">{escape(shown)}</span>', width=beside)
+        label.styles = {"text-align": "right", "padding-top": "2px", "white-space": "nowrap"}
         return row(label, field, slider, spacing=2)
 
     def _record(self, name: str) -> LayoutDOM:

@@ -22,6 +22,7 @@ from sweeps.engine.estimate import block_size
 from sweeps.explorer.figures import PixelFigure, Report, outer_edges, plain
 from sweeps.explorer.view import BASINS, View
 from sweeps.explorer.worker import Step
+from sweeps.plotting.labels import as_variable, named_unit, prefix_of
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
 
@@ -145,7 +146,10 @@ class Filling:
         corner = np.array([[x[0], v[0]]])
         radius, *centre, at_edge, _, _ = measures_of(basin, x, v, 1.0 / p, stop, corner)
         disc = centre[0], centre[1], 2.0 * radius, 2.0 * radius * p
-        return disc, f"disc {'>= ' if at_edge else ''}{radius:.3g}"
+        variable = as_variable("x0", dict(self.config.units.items()))
+        prefix, factor = prefix_of(variable, radius)
+        unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
+        return disc, f"disc {'>= ' if at_edge else ''}{radius / factor:.3g}{unit}"
 
     def _ranked(self) -> tuple[list[Row], np.ndarray]:
         """Return the attractors by decreasing share, renumbered, and the number of each start."""

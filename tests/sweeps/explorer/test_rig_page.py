@@ -1,11 +1,13 @@
 """The live picture of a rig, in the names and SI units of the rig."""
 
+import re
 from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from bokeh.document import Document
+from bokeh.models import Div, Row
 
 import sweeps
 from sweeps import ConfigError, load_config
@@ -75,6 +77,33 @@ def test_exact_branches_of_a_rig_are_at_their_frequencies(rig):
     for graze in np.sqrt(squares) / (2 * np.pi):
         assert min(abs(np.array(parts["graze"]["x"]) - graze)) < 1e-6 * graze
     assert max(x.max() for x in parts[STABLE]["x"]) == pytest.approx(32.0)
+
+
+def shown_beside_fields(page):
+    """Return the texts beside the fields of the parameters."""
+    rows = [row for row in page.controls.layout.children if isinstance(row, Row)]
+    texts = [row.children[0].text for row in rows if isinstance(row.children[0], Div)]
+    return [re.sub("<[^>]*>", "", text) for text in texts]
+
+
+def test_the_fields_of_a_rig_have_the_units_of_their_numbers(rig, tmp_path):
+    of_oscillator = ["c [N s/m]", "R", "ν [Hz]", "F [N]", "k [N/m]", "σ [m]", "a [m]"]
+    assert shown_beside_fields(rig) == [*of_oscillator, "x₀ [m]", "v₀ [m/s]"]
+    page = LivePage(Document(), View.of(load_config(CONFIGS / "quickstart.yaml")), tmp_path)
+    page.worker.shutdown()
+    assert shown_beside_fields(page)[:3] == ["h", "R", "ω"]
+
+
+def test_the_radius_of_a_disc_has_the_unit_of_the_starts():
+    text = {"mass": 0.5, "stiffness": 8e3, "damping": 4, "force": 8, "gap": 5e-4, "R": 0.7}
+    x0, v0 = {"start": -1.5e-3, "stop": 5e-4, "num": 20}, {"start": -0.4, "stop": 0.4, "num": 15}
+    rig = {"rig": {**text, "frequency": 36}, "start": {"x0": x0, "v0": v0}}
+    config = load_config({**rig, "record": {"transient": 300, "periods": 8, "phase": 0}})
+    tiles = Filling(config, "x0", basins=True).advance(300)
+    assert tiles.discs
+    for (label, *_), (*_, width, _) in zip(tiles.kinds, tiles.discs, strict=False):
+        (number,) = re.findall(r"disc (?:>= )?([\d.]+) mm$", label)
+        assert float(number) == pytest.approx(0.5e3 * width, rel=5e-3)
 
 
 def test_the_text_on_a_motion_of_a_rig_has_units(rig):
