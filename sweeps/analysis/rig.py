@@ -49,15 +49,17 @@ def in_si(dataset: xr.Dataset) -> xr.Dataset:
     rig = rig_of(dataset)
     if rig is None or IN_SI in dataset.attrs:
         return dataset
-    coordinates: dict[str, Any] = {"mass": ((), rig.mass, _about(MASS))}
+    mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)
+    coordinates: dict[str, Any] = {"mass": (mass.dims, mass.values, _about(MASS))}
     for name in PARAMETERS:
         if name in QUANTITIES:
             own, called = dataset[name], si_name(name, rig)
             about = {**own.attrs, **_about(QUANTITIES[name].description)}
             typed = called != name and called in dataset.coords  # a column of the table
-            values = dataset[called].values if typed else rig.in_si(name, own.values)
+            masses = mass.values if rig.mass_varies else None
+            values = dataset[called].values if typed else rig.in_si(name, own.values, masses)
             coordinates[called] = own.dims, values, about
-    si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, rig.mass))
+    si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, mass))
     si = si.swap_dims({name: si_name(name, rig) for name in PARAMETERS if name in dataset.dims})
     if COLUMNS in si.attrs:  # a table: its configuration could not be read under the new names
         columns = dict.fromkeys(si_name(name, rig) for name in si.attrs[COLUMNS].split())
@@ -65,13 +67,19 @@ def in_si(dataset: xr.Dataset) -> xr.Dataset:
     return si.assign_attrs({IN_SI: 1})
 
 
-def _results_in_si(dataset: xr.Dataset, mass: float) -> xr.Dataset:
-    """Return the results that are given per mass in a file, multiplied when they are read."""
+def _results_in_si(dataset: xr.Dataset, mass: xr.DataArray) -> xr.Dataset:
+    """Return the results that are given per mass in a file, multiplied when they are read.
+
+    With a mass of each row of a table, they are multiplied at once.
+    """
     scaled = {}
     for name in QUANTITIES.keys() - PARAMETERS.keys():
         if name in dataset:
             scaled[name] = dataset.variables[name].copy(deep=False)
-            scaled[name].attrs |= {**_about(QUANTITIES[name].description), "scale_factor": mass}
+            if mass.dims:
+                scaled[name] = scaled[name].copy(data=scaled[name].values * mass.values)
+            factor = {} if mass.dims else {"scale_factor": mass.item()}
+            scaled[name].attrs |= {**_about(QUANTITIES[name].description), **factor}
     return xr.decode_cf(xr.Dataset(scaled), decode_times=False)
 
 

@@ -25,7 +25,7 @@ from sweeps.config.messages import (
     without_misspelt,
 )
 from sweeps.config.points import read_points
-from sweeps.config.rig import RIG_PARAMETERS, model_name
+from sweeps.config.rig import made_of_rig
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Key, MisplacedError, null
 from sweeps.errors import ConfigError
@@ -110,7 +110,7 @@ def stored_config(
     data, sources = _keys(text, origin)
     data.pop("refine", None)
     if points is not None:
-        made = {model_name(name) for name in RIG_PARAMETERS if name in points and "rig" in data}
+        made = made_of_rig(points, data["rig"]) if "rig" in data else set()
         without = {*StartConfig.NUMBERS, *made}
         points = {key: values for key, values in points.items() if key not in without}
     return _checked({"name": name, "points": points, **data}, origin, sources, overrides)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sweeps.config.groups import OscillatorConfig, StartConfig
-from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name, model_value
+from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name
 from sweeps.config.values import Elsewhere, MisplacedError, null, plain_number
 from sweeps.grid import as_table
 from sweeps.text import nearest, printable, shortened, suggestion
@@ -66,18 +66,14 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
         given = data.get(title, {})
         if not isinstance(given, dict):
             continue  # refused by the check of the group
-        if of_rig and "mass" in names:
-            problem = "cannot be a column with a rig, whose mass is one number"
-            raise MisplacedError(
-                ("points", "mass"), f"{problem}; expected: h, p and f of the model"
-            )
         columns = {}
         for name in group.model_fields:
             own = model_name(name)
             if name != own and {name, own} <= {*names}:
                 problem = f"is {name} in the units of the model; expected: one of both columns"
                 raise MisplacedError(("points", own), problem)
-            if own in PARAMETERS and not {name, own}.isdisjoint(names):
+            is_parameter = own in PARAMETERS or name == "mass"
+            if is_parameter and not {name, own}.isdisjoint(names):
                 columns[name] = name if name in names else own
         for name, value in given.items():
             if name in columns or isinstance(value, list | tuple | dict):
@@ -90,23 +86,20 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
-    """Return a table with a column of the model behind the others for each column of the rig.
+    """Return a table with the columns of the model behind it that are made from those of a rig.
 
     Raises MisplacedError if a value cannot be converted.
     """
     columns = {name: table[name] for name in table.dtype.names or ()}
-    for name in RIG_PARAMETERS if rig is not None else ():
-        if name in columns:
-            own = model_name(name)
-            with np.errstate(over="ignore"):  # refused below
-                values = np.asarray(model_value(own, columns[name], rig))
-            wrong = ~(np.isfinite(values) & PARAMETERS[own].accepts(values))
-            if wrong.any():
-                row = int(wrong.argmax())
-                problem = f"row {row + 1}, {columns[name][row]:g} makes {own} = {values[row]:g}"
-                allowed = PARAMETERS[own].allowed
-                raise MisplacedError(("points", name), f"{problem}; expected: {allowed}")
-            columns[own] = values
+    for name, values in (rig.made_columns(columns) if rig is not None else {}).items():
+        own = model_name(name)
+        wrong = ~(np.isfinite(values) & PARAMETERS[own].accepts(values))
+        if wrong.any():
+            row, key = int(wrong.argmax()), name if name in columns else "mass"
+            problem = f"row {row + 1}, {columns[key][row]:g} makes {own} = {values[row]:g}"
+            allowed = PARAMETERS[own].allowed
+            raise MisplacedError(("points", key), f"{problem}; expected: {allowed}")
+        columns[own] = values
     return as_table(columns)
 
 

@@ -7,13 +7,13 @@ file holds the names and numbers of the model; the configuration stored in it ho
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, WrapValidator, field_validator
 
 from sweeps.config.groups import (
     OscillatorConfig,
@@ -39,8 +39,8 @@ class Quantity(NamedTuple):
 
     name: str
     description: Parameter
-    in_si: Callable[[float, Any], Any]
-    in_model: Callable[[float, Any], Any] = lambda mass, value: value
+    in_si: Callable[[Any, Any], Any]
+    in_model: Callable[[Any, Any], Any] = lambda mass, value: value
 
 
 def _described(
@@ -53,6 +53,8 @@ def _described(
 #: The mass, which no parameter of the model is made from alone.
 MASS = _described("p", "m", "mass", "kg")
 _TURN = 2.0 * math.pi
+#: The parameters of the model that are made from the mass, too.
+_PER_MASS = ("h", "p", "f")
 
 #: The quantities of the rig, by the names of the model.
 QUANTITIES: Mapping[str, Quantity] = {
@@ -88,10 +90,16 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
 }  # fmt: skip
 
-#: The quantities of the rig from which a parameter of the model is made, by their own names.
+#: The quantities of the rig that its configuration gives, by their own names.
 RIG_PARAMETERS: Mapping[str, Parameter] = {
-    one.name: one.description for own, one in QUANTITIES.items() if own in PARAMETERS
+    "mass": MASS,
+    **{one.name: one.description for own, one in QUANTITIES.items() if own in PARAMETERS},
 }
+
+
+def _number_or_column(value: object, checked: Callable[[object], float]) -> object:
+    """Check a number; leave the mark of a column of a table as it is."""
+    return value if isinstance(value, Elsewhere) else checked(value)
 
 
 class RigConfig(ParameterConfig):
@@ -101,8 +109,8 @@ class RigConfig(ParameterConfig):
     NUMBERS = ("mass",)
 
     # The first field, because the checks of the others need it.
-    mass: Annotated[Number, Field(gt=0.0)] = Field(
-        description=f"mass [kg]: {MASS.allowed}, the same all over the sweep"
+    mass: Annotated[Number, Field(gt=0.0), WrapValidator(_number_or_column)] = Field(
+        description=f"mass [kg]: {MASS.allowed}, the same all over the sweep, or a column of points"
     )
     stiffness: Values = parameter_field(QUANTITIES["p"].description)
     damping: Values = parameter_field(QUANTITIES["h"].description)
@@ -123,7 +131,7 @@ class RigConfig(ParameterConfig):
             return value
         name, given = model_name(title), Axis.of(value)
         refuse_out_of_bounds(given, PARAMETERS[name])
-        if mass is None:  # refused already
+        if mass is None or isinstance(mass, Elsewhere):  # refused already, or a column
             return value
         made = _in_model(name, given, mass)
         if isinstance(value, Range) and not (made.low < made.high < math.inf or made.size == 1):
@@ -139,15 +147,43 @@ class RigConfig(ParameterConfig):
 
     def axes(self) -> dict[str, Axis]:
         """Return the values that are given here by the names and in the units of the model."""
-        given = ((model_name(name), axis) for name, axis in super().axes().items())
-        return {name: _in_model(name, axis, self.mass) for name, axis in given}
+        given = {model_name(name): axis for name, axis in super().axes().items()}
+        if self.mass_varies:  # these vary with it, and are columns of the table
+            given = {name: axis for name, axis in given.items() if name not in _PER_MASS}
+        return {name: _in_model(name, axis, self.mass) for name, axis in given.items()}
 
-    def in_si(self, name: str, value: Any) -> Any:
+    @property
+    def mass_varies(self) -> bool:
+        """Whether the mass is a column of the table."""
+        return isinstance(self.mass, Elsewhere)
+
+    def made_columns(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return the columns of the model that are made from those of the rig, by the rig's names.
+
+        If the mass is a column, so is all that is per mass.
+        """
+        mass = columns["mass"] if self.mass_varies else self.mass
+        made = {}
+        for own, quantity in QUANTITIES.items():
+            values = columns.get(quantity.name) if own in PARAMETERS else None
+            if values is None and self.mass_varies and own in _PER_MASS and own not in columns:
+                values = np.full(len(columns["mass"]), getattr(self, quantity.name))
+            if values is not None:
+                with np.errstate(over="ignore"):  # the caller refuses it
+                    made[quantity.name] = np.asarray(quantity.in_model(mass, values), float)
+        return made
+
+    def in_si(self, name: str, value: Any, mass: Any = None) -> Any:
         """Convert a quantity of the model; what was made from a value of the rig gives that back.
 
-        The formula alone gives it back up to rounding: 14.999999999999998 Hz for 15 Hz.
+        The formula alone gives it back up to rounding: 14.999999999999998 Hz for 15 Hz. A `mass`
+        that is a column is given with the values.
         """
         quantity = QUANTITIES[name]
+        if mass is not None and name in _PER_MASS:
+            typed = getattr(self, quantity.name)
+            is_number = not isinstance(typed, Elsewhere)
+            return np.full_like(value, typed) if is_number else quantity.in_si(mass, value)
         converted = quantity.in_si(self.mass, value)
         typed = getattr(self, quantity.name, None)
         if typed is None or isinstance(typed, Elsewhere):  # a result, or a column of the model
@@ -164,6 +200,13 @@ def _in_model(name: str, axis: Axis, mass: float) -> Axis:
     if name not in QUANTITIES:
         return axis
     return axis.converted(partial(QUANTITIES[name].in_model, mass))
+
+
+def made_of_rig(columns: Collection[str], rig: Mapping[str, object]) -> set[str]:
+    """Return the columns of the model that `RigConfig.made_columns` added to those of a table."""
+    typed = {own for own, one in QUANTITIES.items() if one.name in columns and one.name != own}
+    per_mass = {own for own in _PER_MASS if QUANTITIES[own].name in rig}
+    return typed | (per_mass if "mass" in columns else set())
 
 
 def model_name(name: str) -> str:

@@ -77,7 +77,7 @@ class SweepConfig(Group):
         None,
         description="table of the points, in place of lists and ranges: a CSV file with a header, "
         "relative to this one, or a mapping of columns, each a list; columns are named like "
-        "parameters, with a rig also like its keys but mass, and further ones are kept",
+        "parameters, with a rig also like its keys, and further ones are kept",
     )
     rig: Annotated[RigConfig | None, BeforeValidator(null)] = Field(
         None,

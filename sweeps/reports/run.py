@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.config.rig import parameter_of, si_name, si_values
+from sweeps.config.rig import parameter_of, si_name, si_value
 from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
@@ -57,9 +57,7 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
     periods = sweep.size * sweep.most_periods
     units = dict(config.units.items())
     axes = [
-        shown_axis(shown, values, in_units(parameter_of(name, config.rig).unit, units))
-        for name, own in sweep.grid.swept.items()
-        for shown, values in si_values({name: own}, config.rig).items()
+        shown_axis(name, values, in_units(unit, units)) for name, values, unit in _swept(config)
     ]
     kind = "axis" if config.points is None else "column"
     rows = [("name", config.name), *((kind, axis) for axis in axes or ["none, a single point"])]
@@ -79,6 +77,19 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
         ("output", str(path)),
     ]
     return table(rows)
+
+
+def _swept(config: SweepConfig) -> Iterator[tuple[str, np.ndarray, str]]:
+    """Yield name, values and unit of each parameter that varies, of a rig in its own units."""
+    typed = () if config.points is None else config.points.dtype.names or ()
+    for name in typed:
+        if name in config.column_units:
+            assert config.points is not None
+            yield name, config.points[name], config.column_units[name]
+    for name, values in config.sweep.grid.swept.items():
+        if config.points is None or name in typed:
+            rig = None if config.rig is None or config.rig.mass_varies else config.rig
+            yield si_name(name, rig), si_value(name, values, rig), parameter_of(name, rig).unit
 
 
 def summary(path: Path, sweep: Sweep) -> str:

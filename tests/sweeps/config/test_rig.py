@@ -144,6 +144,22 @@ def test_the_columns_of_a_table_may_be_those_of_the_rig(tmp_path):
                 "points: {stiffness: [1, 2]}\n").sweep.grid.fixed["f"] == 0.0  # fmt: skip
 
 
+def test_the_mass_may_be_a_column_with_numbers_and_columns_of_the_rig():
+    """The points equal those of `Oscillator.from_rig` row by row."""
+    masses, stiffness = [2.0, 2.1, 1.97], [800.0, 810.5, 795.3]
+    text = "rig: {damping: 1.2, force: 10.3, base: 1.0e-5, frequency: 3.3, gap: 5.0e-4, R: 0.8}\n"
+    config = load(text + f"points: {{mass: {masses}, stiffness: {stiffness}}}\n")
+    points = points_of(config)
+    fixed = {"damping": 1.2, "force": 10.3, "base": 1e-5, "frequency": 3.3, "gap": 5e-4, "R": 0.8}
+    made = [
+        Oscillator.from_rig(mass=mass, stiffness=k, **fixed)
+        for mass, k in zip(masses, stiffness, strict=True)
+    ]
+    for name in ("h", "p", "f", "omega", "clearance", "a", "R"):
+        assert points[name].tolist() == [getattr(osc, name) for osc in made], name
+    assert points_of(load(config.to_yaml())).tobytes() == points.tobytes()
+
+
 # Refused configurations
 
 
@@ -186,9 +202,12 @@ def test_the_columns_of_a_table_may_be_those_of_the_rig(tmp_path):
          ["rig.gap: conflicts with points", "only a column gap of points"]),
         (rig(damping=None) + "points: {h: [1, 2], damping: [1, 2]}\n", 2,
          ["points.h: is damping in the units of the model; expected: one of both columns"]),
-        (rig(mass=None) + "points: {mass: [1, 2], h: [1, 2]}\n", 2,
-         ["points.mass: cannot be a column with a rig, whose mass is one number",
-          "expected: h, p and f of the model"]),
+        (rig(frequency=3) + "points: {mass: [1, 2]}\n", 1,
+         ["rig.mass: conflicts with points", "only a column mass of points"]),
+        (rig(mass=None, frequency=3) + "points: {mass: [1, 0]}\n", 2,
+         ["points: row 2, column mass = 0 is not allowed; expected: a finite number > 0"]),
+        (rig(mass=None, frequency=3) + "points: {mass: [1, 1e-320]}\n", 2,
+         ["points.mass: row 2, 9.99989e-321 makes h = inf; expected: a finite number >= 0"]),
         (rig(stiffness=None, frequency=3) + "points: {stifness: [1, 2], R: [0.5, 0.6]}\n", 2,
          ["points: unknown column stifness (did you mean stiffness?)", "or another word"]),
         (rig(stiffness=None, frequency=3) + "points: {stiffness: [800, 900, -1]}\n", 2,
@@ -530,7 +549,39 @@ def test_typed_columns_of_a_rig_are_kept_with_their_units_and_run_again():
         assert one["poincare_x"].values.tobytes() == other["poincare_x"].values.tobytes()
         assert other["stiffness"].values.tolist() == stiffness
     assert "stiffness" in accepted("info", path) and "N/m" in accepted("info", path)
+    assert "stiffness = 7999.3 .. 8100.7 [N/m], 3 values" in accepted(
+        "run", path, "-o", "dry.h5", "--dry-run"
+    )
     accepted("plot", path, "--axis", "stiffness", "--quantity", "impulse", "-o", "typed.png")
+
+
+@pytest.mark.slow
+def test_results_are_those_of_the_mass_of_their_row():
+    """A mass twice as large at the same h, p and f of the model has twice the impulse."""
+    table = (
+        "points: {mass: [0.5, 1.0], stiffness: [8000, 16000], damping: [4, 8], force: [8, 16]}\n"
+    )
+    path = run_sweep(load(f"rig: {{gap: {GAP}, R: {R}, frequency: 36}}\n" + table), "mass.h5")
+    accepted("export", path, "-o", "mass.csv")
+    mass, k, force, impulse, energy = columns_of(
+        "mass.csv", "mass", "stiffness", "force", "impulse", "energy_lost"
+    )
+    assert (mass.tolist(), k.tolist()) == ([0.5, 1.0], [8000.0, 16000.0])
+    assert force.tolist() == [8.0, 16.0]
+    assert impulse[0] > 0.0 and impulse[1] == 2.0 * impulse[0] and energy[1] == 2.0 * energy[0]
+    accepted("plot", path, "--axis", "mass", "--quantity", "impulse", "-o", "mass.png")
+    accepted("run", path, "-o", "mass2.h5", "--quiet")
+    with open_sweep(path) as one, open_sweep("mass2.h5") as other:
+        assert one["poincare_x"].values.tobytes() == other["poincare_x"].values.tobytes()
+        assert other["mass"].values.tolist() == [0.5, 1.0] and other["mass"].units == "kg"
+        panel = plotting.table_panels(one, axes=["mass"], quantity="impulse").axes[0]
+    assert panel.get_xlabel().endswith("[kg]") and panel.get_title(loc="left").endswith("[N s]")
+    fixed = run_sweep(load(f"rig: {{stiffness: 8000, damping: 4, force: 8, gap: {GAP}, R: {R}, "
+                           "frequency: 36}\npoints: {mass: [0.5, 0.6]}\n"), "fixed.h5")  # fmt: skip
+    accepted("export", fixed, "-o", "fixed.csv")
+    k, c, force = columns_of("fixed.csv", "stiffness", "damping", "force")
+    assert (k.tolist(), c.tolist(), force.tolist()) == ([8000.0] * 2, [4.0] * 2, [8.0] * 2)
+    assert "mass = 0.5 .. 0.6 [kg], 2 values" in accepted("info", fixed)
 
 
 @pytest.mark.slow
