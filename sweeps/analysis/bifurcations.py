@@ -46,7 +46,7 @@ def bifurcations(
     dataset: xr.Dataset,
     axis: str | None = None,
     at: Selection | None = None,
-    check: Callable[[], object] = lambda: None,
+    report: Callable[[float], object] = lambda share: None,
     *,
     classes: Collection[tuple[int, int]] = (),
     most: int = MOST_BRANCHES,
@@ -61,7 +61,7 @@ def bifurcations(
         The swept parameter along which to look, by default the one with most values.
     at : mapping of str to float, optional
         Values of other swept axes; those that are left out are taken with all their values.
-    check, classes, most
+    report, classes, most
         As of `sweeps.branches`, for the bifurcations of the exact branches.
 
     Returns
@@ -109,7 +109,7 @@ def bifurcations(
     >>> found[["kind", "value", "before", "after"]].round(6).values.tolist()
     [['flip', 2.663945, '1/1', '2/2']]
     """
-    return as_table(find_bifurcations(dataset, axis, at, check, classes=classes, most=most))
+    return as_table(find_bifurcations(dataset, axis, at, report, classes=classes, most=most))
 
 
 def as_table(found: pd.DataFrame) -> pd.DataFrame:
@@ -124,7 +124,7 @@ def find_bifurcations(
     dataset: xr.Dataset,
     axis: str | None = None,
     at: Selection | None = None,
-    check: Callable[[], object] = lambda: None,
+    report: Callable[[float], object] = lambda share: None,
     find: Callable[..., xr.Dataset] = branches,
     **chosen: Any,
 ) -> pd.DataFrame:
@@ -159,7 +159,7 @@ def find_bifurcations(
         row["value"] = on_axis(dataset, along, row["value"])
     summary = ""
     if _has_one_line(dataset, along, at):
-        exact = find(dataset, along, at, check, **chosen)
+        exact = find(dataset, along, at, report, **chosen)
         summary, way = exact.attrs["summary"], dict.fromkeys(others, _BOTH)
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -31,6 +32,8 @@ from sweeps.text import listed, shown_count
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 
+#: Shares of the work, measured, that are done when the branches are found, and are smooth lines.
+_FOUND, _SMOOTH = 0.1, 0.7
 #: Most forcing periods of an orbit that is followed, and most branches that are followed.
 LONGEST_ORBIT, MOST_BRANCHES = 8, 60
 #: Most classes that the summary names.
@@ -45,7 +48,7 @@ def branches(
     dataset: xr.Dataset,
     axis: str | None = None,
     at: Selection | None = None,
-    check: Callable[[], object] = lambda: None,
+    report: Callable[[float], object] = lambda share: None,
     *,
     classes: Collection[tuple[int, int]] = (),
     most: int = MOST_BRANCHES,
@@ -63,8 +66,9 @@ def branches(
         A swept parameter of the oscillator, by default the longest axis.
     at : mapping of str to float, optional
         Values of the other swept axes; by default the first.
-    check : callable, optional
-        Called before each branch; an exception that it raises ends the work.
+    report : callable, optional
+        Called before each branch, and for each one found, with the share of the work that is done;
+        an exception that it raises ends the work.
     classes : collection of (int, int), optional
         m and q of the branches to return, by default all of at most 8 periods. Those of other
         classes are followed, too, because branches of these classes may begin there.
@@ -108,7 +112,7 @@ def branches(
     (axis,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "branch")
     lines = [motions_of(line) for line in lines_of(dataset, axis, at)]
     name, phase = model_name(axis), config_of(dataset).record.phase
-    found = branches_of(lines, name, phase, check, classes=classes, most=most)
+    found = branches_of(lines, name, phase, report, classes=classes, most=most)
     return orbits_on_axes(dataset, found)
 
 
@@ -116,7 +120,7 @@ def branches_of(
     lines: Sequence[np.ndarray],
     axis: str,
     phase: float,
-    check: Callable[[], object] = lambda: None,
+    report: Callable[[float], object] = lambda share: None,
     *,
     classes: Collection[tuple[int, int]] = (),
     most: int = MOST_BRANCHES,
@@ -128,7 +132,8 @@ def branches_of(
     """
     low = min(float(line["point"][axis][0]) for line in lines)
     high = max(float(line["point"][axis][-1]) for line in lines)
-    found = BranchSet(axis, low, high, phase, most, LONGEST_ORBIT, classes, check)
+    search = partial(report, 0.0)
+    found = BranchSet(axis, low, high, phase, most, LONGEST_ORBIT, classes, search)
     left_out: dict[str, Counter[tuple[int, int]]] = {}
     for motion, length in _seeds(lines):
         mq = int(motion["m"]), int(motion["q"])
@@ -148,7 +153,7 @@ def branches_of(
             left_out.setdefault(reason, Counter())[mq] += length
     found.grow()
     found.branches = [grown for grown in found.branches if found.is_chosen(grown.m, grown.q)]
-    return _as_dataset(found, phase, left_out)
+    return _as_dataset(found, phase, left_out, report)
 
 
 def _seeds(lines: Sequence[np.ndarray]) -> list[tuple[np.void, int]]:
@@ -176,16 +181,22 @@ def _seeds(lines: Sequence[np.ndarray]) -> list[tuple[np.void, int]]:
 
 
 def _as_dataset(
-    found: BranchSet, phase: float, left_out: Mapping[str, Counter[tuple[int, int]]]
+    found: BranchSet,
+    phase: float,
+    left_out: Mapping[str, Counter[tuple[int, int]]],
+    report: Callable[[float], object],
 ) -> xr.Dataset:
     """Collect the branches found as the Dataset that `branches` returns."""
-    items = _smooth(found, phase)
+    items = _smooth(found, phase, report)
     orbits: list[PeriodicOrbit] = []
     stable: list[bool] = []
-    for item in items:
-        orbits += [*_orbits(item), *(point.orbit for point in item.special)]
+    records: list[dict[str, np.ndarray]] = []
+    for number, item in enumerate(items):
+        report(_SMOOTH + (1.0 - _SMOOTH) * number / len(items))
+        own = [*_orbits(item), *(point.orbit for point in item.special)]
+        orbits += own
+        records += [orbit_coordinates(orbit, phase) for orbit in own]
         stable += [*item.stable.tolist(), *[False] * len(item.special)]
-    records = [orbit_coordinates(orbit, phase) for orbit in orbits]
     multipliers = np.array([orbit.multipliers for orbit in orbits], complex).reshape(-1, 2)
     data: dict[str, Any] = {
         "m": ("point", np.array([orbit.m for orbit in orbits], int)),
@@ -204,7 +215,7 @@ def _as_dataset(
     return rows.assign(data).assign_attrs(about)
 
 
-def _smooth(found: BranchSet, phase: float) -> list[Branch]:
+def _smooth(found: BranchSet, phase: float, report: Callable[[float], object]) -> list[Branch]:
     """Add points to the branches until a picture of any coordinate shows smooth lines."""
 
     def shown(orbit: PeriodicOrbit) -> list[np.ndarray]:
@@ -220,10 +231,11 @@ def _smooth(found: BranchSet, phase: float) -> list[Branch]:
     def drawn(orbit: PeriodicOrbit) -> np.ndarray:
         return np.concatenate([y / extent for y, extent in zip(shown(orbit), extents, strict=True)])
 
-    return [
-        with_short_chords(item, found.low, found.high, drawn, CHORD_TOLERANCE)
-        for item in found.branches
-    ]
+    items = []
+    for number, item in enumerate(found.branches):
+        report(_FOUND + (_SMOOTH - _FOUND) * number / len(found.branches))
+        items.append(with_short_chords(item, found.low, found.high, drawn, CHORD_TOLERANCE))
+    return items
 
 
 def _orbits(item: Branch) -> Iterator[PeriodicOrbit]:

@@ -264,7 +264,7 @@ def say(text: object, *, error: bool = False, end: bool = True) -> None:
 def progress_shown() -> Iterator[Callable[..., None]]:
     """Show on a terminal how far the work in the block is, and while its code is compiled.
 
-    Call the result with the share that is done, or without one if that is not known.
+    Call the result with the share that is done.
     """
     from rich.console import Console
 
@@ -282,12 +282,12 @@ def progress_shown() -> Iterator[Callable[..., None]]:
         else:
             status.stop()
 
-    def report(share: float | None = None) -> None:
+    def report(share: float) -> None:
         seconds = time.perf_counter() - begin
         text = f"following exact orbits: {shown_duration(seconds)}"
-        if share is not None and share > 0.02:
+        if share > 0.02:
             left = shown_duration(seconds * (1.0 - share) / share)
-            text += f", {100.0 * share:.0f} % of the changes, about {left} left"
+            text += f", {100.0 * share:.0f} %, about {left} left"
         show(text)
 
     try:

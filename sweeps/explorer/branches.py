@@ -75,7 +75,10 @@ class Branches:
             sweep = config.sweep
             check_axis(view.axis, sweep.grid.axes[view.axis], "it")
             line = motions_from(sweep.spec, sweep.grid.points(), numbers(config))
-            self._found = config, branches_of([line], view.axis, config.record.phase, check)
+            self._found = (
+                config,
+                branches_of([line], view.axis, config.record.phase, lambda share: check()),
+            )
         parts = _nothing()
         for name, x, y, _, orbit in parts_of(self._found[1], view.ordinate):
             columns, x = parts[name], si_value(view.axis, x, config.rig)

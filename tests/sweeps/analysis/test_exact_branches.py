@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sweeps import branches, open_sweep
+from sweeps import bifurcations, branches, open_sweep
 from sweeps.analysis.cuts import select
 from sweeps.analysis.motions import motions_of, orbit_of
 from sweeps.analysis.tables import branch_table, write_csv
@@ -264,3 +264,25 @@ def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact,
     assert {*classes_of(chosen)} == {mq}
     assert bifurcations(found) <= bifurcations(chosen)
     assert "no orbit" not in chosen.attrs["summary"]
+
+
+def test_the_work_reports_its_share_up_to_its_end_and_can_be_ended(tmp_path):
+    """The shares never fall; an exception at any of them ends the work."""
+    scene = "oscillator: {h: 0.1, R: 0.8, omega: {start: 2.6, stop: 2.8, num: 30}, f: 1.0}\n"
+    path = run_in(tmp_path, scene + "record: {transient: 200, periods: 16}\n")
+    shares = []
+    found = branches(path, "omega", None, shares.append)
+    assert shares == sorted(shares) and shares[0] == 0.0 and 0.8 < shares[-1] < 1.0
+    assert len(set(shares)) >= 2 * len(np.unique(found["branch"])) - 1
+
+    class EndedError(Exception):
+        pass
+
+    def end(share):
+        if share > 0.5:
+            raise EndedError
+
+    with pytest.raises(EndedError):
+        branches(path, "omega", None, end)
+    with pytest.raises(EndedError):
+        bifurcations(path, "omega", None, end)
