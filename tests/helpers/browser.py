@@ -63,7 +63,7 @@ class Window:
         browser: Any,
         explorer: Explorer,
         address: str | None = None,
-        size: tuple[int, int] = (640, 400),
+        size: tuple[int, int] = (800, 500),
     ) -> None:
         self.requests: list[str] = []
         self.problems: list[str] = []
