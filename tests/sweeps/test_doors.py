@@ -83,6 +83,7 @@ def test_only_an_opened_sweep_is_taken(opened, door, wrong):
         function(NO_SWEEP[wrong](opened[name]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("door", ["attractors", "bifurcations", "section", "basins"])
 def test_a_path_is_opened(files, opened, door):
     function, name = DOORS[door]

@@ -66,6 +66,7 @@ def test_pdoc_finds_every_public_name_and_help_stays_short(monkeypatch):
     assert sweeps.__all__ == dir(sweeps)
 
 
+@pytest.mark.slow
 def test_the_pictures_are_there_without_an_import_of_their_own():
     code = "import sweeps; print(sweeps.plotting.KINDS['map'].axes)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

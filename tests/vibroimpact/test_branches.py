@@ -268,6 +268,7 @@ def test_a_branch_has_the_same_special_points_from_wherever_it_is_followed(seed,
             assert [item[2] for item in listed] == pytest.approx(values, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_from_any_of_its_points_a_branch_has_its_points_in_order_and_no_orbit_twice():
     """A located flip may be the point from which the branch is followed, to rounding.
 

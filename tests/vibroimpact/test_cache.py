@@ -220,6 +220,7 @@ class EndedError(Exception):
     """Ends the work."""
 
 
+@pytest.mark.slow
 def test_a_wait_and_a_compilation_can_be_ended_and_leave_no_claim(folder):
     lock = lock_of_another(folder)
     with called_before_passes(Mock(side_effect=EndedError)):

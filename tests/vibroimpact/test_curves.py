@@ -500,6 +500,7 @@ def orbit_of_6_4():
     return periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
 
 
+@pytest.mark.slow
 def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind():
     """A 6/4 orbit, from which both ends were once the same graze, with the halves swapped."""
     start = orbit_of_6_4()
@@ -698,6 +699,7 @@ def test_the_grazes_of_two_periods_end_where_both_halves_graze(values, phases, s
     assert np.ptp(ends, axis=0).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_folds_on_which_all_impacts_lose_their_speed_end_in_the_same_graze():
     """At h = 0 and omega = p / 2, where every motion without impacts has the period of the force.
 

@@ -127,6 +127,7 @@ def test_sine_and_cosine_are_right_to_rounding():
     assert_right(sin_cos, lambda angle: (mpmath.sin(angle), mpmath.cos(angle)), angles)
 
 
+@pytest.mark.slow
 def test_arc_sine_logarithm_and_length_are_right_to_rounding():
     """Also where they are small, and at the ends of their ranges."""
     rng = np.random.default_rng(2)

@@ -54,6 +54,7 @@ def test_what_was_found_is_used_again_to_the_last_bit(path, find, axes):
     assert [again[name].dtype for name in again] == [first[name].dtype for name in first]
 
 
+@pytest.mark.slow
 def test_another_request_is_answered_for_itself_and_all_are_kept(path):
     find = Counted(branches)
     requests = [({}, {}), ({"R": 0.8}, {}), ({}, {"classes": [(1, 1)]}), ({}, {"most": 3})]
@@ -64,6 +65,7 @@ def test_another_request_is_answered_for_itself_and_all_are_kept(path):
         assert set(found[2]["m"].values.tolist()) == {1}
 
 
+@pytest.mark.slow
 def test_nothing_is_used_again_after_a_change_of_the_data_or_of_the_code(path, monkeypatch):
     find = Counted(branches)
     asked(path, find, "omega")
@@ -114,6 +116,7 @@ def test_a_damaged_file_is_not_used_but_replaced_and_that_is_said(path, damage):
     assert find.calls == 2
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_is_never_used(path):
     """NumPy alone takes some of them for other values, and raises errors of a dozen kinds."""
     first, _ = asked(path, branches, "omega")
@@ -127,6 +130,7 @@ def test_a_flipped_bit_is_never_used(path):
             xr.testing.assert_identical(_from_arrays(dict(arrays)), first)
 
 
+@pytest.mark.slow
 def test_what_is_found_for_an_opened_file_is_not_taken_for_that_of_its_successor(path):
     with open_sweep(path) as before:
         before.load()

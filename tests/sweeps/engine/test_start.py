@@ -78,6 +78,7 @@ def test_a_sweep_starts_at_the_phase_of_its_start():
         np.testing.assert_allclose(one["trajectory_v"].values[hits], speeds, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transient", ["7", "auto"])
 def test_every_way_to_run_a_point_starts_there(transient):
     """Grid, table, first points of chains, and transients that are found have the same bits."""
@@ -157,6 +158,7 @@ def test_basins_at_another_phase(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_the_phase_is_kept_and_shown(tmp_path):
     """In the file, on the page, in the title, and in the configuration that each of them saves."""
     path = run_in(tmp_path, CONFIG, "start.x0=0", "start.v0=0", "record.trajectory=false")
@@ -173,6 +175,7 @@ def test_the_phase_is_kept_and_shown(tmp_path):
         assert "start at phase 4 rad, phase 1 rad, transient 0" in title.replace("\n", " ")
 
 
+@pytest.mark.slow
 def test_the_times_of_a_followed_sweep(tmp_path):
     """Only the first point of a chain starts before the section, at the phase of the start."""
     omega, ways = [2.6, 2.65, 2.7], ("up", "down")

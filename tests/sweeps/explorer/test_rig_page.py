@@ -30,6 +30,7 @@ def rig(tmp_path):
     page.worker.shutdown()
 
 
+@pytest.mark.slow
 def test_a_rig_has_its_names_and_si_units(rig):
     """k = 8,000 N/m; the spring carries 0.5 kg at 20.1 Hz, and p is 126 per second."""
     view, figure = rig.view, rig.diagram.figure
@@ -48,6 +49,7 @@ def test_a_rig_has_its_names_and_si_units(rig):
     assert view.with_axis("p").xlim == pytest.approx((0.5**2 * 8000.0, 2.0**2 * 8000.0))
 
 
+@pytest.mark.slow
 def test_a_picture_of_a_rig_is_drawn_in_si_units_from_the_numbers_of_its_run(rig, tmp_path):
     view = replace(rig.view, record={**rig.view.record, "transient": 20, "periods": 10})
     config = view.diagram(18)
@@ -106,6 +108,7 @@ def test_the_radius_of_a_disc_has_the_unit_of_the_starts():
         assert float(number) == pytest.approx(0.5e3 * width, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_the_text_on_a_motion_of_a_rig_has_units(rig):
     rig.motion._paint(rig.view, motion_at(rig.view), 0.0)
     assert "ν = 15 Hz: settled on 1/0; " in rig.motion.text.text

@@ -156,6 +156,7 @@ def test_the_numbers_are_those_of_a_run(view, tmp_path):
             np.testing.assert_array_equal(results[name], dataset[name].values)
 
 
+@pytest.mark.slow
 def test_a_change_of_size_labels_the_axes_and_keeps_the_messages(view, tmp_path):
     """Axis labels change the size of a picture, so a finer picture may change it."""
     page = LivePage(Document(), view, tmp_path)
@@ -167,6 +168,7 @@ def test_a_change_of_size_labels_the_axes_and_keeps_the_messages(view, tmp_path)
     page.worker.shutdown()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["periods", "impacts"])
 def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
     page = LivePage(Document(), view, tmp_path)
@@ -291,6 +293,7 @@ def test_the_colours_are_those_of_the_files_pictures():
     np.testing.assert_allclose(seen, in_files, atol=2 / 255)
 
 
+@pytest.mark.slow
 def test_failed_points_are_marked_and_named(tmp_path):
     config = load_config(
         {
@@ -319,6 +322,7 @@ def test_failed_points_are_marked_and_named(tmp_path):
     page.worker.shutdown()
 
 
+@pytest.mark.slow
 def test_points_that_show_part_of_a_repetition_are_marked(tmp_path):
     """At omega = 0.2 a period has 122 impacts, of which 64 are kept; at 2.3 it has one."""
     oscillator = {"h": 0.05, "R": 0.9, "omega": [0.2, 2.3], "f": 1.0}

@@ -93,6 +93,7 @@ def test_the_title_names_what_is_fixed_and_how_it_was_computed(random_sweep):
     assert r"$\omega=1.5$" in point
 
 
+@pytest.mark.slow
 def test_a_title_leaves_out_defaults_and_breaks_between_words(random_sweep):
     fixed = {"h": 0.05, "R": 0.8, "f": 1.0, "p": 1.0, "clearance": 0.0, "x0": 0.0, "v0": 0.0}
     dataset = random_sweep({"omega": OMEGA}, fixed=fixed)

@@ -39,6 +39,7 @@ def test_the_legend_has_only_what_there_is():
     assert not parameter_map(equal_points()).axes[0].patch.get_hatch()
 
 
+@pytest.mark.slow
 def test_lines_mark_the_motions_that_have_not_settled():
     """Those of either neighbour in a row, and of the last column; 3 of the 11 with a result."""
     figure = parameter_map(
@@ -142,6 +143,7 @@ def test_equal_exponents_of_either_sign_have_equally_strong_colours():
     assert min(ticks) < 0.0 < max(ticks)
 
 
+@pytest.mark.slow
 def test_a_cell_reaches_halfway_to_its_neighbours():
     np.testing.assert_allclose(cell_edges(R, False), [0.2, 0.4, 0.7, 1.1])
     np.testing.assert_allclose(cell_edges(np.array([1.0, 4.0, 16.0]), True), [0.5, 2.0, 8.0, 32.0])
@@ -152,6 +154,7 @@ def test_a_cell_reaches_halfway_to_its_neighbours():
     assert figure.axes[0].get_xscale() == "log" and figure.axes[0].get_yscale() == "linear"
 
 
+@pytest.mark.slow
 def test_the_axes_are_the_two_longest_or_those_asked_for():
     axes = {"h": [0.1, 0.2], "R": R, "omega": OMEGA}
     dataset = equal_points(axes=axes, period={(1, 0, 3): 2, (0, 2, 0): 3})

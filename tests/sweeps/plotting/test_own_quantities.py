@@ -109,6 +109,7 @@ def test_any_variable_of_the_dataset_is_mapped(dataset):
     assert "repeats" in legend(parameter_map(dataset, quantity="class_evidence"))
 
 
+@pytest.mark.slow
 def test_a_variable_given_as_a_dataarray_is_that_of_its_name(dataset):
     one, other = (parameter_map(dataset, quantity=q) for q in ("period", dataset["period"]))
     assert legend(one) == legend(other) and "1/1" in legend(one)
@@ -201,6 +202,7 @@ def test_a_few_values_of_an_axis_are_named_in_the_legend(dataset):
     assert len(figure.axes) == 1  # no colour bar
 
 
+@pytest.mark.slow
 def test_the_labels_are_inside_the_picture_also_beside_longer_ticks(dataset, tmp_path):
     """A colour bar makes the panel lower, with ticks at 0.25 instead of 0.2."""
     high = dataset.copy(deep=True)

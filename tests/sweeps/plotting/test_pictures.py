@@ -233,6 +233,7 @@ record: {transient: 20, periods: 10, diagnostics: [period]}
 """
 
 
+@pytest.mark.slow
 def test_impacts_that_were_not_kept_are_said(tmp_path):
     """122 impacts in a period at omega = 0.2, as `simulate` counts them; 64 are kept."""
     path = run_in(tmp_path, SLOW)

@@ -77,6 +77,7 @@ def test_looks_of_classes_in_grey_are_all_different():
     assert len(set(GREY_CLASSES.values())) == len(CLASSES)
 
 
+@pytest.mark.slow
 def test_a_legend_takes_a_fifth_of_the_height_and_counts_what_it_leaves_out():
     """The rarest classes are left out first; failed points and regimes never."""
     classes = list(CLASSES)
