@@ -17,7 +17,7 @@ from vibroimpact.orbits.unknowns import phase_at, speed_at
 
 # The tasks of ``_do``.
 (
-    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _STATE, _LINEARISED,
+    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _STATES, _LINEARISED,
     _CHARACTERISTIC, _NULL_VECTOR,
 ) = range(10)  # fmt: skip
 _NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
@@ -41,23 +41,25 @@ def _do(task, system, here, there, rows, count, number, results):
         results[0] = detection.may_miss(system, here, there, number)
     elif task == _HALVES:
         results[0] = detection.halves_apart(X, system.m, system.q)
-    elif task == _PENETRATION or task == _STATE:
-        _follow(task, system, X, count, number, results)
+    elif task == _PENETRATION or task == _STATES:
+        _follow(task, system, X, rows, results)
     else:
         _linearise(task, system, X, number, results)
 
 
 @jit
-def _follow(task, system, X, count, number, results):
+def _follow(task, system, X, rows, results):
     """Do a task for which flights are followed."""
     values, m, speed, q = corrector.parameters_at(system, X), system.m, system.speed, system.q
     if task == _PENETRATION:
         flight, phase, highest = flights.first_penetration(values, m, speed, X, q)
         results[0], results[1], results[2] = flight, phase, highest
     else:
-        theta, v = X[phase_at(count)], X[speed_at(count)] * speed
-        y, u, a = flights.state_after(values, theta, v, number)
-        results[0], results[1], results[2] = y, u, a
+        for k in range(rows.shape[0]):
+            i = int(rows[k, 0])
+            theta, v = X[phase_at(i)], X[speed_at(i)] * speed
+            y, u, a = flights.state_after(values, theta, v, rows[k, 1])
+            results[3 * k], results[3 * k + 1], results[3 * k + 2] = y, u, a
 
 
 @jit
@@ -96,7 +98,9 @@ def _done(
     """Do a task; return its results, of which there are at most `size`."""
     results = np.empty(size)
     arguments = task, system, here, there, rows, count, number, results
-    compiled(_do, *arguments)(*arguments)
+    if not _do.overloads:
+        compiled(_do, *arguments)
+    _do(*arguments)
     return results
 
 
@@ -135,10 +139,9 @@ def first_penetration(system: System, X: np.ndarray) -> tuple[int, float, float]
     return int(flight), phase, highest
 
 
-def state_after(system: System, X: np.ndarray, i: int, tau: float) -> tuple[float, float, float]:
-    """Do what ``flights.state_after`` does, for impact i."""
-    y, u, a = _done(_STATE, system, _at(X), 3, count=i, number=tau).tolist()
-    return y, u, a
+def states_after(system: System, X: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Do what ``flights.state_after`` does, for rows of impact and time after it; shape (n, 3)."""
+    return _done(_STATES, system, _at(X), 3 * len(after), rows=after).reshape(-1, 3)
 
 
 def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ loses no digits.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +21,8 @@ from vibroimpact.orbits.flights import values_of
 from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.integrators import Parameters
+
+_NONE_FREE, _NO_PARAMETERS = np.empty(0, np.int64), np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,7 @@ class PeriodicOrbit:
         o = self.oscillator
         if self.q == 0:
             return abs(free_amplitude(o)) < o.clearance
-        meets = calls.first_penetration(*self._equations())[0] >= 0
+        meets = calls.first_penetration(*self.equations)[0] >= 0
         return not meets and float(self.speeds.min()) >= 0.0
 
     @cached_property
@@ -94,10 +97,11 @@ class PeriodicOrbit:
     @cached_property
     def characteristic(self) -> tuple[float, float, float]:
         """c0, c1, c2 of c0 + c1 mu + c2 mu^2, whose roots are the multipliers, also at a graze."""
-        return calls.characteristic(*self._equations())
+        return calls.characteristic(*self.equations)
 
-    def _equations(self) -> tuple[System, np.ndarray]:
-        """Return its equations and its vector of unknowns."""
+    @cached_property
+    def equations(self) -> tuple[System, np.ndarray]:
+        """Its equations and its vector of unknowns."""
         X, speed = scaled(self)
         return system_of(self.oscillator, self.m, self.q, speed), X
 
@@ -116,20 +120,18 @@ class PeriodicOrbit:
         array([[-0.553435,  1.296107]])
         """
         at = phase % (2.0 * math.pi) + 2.0 * math.pi * np.arange(self.m)
-        return np.array([self._state(theta) for theta in at.tolist()])
-
-    def _state(self, theta: float) -> tuple[float, float]:
         o = self.oscillator
         if self.q == 0:
-            response = free_amplitude(o) * np.exp(1j * theta)
-            return response.imag, o.omega * response.real
-        first, turn = float(self.phases[0]), 2.0 * math.pi * self.m
-        theta = first + (theta - first) % turn
-        i = int(np.searchsorted(self.phases, theta, side="right")) - 1
-        start, v = float(self.phases[i]), float(self.speeds[i])
-        system, X = system_of(o, self.m, 1, 1.0), np.array([start, v])
-        y, u, _ = calls.state_after(system, X, 0, (theta - start) / o.omega)
-        return min(y + o.clearance, o.clearance), u
+            responses = [free_amplitude(o) * np.exp(1j * theta) for theta in at.tolist()]
+            return np.array([(response.imag, o.omega * response.real) for response in responses])
+        phases, turn, after = self.phases.tolist(), 2.0 * math.pi * self.m, []
+        for theta in at.tolist():  # in lists, which take less time than such short arrays
+            theta = phases[0] + (theta - phases[0]) % turn
+            i = bisect_right(phases, theta) - 1
+            after.append((i, (theta - phases[i]) / o.omega))
+        system, X = system_of(o, self.m, self.q, 1.0), _vector(self.phases, self.speeds)
+        states = calls.states_after(system, X, np.array(after)).tolist()
+        return np.array([(min(y + o.clearance, o.clearance), u) for y, u, _ in states])
 
 
 def determinant(h: float, R: float, omega: float, m: int, q: int) -> float:
@@ -166,14 +168,18 @@ def taken_twice(orbit: PeriodicOrbit) -> PeriodicOrbit:
 def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
     """Return the unknowns of an orbit, shape (2 q,), and the unit of speed."""
     speed = unit_of_speed(orbit.oscillator, orbit.speeds)
-    z = np.column_stack([orbit.phases, orbit.speeds / speed])
-    return unknowns(z, np.empty(0)), speed
+    return _vector(orbit.phases, orbit.speeds / speed), speed
+
+
+def _vector(phases: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    """Return the vector of unknowns without free parameters."""
+    return unknowns(np.array([phases, speeds]).T, _NO_PARAMETERS)
 
 
 def system_of(osc: Oscillator, m: int, q: int, speed: float) -> System:
     """Return the equations of orbits without free parameters."""
     return System(
-        values_of(osc), np.empty(0, np.int64), np.empty(0), m, q, speed, NONE, 0, False, np.zeros(1)
+        values_of(osc), _NONE_FREE, _NO_PARAMETERS, m, q, speed, NONE, 0, False, np.zeros(1)
     )
 
 
@@ -186,7 +192,7 @@ def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
 
 def linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return F, A and B of the flights (``flights.residuals``)."""
-    return calls.linearised(*orbit._equations())
+    return calls.linearised(*orbit.equations)
 
 
 def free_orbit(osc: Oscillator) -> PeriodicOrbit:
