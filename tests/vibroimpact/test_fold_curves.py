@@ -1,0 +1,377 @@
+"""Curves of folds in two parameters, and their ends."""
+
+import math
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from tests.helpers.oscillators import SectionMap, bifurcation
+from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.curves import bifurcation_curve
+from vibroimpact.orbits.halves import _Beside
+from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
+from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.periodic import periodic_orbit, why_inadmissible
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.trajectory import simulate
+
+
+def test_a_curve_of_folds_that_ends_where_no_energy_is_lost_has_no_cusp_there():
+    """It touches R = 1 at f = 0, where the parameters change by less than rounding."""
+    osc = Oscillator(
+        h=0.0, R=0.762018830994887, omega=9.061092841253766, f=0.255390283887717,
+        p=1.4670466634746546, clearance=-0.26200537754160713,
+    )  # fmt: skip
+    start = PeriodicOrbit(osc, 1, np.array([6.270993163818162]), np.array([0.2432289187730071]))
+    found = bifurcation_curve(start, "fold", ("f", 0.0, 3.0), ("R", 0.05, 1.0))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    assert found.special[0].value.tolist() == [0.0, 1.0]
+
+
+def test_two_folds_meet_in_a_cusp():
+    """Beside it a branch has two folds on one side of its clearance, and none on the other."""
+    osc = Oscillator(h=0.1, R=0.6, omega=0.65, f=1.0)
+    run = simulate(osc, periods=300)
+    four = periodic_orbit(osc, run.x[-1], run.v[-1])
+    (fold,) = [p for p in branch(four, "omega", 0.3, 4.0).special if p.kind == "fold"]
+    found = bifurcation_curve(fold.orbit, "fold", ("omega", 0.5, 1.5), ("clearance", -0.5, 0.5))
+    (cusp,) = [p for p in found.special if p.kind == "cusp"]
+    omega, clearance = cusp.value
+    (without,) = branch(cusp.orbit, "clearance", -0.5, 0.5).at(clearance - 1e-3)
+    at = int(np.argmin(np.abs(found.values - cusp.value).max(axis=1)))
+    for near, count in ((without, 0), (found.orbit(at - 1), 2), (found.orbit(at + 1), 2)):
+        special = branch(near, "omega", omega - 0.01, omega + 0.01).special
+        assert [p.kind for p in special].count("fold") == count
+
+
+def test_a_smooth_turn_of_the_folds_is_no_cusp():
+    """R has a smooth minimum at (6.0328, .6251), where the parameters turn within one step."""
+    osc = Oscillator(
+        h=0.002270562487592108, R=0.7921663522150849, omega=5.9214451962385555, f=1.0,
+        p=0.8940667529083062,
+    )  # fmt: skip
+    phases = np.array([2.36987228167583, 6.529280048086484, 26.65563221760582])
+    speeds = np.array([0.13852896315191357, 0.18970795215695938, 0.3226216879520207])
+    start = PeriodicOrbit(osc, 7, phases, speeds)
+    found = bifurcation_curve(start, "fold", ("omega", 3.5, 8.62), ("R", 0.6067418, 1.0))
+    assert [point.kind for point in found.special] == ["edge", "graze"]
+    assert found.values[:, 1].min() == pytest.approx(0.6251, abs=1e-3)
+
+
+#: Folds of even orbits: h, R, omega, clearance, m, phases, speeds, and two parameters.
+EVEN_FOLDS = [
+    (
+        (0.014345535313060494, 0.822844248768931, 3.1076863628103895, -0.043165483779260154), 4,
+        (3.369118, 5.63253, 14.746635, 19.133391), (0.354232, 0.340147, 0.320452, 0.468441),
+        "R", "clearance", ["flip", "graze"],
+    ),
+    (
+        (0.021473102103706, 0.9353643039006074, 2.9663304973371893, -0.0635302791139786), 6,
+        (3.024822, 5.734295, 14.217375, 22.612327, 24.050315, 32.387493),
+        (0.337564, 0.423413, 0.620606, 0.240073, 0.248158, 0.567443),
+        "omega", "R", ["flip", "flip"],
+    ),
+    (
+        (0.0, 0.9025906780569497, 6.99709425588623, -6.465816007914199e-05), 8,
+        (3.763774, 5.415243, 27.379638, 32.064715), (0.111962, 0.108496, 0.100899, 0.126564),
+        "clearance", "omega", ["flip", "graze"],
+    ),
+    (
+        (0.004682655998969588, 0.8831028166777297, 1.0001129968124862, 0.2161704764396184), 6,
+        (4.5829, 6.297099, 10.761693, 14.040891, 17.457497, 23.203242, 24.908681, 29.53019,
+         32.586373, 36.175636),
+        (0.772571, 0.360329, 2.435801, 0.440887, 2.225761, 0.870708, 0.539945, 2.316563, 0.633524,
+         2.559831),
+        "clearance", "omega", ["flip", "graze"],
+    ),
+    (
+        (0.0, 0.7956213327887222, 3.1201084164210617, -0.05003928043741748), 4,
+        (3.169325, 5.733403, 14.892395, 18.969393), (0.377231, 0.377638, 0.345366, 0.475584),
+        "clearance", "omega", ["edge", "flip"],
+    ),
+]  # fmt: skip
+
+
+RANGES = {"R": (0.3, 1.0), "omega": (0.5, 8.0), "clearance": (-0.3, 0.3)}
+
+
+def orbits_twice(found):
+    """Return the points of a curve whose orbit, whichever impact is first, it meets elsewhere.
+
+    Its orbit lies beside a chord between other points, nearer than 5 % of the length of the chord.
+    """
+    values = (found.values - found.values.min(axis=0)) / np.ptp(found.values, axis=0)
+    orbits = np.column_stack([values, np.sort(found.speeds) / found.speeds.max()])
+    starts, chords = orbits[:-1], np.diff(orbits, axis=0)
+    lengths, again = np.linalg.norm(chords, axis=1), []
+    for i, orbit in enumerate(orbits):
+        shares = np.sum((orbit - starts) * chords, axis=1) / lengths**2
+        away = np.linalg.norm(orbit - starts - shares[:, None] * chords, axis=1) / lengths
+        away[max(i - 1, 0) : i + 1] = np.inf
+        if np.any((shares > 0.0) & (shares < 1.0) & (away < 0.05)):
+            again.append(i)
+    return again
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("values", "m", "phases", "speeds", "first", "second", "kinds"),
+    [
+        pytest.param(*case, id=f"{case[1]}/{len(case[2])} over {case[4]}, {case[5]}")
+        for case in EVEN_FOLDS
+    ],
+)
+def test_the_folds_of_an_even_orbit_end_at_the_degenerate_flip_of_its_half(
+    values, m, phases, speeds, first, second, kinds
+):
+    """The cubic coefficient of the flip is zero there; beyond it the halves would change places."""
+    h, R, omega, clearance = values
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=clearance)
+    start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds))
+    ranges = [(name, *RANGES[name]) for name in (first, second)]
+    found = bifurcation_curve(start, "fold", *ranges)
+    assert sorted(point.kind for point in found.special) == kinds
+    for point in (0, -1):
+        assert found.special[point].value.tolist() == found.values[point].tolist()
+    assert not orbits_twice(found)
+    for i in range(1, len(found.values) - 1, 6):
+        again = bifurcation_curve(found.orbit(i), "fold", *ranges)
+        specials = sorted(again.special, key=lambda p: np.abs(p.value - found.values[0]).max())
+        for point, expected in zip(specials, found.special, strict=True):
+            assert point.kind == expected.kind
+            assert point.value == pytest.approx(expected.value, abs=2e-8)
+        assert not orbits_twice(again)
+    for end in (point for point in found.special if point.kind == "flip"):
+        assert (end.orbit.m, end.orbit.q) == (m // 2, len(phases) // 2)
+        with mp.workdps(60):
+            coefficients, beside = [], mp.mpf(10) ** -5
+            for change in (0, beside):
+                half = SectionMap(end.orbit)
+                half.parameters[second] += change
+                value = half.bifurcation("flip", first)
+                coefficients.append(half.cubic_coefficient())
+                if not change:
+                    assert float(value) == pytest.approx(end.value[0], rel=1e-12, abs=1e-14)
+            away = beside * coefficients[0] / (coefficients[1] - coefficients[0])
+            assert float(away) == pytest.approx(0.0, abs=1e-8)
+
+
+@pytest.mark.parametrize("case", [0, 3])
+def test_a_curve_of_folds_ends_at_an_edge_that_comes_before_its_degenerate_flip(case):
+    """The halves differ by less than a twentieth there, and the flip is beyond the range."""
+    (h, R, omega, clearance), m, phases, speeds, first, second, _ = EVEN_FOLDS[case]
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=clearance)
+    start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds))
+    ranges = {name: RANGES[name] for name in (first, second)}
+    found = bifurcation_curve(start, "fold", *((name, *ends) for name, ends in ranges.items()))
+    at = [point.kind for point in found.special].index("flip")
+    flip, beside = found.special[at].value[1], found.values[(1, -2)[at], 1]
+    edge = flip + 0.01 * (beside - flip)
+    ranges[second] = (edge, ranges[second][1]) if flip < edge else (ranges[second][0], edge)
+    middle = found.orbit(len(found.values) // 2)
+    short = bifurcation_curve(middle, "fold", *((name, *ends) for name, ends in ranges.items()))
+    assert sorted(point.kind for point in short.special) == ["edge", "graze"]
+    (end,) = [point for point in short.special if point.kind == "edge"]
+    assert end.value[1] == pytest.approx(edge, rel=1e-9)
+
+
+def orbit_of_6_4():
+    """Return an orbit whose folds end where its two halves become equal."""
+    osc = Oscillator(
+        h=0.007362632864275454, R=0.8628857905514986, omega=5.2602055795026255, f=1.0,
+        clearance=-0.027911269810741077,
+    )  # fmt: skip
+    return periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
+
+
+@pytest.mark.slow
+def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind():
+    """A 6/4 orbit, from which both ends were once the same graze, with the halves swapped."""
+    start = orbit_of_6_4()
+    ranges = ("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)
+    found = bifurcation_curve(start, "fold", *ranges)
+    assert [point.kind for point in found.special] == ["flip", "graze"]
+    assert found.special[0].value == pytest.approx([-0.03049523, 0.90218745], abs=1e-8)
+    assert not orbits_twice(found)
+    for i in range(1, len(found.values) - 1):
+        again = bifurcation_curve(found.orbit(i), "fold", *ranges)
+        assert sorted(point.kind for point in again.special) == ["flip", "graze"]
+        assert not orbits_twice(again)
+
+
+#: Folds of orbits of two periods near a resonance, where the equations of the flights are almost
+#: singular: oscillator, phases, speeds, two ranges, and the kinds of both ends.
+RESONANT_FOLDS = [
+    (
+        (0.0, 0.22962440475055887, 0.49684387536385977, 2.8364653295094806, 1.0, 3.099250817317816),
+        (4.738467196435406, 10.975655183818759), (0.01183862788017028, 0.07485107591497236),
+        ("clearance", 0.8314, 5.332), ("f", 1.0102, 4.6627), ["edge", "edge"],
+    ),
+    (
+        (0.009648847885009706, 0.7833535831970844, 1.3573919789029458, 2.9641915887581125,
+         1.3677821652269693, 3.731868390412312),
+        (4.823666020966798, 10.982749280277007), (2.3184803230137843, 5.116010847311451),
+        ("p", 0.40623, 1.59377), ("R", 0.51627, 1.0), ["flip", "edge"],
+    ),
+    (
+        (0.0005665172892851622, 0.5942893006996819, 0.4286026678593357, 1.531011005217444,
+         1.1314116535635579, 1.1552798542610252),
+        (4.076597043608686, 5.266260401540656, 10.327846298259349, 11.522536935873312),
+        (0.4533649300320061, 0.3094417684784397, 0.48787918202701913, 0.359695148117221),
+        ("p", 0.37038, 1.62962), ("R", 0.40346, 0.78511), ["flip", "flip"],
+    ),
+    (
+        (0.0028280073070909226, 0.9270389501064908, 0.7505942405230596, 3.437808668542584,
+         0.7518735452621153, 10.539791788425157),
+        (4.760499839324295, 10.985201203714293), (5.39811938233415, 9.457266523539156),
+        ("omega", 0.67905, 1.22553), ("clearance", 7.71157, 13.368), ["flip", "edge"],
+    ),
+    (
+        (0.001323363952787437, 0.24314165313611752, 2.4888813031584, 1.0, 2.506656358598918,
+         3.174244174808011),
+        (4.728975956433519, 11.001734877020061), (0.6266560763480521, 0.835524330764009),
+        ("p", 1.83874, 2.99112), ("clearance", 1.87532, 4.47317), ["flip", "edge"],
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("values", "phases", "speeds", "first", "second", "kinds"), RESONANT_FOLDS, ids=range(5)
+)
+def test_the_folds_near_a_resonance_are_followed_to_their_ends(
+    values, phases, speeds, first, second, kinds
+):
+    start = PeriodicOrbit(Oscillator(*values), 2, np.array(phases), np.array(speeds))
+    found = bifurcation_curve(start, "fold", first, second)
+    assert [point.kind for point in found.special] == kinds
+    assert len(found.values) < 60 and not orbits_twice(found)
+    for end in (point for point in found.special if point.kind == "flip"):
+        with mp.workdps(60):
+            coefficients = []
+            for change in (0, mp.mpf(10) ** -5):
+                half = SectionMap(end.orbit)
+                half.parameters[second[0]] += change
+                value = half.bifurcation("flip", first[0])
+                coefficients.append(half.cubic_coefficient())
+                if not change:
+                    assert float(value) == pytest.approx(end.value[0], rel=1e-12)
+            away = float(1e-5 * coefficients[0] / (coefficients[1] - coefficients[0]))
+            assert away == pytest.approx(0.0, abs=2e-5)
+
+
+def test_a_flip_beside_the_extrapolated_end_of_a_curve_of_folds_is_not_its_end(monkeypatch):
+    """Newton's method finds the flips of the half from anywhere near them."""
+    start = orbit_of_6_4()
+    ranges = ("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)
+    extrapolated = _Beside.at
+    aside = np.zeros(10)
+    aside[-2] = 0.01
+    monkeypatch.setattr(
+        _Beside, "at", lambda self, square: extrapolated(self, square) + aside * (square == 0.0)
+    )
+    found = bifurcation_curve(start, "fold", *ranges)
+    assert "flip" not in [point.kind for point in found.special]
+
+
+@pytest.mark.parametrize(("axis", "inside"), [(0, 1.0), (1, -1.0)])
+def test_a_curve_of_folds_ends_at_an_edge_just_before_its_degenerate_flip(axis, inside):
+    """Its equations are singular there; the halves differ by the square root of the distance."""
+    start = orbit_of_6_4()
+    ranges = [("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)]
+    flip = bifurcation_curve(start, "fold", *ranges).special[0].value
+    slopes, sizes = [], []
+    for away in (1e-4, 1e-6, 1e-7, 1e-8):
+        edge, (name, low, high) = flip[axis] + inside * away, ranges[axis]
+        cut = ranges.copy()
+        cut[axis] = (name, edge, high) if inside > 0.0 else (name, low, edge)
+        found = bifurcation_curve(start, "fold", *cut)
+        assert [point.kind for point in found.special] == ["edge", "graze"]
+        end = found.special[0]
+        assert end.value[axis] == edge
+        assert end.value.tolist() == found.values[0].tolist()
+        assert (end.orbit.m, end.orbit.q) == (6, 4)
+        assert why_inadmissible(end.orbit) == ""
+        slopes.append((end.value[1 - axis] - flip[1 - axis]) / away)
+        sizes.append(np.abs(end.orbit.speeds[:2] - end.orbit.speeds[2:]).max() / math.sqrt(away))
+        assert len(found.values) < 40
+    assert slopes == pytest.approx([slopes[0]] * 4, rel=0.2)
+    assert sizes == pytest.approx([sizes[0]] * 4, rel=0.2)
+
+
+@pytest.mark.slow
+def test_folds_on_which_all_impacts_lose_their_speed_end_in_the_same_graze():
+    """At h = 0 and omega = p / 2, where every motion without impacts has the period of the force.
+
+    Without units the end depends on R alone, so two pairs of parameters lead to the same end.
+    """
+    osc = Oscillator(
+        h=0.0, R=0.22962440475055887, omega=0.49684387536385977, f=2.8364653295094806,
+        p=1.0026497831094847, clearance=3.0817931897581423,
+    )  # fmt: skip
+    phases, speeds = (4.749380558199104, 10.967371106745038), (0.0165892567959, 0.1053157937763)
+    start, ends = PeriodicOrbit(osc, 2, np.array(phases), np.array(speeds)), []
+    for second in (("omega", 0.27, 0.73), ("f", 0.84, 4.84)):
+        whole = bifurcation_curve(start, "fold", ("p", 0.3, 1.7), second)
+        for i in len(whole.values) * np.array([1, 2, 3]) // 4:
+            special = bifurcation_curve(whole.orbit(i), "fold", ("p", 0.3, 1.7), second).special
+            assert sorted(point.kind for point in special) == ["edge", "graze"]
+            (end,) = [point.orbit for point in special if point.kind == "graze"]
+            assert not end.speeds.any()
+            assert np.sin(end.phases) == pytest.approx([-1.0, -1.0], abs=1e-12)
+            o = end.oscillator
+            ends.append((o.omega / o.p, o.p**2 * o.clearance / o.f))
+    assert np.ptp(ends, axis=0).max() < 1e-8
+    assert ends[0][0] == pytest.approx(0.5, abs=1e-8)
+
+
+def test_the_folds_are_those_of_the_closed_form():
+    osc = Oscillator(h=0.1, R=0.8, omega=1.5, f=1.0, clearance=1.0)
+    found = bifurcation_curve(one_impact_orbit(osc), "fold", ("omega", 1.4, 2.0), ("R", 0.6, 0.9))
+    assert len(found.values) > 5
+    for omega, R in found.values[::3]:
+        expected = bifurcation(replace(osc, R=R), "fold", "omega", 1.45, 2.0)
+        assert omega == pytest.approx(expected, abs=1e-11)
+
+
+@pytest.mark.parametrize(("R", "omega", "slowest"), [(0.575, 0.54, 0), (0.725, 0.4, 12)])
+def test_the_folds_of_a_long_chatter_are_followed_from_wherever_the_slowest_impact_is(
+    R, omega, slowest
+):
+    """The curve of 1/13 from two of its points, over the range of configs/period-map.yaml.
+
+    A solution of the linearised flights that is not the shortest one moves the slowest impacts
+    most, by more than their speed. Where the slowest is the last, the fold was lost half way.
+    """
+    osc = Oscillator(h=0.02, R=R, omega=omega, f=1.0)
+    run = simulate(osc, 120)
+    start = periodic_orbit(osc, run.section_x[-1], run.section_v[-1])
+    (fold,) = [p for p in branch(start, "omega", 0.3, 1.2).special if p.kind == "fold"]
+    assert (fold.orbit.q, np.argmin(fold.orbit.speeds)) == (13, slowest)
+    found = bifurcation_curve(fold.orbit, "fold", ("omega", 0.3, 5.6), ("R", 0.3, 0.95))
+    ends = sorted(point.value.tolist() for point in found.special)
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    assert ends == [
+        pytest.approx([0.34079, 0.95], abs=1e-5),
+        pytest.approx([0.92469, 0.3], abs=1e-5),
+    ]
+
+
+def test_folds_that_grow_without_bound_leave_the_other_direction_its_work(monkeypatch):
+    """Dux: at h = 0 the folds of n/1 have V = 2 |sigma| k / (rho (1 + k^2)), rho = (1 - R) / omega.
+
+    There k^2 = (sigma / gamma)^2 - 1, gamma = 1 / (1 - omega^2): they never reach R = 1.
+    """
+    monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", 80_000)
+    start = one_impact_orbits(Oscillator(0.0, 0.75, 4.15, 1.0, clearance=-0.1), 2)[0]
+    ranges = ("omega", 1.0, 8.0), ("R", 0.1, 1.0)
+    edge, lost = bifurcation_curve(start, "fold", *ranges).special
+    if edge.kind == "lost":
+        edge, lost = lost, edge
+    assert (edge.kind, lost.kind, edge.value[1]) == ("edge", "lost", 0.1)
+    omega, R = lost.value
+    k = math.sqrt((0.1 * (omega**2 - 1.0)) ** 2 - 1.0)
+    grown = 0.2 * k * omega / ((1.0 - R) * (1.0 + k * k))
+    assert lost.orbit.speeds[0] == pytest.approx(grown, rel=1e-6) and grown > 1000.0

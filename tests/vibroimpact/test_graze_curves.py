@@ -1,0 +1,260 @@
+"""Curves of grazes in two parameters, and their ends."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from tests.helpers.oscillators import peak
+from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.curves import bifurcation_curve
+from vibroimpact.orbits.family import OrbitFamily
+from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
+from vibroimpact.oscillator import Oscillator
+
+
+def test_the_graze_of_a_doubled_orbit_is_not_lost_where_newtons_method_fails(monkeypatch):
+    """Beside the end, where 8/5 without its grazing impact becomes twice 4/2 at a flip."""
+    corrected = OrbitFamily.corrected
+
+    def fails(self, *arguments, **options):
+        X = corrected(self, *arguments, **options)
+        if X is None or self.q != 5:
+            return X
+        first, second = np.delete(X[1:10:2], self.system.graze).reshape(2, 2)
+        return None if np.abs(first - second).max() < 2e-6 else X
+
+    monkeypatch.setattr(OrbitFamily, "corrected", fails)
+    osc = Oscillator(
+        h=0.004247847778552961, R=0.44136611149792243, omega=4.543361480819898, f=1.0,
+        clearance=0.024006723057881485,
+    )  # fmt: skip
+    phases = np.array([1.823602, 7.937557, 12.938735, 26.92361, 38.577648])
+    speeds = np.array([0.181186, 0.0, 0.247833, 0.268621, 0.217353])
+    start = PeriodicOrbit(osc, 8, phases, speeds)
+    found = bifurcation_curve(start, "graze", ("omega", 4.0, 5.2), ("R", 0.2, 1.0))
+    assert [point.kind for point in found.special] == ["graze", "fold", "flip", "edge"]
+    end = found.special[0].orbit
+    half = np.flatnonzero(end.speeds)[:2]
+    orbit = PeriodicOrbit(end.oscillator, 4, end.phases[half], end.speeds[half])
+    assert orbit.multipliers.real.min() == pytest.approx(-1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("h", "low", "high", "count", "near"),
+    [
+        (0.02, 0.3, 2.5, 6, 1e-12),
+        (0.1, 0.15, 0.9, 11, 1e-12),
+        (0.05, 0.1, 0.3, 13, 1e-12),
+        (0.3, 0.06, 0.1, 12, 1e-12),
+        (0.5, 0.06, 0.08, 7, 1e-9),  # c1 itself is of the order of exp(-h T)
+        (0.5, 0.08, 0.1, 4, 1e-9),
+    ],
+)
+def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high, count, near):
+    """Section 5: they are at omega = 2 Omega / k. Two may lie in one step."""
+    omega = 0.505 * (low + high)
+    osc = Oscillator(h=h, R=0.8, omega=omega, f=0.99, clearance=1.0)
+    still = replace(osc, f=0.99 * math.hypot(1.0 - omega**2, 2.0 * h * omega))
+    start = solved(still, 1, np.empty(0), np.empty(0))
+    found = bifurcation_curve(start, "graze", ("f", 0.0, 3.0), ("omega", low, high))
+    free = math.sqrt(1.0 - h * h)
+    expected = sorted(2.0 * free / k for k in range(1, 400) if low < 2.0 * free / k < high)
+    assert len(expected) == count
+    for kind in ("flip", "fold"):
+        places = sorted(point.value[1] for point in found.special if point.kind == kind)
+        assert places == pytest.approx(expected, abs=near)
+
+
+def test_the_graze_of_the_free_oscillation_goes_on_as_an_orbit_of_three_periods():
+    """It touches the stop twice between its impacts, to rounding, which is no end."""
+    osc = Oscillator(h=0.02, R=0.8, omega=2.25, f=1.0)
+    stiffness = complex(1.0 - osc.omega**2, 2.0 * osc.h * osc.omega)
+    osc = replace(osc, clearance=1.0 / abs(stiffness))
+    touch = PeriodicOrbit(osc, 3, 0.5 * math.pi + np.angle([-stiffness]), np.zeros(1))
+    found = bifurcation_curve(touch, "graze", ("clearance", 0.01, 40.0), ("omega", 0.4, 4.7))
+    assert [p.kind for p in found.special if p.kind not in ("flip", "fold")] == ["edge", "edge"]
+    clearance, omega = found.values.T
+    product = clearance * np.hypot(1.0 - omega**2, 2.0 * osc.h * omega)
+    np.testing.assert_allclose(product, 1.0, rtol=0, atol=1e-11)
+
+
+def test_a_graze_of_all_impacts_is_that_of_the_free_oscillation():
+    """Where 9/2 ends, both its impacts are touches of one oscillation, of amplitude f / |D|."""
+    osc = Oscillator(0.1602367594878764, 0.16773159910106636, 7.351284129173936, 1.1977359445134217)
+    stiffness = complex(1.0 - osc.omega**2, 2.0 * osc.h * osc.omega)
+    phase = 0.5 * math.pi + np.angle(-stiffness)
+    orbit = PeriodicOrbit(
+        replace(osc, clearance=osc.f / abs(stiffness)),
+        9,
+        phase + 2.0 * math.pi * np.array([0.0, 5.0]),
+        np.zeros(2),
+    )
+    found = bifurcation_curve(orbit, "graze", ("clearance", -0.6, 0.6), ("f", 0.33, 1.76))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    clearance, f = found.values.T
+    np.testing.assert_allclose(clearance * abs(stiffness), f, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("last", "f"),
+    [(0.59, 0.960733250477590), (0.60, 0.888910272130863), (0.62, 0.776919993099989)],
+)
+def test_a_graze_does_not_end_where_its_own_landing_is_left_by_rounding(last, f):
+    """A curve of the orbit 10/5 that goes on to the edge, where its f is known."""
+    osc = Oscillator(0.0, 0.5783595687515108, 9.17981952886363, 1.0, 1.0, -0.000518638491283792)
+    phases = 4.5730449440613725, 5.7046365498477165, 35.84387378278173
+    phases += 36.814744354931115, 37.81854699963247
+    speeds = 0.10015655931650334, 0.04861191588559104, 0.0891284455745802
+    speeds += 0.04821092115635537, 0.011331330515415152
+    start = PeriodicOrbit(osc, 10, np.array(phases), np.array(speeds))
+    found = bifurcation_curve(start, "graze", ("R", 0.57, last), ("f", 0.5, 1.5))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    ends = [point.value for point in found.special]
+    assert max(ends, key=lambda end: end[0]) == pytest.approx([last, f], abs=1e-12)
+
+
+@pytest.mark.parametrize("m", [1, 2])
+@pytest.mark.parametrize("h", [0.0, 0.05])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (("f", 0.0, 3.0), ("omega", 0.3, 3.0)),
+        (("clearance", 0.0, 2.0), ("f", 0.0, 3.0)),
+        (("omega", 0.3, 3.0), ("clearance", 0.0, 2.0)),
+        (("f", 0.0, 3.0), ("p", 0.2, 3.0)),
+    ],
+)
+def test_the_grazes_of_the_free_oscillation_go_from_edge_to_edge(h, m, first, second):
+    """Also where the force or both parameters vanish; in few steps, since nothing happens."""
+
+    def amplitude(osc):
+        return osc.f / math.hypot(osc.p**2 - osc.omega**2, 2.0 * osc.h * osc.omega)
+
+    scene = Oscillator(h=h, R=0.8, omega=0.8, f=1.0, clearance=0.5)
+    scene = replace(scene, f=0.5 / amplitude(scene))
+    phase = 0.5 * math.pi + math.atan2(-2.0 * h * 0.8, -(1.0 - 0.8**2)) % (2.0 * math.pi)
+    touch = PeriodicOrbit(scene, m, np.array([phase % (2.0 * math.pi)]), np.zeros(1))
+    found = bifurcation_curve(touch, "graze", first, second)
+    ends = [point for point in found.special if point.kind not in ("flip", "fold")]
+    assert [point.kind for point in ends] == ["edge", "edge"]
+    for point in ends:
+        pairs = zip(point.value.tolist(), (first[1:], second[1:]), strict=True)
+        assert any(value in edges for value, edges in pairs)
+    for values in found.values:
+        osc = replace(scene, **dict(zip(found.parameters, values.tolist(), strict=True)))
+        if osc.f > 0.0:
+            assert amplitude(osc) == pytest.approx(osc.clearance, rel=1e-7)
+    assert len(found.values) < 130
+
+
+def test_a_graze_that_newtons_method_finds_elsewhere_is_not_the_end_of_a_branch(monkeypatch):
+    start, ranges = one_impact_orbit(Oscillator(h=0.0, R=0.9, omega=1.2, f=1.0)), (0.9, 1.3)
+    (expected,) = [p for p in branch(start, "omega", *ranges).special if p.kind == "graze"]
+    bifurcation_of = OrbitFamily.bifurcation
+
+    def elsewhere(self, X, kind, graze=0):
+        Z = bifurcation_of(self, X, kind, graze)
+        return Z + 0.01 if kind == "graze" and Z is not None else Z
+
+    monkeypatch.setattr(OrbitFamily, "bifurcation", elsewhere)
+    (graze,) = [p for p in branch(start, "omega", *ranges).special if p.kind == "graze"]
+    assert graze.value == pytest.approx(expected.value, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("values", "phases", "speeds", "ranges"),
+    [
+        (
+            {"h": 0.09397136038870241, "R": 0.897225519910674, "omega": 1.0679112274635831,
+             "f": 1.0, "clearance": -0.046805682666813675},
+            (1.2411141224550395, 4.7112263048390695, 10.979057750127623),
+            (0.0, 1.4689443321344122, 1.4359842278728046),
+            (("omega", 0.61, 1.77), ("R", 0.69, 1.0)),
+        ),
+        (
+            {"h": 0.07336322554555809, "R": 0.8760726697180561, "omega": 0.7374774926087023,
+             "f": 1.0, "p": 1.1425151123961863, "clearance": 0.7630138730968545},
+            (3.824677972367527, 6.280338273292941, 10.079123596335206, 12.209133830654347),
+            (0.7990778812042152, 0.0, 1.6287415230203897, 0.9667611108875604),
+            (("p", 0.515, 1.485), ("f", 0.69, 1.31)),
+        ),
+    ],
+)  # fmt: skip
+def test_the_grazes_of_two_periods_end_where_both_halves_graze(values, phases, speeds, ranges):
+    """From wherever the curve is followed, also if only one half has the touch as an impact.
+
+    Without its touch the orbit of 2/3 is 1/1 there, and has its flip in closed form and its graze.
+    """
+    start, ends = PeriodicOrbit(Oscillator(**values), 2, np.array(phases), np.array(speeds)), []
+    whole = bifurcation_curve(start, "graze", *ranges)
+    for i in len(whole.values) * np.array([1, 2, 3]) // 4:
+        (end,) = [
+            p for p in bifurcation_curve(whole.orbit(i), "graze", *ranges).special
+            if p.kind == "graze"
+        ]  # fmt: skip
+        ends.append(end.value)
+        if start.q == 3:
+            single = one_impact_orbit(end.orbit.oscillator)
+            assert single.multipliers[0] == pytest.approx(-1.0, abs=1e-8)
+            assert peak(single) == pytest.approx(0.0, abs=1e-9)
+        else:
+            half = PeriodicOrbit(
+                end.orbit.oscillator, 1, end.orbit.phases[:2], end.orbit.speeds[:2]
+            )
+            assert half.exists and half.characteristic == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert np.ptp(ends, axis=0).max() < 1e-9
+
+
+def test_the_graze_of_an_orbit_that_is_symmetric_in_time_is_followed_through_both_its_touches():
+    """Without damping and loss, each touch has its mirror image about the impact at 3 pi / 2.
+
+    At clearance 0 nothing but omega / p matters without units, so the curve is a straight line.
+    """
+    osc = Oscillator(h=0.0, R=1.0, omega=3.4357072811811675, f=1.0, p=1.1029479945702383)
+    touch = 7.06666735
+    start = PeriodicOrbit(osc, 2, np.array([1.5 * math.pi, touch]), np.array([0.21772937, 0.0]))
+    found = bifurcation_curve(start, "graze", ("p", 0.83, 1.17), ("omega", 2.8, 4.1))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    assert len(found.values) < 60
+    p, omega = found.values.T
+    assert np.ptp(p) > 0.25 and np.ptp(omega / p) < 1e-9
+    x, v = found.orbit(0).sections(3.0 * math.pi - touch)[0]  # at the mirror image
+    assert (x, v) == pytest.approx((0.0, 0.0), abs=1e-7)
+
+
+def test_a_graze_of_any_natural_vibration_has_no_curve():
+    """At h = 0 and omega = 4 p the orbits of 4/1 vanish, and vibrations of any phase touch."""
+    osc = Oscillator(h=0.0, R=0.8, omega=4.2, f=1.0, clearance=1.0)
+    (end,) = [p for p in branch(one_impact_orbit(osc, 4), "omega", 3.0, 4.3).special
+              if p.kind == "graze"]  # fmt: skip
+    for second in (("p", 0.8, 1.2), ("R", 0.5, 1.0), ("clearance", 0.5, 1.5)):
+        with pytest.raises(OrbitError, match=r"not isolated.* 4 forcing periods at omega = 4"):
+            bifurcation_curve(end.orbit, "graze", ("omega", 3.0, 4.3), second)
+
+
+def test_a_curve_of_grazes_ends_at_the_edge_where_two_impacts_meet():
+    """At R = 0 the impact comes when the force begins to pull, and the graze comes with it.
+
+    So the flight from there, with no speed, is back at the stop after one period.
+    """
+    h, clearance = 0.1, 0.2
+    release = -math.asin(clearance)
+
+    def misses(omega):
+        response = -1.0 / (1.0 - omega**2 + 2j * h * omega) * np.exp(1j * release)
+        x, v = clearance - response.imag, -(1j * omega * response).imag
+        T, Omega = 2.0 * math.pi / omega, math.sqrt(1.0 - h**2)
+        free = x * math.cos(Omega * T) + (v + h * x) / Omega * math.sin(Omega * T)
+        return math.exp(-h * T) * free + response.imag - clearance
+
+    start = periodic_orbit(Oscillator(h=h, R=0.5, omega=1.3, f=1.0, clearance=clearance), -0.3, 0.0)
+    found = bifurcation_curve(start, "graze", ("R", 0.0, 1.0), ("omega", 0.65, 2.21))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    end = found.special[0]
+    assert end.value[0] == 0.0
+    assert end.value[1] == pytest.approx(brentq(misses, 1.6, 1.8, xtol=1e-15), abs=1e-8)
