@@ -22,6 +22,7 @@ from sweeps.analysis.dataset import config_of, oscillator_of
 from sweeps.analysis.integrity import refuse_unfit, with_measures
 from sweeps.analysis.knocks import at_section, knocks
 from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.attractors import (
     attractors_in,
@@ -51,13 +52,13 @@ _MEASURES = (
 _BOUND: dict[str, Any] = {"marker": "^", "markersize": 4.0, "markerfacecolor": "white"}
 
 
-@functools.partial(styled, looks=("grey",))
+@functools.partial(styled, panels=(1, 4), looks=("grey",))
 def integrity(
     dataset: xr.Dataset,
     *,
     at: Selection | None = None,
     page: Page = PAGE,
-    ax: Sequence[Axes] | None = None,
+    ax: Axes | Sequence[Axes] | None = None,
 ) -> Figure:
     """Draw three integrity measures of each attractor over a parameter, and basins at one value.
 
@@ -91,10 +92,12 @@ def integrity(
     starts = select(line, {name: at[name] for name in along if at and name in at}, ["x0", "v0"])
     there = found.sel({name: float(starts[name]) for name in along})
     table = rows(line, found)
+    heights = [0.35, 0.5, 0.5, 1.0] if along else [1.0]
     if ax is None:
-        heights = [0.35, 0.5, 0.5, 1.0] if along else [1.0]
         ax = canvas.stacked_panels(page, heights, shared=len(heights) - 1)
-    *profile, panel = ax
+    *profile, panel = [ax] if isinstance(ax, Axes) else ax
+    if len(profile) + 1 != len(heights):
+        raise Refused(f"ax has {len(profile) + 1} panels; expected: {len(heights)}")
     marks, lines = list[Artist](), list[dict[str, np.ndarray]]()
     if along:
         axis = line[along[0]]

@@ -38,7 +38,7 @@ _NARROW = 4.5
 _MOST_MOTIONS = MOST_PERIODS // 4
 
 
-@functools.partial(styled, panels=3)
+@functools.partial(styled, panels=(3,))
 def trajectory(
     dataset: xr.Dataset,
     *,

@@ -55,11 +55,11 @@ def _are_orbits(value: object) -> bool:
     return isinstance(value, xr.Dataset) and "kind" in value and "point" in value.dims
 
 
-def _are_panels(value: object, panels: int) -> bool:
-    if panels == 1:
-        return isinstance(value, Axes)
+def _are_panels(value: object, panels: Collection[int]) -> bool:
+    if isinstance(value, Axes):
+        return 1 in panels
     several = [*value] if isinstance(value, Sequence | np.ndarray) else []
-    return len(several) == panels and all(isinstance(one, Axes) for one in several)
+    return len(several) in panels and all(isinstance(one, Axes) for one in several)
 
 
 #: What the arguments of pictures may be, besides those of all functions of a sweep.
@@ -76,14 +76,14 @@ ARGUMENTS: Mapping[str, Allowed] = {
 
 
 def styled(
-    draw: Callable[..., Figure], panels: int = 1, looks: Collection[str] = ()
+    draw: Callable[..., Figure], panels: Collection[int] = (1,), looks: Collection[str] = ()
 ) -> Callable[..., Figure]:
     """Decorate a picture function: check its arguments, draw in the common style, document it.
 
-    The first parameter of the function must be the dataset; `ax` has so many panels. Of the looks
-    of a page, the picture has only these `looks`.
+    The first parameter of the function must be the dataset; `ax` has one of these numbers of
+    `panels`. Of the looks of a page, the picture has only these `looks`.
     """
-    panel = "a panel" if panels == 1 else f"{panels} panels"
+    panel = " or ".join("a panel" if one == 1 else f"{one} panels" for one in panels)
     of_panels = Allowed(lambda value: _are_panels(value, panels), f"{panel} of matplotlib")
 
     @takes_sweep({**ARGUMENTS, "ax": of_panels})

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from sweeps import Refused, attractors, integrity, knocks, open_sweep
 from sweeps.analysis.integrity import measures_of
@@ -314,6 +315,18 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
     drawn = {to_hex(arrow.get_edgecolor()) for arrow in knocks_drawn}
     assert arrows == drawn == {CLASSES[2, 1].lower(), CLASSES[1, 0].lower()}
     assert [line.get_marker() for line in panel.lines] == ["o"]  # a single call
+
+
+@pytest.mark.slow
+def test_integrity_is_drawn_into_panels_of_another_figure(two):
+    four = Figure().subplots(4)
+    assert draw_integrity(two, ax=four) is four[0].figure and all(panel.lines for panel in four)
+    one = Figure().subplots()
+    assert draw_integrity(two.isel(omega=0), ax=one) is one.figure and one.collections
+    with pytest.raises(Refused, match="ax has 1 panels; expected: 4"):
+        draw_integrity(two, ax=one)
+    with pytest.raises(Refused, match="expected: a panel or 4 panels of matplotlib"):
+        draw_integrity(two, ax=four[:2])
 
 
 @pytest.mark.slow
