@@ -266,6 +266,7 @@ def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact,
     assert "no orbit" not in chosen.attrs["summary"]
 
 
+@pytest.mark.slow
 def test_the_work_reports_its_share_up_to_its_end_and_can_be_ended(tmp_path):
     """The shares never fall; an exception at any of them ends the work."""
     scene = "oscillator: {h: 0.1, R: 0.8, omega: {start: 2.6, stop: 2.8, num: 30}, f: 1.0}\n"

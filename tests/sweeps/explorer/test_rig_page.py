@@ -88,6 +88,7 @@ def shown_beside_fields(page):
     return [re.sub("<[^>]*>", "", text) for text in texts]
 
 
+@pytest.mark.slow
 def test_the_fields_of_a_rig_have_the_units_of_their_numbers(rig, tmp_path):
     of_oscillator = ["c [N s/m]", "R", "ν [Hz]", "F [N]", "k [N/m]", "σ [m]", "a [m]"]
     assert shown_beside_fields(rig) == [*of_oscillator, "x₀ [m]", "v₀ [m/s]"]

@@ -96,19 +96,23 @@ def test_transparent_lines_are_lighter_and_matplotlib_warns_of_nothing(tmp_path,
 
 def test_the_file_has_a_title_and_its_source_and_no_date(tmp_path, monkeypatch):
     """The same picture gives the same bytes at any time: `time.ctime` is not in it."""
-    dataset = equal_points()
-    dataset.attrs["configuration"] = dataset.attrs["configuration"].model_copy(
-        update={"name": "größe"}
-    )
     files = [tmp_path / f"{number}.eps" for number in range(2)]
+    about = "größe", "a program", "command: plot map.h5\nconfiguration:\n" + 500 * "x"
     for number, path in enumerate(files):
         monkeypatch.setattr("time.ctime", lambda number=number: f"at {number}")
-        plot(dataset, path, "map", page=Page(dpi=50), command="vibroimpact plot map.h5")
+        save(panel_with(transparent), path, about)
     one, other = (path.read_bytes() for path in files)
     assert one == other and b"CreationDate" not in one
     lines = one.decode("ascii").splitlines()
     assert lines[0] == "%!PS-Adobe-3.0 EPSF-3.0" and max(map(len, lines)) <= 255
-    assert r"%%Title: gr\xf6\xdfe" in lines[: lines.index("%%EndComments")]
-    assert "% command: vibroimpact plot map.h5" in lines
-    assert any(line.startswith("% oscillator: {h: 0.1") for line in lines)
-    assert {line.split()[1] for line in lines if "/FontType" in line} == {"42"}
+    head = lines[: lines.index("%%EndComments")]
+    assert r"%%Title: gr\xf6\xdfe" in head and "%%Creator: a program" in head
+    assert "% command: plot map.h5" in lines
+
+
+@pytest.mark.slow
+def test_the_fonts_are_of_a_type_that_journals_take(tmp_path):
+    plot(equal_points(), tmp_path / "a.eps", "map", page=Page(dpi=50))
+    text = (tmp_path / "a.eps").read_text("ascii")
+    assert set(re.findall(r"/FontType (\d+)", text)) == {"42"}
+    assert "% oscillator: {h: 0.1" in text
