@@ -1,4 +1,4 @@
-"""Pictures of coexisting attractors: their basins, and a diagram with a colour for each."""
+"""Pictures of coexisting attractors in the colours of their classes: basins, and a diagram."""
 
 from __future__ import annotations
 
@@ -148,7 +148,9 @@ def attractor_diagram(
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
-    """Draw all attractors that the starts reach over one swept parameter, in a colour for each.
+    """Draw all attractors that the starts reach over one swept parameter.
+
+    They have the colours of their classes, as in `basins`.
 
     The motion from one start of each attractor is drawn: one repetition of a periodic motion, or
     the whole record of another motion. The period must be recorded.
