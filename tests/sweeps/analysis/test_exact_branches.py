@@ -180,6 +180,7 @@ def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(ex
     assert "no orbit of 3/5 is found" in chosen.attrs["summary"]
 
 
+@pytest.mark.slow
 def test_the_line_is_exact_between_its_points(later):
     """Its orbit in closed form is on it, also where the impact passes the section."""
     omegas = np.linspace(2.4, FLIPS[1], 500)[:-1]
@@ -241,6 +242,7 @@ def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
         assert {"", *kinds} == {*found["kind"].values}
 
 
+@pytest.mark.slow
 def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
     with computed(tmp_path, "start.x0=[-1.0, -0.5]", "oscillator.omega=2.5") as dataset:
         with pytest.raises(Refused, match="the exact orbits do not depend on x0"):

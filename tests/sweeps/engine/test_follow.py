@@ -269,6 +269,7 @@ def test_the_scene_shows_hysteresis_between_grazes_and_folds(hysteresis):
     assert (up != down).sum() == pytest.approx((1.6504 - 1.2861 + 0.5795 - 0.5251) / step, abs=4)
 
 
+@pytest.mark.slow
 def test_only_the_way_up_reaches_the_closed_form_branch_beyond_the_graze(hysteresis):
     beyond = hysteresis.sel(omega=slice(1.29, 1.64))
     for value in beyond["omega"].values[::25]:
