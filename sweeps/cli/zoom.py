@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
+from zlib import crc32
 
 import typer
 
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
 
 _NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
+#: Most characters of overrides in the name of a file.
+_LONGEST = 100
 
 Pieces = Annotated[
     list[str],
@@ -141,16 +144,19 @@ def _piece(text: str) -> tuple[str, tuple[float, float]]:
 def _name(file: Path, axes: dict[str, tuple[float, float]], overrides: Sequence[str]) -> str:
     """Name a file after its pieces and overrides.
 
-    They replace those of the same names in the name of a file that was zoomed.
+    They replace those of the same names in the name of a file that was zoomed. Long overrides are
+    named by their checksum.
     """
-    stem = file.stem
+    stem, chosen = file.stem, {}
     for name in axes:
         stem = re.sub(rf"-{name}-{_NUMBER}-{_NUMBER}(?=-|$)", "", stem)
     words = [f"{name}-{shortest(low)}-{shortest(high)}" for name, (low, high) in axes.items()]
     for text in overrides:
         key, _, value = text.partition("=")
-        name = key.strip().rpartition(".")[2]
-        stem = re.sub(rf"-{re.escape(name)}-[^-]+(?=-|$)", "", stem)
-        words.append(f"{name}-{value.strip()}")
-    valid = re.sub(r"[^\w.+-]+", "_", "-".join(words)).rstrip("._")  # on every system
-    return f"{stem}-{valid}.h5"
+        stem = re.sub(rf"-{re.escape(key.strip())}-.+?(?=-[A-Za-z]|$)", "", stem)
+        chosen[key.strip()] = value.strip()
+    told = "-".join(f"{key}-{value}" for key, value in chosen.items())
+    if len(told) > _LONGEST:
+        told = f"set-{crc32(told.encode()):08x}"
+    valid = re.sub(r"[^\w.+-]+", "_", "-".join([*words, *[told] * bool(told)]))
+    return f"{stem}-{valid.rstrip('._')}.h5"  # a name on every system

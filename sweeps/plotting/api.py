@@ -200,4 +200,4 @@ def silent_cuts(
     axes_left = [name for name in left if name != DIRECTION]
     longest = sorted(axes_left, key=lambda name: -dataset.sizes[name])
     drawn = longest[: max(0, KINDS[kind].axes - len(axes))]
-    return {name: dataset[name].values[0].item() for name in left if name not in drawn}
+    return {name: dataset[name][0].item() for name in left if name not in drawn}

@@ -188,19 +188,44 @@ def test_a_zoom_takes_overrides_as_a_run_does(small_file, unpainted):
     accepted("zoom", "small.h5", "omega=2:2.5", *overrides)
     ends = [f"oscillator.omega.{end}" for end in ("start=2.0", "stop=2.5")]
     accepted("run", "small.h5", "-o", "run.h5", *overrides, "--set", ends[0], "--set", ends[1])
-    named = "small-omega-2-2.5-transient-60-num-3.h5"
+    named = "small-omega-2-2.5-record.transient-60-oscillator.omega.num-3.h5"
     with sweeps.open_sweep(named) as zoomed, sweeps.open_sweep("run.h5") as run:
         assert zoomed.drop_attrs().identical(run.drop_attrs())
         assert config_of(zoomed).record.transient == 60
     other = ("--set", "record.transient=70", "--set", "oscillator.clearance=[0.1, 0.2]")
     planned = accepted("zoom", named, "omega=2:2.2", *other, "--dry-run")
-    name = "small-num-3-omega-2-2.2-transient-70-clearance-_0.1_0.2.h5"
+    name = (
+        "small-oscillator.omega.num-3-omega-2-2.2-record.transient-70-"
+        "oscillator.clearance-_0.1_0.2.h5"
+    )
     assert planned.splitlines()[-1] == f"output            {name}"
     planned = accepted("zoom", "small.h5", "omega=2:2.5", "--set", "output=n.h5", "--dry-run")
     assert planned.splitlines()[-1] == "output            n.h5"
     accepted("run", "small.h5", "-o", "none.h5", "--set", "record.impacts=0")
     impacts = ("--set", "record.impacts=9", "--coordinate", "impact_v")
     accepted("zoom", "none.h5", "omega=2:2.5", *impacts)  # the file itself has no impacts
+
+
+def test_every_zoom_has_a_name_of_its_own(small_file):
+    """By the whole keys; a later override of a key replaces the earlier one."""
+
+    def named(file, *overrides):
+        chosen = [word for text in overrides for word in ("--set", text)]
+        plan = accepted("zoom", file, "omega=2:2.5", *chosen, "--dry-run").splitlines()[-1]
+        return plan.removeprefix("output").strip()
+
+    phases = {named("small.h5", f"{group}.phase=1") for group in ("start", "record")}
+    assert phases == {f"small-omega-2-2.5-{group}.phase-1.h5" for group in ("start", "record")}
+    twice = "record.transient=60", "record.transient=70"
+    assert named("small.h5", *twice) == "small-omega-2-2.5-record.transient-70.h5"
+    Path("small.h5").rename(before := named("small.h5", "start.x0=-2e-3", "start.v0=1"))
+    assert before == "small-omega-2-2.5-start.x0--2e-3-start.v0-1.h5"
+    again = "small-start.v0-1-omega-2-2.5-start.x0--3.h5"
+    assert named(before, "start.x0=-3") == again
+    Path(before).rename("small.h5")
+    many = ", ".join(f"0.{i}" for i in range(11, 99))
+    long = [named("small.h5", f"oscillator.R=[{many}, {last}]") for last in (0, 1)]
+    assert len(set(long)) == 2 and max(map(len, long)) < 60
 
 
 @pytest.mark.slow

@@ -182,6 +182,8 @@ def test_the_command_line(stored):
     assert drawn("--kind", "map", "--at", "direction=up").stdout == "picture.png\n"
     told = drawn("--kind", "bifurcation", "--exact", "--at", "direction=down").stdout.splitlines()
     assert "1/1" in told[0] and told[-1] == "picture.png"
+    for kind in ("map", "section", "impacts", "trajectory"):  # of one direction, which is said
+        assert "direction = up" in drawn("--kind", kind).stderr
     wrong = drawn("--at", "direction=dwn")
     assert wrong.exit_code == 2
     assert "there is no direction dwn (did you mean down?); choose from: up, down" in wrong.stderr
