@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.spines import Spine
 from matplotlib.text import Text
 
-#: Most characters of a line of comments, by Adobe's conventions.
+#: Most characters of a comment in one line: by Adobe's conventions, a line has at most 255.
 _LONGEST = 240
 
 
@@ -68,16 +68,13 @@ def described(image: bytes, title: str, text: str) -> bytes:
     """Return a file without its date, with a title, and with a text as comments."""
     head, mark, body = image.partition(b"%%EndComments\n")
     head = re.sub(rb"(?m)^%%CreationDate:.*\n", b"", head)
-    lines = [f"%%Title: {_ascii(title)}" if title else "", *map(_comment, text.splitlines())]
-    named, *comments = (line.encode("ascii") + b"\n" for line in lines)
-    return head + (named if title else b"") + mark + b"".join(comments) + body
+    named = _comment("%%", f"Title: {title}") if title else b""
+    comments = b"".join(_comment("%", f" {line}") for line in text.splitlines())
+    return head + named + mark + comments + body
 
 
-def _comment(line: str) -> str:
-    """Return a line of a text as a comment of PostScript."""
-    return f"% {_ascii(line)}"[:_LONGEST]
-
-
-def _ascii(text: str) -> str:
-    """Escape characters that are not printable ASCII."""
-    return "".join(one if " " <= one <= "~" else ascii(one)[1:-1] for one in text)
+def _comment(mark: str, line: str) -> bytes:
+    """Return a comment of PostScript, in further lines that begin with a plus if it is long."""
+    escaped = "".join(one if " " <= one <= "~" else ascii(one)[1:-1] for one in line)
+    parts = [escaped[i : i + _LONGEST] for i in range(0, len(escaped), _LONGEST)]
+    return (mark + f"\n{mark}+".join(parts) + "\n").encode("ascii")

@@ -111,6 +111,19 @@ def test_the_file_has_a_title_and_its_source_and_no_date(tmp_path, monkeypatch):
     assert "% command: plot map.h5" in lines
 
 
+def test_a_long_title_and_a_long_command_are_whole_in_lines_that_readers_take(tmp_path):
+    """Adobe's conventions allow 255 characters, and continue a line after a plus."""
+    title = "ö" + " ".join(f"part-{number}" for number in range(70))
+    command = "vibroimpact plot " + " ".join(f"part-{number}.h5" for number in range(70))
+    save(panel_with(transparent), tmp_path / "a.eps", (title, "", f"command: {command}\nname: a"))
+    text = (tmp_path / "a.eps").read_text("ascii")
+    assert max(map(len, text.splitlines())) <= 255
+    head, _, body = text.partition("%%EndComments\n")
+    assert "%%Title: " + title.replace("ö", r"\xf6") in head.replace("\n%%+", "").splitlines()
+    assert f"% command: {command}" in body.replace("\n%+", "").splitlines()
+    assert "% name: a" in body.splitlines()
+
+
 @pytest.mark.slow
 def test_the_fonts_are_of_a_type_that_journals_take(tmp_path):
     plot(equal_points(), tmp_path / "a.eps", "map", page=Page(dpi=50))
