@@ -150,7 +150,6 @@ def _schema(config: SweepConfig, size: int) -> Schema:
         "name": config.name,
         "configuration": config.to_yaml(table=False),
         **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
-        **{f"{name}_unit": unit for name, unit in config.column_units.items()},
         "computation": yaml.safe_dump({**asdict(spec), **grid.fixed}, sort_keys=False),
         "numerics": NUMERICS,
         **({"scaled_along": "f"} if spec.scaled else {}),
@@ -158,7 +157,7 @@ def _schema(config: SweepConfig, size: int) -> Schema:
     unsplit = spec.followed
     if spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1):
         unsplit = "f"  # all its values share one computation
-    return Schema.of(grid, grid.blocks(size, unsplit), spec, attributes)
+    return Schema.of(grid, grid.blocks(size, unsplit), spec, attributes, config.column_units)
 
 
 @contextmanager

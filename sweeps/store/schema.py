@@ -64,6 +64,8 @@ class Schema:
         The blocks in which the points are computed and stored; empty in a complete file.
     attributes : mapping of str to str or int
         The attributes of the file, including the configuration.
+    column_units : mapping of str to str
+        The units of columns of the table; those without one have the unit 1.
     """
 
     axes: Mapping[str, np.ndarray]
@@ -72,17 +74,24 @@ class Schema:
     variables: tuple[str, ...]
     blocks: Sequence[Block]
     attributes: Mapping[str, Any]
+    column_units: Mapping[str, str]
 
     @classmethod
     def of(
-        cls, grid: Grid, blocks: Iterable[Block], spec: RunSpec, attributes: Mapping[str, Any]
+        cls,
+        grid: Grid,
+        blocks: Iterable[Block],
+        spec: RunSpec,
+        attributes: Mapping[str, Any],
+        column_units: Mapping[str, str],
     ) -> Self:
         """Return the schema of a new sweep that computes `spec` for every point.
 
         `blocks` must cover every point of the grid once. `attributes` must contain ``name``,
         ``configuration`` (as YAML) and ``numerics`` (which identifies the code that computes the
         data). They may contain ``length_unit``, ``time_unit`` and further attributes of the file.
-        If an axis is followed in two directions, the data get a leading dimension for them.
+        `column_units` has the units of columns of the table, if they have one. If an axis is
+        followed in two directions, the data get a leading dimension for them.
         """
         import numba  # takes half a second, and files are also opened without it
 
@@ -113,7 +122,7 @@ class Schema:
             axes = {DIRECTION: np.array(spec.directions, object), **axes}
             blocks = ((slice(0, len(spec.directions)), *block) for block in blocks)
         variables = tuple(held_variables(spec))
-        return cls(axes, grid.fixed, records, variables, tuple(blocks), attributes)
+        return cls(axes, grid.fixed, records, variables, tuple(blocks), attributes, column_units)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -179,8 +188,7 @@ def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
         variable = VARIABLES[name]
         about = variable.long_name, schema.shown_unit(variable.unit), variable.symbol
     else:
-        unit = str(schema.attributes.get(f"{name}_unit", "1"))
-        about = _MEANINGS.get(name, name), unit, ""
+        about = _MEANINGS.get(name, name), schema.column_units.get(name, "1"), ""
     found: dict[str, Any] = dict(zip(("long_name", "units", "symbol"), about, strict=True))
     if name in FLAGS:
         found["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)
@@ -202,8 +210,9 @@ def schema_in(file: h5py.File) -> Schema:
     scales = [scale for dimension in file["status"].dims for scale in dimension.values()]
     axes = {scale.name.strip("/"): _values(scale) for scale in scales}
     fixed = {name: _values(file[name]) for name in str(file.attrs[_COORDINATES]).split()}
-    if TABLE in axes:
-        axes[TABLE] = as_table({name: fixed.pop(name) for name in file.attrs[COLUMNS].split()})
+    columns = file.attrs[COLUMNS].split() if TABLE in axes else ()
+    if columns:
+        axes[TABLE] = as_table({name: fixed.pop(name) for name in columns})
     blocks = file[_BLOCKS][()].tolist() if _BLOCKS in file else ()
     return Schema(
         axes,
@@ -212,6 +221,7 @@ def schema_in(file: h5py.File) -> Schema:
         variables,
         [tuple(slice(*cut) for cut in block) for block in blocks],
         {k: v for k, v in file.attrs.items() if k not in ("duration", _COORDINATES)},
+        {name: str(file[name].attrs["units"]) for name in columns},
     )
 
 

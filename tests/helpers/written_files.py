@@ -54,6 +54,7 @@ def schema(
         grid.blocks(block_size),
         spec_of(widths, diagnostics),
         {"name": "a test", "configuration": configuration, "numerics": numerics},
+        column_units={},
     )
 
 
@@ -184,6 +185,7 @@ def random_sweeps(folder):
                 "configuration": load_config(configuration).to_yaml(),
                 "numerics": "",
             },
+            column_units={},
         )
         with sweep_writer(path, schema) as store:
             store.write(

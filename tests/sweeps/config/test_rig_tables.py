@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import yaml
@@ -74,6 +75,36 @@ def test_the_mass_may_be_a_column_with_numbers_and_columns_of_the_rig():
     for name in ("h", "p", "f", "omega", "clearance", "a", "R"):
         assert points[name].tolist() == [getattr(osc, name) for osc in made], name
     assert points_of(load(config.to_yaml())).tobytes() == points.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("scene", "units"),
+    [
+        (
+            "rig: {mass: 1, damping: 1, frequency: 2, R: 0.8, force: 1, gap: 0}\n",
+            {"stiffness": "N/m"},
+        ),
+        ("oscillator: {h: 0.1, omega: 2, f: 1}\nunits: {length: mm, time: s}\n", {}),
+    ],
+    ids=["rig", "no rig"],
+)
+def test_only_columns_of_the_rig_have_units(scene, units, stop_after):
+    """Further columns have none, also if they have the names of the base units."""
+    columns = {"stiffness": [1.0, 2.0], "length": [4.0, 5.0], "time": [9.0, 8.0]}
+    columns |= {} if units else {"mass": [3.0, 7.0], "R": [0.8, 0.7]}
+    config = load(scene + f"points: {columns}\nrecord: {{transient: 10, periods: 4}}\n")
+    expected = {name: units.get(name, "1") for name in columns}
+    with stop_after(1, size=1), pytest.raises(KeyboardInterrupt):
+        run_sweep(config, "table.h5")
+    with open_sweep("table.h5") as part:
+        assert {name: part[name].units for name in columns} == expected
+    run_sweep(config, "table.h5", resume=True)
+    with h5py.File("table.h5") as file:
+        assert {name: file[name].attrs["units"] for name in columns} == expected
+    with open_sweep("table.h5") as whole:
+        assert {name: whole[name].units for name in columns} == expected
+    lines = accepted("info", "table.h5").splitlines()
+    assert "length = 4 .. 5, 2 values" in [line.removeprefix("column").strip() for line in lines]
 
 
 @pytest.mark.slow
