@@ -214,10 +214,10 @@ def attractor_diagram(
 
 def _draw_rows(
     panel: Axes, line: xr.Dataset, table: Sequence[Row], looks: Looks, axis: str, coordinate: str
-) -> dict[str, np.ndarray]:
+) -> list[tuple[str, np.ndarray]]:
     """Draw the record of each attractor, with the periodic ones on top.
 
-    Return the points drawn of each periodic class or attractor, shape (n, 2).
+    Return the classes and the points of each series of periodic attractors, shape (n, 2).
     """
     values = records(line, coordinate, np.array([row.point for row in table]))
     if coordinate.startswith("poincare"):
@@ -230,7 +230,7 @@ def _draw_rows(
     abscissa = np.array([row.parameters[axis] for row in table])
     series = looks.series(table)
     names = names_of([[table[i] for i in places] for places in series], config_of(line), line[axis])
-    drawn = {}
+    drawn = []
     for places, name in zip(series, map("".join, names), strict=True):
         y = values[places]
         x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
@@ -245,7 +245,7 @@ def _draw_rows(
         name = name if looks.has_own(first) else "other periodic attractors"
         panel.plot([], [], "o", color=colour, markersize=4.0, markeredgewidth=0, label=name)
         if not scattered and looks.has_own(first):
-            drawn[classes([table[i] for i in places])] = np.stack([x, y], axis=1)
+            drawn.append((classes([table[i] for i in places]), np.stack([x, y], axis=1)))
     return drawn
 
 

@@ -98,7 +98,7 @@ def integrity(
     *profile, panel = [ax] if isinstance(ax, Axes) else ax
     if len(profile) + 1 != len(heights):
         raise Refused(f"ax has {len(profile) + 1} panels; expected: {len(heights)}")
-    marks, lines = list[Artist](), list[dict[str, np.ndarray]]()
+    marks, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
     if along:
         axis = line[along[0]]
         here = float(starts[along[0]])
@@ -139,12 +139,12 @@ def _patches_of_others(
 
 def _draw_profile(
     panels: Sequence[Axes], found: xr.Dataset, axis: str, table: Sequence[Row], looks: Looks
-) -> tuple[list[Artist], list[dict[str, np.ndarray]]]:
+) -> tuple[list[Artist], list[list[tuple[str, np.ndarray]]]]:
     """Draw the measures of each attractor over the axis, in the colours of its classes.
 
-    Return a handle, and for each panel the points of each line, shape (n, 2).
+    Return a handle, and for each panel the classes and the points of each line, shape (n, 2).
     """
-    bounded, drawn = False, list[dict[str, np.ndarray]]()
+    bounded, drawn = False, list[list[tuple[str, np.ndarray]]]()
     for panel, (name, at_edge, title) in zip(panels, _MEASURES, strict=True):
         panel.set_title(title, loc="left")
         if named_unit(found[name]):
@@ -153,14 +153,14 @@ def _draw_profile(
         values = found[name].where(found["integrity_factor"].notnull())
         highest = values.where(~is_bound).max().fillna(values.max()).fillna(0.0)
         top = 1.1 * float(highest) or 1.0
-        drawn.append({})
+        drawn.append([])
         for number in {row.number: None for row in table}:
             mine = found["number"] == number
             y = values.where(mine).max("coexisting").values
             bound = (mine & is_bound & values.notnull()).any("coexisting").values
             own = [row for row in table if row.number == number]
             lines = _draw_lines(panel, found[axis].values, (y, bound, top), own, axis, looks)
-            drawn[-1].update(lines)
+            drawn[-1] += lines
             bounded |= bool(bound.any())
         panel.set_ylim(0.0, top)
     handle = Line2D([], [], linestyle="", color="black", label="lower bound", **_BOUND)
@@ -174,13 +174,13 @@ def _draw_lines(
     own: Sequence[Row],
     axis: str,
     looks: Looks,
-) -> dict[str, np.ndarray]:
+) -> list[tuple[str, np.ndarray]]:
     """Draw a measure of one attractor over the axis, a line for each of its looks; return these.
 
     The measure has values, says which of them are lower bounds, and has the top of the panel.
     """
     y, bound, top = measure
-    lines = {}
+    lines = []
     for places in looks.series(own):
         here = np.isin(x, [own[i].parameters[axis] for i in places])
         to_next = here | np.append(False, here[:-1])
@@ -190,7 +190,7 @@ def _draw_lines(
         inside = np.where(y <= top, y, 0.95 * top)
         panel.plot(x, np.where(here & bound, inside, np.nan), linestyle="", **look, **_BOUND)
         named = classes([own[i] for i in places])
-        lines[named] = np.stack([x, np.where(here & (y <= top), y, np.nan)], axis=1)
+        lines.append((named, np.stack([x, np.where(here & (y <= top), y, np.nan)], axis=1)))
     return lines
 
 

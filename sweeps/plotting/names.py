@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +15,7 @@ from sweeps.plotting.regions import PER_INCH, box_of
 _NEAR = 1.0
 
 
-def name_lines(panel: Axes, lines: Mapping[str, np.ndarray]) -> None:
+def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
     """Write the name of each line beside it, where there is room between all lines.
 
     `lines` are points, shape (n, 2). Call this last, because the room is that of the finished
@@ -26,13 +26,13 @@ def name_lines(panel: Axes, lines: Mapping[str, np.ndarray]) -> None:
     canvas.lay_out(panel)
     box, scale = panel.get_window_extent(), PER_INCH / canvas.figure_of(panel).dpi
     shape = [max(2, round(length * scale)) for length in (box.height, box.width)]
-    pixels = {name: _pixels(panel, points, shape) for name, points in lines.items()}
+    pixels = [(name, _pixels(panel, points, shape)) for name, points in lines]
     taken = np.zeros(shape, bool)
     for line in panel.lines:
         if line.get_transform() == panel.transData:
             joined = line.get_linestyle() not in ("None", "")
             taken |= _pixels(panel, np.asarray(line.get_xydata()), shape, joined)
-    for name, own in pixels.items():
+    for name, own in pixels:
         if not own.any():
             continue
         text = panel.text(
