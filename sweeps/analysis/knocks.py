@@ -1,9 +1,9 @@
 """The least knock that takes a periodic motion to another attractor.
 
 A knock is a sudden change of the velocity alone, in either direction, as caused by a blow. Many
-sizes are tried at moments all over the motion and just after every impact, until no moment has a
-smaller harmful size. Then moments ever closer to the worst one are tried. The interval between the
-last harmless and the first harmful size is divided until it is 1e-9 of the knock.
+sizes are tried at 64 moments of every forcing period and just after every impact, until no moment
+has a smaller harmful size. Then moments ever closer to the worst one are tried. The interval
+between the last harmless and the first harmful size is divided until it is 1e-9 of the knock.
 
 A tongue of another basin is found only if one of the tried sizes hits it. At every moment these
 sizes are 1/128 of the knock apart, and from 10 % below the knock on 1/660. If a moment has more

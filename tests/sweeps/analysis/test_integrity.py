@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from sweeps import Refused, attractors, integrity, knocks, open_sweep
 from sweeps.analysis.integrity import measures_of
-from sweeps.analysis.knocks import Knock
+from sweeps.analysis.knocks import _MOMENTS, _SIZES, Knock
 from sweeps.plotting import attractor_diagram, basins, plot
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting.style import CLASSES
@@ -32,10 +32,6 @@ def two(tmp_path_factory):
     """Return the file of two parameter points, opened."""
     with open_sweep(run_in(tmp_path_factory.mktemp("two"), CONFIG)) as dataset:
         yield dataset
-
-
-#: Usual numbers of moments in a period and of sizes at each, of which most tests try fewer.
-MOMENTS, SIZES = 64, 256
 
 
 def outside(inside, x, v, at_stop):
@@ -122,8 +118,9 @@ def impacts_per_period(two, phase, x, velocities):
 
 @pytest.fixture
 def all_knocks(monkeypatch):
-    monkeypatch.setattr("sweeps.analysis.knocks._MOMENTS", MOMENTS)
-    monkeypatch.setattr("sweeps.analysis.knocks._SIZES", SIZES)
+    """Try as many knocks as a user does; they were read before `few_knocks` has changed them."""
+    monkeypatch.setattr("sweeps.analysis.knocks._MOMENTS", _MOMENTS)
+    monkeypatch.setattr("sweeps.analysis.knocks._SIZES", _SIZES)
 
 
 @pytest.mark.slow
@@ -184,6 +181,27 @@ def test_a_boundary_that_rounding_decides_is_fractal(two, all_knocks, monkeypatc
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-4)
     assert found["knock_fractal"].item() and found["knock_ends"].item() == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("moment", "middle"),
+    [(0.0, 0.8), (0.0, 1.07), (0.0, 1.34), (0.0, 1.61), (3.4, 0.8), (4.6, 1.07), (5.95, 1.34)],
+)
+def test_an_island_of_the_promised_size_is_found(two, all_knocks, monkeypatch, moment, middle):
+    """It takes 1/64 of the period, and 1/128 of the knock that there would be without it."""
+    height, width = 3.01 / 128, 2.0 * np.pi / 64
+
+    def ends(motions, phase, states):
+        (_, v), away = motions.orbits[0].sections(phase)[0], (phase - moment + np.pi) % (2 * np.pi)
+        size = np.abs(states[:, 1] - v)
+        island = (np.abs(away - np.pi) <= 0.51 * width) & (np.abs(size - middle) <= height / 2)
+        return np.where((size > 3.01) | island, 1, 0), np.ones(len(states), bool)
+
+    monkeypatch.setattr("sweeps.analysis.knocks._Motions._reached", ends)
+    starts = two.isel(omega=0)
+    found = knocks(starts, attractors(starts).isel(coexisting=[0]))
+    assert abs(found["knock_harmful"].item()) == pytest.approx(middle - height / 2)
 
 
 def motion(two, x, v):
