@@ -21,13 +21,12 @@ from sweeps.errors import Failed, StoreError
 from sweeps.store.paths import open_regular
 from sweeps.store.replacing import of_another_user, writing
 
-#: Ending of the file, its first entry, and most results in it.
+#: Ending of the file, its first entry, which no other program writes, and most results in it.
 KEPT = ".exact"
-_KEYS = "keys"
+_KEYS = "vibroimpact_keys"
 _MOST = 16
-#: The bytes at the beginning of the file, also of one that is cut off: a ZIP of that first entry.
-_HEAD = re.compile(rb"PK\x03\x04.{26}keys\.npy", re.DOTALL)
-_HEAD_SIZE = 38
+#: Valid contents, as far as the beginning shows: a ZIP of that first entry, possibly cut off.
+_OWN = re.compile(rb"PK\x03\x04.{26}vibroimpact_keys\.npy", re.DOTALL)
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -77,10 +76,10 @@ def keep(file: Path, key: str, arrays: Arrays, same_source: str) -> None:
 
 
 def _is_own(path: Path) -> bool:
-    """Whether a file was written by `keep`, as far as its beginning shows."""
+    """Whether a file was written by `keep`, as far as can be seen."""
     with suppress(OSError, StoreError, Failed):
         with open_regular(path) as file:
-            return _HEAD.match(file.read(_HEAD_SIZE)) is not None
+            return _OWN.match(file.read()) is not None
     return False
 
 

@@ -1,5 +1,7 @@
 """Exact branches and curves are kept beside the file of a sweep, and used if all is the same."""
 
+import io
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -83,10 +85,32 @@ def test_nothing_is_used_again_after_a_change_of_the_data_or_of_the_code(path, m
     expected = branches(path, "omega")
     np.testing.assert_array_equal(found["omega"], expected["omega"])
     with np.load(kept_path(path)) as held:
-        assert len(held["keys"]) == 1  # what is never used again is not kept
+        assert len(held["vibroimpact_keys"]) == 1  # what is never used again is not kept
 
 
-@pytest.mark.parametrize("content", [b"", b"a text", b"PK\x03\x04" + bytes(100)])
+def archive(**arrays):
+    """Return the bytes of an archive that NumPy writes."""
+    image = io.BytesIO()
+    np.savez(image, **arrays)
+    return image.getvalue()
+
+
+TEXTS = np.array(["a", "b"])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"a text",
+        b"PK\x03\x04" + bytes(100),
+        bytes(100) + b"a text",
+        archive(keys=np.arange(5)),
+        archive(keys=TEXTS),
+        archive(keys=TEXTS, values=np.arange(2)),
+        archive(keys=TEXTS, values=np.arange(2))[:-9],
+    ],
+    ids=["text", "zip", "zeros first", "numbers", "texts", "texts and numbers", "cut"],
+)
 def test_a_foreign_file_is_left_alone(path, content):
     find = Counted(branches)
     asked(path, find, "omega")
@@ -106,9 +130,13 @@ def test_a_damaged_file_is_not_used_but_replaced_and_that_is_said(path, damage):
     find = Counted(branches)
     first, _ = asked(path, find, "omega")
     beside = kept_path(path)
-    whole = bytearray(beside.read_bytes())
-    whole[len(whole) // 2] ^= 255
-    beside.write_bytes(whole[: len(whole) // 2] if damage == "cut" else whole)
+    whole = beside.read_bytes()
+    half = len(whole) // 2
+    images = {
+        "cut": whole[:half],
+        "byte": whole[:half] + bytes([whole[half] ^ 255]) + whole[half + 1 :],
+    }
+    beside.write_bytes(images[damage])
     again, said = asked(path, find, "omega")
     assert said == [f"{beside} was damaged, and is replaced"]
     xr.testing.assert_identical(again, first)
