@@ -25,8 +25,9 @@ from sweeps.store.replacing import of_another_user, writing
 KEPT = ".exact"
 _KEYS = "vibroimpact_keys"
 _MOST = 16
-#: Valid contents, as far as the beginning shows: a ZIP of that first entry, possibly cut off.
-_OWN = re.compile(rb"PK\x03\x04.{26}vibroimpact_keys\.npy", re.DOTALL)
+#: Valid contents, as far as the beginning shows: a ZIP of that first entry, possibly cut off; or
+#: nothing or zeros, which a loss of power may leave.
+_OWN = re.compile(rb"PK\x03\x04.{26}vibroimpact_keys\.npy|\0*\Z", re.DOTALL)
 
 Arrays = Mapping[str, np.ndarray]
 

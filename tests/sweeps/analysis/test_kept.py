@@ -125,7 +125,7 @@ def test_a_foreign_file_is_left_alone(path, content):
     assert beside.read_bytes() == before
 
 
-@pytest.mark.parametrize("damage", ["cut", "byte"])
+@pytest.mark.parametrize("damage", ["cut", "byte", "empty", "zeros"])
 def test_a_damaged_file_is_not_used_but_replaced_and_that_is_said(path, damage):
     find = Counted(branches)
     first, _ = asked(path, find, "omega")
@@ -135,6 +135,8 @@ def test_a_damaged_file_is_not_used_but_replaced_and_that_is_said(path, damage):
     images = {
         "cut": whole[:half],
         "byte": whole[:half] + bytes([whole[half] ^ 255]) + whole[half + 1 :],
+        "empty": b"",
+        "zeros": bytes(len(whole)),
     }
     beside.write_bytes(images[damage])
     again, said = asked(path, find, "omega")
