@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -38,11 +38,14 @@ from sweeps.plotting.looks import Looks
 from sweeps.plotting.maps import draw_cells, name_and_bound
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.style import PARTIAL
+from sweeps.plotting.style import PARTIAL, Look
 from sweeps.plotting.styled import styled
 from sweeps.reports.attractors import classes, shown_speeds
 from sweeps.text import choice_of, listed, shown_count
-from vibroimpact.points.regimes import Regime
+from vibroimpact.points.regimes import NO_CLASS, Regime
+
+#: Size of a marker [pt], and the greatest number of markers of one look across a panel.
+_MARK, _MARKS = 4.0, 20
 
 
 @functools.partial(styled, looks=("grey",))
@@ -119,14 +122,12 @@ def basin_cells(
     for row, (name, place) in zip(own, names_of([[row] for row in own], config), strict=True):
         speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
         text = f"{name}: {speeds}{100.0 * row.fraction:.1f} %{place}"
-        colour, hatch = looks.look(row)
-        cells.append(Cells(text, colour, numbers == row.number, hatch))
+        cells.append(Cells.of(text, looks.look(row), numbers == row.number))
     if others:
         share = 100.0 * sum(row.fraction for row in others)
         text = f"{shown_count(len(others), 'other periodic attractor')}: {share:.1f} %"
-        colour, hatch = looks.look(others[0])
         where = np.isin(numbers, [row.number for row in others])
-        cells.append(Cells(text, colour, where, hatch))
+        cells.append(Cells.of(text, looks.look(others[0]), where))
     return cells
 
 
@@ -195,7 +196,7 @@ def attractor_diagram(
     panel = canvas.new_panel(ax, page)
     label_axis(panel.xaxis, line[axis])
     label_axis(panel.yaxis, as_variable(coordinate, dict(config_of(dataset).units.items())))
-    drawn = _draw_rows(panel, line, table, looks, axis, coordinate)
+    series = _draw_rows(panel, line, table, looks, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
     page.fit_ordinate(panel)
@@ -208,16 +209,36 @@ def attractor_diagram(
     record = record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, legend_title=title, record=record)
     if page.grey:
-        name_lines(panel, drawn)
+        _mark_series(panel, series)
+        named = [one for one in series if one.rows[0].regime is Regime.PERIODIC]
+        name_lines(panel, [(classes(one.rows), one.points) for one in named])
     return figure
+
+
+class _Series(NamedTuple):
+    """The attractors of a diagram with one look, and the points drawn of them, shape (n, 2)."""
+
+    rows: list[Row]
+    look: Look
+    points: np.ndarray
+
+
+def _mark_series(panel: Axes, series: Sequence[_Series]) -> None:
+    """Mark some points of each series, about evenly in the finished panel, with its marker."""
+    panel.autoscale_view()  # matplotlib delays it, and the transformations do not ask for it
+    for _, look, points in series:
+        places = panel.transAxes.inverted().transform(panel.transData.transform(points))
+        _, some = np.unique(np.floor(_MARKS * places), axis=0, return_index=True)
+        (marks,) = panel.plot(*points[some].T, look.marker, color=look.ink, rasterized=True)
+        marks.set(markersize=_MARK, markeredgewidth=0, zorder=4.0)
 
 
 def _draw_rows(
     panel: Axes, line: xr.Dataset, table: Sequence[Row], looks: Looks, axis: str, coordinate: str
-) -> list[tuple[str, np.ndarray]]:
+) -> list[_Series]:
     """Draw the record of each attractor, with the periodic ones on top.
 
-    Return the classes and the points of each series of periodic attractors, shape (n, 2).
+    Return the series that have a look of their own and a marker.
     """
     values = records(line, coordinate, np.array([row.point for row in table]))
     if coordinate.startswith("poincare"):
@@ -230,23 +251,24 @@ def _draw_rows(
     abscissa = np.array([row.parameters[axis] for row in table])
     series = looks.series(table)
     names = names_of([[table[i] for i in places] for places in series], config_of(line), line[axis])
-    drawn = []
+    marked = []
     for places, name in zip(series, map("".join, names), strict=True):
         y = values[places]
         x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
         y = y[np.isfinite(y)]
         first = table[places[0]]
-        colour = looks.ink(first)
-        (points,) = panel.plot(x, y, "o", color=colour, rasterized=True)
+        look, own = looks.look(first), looks.has_own(first)
+        (points,) = panel.plot(x, y, "o", color=look.ink, rasterized=True)
         scattered = first.regime is not Regime.PERIODIC
         least, most, zorder = (0.8, 1.2, 2.0) if scattered else (1.5, 2.0, 3.0)
         size = canvas.marker_size(x, y, least, most)
         points.set(markersize=size, markeredgewidth=0, zorder=zorder)
-        name = name if looks.has_own(first) else "other periodic attractors"
-        panel.plot([], [], "o", color=colour, markersize=4.0, markeredgewidth=0, label=name)
-        if not scattered and looks.has_own(first):
-            drawn.append((classes([table[i] for i in places]), np.stack([x, y], axis=1)))
-    return drawn
+        label = name if own else "other periodic attractors"
+        (handle,) = panel.plot([], [], look.marker, color=look.ink, label=label)
+        handle.set(markersize=_MARK, markeredgewidth=0)
+        if own and first.regime not in NO_CLASS:
+            marked.append(_Series([table[i] for i in places], look, np.stack([x, y], axis=1)))
+    return marked
 
 
 def names_of(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import matplotlib as mpl
 import numpy as np
@@ -39,6 +39,7 @@ from sweeps.plotting.style import (
     STATUS_COLOURS,
     VERMILION,
     WHITE,
+    Look,
 )
 from vibroimpact.points.regimes import NO_CLASS, Regime, has_result
 from vibroimpact.status import Status
@@ -78,6 +79,11 @@ class Cells(NamedTuple):
     where: np.ndarray
     hatch: str = ""
 
+    @classmethod
+    def of(cls, label: str, look: Look, where: np.ndarray) -> Self:
+        """Return the points with the look of an attractor, a class or a regime."""
+        return cls(label, look.colour, where, look.hatch)
+
     def handle(self) -> Patch:
         """Return the patch for the legend."""
         edge = HATCH if self.hatch else "black"
@@ -106,31 +112,29 @@ def period_cells(
     for periods, impacts in CLASSES:
         where = periodic & (m == periods) & (q == impacts)
         text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
-        colour, hatch = look_of_class(periods, impacts, grey)
-        cells.append(Cells(text, colour, where, hatch))
+        cells.append(Cells.of(text, look_of_class(periods, impacts, grey), where))
         periodic = periodic & ~where
-    colour, hatch = look_of_class(0, 0, grey)
-    cells.append(Cells("other m/q", colour, periodic, hatch))
+    cells.append(Cells.of("other m/q", look_of_class(0, 0, grey), periodic))
     results = max(1, int((regimes > Regime.FAILED).sum()))
     for regime in REGIMES:
         where, text = regimes == regime, regime.word
         if regime in NO_CLASS:
             text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
-        colour, hatch = look_of_regime(regime, grey)
-        cells.append(Cells(text, colour, where, hatch))
+        cells.append(Cells.of(text, look_of_regime(regime, grey), where))
     return cells
 
 
-def look_of_class(m: int, q: int, grey: bool = False) -> tuple[str, str]:
-    """Return the colour and the hatch of a class, or of all other classes."""
+def look_of_class(m: int, q: int, grey: bool = False) -> Look:
+    """Return the look of a class, or of all other classes."""
     if grey:
         return GREY_CLASSES.get((m, q), GREY_OTHER)
-    return CLASSES.get((m, q), OTHER_CLASS), ""
+    colour = CLASSES.get((m, q), OTHER_CLASS)
+    return Look(colour, colour)
 
 
-def look_of_regime(regime: Regime, grey: bool = False) -> tuple[str, str]:
-    """Return the colour and the hatch of a regime other than periodic."""
-    return GREY_REGIMES[regime] if grey else (REGIMES[regime], "")
+def look_of_regime(regime: Regime, grey: bool = False) -> Look:
+    """Return the look of a regime other than periodic."""
+    return GREY_REGIMES[regime] if grey else Look(REGIMES[regime], REGIMES[regime])
 
 
 def class_numbers(cut: xr.Dataset) -> tuple[np.ndarray, dict[int, str]]:

@@ -21,7 +21,6 @@ from sweeps.analysis.cuts import Selection, select, swept_axes
 from sweeps.analysis.dataset import config_of, oscillator_of
 from sweeps.analysis.integrity import refuse_unfit, with_measures
 from sweeps.analysis.knocks import at_section, knocks
-from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.attractors import (
@@ -38,6 +37,7 @@ from sweeps.plotting.looks import Looks
 from sweeps.plotting.maps import draw_cells
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.style import Look
 from sweeps.plotting.styled import styled
 from sweeps.reports.attractors import classes
 from sweeps.text import shown_count
@@ -48,8 +48,9 @@ _MEASURES = (
     ("integrity_factor", "factor_at_edge", "integrity factor, a radius"),
     ("local_integrity", "local_at_edge", "local integrity, a distance"),
 )
-#: Look of a lower bound.
-_BOUND: dict[str, Any] = {"marker": "^", "markersize": 4.0, "markerfacecolor": "white"}
+#: Look of a lower bound, and its marker unless each attractor has one.
+_BOUND: dict[str, Any] = {"markersize": 4.0, "markerfacecolor": "white"}
+_BOUND_MARKER = "^"
 
 
 @functools.partial(styled, panels=(1, 4), looks=("grey",))
@@ -111,7 +112,8 @@ def integrity(
     rows_there = rows(starts, there)
     numbers = reached(there)
     handles = draw_cells(panel, drawn, basin_cells(rows_there, numbers, looks, config_of(line)))
-    handles += _patches_of_others(table, rows_there, looks, config_of(line))
+    if along:
+        handles += _handles_of_profile(table, rows_there, looks, line, along[0])
     handles += marks + _draw_disturbances(panel, starts, there, rows_there, looks)
     page.set_limits(panel)
     figure = canvas.finish(panel, page, line, handles, basins_title(config_of(line)))
@@ -122,19 +124,31 @@ def integrity(
     return figure
 
 
-def _patches_of_others(
-    table: Sequence[Row], there: Sequence[Row], looks: Looks, config: SweepConfig
+def _handles_of_profile(
+    table: Sequence[Row], there: Sequence[Row], looks: Looks, line: xr.Dataset, axis: str
 ) -> list[Artist]:
-    """Return a patch for the legend of each look that is in the profile, not in the basins."""
-    shown = {looks.look(row) for row in there}
+    """Return the entries of the legend for the looks that are in the profile, not in the basins.
+
+    In grey, these are all: lines have dashes and markers, not the hatches of basins.
+    """
+    shown = set() if looks.grey else {looks.look(row) for row in there}
     series = [[table[i] for i in places] for places in looks.series(table)]
-    patches: list[Artist] = []
-    for own, names in zip(series, names_of(series, config), strict=True):
-        colour, hatch = looks.look(own[0])
-        if (colour, hatch) not in shown:
+    handles: list[Artist] = []
+    named = names_of(series, config_of(line), line[axis])
+    for own, names in zip(series, named, strict=True):
+        look = looks.look(own[0])
+        if look not in shown:
             text = "".join(names) if looks.has_own(own[0]) else "other periodic attractors"
-            patches.append(Cells(text, colour, np.empty(0), hatch).handle())
-    return patches
+            dashes: dict[str, Any] = {"linestyle": look.dash, "linewidth": 1.0}
+            of_line = Line2D([], [], label=text, **dashes, **_of_points(look, looks.grey))
+            patch = Cells.of(text, look, np.empty(0)).handle()
+            handles.append(of_line if looks.grey else patch)
+    return handles
+
+
+def _of_points(look: Look, grey: bool) -> dict[str, Any]:
+    """Return the settings of matplotlib for the marks of a line; in grey, they have a shape."""
+    return {"color": look.ink, "marker": look.marker, "markersize": 3.0 if grey else 2.5}
 
 
 def _draw_profile(
@@ -163,7 +177,8 @@ def _draw_profile(
             drawn[-1] += lines
             bounded |= bool(bound.any())
         panel.set_ylim(0.0, top)
-    handle = Line2D([], [], linestyle="", color="black", label="lower bound", **_BOUND)
+    look: dict[str, Any] = {"linestyle": "", "color": "black", "marker": _BOUND_MARKER, **_BOUND}
+    handle = Line2D([], [], label="hollow: lower bound" if looks.grey else "lower bound", **look)
     return [handle] if bounded else [], drawn
 
 
@@ -184,11 +199,14 @@ def _draw_lines(
     for places in looks.series(own):
         here = np.isin(x, [own[i].parameters[axis] for i in places])
         to_next = here | np.append(False, here[:-1])
-        look: dict[str, Any] = {"color": looks.ink(own[places[0]])}
-        panel.plot(x, np.where(to_next & (y <= top), y, np.nan), linewidth=1.0, **look)
-        panel.plot(x, np.where(here & ~bound, y, np.nan), "o", markersize=2.5, **look)
+        look = looks.look(own[places[0]])
+        marks = _of_points(look, looks.grey)
+        joined = np.where(to_next & (y <= top), y, np.nan)
+        panel.plot(x, joined, linewidth=1.0, linestyle=look.dash, color=look.ink)
+        panel.plot(x, np.where(here & ~bound, y, np.nan), linestyle="", **marks)
+        marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER, **_BOUND}
         inside = np.where(y <= top, y, 0.95 * top)
-        panel.plot(x, np.where(here & bound, inside, np.nan), linestyle="", **look, **_BOUND)
+        panel.plot(x, np.where(here & bound, inside, np.nan), linestyle="", **marks)
         named = classes([own[i] for i in places])
         lines.append((named, np.stack([x, np.where(here & (y <= top), y, np.nan)], axis=1)))
     return lines
@@ -202,8 +220,11 @@ def _draw_disturbances(
     line: dict[str, Any] = {"color": "black", "linewidth": 0.8}
     exact = config_of(starts).method.impact == "exact"
     own, others = looks.split(table)
-    numbers = [row.number for row in own]
-    there = knocks(starts, there, numbers) if exact else there
+    names = names_of([[row] for row in own], config_of(starts))
+    places = {
+        row.number: place.replace("\n", " ") for row, (_, place) in zip(own, names, strict=True)
+    }
+    there = knocks(starts, there, list(places)) if exact else there
     named = named_unit(as_variable("v0", dict(config_of(starts).units.items())))
     unit = f" {named}" if named else ""
     handles: list[Artist] = [
@@ -211,7 +232,7 @@ def _draw_disturbances(
     ]
     for row in rows(starts, there):
         one = row.measures
-        if row.number not in numbers or not one["integrity_factor"] > 0.0:
+        if row.number not in places or not one["integrity_factor"] > 0.0:
             continue  # no attractor, or none with a colour of its own
         size = 2.0 * one["integrity_factor"]
         disc = Ellipse((one["disc_x"], one["disc_v"]), size, size * oscillator.p, fill=False)
@@ -222,10 +243,13 @@ def _draw_disturbances(
             begin, end = (
                 at_section(oscillator, *at, one["knock_v"] + dv, section) for dv in (0.0, size)
             )
-            look: dict[str, Any] = {"color": looks.ink(row), "linewidth": 1.2}
-            outline = {"path_effects": [withStroke(linewidth=2.4, foreground="black")]}
+            look: dict[str, Any] = {"color": looks.look(row).ink, "linewidth": 1.2}
+            around = "white" if looks.grey else "black"
+            outline = {"path_effects": [withStroke(linewidth=2.4, foreground=around)]}
             panel.annotate("", end, begin, arrowprops={"arrowstyle": "->", **look, **outline})
-            text = rf"least knock, {row.name}: ${size:+.4g}${unit} at $\omega t={at[0]:.4g}$"
+            place = places[row.number]
+            text = f"least knock, {row.name}{place}:" + ("\n" if place else " ")
+            text += rf"${size:+.4g}${unit} at $\omega t={at[0]:.4g}$"
             text += ", fractal" if one["knock_fractal"] else ""
             arrow = Line2D([], [], marker=r"$\rightarrow$", linestyle="", label=text, **look)
             handles.append(arrow)

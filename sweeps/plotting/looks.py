@@ -1,4 +1,4 @@
-"""The looks of attractors: the colour of their class, or one that no class has."""
+"""The looks of attractors: that of their class, or one that no class has."""
 
 from __future__ import annotations
 
@@ -7,15 +7,11 @@ from typing import NamedTuple, Self
 
 import numpy as np
 import xarray as xr
-from matplotlib.colors import to_hex, to_rgb
 
 from sweeps.analysis.attractor_table import Row
 from sweeps.plotting.colours import look_of_class, look_of_regime
-from sweeps.plotting.style import CLASSES, FURTHER, GREY_FURTHER
+from sweeps.plotting.style import CLASSES, FURTHER, GREY_FURTHER, Look
 from vibroimpact.points.regimes import Regime
-
-#: Greys lighter than this are darker in lines and dots, and white is as dark as the second.
-_LEAST_GREY, _WHITE_AS_INK = 0.65, 0.6
 
 
 class Looks(NamedTuple):
@@ -44,8 +40,8 @@ class Looks(NamedTuple):
         """Whether an attractor has a look that it shares with none beside it."""
         return self.further.get((row.number, row.m, row.q), 0) is not None
 
-    def look(self, row: Row) -> tuple[str, str]:
-        """Return the colour and the hatch of an attractor, or of its regime."""
+    def look(self, row: Row) -> Look:
+        """Return the look of an attractor, or of its regime."""
         if row.regime is not Regime.PERIODIC:
             return look_of_regime(row.regime, self.grey)
         key = row.number, row.m, row.q
@@ -54,20 +50,11 @@ class Looks(NamedTuple):
         index = self.further[key]
         if index is None:
             return look_of_class(0, 0, self.grey)
-        return GREY_FURTHER[index] if self.grey else (FURTHER[index], "")
-
-    def ink(self, row: Row) -> str:
-        """Return the colour of the lines and dots of an attractor; in grey, dark enough to see."""
-        colour, _ = self.look(row)
-        level = to_rgb(colour)[0]
-        if not self.grey or level < _LEAST_GREY:
-            return colour
-        level = _WHITE_AS_INK * (level - _LEAST_GREY) / (1.0 - _LEAST_GREY)
-        return to_hex((level, level, level))
+        return GREY_FURTHER[index] if self.grey else Look(FURTHER[index], FURTHER[index])
 
     def series(self, table: Sequence[Row]) -> list[list[int]]:
         """Return the places of the attractors with the same look, the most frequent ones first."""
-        places: dict[tuple[str, str], list[int]] = {}
+        places: dict[Look, list[int]] = {}
         for i in sorted(range(len(table)), key=lambda i: (table[i].number, table[i].m)):
             places.setdefault(self.look(table[i]), []).append(i)
         return list(places.values())

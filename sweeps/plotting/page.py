@@ -36,7 +36,7 @@ class Page:
         points of curves.
     grey : bool
         Whether a map of classes, basins, a diagram of attractors and the integrity of attractors
-        are drawn without colour: in greys and hatches, with boundaries and names.
+        are drawn without colour: in greys, hatches, markers and dashes, with boundaries and names.
 
     Examples
     --------

@@ -5,7 +5,7 @@ protanopia: they differ by at least 10 in CIEDE2000.
 """
 
 import logging
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 
@@ -21,6 +21,17 @@ STATUS_COLOURS = {
     Status.UNRESOLVED: "#666666",
     Status.NON_FINITE: "#333333",
 }
+
+
+class Look(NamedTuple):
+    """The look of an attractor, a class or a regime: its cells, and its lines and dots in ink."""
+
+    colour: str
+    ink: str
+    hatch: str = ""
+    marker: str = "o"
+    dash: str | tuple[float, tuple[float, ...]] = "-"
+
 
 #: Names of exact orbits in a legend.
 STABLE, UNSTABLE = "exact orbits, stable", "exact orbits, unstable"
@@ -46,9 +57,23 @@ CLASSES = {
 OTHER_CLASS = "#EDEBD8"
 #: In grey the hatch says m, and the darker, the more impacts.
 _HATCHES = {1: "", 2: "////", 3: "....", 4: "\\\\\\\\", 8: "xxxx"}
+#: The marker and the dashes of lines and dots in grey, by the hatch of the cells.
+_SHAPES: dict[str, tuple[str, str | tuple[float, tuple[float, ...]]]] = {
+    "": ("o", "-"),
+    "////": ("^", (0.0, (3.0, 1.0))),
+    "....": ("s", (0.0, (1.0, 1.0))),
+    "\\\\\\\\": ("v", (0.0, (3.0, 1.0, 1.0, 1.0))),
+    "xxxx": ("X", (0.0, (2.0, 2.0))),
+    "----": ("<", (0.0, (6.0, 1.5))),
+    "oo": (">", (0.0, (1.0, 2.0))),
+    "++": ("P", (0.0, (3.0, 1.0, 1.0, 1.0, 1.0, 1.0))),
+    "||||": ("D", (0.0, (6.0, 1.0, 1.0, 1.0))),
+    "**": ("*", (0.0, (3.0, 1.0, 3.0, 1.0, 1.0, 1.0))),
+}
 #: Colour of the lines of a hatch.
 HATCH = "#333333"
-_GREYS = ("#FFFFFF", "#D2D2D2", "#A8A8A8")
+#: Greys of cells and inks, which are dark enough to be seen on paper.
+_GREYS = (("#FFFFFF", "#999999"), ("#D2D2D2", "#4D4D4D"), ("#A8A8A8", "#000000"))
 REST = VERMILION
 #: Colours of the marks in a diagram: motions whose kept impacts are less than a repetition, and
 #: motions that are not on their orbit yet.
@@ -61,17 +86,24 @@ REGIMES = {
     Regime.UNBOUNDED: "#7A4A12",
     Regime.UNKNOWN: "#CCCCCC",
 }
-#: Greys and hatches of the classes, of all other classes, and of the regimes.
+
+
+def _grey(greys: tuple[str, str], hatch: str) -> Look:
+    """Return a look in grey."""
+    return Look(*greys, hatch, *_SHAPES[hatch])
+
+
+#: Looks in grey of the classes, of all other classes, and of the regimes.
 GREY_CLASSES = {
-    (m, q): (_GREYS[sum(own == m and fewer < q for own, fewer in CLASSES)], _HATCHES[m])
+    (m, q): _grey(_GREYS[sum(own == m and fewer < q for own, fewer in CLASSES)], _HATCHES[m])
     for m, q in CLASSES
 }
-GREY_OTHER = ("#E9E9E9", "")
+GREY_OTHER = Look("#E9E9E9", "#999999", "", ".", (0.0, (1.0, 3.0)))
 GREY_REGIMES = {
-    Regime.REST: ("#7A7A7A", ""),
-    Regime.CHAOTIC: ("#000000", ""),
-    Regime.UNBOUNDED: ("#FFFFFF", "||||"),
-    Regime.UNKNOWN: ("#4A4A4A", ""),
+    Regime.REST: Look("#7A7A7A", "#7A7A7A", "", "d", (0.0, (2.0, 1.0))),
+    Regime.CHAOTIC: Look("#000000", "#000000", "", ".", (0.0, (6.0, 3.0))),
+    Regime.UNBOUNDED: _grey(_GREYS[0], "||||"),
+    Regime.UNKNOWN: Look("#4A4A4A", "#4A4A4A", "", ".", (0.0, (6.0, 3.0))),
 }
 #: Colours of the outcomes with a result in a map of ``status``.
 RESULTS = {
@@ -94,15 +126,13 @@ EVIDENCE = {
 #: Colours of points without a value, and of dots that would be white.
 NO_VALUE, PALE = "#CCCCCC", STATUS_COLOURS[Status.PENDING]
 
-#: Colours of attractors that have not that of a class, and their greys and hatches. They differ by
-#: at least 9 from those of classes.
+#: Colours of attractors that have not that of a class, and their looks in grey. They differ by at
+#: least 9 from those of classes.
 FURTHER = ("#1E8C8C", "#FA6478", "#5A506E", "#A0F08C", "#B42846")
-GREY_FURTHER = (
-    ("#E9E9E9", "----"),
-    ("#BDBDBD", "oo"),
-    ("#E9E9E9", "++"),
-    ("#BDBDBD", "||||"),
-    ("#E9E9E9", "**"),
+_FURTHER_GREYS = (("#E9E9E9", "#737373"), ("#BDBDBD", "#282828"))
+GREY_FURTHER = tuple(
+    _grey(_FURTHER_GREYS[i % 2], hatch)
+    for i, hatch in enumerate(("----", "oo", "++", "||||", "**"))
 )
 
 #: Colours of the two directions in which an axis was followed, and of points in both.

@@ -11,7 +11,14 @@ from sweeps import attractors, open_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.plotting import Page, attractor_diagram, basins, integrity, plot
 from sweeps.plotting.looks import Looks
-from sweeps.plotting.style import CLASSES, FURTHER, GREY_FURTHER
+from sweeps.plotting.style import (
+    CLASSES,
+    FURTHER,
+    GREY_CLASSES,
+    GREY_FURTHER,
+    GREY_OTHER,
+    GREY_REGIMES,
+)
 from tests.helpers.sweep_files import run_in
 
 #: Two orbits of the class 1/3 at each frequency.
@@ -98,7 +105,8 @@ def test_two_orbits_of_a_class_are_told_apart_by_colour_and_by_a_state(two):
         np.testing.assert_allclose([motion.x[-1], motion.v[-1]], [x, v], atol=2e-3)
     grey = legend(basins(two, at=at, page=Page(grey=True)))
     assert set(grey) == set(found)
-    assert [*grey.values()] == [(colour.lower(), hatch) for colour, hatch in GREY_FURTHER[:2]]
+    looks = [(look.colour.lower(), look.hatch) for look in GREY_FURTHER[:2]]
+    assert [*grey.values()] == looks
 
 
 @pytest.mark.slow
@@ -149,9 +157,59 @@ def test_lines_and_dots_in_grey_can_be_seen_on_paper(two):
     found = attractors(two)
     looks = Looks.of(found, grey=True)
     for row in rows(two, found):
-        assert to_rgb(looks.ink(row))[0] <= 0.6 or not row.m
-    white = rows(two, found)[0]._replace(m=1, q=0, number=99)
-    assert to_hex(looks.look(white)[0]) == "#ffffff" and 0.55 < to_rgb(looks.ink(white))[0] <= 0.6
+        assert to_rgb(looks.look(row).ink)[0] <= 0.6
+    white = looks.look(rows(two, found)[0]._replace(m=1, q=0, number=99))
+    assert to_hex(white.colour) == "#ffffff" and 0.55 < to_rgb(white.ink)[0] <= 0.6
+
+
+#: Least difference of two inks of one shape, from 0 for black to 1 for white.
+LEAST = 0.2
+
+
+def test_any_two_attractors_in_grey_differ_in_shape_or_clearly_in_ink():
+    """In lines by the dashes, and in dots by the marker."""
+    looks = [*GREY_CLASSES.items(), *enumerate(GREY_FURTHER), *GREY_REGIMES.items()]
+    for (one, first), (other, second) in combinations([*looks, ("others", GREY_OTHER)], 2):
+        inks = abs(to_rgb(first.ink)[0] - to_rgb(second.ink)[0])
+        assert inks >= LEAST or first.marker != second.marker, (one, other)
+        assert inks >= LEAST or first.dash != second.dash, (one, other)
+
+
+@pytest.mark.slow
+def test_two_orbits_of_a_class_have_their_own_markers_and_dashes_in_grey(two):
+    """The first two further looks; without them, the legend tells the orbits by ink alone."""
+    page = Page(grey=True)
+    diagram = attractor_diagram(two, page=page)
+    (legend,), (panel,) = diagram.legends, diagram.axes
+    markers = [handle.get_marker() for handle in legend.legend_handles]
+    assert len(set(markers)) == 2 and "o" not in markers
+    for marker in markers:  # at each of the two frequencies, there is a marker at each orbit
+        marks = [line.get_xdata() for line in panel.lines if line.get_marker() == marker]
+        assert sorted(np.concatenate(marks)) == [0.9462, 0.9576]
+    profile = integrity(two, page=page)
+    (legend,) = profile.legends
+    of_lines = [
+        handle
+        for handle in legend.legend_handles
+        if getattr(handle, "get_marker", str)() in markers
+    ]
+    assert len(of_lines) == 2
+    dashes = {line._unscaled_dash_pattern[1] for line in of_lines}
+    assert len(dashes) == 2 and None not in dashes
+    for panel in profile.axes[:3]:
+        lines = [line for line in panel.lines if list(line.get_xdata()) == [0.9462, 0.9576]]
+        assert {line.get_marker() for line in lines} >= set(markers)
+        assert {line._unscaled_dash_pattern[1] for line in lines} >= dashes
+
+
+@pytest.mark.slow
+def test_the_legend_says_which_of_two_orbits_of_a_class_a_knock_disturbs(two):
+    (legend,) = integrity(two).legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    states = {re.search("at (.*)", text)[1] for text in texts if text.startswith("1/3: ")}
+    knocks = [text for text in texts if text.startswith("least knock")]
+    named = {re.match(r"least knock, 1/3 at (.*):\n", text)[1] for text in knocks}
+    assert len(named) == len(knocks) == 2 and named == states
 
 
 def test_names_of_lines_are_beside_all_points():
@@ -196,8 +254,6 @@ def test_a_line_without_room_has_no_name():
 
 
 def test_every_look_of_a_class_and_of_further_attractors_is_its_own():
-    from sweeps.plotting.style import GREY_CLASSES
-
-    looks = [*GREY_CLASSES.values(), *GREY_FURTHER]
+    looks = [(look.colour, look.hatch) for look in (*GREY_CLASSES.values(), *GREY_FURTHER)]
     assert len(set(looks)) == len(looks)
     assert not set(FURTHER) & set(CLASSES.values())

@@ -63,7 +63,7 @@ def test_a_map_in_grey_has_no_colour_and_boundaries_between_regions():
     assert all(colour[1:3] == colour[3:5] == colour[5:] for colour in colours)
     assert legend(figure).keys() == {"1/1", "2/2", "4/4", "8/8", "rest"}
     hatched = {patch.get_hatch() for patch in panel.patches}
-    assert {GREY_CLASSES[2, 2][1], GREY_CLASSES[4, 4][1]} <= hatched
+    assert {GREY_CLASSES[2, 2].hatch, GREY_CLASSES[4, 4].hatch} <= hatched
     (lines,) = (lines for lines in panel.collections if hasattr(lines, "get_segments"))
     ends = np.concatenate(lines.get_segments())
     step = AXES["omega"][1] - AXES["omega"][0]
@@ -74,7 +74,7 @@ def test_a_map_in_grey_has_no_colour_and_boundaries_between_regions():
 
 def test_looks_of_classes_in_grey_are_all_different():
     assert GREY_CLASSES.keys() == CLASSES.keys()
-    assert len(set(GREY_CLASSES.values())) == len(CLASSES)
+    assert len({(look.colour, look.hatch) for look in GREY_CLASSES.values()}) == len(CLASSES)
 
 
 @pytest.mark.slow
