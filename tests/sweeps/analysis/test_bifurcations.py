@@ -203,11 +203,11 @@ def test_the_command_that_is_named_narrows_a_change_without_a_value(tmp_path, mo
 def test_a_file_with_added_points_still_opens(tmp_path, monkeypatch):
     """As earlier versions wrote with the key refine: the values are more than the grid has."""
     text = "oscillator: {h: 0, R: 0.8, omega: [2.64, 2.653, 2.654, 2.66], f: 1}\n"
-    monkeypatch.setattr(SweepConfig, "to_yaml", lambda _, **options: (
-        "oscillator: {h: 0, R: 0.8, omega: [2.64, 2.66], f: 1}\n"
-        "refine: {axis: omega, around: changes, levels: 4}\n"))  # fmt: skip
-    path = run_in(tmp_path, text)
-    monkeypatch.undo()
+    with monkeypatch.context() as earlier:  # undo() would also leave the folder of the test
+        earlier.setattr(SweepConfig, "to_yaml", lambda _, **options: (
+            "oscillator: {h: 0, R: 0.8, omega: [2.64, 2.66], f: 1}\n"
+            "refine: {axis: omega, around: changes, levels: 4}\n"))  # fmt: skip
+        path = run_in(tmp_path, text)
     (flip,) = bifurcations(path)
     assert (flip.kind, flip.low, flip.high) == ("flip", 2.653, 2.654)
     assert "refine" in accepted("info", path) and "refine" not in accepted("info", path, "--config")
