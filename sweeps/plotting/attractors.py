@@ -243,7 +243,7 @@ def _draw_rows(
     values = records(line, coordinate, np.array([row.point for row in table]))
     if coordinate.startswith("poincare"):
         for record, row in zip(values, table, strict=True):
-            record[: -row.m] = np.nan if row.m else record[: -row.m]
+            record[: -row.m] = np.nan  # nothing of a motion with m = 0
     finite = values[np.isfinite(values)]
     if not len(finite):
         refuse_empty(line, coordinate)

@@ -38,7 +38,7 @@ class Rows:
         self._distance, self.size = distance, 0
 
     def take(self, rows: int = 1) -> int:
-        """Return where the next rows begin; the number at this place + i belongs to lane i."""
+        """Return where the next rows begin; place + i is that of lane or column i."""
         place, self.size = self.size, self.size + rows * self._distance
         return place
 
