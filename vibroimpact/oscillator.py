@@ -44,7 +44,7 @@ class Parameter:
     def accepts(self, value: Any) -> Any:
         """Whether `value` is finite and inside the valid interval, elementwise."""
         above = value > self.low if self.low_open else value >= self.low
-        return np.isfinite(value) & above & (value <= self.high)
+        return above & (value <= self.high) & (abs(value) < math.inf)
 
 
 PARAMETERS: Mapping[str, Parameter] = {

@@ -6,16 +6,14 @@ the plotted curve may bend, and may jump where an impact passes the section.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
-from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.orbit import Orbits, PeriodicOrbit
 from vibroimpact.orbits.unknowns import unknowns
 
 #: A chord is close to the branch if its middle is, and the middles of its halves: one middle alone
@@ -27,93 +25,78 @@ def with_short_chords(
     found: Branch,
     low: float,
     high: float,
-    drawn: Callable[[PeriodicOrbit], np.ndarray],
+    drawn: Callable[[Orbits], np.ndarray],
     tolerance: float,
 ) -> Branch:
     """Return a branch with enough points that its plotted curve stays close to their chords.
 
-    `drawn` returns the ordinates of an orbit in the plot over the parameter, as shares of the
-    plotted ranges, shape (k,). They stay within `tolerance` of a chord, and a jump lies between two
-    points that are as close together. Between such points nothing is looked for.
+    `drawn` returns the ordinates of n orbits in the plot over the parameter, as shares of the
+    plotted ranges, shape (n, k). They stay within `tolerance` of a chord, and a jump lies between
+    two points that are as close together. Between such points nothing is looked for.
     """
-    if len(found.values) < 2:
-        return found
     (name,) = found.parameters
     osc = replace(found.oscillator, **{name: float(found.values[0])})
     orbit = PeriodicOrbit(osc, found.m, found.phases[0], found.speeds[0])
     family = OrbitFamily(orbit, (ContinuationParameter(name, low, high),))
-    chords = _Chords(family, drawn, tolerance)
     z = np.stack([found.phases, found.speeds / family.speed], axis=2)
-    places = [chords.place(X) for X in unknowns(z, found.values[:, None] / family.spans)]
-    index, added = [], []
-    for i, (begin, end) in enumerate(pairwise(places), 1):
-        between = [place.X for place in chords.between(begin, end)]
-        index += [i] * len(between)
-        added += between
-    if not added:
+    X, y = unknowns(z, found.values[:, None] / family.spans), drawn(found.orbits)
+    place = np.arange(len(X), dtype=float)  # along the branch
+    begin, end = np.arange(len(X) - 1), np.arange(1, len(X))
+    checks = np.full(len(begin), _CHECKS)  # of each chord that are left
+    while begin.size:
+        middle, is_found = _middles(family, X[begin], X[end])
+        begin, end, checks = begin[is_found], end[is_found], checks[is_found]
+        new = len(X) + np.arange(len(begin))
+        X, y = np.concatenate([X, middle]), np.concatenate([y, drawn(family.orbits(middle))])
+        place = np.append(place, 0.5 * (place[begin] + place[end]))
+        off = _are_off(X[:, -1], y, (begin, new, end), tolerance)
+        checks = np.where(off, _CHECKS, checks - 1)
+        going = checks > 0
+        begin, end = np.append(begin[going], new[going]), np.append(new[going], end[going])
+        checks = np.tile(checks[going], 2)
+    count = len(found.values)
+    if len(X) == count:
         return found
-    X = np.array(added)
-    phases, speeds = family.impacts(X)
+    added = family.orbits(X[count:])
     # Not as their neighbours: a fold and a flip in one step have stable orbits between them.
-    stable = [chords.orbit(point).stable for point in added]
+    stable = (np.abs(added.multipliers) < 1.0).all(axis=1)
+    order = np.argsort(place)
     return replace(
         found,
-        values=np.insert(found.values, index, family.kept(X)[:, 0]),
-        stable=np.insert(found.stable, index, stable),
-        phases=np.insert(found.phases, index, phases, axis=0),
-        speeds=np.insert(found.speeds, index, speeds, axis=0),
+        values=np.append(found.values, family.kept(X[count:]))[order],
+        stable=np.append(found.stable, stable)[order],
+        phases=np.append(found.phases, added.phases, axis=0)[order],
+        speeds=np.append(found.speeds, added.speeds, axis=0)[order],
     )
 
 
-class _Place(NamedTuple):
-    """The unknowns of an orbit, (2 q + 1,), and its abscissa and ordinates in the plot."""
+def _middles(
+    family: OrbitFamily, begin: np.ndarray, end: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the orbits that are found halfway between orbits of a branch, and which these are."""
+    chord = end - begin
+    guess = begin + 0.5 * chord
+    X, is_found = guess, np.ones(len(guess), bool)
+    if family.q:
+        X, is_found = family.corrected_each(guess, chord)
+    weights = np.append(np.full(2 * family.q, 1.0 / max(family.q, 1)), 1.0)  # of `inner`
+    moved, half = ((weights * way**2).sum(axis=1) for way in (X - guess, guess - begin))
+    low, high = family.bounds[0]
+    is_found &= (moved <= half) & (low <= X[:, -1]) & (X[:, -1] <= high)
+    return X[is_found], is_found
 
-    X: np.ndarray
-    x: float
-    y: np.ndarray
 
-
-@dataclass(frozen=True)
-class _Chords:
-    """The chords of a branch; attributes as in `with_short_chords`."""
-
-    family: OrbitFamily
-    drawn: Callable[[PeriodicOrbit], np.ndarray]
-    tolerance: float
-
-    def orbit(self, X: np.ndarray) -> PeriodicOrbit:
-        """Return an orbit with its impacts numbered as on the branch."""
-        return PeriodicOrbit(self.family.oscillator(X), self.family.m, *self.family.impacts(X))
-
-    def place(self, X: np.ndarray) -> _Place:
-        """Return the place of an orbit in the plot."""
-        return _Place(X, float(X[-1]), self.drawn(self.orbit(X)))
-
-    def between(self, begin: _Place, end: _Place, checks: int = _CHECKS) -> Iterator[_Place]:
-        """Yield the points that are needed between two places, in order."""
-        middle = self._middle(begin, end)
-        if middle is None:
-            return
-        checks = _CHECKS if self._is_off(begin, middle, end) else checks - 1
-        if checks:
-            yield from self.between(begin, middle, checks)
-        yield middle
-        if checks:
-            yield from self.between(middle, end, checks)
-
-    def _middle(self, begin: _Place, end: _Place) -> _Place | None:
-        """Return the orbit halfway between two orbits of a branch; None if none is found."""
-        family, chord = self.family, end.X - begin.X
-        guess = begin.X + 0.5 * chord
-        X = family.corrected(guess, chord[None, :]) if family.q else guess
-        if X is None or family.distance(X, guess) > family.distance(guess, begin.X):
-            return None
-        return self.place(X) if family.parameters[0].holds(family.values(X).item()) else None
-
-    def _is_off(self, begin: _Place, middle: _Place, end: _Place) -> bool:
-        """Whether an ordinate of the middle is too far from the chord."""
-        across, up = end.x - begin.x, end.y - begin.y
-        if max(abs(across), abs(middle.x - begin.x)) <= self.tolerance:
-            return False  # a jump, or ordinates that are rounding only, never come nearer
-        away = across * (middle.y - begin.y) - up * (middle.x - begin.x)
-        return bool((np.abs(away) > self.tolerance * np.hypot(across, up)).any())
+def _are_off(
+    x: np.ndarray,
+    y: np.ndarray,
+    chords: tuple[np.ndarray, np.ndarray, np.ndarray],
+    tolerance: float,
+) -> np.ndarray:
+    """Whether an ordinate of the middle is too far from the chord, for begins, middles and ends."""
+    begin, middle, end = chords
+    across, up = (x[end] - x[begin])[:, None], y[end] - y[begin]
+    x_off, y_off = (x[middle] - x[begin])[:, None], y[middle] - y[begin]
+    off = np.abs(across * y_off - up * x_off) > tolerance * np.hypot(across, up)
+    # A jump, or ordinates that are rounding only, never come nearer.
+    off &= np.maximum(np.abs(across), np.abs(x_off)) > tolerance
+    return off.any(axis=1)

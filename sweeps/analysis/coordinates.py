@@ -17,7 +17,7 @@ from vibroimpact.points.regimes import impacts_met, shown_in_part
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:
-    from vibroimpact.orbits.orbit import PeriodicOrbit
+    from vibroimpact.orbits.orbit import Orbits
 
 _Values = TypeVar("_Values", xr.DataArray, np.ndarray)
 
@@ -77,11 +77,11 @@ def shows_part(dataset: xr.Dataset) -> np.ndarray:
     return shown_in_part(results, config_of(dataset).record.periods, dataset.sizes["impact"])
 
 
-def orbit_coordinates(orbit: PeriodicOrbit, phase: float) -> dict[str, np.ndarray]:
-    """Return the coordinates of an orbit by name, in time order, shapes (m,) and (q,).
+def orbit_coordinates(orbits: Orbits, phase: float) -> dict[str, np.ndarray]:
+    """Return the coordinates of orbits by name, in time order, shapes (n, m) and (n, q).
 
     The phases of the impacts increase. `phase` is the phase of the section [rad].
     """
-    x, v = orbit.sections(phase).T
-    values = (x, v, orbit.oscillator.clearance - x, orbit.speeds, orbit.phases)
+    x, v = np.moveaxis(orbits.sections(phase), 2, 0)
+    values = (x, v, orbits.values[:, 5, None] - x, orbits.speeds, orbits.phases)
     return dict(zip(COORDINATES, values, strict=True))

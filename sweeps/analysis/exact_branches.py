@@ -8,7 +8,7 @@ orbit is followed, with the branches that begin at its flips and grazes
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from itertools import groupby
 from typing import Any
@@ -30,10 +30,11 @@ from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from sweeps.text import listed, shown_count
 from vibroimpact.orbits.branches import Branch
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
+from vibroimpact.orbits.orbit import Orbits
+from vibroimpact.orbits.periodic import OrbitError
 
 #: Shares of the work, measured, that are done when the branches are found, and are smooth lines.
-_FOUND, _SMOOTH = 0.1, 0.7
+_FOUND, _SMOOTH = 0.5, 0.9
 #: Most forcing periods of an orbit that is followed, and most branches that are followed.
 LONGEST_ORBIT, MOST_BRANCHES = 8, 60
 #: Most classes that the summary names.
@@ -188,21 +189,23 @@ def _as_dataset(
 ) -> xr.Dataset:
     """Collect the branches found as the Dataset that `branches` returns."""
     items = _smooth(found, phase, report)
-    orbits: list[PeriodicOrbit] = []
-    stable: list[bool] = []
-    records: list[dict[str, np.ndarray]] = []
-    for number, item in enumerate(items):
-        report(_SMOOTH + (1.0 - _SMOOTH) * number / len(items))
-        own = [*_orbits(item), *(point.orbit for point in item.special)]
-        orbits += own
-        records += [orbit_coordinates(orbit, phase) for orbit in own]
-        stable += [*item.stable.tolist(), *[False] * len(item.special)]
-    multipliers = np.array([orbit.multipliers for orbit in orbits], complex).reshape(-1, 2)
+    parts: list[Orbits] = []
+    stable = [np.zeros(0, bool)]
+    for item in items:
+        parts += [item.orbits, *(point.orbit.alone for point in item.special)]
+        stable += [item.stable, np.zeros(len(item.special), bool)]
+    records, multipliers = [], [np.empty((0, 2), complex)]
+    for number, part in enumerate(parts):
+        report(_SMOOTH + (1.0 - _SMOOTH) * number / len(parts))
+        records.append(orbit_coordinates(part, phase))
+        multipliers.append(part.multipliers)
+    sizes = np.array([len(part.values) for part in parts], int)
+    m, q = np.array([(part.m, part.phases.shape[1]) for part in parts], int).reshape(-1, 2).T
     data: dict[str, Any] = {
-        "m": ("point", np.array([orbit.m for orbit in orbits], int)),
-        "q": ("point", np.array([orbit.q for orbit in orbits], int)),
-        "stable": ("point", np.array(stable, bool)),
-        "multipliers": (("point", "multiplier"), multipliers),
+        "m": ("point", np.repeat(m, sizes)),
+        "q": ("point", np.repeat(q, sizes)),
+        "stable": ("point", np.concatenate(stable)),
+        "multipliers": (("point", "multiplier"), np.concatenate(multipliers)),
     }
     for name, variable in COORDINATES.items():
         data[name] = ("point", variable.dimension), _padded([record[name] for record in records])
@@ -218,30 +221,25 @@ def _as_dataset(
 def _smooth(found: BranchSet, phase: float, report: Callable[[float], object]) -> list[Branch]:
     """Add points to the branches until a picture of any coordinate shows smooth lines."""
 
-    def shown(orbit: PeriodicOrbit) -> list[np.ndarray]:
-        values = orbit_coordinates(orbit, phase)
+    def shown(orbits: Orbits) -> list[np.ndarray]:
+        values = orbit_coordinates(orbits, phase)
         values["impact_phase"] = values["impact_phase"] % (2.0 * np.pi)
         return list(values.values())
 
-    records = [shown(orbit) for item in found.branches for orbit in _orbits(item)]
-    columns = [np.concatenate(column) for column in zip(*records, strict=True)]
+    records = zip(*(shown(item.orbits) for item in found.branches), strict=True)
+    columns = [np.concatenate([values.ravel() for values in record]) for record in records]
     # Where nothing meets the stop, no orbit has an impact.
     extents = [(float(np.ptp(column)) if column.size else 0.0) or 1.0 for column in columns]
 
-    def drawn(orbit: PeriodicOrbit) -> np.ndarray:
-        return np.concatenate([y / extent for y, extent in zip(shown(orbit), extents, strict=True)])
+    def drawn(orbits: Orbits) -> np.ndarray:
+        pairs = zip(shown(orbits), extents, strict=True)
+        return np.concatenate([y / extent for y, extent in pairs], axis=1)
 
     items = []
     for number, item in enumerate(found.branches):
         report(_FOUND + (_SMOOTH - _FOUND) * number / len(found.branches))
         items.append(with_short_chords(item, found.low, found.high, drawn, CHORD_TOLERANCE))
     return items
-
-
-def _orbits(item: Branch) -> Iterator[PeriodicOrbit]:
-    """Yield the orbits of a branch with one numbering of the impacts, unlike `Branch.orbit`."""
-    for value, *impacts in zip(item.values, item.phases, item.speeds, strict=True):
-        yield PeriodicOrbit(item.oscillator_at(value), item.m, *impacts)
 
 
 def with_special_points(
@@ -263,12 +261,14 @@ def with_special_points(
     return xr.Dataset(data, coordinates)
 
 
-def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
-    """Stack rows of different lengths, padded with NaN."""
-    table = np.full((len(rows), max(map(len, rows), default=0)), np.nan)
-    for line, row in zip(table, rows, strict=True):
-        line[: len(row)] = row
-    return table
+def _padded(tables: Sequence[np.ndarray]) -> np.ndarray:
+    """Stack tables of different widths, padded with NaN."""
+    width = max((table.shape[1] for table in tables), default=0)
+    stacked, begin = np.full((sum(map(len, tables)), width), np.nan), 0
+    for table in tables:
+        stacked[begin : begin + len(table), : table.shape[1]] = table
+        begin += len(table)
+    return stacked
 
 
 def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]]) -> list[str]:

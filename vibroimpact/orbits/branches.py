@@ -20,9 +20,11 @@ from vibroimpact.orbits.family import (
     ContinuationParameter,
     OrbitFamily,
     Point,
+    parameter_indices,
 )
 from vibroimpact.orbits.halves import doubling
 from vibroimpact.orbits.orbit import (
+    Orbits,
     PeriodicOrbit,
     free_amplitude,
     free_orbit,
@@ -91,6 +93,12 @@ class Branch:
         """
         values = np.atleast_1d(value).tolist()
         return replace(self.oscillator, **dict(zip(self.parameters, values, strict=True)))
+
+    @property
+    def orbits(self) -> Orbits:
+        """Its orbits as arrays."""
+        free, at = parameter_indices(self.parameters), self.values.reshape(len(self.values), -1)
+        return Orbits.along(self.oscillator, free, at, self.m, self.phases, self.speeds)
 
     def orbit(self, i: int) -> PeriodicOrbit:
         """Return the orbit at a point of the branch.

@@ -12,15 +12,17 @@ import numpy as np
 
 from vibroimpact.jit import compiled, jit
 from vibroimpact.orbits import corrector, detection, flights, linear
-from vibroimpact.orbits.corrector import System
-from vibroimpact.orbits.unknowns import phase_at, speed_at
+from vibroimpact.orbits.corrector import NONE, System
 
 # The tasks of ``_do``.
 (
-    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _STATES, _LINEARISED,
-    _CHARACTERISTIC, _NULL_VECTOR,
-) = range(10)  # fmt: skip
+    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _LINEARISED, _NULL_VECTOR,
+    _CORRECT_EACH, _STATES, _CHARACTERISTICS,
+) = range(11)  # fmt: skip
 _NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
+_NO_SYSTEM = System(
+    _NO_VECTOR, np.empty(0, np.int64), _NO_VECTOR, 1, 1, 1.0, NONE, 0, False, _NO_VECTOR
+)
 
 #: A place on a path: the unknowns, the direction of the path, and the test functions there. It is a
 #: plain tuple, since a call with one that has names takes 3 us longer.
@@ -41,35 +43,38 @@ def _do(task, system, here, there, rows, count, number, results):
         results[0] = detection.may_miss(system, here, there, number)
     elif task == _HALVES:
         results[0] = detection.halves_apart(X, system.m, system.q)
-    elif task == _PENETRATION or task == _STATES:
-        _follow(task, system, X, rows, results)
-    else:
+    elif task == _PENETRATION:
+        values = corrector.parameters_at(system, X)
+        flight, phase, highest = flights.first_penetration(
+            values, system.m, system.speed, X, system.q
+        )
+        results[0], results[1], results[2] = flight, phase, highest
+    elif task == _LINEARISED or task == _NULL_VECTOR:
         _linearise(task, system, X, number, results)
+    else:
+        _do_each(task, system, tests, rows, count, results)
 
 
 @jit
-def _follow(task, system, X, rows, results):
-    """Do a task for which flights are followed."""
-    values, m, speed, q = corrector.parameters_at(system, X), system.m, system.speed, system.q
-    if task == _PENETRATION:
-        flight, phase, highest = flights.first_penetration(values, m, speed, X, q)
-        results[0], results[1], results[2] = flight, phase, highest
-    else:
-        for k in range(rows.shape[0]):
-            i = int(rows[k, 0])
-            theta, v = X[phase_at(i)], X[speed_at(i)] * speed
-            y, u, a = flights.state_after(values, theta, v, rows[k, 1])
-            results[3 * k], results[3 * k + 1], results[3 * k + 2] = y, u, a
+def _do_each(task, system, points, rows, count, results):
+    """Do a task for each row."""
+    for k in range(rows.shape[0]):
+        if task == _CORRECT_EACH:
+            results[k] = corrector.correct(system, points[k], rows[k : k + 1], count)
+            continue
+        if task == _STATES:
+            row = flights.state_after(rows[k], rows[k, 7], rows[k, 8], rows[k, 9])
+        else:
+            _, A, B = corrector.linearised(system, rows[k])
+            row = linear.characteristic(A, B)
+        results[3 * k], results[3 * k + 1], results[3 * k + 2] = row
 
 
 @jit
 def _linearise(task, system, X, number, results):
     """Do a task for which flights are linearised."""
     F, A, B = corrector.linearised(system, X)
-    if task == _CHARACTERISTIC:
-        c0, c1, c2 = linear.characteristic(A, B)
-        results[0], results[1], results[2] = c0, c1, c2
-    elif task == _NULL_VECTOR:
+    if task == _NULL_VECTOR:
         linear.null_vector(A, B, number, results)
     else:
         for i in range(system.q):
@@ -109,6 +114,12 @@ def correct(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> boo
     return bool(_done(_CORRECT, system, _at(X), rows=planes, count=most)[0])
 
 
+def correct_each(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> np.ndarray:
+    """Do what ``corrector.correct`` does for each row of X, with one plane each; shape (n,)."""
+    here = _NO_VECTOR, _NO_VECTOR, X
+    return _done(_CORRECT_EACH, system, here, len(X), rows=planes, count=most) > 0.0
+
+
 def tangent(system: System, X: np.ndarray) -> np.ndarray:
     """Return the direction of a path, as ``corrector.tangent`` sets it."""
     return _done(_TANGENT, system, _at(X), X.size)
@@ -139,9 +150,10 @@ def first_penetration(system: System, X: np.ndarray) -> tuple[int, float, float]
     return int(flight), phase, highest
 
 
-def states_after(system: System, X: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Do what ``flights.state_after`` does, for rows of impact and time after it; shape (n, 3)."""
-    return _done(_STATES, system, _at(X), 3 * len(after), rows=after).reshape(-1, 3)
+def states_after(impacts: np.ndarray) -> np.ndarray:
+    """Do what ``flights.state_after`` does, for rows of its arguments, (n, 10); shape (n, 3)."""
+    states = _done(_STATES, _NO_SYSTEM, _at(_NO_VECTOR), 3 * len(impacts), rows=impacts)
+    return states.reshape(-1, 3)
 
 
 def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -150,10 +162,9 @@ def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     return rows[..., 0], rows[..., 1:3], rows[..., 3:]
 
 
-def characteristic(system: System, X: np.ndarray) -> tuple[float, float, float]:
-    """Return c0, c1, c2 (``linear.characteristic``)."""
-    c0, c1, c2 = _done(_CHARACTERISTIC, system, _at(X), 3).tolist()
-    return c0, c1, c2
+def characteristics(system: System, X: np.ndarray) -> np.ndarray:
+    """Return c0, c1, c2 (``linear.characteristic``) for each row of X, shape (n, 3)."""
+    return _done(_CHARACTERISTICS, system, _at(_NO_VECTOR), 3 * len(X), rows=X).reshape(-1, 3)
 
 
 def null_vector(system: System, X: np.ndarray, mu: float) -> np.ndarray:

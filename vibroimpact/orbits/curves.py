@@ -12,6 +12,7 @@ import numpy as np
 
 from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
+from vibroimpact.orbits.flights import values_of
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of, unit_of_speed
 from vibroimpact.orbits.paths import both_ways
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
@@ -144,7 +145,9 @@ def _bifurcation(
 def _least_graze(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) -> PeriodicOrbit:
     """Return the same graze with the fewest impacts; with more its equations are singular."""
     osc = orbit.oscillator
-    if orbit.q > 1 and not orbit.speeds.max() > _STILL * unit_of_speed(osc, orbit.speeds):
+    if orbit.q > 1 and not orbit.speeds.max() > _STILL * unit_of_speed(
+        values_of(osc), orbit.speeds
+    ):
         touch = PeriodicOrbit(osc, orbit.m, orbit.phases[:1], np.zeros(1))
         return _bifurcation(touch, "graze", axes)
     shorter = without_touch(orbit)

@@ -14,7 +14,15 @@ import numpy as np
 
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, System
-from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, system_of, unit_of_speed
+from vibroimpact.orbits.flights import values_of
+from vibroimpact.orbits.orbit import (
+    Orbits,
+    PeriodicOrbit,
+    determinant,
+    orbit_of,
+    system_of,
+    unit_of_speed,
+)
 from vibroimpact.orbits.unknowns import free, inner, phases, speeds, unknowns
 from vibroimpact.oscillator import Oscillator, one_of
 
@@ -36,6 +44,11 @@ _TOUCHES = 1e-9
 #: The chord of a step deviates from the mean of both tangents by less than this share of the step.
 #: On a circle it does not deviate at all; of 20,000 steps, 11 deviate by more.
 _MOST_OFF = 0.05
+
+
+def parameter_indices(names: Sequence[str]) -> np.ndarray:
+    """Return the indices of parameters in ``flights.values_of``."""
+    return np.array([*map(_NAMES.index, names)], np.int64)
 
 
 @dataclass(frozen=True)
@@ -113,10 +126,10 @@ class OrbitFamily:
         self.osc, self.m, self.q, self.kind = orbit.oscillator, orbit.m, orbit.q, kind
         self.parameters = tuple(parameters)
         self.names = tuple(parameter.name for parameter in parameters)
-        self.speed = unit_of_speed(self.osc, orbit.speeds) if speed is None else speed
+        self.speed = unit_of_speed(values_of(self.osc), orbit.speeds) if speed is None else speed
         self.spans = np.array([parameter.span for parameter in parameters])
         self.system = system_of(self.osc, self.m, self.q, self.speed)._replace(
-            free=np.array([*map(_NAMES.index, self.names)], np.int64),
+            free=parameter_indices(self.names),
             spans=self.spans,
             condition=CONDITIONS[kind],
             graze=graze,
@@ -164,6 +177,10 @@ class OrbitFamily:
         """Return the orbit at a point."""
         return orbit_of(self.oscillator(X), self.m, *self.impacts(X))
 
+    def orbits(self, X: np.ndarray) -> Orbits:
+        """Return the orbits at points, shape (n, 2 q + k), with impacts numbered as there."""
+        return Orbits.along(self.osc, self.system.free, self.kept(X), self.m, *self.impacts(X))
+
     def corrected(
         self,
         X: np.ndarray,
@@ -181,6 +198,16 @@ class OrbitFamily:
         if system.condition == GRAZE and len(planes) < len(self.parameters):
             speeds(X, self.q)[system.graze] = 0.0  # it is zero to rounding
         return X
+
+    def corrected_each(self, X: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points of a branch near each row of X, and whether one is found, (n,).
+
+        Row i moves in the plane across row i of `along`.
+        """
+        X = X.copy()
+        if self.system.work[0] > MOST_WORK:
+            return X, np.zeros(len(X), bool)
+        return X, calls.correct_each(self.system, X, along, _MOST_ITERATIONS)
 
     def bifurcation(self, X: np.ndarray, kind: str, graze: int = 0) -> np.ndarray | None:
         """Return the bifurcation near a point of a branch; None in the cases of `corrected`."""
@@ -213,7 +240,7 @@ class OrbitFamily:
         values[self.system.free] = self.values(point.X)
         h, R, omega, *_ = values
         flip, fold = point.tests[0, -2:]
-        return bool(flip * fold > 0.0) and determinant(h, R, omega, self.m, self.q) < 1.0
+        return bool(flip * fold > 0.0 and determinant(h, R, omega, self.m, self.q) < 1.0)
 
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
         """Return the point X of a path that has this tangent."""

@@ -8,9 +8,9 @@ loses no digits.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -83,21 +83,19 @@ class PeriodicOrbit:
     @cached_property
     def multipliers(self) -> np.ndarray:
         """Both Floquet multipliers, complex, the larger first; infinite at a graze or overflow."""
-        o = self.oscillator
-        if self.q == 0:
-            rate = np.sqrt(complex(o.h * o.h - o.p * o.p))
-            times = 2.0 * math.pi * self.m / o.omega
-            return np.exp((-o.h + np.array([rate, -rate])) * times)
-        if not self.speeds.all():
-            return np.array([math.inf, 0.0], complex)
-        _, c1, c2 = self.characteristic
-        trace = -c1 / c2 if c2 else math.inf
-        return multipliers_of(trace, determinant(o.h, o.R, o.omega, self.m, self.q))
+        return self.alone.multipliers[0]
 
-    @cached_property
-    def characteristic(self) -> tuple[float, float, float]:
+    @property
+    def characteristic(self) -> np.ndarray:
         """c0, c1, c2 of c0 + c1 mu + c2 mu^2, whose roots are the multipliers, also at a graze."""
-        return calls.characteristic(*self.equations)
+        system, X = self.equations
+        return calls.characteristics(system, X[None])[0]
+
+    @property
+    def alone(self) -> Orbits:
+        """The orbit as arrays."""
+        values = values_of(self.oscillator)[None]
+        return Orbits(values, self.m, self.phases[None], self.speeds[None])
 
     @cached_property
     def equations(self) -> tuple[System, np.ndarray]:
@@ -119,34 +117,86 @@ class PeriodicOrbit:
         >>> one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0)).sections().round(6)
         array([[-0.553435,  1.296107]])
         """
+        return self.alone.sections(phase)[0]
+
+
+class Orbits(NamedTuple):
+    """Orbits of one class as arrays."""
+
+    values: np.ndarray  # of their oscillators (``flights.values_of``), (n, 7)
+    m: int
+    phases: np.ndarray  # of the impacts, increasing, (n, q)
+    speeds: np.ndarray  # (n, q)
+
+    @classmethod
+    def along(
+        cls, osc: Oscillator, free: np.ndarray, at: np.ndarray, m: int, *impacts: np.ndarray
+    ) -> Self:
+        """Return orbits of oscillators that differ in the parameters of indices `free`.
+
+        `at` are their values, (n, k).
+        """
+        values = np.tile(values_of(osc), (len(at), 1))
+        values[:, free] = at
+        return cls(values, m, *impacts)
+
+    def sections(self, phase: float) -> np.ndarray:
+        """Return x and v as ``PeriodicOrbit.sections``, shape (n, m, 2)."""
         at = phase % (2.0 * math.pi) + 2.0 * math.pi * np.arange(self.m)
-        o = self.oscillator
-        if self.q == 0:
-            responses = [free_amplitude(o) * np.exp(1j * theta) for theta in at.tolist()]
-            return np.array([(response.imag, o.omega * response.real) for response in responses])
-        phases, turn, after = self.phases.tolist(), 2.0 * math.pi * self.m, []
-        for theta in at.tolist():  # in lists, which take less time than such short arrays
-            theta = phases[0] + (theta - phases[0]) % turn
-            i = bisect_right(phases, theta) - 1
-            after.append((i, (theta - phases[i]) / o.omega))
-        system, X = system_of(o, self.m, self.q, 1.0), _vector(self.phases, self.speeds)
-        states = calls.states_after(system, X, np.array(after)).tolist()
-        return np.array([(min(y + o.clearance, o.clearance), u) for y, u, _ in states])
+        if not self.phases.shape[1]:
+            amplitudes = np.array(
+                [free_amplitude(Oscillator(*row)) for row in self.values.tolist()]
+            )
+            responses = amplitudes[:, None] * np.exp(1j * at)
+            return np.stack([responses.imag, self.values[:, 2, None] * responses.real], axis=2)
+        first = self.phases[:, :1]
+        theta = first + (at - first) % (2.0 * math.pi * self.m)
+        last = (self.phases[:, None] <= theta[..., None]).sum(axis=2) - 1
+        launch, v = (np.take_along_axis(z, last, 1)[..., None] for z in (self.phases, self.speeds))
+        values = np.repeat(self.values[:, None], self.m, axis=1)
+        tau = (theta[..., None] - launch) / values[..., 2:3]
+        rows = np.concatenate([values, launch, v, tau], axis=2)
+        states = calls.states_after(rows.reshape(-1, rows.shape[2])).reshape(*theta.shape, 3)
+        clearance = values[..., 5]
+        return np.stack([np.minimum(states[..., 0] + clearance, clearance), states[..., 1]], axis=2)
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Their Floquet multipliers as ``PeriodicOrbit.multipliers``, shape (n, 2)."""
+        q, (h, R, omega, _, p, _, _) = self.phases.shape[1], self.values.T
+        if q == 0:
+            rate = np.sqrt(h * h - p * p + 0.0j)
+            times = 2.0 * math.pi * self.m / omega
+            return np.exp((np.stack([rate, -rate]) - h) * times).T
+        speed = unit_of_speed(self.values, self.speeds)
+        X = unknowns(np.stack([self.phases, self.speeds / speed], axis=2), self.values)
+        system = System(
+            self.values[0], np.arange(7), np.ones(7), self.m, q, speed, NONE, 0, False, np.zeros(1)
+        )
+        _, c1, c2 = calls.characteristics(system, X).T
+        with np.errstate(all="ignore"):
+            trace = np.where(c2 == 0.0, math.inf, -c1 / c2)
+            found = multipliers_of(trace, determinant(h, R, omega, self.m, q))
+        found[~self.speeds.all(axis=1)] = math.inf, 0.0
+        return found
 
 
-def determinant(h: float, R: float, omega: float, m: int, q: int) -> float:
-    """Return the determinant of the monodromy matrix of an orbit m/q."""
-    return R ** (2 * q) * math.exp(-4.0 * math.pi * h * m / omega)
+def determinant(h: np.ndarray, R: np.ndarray, omega: np.ndarray, m: int, q: int) -> np.ndarray:
+    """Return the determinants of the monodromy matrices of orbits m/q."""
+    return R ** (2 * q) * np.exp(-4.0 * math.pi * h * m / omega)
 
 
-def multipliers_of(trace: float, determinant: float) -> np.ndarray:
-    """Return the eigenvalues of a 2 x 2 matrix, complex, the larger first."""
+def multipliers_of(trace: np.ndarray, determinant: np.ndarray) -> np.ndarray:
+    """Return the eigenvalues of 2 x 2 matrices, complex, the larger first, shape (n, 2)."""
     discriminant = trace * trace - 4.0 * determinant
-    root = math.copysign(math.sqrt(abs(discriminant)), trace)
-    if discriminant < 0.0:
-        return 0.5 * np.array([complex(trace, root), complex(trace, -root)])
+    root = np.copysign(np.sqrt(np.abs(discriminant)), trace)
     larger = 0.5 * (trace + root)
-    return np.array([larger, determinant / larger if larger else 0.0], complex)
+    smaller = np.where(larger == 0.0, 0.0, determinant / larger)
+    return np.where(
+        discriminant[:, None] < 0.0,
+        0.5 * np.stack([trace + 1j * root, trace - 1j * root], axis=1),
+        np.stack([larger, smaller], axis=1),
+    )
 
 
 def orbit_of(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
@@ -167,7 +217,7 @@ def taken_twice(orbit: PeriodicOrbit) -> PeriodicOrbit:
 
 def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
     """Return the unknowns of an orbit, shape (2 q,), and the unit of speed."""
-    speed = unit_of_speed(orbit.oscillator, orbit.speeds)
+    speed = unit_of_speed(values_of(orbit.oscillator), orbit.speeds)
     return _vector(orbit.phases, orbit.speeds / speed), speed
 
 
@@ -183,11 +233,14 @@ def system_of(osc: Oscillator, m: int, q: int, speed: float) -> System:
     )
 
 
-def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
-    """Return a typical speed of an orbit: its greatest, or the system's if that is greater."""
-    largest = float(np.abs(speeds).max(initial=0.0))
-    push = osc.force + osc.p * osc.p * abs(osc.clearance)
-    return max(largest, push / (osc.p + osc.omega)) or 1.0
+def unit_of_speed(values: np.ndarray, speeds: np.ndarray) -> float:
+    """Return a typical speed of orbits: the greatest, or their oscillators' if that is greater.
+
+    `values` are those of the oscillators (``flights.values_of``), (7,) or (n, 7).
+    """
+    _, _, omega, f, p, clearance, a = values.T
+    push = f + a * omega * omega + p * p * np.abs(clearance)
+    return max(float(np.abs(speeds).max(initial=0.0)), float(np.max(push / (p + omega)))) or 1.0
 
 
 def linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -32,13 +32,17 @@ def test_ordinates_that_are_rounding_only_end_the_search_for_a_picture():
     noise = np.random.default_rng(1)
     start = branch(one_impact_orbit(osc), "omega", 2.45, 2.55)
     found = with_short_chords(
-        start, 2.45, 2.55, lambda orbit: 0.03 * noise.integers(2, size=1), 0.02
+        start,
+        2.45,
+        2.55,
+        lambda orbits: 0.03 * noise.integers(2, size=(len(orbits.phases), 1)),
+        0.02,
     )
     assert len(start.values) < len(found.values) < 2000
 
 
-def speeds_of(orbit):
-    return orbit.speeds
+def speeds_of(orbits):
+    return orbits.speeds
 
 
 def test_a_tree_joins_all_motions_of_the_hysteresis_scene():
