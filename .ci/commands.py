@@ -15,15 +15,7 @@ import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 
-DIGEST = """
-import hashlib, sys
-import sweeps
-digest = hashlib.sha256()
-with sweeps.open_sweep(sys.argv[1]) as ds:
-    for name in sorted(map(str, ds.variables)):
-        digest.update(name.encode() + ds[name].values.tobytes())
-print(digest.hexdigest())
-"""
+DIGEST = Path(__file__).absolute().with_name("digest.py")
 
 
 def others(run: Callable[..., None], vibroimpact: str) -> None:
@@ -71,15 +63,8 @@ def main(venv: Path) -> None:
         run("run", "quickstart.yaml", "--quiet", leaves="quickstart.h5")
         if len(sys.argv) == 2:
             others(run, vibroimpact)
-        digests = {
-            subprocess.run(
-                [python, "-c", DIGEST, file], check=True, capture_output=True, text=True
-            ).stdout
-            for file in Path().glob("[qc]*.h5")
-        }
-        if len(digests) != 1:
-            sys.exit("the workers of a cluster computed other numbers")
-        print(*digests, end="")
+        files = sorted(Path().glob("[qc]*.h5"))  # the workers of a cluster compute the same numbers
+        sys.exit(subprocess.run([python, DIGEST, *files]).returncode)
 
 
 if __name__ == "__main__":
