@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
-from scipy.stats import binomtest
 
 from sweeps import attractors, bifurcations, curves, integrity, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
@@ -75,6 +74,8 @@ def test_motions_without_a_class_have_the_words_of_the_reports(tmp_path, diagnos
 @pytest.mark.slow
 def test_scattering_parts_have_the_probabilities_of_a_sample_ten_times_as_large(scene):
     """Of independent draws; and the scatter of the impulse is that of the restitution."""
+    from scipy.stats import binomtest  # half a second, which no other test needs
+
     dataset, n, draws = scene("tolerances"), 512, np.random.default_rng(1)
     table = np.loadtxt(CONFIGS / "tolerances.csv", delimiter=",", skiprows=1, usecols=range(4))
     assert_allclose(table.T, [dataset[name] for name in ("clearance", "R", "p", "f")], rtol=0)

@@ -10,7 +10,6 @@ import pytest
 import xarray as xr
 import yaml
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import stats
 
 from sweeps import attractors, load_config, open_sweep, plotting, run_sweep
 from sweeps.analysis.attractor_table import rows
@@ -369,6 +368,8 @@ def test_attractors_of_a_table_are_those_of_the_grid_of_its_starts(omega):
 
 def test_the_sobol_indices_of_the_free_amplitude_are_those_of_its_formula():
     """Those of f / sqrt((p^2 - omega^2)^2 + 4 h^2 omega^2), on other samples by SciPy itself."""
+    from scipy import stats  # half a second, which no other test needs
+
     names, n = ("h", "omega", "f"), 1024
     dists = [stats.uniform(*ends) for ends in ((0.1, 0.1), (1.2, 0.4), (0.5, 1.0))]
     unit = stats.qmc.Sobol(2 * len(names), seed=1).random(n)
