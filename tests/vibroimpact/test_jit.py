@@ -2,106 +2,85 @@
 
 import math
 import os
-import re
 import shutil
 import subprocess
 import sys
 import warnings
 from pathlib import Path
 
+import numba
 import pytest
 
 import vibroimpact
-from vibroimpact.jit import WAY, compiling, fma, trial
-from vibroimpact.jit.way import _chosen
+from vibroimpact.jit import WAY, cache, compiling, fma, trial, way
+from vibroimpact.jit.way import NumbaWarning, _chosen
 from vibroimpact.step.elementary import sin_cos
 
 # time_to_release() is in step/contact.py, the helper it calls in step/elementary.py.
 PROGRAM = """\
+import sys
 import vibroimpact
 from vibroimpact import Oscillator
 from vibroimpact.step.contact import is_held, time_to_release
 pt = Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at()[0]
-print(vibroimpact.__file__)
+print(vibroimpact.__file__, flush=True)
+input()
 print(time_to_release(4.0, pt))
-hits, misses = time_to_release.stats.cache_hits, time_to_release.stats.cache_misses
-print(sum(hits.values()), sum(misses.values()))
+hits = sum(time_to_release.stats.cache_hits.values())
+print(hits, sum(time_to_release.stats.cache_misses.values()), "scipy.linalg" in sys.modules)
+if hits:
+    print(is_held(pt), "scipy.linalg" in sys.modules)
 """
 RELEASE = math.pi - 2.0  # from the phase 4 to 2 pi, at omega = 2
 
 
-def run(folder):
-    """Run the program on the copy of the package in `folder`: its file, time, hits, misses."""
+def ready(folder):
+    """Start the program with the copy of the package in `folder`, up to its input."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "PYTHON"))}
-    environment |= {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
     # A separate folder: the cache of the original package already holds the function.
-    environment["NUMBA_CACHE_DIR"] = str(folder / "cache")
-    out = subprocess.run(
+    environment |= {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM],
         env=environment,
         cwd=folder,
-        capture_output=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
         text=True,
-        check=True,
-    ).stdout.splitlines()
-    assert Path(out[0]).is_relative_to(folder), "not the copy"
-    return float(out[1]), *map(int, out[2].split())
+    )
+    assert Path(process.stdout.readline()).is_relative_to(folder), "not the copy"
+    return process
+
+
+def told(*processes):
+    """Let the programs go on at once; return what each tells, in the order of its text."""
+    for process in processes:
+        process.stdin.write("\n")
+        process.stdin.flush()
+    lines = sorted(process.communicate()[0].splitlines() for process in processes)
+    assert not any(process.returncode for process in processes)
+    return lines
 
 
 @pytest.mark.slow
-def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
-    """Compiled, then edited: the second run must compile again."""
+def test_the_code_is_compiled_once_and_again_after_an_edit_of_a_helper_in_another_file(tmp_path):
+    """Of two processes at once on an empty cache, one compiles and the other waits for it.
+
+    The other runs without all that numba can compile, of which SciPy is most; and a function that
+    is not in the cache yet is compiled all the same.
+    """
     copy = tmp_path / "vibroimpact"
-    shutil.copytree(
-        Path(vibroimpact.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__")
-    )
-    assert run(tmp_path) == (pytest.approx(RELEASE), 0, 1)
+    shutil.copytree(Path(vibroimpact.__file__).parent, copy)
+    shutil.copytree(cache.root() / "numerics", tmp_path / "cache/numerics")
+    assert told(ready(tmp_path), ready(tmp_path)) == [
+        [repr(RELEASE), "0 1 True"],
+        [repr(RELEASE), "1 0 False", "False True"],
+    ]
     helper = copy / "step/elementary.py"
     before = helper.read_text()
     after = before.replace("return -s if half >= 1.0 else s,", "return s,")
     assert after != before
     helper.write_text(after)
-    assert run(tmp_path) == (0.0, 0, 1)
-
-
-@pytest.mark.slow
-def test_two_processes_that_start_at_once_on_an_empty_cache(tmp_path):
-    """One compiles and the other waits for it; their results and their cache are right.
-
-    It runs without all that numba can compile, of which SciPy is most; and a function that is not
-    in the cache yet is compiled all the same.
-    """
-    before, call = PROGRAM.split("print(time", 1)
-    waiting = f"{before}print('ready', flush=True)\ninput()\nprint(time{call}"
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    both = [
-        subprocess.Popen(
-            [sys.executable, "-c", waiting],
-            env=environment,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for _ in range(2)
-    ]
-    for process in both:
-        assert [process.stdout.readline() for _ in range(2)][1] == "ready\n"
-    for process in both:
-        process.stdin.write("\n")
-        process.stdin.flush()
-    told = [process.communicate()[0].splitlines() for process in both]
-    assert [process.returncode for process in both] == [0, 0]
-    assert sorted(told) == [[repr(RELEASE), "0 1"], [repr(RELEASE), "1 0"]]
-    third = f"""{PROGRAM}
-import sys
-print("scipy.linalg" in sys.modules)
-print(is_held(pt))
-print("scipy.linalg" in sys.modules)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", third], env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[1:] == [repr(RELEASE), "1 0", "False", "False", "True"]
+    assert told(ready(tmp_path)) == [["0.0", "0 1 True"]]
 
 
 def test_fma_rounds_once():
@@ -137,32 +116,6 @@ def test_a_processor_without_fma_is_named_once(monkeypatch, features, warned):
     compiling._warn_without_fma.cache_clear()
 
 
-#: Prints the way, how functions are compiled, and a result.
-WAY_PROGRAM = """
-from vibroimpact.jit import WAY
-from vibroimpact.step.elementary import sin_cos
-print(WAY.name, sin_cos.targetoptions.get("_nrt"), *map(float.hex, sin_cos(0.7)))
-"""
-
-
-def way(tmp_path, change):
-    """Run the program after a change of numba, in every process: what it prints, and stderr."""
-    (tmp_path / "sitecustomize.py").write_text(change)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
-    result = subprocess.run(
-        [sys.executable, "-c", WAY_PROGRAM],
-        env=environment | {"PYTHONPATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
-    )
-    assert result.returncode == 0, result.stderr
-    name, references, *values = result.stdout.split()
-    assert values == [*map(float.hex, sin_cos(0.7))]
-    assert references == {"private": "False", "options": "False", "plain": "None"}[name]
-    assert list(tmp_path.glob(f"kept/compiled-*-{name}/**/*sin_cos*"))
-    return name, result.stderr
-
-
 @pytest.mark.parametrize(
     ("asked", "taken", "reason"),
     [
@@ -174,23 +127,28 @@ def way(tmp_path, change):
     ],
 )
 def test_the_way_of_using_numba_can_be_asked_for(monkeypatch, asked, taken, reason):
-    """The tests below compute with each way."""
     monkeypatch.setenv("VIBROIMPACT_NUMBA_HOOKS", asked)
     assert _chosen() == (taken, reason)
     assert asked or WAY == (taken, reason)
 
 
-UNTRIED = "import numba; numba.__version__ = '99.0.0'\n"
-MISSING = "import numba.core.codegen; del numba.core.codegen.JITCodeLibrary\n"
-CRASHING = """
-import os
-from numba.core.compiler import CompileResult
-rebuild = CompileResult._rebuild
-def crash(context, data, *others):
-    return os.abort() if data[0] == "whole" else rebuild(context, data, *others)
-CompileResult._rebuild = crash
+#: Prints the way, how functions are compiled, and a result.
+WAY_PROGRAM = """
+from vibroimpact.jit import WAY
+from vibroimpact.step.elementary import sin_cos
+print(WAY.name, sin_cos.targetoptions.get("_nrt"), *map(float.hex, sin_cos(0.7)))
 """
-NO_OPTION = "import numba.core.cpu; del numba.core.cpu._options_mixin.no_cfunc_wrapper\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "references"), [("options", "False"), ("plain", "None")])
+def test_every_way_gives_the_same_bits_and_keeps_its_code(tmp_path, name, references):
+    shutil.copytree(cache.root() / "numerics", tmp_path / "numerics")
+    environment = os.environ | {"VIBROIMPACT_NUMBA_HOOKS": name, "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", WAY_PROGRAM]
+    out = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    assert out.stdout.split() == [name, references, *map(float.hex, sin_cos(0.7))]
+    assert list(tmp_path.glob(f"compiled-*-{name}/**/*sin_cos*"))
 
 
 @pytest.mark.parametrize("optimize", [0, 1, 2])
@@ -203,20 +161,68 @@ def test_a_wrong_result_fails_the_check_even_if_asserts_are_removed(optimize):
         names["main"]()
 
 
+@pytest.fixture
+def numba_99(monkeypatch):
+    """Let the version of numba be one that was not tried."""
+    monkeypatch.setattr(numba, "__version__", "99.0.0")
+
+
+@pytest.fixture
+def without_a_name(monkeypatch):
+    """Let numba lack a name that the private parts import."""
+    monkeypatch.delattr("numba.core.codegen.JITCodeLibrary")
+    monkeypatch.delitem(sys.modules, "vibroimpact.jit.hooks")
+
+
+@pytest.fixture
+def changed(monkeypatch, tmp_path):
+    """Return a function that changes numba in the processes of a check; what is known is none."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
+    monkeypatch.syspath_prepend(tmp_path)
+    return (tmp_path / "sitecustomize.py").write_text
+
+
+CRASHING = """
+import os
+from numba.core.compiler import CompileResult
+rebuild = CompileResult._rebuild
+def crash(context, data, *others):
+    return os.abort() if data[0] == "whole" else rebuild(context, data, *others)
+CompileResult._rebuild = crash
+"""
+NO_OPTION = "import numba.core.cpu; del numba.core.cpu._options_mixin.no_cfunc_wrapper\n"
+
+
+def assert_told_once(taken, told):
+    with pytest.warns(NumbaWarning, match=told) as warned:
+        assert _chosen().name == _chosen().name == taken
+    assert len(warned) == 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "taken", "told"),
     [
-        (UNTRIED, "private", "numba 99.0.0 is used with its private parts, .* a check held"),
-        (UNTRIED + CRASHING, "options", r"options alone, .* its process ended with -\d"),
-        (UNTRIED + MISSING + NO_OPTION, "plain", "in its plainest way, .* its options failed: Key"),
-        (MISSING, "options", "options alone, .* cannot import name 'JITCodeLibrary'"),
+        ("", "private", "numba 99.0.0 is used with its private parts, .* a check held"),
+        (CRASHING, "options", r"options alone, .* its process ended with -\d"),
     ],
-    ids=["untried", "crash", "no private part or option", "tried, name removed"],
+    ids=["untried", "crash"],
 )
-def test_an_unknown_numba_is_checked_once_and_named(tmp_path, change, taken, told):
-    name, stderr = way(tmp_path, change)
-    lines = [line for line in stderr.splitlines() if "NumbaWarning" in line]
-    assert name == taken and len(lines) == 1 and re.search(told, lines[0]), stderr
-    if change == UNTRIED:
-        assert way(tmp_path, change) == (taken, "")
+def test_an_unknown_numba_is_checked_once_and_named(changed, numba_99, change, taken, told):
+    changed(change)
+    assert_told_once(taken, told)
+
+
+@pytest.mark.slow
+def test_without_a_private_part_and_an_option_the_plainest_way_is_taken(
+    changed, numba_99, without_a_name
+):
+    changed(NO_OPTION)
+    assert_told_once("plain", "in its plainest way, .* its options failed: KeyError")
+
+
+def test_a_name_that_numba_lacks_is_told_though_the_version_was_tried(
+    monkeypatch, changed, without_a_name
+):
+    monkeypatch.setattr(way, "_failure", {"options": ""}.get)
+    assert_told_once("options", "options alone, .* cannot import name 'JITCodeLibrary'")
