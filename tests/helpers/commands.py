@@ -4,10 +4,13 @@ import sys
 from pathlib import Path
 from unittest.mock import patch
 
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from sweeps.cli.main import app
 
+#: Made once: from the types of all their arguments it takes as long as a short command.
+COMMANDS = get_command(app)
 #: Ten points, computed in a moment.
 SMALL = """\
 name: small
@@ -25,7 +28,10 @@ record: {transient: 3, periods: 4, impacts: 2}
 def call(*arguments):
     """Run a command and return its result; it must not end with a traceback."""
     words = [str(argument) for argument in arguments]
-    with patch.object(sys, "argv", ["vibroimpact", *words]):
+    with (
+        patch.object(sys, "argv", ["vibroimpact", *words]),
+        patch("typer.testing._get_command", lambda _: COMMANDS),
+    ):
         result = CliRunner().invoke(app, words, prog_name="vibroimpact")
     assert isinstance(result.exception, SystemExit | type(None)), result.exception
     return result
