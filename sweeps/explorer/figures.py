@@ -46,6 +46,8 @@ _LETTERS = {
     r"\dot{x}": "ẋ", r"\mathrm{mod}": "mod", r"\approx": "≈", "~": " ", "\t": "", "_0": "₀",
     "_1": "₁", "^2": "²", "$": "",
 }  # fmt: skip
+#: The tags of a formatter that Bokeh made: for a linear axis, without a factor.
+_UNTAGGED = [False, 1.0]
 #: Writes a tick divided by the factor of a prefix; steps are 1, 2 or 5 times a power of ten.
 _PREFIXED = """
 const value = tick / factor;
@@ -87,7 +89,7 @@ def label_axis(axis: Any, name: str, view: View, size: float, pixels: float = ma
     fits = 7.0 * len(text) < pixels
     axis.axis_label = text if fits else text.removeprefix(variable.long_name).strip()
     log = isinstance(axis.ticker, LogTicker)
-    if axis.formatter.tags != [log, factor]:
+    if (axis.formatter.tags or _UNTAGGED) != [log, factor]:
         axis.formatter = _formatter(log, factor)
 
 

@@ -58,14 +58,17 @@ window.addEventListener("keydown", (event) => {
 });
 """.replace("KEYS", str([*_MOVES, "Home", "Escape"]))
 #: Shows a text while the browser loads the scripts, for about a second. Without an icon a browser
-#: requests one whenever the address changes, and Tornado logs each refusal.
-_TEMPLATE = """
+#: requests one whenever the address changes, and Tornado logs each refusal. The name of Bokeh's own
+#: template depends on its version.
+_TEMPLATE = FILE.environment.from_string(
+    """
 {% extends "BASE" %}
 {% block preamble %}<link rel="icon" href="data:,">{% endblock %}
 {% block js_resources %}{% endblock %}
 {% block contents %}<p id="opening">vibroimpact explore is opening …</p>
 {{ bokeh_js }}{{ super() }}{% endblock %}
-""".replace("BASE", FILE.name)  # its name depends on the version of Bokeh
+""".replace("BASE", FILE.name)
+)
 
 
 class LivePage:
@@ -95,12 +98,12 @@ class LivePage:
         self._address = TextInput(visible=False, name="address")
         self._key = TextInput(visible=False, name="key")
         self._connect()
+        self._show()
         body = row(self.controls.layout, self._tabs, sizing_mode="stretch_both")
         hidden = (self._address, self._key, self.diagram.painted, self.diagram.fits)
+        # Last, because Bokeh visits all models of a document after each change of its models.
         document.add_root(column(self._ended, body, *hidden, sizing_mode="stretch_both"))
-        document.template = FILE.environment.from_string(_TEMPLATE)
-        document.title = f"{home.name}: vibroimpact"
-        self._show()
+        document.template, document.title = _TEMPLATE, f"{home.name}: vibroimpact"
 
     def _new_tabs(self) -> Tabs:
         """Return the three tabs: the diagram, the map, and the basins."""

@@ -15,7 +15,7 @@ import pytest
 from sweeps.explorer.maps import Tiles
 from sweeps.explorer.page import LivePage
 from sweeps.explorer.server import Explorer
-from sweeps.explorer.view import DIAGRAM
+from sweeps.explorer.view import DIAGRAM, View
 
 #: No downloads and no requests to the network.
 _OPTIONS = (
@@ -63,7 +63,7 @@ class Window:
         browser: Any,
         explorer: Explorer,
         address: str | None = None,
-        size: tuple[int, int] = (800, 500),
+        size: tuple[int, int] = (560, 360),
     ) -> None:
         self.requests: list[str] = []
         self.problems: list[str] = []
@@ -76,6 +76,12 @@ class Window:
         self.settle(lambda: self.page.diagram.kept is not None)
         # A drag that begins with 300 ms of rest is ignored, and a busy machine may be that slow.
         self.tab.evaluate("Bokeh.require('core/ui_gestures').UIGestures.press_threshold = 1e9")
+
+    def show(self, view: View) -> None:
+        """Show a view, whatever was done before in this window."""
+        self.model("diagram", "{m.toolbar.tools.find((t) => t.type === 'PanTool').active = true}")
+        self.page.document.add_next_tick_callback(lambda: self.page.change(lambda _: view))
+        self.settle(lambda: self.page.view == view)
 
     def settle(self, condition: Callable[[], bool] = lambda: True) -> None:
         """Wait until a condition holds, the worker is idle, and the browser has the picture."""
@@ -99,7 +105,7 @@ class Window:
                 advance, size = filling.advance, filling.config.sweep.grid.size
                 tiles = self.page.worker.submit(advance, size).result(PATIENCE)
                 expected = [*tiles.pixels.shape, int(tiles.pixels.sum(dtype=int))]
-                if self.model(f"{name} pixels", code) == expected:
+                if self.model(f"{name} pixels", code) == expected and self.idle():
                     return tiles
             self.tab.wait_for_timeout(20)
         raise AssertionError(f"no map: {self.page.controls.error.text}")
@@ -121,13 +127,15 @@ class Window:
         densest = self.page.diagram.configurations(view)[-1]
         if (shown.config, shown.view.ordinate) != (densest, view.ordinate):
             return False
+        # The labels of the ticks may change the size of the canvas in the next frame.
         ends = self.model(
             "diagram",
-            "{return [m.x_range.start, m.x_range.end, m.y_range.start, m.y_range.end]}",
+            "{const {x_range: x, y_range: y} = m; return new Promise((found) =>"
+            " requestAnimationFrame(() => requestAnimationFrame(() => found("
+            "[x.start, x.end, y.start, y.end, m.inner_width, m.inner_height]))))}",
         )
-        return tuple(ends) == (*shown.view.xlim, *shown.window) and np.array_equal(
-            self.pixels(), shown.pixels
-        )
+        seen = (*shown.view.xlim, *shown.window, columns, rows)
+        return tuple(ends) == seen and np.array_equal(self.pixels(), shown.pixels)
 
     def pixels(self) -> np.ndarray:
         """Return the picture in the browser, shape (rows, columns)."""

@@ -1,9 +1,6 @@
 """The live picture in a real browser: every gesture, and the resulting page."""
 
 import re
-import signal
-import subprocess
-import sys
 import threading
 from dataclasses import replace
 from itertools import cycle
@@ -43,21 +40,27 @@ def explorer(tmp_path_factory):
     explorer.close()
 
 
-@pytest.fixture
-def window(browser, explorer):
+@pytest.fixture(scope="module")
+def opened(browser, explorer):
+    """A window that the tests share, because a page takes two seconds to open."""
     window = Window(browser, explorer)
     yield window
     window.tab.close()
-    assert window.problems == []
 
 
 @pytest.fixture
-def before_chaos(browser, explorer):
+def window(opened):
+    """The shared window with the first view."""
+    opened.show(opened.page.home)
+    yield opened
+    assert opened.problems == []
+
+
+@pytest.fixture
+def before_chaos(window):
     """A window on the first flip alone, where there are few orbits to follow."""
-    window = Window(browser, explorer, f"{explorer.address}&xlim=2.4:2.7")
-    yield window
-    window.tab.close()
-    assert window.problems == []
+    window.show(replace(window.page.home, xlim=(2.4, 2.7)))
+    return window
 
 
 def expected(page):
@@ -69,33 +72,36 @@ def expected(page):
 
 
 def test_opens_with_the_diagram_of_the_configuration_and_asks_nothing_of_the_network(
-    browser, explorer
+    window, explorer
 ):
-    window = Window(browser, explorer, size=(1280, 720))
     page = window.page
     assert page.view.xlim == (2.4, 3.5)
     columns, rows = page.diagram.size
-    assert window.pixels().shape == (rows, columns)
-    assert columns > 800
+    box = window.box()
+    assert window.pixels().shape == (rows, columns) == (round(box["height"]), round(box["width"]))
     np.testing.assert_array_equal(window.pixels(), expected(page))
     assert {url.split("/")[2] for url in window.requests} == {explorer.address.split("/")[2]}
     assert window.tab.get_by_text("million periods/s").is_visible()
-    window.tab.close()
-    assert window.problems == []
 
 
-def test_nothing_is_logged_while_the_address_changes(browser, explorer, caplog):
-    """In a notebook every refused request would be printed below the cell."""
-    window = Window(browser, explorer)
-    for delta in (-100.0, -100.0):
-        before = window.page.view.xlim
-        window.wheel(delta)
-        window.settle(lambda before=before: window.page.view.xlim != before)
-    window.tab.close()
-    assert [record.message for record in caplog.records if record.name == "tornado.access"] == []
+# Before other gestures in the shared window.
+def test_undo_and_redo_of_the_first_zoom(window):
+    page = window.page
+    home = page.view
+    window.wheel(-400.0)
+    window.settle(lambda: page.view.ylim is not None)
+    zoomed, late = page.view, page.diagram.kept
+    window.tool("undo")
+    window.settle(lambda: page.view == home)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    # A late picture of the zoom does not fit all points.
+    page.document.add_next_tick_callback(lambda: page.diagram._paint(late, 0.0))
+    window.tool("redo")
+    window.settle(lambda: page.view == zoomed)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
 
 
-def test_wheel_pan_box_back_forward_and_reset(window):
+def test_wheel_pan_box_back_forward_and_reset(window, caplog):
     page = window.page
     home = page.view
     window.wheel(-400.0)
@@ -125,22 +131,8 @@ def test_wheel_pan_box_back_forward_and_reset(window):
     window.tool("reset")
     window.settle(lambda: page.view == home)
     np.testing.assert_array_equal(window.pixels(), expected(page))
-
-
-def test_undo_and_redo_of_the_first_zoom(window):
-    page = window.page
-    home = page.view
-    window.wheel(-400.0)
-    window.settle(lambda: page.view.ylim is not None)
-    zoomed, late = page.view, page.diagram.kept
-    window.tool("undo")
-    window.settle(lambda: page.view == home)
-    np.testing.assert_array_equal(window.pixels(), expected(page))
-    # A late picture of the zoom does not fit all points.
-    page.document.add_next_tick_callback(lambda: page.diagram._paint(late, 0.0))
-    window.tool("redo")
-    window.settle(lambda: page.view == zoomed)
-    np.testing.assert_array_equal(window.pixels(), expected(page))
+    # In a notebook every refused request would be printed below the cell.
+    assert [record.message for record in caplog.records if record.name == "tornado.access"] == []
 
 
 def test_a_zoom_wins_over_a_picture_that_crosses_it_on_the_way(window):
@@ -254,6 +246,7 @@ def test_a_diagram_of_earlier_values_is_dimmed_and_says_what_it_waits_for(
 ):
     """The first exact branches are not cancelled by a new view, because they compile."""
     window, page, compiled = before_chaos, before_chaos.page, threading.Event()
+    page.worker._done.pop("exact branches", None)
     find = page.branches._find
     monkeypatch.setattr(page.branches, "_find", lambda *of: compiled.wait(300.0) and find(*of))
     shown = "{return m.visible ? m.text : ''}"
@@ -291,17 +284,31 @@ def test_the_address_holds_the_view(window, browser, explorer):
     again.tab.close()
 
 
-@pytest.fixture
-def small(browser, explorer):
-    """A window whose maps have few pixels."""
-    window = Window(browser, explorer, size=(560, 360))
-    yield window
-    window.tab.close()
-    assert window.problems == []
+def test_basins_at_the_mark_and_a_start_out_of_them(window):
+    page = window.page
+    for name, value in (("h", 0.0), ("omega", 1.3)):  # two motions coexist
+        window.model(f"{name} slider", f"{{m.value = {value}}}")
+        window.settle(lambda name=name, value=value: page.view.values[name] == value)
+    window.model("transient", "{m.value = '300'}")
+    window.settle(lambda: page.view.record["transient"] == 300)
+    window.tab.get_by_text("basins", exact=True).click()
+    window.tiles("basins")
+    orbit = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=1.3, f=1.0))
+    assert f"1/1: {orbit.v:.4g};" in page.basins.legend.text
+    assert "2/3: 0.703, 1.114, 2.254;" in page.basins.legend.text
+    radii = [
+        float(text) for text in re.findall(r"; disc (?:&gt;= )?([\d.]+)<", page.basins.legend.text)
+    ]
+    np.testing.assert_allclose(page.basins.discs.data["width"], 2.0 * np.array(radii), rtol=5e-3)
+    assert len(radii) == 2 and min(radii) > 0.1
+    window.click(0.4, 0.6, "basins")
+    window.settle(lambda: page.motion.text.text != "")
+    assert page.view.tab == BASINS
+    assert page.view.values["x0"] == pytest.approx(-1.8, abs=0.05)
 
 
-def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(small):
-    window, page = small, small.page
+def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
+    page = window.page
     window.tab.get_by_text("map of classes").click()
     tiles, box = window.tiles("map"), window.box("map")
     assert window.tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
@@ -335,31 +342,8 @@ def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(small):
     window.settle(lambda: window.model("map legend", code) == 0)  # all of it is visible
 
 
-def test_basins_at_the_mark_and_a_start_out_of_them(small):
-    window, page = small, small.page
-    for name, value in (("h", 0.0), ("omega", 1.3)):  # two motions coexist
-        window.model(f"{name} slider", f"{{m.value = {value}}}")
-        window.settle(lambda name=name, value=value: page.view.values[name] == value)
-    window.model("transient", "{m.value = '300'}")
-    window.settle(lambda: page.view.record["transient"] == 300)
-    window.tab.get_by_text("basins", exact=True).click()
-    window.tiles("basins")
-    orbit = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=1.3, f=1.0))
-    assert f"1/1: {orbit.v:.4g};" in page.basins.legend.text
-    assert "2/3: 0.703, 1.114, 2.254;" in page.basins.legend.text
-    radii = [
-        float(text) for text in re.findall(r"; disc (?:&gt;= )?([\d.]+)<", page.basins.legend.text)
-    ]
-    np.testing.assert_allclose(page.basins.discs.data["width"], 2.0 * np.array(radii), rtol=5e-3)
-    assert len(radii) == 2 and min(radii) > 0.1
-    window.click(0.4, 0.6, "basins")
-    window.settle(lambda: page.motion.text.text != "")
-    assert page.view.tab == BASINS
-    assert page.view.values["x0"] == pytest.approx(-1.8, abs=0.05)
-
-
-def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(browser, explorer):
-    window = Window(browser, explorer, size=(690, 400))
+def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(window):
+    window.tab.set_viewport_size({"width": 690, "height": 400})
     code = "{const box = Bokeh.index.find_one(m)?.el.getBoundingClientRect();"
     code += "return box?.height > 0 && [box.top, box.bottom]}"
 
@@ -370,12 +354,11 @@ def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(b
     window.click(0.2, 0.5)
     window.tab.get_by_text("basins", exact=True).click()
     window.settle(is_below_the_legend)
-    window.tab.close()
-    assert window.problems == []
 
 
 def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_path):
     config = {
+        "name": ODD,
         "oscillator": {
             "h": {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"},
             "R": 0.8,
@@ -387,6 +370,7 @@ def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_pat
     explorer = sweeps.explore(load_config(config), folder=tmp_path)
     window = Window(browser, explorer)
     page = window.page
+    assert window.tab.title() == f"{ODD}: vibroimpact"
     np.testing.assert_array_equal(window.pixels(), expected(page))
     window.click(0.5, 0.5)
     window.settle(lambda: page.motion.text.text != "")
@@ -400,8 +384,11 @@ def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_pat
     window.click(0.5, 0.5)
     window.settle(lambda: page.view.values["R"] == pytest.approx(0.5, abs=0.01))
     assert window.problems == []
+    assert window.tab.evaluate("window.ran") is None
+    ended = window.tab.get_by_text("vibroimpact explore has ended")
+    assert not ended.is_visible()
     explorer.close()
-    window.tab.get_by_text("vibroimpact explore has ended").wait_for()
+    ended.wait_for()
     window.tab.close()
 
 
@@ -422,11 +409,15 @@ def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
             np.testing.assert_array_equal(dataset[name].values, shown[name][:, :10])
 
 
-def test_thirty_gestures_in_a_burst_end_with_the_last(window):
+def test_thirty_gestures_in_a_burst_end_with_the_last(window, monkeypatch):
     page = window.page
     shown = []
     paint = page.diagram._paint
-    page.diagram._paint = lambda drawn, seconds: (shown.append(drawn.view), paint(drawn, seconds))
+    monkeypatch.setattr(
+        page.diagram,
+        "_paint",
+        lambda drawn, seconds: (shown.append(drawn.view), paint(drawn, seconds)),
+    )
     for i in range(30):
         window.model("R slider", f"{{m.value = {0.5 + 0.01 * i}}}")
     window.settle(lambda: page.view.values["R"] == pytest.approx(0.79))
@@ -435,32 +426,9 @@ def test_thirty_gestures_in_a_burst_end_with_the_last(window):
     assert len(shown) < 60, "stale pictures were computed to their end"
 
 
-def test_a_lost_connection_and_its_end_are_said(browser, tmp_path):
-    config = load_config(
-        {"oscillator": {"h": 0.05, "R": 0.8, "omega": 2.5, "f": 1.0}, "record": {"transient": 10}}
-    )
-    (tmp_path / "scene.yaml").write_text(config.to_yaml())
-    command = [sys.executable, "-m", "sweeps.cli", "explore", "--no-browser", "scene.yaml"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path)
-    try:
-        address = process.stdout.readline().strip()
-        tab = browser.new_page()
-        tab.set_default_timeout(300_000)
-        tab.goto(address)
-        tab.get_by_text("save as YAML").wait_for()
-        notice = tab.get_by_text("vibroimpact explore has ended")
-        assert not notice.is_visible()
-        process.send_signal(signal.SIGINT)
-        assert process.wait(300) == 0
-        notice.wait_for()
-        tab.close()
-    finally:
-        process.kill()
-        process.communicate()
-
-
 # Untrusted texts
 
+ODD = "<img src=x onerror='window.ran = 1'>"
 MARKUP = (
     '<img src=x onerror="window.ran = 1">',
     "<svg onload='window.ran = 1'>",
@@ -484,29 +452,18 @@ def shown(window, name):
     return window.model(name, code)
 
 
-def test_markup_in_files_addresses_and_fields_is_shown_as_text(browser, tmp_path):
-    name = "<img src=x onerror='window.ran = 1'>"
-    config = {
-        "name": name,
-        "oscillator": {"h": 0.05, "R": 0.8, "omega": [2.4, 3.5], "f": 1.0},
-        "record": {"transient": 10, "periods": 5},
-    }
-    explorer = sweeps.explore(load_config(config), folder=tmp_path)
-    window = Window(browser, explorer)
+def test_markup_in_files_addresses_and_fields_is_shown_as_text(window):
     page, controls = window.page, window.page.controls
-    assert window.tab.title() == f"{name}: vibroimpact"
+    window.show(replace(page.home, name=ODD))
     window.tab.get_by_text("save as YAML").click()
-    window.settle(lambda: name in controls.error.text)  # no file has such a name on every system
+    window.settle(lambda: ODD in controls.error.text)  # no file has such a name on every system
     window.settle(lambda: shown(window, "error") == [controls.error.text, 0])
-    assert not list(tmp_path.iterdir())
+    assert not list(page.folder.glob("*.yaml.*")) and not list(page.folder.glob("*img*"))
     for (key, _), markup in zip(parse_qsl(page.view.query()), cycle(MARKUP), strict=False):
         ask(window, urlencode({key: markup}))
         window.settle(lambda markup=markup: markup in controls.error.text)
         window.settle(lambda: shown(window, "error") == [controls.error.text, 0])
     assert window.tab.evaluate("window.ran") is None
-    assert window.problems == []
-    window.tab.close()
-    explorer.close()
 
 
 def test_a_script_that_gets_into_the_page_is_not_run(window):
