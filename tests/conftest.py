@@ -57,4 +57,5 @@ def few_knocks():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sweeps.analysis.knocks._MOMENTS", 12)
         patch.setattr("sweeps.analysis.knocks._SIZES", 64)
+        patch.setattr("sweeps.analysis.knocks._CLOSER", 2)
         yield

@@ -39,6 +39,8 @@ from vibroimpact.trajectory import exact_samples
 _TURN = 2.0 * math.pi
 #: Number of moments in a forcing period, and of sizes scanned at each.
 _MOMENTS, _SIZES = 64, 256
+#: Number of times that moments are tried beside the worst one, each time four times as close.
+_CLOSER = 7
 #: Sizes near a knock at which the boundary is sought, relative to the knock.
 _NEAR = np.linspace(-0.1, 0.02, 80)
 #: Forcing periods for which a motion is continued, one after the other until it has a class, and
@@ -145,6 +147,7 @@ class _Motions:
         self._oscillator, config = oscillator_of(starts), config_of(starts)
         self._spec, self._phase = config.sweep.spec, config.record.phase
         self.orbits: dict[int, PeriodicOrbit] = {}
+        self._cycles: dict[int, np.ndarray] = {}  # their states at the section
         self._of_regime = dict(zip(found["motion"].values, found["number"].values, strict=True))
         motion = np.zeros(1, MOTION)
         motion["point"] = self._oscillator.at(self._oscillator.clearance)
@@ -155,7 +158,9 @@ class _Motions:
             motion["m"], motion["q"] = one.m, one.q
             if one.m > 0:
                 with suppress(OrbitError):  # too many periods: motions that end there are unknown
-                    self.orbits[one.number] = orbit_of(motion[0], self._phase)
+                    orbit = orbit_of(motion[0], self._phase)
+                    self.orbits[one.number] = orbit
+                    self._cycles[one.number] = orbit.sections(self._phase)
 
     def _reached(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the attractors that motions from states (n, 2) reach, and which are certified.
@@ -182,8 +187,9 @@ class _Motions:
         # Without a class a motion is taken for chaos, unless it lingers beside an orbit that has
         # just flipped, and therefore beside the orbit of twice the period.
         chaos = self._of_regime.get(Regime.CHAOTIC, -1)
-        for one in self.orbits:
-            number[endless & self._is_on(one, last["x0"], last["v0"])] = one
+        left = np.flatnonzero(endless)
+        for one in self.orbits if left.size else ():
+            number[left[self._is_on(one, last["x0"][left], last["v0"][left])]] = one
         number[endless & (number < 0)] = chaos
         return number, certified
 
@@ -192,12 +198,14 @@ class _Motions:
         number = np.full(len(results["status"]), -1)
         for one, orbit in self.orbits.items():
             same = (results["period"] == orbit.m) & (results["period_impacts"] == orbit.q)
-            number[same & self._is_on(one, results["orbit_x"], results["orbit_v"])] = one
+            rows = np.flatnonzero(same)
+            on = self._is_on(one, results["orbit_x"][rows], results["orbit_v"][rows])
+            number[rows[on]] = one
         return number
 
     def _is_on(self, one: int, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the mask of the section states that are on an attractor, to ``TOLERANCE``."""
-        o, cycle = self._oscillator, self.orbits[one].sections(self._phase)
+        o, cycle = self._oscillator, self._cycles[one]
         size = TOLERANCE * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
         states, units = np.stack([x, v], axis=1)[:, None], (size, size * o.omega)
         apart = section_distance(states, cycle, o.clearance, np.array(o.R), units)
@@ -265,7 +273,7 @@ class _Motions:
         lowest = np.isfinite(sizes) & (sizes <= np.minimum(np.roll(sizes, 1), np.roll(sizes, -1)))
         best = Knock()
         for knock in (everywhere[i] for i in np.flatnonzero(lowest)):
-            for zoom in 2.0 ** np.arange(7):
+            for zoom in 2.0 ** np.arange(_CLOSER):
                 near = knock.phase + width / zoom**2 * np.linspace(-1.0, 1.0, 9)
                 tried = (self._at(home, phase, _size(knock), zoom) for phase in near.tolist())
                 knock = min(knock, *tried, key=_size)

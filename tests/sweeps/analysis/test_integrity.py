@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from sweeps import Refused, attractors, integrity, knocks, open_sweep
 from sweeps.analysis.integrity import measures_of
-from sweeps.analysis.knocks import _MOMENTS, _SIZES, Knock
+from sweeps.analysis.knocks import _CLOSER, _MOMENTS, _SIZES, Knock
 from sweeps.plotting import attractor_diagram, basins, plot
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting.style import CLASSES
@@ -121,6 +121,7 @@ def all_knocks(monkeypatch):
     """Try as many knocks as a user does; they were read before `few_knocks` has changed them."""
     monkeypatch.setattr("sweeps.analysis.knocks._MOMENTS", _MOMENTS)
     monkeypatch.setattr("sweeps.analysis.knocks._SIZES", _SIZES)
+    monkeypatch.setattr("sweeps.analysis.knocks._CLOSER", _CLOSER)
 
 
 @pytest.mark.slow
@@ -155,8 +156,8 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_kno
         "record={transient: 300, periods: 32, diagnostics: [period]}",
     )
     with open_sweep(file) as starts:
-        found = knocks(starts).isel(coexisting=0)
-    assert found["knock_fractal"]
+        found = knocks(starts, numbers=[0]).isel(coexisting=0)
+    assert found["number"] == 0 and found["knock_fractal"]
     orbit = periodic_orbit(osc, found["section_x"].item(), found["section_v"].item(), 1)
     points = np.repeat(osc.at(0.0), 500)
     for phase in (5.1326, 5.1572, 5.1817, 5.2063, 5.2308):

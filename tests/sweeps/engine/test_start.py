@@ -137,9 +137,8 @@ def test_basins_at_another_phase(tmp_path):
         twice = np.abs(ends[:, -1] - ends[:, -2]) > 1e-6
         assert np.array_equal(twice.reshape(period.shape), period == 2)
         assert "at omega t = 1.1" in accepted("integrity", path)
-        plotting.basins(dataset).savefig(tmp_path / "basins.png")
+        plotting.basins(dataset)
         figure = plotting.integrity(dataset)
-        figure.savefig(tmp_path / "integrity.png")
         arrows = [
             arrow for panel in figure.axes for arrow in panel.texts if hasattr(arrow, "arrowprops")
         ]
@@ -178,7 +177,7 @@ def test_the_phase_is_kept_and_shown(tmp_path):
 @pytest.mark.slow
 def test_the_times_of_a_followed_sweep(tmp_path):
     """Only the first point of a chain starts before the section, at the phase of the start."""
-    omega, ways = [2.6, 2.65, 2.7], ("up", "down")
+    omega, ways = [2.6, 2.7], ("up", "down")
     path = run_in(
         tmp_path,
         f"oscillator: {{h: 0.1, R: 0.8, omega: {omega}, f: 1.0}}",
@@ -196,6 +195,6 @@ def test_the_times_of_a_followed_sweep(tmp_path):
             after = motion.rows[0, 0] + motion.turns * turn
             assert after == pytest.approx(np.nanmax(t), rel=1e-12)
             since = 11.0 - 0.5 / (2.0 * math.pi) if first else 10.0
-            for periods, more in ((None, 0), (4, 5)):
+            for periods, more in ((None, 0), (4, 5)) if way == "up" else ((None, 0),):
                 title = plotting.trajectory(dataset, at=at, periods=periods).get_suptitle()
                 assert f"after {since + more:.6g} forcing periods" in title
