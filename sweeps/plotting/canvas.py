@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -51,7 +52,8 @@ class Picture(Figure):
 
         The layout engine measures the ticks of panels of another size, and may never converge.
         """
-        if (engine := self.get_layout_engine()) is not None:
+        engine = self.get_layout_engine()
+        if isinstance(engine, ConstrainedLayoutEngine):
             engine.execute(self)
             boxes = [
                 axis.get_tightbbox(renderer, for_layout_only=True)
@@ -60,10 +62,13 @@ class Picture(Figure):
             ]
             sides = [(self.bbox.x0 - box.x0, box.x1 - self.bbox.x1) for box in boxes if box]
             beyond = np.max([(0.0, 0.0), *sides], axis=0)
-            if beyond.any() and isinstance(engine, ConstrainedLayoutEngine):
+            if beyond.any():
                 room = beyond / self.bbox.width
                 room[beyond > 0.0] += engine.get()["w_pad"] / self.get_figwidth()
                 engine.set(rect=(room[0], 0.0, 1.0 - room.sum(), 1.0))
+            if self.canvas.is_saving():  # draws twice, the first time for the layout only
+                engine.execute(self)
+                return
         super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
@@ -76,6 +81,29 @@ class Picture(Figure):
     def make_room(self, part: Any) -> None:
         """Increase the height of the figure by the height of a title or a legend."""
         self.set_figheight(self.get_figheight() + part.get_window_extent().height / self.dpi)
+
+    def add_title(self, text: str) -> None:
+        """Put a title above the panels, broken at spaces into lines of the width of the figure.
+
+        A title that matplotlib wraps is measured word by word at each of its drawings.
+        """
+        title = self.suptitle("")
+
+        def is_too_wide(words: Sequence[str]) -> bool:
+            title.set_text(" ".join(words))
+            return bool(title.get_window_extent().width > self.bbox.width)
+
+        lines = []
+        for paragraph in text.split("\n"):
+            words = paragraph.split(" ")
+            while is_too_wide(words) and len(words) > 1:
+                fit = bisect_left(range(1, len(words)), True, key=lambda n: is_too_wide(words[:n]))
+                count = max(1, fit)
+                lines.append(" ".join(words[:count]))
+                words = words[count:]
+            lines.append(" ".join(words))
+        title.set_text("\n".join(lines))
+        self.make_room(title)
 
     def set_height(self, height: float) -> None:
         """Set the height; refuse one that leaves too little of the panels."""
@@ -220,7 +248,7 @@ def finish(
     if isinstance(figure, Picture):
         text = title_of(drawn, record) if page.title is None else page.title
         if text:
-            figure.make_room(figure.suptitle(text, wrap=True))
+            figure.add_title(text)
         if handles:
             figure.add_legend(handles, legend_title, rarest, page.height)
         if page.height is not None:

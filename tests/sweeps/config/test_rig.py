@@ -303,7 +303,7 @@ def test_a_diagram_of_a_rig_is_in_hertz(joint):
     drawn = below.lines[0].get_ydata()[hits]
     assert drawn == pytest.approx(MASS * (1.0 + R) * speed[hits], rel=1e-9)
     title = figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
-    rig = "$m=0.5$ kg, $c=4$ N s/m, $R=0.7$, $F=8$ N, $k=8000$ N/m, $\\sigma=0.5$ mm, "
+    rig = "$m=0.5$ kg, $c=4$ N s/m, $R=0.7$, $F=8$ N, $k=8000$ N/m, $\\sigma=0.5$ mm,"
     assert rig in title
     assert "omega" not in title
 

@@ -98,8 +98,8 @@ def test_a_title_leaves_out_defaults_and_breaks_between_words(random_sweep):
     fixed = {"h": 0.05, "R": 0.8, "f": 1.0, "p": 1.0, "clearance": 0.0, "x0": 0.0, "v0": 0.0}
     dataset = random_sweep({"omega": OMEGA}, fixed=fixed)
     figure = bifurcation(dataset, page=Page(width=3.4))
-    _, rest = figure.get_suptitle().split("\n")
-    assert rest.startswith("$h=0.05$, $R=0.8$, $f=1$, phase")
+    _, rest = figure.get_suptitle().split("\n", 1)
+    assert rest.replace("\n", " ").startswith("$h=0.05$, $R=0.8$, $f=1$, phase")
     for a, force in ((0.0, "$f=0$, phase"), (0.5, "$a=0.5$, phase")):  # no force but that of a base
         shaken = random_sweep({"omega": OMEGA}, fixed={**fixed, "f": 0.0, "a": a})
         assert force in bifurcation(shaken).get_suptitle().replace("\n", " ")

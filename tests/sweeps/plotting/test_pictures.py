@@ -280,7 +280,7 @@ def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it(tmp_path, monkey
         np.testing.assert_allclose(begins, 3 * np.arange(1000), atol=step + 1e-6)
         assert (ends - begins > 1.0 - step - 1e-6).all()
         assert np.nanmax(x) < 1e-9 and np.nanmin(x) < -0.3
-        assert "1,000 of 3,000 periods" in figure.get_suptitle()
+        assert "1,000 of 3,000 periods" in figure.get_suptitle().replace("\n", " ")
         if recorded:
             monkeypatch.setattr("sweeps.analysis.trajectories._PART", 1001)
             again = plotting.trajectory(dataset)
