@@ -101,6 +101,8 @@ class Forks:
     def __init__(self, root: Path) -> None:
         self.folder = root / "runs"
         self.folder.mkdir()
+        #: The duration of a run of each of ``KINDS`` [s], from `prepare`.
+        self.seconds: list[float] = []
         self._streams = [str(root / name) for name in ("stdout.txt", "stderr.txt")]
         self._process = subprocess.Popen(
             [sys.executable, "-c", _FORKS],
@@ -267,4 +269,6 @@ def prepare(forks: Forks) -> None:
     """Write the configuration, and for each kind the file of a run that no signal ended."""
     (forks.folder / "sweep.yaml").write_text(SWEEP)
     for changes in KINDS:
+        began = time.monotonic()
         assert forks.run(*command(changes, forks.whole(changes).name)) == (0, "")
+        forks.seconds.append(time.monotonic() - began)

@@ -33,6 +33,10 @@ from vibroimpact.status import Status
 pytestmark = [pytest.mark.cluster, pytest.mark.slow]
 
 
+#: The values of a long logarithmic axis take seconds.
+LINEAR = ["oscillator.omega.spacing=linear"]
+
+
 @pytest.fixture
 def small_blocks(monkeypatch):
     """Split a sweep into enough blocks to stop it between two of them."""
@@ -116,7 +120,7 @@ def left_on(client):
 
 
 def test_a_long_axis_travels_without_a_warning(client):
-    sweep = load(CONFIG, "oscillator.omega.num=2000000").sweep
+    sweep = load(CONFIG, *LINEAR, "oscillator.omega.num=2000000").sweep
     blocks = [(slice(i, i + 1),) for i in (0, 777_777)]
     for block, results in ClusterComputer(client).computed(sweep, blocks):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
@@ -324,7 +328,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
 
 
 def test_a_block_is_worth_sending(client):
-    sweep, size = load(CONFIG, "oscillator.omega.num=1e6").sweep, 10**6
+    sweep, size = load(CONFIG, *LINEAR, "oscillator.omega.num=1e6").sweep, 10**6
     computer = ClusterComputer(client)
     for seconds in (5.0, 50.0, 500.0):
         limits = computer.block_limits(seconds, size)

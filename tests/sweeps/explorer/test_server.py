@@ -169,23 +169,6 @@ def test_nothing_of_a_request_without_the_secret_is_logged(explorer, caplog, lin
     assert answer(explorer.address, "/static/js/bokeh.min.js")[0] == 200
 
 
-@pytest.mark.slow
-def test_a_server_without_descriptors_waits_and_goes_on():
-    """If others take all connections, the log stays empty, and the page works afterwards."""
-    with started("--no-browser") as (process, address):
-        assert address.startswith("http://127.0.0.1:")
-        parts = urlsplit(address)
-        assert answer(address, f"/?{parts.query}")[0] == 200
-        left = psutil.Process(process.pid).num_fds() + 5
-        resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (left, left))
-        taken = [socket.create_connection((parts.hostname, parts.port)) for _ in range(8)]
-        time.sleep(0.5)
-        for connection in taken:
-            connection.close()
-        assert answer(address, f"/?{parts.query}")[0] == 200
-    assert Path("stderr.txt").read_text() == ""
-
-
 #: Replaces the browser: it waits while the test reads the list of processes.
 BROWSER = """\
 import os, sys, time
@@ -197,11 +180,12 @@ while os.path.exists("opened"):
 
 
 @pytest.mark.slow
-def test_the_list_of_processes_does_not_show_the_address():
+def test_a_process_hides_its_address_and_goes_on_after_others_took_its_descriptors():
     """The browser gets a private file, which redirects to the address and is then removed."""
     Path("browser.py").write_text(BROWSER)
     opened = Path("opened")
     with started(BROWSER=f"{sys.executable} browser.py %s &") as (process, address):
+        parts = urlsplit(address)
         while not opened.exists():
             assert process.poll() is None
             time.sleep(0.02)
@@ -214,7 +198,17 @@ def test_the_list_of_processes_does_not_show_the_address():
         assert stat.S_IMODE(page.stat().st_mode) == 0o600
         assert stat.S_IMODE(page.parent.stat().st_mode) == 0o700
         assert f"url={address}" in html.unescape(page.read_text())
+
+        assert answer(address, f"/?{parts.query}")[0] == 200
+        left = psutil.Process(process.pid).num_fds() + 5
+        resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (left, left))
+        taken = [socket.create_connection((parts.hostname, parts.port)) for _ in range(8)]
+        time.sleep(0.5)
+        for connection in taken:
+            connection.close()
+        assert answer(address, f"/?{parts.query}")[0] == 200
     assert not page.parent.exists()
+    assert Path("stderr.txt").read_text() == ""
 
 
 def test_a_notebook_shows_the_page_itself(explorer):

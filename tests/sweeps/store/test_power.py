@@ -20,6 +20,8 @@ from tests.helpers.written_files import block_results, fill_blocks, schema
 #: The calls that change names or synchronize; each is a moment at which the power may be lost.
 CALLS = {os: ("open", "mkdir", "rmdir", "replace", "unlink", "fsync"), io: ("open",)}
 
+SMALL = schema(block_size=3, diagnostics=())
+
 
 class Disk:
     """Notes, while a folder is written, what a loss of power may leave of it."""
@@ -108,7 +110,7 @@ def chooses():
 
 @pytest.fixture
 def moments(monkeypatch, tmp_path):
-    """The moments of a run of six blocks, which is interrupted after four and resumed."""
+    """The moments of a run of four blocks, which is interrupted after two and resumed."""
     folder, clock = tmp_path / "disk", [0.0]
     folder.mkdir()
     with monkeypatch.context() as patch:
@@ -116,23 +118,23 @@ def moments(monkeypatch, tmp_path):
         patch.setattr("time.monotonic", lambda: clock[0])
         disk = Disk(folder)
         disk.watch(patch)
-        for count in (4, None):
+        for count in (2, None):
             with only_writer(Path("out.h5"), resume=True):
-                with sweep_writer("out.h5", schema(), resume=True) as store:
-                    for i, block in enumerate(store.pending()[:count], 6 - len(store.pending())):
+                with sweep_writer("out.h5", SMALL, resume=True) as store:
+                    for i, block in enumerate(store.pending()[:count], 4 - len(store.pending())):
                         clock[0] += (0.4, 1.1)[i % 2]
                         store.write(block, block_results(block))
                         if i % 2:  # more than a second after the one before
                             disk.promised = i + 1
                     if count is None:
                         store.finish()
-                disk.promised = max(disk.promised, count or 6)
+                disk.promised = max(disk.promised, count or 4)
     return disk.moments
 
 
 @pytest.mark.slow
 def test_a_loss_of_power_at_any_moment_costs_no_block_of_more_than_a_second_ago(moments, tmp_path):
-    fill_blocks("whole.h5")
+    fill_blocks("whole.h5", plan=SMALL)
     whole = data("whole.h5")
     tried = set()
     for number, moment in enumerate(moments):
@@ -148,9 +150,9 @@ def test_a_loss_of_power_at_any_moment_costs_no_block_of_more_than_a_second_ago(
                     (folder / path).mkdir()
                 else:
                     (folder / path).write_bytes(content)
-            assert 6 - computed_after(folder) >= moment[0], (number, how)
+            assert 4 - computed_after(folder) >= moment[0], (number, how)
             xr.testing.assert_identical(data(folder / "out.h5"), whole)
-    assert len(tried) > 50
+    assert len(tried) > 40
 
 
 def computed_after(folder):
@@ -161,5 +163,5 @@ def computed_after(folder):
         computed.append(block)
         return block_results(block)
 
-    fill_blocks(folder / "out.h5", results=counted, resume=True)
+    fill_blocks(folder / "out.h5", plan=SMALL, results=counted, resume=True)
     return len(computed)
