@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibroimpact.jit import on_threads
 from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other, with_one_force
 from vibroimpact.status import Status
@@ -133,8 +132,7 @@ def simulate(
         run = run_points(points, scheme, Length(transient, 1, 0), False, 1, interrupt)
         points["x0"], points["v0"] = run["begun"].T
         before = Status(run["status"][0])
-    arguments = points, scheme, periods, transient, 1, interrupt, MOST_ROWS
-    ((log, status),) = on_threads(1, interrupt, trace, *arguments)
+    log, status = trace(points, scheme, periods, transient, 1, interrupt, MOST_ROWS)
     if status is Status.PENDING:
         raise ValueError(
             f"the trajectory has more than {MOST_ROWS:,} rows; expected: fewer periods"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from typing import NamedTuple
 
 import numpy as np
 
@@ -75,16 +76,30 @@ def _first_state(pt, rule, s, continued):
     return to_state(rule, x, v, resting and rule != PLAIN, pt)
 
 
-@specialised
-def _trace(pt, scheme, periods, first, every, most_rows, log, interrupt, prepare, take):
-    """Run one point as the kernel's lanes do, and log its motion; `first` is for the clock.
+class TraceJob(NamedTuple):
+    """The data that the threads share."""
 
-    `prepare` and `take` are the functions of the rule, so that those of the others are not
-    compiled. Once `interrupt` is set the run ends within a forcing period. Once it has more rows
-    than `most_rows` it ends within a step. Its status is then ``PENDING``. Returns the number of
-    rows that the log needs (rows beyond its length are not written), and the status.
-    """
-    scratch, (method, lead, grid) = new_scratch(), scheme
+    points: np.ndarray  #: Of dtype ``POINT``, shape (n,).
+    scheme: Scheme
+    periods: int
+    first: int  #: Number of the section at which the clock begins.
+    every: int  #: Of so many states of the grid one is logged.
+    most_rows: int  #: A motion with more rows ends within a step.
+    #: Receives the rows for which there is room: kind, t, x, v. Shape (n, rows, 4).
+    logs: np.ndarray
+    #: Receives the number of rows that a log needs, and the status, shape (n, 2). The status of a
+    #: motion that ends early is ``PENDING``.
+    outcomes: np.ndarray
+    claimed: np.ndarray  #: Number of points taken by the threads so far, shape (1,).
+    interrupt: np.ndarray  #: Once it is set, the motions end within a forcing period. Shape (1,).
+
+
+@specialised
+def _trace(job, i, prepare, take):
+    """Run a point as the kernel's lanes do, and log its motion; return its rows and its status."""
+    pt, log = job.points[i], job.logs[i]
+    first, every, periods = job.first, job.every, job.periods
+    scratch, (method, lead, grid) = new_scratch(), job.scheme
     rule = method[0]
     continued = first > 0 and lead.size == 0
     state, status = _first_state(pt, rule, sine_at_start(lead, grid), continued), 0
@@ -92,7 +107,7 @@ def _trace(pt, scheme, periods, first, every, most_rows, log, interrupt, prepare
     t = (2.0 * math.pi * first + grid.table[THETA, 0]) / pt.omega
     rows = 0
     for k in range(-1, periods):
-        if is_set(interrupt):
+        if is_set(job.interrupt):
             return 0, _PENDING
         phases = lead if k < 0 else grid
         if k <= 0:
@@ -103,7 +118,7 @@ def _trace(pt, scheme, periods, first, every, most_rows, log, interrupt, prepare
             x, v = from_state(rule, state, pt)
             rows = _put(log, 0, REST if state[2] else _STATE, t, x, v)
         for n in range(phases.size):
-            if rows > most_rows:
+            if rows > job.most_rows:
                 return 0, _PENDING
             state, n_events, outcome = take(method, prepared, state, phases, n, pt, scratch)
             status = max(status, outcome)
@@ -124,50 +139,59 @@ def _trace(pt, scheme, periods, first, every, most_rows, log, interrupt, prepare
     return rows, status
 
 
-@jit
-def _trace_exact(pt, scheme, periods, first, every, most_rows, log, interrupt):
-    """Run one point with the rule ``exact``."""
-    return _trace(
-        pt, scheme, periods, first, every, most_rows, log, interrupt,
-        prepare_exact, take_exact_grid_step,
-    )  # fmt: skip
+@specialised
+def _trace_points(job, prepare, take):
+    """Log point after point until the threads have taken all of them.
+
+    `prepare` and `take` are the functions of the rule, so that those of the others are not
+    compiled.
+    """
+    i = claim(job.claimed)
+    while i < job.points.size:  # terminates: the counter only rises
+        job.outcomes[i, 0], job.outcomes[i, 1] = _trace(job, i, prepare, take)
+        i = claim(job.claimed)
 
 
 @jit
-def _trace_steps(pt, scheme, periods, first, every, most_rows, log, interrupt):
-    """Run one point with a rule of time stepping."""
-    return _trace(
-        pt, scheme, periods, first, every, most_rows, log, interrupt, prepare, take_grid_step
-    )
+def _trace_exact(job):
+    """Log points with the rule ``exact``."""
+    _trace_points(job, prepare_exact, take_exact_grid_step)
 
 
 @jit
-def _trace_all(points, scheme, periods, first, every, out, rows, claimed, interrupt):
-    """Log point after point until the threads have taken all of them: t, x, v go to `out`."""
-    log, most = np.empty((out.shape[2], 4)), out.shape[2]
-    i = claim(claimed)
-    while i < points.size:  # terminates: the counter only rises
-        if scheme.method[0] == EXACT:
-            rows[i], _ = _trace_exact(
-                points[i], scheme, periods, first, every, _NO_LIMIT, log, interrupt
-            )
-        else:
-            rows[i], _ = _trace_steps(
-                points[i], scheme, periods, first, every, _NO_LIMIT, log, interrupt
-            )
-        written = min(rows[i], most)
-        for k in range(written):
-            failed = not (math.isfinite(log[k, 2]) and math.isfinite(log[k, 3]))
-            out[0, i, k] = log[k, 1]
-            out[1, i, k], out[2, i, k] = (math.nan, math.nan) if failed else (log[k, 2], log[k, 3])
-        out[:, i, written:] = math.nan
-        i = claim(claimed)
+def _trace_steps(job):
+    """Log points with a rule of time stepping."""
+    _trace_points(job, prepare, take_grid_step)
 
 
 def _rows_at_first(scheme: Scheme, periods: int, every: int, events: int | None = None) -> int:
     """Return the rows for which logs have room at first; an event takes at most two."""
     at_events = 8 * periods if events is None else 2 * events
     return periods * scheme.grid.size // every + at_events + 1
+
+
+def _logged(
+    points: np.ndarray,
+    scheme: Scheme,
+    extent: tuple[int, int, int, int],
+    threads: int,
+    interrupt: np.ndarray | None,
+    longest: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Log motions with room for `longest` rows at first; return their logs and outcomes.
+
+    `extent` holds `periods`, `first`, `every` and `most_rows` of the job.
+    """
+    n, run = points.size, _trace_exact if scheme.method[0] == EXACT else _trace_steps
+    interrupt = np.zeros(1, np.int64) if interrupt is None else interrupt
+    logs, outcomes = np.empty((n, 0, 4)), np.zeros((n, 2), np.int64)
+    points = with_one_force(points)
+    while longest > logs.shape[1]:  # terminates: the second pass needs as many rows as the first
+        logs, claimed = np.empty((n, longest, 4)), np.zeros(1, np.int64)
+        job = TraceJob(points, scheme, *extent, logs, outcomes, claimed, interrupt)
+        on_threads(threads, interrupt, compiled(run, job), job)
+        longest = int(outcomes[:, 0].max())
+    return logs[:, :longest], outcomes
 
 
 def trace(
@@ -189,22 +213,14 @@ def trace(
     """
     if periods * (scheme.grid.size // every) > most_rows:
         return np.empty((0, 4)), Status.PENDING
-    if interrupt is None:
-        interrupt = np.zeros(1, np.int64)
-    points = with_one_force(points)
-    run, outcome = _trace_steps, Status.COMPUTED
-    if scheme.method[0] == EXACT:
-        run, outcome = _trace_exact, Status.CERTIFIED
-    rows, log = _rows_at_first(scheme, periods, every), np.empty((0, 4))
-    while rows > len(log):  # terminates: the second pass needs as many rows as the first
-        log = np.empty((rows, 4))
-        rows, status = run(points[0], scheme, periods, first, every, most_rows, log, interrupt)
-    log = log[:rows]
+    extent, longest = (periods, first, every, most_rows), _rows_at_first(scheme, periods, every)
+    (log,), ((_, status),) = _logged(points, scheme, extent, 1, interrupt, longest)
     if status == Status.PENDING:
         return log, Status.PENDING
     failed = ~np.isfinite(log[:, 2:]).all(axis=1)
     log[failed, 2:] = np.nan
-    outcome = Status(max(outcome, status))
+    done = Status.CERTIFIED if scheme.method[0] == EXACT else Status.COMPUTED
+    outcome = Status(max(done, status))
     if failed.any() and not outcome.failed:
         outcome = Status.NON_FINITE
     return log, outcome
@@ -227,16 +243,13 @@ def trajectories(
     and ``trajectory_v``, of shape (n, samples). Shorter motions end in NaN; an interrupted point
     has only NaN.
     """
-    if interrupt is None:
-        interrupt = np.zeros(1, np.int64)
-    points, n, out = with_one_force(points), points.size, np.empty((3, points.size, 0))
+    extent, n = (periods, first, every, _NO_LIMIT), points.size
     threads = min(ALL_THREADS if threads is None else threads, n)
-    rows = np.zeros(n, np.int64)
     longest = _rows_at_first(scheme, periods, every, events) if n else 0
-    while longest > out.shape[2]:  # terminates: the second pass needs as many rows as the first
-        out, claimed = np.empty((3, n, longest)), np.zeros(1, np.int64)
-        job = points, scheme, periods, first, every, out, rows, claimed, interrupt
-        on_threads(threads, interrupt, compiled(_trace_all, *job), *job)
-        longest = int(rows.max())
-    names = "trajectory_t", "trajectory_x", "trajectory_v"
-    return dict(zip(names, np.ascontiguousarray(out[:, :, :longest]), strict=True))
+    logs, outcomes = _logged(points, scheme, extent, threads, interrupt, longest)
+    t, x, v = (logs[:, :, k].copy() for k in (1, 2, 3))
+    failed = ~(np.isfinite(x) & np.isfinite(v))
+    x[failed] = v[failed] = math.nan
+    beyond = np.arange(logs.shape[1]) >= outcomes[:, :1]
+    t[beyond] = x[beyond] = v[beyond] = math.nan
+    return {"trajectory_t": t, "trajectory_x": x, "trajectory_v": v}
