@@ -89,6 +89,14 @@ def small_file(folder, small_run):
     shutil.copy(small_run, "small.h5")
 
 
+@pytest.fixture
+def unpainted(monkeypatch):
+    """Save figures without painting them, where only names and messages matter."""
+    from matplotlib.figure import Figure
+
+    monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"painted"))
+
+
 @pytest.fixture(scope="module")
 def cluster():
     """Return a local Dask cluster."""

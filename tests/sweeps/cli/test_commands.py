@@ -9,7 +9,6 @@ import matplotlib.image
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.figure import Figure
 
 import sweeps
 from sweeps.analysis.dataset import config_of
@@ -19,12 +18,6 @@ from tests.helpers.places import ROOT
 from vibroimpact.status import Evidence, Status
 
 CONFIG = SMALL
-
-
-@pytest.fixture
-def unpainted(monkeypatch):
-    """Save figures without painting them, where only names and messages matter."""
-    monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"painted"))
 
 
 # run
@@ -49,9 +42,6 @@ def test_run_info_and_plot():
 
     assert accepted("plot", "small.h5") == "small.png\n"
     assert Path("small.png").read_bytes().startswith(b"\x89PNG")
-    options = ("--kind", "bifurcation", "--axis", "omega", "--at", "clearance=0.1")
-    assert accepted("plot", "small.h5", "-o", "b.pdf", *options, "--coordinate", "impact_v")
-    assert Path("b.pdf").read_bytes().startswith(b"%PDF")
 
 
 @pytest.mark.slow
@@ -121,10 +111,10 @@ def test_init_writes_a_scene_to_begin_from():
 
 
 @pytest.mark.slow
-def test_zoom_computes_and_draws_a_piece(small_file):
+def test_zoom_computes_and_draws_a_piece(small_file, unpainted):
     printed = accepted("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
     assert printed.splitlines()[-1] == "small-omega-2.25-2.5.png"
-    assert Path("small-omega-2.25-2.5.png").read_bytes().startswith(b"\x89PNG")
+    assert Path("small-omega-2.25-2.5.png").read_bytes() == b"painted"
     accepted("zoom", "small.h5", "clearance=0.1:0.2", "omega=2:3", "-o", "two.h5")
     whole, piece, two = map(sweeps.open_sweep, ("small.h5", "small-omega-2.25-2.5.h5", "two.h5"))
     np.testing.assert_array_equal(piece["omega"], np.linspace(2.25, 2.5, 5))
@@ -280,12 +270,11 @@ def test_several_values_that_cannot_be_drawn(small_file, options, reason):
 
 
 @pytest.mark.slow
-def test_a_map_and_the_exact_orbits():
+def test_a_map_and_the_exact_orbits(unpainted):
     accepted("run", "sweep.yaml", "--quiet", "--set", "record.diagnostics=[period]")
     assert accepted("plot", "small.h5", "--kind", "map") == "small-map.png\n"
     axes = ("--axis", "clearance", "--axis", "omega", "--quantity", "slowest_impact")
     assert accepted("plot", "small.h5", "-o", "map.svg", *axes) == "map.svg\n"
-    assert b"forcing frequency" in Path("map.svg").read_bytes()
     impacts = ("--kind", "impacts", "--at", "omega=1.5")
     assert accepted("plot", "small.h5", *impacts) == "small-impacts-omega-1.5.png\n"
     cut = ("--set", "oscillator.clearance=0", "--set", "record.transient=200")
@@ -316,7 +305,7 @@ def test_no_two_pictures_have_the_same_name(small_file, unpainted):
 
 
 @pytest.mark.slow
-def test_several_configurations_are_run_and_drawn_one_after_the_other(folder):
+def test_several_configurations_are_run_and_drawn_one_after_the_other(folder, unpainted):
     (folder / "sub").mkdir()
     Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other\noutput: sub/o.h5"))
     printed = accepted("run", "sweep.yaml", "other.yaml", "--set", "oscillator.h=0.3")
@@ -332,7 +321,7 @@ def test_several_configurations_are_run_and_drawn_one_after_the_other(folder):
         xr.testing.assert_equal(first, second)
         assert (first.attrs["name"], second.attrs["name"]) == ("small", "other")
     assert accepted("plot", "small.h5", "sub/o.h5") == "small.png\nsub/o.png\n"
-    assert Path("sub/o.png").stat().st_size > 10_000
+    assert Path("sub/o.png").read_bytes() == b"painted"
     plans = accepted("run", "sweep.yaml", "other.yaml", "--overwrite", "--dry-run").split("\n\n")
     assert [plan.split()[1] for plan in plans] == ["small", "other"]
 

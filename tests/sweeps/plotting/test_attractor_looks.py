@@ -1,15 +1,18 @@
 """The colours, hatches and names of attractors in basins, diagrams and integrity plots."""
 
 import re
+from functools import cache
+from io import BytesIO
 from itertools import combinations
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex, to_rgb
+from PIL import Image
 
 from sweeps import attractors, open_sweep
 from sweeps.analysis.attractor_table import rows
-from sweeps.plotting import Page, attractor_diagram, basins, integrity, plot
+from sweeps.plotting import KINDS, Page
 from sweeps.plotting.looks import Looks
 from sweeps.plotting.style import (
     CLASSES,
@@ -34,6 +37,18 @@ def two(tmp_path_factory):
     """Return the file of two orbits of one class, opened."""
     with open_sweep(run_in(tmp_path_factory.mktemp("two"), TWO)) as dataset:
         yield dataset
+
+
+@pytest.fixture(scope="module")
+def drawn(two):
+    """Return a function that draws a picture of the file, one for all tests that look at it."""
+
+    @cache
+    def draw(kind, omega=None, *, grey=False):
+        at = None if omega is None else {"omega": omega}
+        return KINDS[kind].draw(two, at=at, page=Page(grey=grey))
+
+    return draw
 
 
 class Found(dict):
@@ -90,12 +105,11 @@ def legend(figure):
 
 
 @pytest.mark.slow
-def test_two_orbits_of_a_class_are_told_apart_by_colour_and_by_a_state(two):
+def test_two_orbits_of_a_class_are_told_apart_by_colour_and_by_a_state(drawn):
     """A motion from a state of the legend is back there after 60 periods, as `simulate` finds."""
     from vibroimpact import Oscillator, simulate
 
-    at = {"omega": 0.9576}
-    found = legend(basins(two, at=at))
+    found = legend(drawn("basins", 0.9576))
     assert {look for look in found.values()} == {(colour.lower(), "") for colour in FURTHER[:2]}
     for text in found:
         assert re.match(r"1/3: [\d., ]+; \d+\.\d %\nat ", text)
@@ -103,18 +117,18 @@ def test_two_orbits_of_a_class_are_told_apart_by_colour_and_by_a_state(two):
         oscillator = Oscillator(h=0.05, R=0.9, omega=0.9576, f=1.0, clearance=-0.5)
         motion = simulate(oscillator, x0=x, v0=v, periods=60)
         np.testing.assert_allclose([motion.x[-1], motion.v[-1]], [x, v], atol=2e-3)
-    grey = legend(basins(two, at=at, page=Page(grey=True)))
+    grey = legend(drawn("basins", 0.9576, grey=True))
     assert set(grey) == set(found)
     looks = [(look.colour.lower(), look.hatch) for look in GREY_FURTHER[:2]]
     assert [*grey.values()] == looks
 
 
 @pytest.mark.slow
-def test_the_colours_are_the_same_in_all_three_pictures_of_a_file(two):
-    of_basins = legend(basins(two, at={"omega": 0.9462}))
+def test_the_colours_are_the_same_in_all_three_pictures_of_a_file(drawn):
+    of_basins = legend(drawn("basins", 0.9462))
     by_state = {re.search(r"at .*", text)[0]: look[0] for text, look in of_basins.items()}
     assert len(by_state) == 2
-    (panel,) = attractor_diagram(two).axes
+    (panel,) = drawn("attractors").axes
     named = {
         line.get_label(): to_hex(line.get_color())
         for line in panel.lines
@@ -126,26 +140,19 @@ def test_the_colours_are_the_same_in_all_three_pictures_of_a_file(two):
         if "at" in text
     }
     assert {text.removesuffix(","): colour for text, colour in diagram.items()} == by_state
-    profile = integrity(two, at={"omega": 0.9462}).axes[0]
+    profile = drawn("integrity").axes[0]
     assert {to_hex(line.get_color()) for line in profile.lines[:-1]} >= set(by_state.values())
 
 
 @pytest.mark.slow
-def test_a_grey_picture_has_no_colour_and_names_all_classes(two, tmp_path):
-    from PIL import Image
-
-    kinds = {"basins": {"omega": 0.9576}, "attractors": {}, "integrity": {"omega": 0.9576}}
-    for kind, at in kinds.items():
-        path = plot(
-            two, tmp_path / f"{kind}.png", kind, at, page=Page(grey=True, dpi=80, width=3.4)
-        )
-        image = np.asarray(Image.open(path).convert("RGB"), int)
-        assert np.ptp(image, axis=2).max() == 0, kind
-    panels = [
-        basins(two, at={"omega": 0.9576}, page=Page(grey=True)).axes[0],
-        attractor_diagram(two, page=Page(grey=True)).axes[0],
-        *integrity(two, page=Page(grey=True)).axes[:3],
-    ]
+def test_a_grey_picture_has_no_colour_and_names_all_classes(drawn):
+    figures = [drawn("basins", 0.9576, grey=True), drawn("attractors", grey=True),
+               drawn("integrity", grey=True)]  # fmt: skip
+    for figure in figures:
+        image = BytesIO()
+        figure.savefig(image, format="png", dpi=80)
+        assert np.ptp(np.asarray(Image.open(image).convert("RGB"), int), axis=2).max() == 0
+    panels = [panel for figure in figures for panel in figure.axes[:3]]
     for panel in panels:
         assert "1/3" in {text.get_text()[:3] for text in panel.texts}
     for panel in panels[1:]:
@@ -176,17 +183,16 @@ def test_any_two_attractors_in_grey_differ_in_shape_or_clearly_in_ink():
 
 
 @pytest.mark.slow
-def test_two_orbits_of_a_class_have_their_own_markers_and_dashes_in_grey(two):
+def test_two_orbits_of_a_class_have_their_own_markers_and_dashes_in_grey(drawn):
     """The first two further looks; without them, the legend tells the orbits by ink alone."""
-    page = Page(grey=True)
-    diagram = attractor_diagram(two, page=page)
+    diagram = drawn("attractors", grey=True)
     (legend,), (panel,) = diagram.legends, diagram.axes
     markers = [handle.get_marker() for handle in legend.legend_handles]
     assert len(set(markers)) == 2 and "o" not in markers
     for marker in markers:  # at each of the two frequencies, there is a marker at each orbit
         marks = [line.get_xdata() for line in panel.lines if line.get_marker() == marker]
         assert sorted(np.concatenate(marks)) == [0.9462, 0.9576]
-    profile = integrity(two, page=page)
+    profile = drawn("integrity", grey=True)
     (legend,) = profile.legends
     of_lines = [
         handle
@@ -203,8 +209,8 @@ def test_two_orbits_of_a_class_have_their_own_markers_and_dashes_in_grey(two):
 
 
 @pytest.mark.slow
-def test_the_legend_says_which_of_two_orbits_of_a_class_a_knock_disturbs(two):
-    (legend,) = integrity(two).legends
+def test_the_legend_says_which_of_two_orbits_of_a_class_a_knock_disturbs(drawn):
+    (legend,) = drawn("integrity").legends
     texts = [text.get_text() for text in legend.get_texts()]
     states = {re.search("at (.*)", text)[1] for text in texts if text.startswith("1/3: ")}
     knocks = [text for text in texts if text.startswith("least knock")]

@@ -159,7 +159,8 @@ def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
 
 @pytest.mark.slow
 def test_exact_branches_over_both_directions_have_a_legend(dataset):
-    assert bifurcation(dataset, exact=branches(dataset), coordinate="impact_v").legends
+    exact = branches(dataset, classes=[(1, 1)])
+    assert bifurcation(dataset, exact=exact, coordinate="impact_v").legends
 
 
 @pytest.mark.slow
@@ -175,12 +176,13 @@ def test_what_is_missing_is_counted_in_both_directions(stop_after):
 
 
 @pytest.mark.slow
-def test_the_command_line(stored):
+def test_the_command_line(stored, unpainted):
     def drawn(*arguments):
         return call("plot", str(stored), "-o", "picture.png", *arguments)
 
     assert drawn("--kind", "map", "--at", "direction=up").stdout == "picture.png\n"
-    told = drawn("--kind", "bifurcation", "--exact", "--at", "direction=down").stdout.splitlines()
+    exact = ("--kind", "bifurcation", "--exact", "--classes", "1/1", "--at", "direction=down")
+    told = drawn(*exact).stdout.splitlines()
     assert "1/1" in told[0] and told[-1] == "picture.png"
     for kind in ("map", "section", "impacts", "trajectory"):  # of one direction, which is said
         assert "direction = up" in drawn("--kind", kind).stderr

@@ -220,7 +220,8 @@ def test_the_motions_of_those_left_have_the_colours(dataset):
     assert "after 208 forcing periods" in figure.get_suptitle()
     colours = np.array([to_rgba(line.get_color()) for line in several[0][:13]])
     assert (np.diff(colours[:, :2].sum(axis=1)) > 0.0).all()  # cividis: from blue to yellow
-    for i, omega in enumerate(dataset["omega"].values):
+    for i in (0, 6, 12):
+        omega = dataset["omega"].values[i]
         alone = trajectory(dataset, at={"R": 0.8, "omega": omega})
         for panel, lines in zip(alone.axes, several, strict=True):
             np.testing.assert_array_equal(panel.lines[0].get_xydata(), lines[i].get_xydata())

@@ -7,7 +7,6 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
@@ -63,12 +62,11 @@ def draw(files):
 
 def visible_texts(figure):
     """Return the visible texts and their boxes [pt]."""
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
+    figure.draw_without_rendering()
     hidden = hidden_ticks(figure)
     boxes = []
     for text in figure.findobj(Text):
-        box = text.get_window_extent(canvas.get_renderer())
+        box = text.get_window_extent()
         if text.get_visible() and text.get_text().strip() and text not in hidden:
             boxes.append((text, box))
     return boxes
@@ -95,9 +93,7 @@ NARROW = [
     ("map.h5", "trajectory", {"at": {"omega": 2.8}}),
     ("map.h5", "bifurcation", {"color": "period", "at": {"R": 0.8}}),
     ("map.h5", "bifurcation", {"color": "impacts_per_period", "below": "lyapunov"}),
-    ("map.h5", "bifurcation", {"color": "class_evidence"}),
     ("map.h5", "section", {"color": "period"}),
-    ("map.h5", "section", {"color": "lyapunov", "at": {"R": 0.8}}),
     ("map.h5", "impacts", {"color": "impulse"}),
     ("map.h5", "trajectory", {"color": "period"}),
     ("map.h5", "trajectory", {"color": "energy_lost", "at": {"R": 0.8}}),
@@ -164,7 +160,7 @@ def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen
         drawn = draw(*choice, "-o", "map.png", *small)
         assert (drawn.exit_code, drawn.stderr) == (0, told)
         assert imread("map.png").shape != shown.shape
-    assert draw("--kind", "section").stderr.count("the first of") == 2
+    assert draw("--kind", "section", *small).stderr.count("the first of") == 2
 
 
 def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):
@@ -343,7 +339,7 @@ def test_the_ordinate_fits_the_part_of_a_motion_and_of_branches_in_view(dataset)
     part = x[(t >= 0.3) & (t <= 0.6)]
     assert panel.get_ylim() == pytest.approx((part.min(), part.max()), abs=0.1 * np.ptp(part))
     page = Page(xlim=(2.25, 2.35))
-    at, exact = {"R": 0.8}, branches(dataset, "omega", {"R": 0.8})
+    at, exact = {"R": 0.8}, branches(dataset, "omega", {"R": 0.8}, classes=[(1, 1)])
     low, high = plotting.bifurcation(dataset, at=at, exact=exact, page=page).axes[0].get_ylim()
     least, most = plotting.bifurcation(dataset, at=at, exact=exact).axes[0].get_ylim()
     assert high - low < 0.9 * (most - least)
@@ -369,10 +365,11 @@ def test_the_attractors_are_marked_in_their_basins(files):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", ["png", "svg", "pdf", "eps"])
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
-    output = tmp_path / f"a.{ending}"
-    plotting.plot(dataset, output, "section", command="vibroimpact plot map.h5")
+    """For EPS see test_postscript.py."""
+    output, options = tmp_path / f"a.{ending}", {"command": "vibroimpact plot map.h5"}
+    plotting.plot(dataset, output, "section", page=Page(dpi=60), **options)
     if ending == "png":
         with Image.open(output) as image:
             text = " ".join(image.text.values())
@@ -382,7 +379,7 @@ def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
                  "a map with a name"):  # fmt: skip
         assert part in text
     again = tmp_path / f"b.{ending}"
-    plotting.plot(dataset, again, "section", command="vibroimpact plot map.h5")
+    plotting.plot(dataset, again, "section", page=Page(dpi=60), **options)
     assert again.read_bytes() == output.read_bytes()
 
 

@@ -125,8 +125,10 @@ def test_a_long_title_and_a_long_command_are_whole_in_lines_that_readers_take(tm
 
 
 @pytest.mark.slow
-def test_the_fonts_are_of_a_type_that_journals_take(tmp_path):
-    plot(equal_points(), tmp_path / "a.eps", "map", page=Page(dpi=50))
+def test_the_fonts_are_of_a_type_that_journals_take_and_the_file_says_where_it_comes_from(tmp_path):
+    command = "vibroimpact plot map.h5"
+    plot(equal_points(), tmp_path / "a.eps", "map", page=Page(dpi=50), command=command)
     text = (tmp_path / "a.eps").read_text("ascii")
     assert set(re.findall(r"/FontType (\d+)", text)) == {"42"}
-    assert "% oscillator: {h: 0.1" in text
+    for part in ("% oscillator: {h: 0.1", "Creator: vibroimpact 0", "% computed with", command):
+        assert part in text

@@ -240,7 +240,7 @@ SHAPES = {
     ("shape", "blocks"),
     [*((shape, 0) for shape in SHAPES), ("table", None), ("table of starts", None)],
 )
-def test_every_command_draws_or_refuses_every_file(shape, blocks):
+def test_every_command_draws_or_refuses_every_file(shape, blocks, unpainted):
     """A refusal is one line; without a finished block only maps have something to show."""
     config = load(SHAPES[shape] + RECORD)
     if blocks is None:
