@@ -28,7 +28,7 @@ from sweeps.analysis.regimes import labels
 from sweeps.analysis.rig import on_axis
 from sweeps.config.rig import model_name
 from sweeps.store import DIRECTION
-from vibroimpact.points.regimes import Label, Regime
+from vibroimpact.points.regimes import OF_REGIMES, Label, Regime
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -142,10 +142,13 @@ def find_bifurcations(
     free = [str(name) for name in dataset["status"].dims if name not in (at or {})]
     data = select(dataset, at, free=[along, *free])
     others = [str(name) for name in data["status"].dims if name != along]
+    single = {name for name, values in data.items() if values.ndim == data["status"].ndim}
+    kept = [name for name in data if name in single or name in OF_REGIMES]
     data = data.sortby(along)
+    data = data.assign(data[kept].load())  # each once, not line by line
     rows, unclassified, phase = list[dict[str, Any]](), 0, config_of(dataset).record.phase
     for index in product(*(range(data.sizes[name]) for name in others)):
-        line = data.isel(dict(zip(others, index, strict=True))).load()
+        line = data.isel(dict(zip(others, index, strict=True)))
         motions, down = motions_of(line), _is_followed_down(line, along)
         classes = labels(line)
         unclassified += classes.count(None)
