@@ -155,28 +155,29 @@ class Schema:
 def describe(file: h5py.File, schema: Schema, *, compressed: bool = False) -> None:
     """Write the attributes and coordinates of a schema, and create its variables without data."""
     file.attrs.update(schema.attributes)
-    columns = str(schema.attributes.get(COLUMNS, "")).split()
+    columns, scales = str(schema.attributes.get(COLUMNS, "")).split(), {}
     file.attrs[_COORDINATES] = " ".join([*schema.fixed, *columns])
     for axis, values in schema.axes.items():
         if axis == TABLE:
-            _add_scale(file, axis, 1 + np.arange(len(values)), schema)
+            scales[axis] = _add_scale(file, axis, 1 + np.arange(len(values)), schema)
             for name in columns:
                 column = file.create_dataset(name, data=_stored(values[name]))
                 column.attrs.update(attributes_of(schema, name))
-                column.dims[0].attach_scale(file[axis])
+                column.dims[0].attach_scale(scales[axis])
         else:
-            _add_scale(file, axis, values if axis == DIRECTION else values.astype(float), schema)
+            values = values if axis == DIRECTION else values.astype(float)
+            scales[axis] = _add_scale(file, axis, values, schema)
     for name, value in schema.fixed.items():
         file.create_dataset(name, data=float(value)).attrs.update(attributes_of(schema, name))
     for record, numbers in schema.records.items():
-        _add_scale(file, record, numbers, schema)
+        scales[record] = _add_scale(file, record, numbers, schema)
     for name in schema.variables:
         storage = _storage(schema, name, compressed)
         dtype = VARIABLES[name].dtype
         dataset = file.create_dataset(name, schema.shape_of(name), dtype, **storage)
         dataset.attrs.update(attributes_of(schema, name))
         for index, dimension in enumerate(schema.dimensions(name)):
-            dataset.dims[index].attach_scale(file[dimension])
+            dataset.dims[index].attach_scale(scales[dimension])
 
 
 def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
@@ -234,11 +235,12 @@ def _stored(values: np.ndarray) -> np.ndarray:
     return values.astype(h5py.string_dtype()) if values.dtype == object else values
 
 
-def _add_scale(file: h5py.File, name: str, values: np.ndarray, schema: Schema) -> None:
-    """Add the coordinate of a dimension."""
+def _add_scale(file: h5py.File, name: str, values: np.ndarray, schema: Schema) -> h5py.Dataset:
+    """Add the coordinate of a dimension, and return it."""
     scale = file.create_dataset(name, data=_stored(values))
     scale.attrs.update(attributes_of(schema, name))
     scale.make_scale(name)
+    return scale
 
 
 def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:

@@ -52,10 +52,10 @@ def command(*arguments):
 
 
 @pytest.mark.slow
-def test_processes_of_this_machine():
-    process = command("--dask", "local:1", "--quiet")
-    assert process.communicate(timeout=120) == ("", "")
-    assert process.returncode == 0
+def test_processes_of_this_machine(capfd):
+    result = call("run", "sweep.yaml", "-o", "out.h5", "--dask", "local:1", "--quiet")
+    assert (result.exit_code, result.output) == (0, "")
+    assert capfd.readouterr() == ("", "")  # of the worker, too
     assert_same_bits("out.h5")
 
 

@@ -2,6 +2,7 @@
 
 import re
 import threading
+from contextlib import closing
 from dataclasses import replace
 from itertools import cycle
 from urllib.parse import parse_qsl, urlencode
@@ -16,6 +17,7 @@ from sweeps.explorer.view import BASINS
 from sweeps.plotting.style import CLASSES
 from tests.helpers.browser import Window, chromium
 from tests.helpers.commands import accepted
+from tests.helpers.places import CONFIGS
 from vibroimpact import Oscillator, one_impact_orbit
 
 pytestmark = pytest.mark.slow
@@ -390,6 +392,25 @@ def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_pat
     explorer.close()
     ended.wait_for()
     window.tab.close()
+
+
+def test_lengths_of_a_rig_have_the_prefix_of_the_pictures_and_the_browser_writes_it(
+    browser, tmp_path
+):
+    """At the sections, the mass of this rig is at most 0.2 mm away."""
+    config = load_config(CONFIGS / "shaker.yaml")
+    with closing(sweeps.explore(config, folder=tmp_path)) as explorer:
+        window = Window(browser, explorer)
+        page, y = window.page, "m.left[0]"
+        window.settle()
+        assert window.model("diagram", f"{{return {y}.axis_label}}").endswith("x [mm]")
+        write = f"{{return {y}.formatter.doFormat([-5e-5, 0, 5e-5, 1e-4], {{loc: 0}})}}"
+        assert window.model("diagram", write) == ["\u22120.05", "0.00", "0.05", "0.10"]
+        window.show(replace(page.view, ylim=(0.0, 2.0)))
+        assert window.model("diagram", f"{{return {y}.axis_label}}").endswith("x [m]")
+        assert window.model("diagram", write) != ["\u22120.05", "0.00", "0.05", "0.10"]
+        window.tab.close()
+        assert window.problems == []
 
 
 def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):

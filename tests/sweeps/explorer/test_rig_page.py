@@ -1,7 +1,6 @@
 """The live picture of a rig, in the names and SI units of the rig."""
 
 import re
-from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 from bokeh.document import Document
 from bokeh.models import Div, Row
 
-import sweeps
 from sweeps import ConfigError, load_config
 from sweeps.explorer.maps import Filling
 from sweeps.explorer.motion import motion_at
@@ -17,7 +15,6 @@ from sweeps.explorer.page import LivePage
 from sweeps.explorer.saving import write_yaml
 from sweeps.explorer.view import MAP, View
 from sweeps.plotting.style import STABLE
-from tests.helpers.browser import Window, chromium
 from tests.helpers.places import CONFIGS
 from vibroimpact.oscillator import Oscillator
 
@@ -114,23 +111,3 @@ def test_the_text_on_a_motion_of_a_rig_has_units(rig):
     rig.motion._paint(rig.view, motion_at(rig.view), 0.0)
     assert "ν = 15 Hz: settled on 1/0; " in rig.motion.text.text
     assert rig.motion.text.text.endswith("stop, x = σ = 0.3 mm")
-
-
-@pytest.mark.slow
-def test_lengths_have_the_prefix_of_the_pictures_and_the_browser_writes_it(tmp_path):
-    """At the sections, the mass of this rig is at most 0.2 mm away."""
-    config = load_config(CONFIGS / "shaker.yaml")
-    with chromium() as browser, closing(sweeps.explore(config, folder=tmp_path)) as explorer:
-        window = Window(browser, explorer)
-        page, y = window.page, "m.left[0]"
-        window.settle()
-        assert window.model("diagram", f"{{return {y}.axis_label}}").endswith("x [mm]")
-        write = f"{{return {y}.formatter.doFormat([-5e-5, 0, 5e-5, 1e-4], {{loc: 0}})}}"
-        assert window.model("diagram", write) == ["\u22120.05", "0.00", "0.05", "0.10"]
-        page.document.add_next_tick_callback(
-            lambda: page.change(lambda view: replace(view, ylim=(0.0, 2.0)))
-        )
-        window.settle(lambda: page.view.ylim == (0.0, 2.0))
-        assert window.model("diagram", f"{{return {y}.axis_label}}").endswith("x [m]")
-        assert window.model("diagram", write) != ["\u22120.05", "0.00", "0.05", "0.10"]
-        assert window.problems == []
