@@ -230,7 +230,7 @@ def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
 
 @pytest.mark.slow
 def test_a_map_is_summed_up_and_its_lines_are_listed(sweep, tmp_path):
-    grid = sweep("h: 0.05, R: [0.6, 0.7, 0.8], f: 1.0, omega: {start: 0.8, stop: 4, num: 91}")
+    grid = sweep("h: 0.05, R: [0.6, 0.7, 0.8], f: 1.0, omega: {start: 0.8, stop: 4, num: 61}")
     lines = accepted("info", grid, "--bifurcations", "--axis", "omega").splitlines()
     assert len(lines) < 45 and lines[0].split() == ["kind", "classes", "times", "omega", "R"]
     assert max(len(word) for line in lines for word in line.split()) <= 10
