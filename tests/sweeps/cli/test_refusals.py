@@ -67,7 +67,7 @@ def test_a_picture_that_cannot_be_drawn(small_file, arguments, parts):
 
 
 @pytest.mark.slow
-def test_a_cut_off_the_grid_is_told(small_file):
+def test_a_cut_off_the_grid_is_told(small_file, unpainted):
     result = call("plot", "small.h5", "--at", "clearance=0.06")
     assert (result.exit_code, result.stdout) == (0, "small-clearance-0.06.png\n")
     assert result.stderr == "clearance = 0.06 is not on the grid; drawn at clearance = 0.1\n"

@@ -301,7 +301,7 @@ def test_a_column_with_the_name_of_a_result_is_refused():
 
 
 @pytest.mark.slow
-def test_commands_of_a_line_or_a_plane_refuse_a_table():
+def test_commands_of_a_line_or_a_plane_refuse_a_table(unpainted):
     write_csv({"R": [0.5, 0.6], "omega": [2.0, 2.1], "note": ["a", "b"]})
     accepted("run", "sweep.yaml", "-o", "out.h5", "--quiet")
     table = "needs a swept axis, and the points of this file are the rows of a table"

@@ -372,7 +372,7 @@ def test_tables_of_a_rig_are_in_si_units(joint):
 
 
 @pytest.mark.slow
-def test_bifurcations_of_a_rig_are_in_hertz(joint):
+def test_bifurcations_of_a_rig_are_in_hertz(joint, unpainted):
     text = accepted("info", joint, "--bifurcations", "--csv", "found.csv")
     listed = [line for line in text.splitlines() if " graze  1/1 " in line]
     assert float(listed[0].split()[0]) == pytest.approx(graze(), rel=1e-10)
@@ -387,7 +387,7 @@ def test_bifurcations_of_a_rig_are_in_hertz(joint):
 
 
 @pytest.mark.slow
-def test_cuts_and_limits_are_those_of_the_axes(joint):
+def test_cuts_and_limits_are_those_of_the_axes(joint, unpainted):
     result = call("plot", joint, "--kind", "section", "--at", "frequency=23.4")
     assert "frequency = 23.4 is not on the grid; drawn at frequency = 23.5" in result.stderr
     accepted("plot", joint, "--axis", "frequency", "--xlim", "30:36")
@@ -406,7 +406,7 @@ def test_cuts_and_limits_are_those_of_the_axes(joint):
 
 
 @pytest.mark.slow
-def test_a_rig_is_zoomed_in_hertz(joint):
+def test_a_rig_is_zoomed_in_hertz(joint, unpainted):
     accepted("zoom", joint, "frequency=34:36")
     with open_sweep("joint-frequency-34-36.h5") as ds:
         expected = 2.0 * math.pi * np.linspace(34, 36, 39)
@@ -430,7 +430,7 @@ def test_a_run_of_a_rig_is_planned_in_hertz_and_resumed(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_map_of_a_rig_and_its_curves_are_in_si_units():
+def test_a_map_of_a_rig_and_its_curves_are_in_si_units(unpainted):
     stiffness = "rig.stiffness={start: 7000, stop: 9000, num: 9}"
     config = load(JOINT, stiffness, "rig.frequency.num=12")
     path = run_sweep(config, "map.h5")

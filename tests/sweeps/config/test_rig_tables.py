@@ -108,7 +108,7 @@ def test_only_columns_of_the_rig_have_units(scene, units, stop_after):
 
 
 @pytest.mark.slow
-def test_typed_columns_of_a_rig_are_kept_with_their_units_and_run_again():
+def test_typed_columns_of_a_rig_are_kept_with_their_units_and_run_again(unpainted):
     """2 * 0.5 * (c / (2 * 0.5)) and sqrt(k / m)^2 m do not give every number back."""
     stiffness, frequency = [8000.1, 7999.3, 8100.7], [35.3, 36.7, 15.0]
     table = f"points: {{stiffness: {stiffness}, frequency: {frequency}, serial: [7, 8, 9]}}\n"
@@ -139,7 +139,7 @@ def test_typed_columns_of_a_rig_are_kept_with_their_units_and_run_again():
 
 
 @pytest.mark.slow
-def test_results_are_those_of_the_mass_of_their_row():
+def test_results_are_those_of_the_mass_of_their_row(unpainted):
     """A mass twice as large at the same h, p and f of the model has twice the impulse."""
     table = (
         "points: {mass: [0.5, 1.0], stiffness: [8000, 16000], damping: [4, 8], force: [8, 16]}\n"
