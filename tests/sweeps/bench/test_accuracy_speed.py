@@ -258,7 +258,7 @@ def test_the_command(monkeypatch, unpainted):
         accuracy_speed.QUICK,
         ladder=(50, 100, 200),
         rounds=1,
-        tolerances=(1e-6,),
+        tolerances=(1e-9,),
         peers=("SciPy DOP853",),
     )
     monkeypatch.setattr(accuracy_speed, "QUICK", plan)
