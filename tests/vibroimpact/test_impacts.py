@@ -204,7 +204,7 @@ def test_many_preloads_released_on_a_grid_point():
     """At a grid point equal to the release to rounding, the wait is zero or rounding."""
     rng = np.random.default_rng(3)
     late = 0
-    for _ in range(20000):
+    for _ in range(4000):
         n = int(rng.integers(8, 400))
         k = int(rng.integers(1, max(2, n // 5)))
         f, p = rng.uniform(0.1, 3.0), rng.uniform(0.3, 4.0)
@@ -223,7 +223,7 @@ def test_a_step_that_surely_has_one_impact_has_it_by_the_rule():
     """
     rng, surely, scratch = np.random.default_rng(7), 0, new_scratch()
     method = REDUCED_STEP, INTEGRATORS["newmark"].code
-    for _ in range(20_000):
+    for _ in range(5_000):
         R, v = rng.choice([0.3, 0.9, 1.0 - 1e-9, 1.0]), 10.0 ** rng.uniform(-3.0, 0.5)
         T, share = rng.uniform(0.01, 0.5), rng.uniform(0.01, 0.99)
         in_time = 2.0 * R * v / max((1.0 - R) * T * (1.0 - share), 1e-9)
@@ -242,4 +242,4 @@ def test_a_step_that_surely_has_one_impact_has_it_by_the_rule():
             events = scratch.events[:n]
             assert events[0].tolist() == [IMPACT, T_r, v_Tr, 0.0]
             assert n == 1 or events[1, KIND] == IMPACT
-    assert 3000 < surely < 17_000
+    assert 750 < surely < 4_250
