@@ -3,9 +3,12 @@
 import logging
 import shutil
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import pytest
+from matplotlib.backends import backend_agg
+from matplotlib.mathtext import MathTextParser
 
 from sweeps import open_sweep
 from sweeps.store import SweepWriter
@@ -30,6 +33,14 @@ def short_trials():
     """Estimate the time of a run in a tenth of the usual time; test_limits.py tests it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sweeps.engine.estimate._TRIAL", 0.01)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def parsed_once():
+    """Let all pictures have one parser of formulas, which keeps the last 50 that it has read."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(backend_agg, "MathTextParser", cache(MathTextParser))
         yield
 
 
