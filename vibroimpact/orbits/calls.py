@@ -12,17 +12,15 @@ import numpy as np
 
 from vibroimpact.jit import compiled, jit
 from vibroimpact.orbits import corrector, detection, flights, linear
-from vibroimpact.orbits.corrector import NONE, System
+from vibroimpact.orbits.corrector import System
+from vibroimpact.orbits.unknowns import phase_at, speed_at
 
 # The tasks of ``_do``.
 (
-    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _LINEARISED, _NULL_VECTOR,
-    _CORRECT_EACH, _STATES, _CHARACTERISTICS,
-) = range(11)  # fmt: skip
+    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _STATES, _LINEARISED,
+    _CHARACTERISTIC, _NULL_VECTOR, _CORRECT_EACH, _SECTIONS, _MULTIPLIERS,
+) = range(13)  # fmt: skip
 _NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
-_NO_SYSTEM = System(
-    _NO_VECTOR, np.empty(0, np.int64), _NO_VECTOR, 1, 1, 1.0, NONE, 0, False, _NO_VECTOR
-)
 
 #: A place on a path: the unknowns, the direction of the path, and the test functions there. It is a
 #: plain tuple, since a call with one that has names takes 3 us longer.
@@ -43,38 +41,52 @@ def _do(task, system, here, there, rows, count, number, results):
         results[0] = detection.may_miss(system, here, there, number)
     elif task == _HALVES:
         results[0] = detection.halves_apart(X, system.m, system.q)
-    elif task == _PENETRATION:
-        values = corrector.parameters_at(system, X)
-        flight, phase, highest = flights.first_penetration(
-            values, system.m, system.speed, X, system.q
-        )
-        results[0], results[1], results[2] = flight, phase, highest
-    elif task == _LINEARISED or task == _NULL_VECTOR:
-        _linearise(task, system, X, number, results)
+    elif task == _PENETRATION or task == _STATES:
+        _follow(task, system, X, rows, results)
+    elif task >= _CORRECT_EACH:
+        _do_each(task, system, tests, rows, count, number, results)
     else:
-        _do_each(task, system, tests, rows, count, results)
+        _linearise(task, system, X, number, results)
 
 
 @jit
-def _do_each(task, system, points, rows, count, results):
-    """Do a task for each row."""
-    for k in range(rows.shape[0]):
+def _do_each(task, system, points, rows, count, number, results):
+    """Do a task for each row of points."""
+    for k in range(points.shape[0]):
+        each = results.size // points.shape[0]
+        X, own = points[k], results[each * k : each * (k + 1)]
         if task == _CORRECT_EACH:
-            results[k] = corrector.correct(system, points[k], rows[k : k + 1], count)
-            continue
-        if task == _STATES:
-            row = flights.state_after(rows[k], rows[k, 7], rows[k, 8], rows[k, 9])
+            own[0] = corrector.correct(system, X, rows[k : k + 1], count)
+        elif task == _SECTIONS:
+            values = corrector.parameters_at(system, X)
+            flights.sections(values, system.m, system.speed, X, system.q, number, own)
         else:
-            _, A, B = corrector.linearised(system, rows[k])
-            row = linear.characteristic(A, B)
-        results[3 * k], results[3 * k + 1], results[3 * k + 2] = row
+            corrector.multipliers(system, X, own)
+
+
+@jit
+def _follow(task, system, X, rows, results):
+    """Do a task for which flights are followed."""
+    values, m, speed, q = corrector.parameters_at(system, X), system.m, system.speed, system.q
+    if task == _PENETRATION:
+        flight, phase, highest = flights.first_penetration(values, m, speed, X, q)
+        results[0], results[1], results[2] = flight, phase, highest
+    else:
+        for k in range(rows.shape[0]):
+            i = int(rows[k, 0])
+            theta, v = X[phase_at(i)], X[speed_at(i)] * speed
+            y, u, a = flights.state_after(values, theta, v, rows[k, 1])
+            results[3 * k], results[3 * k + 1], results[3 * k + 2] = y, u, a
 
 
 @jit
 def _linearise(task, system, X, number, results):
     """Do a task for which flights are linearised."""
     F, A, B = corrector.linearised(system, X)
-    if task == _NULL_VECTOR:
+    if task == _CHARACTERISTIC:
+        c0, c1, c2 = linear.characteristic(A, B)
+        results[0], results[1], results[2] = c0, c1, c2
+    elif task == _NULL_VECTOR:
         linear.null_vector(A, B, number, results)
     else:
         for i in range(system.q):
@@ -87,6 +99,10 @@ def _linearise(task, system, X, number, results):
 
 def _at(X: np.ndarray) -> Place:
     return X, _NO_VECTOR, _NO_ROWS
+
+
+def _rows(X: np.ndarray) -> Place:
+    return _NO_VECTOR, _NO_VECTOR, X
 
 
 def _done(
@@ -116,8 +132,7 @@ def correct(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> boo
 
 def correct_each(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> np.ndarray:
     """Do what ``corrector.correct`` does for each row of X, with one plane each; shape (n,)."""
-    here = _NO_VECTOR, _NO_VECTOR, X
-    return _done(_CORRECT_EACH, system, here, len(X), rows=planes, count=most) > 0.0
+    return _done(_CORRECT_EACH, system, _rows(X), len(X), rows=planes, count=most) > 0.0
 
 
 def tangent(system: System, X: np.ndarray) -> np.ndarray:
@@ -150,10 +165,15 @@ def first_penetration(system: System, X: np.ndarray) -> tuple[int, float, float]
     return int(flight), phase, highest
 
 
-def states_after(impacts: np.ndarray) -> np.ndarray:
-    """Do what ``flights.state_after`` does, for rows of its arguments, (n, 10); shape (n, 3)."""
-    states = _done(_STATES, _NO_SYSTEM, _at(_NO_VECTOR), 3 * len(impacts), rows=impacts)
-    return states.reshape(-1, 3)
+def states_after(system: System, X: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Do what ``flights.state_after`` does, for rows of impact and time after it; shape (n, 3)."""
+    return _done(_STATES, system, _at(X), 3 * len(after), rows=after).reshape(-1, 3)
+
+
+def sections(system: System, X: np.ndarray, phase: float) -> np.ndarray:
+    """Return the states that ``flights.sections`` sets for each row of X, shape (n, m, 2)."""
+    states = _done(_SECTIONS, system, _rows(X), 2 * system.m * len(X), number=phase)
+    return states.reshape(-1, system.m, 2)
 
 
 def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -162,9 +182,15 @@ def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     return rows[..., 0], rows[..., 1:3], rows[..., 3:]
 
 
-def characteristics(system: System, X: np.ndarray) -> np.ndarray:
-    """Return c0, c1, c2 (``linear.characteristic``) for each row of X, shape (n, 3)."""
-    return _done(_CHARACTERISTICS, system, _at(_NO_VECTOR), 3 * len(X), rows=X).reshape(-1, 3)
+def characteristic(system: System, X: np.ndarray) -> tuple[float, float, float]:
+    """Return c0, c1, c2 (``linear.characteristic``)."""
+    c0, c1, c2 = _done(_CHARACTERISTIC, system, _at(X), 3).tolist()
+    return c0, c1, c2
+
+
+def multipliers(system: System, X: np.ndarray) -> np.ndarray:
+    """Return the complex numbers that ``corrector.multipliers`` sets for each row, (n, 2)."""
+    return _done(_MULTIPLIERS, system, _rows(X), 4 * len(X)).view(complex).reshape(-1, 2)
 
 
 def null_vector(system: System, X: np.ndarray, mu: float) -> np.ndarray:

@@ -147,6 +147,24 @@ def _condition(system, X):
 
 
 @jit
+def multipliers(system, X, parts):
+    """Set the real and the imaginary parts of both multipliers, the larger first, (4,)."""
+    _, A, B = linearised(system, X)
+    _, c1, c2 = characteristic(A, B)
+    trace = -c1 / c2 if c2 != 0.0 else math.inf
+    p = parameters_at(system, X)
+    product = p[1] ** (2.0 * system.q) * math.exp(-4.0 * math.pi * p[0] * system.m / p[2])
+    discriminant = trace * trace - 4.0 * product
+    root = math.copysign(math.sqrt(abs(discriminant)), trace)
+    if discriminant < 0.0:
+        parts[0], parts[1], parts[2], parts[3] = 0.5 * trace, 0.5 * root, 0.5 * trace, -0.5 * root
+    else:
+        most = 0.5 * (trace + root)
+        parts[0], parts[1], parts[3] = most, 0.0, 0.0
+        parts[2] = product / most if most != 0.0 else 0.0
+
+
+@jit
 def difference(system, X):
     """Return the step for the difference of a condition."""
     step = _DIFFERENCE

@@ -22,7 +22,6 @@ from vibroimpact.orbits.family import (
     OrbitFamily,
     Point,
 )
-from vibroimpact.orbits.flights import values_of
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.unknowns import free, impacts, speeds, unknowns
 
@@ -239,16 +238,15 @@ def _with_touch(
 
     This impact is at the highest point of the flight that crosses the stop.
     """
-    at, z, osc = reason.at, impacts(X, family.q), family.oscillator(X)
-    omega, (theta, v) = osc.omega, z[at]
+    at, z = reason.at, impacts(X, family.q)
+    omega, theta = family.oscillator(X).omega, z[at, 0]
     tau = (reason.where - theta) / omega
     for _ in range(20):
-        row = np.array([[*values_of(osc), theta, v * family.speed, tau]])
-        _, u, a = calls.states_after(row)[0]
+        _, u, a = calls.states_after(family.system, X, np.array([[at, tau]]))[0]
         if abs(u / a) < 1e-12 * tau:
             break
         tau -= u / a
     z = np.insert(z, at + 1, (theta + omega * tau, 0.0), axis=0)
-    touching = PeriodicOrbit(osc, family.m, z[:, 0], z[:, 1] * family.speed)
+    touching = PeriodicOrbit(family.oscillator(X), family.m, z[:, 0], z[:, 1] * family.speed)
     touched = OrbitFamily(touching, family.parameters, speed=family.speed)
     return touched, unknowns(z, free(X, family.q))

@@ -35,7 +35,7 @@ from vibroimpact.jit import inlined, jit
 from vibroimpact.orbits.arrays import filled, pairs, zero_rows
 from vibroimpact.orbits.unknowns import phase_at, speed_at
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.step.elementary import larger, sin_cos
+from vibroimpact.step.elementary import larger, sin_cos, smaller
 from vibroimpact.step.integrators import Parameters
 from vibroimpact.step.propagator import Coefficients, coefficients_of, impulse
 from vibroimpact.step.series import (
@@ -261,3 +261,20 @@ def state_after(values, theta, v, tau):
         y, u = _land(flight, theta, v, pt, filled(TERMS, 0.0), zero_rows(2, 2))
     s = sin_cos(theta + pt.omega * tau)[0]
     return y, u, -2.0 * pt.h * u - pt.p * pt.p * (y + pt.clearance) - pt.f * s
+
+
+@jit
+def sections(values, m, speed, X, q, phase, states):
+    """Set x and v of an orbit at omega t = phase mod 2 pi, in time order, (2 m,).
+
+    The other arguments are as for `residuals`.
+    """
+    first, clearance = X[phase_at(0)], values[5]
+    for j in range(m):
+        at = phase % (2.0 * math.pi) + 2.0 * math.pi * j
+        theta, i = first + (at - first) % (2.0 * math.pi * m), 0
+        while i + 1 < q and X[phase_at(i + 1)] <= theta:
+            i += 1
+        tau = (theta - X[phase_at(i)]) / values[2]
+        y, u, _ = state_after(values, X[phase_at(i)], X[speed_at(i)] * speed, tau)
+        states[2 * j], states[2 * j + 1] = smaller(y + clearance, clearance), u

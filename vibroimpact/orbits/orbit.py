@@ -23,6 +23,8 @@ from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.integrators import Parameters
 
 _NONE_FREE, _NO_PARAMETERS = np.empty(0, np.int64), np.empty(0)
+#: Indices of all parameters of an oscillator, and their units where all are free.
+_ALL_FREE, _ONES = np.arange(7), np.ones(7)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +87,10 @@ class PeriodicOrbit:
         """Both Floquet multipliers, complex, the larger first; infinite at a graze or overflow."""
         return self.alone.multipliers[0]
 
-    @property
-    def characteristic(self) -> np.ndarray:
+    @cached_property
+    def characteristic(self) -> tuple[float, float, float]:
         """c0, c1, c2 of c0 + c1 mu + c2 mu^2, whose roots are the multipliers, also at a graze."""
-        system, X = self.equations
-        return calls.characteristics(system, X[None])[0]
+        return calls.characteristic(*self.equations)
 
     @property
     def alone(self) -> Orbits:
@@ -149,54 +150,31 @@ class Orbits(NamedTuple):
             )
             responses = amplitudes[:, None] * np.exp(1j * at)
             return np.stack([responses.imag, self.values[:, 2, None] * responses.real], axis=2)
-        first = self.phases[:, :1]
-        theta = first + (at - first) % (2.0 * math.pi * self.m)
-        last = (self.phases[:, None] <= theta[..., None]).sum(axis=2) - 1
-        launch, v = (np.take_along_axis(z, last, 1)[..., None] for z in (self.phases, self.speeds))
-        values = np.repeat(self.values[:, None], self.m, axis=1)
-        tau = (theta[..., None] - launch) / values[..., 2:3]
-        rows = np.concatenate([values, launch, v, tau], axis=2)
-        states = calls.states_after(rows.reshape(-1, rows.shape[2])).reshape(*theta.shape, 3)
-        clearance = values[..., 5]
-        return np.stack([np.minimum(states[..., 0] + clearance, clearance), states[..., 1]], axis=2)
+        return calls.sections(*self._equations(1.0), phase)
+
+    def _equations(self, speed: float) -> tuple[System, np.ndarray]:
+        """Return the equations and the vectors of unknowns, in which all parameters are free."""
+        values, m, q = self.values, self.m, self.phases.shape[1]
+        X = unknowns(np.stack([self.phases, self.speeds / speed], axis=2), values)
+        system = System(_ONES, _ALL_FREE, _ONES, m, q, speed, NONE, 0, False, np.zeros(1))
+        return system, X
 
     @property
     def multipliers(self) -> np.ndarray:
         """Their Floquet multipliers as ``PeriodicOrbit.multipliers``, shape (n, 2)."""
-        q, (h, R, omega, _, p, _, _) = self.phases.shape[1], self.values.T
-        if q == 0:
+        if not self.phases.shape[1]:
+            h, _, omega, _, p, *_ = self.values.T
             rate = np.sqrt(h * h - p * p + 0.0j)
             times = 2.0 * math.pi * self.m / omega
             return np.exp((np.stack([rate, -rate]) - h) * times).T
-        speed = unit_of_speed(self.values, self.speeds)
-        X = unknowns(np.stack([self.phases, self.speeds / speed], axis=2), self.values)
-        system = System(
-            self.values[0], np.arange(7), np.ones(7), self.m, q, speed, NONE, 0, False, np.zeros(1)
-        )
-        _, c1, c2 = calls.characteristics(system, X).T
-        with np.errstate(all="ignore"):
-            trace = np.where(c2 == 0.0, math.inf, -c1 / c2)
-            found = multipliers_of(trace, determinant(h, R, omega, self.m, q))
+        found = calls.multipliers(*self._equations(unit_of_speed(self.values[0], self.speeds)))
         found[~self.speeds.all(axis=1)] = math.inf, 0.0
         return found
 
 
-def determinant(h: np.ndarray, R: np.ndarray, omega: np.ndarray, m: int, q: int) -> np.ndarray:
-    """Return the determinants of the monodromy matrices of orbits m/q."""
-    return R ** (2 * q) * np.exp(-4.0 * math.pi * h * m / omega)
-
-
-def multipliers_of(trace: np.ndarray, determinant: np.ndarray) -> np.ndarray:
-    """Return the eigenvalues of 2 x 2 matrices, complex, the larger first, shape (n, 2)."""
-    discriminant = trace * trace - 4.0 * determinant
-    root = np.copysign(np.sqrt(np.abs(discriminant)), trace)
-    larger = 0.5 * (trace + root)
-    smaller = np.where(larger == 0.0, 0.0, determinant / larger)
-    return np.where(
-        discriminant[:, None] < 0.0,
-        0.5 * np.stack([trace + 1j * root, trace - 1j * root], axis=1),
-        np.stack([larger, smaller], axis=1),
-    )
+def determinant(h: float, R: float, omega: float, m: int, q: int) -> float:
+    """Return the determinant of the monodromy matrix of an orbit m/q."""
+    return R ** (2 * q) * math.exp(-4.0 * math.pi * h * m / omega)
 
 
 def orbit_of(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
@@ -234,13 +212,14 @@ def system_of(osc: Oscillator, m: int, q: int, speed: float) -> System:
 
 
 def unit_of_speed(values: np.ndarray, speeds: np.ndarray) -> float:
-    """Return a typical speed of orbits: the greatest, or their oscillators' if that is greater.
+    """Return a typical speed of orbits: the greatest, or the oscillator's if that is greater.
 
-    `values` are those of the oscillators (``flights.values_of``), (7,) or (n, 7).
+    `values` are those of the oscillator (``flights.values_of``).
     """
-    _, _, omega, f, p, clearance, a = values.T
-    push = f + a * omega * omega + p * p * np.abs(clearance)
-    return max(float(np.abs(speeds).max(initial=0.0)), float(np.max(push / (p + omega)))) or 1.0
+    _, _, omega, f, p, clearance, a = values.tolist()
+    largest = float(np.abs(speeds).max(initial=0.0))
+    push = f + a * omega * omega + p * p * abs(clearance)
+    return max(largest, push / (p + omega)) or 1.0
 
 
 def linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -60,6 +60,7 @@ class OrbitError(ValueError):
     ...     periodic_orbit(Oscillator(h=0.1, R=0.3, omega=0.5, f=1.0), x=0.0, v=0.0)
     ... except OrbitError as error:
     ...     print(error)
+    the motion rests on the stop, where deviations end: it has no multipliers
     """
 
 

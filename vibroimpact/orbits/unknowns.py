@@ -54,7 +54,7 @@ def free(X: np.ndarray, q: int) -> np.ndarray:
 
 def unknowns(z: np.ndarray, parameters: np.ndarray) -> np.ndarray:
     """Return the vectors of impacts z, shape (..., q, 2), and of free parameters, (..., k)."""
-    return np.concatenate([z.reshape(*z.shape[:-2], -1), parameters], axis=-1)
+    return np.concatenate([z.reshape(*z.shape[:-2], 2 * z.shape[-2]), parameters], axis=-1)
 
 
 @jit

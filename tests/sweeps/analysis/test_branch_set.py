@@ -1,5 +1,7 @@
 """Sets of branches, and their points for a picture, against closed forms and simulation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,6 +41,20 @@ def test_ordinates_that_are_rounding_only_end_the_search_for_a_picture():
         0.02,
     )
     assert len(start.values) < len(found.values) < 2000
+
+
+def test_a_branch_between_whose_points_no_orbit_is_found_stays_as_it_is():
+    """Its points are far apart, as on both sides of a gap: halfway Newton's method fails."""
+    osc = Oscillator(h=0.1, R=0.8, omega=2.5, f=1.0)
+    whole = branch(one_impact_orbit(osc), "omega", 2.45, 2.55)
+    two = np.array([0, -1])
+    phases = np.array([[1.0], [60.0]])
+    apart = replace(
+        whole, values=whole.values[two], stable=whole.stable[two], phases=phases,
+        speeds=whole.speeds[two],
+    )  # fmt: skip
+    found = with_short_chords(apart, 2.45, 2.55, lambda orbits: orbits.sections(0.0)[:, 0], 1e-4)
+    assert found.values.tolist() == apart.values.tolist()
 
 
 def speeds_of(orbits):
