@@ -52,7 +52,7 @@ def preload(level, f=1.0, p=1.0, omega=1.0):
 
 def run(pt, rule, integrator, x, v, theta, T, resting=False):
     """One step with impacts: state, rest, the rows of its events, time rested and status."""
-    scratch, chosen = new_scratch(), INTEGRATORS[integrator]
+    scratch, chosen = new_scratch.py_func(), INTEGRATORS[integrator]
     s, c = math.sin(theta), math.cos(theta)
     end = chosen.step(x, v, s, c, T, pt)
     x, v, resting, n, rested, status = reduced_step(
@@ -66,7 +66,7 @@ def flight(rule, integrator, x, v, theta, span, pt):
     chosen, s, c = INTEGRATORS[integrator], math.sin(theta), math.cos(theta)
     end = chosen.step(x, v, s, c, span, pt)
     return shortened_flight(
-        (rule, chosen.code), (x, v, s, c), end, span, pt, new_scratch().coefficients
+        (rule, chosen.code), (x, v, s, c), end, span, pt, new_scratch.py_func().coefficients
     )[:4]
 
 
@@ -221,7 +221,7 @@ def test_a_step_that_surely_has_one_impact_has_it_by_the_rule():
     Under a constant push: where rounding decides whether a chatter ends with the step or whether a
     rebound is too short, at R = 1, at a turning point, and near overflow.
     """
-    rng, surely, scratch = np.random.default_rng(7), 0, new_scratch()
+    rng, surely, scratch = np.random.default_rng(7), 0, new_scratch.py_func()
     method = REDUCED_STEP, INTEGRATORS["newmark"].code
     for _ in range(5_000):
         R, v = rng.choice([0.3, 0.9, 1.0 - 1e-9, 1.0]), 10.0 ** rng.uniform(-3.0, 0.5)

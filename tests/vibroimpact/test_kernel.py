@@ -63,10 +63,10 @@ def assert_as_alone(points, integrator, rule, n):
 
 def test_a_lane_is_the_single_orbit_bit_for_bit(rule, integrator):
     """At random points."""
-    points = random_points(220)
+    points = random_points(110)
     met, rested = assert_as_alone(points, integrator, rule, steps_for(points, rule))
-    assert met > 150
-    assert (rested > 30) == (rule != "plain")  # Euler, which keeps bouncing, at 39
+    assert met > 75
+    assert (rested > 15) == (rule != "plain")  # Euler, which keeps bouncing, at 19
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)

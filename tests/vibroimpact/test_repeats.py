@@ -66,7 +66,7 @@ def mixed_points(n, seed):
     ("transient", "periods", "impacts"), [(0, 90, 64), (70, 40, 3), (90, 7, 5), (33, 60, 0)]
 )
 def test_a_run_equals_one_in_pieces_that_cannot_skip(rule, integrator, transient, periods, impacts):
-    points = mixed_points(150, transient)
+    points = mixed_points(80, transient)
     method = {"integrator": integrator, "impact": rule, "steps_per_period": 40}
     if rule == "exact":
         method["steps_per_period"] = default_steps(points, rule)
@@ -182,7 +182,7 @@ def test_a_lane_takes_its_place_with_all_it_has():
         array[:] = np.arange(array.size)
     lanes, rows = workspace.lanes.copy(), workspace.lanes[:COEFFICIENTS].reshape(-1, ROW)
     added = workspace.added.copy()
-    move_lane(workspace, 5, 2, True)
+    move_lane.py_func(workspace, 5, 2, True)
     before = lanes[:COEFFICIENTS].reshape(-1, ROW)
     np.testing.assert_array_equal(rows[:, 2], before[:, 5])
     assert not rows[:, 5].any() and not workspace.added[:, :, 5].any()
