@@ -298,8 +298,21 @@ def colours_of(figure):
     return {re.split("[,:]", text.get_text())[0]: to_hex(patch.get_fc()) for patch, text in named}
 
 
+@pytest.fixture
+def no_knocks(monkeypatch):
+    """Seek no knock for a picture; return the list of the attractors for which one is wanted."""
+    sought = []
+
+    def worst(motions, home, limit):
+        sought.append(home)
+        return Knock()
+
+    monkeypatch.setattr("sweeps.analysis.knocks._Motions.worst", worst)
+    return sought
+
+
 @pytest.mark.slow
-def test_an_attractor_has_the_colour_of_its_class_in_all_pictures(ranked):
+def test_an_attractor_has_the_colour_of_its_class_in_all_pictures(ranked, no_knocks):
     assert attractors(ranked)["m"].values.tolist() == [[1, -1], [2, 1], [1, 2]]
     numbered = {f"{m}/{q}": CLASSES[m, q].lower() for m, q in ((2, 1), (1, 1), (1, 0))}
     for draw, clearance in ((basins, 0.4), (basins, 0.6), (draw_integrity, 0.4)):
@@ -337,7 +350,7 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
 
 
 @pytest.mark.slow
-def test_integrity_is_drawn_into_panels_of_another_figure(two):
+def test_integrity_is_drawn_into_panels_of_another_figure(two, no_knocks):
     four = Figure().subplots(4)
     assert draw_integrity(two, ax=four) is four[0].figure and all(panel.lines for panel in four)
     one = Figure().subplots()
@@ -349,17 +362,10 @@ def test_integrity_is_drawn_into_panels_of_another_figure(two):
 
 
 @pytest.mark.slow
-def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, monkeypatch):
-    sought = []
-
-    def worst(motions, home, limit):
-        sought.append(home)
-        return Knock()
-
-    monkeypatch.setattr("sweeps.analysis.knocks._Motions.worst", worst)
+def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_knocks, monkeypatch):
     monkeypatch.setattr("sweeps.plotting.looks.CLASSES", {(2, 1): CLASSES[2, 1]})
     monkeypatch.setattr("sweeps.plotting.looks.FURTHER", ())
     figure = draw_integrity(ranked, at={"clearance": 0.6})
-    assert sought == [0] and len(figure.axes[-1].patches) == 1
+    assert no_knocks == [0] and len(figure.axes[-1].patches) == 1
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "no disc and no knock for 1 other attractor" in texts
