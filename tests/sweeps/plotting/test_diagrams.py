@@ -172,7 +172,7 @@ def test_very_many_points_become_a_density(random_sweep, monkeypatch, values):
 def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(random_sweep, monkeypatch):
     """Against NumPy's histogram, with a failed point and missing impacts."""
     monkeypatch.setattr(diagram, "DENSITY_FROM", 100)
-    monkeypatch.setattr(density, "_PART_SIZE", 50)
+    monkeypatch.setattr(density, "_PART_SIZE", 500)
     values = np.linspace(1.0, 2.0, 3000)
     status = np.zeros(3000, np.int8)
     status[1234] = Status.UNRESOLVED
