@@ -21,7 +21,7 @@ from vibroimpact.points.regimes import Regime
 
 
 @pytest.fixture
-def scene(tmp_path, unpainted):
+def scene(tmp_path):
     """Return a function that runs a scene with overrides and reads the file."""
 
     def run(name, *overrides):

@@ -49,7 +49,7 @@ def bifurcations(path):
 @pytest.mark.parametrize(
     ("oscillator", "value"),
     [
-        ("h: 0.05, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.7, num: 5}", 2.65888454668484),
+        ("h: 0.05, R: 0.8, f: 1, omega: [2.65, 2.6, 2.7, 2.625, 2.675]", 2.65888454668484),
         ("h: 0.1, R: 0.5, f: 1, omega: {start: 2.65, stop: 2.75, num: 5}", 2.69176208595193),
         ("h: 0.5, R: 1, f: 1, omega: {start: 2.6, stop: 2.7, num: 4}", 2.63675987555693),
     ],
@@ -58,6 +58,7 @@ def test_flips_are_at_their_certified_values(sweep, oscillator, value):
     (flip,) = bifurcations(sweep(oscillator))
     assert (flip.kind, str(flip.before), str(flip.after)) == ("flip", "1/1", "2/2")
     assert flip.value == pytest.approx(value, rel=1e-12)
+    assert 0.0 < flip.high - flip.low < 0.04
 
 
 @pytest.mark.slow
