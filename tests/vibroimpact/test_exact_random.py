@@ -35,11 +35,11 @@ def test_random_points_end_decided():
 
 @pytest.mark.parametrize(
     "every",
-    [pytest.param(240, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.campaign)],
+    [pytest.param(400, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.campaign)],
 )
 @pytest.mark.parametrize("shaken", [False, True])
 def test_random_points_are_those_of_the_slow_solver(every, shaken):
-    """2000 points, or 9: sections, impacts and rests to 1e-9, with a force or with a shaken base.
+    """2000 points, or 5: sections, impacts and rests to 1e-9, with a force or with a shaken base.
 
     50 periods or 500 impacts, chatters included, while a rounding stays below 1e-11; from a graze
     within 1e-6 on, none is compared.
