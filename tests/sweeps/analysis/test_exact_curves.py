@@ -255,7 +255,7 @@ def legend_of(figure):
 
 
 @pytest.mark.slow
-def test_the_kinds_of_the_curves_can_be_chosen(tmp_path):
+def test_the_kinds_of_the_curves_can_be_chosen(tmp_path, unpainted):
     oscillator = "h: 0.05, f: 1.0, R: [0.7, 0.75, 0.8], clearance: 1.5, "
     oscillator += "omega: {start: 1.2, stop: 1.8, num: 9}"
     config = f"oscillator: {{{oscillator}}}\nrecord: {{transient: 300, periods: 16}}\n"

@@ -177,7 +177,7 @@ def test_a_bad_table_is_refused_before_the_work(file, tmp_path, name, reason, co
 
 
 @pytest.mark.slow
-def test_a_map_has_no_number_of_branches(file, tmp_path):
+def test_a_map_has_no_number_of_branches(file, tmp_path, unpainted):
     options = "--kind", "map", "--exact", "--most", "2", "-o", tmp_path / "map.png"
     assert refused("plot", file("map"), *options).endswith(
         ": --most 2 limits exact branches, and a map shows curves; expected: --exact, with or "

@@ -108,7 +108,7 @@ def test_a_folder_is_no_file_of_a_sweep(name):
 
 
 @pytest.mark.slow
-def test_a_picture_with_a_long_name(small_file):
+def test_a_picture_with_a_long_name(small_file, unpainted):
     assert accepted("plot", "small.h5", "-o", "a" * 251 + ".png")
     assert "File name too long" in refused("plot", "small.h5", "-o", "a" * 252 + ".png")
     result = call("plot", "small.h5", "-o", "/proc/x.png")
