@@ -168,7 +168,8 @@ def test_the_phase_is_kept_and_shown(tmp_path):
     assert view.diagram(3).start.phase == 4.0
     with open_sweep(path) as dataset:
         figure = plotting.trajectory(dataset)
-        assert "after 6.52254 forcing periods" in figure._suptitle.get_text()  # (14 pi - 3) / 2 pi
+        title = figure.get_suptitle().replace("\n", " ")
+        assert "after 6.52254 forcing periods" in title  # (14 pi - 3) / 2 pi
         figure = plotting.section(dataset)
         title = figure._suptitle.get_text().replace("\N{NO-BREAK SPACE}", " ")
         assert "start at phase 4 rad, phase 1 rad, transient 0" in title.replace("\n", " ")
@@ -197,4 +198,4 @@ def test_the_times_of_a_followed_sweep(tmp_path):
             since = 11.0 - 0.5 / (2.0 * math.pi) if first else 10.0
             for periods, more in ((None, 0), (4, 5)) if way == "up" else ((None, 0),):
                 title = plotting.trajectory(dataset, at=at, periods=periods).get_suptitle()
-                assert f"after {since + more:.6g} forcing periods" in title
+                assert f"after {since + more:.6g} forcing periods" in title.replace("\n", " ")
