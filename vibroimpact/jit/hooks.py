@@ -57,7 +57,6 @@ _UNUSED_PASSES = {
     "DumpParforDiagnostics",
 }
 _PIPELINES: list[Any] = []  # made once
-_PACKAGE = "vibroimpact."
 
 
 def dispatcher(function: Callable, options: dict[str, Any]) -> Any:
@@ -342,10 +341,8 @@ class CompiledCode:
     def _key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
         """Return what the compiled form depends on, besides the package that names the folder."""
         cells = tuple(cell.cell_contents for cell in self._function.__closure__ or ())
-        source = self._function.__module__
-        if not source.startswith(_PACKAGE):
-            source = syntax(Path(inspect.getfile(self._function)).read_bytes())
-        parts = (source.encode(), self._function.__code__.co_code, dumps(cells) if cells else b"")
+        source = syntax(Path(inspect.getfile(self._function)).read_bytes()).encode()
+        parts = (source, self._function.__code__.co_code, dumps(cells) if cells else b"")
         digests = tuple(hashlib.sha256(part).hexdigest() for part in parts)
         return (signature, codegen.magic_tuple(), *digests)
 
