@@ -25,6 +25,7 @@ from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.page import Page
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import BLUE, MARKS, STATUS_COLOURS, user_style
+from sweeps.text import shortened
 
 #: Least height of the panels, as a share of the usual one.
 _LEAST_PANELS = 0.35
@@ -43,6 +44,7 @@ class Picture(Figure):
         """Make a figure with the width of the page, `stretch` times as high as usual."""
         width, height = mpl.rcParams["figure.figsize"]
         size = (page.width or width, stretch * height)
+        self._title = self._lines = ""  # the text of the title, and the lines of this text
         super().__init__(figsize=size, layout="constrained")
         self._usual = size[1]  #: Height of the panels unless the page has its own [inch].
         FigureCanvasAgg(self)  # measures all texts with the same renderer
@@ -83,7 +85,21 @@ class Picture(Figure):
         self.set_figheight(self.get_figheight() + part.get_window_extent().height / self.dpi)
 
     def add_title(self, text: str) -> None:
-        """Put a title above the panels, broken at spaces into lines of the width of the figure.
+        """Put a title above the panels; refuse one that matplotlib cannot draw."""
+        self._break_title(text)
+        self.make_room(self.suptitle(self._lines))
+
+    def set_size_inches(
+        self, w: float | tuple[float, float], h: float | None = None, forward: bool = True
+    ) -> None:
+        """Set the size, and break the title again if the width is another one."""
+        before = self.get_figwidth()
+        super().set_size_inches(w, h, forward)
+        if self.get_figwidth() != before and self._lines and self.get_suptitle() == self._lines:
+            self._break_title(self._title)
+
+    def _break_title(self, text: str) -> None:
+        """Break the title at spaces into lines of the width of the figure.
 
         A title that matplotlib wraps is measured word by word at each of its drawings.
         """
@@ -91,7 +107,16 @@ class Picture(Figure):
 
         def is_too_wide(words: Sequence[str]) -> bool:
             title.set_text(" ".join(words))
-            return bool(title.get_window_extent().width > self.bbox.width)
+            try:
+                return bool(title.get_window_extent().width > self.bbox.width)
+            except (TypeError, ValueError):  # no text, or no formula between two of its $
+                if len(words) > 1:
+                    return True
+                raise Refused(
+                    f"title = {shortened(repr(text))} is not allowed; expected: a text with "
+                    f"formulas between $ and $, and \\$ for the sign, but matplotlib cannot draw "
+                    f"{shortened(repr(words[0]))}"
+                ) from None
 
         lines = []
         for paragraph in text.split("\n"):
@@ -102,8 +127,8 @@ class Picture(Figure):
                 lines.append(" ".join(words[:count]))
                 words = words[count:]
             lines.append(" ".join(words))
-        title.set_text("\n".join(lines))
-        self.make_room(title)
+        self._title, self._lines = text, "\n".join(lines)
+        title.set_text(self._lines)
 
     def set_height(self, height: float) -> None:
         """Set the height; refuse one that leaves too little of the panels."""
