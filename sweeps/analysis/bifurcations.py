@@ -23,12 +23,12 @@ from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.analysis.explanations import NO_LABEL, changes, explain
 from sweeps.analysis.grouping import STARTS
-from sweeps.analysis.motions import motions_of
+from sweeps.analysis.motions import OF_MOTIONS, motions_of
 from sweeps.analysis.regimes import labels
 from sweeps.analysis.rig import on_axis
 from sweeps.config.rig import model_name
 from sweeps.store import DIRECTION
-from vibroimpact.points.regimes import OF_REGIMES, Label, Regime
+from vibroimpact.points.regimes import Label, Regime
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -142,10 +142,9 @@ def find_bifurcations(
     free = [str(name) for name in dataset["status"].dims if name not in (at or {})]
     data = select(dataset, at, free=[along, *free])
     others = [str(name) for name in data["status"].dims if name != along]
-    single = {name for name, values in data.items() if values.ndim == data["status"].ndim}
-    kept = [name for name in data if name in single or name in OF_REGIMES]
     data = data.sortby(along)
-    data = data.assign(data[kept].load())  # each once, not line by line
+    read = [name for name in data if name in OF_MOTIONS]
+    data = data.assign(data[read].load())  # each once, not line by line
     rows, unclassified, phase = list[dict[str, Any]](), 0, config_of(dataset).record.phase
     for index in product(*(range(data.sizes[name]) for name in others)):
         line = data.isel(dict(zip(others, index, strict=True)))

@@ -23,11 +23,13 @@ from vibroimpact.points.run_spec import RunSpec
 #: NaN without one. m and q are the forcing periods and impacts per repetition, 0 if it is not
 #: periodic.
 MOTION = np.dtype([("point", POINT), ("regime", np.int64), ("m", np.int64), ("q", np.int64)])
+#: The results from which motions are taken where classes were recorded.
+OF_MOTIONS = frozenset({*OF_REGIMES, "period_impacts", "orbit_x", "orbit_v"})
 
 
 def motions_of(cut: xr.Dataset) -> np.ndarray:
     """Return the motions of a cut through a sweep, of dtype ``MOTION``, in its shape."""
-    names = {*OF_REGIMES, *_CLASS} if "period" in cut else {*OF_REGIMES, *RECORD}
+    names = OF_MOTIONS if "period" in cut else {*OF_REGIMES, *RECORD}
     points, shape = points_of(cut), cut["status"].shape
     results = {
         name: values.reshape(len(points), *values.shape[len(shape) :])
@@ -49,10 +51,6 @@ def motions_from(
     motions["point"] = points
     put_classes(motions, regimes_of(results, points["omega"], spec.periods), results)
     return motions
-
-
-#: The results from which the class and the orbit of a motion are taken.
-_CLASS = ("period", "period_impacts", "orbit_x", "orbit_v")
 
 
 def put_classes(motions: np.ndarray, regime: np.ndarray, results: Mapping[str, np.ndarray]) -> None:
