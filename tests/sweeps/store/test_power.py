@@ -85,14 +85,14 @@ OPEN = io.open
 def left(moment, choose):
     """Return what a loss of power leaves: the bytes of each file by its path, None of a folder.
 
-    `choose` takes one of the states of a name.
+    `choose` takes a name and its states, and returns one of these.
     """
     _, held, names = moment
     found = {}
 
     def descend(number, folder):
         for name, states in names.get(number, {}).items():
-            if (file := choose(states)) is not None:
+            if (file := choose(name, states)) is not None:
                 found[folder / name] = held[file]
                 descend(file, folder / name)
 
@@ -102,10 +102,11 @@ def left(moment, choose):
 
 def chooses():
     random = np.random.default_rng(1)
-    yield "as synchronized", lambda states: states[0]
-    yield "as written", lambda states: states[-1]
+    yield "as synchronized", lambda name, states: states[0]
+    yield "as written", lambda name, states: states[-1]
+    yield "drafts as written", lambda name, states: states[-1 if name.endswith(".new") else 0]
     for case in range(2):
-        yield f"random {case}", lambda states: states[random.integers(len(states))]
+        yield f"random {case}", lambda name, states: states[random.integers(len(states))]
 
 
 @pytest.fixture
