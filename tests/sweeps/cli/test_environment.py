@@ -150,15 +150,17 @@ def test_odd_settings_of_matplotlib_are_refused(small_file):
 
 
 @pytest.mark.slow
-def test_settings_that_matplotlib_cannot_draw_with_are_refused_and_a_bad_line_is_told_once(
+def test_a_bad_line_of_matplotlib_is_told_once_and_settings_it_cannot_draw_with_are_refused(
     small_file,
 ):
-    Path("matplotlibrc").write_text("font.size: large\ntext.usetex: True")
-    result = process("plot", "small.h5", "-o", "a.svg")
-    assert (result.returncode, result.stdout) == (2, "")
-    *warned, refusal = result.stderr.splitlines()
-    told = "vibroimpact: error: matplotlib cannot draw with the settings in matplotlibrc"
-    assert refusal.startswith(told) and "\n".join(warned).count("Bad value in file") == 1
+    Path("matplotlibrc").write_text("font.size: large")
+    result = process("plot", "small.h5", "-o", "b.svg")
+    assert result.returncode == 0 and Path("b.svg").stat().st_size
+    assert result.stderr.count("Bad value in file") == 1
+    with mpl.rc_context({"text.usetex": True}):
+        message = refused("plot", "small.h5", "-o", "a.svg")
+    assert "matplotlib cannot draw with the settings in matplotlibrc" in message
+    assert message.count("\n") == 1
     with mpl.rc_context({"savefig.dpi": 1e9}):
         message = refused("plot", "small.h5", "-o", "a.png")
     assert "pixels is too large; expected: less than 65536 each way" in message
