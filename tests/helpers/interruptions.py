@@ -15,6 +15,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -133,11 +134,15 @@ class Forks:
         }
         self._process.stdin.write(json.dumps(request) + "\n")
         self._process.stdin.flush()
-        return int(self._process.stdout.readline())
+        self._pid = int(self._process.stdout.readline())
+        return self._pid
 
     def ended(self) -> tuple[int, str]:
-        """Wait for the end of the command; return its exit code and its stderr."""
+        """Wait for the end of the command, or kill it; return its exit code and its stderr."""
+        kill = threading.Timer(PATIENCE, os.kill, (self._pid, signal.SIGKILL))
+        kill.start()
         code = int(self._process.stdout.readline())
+        kill.cancel()
         return code, Path(self._streams[1]).read_text()
 
     def emptied(self) -> Path:
