@@ -56,6 +56,8 @@ _FULL = (
     "%d pages of vibroimpact explore are open, and more would slow them down. Close one, and load "
     "this page again after ten seconds."
 )
+#: Time after which a page without a browser is closed, and time between two searches for such [ms].
+_UNUSED, _SEARCH = 5000, 2000
 #: Pause before new connections are accepted when no file descriptors are left [s].
 _PAUSE = 1.0
 #: Time during which a page may reconnect [s]: ten years.
@@ -189,8 +191,8 @@ class Explorer:
             secret_key=secrets.token_bytes(32),
             sign_sessions=True,
             session_token_expiration=_FOREVER,
-            unused_session_lifetime_milliseconds=5000,
-            check_unused_sessions_milliseconds=2000,
+            unused_session_lifetime_milliseconds=_UNUSED,
+            check_unused_sessions_milliseconds=_SEARCH,
         )
         http = HTTPServer(application)
         http.add_socket(self._socket)

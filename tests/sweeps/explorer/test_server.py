@@ -19,6 +19,8 @@ from urllib.parse import urlsplit
 
 import psutil
 import pytest
+from bokeh.server import session
+from bokeh.server.session import current_time
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
@@ -93,6 +95,7 @@ def test_only_the_address_with_its_secret_and_this_host_are_served(explorer):
 def test_too_many_pages_at_once_are_refused_until_others_are_closed(monkeypatch):
     """Forty pages at once were all made, one after the other, and nobody was answered meanwhile."""
     monkeypatch.setattr(server, "MOST_PAGES", 2)
+    monkeypatch.setattr(server, "_SEARCH", server._SEARCH // 20)
     explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
     path = f"/?{urlsplit(explorer.address).query}"
     try:
@@ -102,6 +105,7 @@ def test_too_many_pages_at_once_are_refused_until_others_are_closed(monkeypatch)
         refusals = {text for status, text in answers if status == 503}
         assert refusals == {server._FULL % 2}
         assert len(explorer.pages) == 2
+        monkeypatch.setattr(session, "current_time", lambda: current_time() + 8000.0)  # [ms]
         assert within(60, lambda: not explorer.pages)  # none of their browsers came back
         assert answer(explorer.address, path)[0] == 200
         assert len(explorer.pages) == 1
