@@ -366,9 +366,10 @@ def test_the_attractors_are_marked_in_their_basins(files):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
-    """For EPS see test_postscript.py."""
+def test_a_picture_says_where_it_comes_from(dataset, tmp_path, monkeypatch, ending):
+    """And the same picture gives the same bytes at any time. For EPS see test_postscript.py."""
     output, options = tmp_path / f"a.{ending}", {"command": "vibroimpact plot map.h5"}
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     plotting.plot(dataset, output, "section", page=Page(dpi=60), **options)
     if ending == "png":
         with Image.open(output) as image:
@@ -379,6 +380,7 @@ def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
                  "a map with a name"):  # fmt: skip
         assert part in text
     again = tmp_path / f"b.{ending}"
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
     plotting.plot(dataset, again, "section", page=Page(dpi=60), **options)
     assert again.read_bytes() == output.read_bytes()
 
