@@ -67,7 +67,8 @@ class Window:
     ) -> None:
         self.requests: list[str] = []
         self.problems: list[str] = []
-        self.tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.size = {"width": size[0], "height": size[1]}
+        self.tab = browser.new_page(viewport=self.size)
         self.tab.set_default_timeout(1000.0 * PATIENCE)
         self.tab.on("request", lambda request: self.requests.append(request.url))
         self.tab.on("pageerror", lambda error: self.problems.append(str(error)))
@@ -78,10 +79,12 @@ class Window:
         self.tab.evaluate("Bokeh.require('core/ui_gestures').UIGestures.press_threshold = 1e9")
 
     def show(self, view: View) -> None:
-        """Show a view, whatever was done before in this window."""
+        """Show a view in the first size without a history, whatever was done before."""
+        self.tab.set_viewport_size(self.size)
         self.model("diagram", "{m.toolbar.tools.find((t) => t.type === 'PanTool').active = true}")
         self.page.document.add_next_tick_callback(lambda: self.page.change(lambda _: view))
         self.settle(lambda: self.page.view == view)
+        self.model("diagram", "{Bokeh.index.find_one(m).state.clear()}")
 
     def settle(self, condition: Callable[[], bool] = lambda: True) -> None:
         """Wait until a condition holds, the worker is idle, and the browser has the picture."""
