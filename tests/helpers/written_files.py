@@ -58,6 +58,10 @@ def schema(
     )
 
 
+#: Four blocks of few variables, for tests in which any of the calls for each file fails.
+FOUR_BLOCKS = schema(block_size=3, diagnostics=())
+
+
 def random_results(points, widths, seed=0, scale=100.0):
     """Return random numbers for every variable, and status 0.
 

@@ -19,11 +19,9 @@ from sweeps.errors import StoreError, SweepError
 from sweeps.reports.run import kept
 from sweeps.store import kept_points, open_sweep
 from tests.helpers.sweep_files import data
-from tests.helpers.written_files import block_results, contents, fill_blocks, schema
+from tests.helpers.written_files import FOUR_BLOCKS, block_results, contents, fill_blocks
 
 PARTS = Path("out.h5.parts")
-#: Four blocks of few variables: each file is written and read by the same calls.
-SMALL = schema(block_size=3, diagnostics=())
 
 
 @contextmanager
@@ -50,9 +48,9 @@ def one_failing(monkeypatch, which, error):
 
 @pytest.mark.slow
 def test_whichever_call_fails_a_resumed_run_loses_nothing(monkeypatch):
-    fill_blocks("whole.h5", plan=SMALL)
+    fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")
-    fill_blocks("out.h5", 2, plan=SMALL)
+    fill_blocks("out.h5", 2, plan=FOUR_BLOCKS)
     before, which, refused, computed = contents(PARTS), 0, 0, []
 
     def counted(block):
@@ -62,7 +60,7 @@ def test_whichever_call_fails_a_resumed_run_loses_nothing(monkeypatch):
     while True:
         with one_failing(monkeypatch, which, errno.ESTALE) as made:
             try:
-                fill_blocks("out.h5", plan=SMALL, results=counted, resume=True)
+                fill_blocks("out.h5", plan=FOUR_BLOCKS, results=counted, resume=True)
             except SweepError:
                 refused += 1
         assert len(computed) <= 2, made[which]
@@ -86,7 +84,7 @@ def test_whichever_call_fails_a_resumed_run_loses_nothing(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("blocks", [2, None])
 def test_whichever_call_fails_a_reader_sees_all_that_is_there_or_is_refused(monkeypatch, blocks):
-    fill_blocks("out.h5", blocks, plan=SMALL)
+    fill_blocks("out.h5", blocks, plan=FOUR_BLOCKS)
     there, which = data("out.h5"), 0
     counts = kept_points(Path("out.h5"))
     made = [None]

@@ -15,12 +15,10 @@ import xarray as xr
 
 from sweeps.store import only_writer, sweep_writer
 from tests.helpers.sweep_files import data
-from tests.helpers.written_files import block_results, fill_blocks, schema
+from tests.helpers.written_files import FOUR_BLOCKS, block_results, fill_blocks
 
 #: The calls that change names or synchronize; each is a moment at which the power may be lost.
 CALLS = {os: ("open", "mkdir", "rmdir", "replace", "unlink", "fsync"), io: ("open",)}
-
-SMALL = schema(block_size=3, diagnostics=())
 
 
 class Disk:
@@ -121,7 +119,7 @@ def moments(monkeypatch, tmp_path):
         disk.watch(patch)
         for count in (2, None):
             with only_writer(Path("out.h5"), resume=True):
-                with sweep_writer("out.h5", SMALL, resume=True) as store:
+                with sweep_writer("out.h5", FOUR_BLOCKS, resume=True) as store:
                     for i, block in enumerate(store.pending()[:count], 4 - len(store.pending())):
                         clock[0] += (0.4, 1.1)[i % 2]
                         store.write(block, block_results(block))
@@ -135,7 +133,7 @@ def moments(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 def test_a_loss_of_power_at_any_moment_costs_no_block_of_more_than_a_second_ago(moments, tmp_path):
-    fill_blocks("whole.h5", plan=SMALL)
+    fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")
     tried = set()
     for number, moment in enumerate(moments):
@@ -164,5 +162,5 @@ def computed_after(folder):
         computed.append(block)
         return block_results(block)
 
-    fill_blocks(folder / "out.h5", plan=SMALL, results=counted, resume=True)
+    fill_blocks(folder / "out.h5", plan=FOUR_BLOCKS, results=counted, resume=True)
     return len(computed)
