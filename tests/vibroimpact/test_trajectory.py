@@ -185,6 +185,18 @@ def test_trajectories_of_many_are_those_of_each():
             assert np.isnan(out[name][i, len(log) :]).all()
 
 
+def test_a_motion_that_overflows_ends_in_rows_with_a_time_only():
+    """Euler at p T = 2 pi from 1e300, beside a motion that does not get as far."""
+    osc = Oscillator(0.0, 0.8, 2.5, 1.0, p=20.0)
+    points = np.concatenate([osc.at(-1e300), osc.at(-1.0)])
+    t, x, v = trajectories(points, scheme_of(points, "euler", "plain", 8), periods=2).values()
+    failed = np.isnan(x[0])
+    assert np.isfinite([x[1], v[1]]).all()
+    assert not failed[:8].any() and failed[-8:].all()
+    np.testing.assert_array_equal(np.isnan(v[0]), failed)
+    assert t[0, failed][0] < t[0, np.isfinite(t[0])][-1] == t[1, -1]
+
+
 # --- energy ---
 
 

@@ -55,7 +55,7 @@ class System(NamedTuple):
     """The data that do not change in an iteration."""
 
     values: np.ndarray  # parameters of the oscillator, (7,); those of `free` are taken from X
-    free: np.ndarray  # indices of the free parameters, (k,), k <= 2
+    free: np.ndarray  # indices of the free parameters, (k,); k <= 2 in an iteration, else k <= 7
     spans: np.ndarray  # their units in X, (k,)
     m: int  # forcing periods
     q: int  # impacts

@@ -39,15 +39,27 @@ _NO_LIMIT = sys.maxsize
 
 @jit
 def _put(log, n, kind, t, x, v):
-    """Write a row if there is room; return the number of rows, written or not."""
-    if n < log.shape[0]:
-        log[n, 0], log[n, 1], log[n, 2], log[n, 3] = kind, t, x, v
+    """Write a row if there is room; return the number of rows, written or not.
+
+    Its columns have the shape (3, rows), or (4, rows) if the kind is logged, too. After a failure x
+    and v are NaN.
+    """
+    if n < log.shape[1]:
+        failed = not (math.isfinite(x) and math.isfinite(v))
+        log[-3, n] = t
+        log[-2, n], log[-1, n] = (math.nan, math.nan) if failed else (x, v)
+        if log.shape[0] > 3:
+            log[0, n] = kind
     return n + 1
 
 
 @jit
 def _put_events(log, n, events, n_events, t, t_T, T, pt):
-    """Write the events of a step that began at `t`; an impact gives a row before and one after."""
+    """Write the events of a step that began at `t`; an impact gives a row before and one after.
+
+    Return the number of rows, and whether the last is the state after an impact at the end `t_T`.
+    """
+    at_end = False
     for k in range(n_events):
         at = t_T if events[k, TIME] == T else t + events[k, TIME]
         kind = events[k, KIND]
@@ -55,7 +67,8 @@ def _put_events(log, n, events, n_events, t, t_T, T, pt):
         n = _put(log, n, kind, at, events[k, DISPLACEMENT], v)
         if kind == IMPACT:
             n = _put(log, n, _STATE, at, pt.clearance, -pt.R * v)
-    return n
+        at_end = kind == IMPACT and at == t_T
+    return n, at_end
 
 
 @jit
@@ -85,7 +98,8 @@ class TraceJob(NamedTuple):
     first: int  #: Number of the section at which the clock begins.
     every: int  #: Of so many states of the grid one is logged.
     most_rows: int  #: A motion with more rows ends within a step.
-    #: Receives the rows for which there is room: kind, t, x, v. Shape (n, rows, 4).
+    #: Receives the rows for which there is room: t, x, v, or kind, t, x, v. Shape (3, n, rows) or
+    #: (4, n, rows). Shorter logs end in NaN.
     logs: np.ndarray
     #: Receives the number of rows that a log needs, and the status, shape (n, 2). The status of a
     #: motion that ends early is ``PENDING``.
@@ -97,7 +111,7 @@ class TraceJob(NamedTuple):
 @specialised
 def _trace(job, i, prepare, take):
     """Run a point as the kernel's lanes do, and log its motion; return its rows and its status."""
-    pt, log = job.points[i], job.logs[i]
+    pt, log = job.points[i], job.logs[:, i]
     first, every, periods = job.first, job.every, job.periods
     scratch, (method, lead, grid) = new_scratch(), job.scheme
     rule = method[0]
@@ -129,10 +143,9 @@ def _trace(job, i, prepare, take):
             if last:
                 state = to_state(rule, x, v, state[2], pt)
             t_T = (2.0 * math.pi * (first + k) + grid.table[THETA, n + 1]) / pt.omega
-            rows = _put_events(log, rows, scratch.events, n_events, t, t_T, T, pt)
+            rows, at_end = _put_events(log, rows, scratch.events, n_events, t, t_T, T, pt)
             if (k * size + n + 1) % every == 0:
-                in_log = 0 < rows <= log.shape[0]
-                if in_log and log[rows - 1, 0] == _STATE and log[rows - 1, 1] == t_T:
+                if at_end:
                     rows -= 1  # replace the state after an impact at the end of the step
                 rows = _put(log, rows, SECTION if last else _STATE, t_T, x, v)
             t = t_T
@@ -148,7 +161,9 @@ def _trace_points(job, prepare, take):
     """
     i = claim(job.claimed)
     while i < job.points.size:  # terminates: the counter only rises
-        job.outcomes[i, 0], job.outcomes[i, 1] = _trace(job, i, prepare, take)
+        rows, status = _trace(job, i, prepare, take)
+        job.outcomes[i, 0], job.outcomes[i, 1] = rows, status
+        job.logs[:, i, rows:] = math.nan
         i = claim(job.claimed)
 
 
@@ -176,22 +191,23 @@ def _logged(
     extent: tuple[int, int, int, int],
     threads: int,
     interrupt: np.ndarray | None,
-    longest: int,
+    room: tuple[int, int],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Log motions with room for `longest` rows at first; return their logs and outcomes.
+    """Log motions with `room` at first: columns and rows; return their logs and outcomes.
 
     `extent` holds `periods`, `first`, `every` and `most_rows` of the job.
     """
     n, run = points.size, _trace_exact if scheme.method[0] == EXACT else _trace_steps
     interrupt = np.zeros(1, np.int64) if interrupt is None else interrupt
-    logs, outcomes = np.empty((n, 0, 4)), np.zeros((n, 2), np.int64)
+    columns, longest = room
+    logs, outcomes = np.empty((columns, n, 0)), np.zeros((n, 2), np.int64)
     points = with_one_force(points)
-    while longest > logs.shape[1]:  # terminates: the second pass needs as many rows as the first
-        logs, claimed = np.empty((n, longest, 4)), np.zeros(1, np.int64)
+    while longest > logs.shape[2]:  # terminates: the second pass needs as many rows as the first
+        logs, claimed = np.empty((columns, n, longest)), np.zeros(1, np.int64)
         job = TraceJob(points, scheme, *extent, logs, outcomes, claimed, interrupt)
         on_threads(threads, interrupt, compiled(run, job), job)
         longest = int(outcomes[:, 0].max())
-    return logs[:, :longest], outcomes
+    return logs[:, :, :longest], outcomes
 
 
 def trace(
@@ -213,15 +229,14 @@ def trace(
     """
     if periods * (scheme.grid.size // every) > most_rows:
         return np.empty((0, 4)), Status.PENDING
-    extent, longest = (periods, first, every, most_rows), _rows_at_first(scheme, periods, every)
-    (log,), ((_, status),) = _logged(points, scheme, extent, 1, interrupt, longest)
+    extent, room = (periods, first, every, most_rows), (4, _rows_at_first(scheme, periods, every))
+    logs, ((_, status),) = _logged(points, scheme, extent, 1, interrupt, room)
+    log = logs[:, 0].T
     if status == Status.PENDING:
         return log, Status.PENDING
-    failed = ~np.isfinite(log[:, 2:]).all(axis=1)
-    log[failed, 2:] = np.nan
     done = Status.CERTIFIED if scheme.method[0] == EXACT else Status.COMPUTED
     outcome = Status(max(done, status))
-    if failed.any() and not outcome.failed:
+    if np.isnan(log[:, 2]).any() and not outcome.failed:
         outcome = Status.NON_FINITE
     return log, outcome
 
@@ -246,10 +261,6 @@ def trajectories(
     extent, n = (periods, first, every, _NO_LIMIT), points.size
     threads = min(ALL_THREADS if threads is None else threads, n)
     longest = _rows_at_first(scheme, periods, every, events) if n else 0
-    logs, outcomes = _logged(points, scheme, extent, threads, interrupt, longest)
-    t, x, v = (logs[:, :, k].copy() for k in (1, 2, 3))
-    failed = ~(np.isfinite(x) & np.isfinite(v))
-    x[failed] = v[failed] = math.nan
-    beyond = np.arange(logs.shape[1]) >= outcomes[:, :1]
-    t[beyond] = x[beyond] = v[beyond] = math.nan
-    return {"trajectory_t": t, "trajectory_x": x, "trajectory_v": v}
+    logs, _ = _logged(points, scheme, extent, threads, interrupt, (3, longest))
+    names = "trajectory_t", "trajectory_x", "trajectory_v"
+    return dict(zip(names, logs, strict=True))
