@@ -28,17 +28,24 @@ EARLY = [
         "vibroimpact/test_branches.py",
         "vibroimpact/test_diagnostics.py",
         "sweeps/explorer/test_page.py",
-        "sweeps/analysis/test_bifurcations.py",
         "vibroimpact/test_jit.py",
-        "sweeps/cli/test_commands.py",
-        "sweeps/analysis/test_integrity.py",
+        "sweeps/plotting/test_pictures.py",
+        "sweeps/analysis/test_bifurcations.py",
         "sweeps/engine/test_kill.py",
-        "sweeps/cli/test_environment.py",
-        "sweeps/analysis/test_exact_branches.py",
+        "sweeps/cli/test_cluster.py",
+        "sweeps/analysis/test_integrity.py",
         "sweeps/engine/test_cluster.py",
+        "sweeps/cli/test_commands.py",
+        "sweeps/cli/test_systems.py",
+        "sweeps/cli/test_environment.py",
     )
 ]
 assert all(path.exists() for path in EARLY)
+
+
+def pytest_xdist_auto_num_workers(config):
+    """Return the number of processes for ``-n auto``: one also works while another waits."""
+    return len(os.sched_getaffinity(0)) + 1 if hasattr(os, "sched_getaffinity") else None
 
 
 def pytest_collection_modifyitems(config, items):
