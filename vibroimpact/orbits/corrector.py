@@ -147,13 +147,19 @@ def _condition(system, X):
 
 
 @jit
+def determinant(h, R, omega, m, q):
+    """Return the product of both Floquet multipliers: R^(2q) exp(-4 pi h m / omega)."""
+    return R ** (2.0 * q) * math.exp(-4.0 * math.pi * h * m / omega)
+
+
+@jit
 def multipliers(system, X, parts):
     """Set the real and the imaginary parts of both multipliers, the larger first, (4,)."""
     _, A, B = linearised(system, X)
     _, c1, c2 = characteristic(A, B)
     trace = -c1 / c2 if c2 != 0.0 else math.inf
     p = parameters_at(system, X)
-    product = p[1] ** (2.0 * system.q) * math.exp(-4.0 * math.pi * p[0] * system.m / p[2])
+    product = determinant(p[0], p[1], p[2], system.m, system.q)
     discriminant = trace * trace - 4.0 * product
     root = math.copysign(math.sqrt(abs(discriminant)), trace)
     if discriminant < 0.0:

@@ -13,12 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, System
+from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, System, determinant
 from vibroimpact.orbits.flights import values_of
 from vibroimpact.orbits.orbit import (
     Orbits,
     PeriodicOrbit,
-    determinant,
     orbit_of,
     system_of,
     unit_of_speed,
@@ -240,7 +239,8 @@ class OrbitFamily:
         values[self.system.free] = self.values(point.X)
         h, R, omega, *_ = values
         flip, fold = point.tests[0, -2:]
-        return bool(flip * fold > 0.0 and determinant(h, R, omega, self.m, self.q) < 1.0)
+        product = determinant.py_func(h, R, omega, self.m, self.q)  # not worth compiling
+        return bool(flip * fold > 0.0 and product < 1.0)
 
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
         """Return the point X of a path that has this tangent."""

@@ -172,11 +172,6 @@ class Orbits(NamedTuple):
         return found
 
 
-def determinant(h: float, R: float, omega: float, m: int, q: int) -> float:
-    """Return the determinant of the monodromy matrix of an orbit m/q."""
-    return R ** (2 * q) * math.exp(-4.0 * math.pi * h * m / omega)
-
-
 def orbit_of(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
     """Return the orbit with these impacts, shifted so that the first is in [0, 2 pi)."""
     turns = np.floor(phases / (2.0 * math.pi))
