@@ -17,7 +17,7 @@ from vibroimpact.orbits.unknowns import phase_at, speed_at
 
 # The tasks of ``_do``.
 (
-    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _STATES, _LINEARISED,
+    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _STATE, _LINEARISED,
     _CHARACTERISTIC, _NULL_VECTOR, _CORRECT_EACH, _SECTIONS, _MULTIPLIERS,
 ) = range(13)  # fmt: skip
 _NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
@@ -41,8 +41,8 @@ def _do(task, system, here, there, rows, count, number, results):
         results[0] = detection.may_miss(system, here, there, number)
     elif task == _HALVES:
         results[0] = detection.halves_apart(X, system.m, system.q)
-    elif task == _PENETRATION or task == _STATES:
-        _follow(task, system, X, rows, results)
+    elif task == _PENETRATION or task == _STATE:
+        _follow(task, system, X, count, number, results)
     elif task >= _CORRECT_EACH:
         _do_each(task, system, tests, rows, count, number, results)
     else:
@@ -65,18 +65,14 @@ def _do_each(task, system, points, rows, count, number, results):
 
 
 @jit
-def _follow(task, system, X, rows, results):
+def _follow(task, system, X, i, tau, results):
     """Do a task for which flights are followed."""
     values, m, speed, q = corrector.parameters_at(system, X), system.m, system.speed, system.q
     if task == _PENETRATION:
-        flight, phase, highest = flights.first_penetration(values, m, speed, X, q)
-        results[0], results[1], results[2] = flight, phase, highest
+        results[0], results[1], results[2] = flights.first_penetration(values, m, speed, X, q)
     else:
-        for k in range(rows.shape[0]):
-            i = int(rows[k, 0])
-            theta, v = X[phase_at(i)], X[speed_at(i)] * speed
-            y, u, a = flights.state_after(values, theta, v, rows[k, 1])
-            results[3 * k], results[3 * k + 1], results[3 * k + 2] = y, u, a
+        theta, v = X[phase_at(i)], X[speed_at(i)] * speed
+        results[0], results[1], results[2] = flights.state_after(values, theta, v, tau)
 
 
 @jit
@@ -165,9 +161,9 @@ def first_penetration(system: System, X: np.ndarray) -> tuple[int, float, float]
     return int(flight), phase, highest
 
 
-def states_after(system: System, X: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Do what ``flights.state_after`` does, for rows of impact and time after it; shape (n, 3)."""
-    return _done(_STATES, system, _at(X), 3 * len(after), rows=after).reshape(-1, 3)
+def state_after(system: System, X: np.ndarray, i: int, tau: float) -> np.ndarray:
+    """Return what ``flights.state_after`` does, for a time after impact i, shape (3,)."""
+    return _done(_STATE, system, _at(X), 3, count=i, number=tau)
 
 
 def sections(system: System, X: np.ndarray, phase: float) -> np.ndarray:

@@ -242,7 +242,7 @@ def _with_touch(
     omega, theta = family.oscillator(X).omega, z[at, 0]
     tau = (reason.where - theta) / omega
     for _ in range(20):
-        _, u, a = calls.states_after(family.system, X, np.array([[at, tau]]))[0]
+        _, u, a = calls.state_after(family.system, X, at, tau)
         if abs(u / a) < 1e-12 * tau:
             break
         tau -= u / a
