@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from tests.helpers.kernel_cases import random_points
+from tests.helpers.oscillators import random_oscillators
+from vibroimpact import Oscillator
 from vibroimpact.kernel.integrate import Length, run_points
+from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.scheme import scheme_of
 
@@ -46,3 +49,44 @@ def test_units_change_no_bit(integrator, rule, rate):
     for name, values in run(points, integrator, rule).items():
         expected = in_units(results[name], name, rate, length)
         np.testing.assert_array_equal(values, expected, err_msg=name)
+
+
+def test_natural_units_are_near_those_of_the_motion():
+    """The extent f / (omega^2 + 2 h omega + p^2) = 10 / 16 is 1.25 L, and omega = 1 / T."""
+    osc = Oscillator(h=1.0, R=0.5, omega=2.0, f=10.0, p=8.0**0.5)
+    points = np.concatenate([osc.at(), osc.at(-1.0, 3.0)])
+    points["omega"][0], points["f"][0] = 1.5, 1.0
+    units = NaturalUnits.of(points)
+    assert units == (-1, -1)
+    inside = units.points_into(points)
+    assert [inside[name][1] for name in ("omega", "f", "x0", "v0")] == [1.0, 5.0, -2.0, 3.0]
+    points["clearance"] = -3.0
+    assert NaturalUnits.of(points).length == 1
+
+
+@pytest.mark.parametrize("exponents", [(-900, 0), (40, 20), (-40, -20), (0, 500), (-300, -300)])
+def test_natural_oscillators_do_not_depend_on_the_units(exponents):
+    other = NaturalUnits(*exponents)
+    for osc, _ in random_oscillators(40, 3):
+        scaled = other.oscillator_into(osc)
+        natural, same = (NaturalUnits.of(o.at(o.clearance)) for o in (osc, scaled))
+        assert natural.oscillator_into(osc) == same.oscillator_into(scaled)
+        assert other.oscillator_out_of(scaled) == osc
+        assert 1.0 <= natural.oscillator_into(osc).omega < 2.0
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"f": 1e308, "h": 1e300, "omega": 1e-300},
+        {"f": 0.0, "a": 1e-310, "omega": 1e300, "p": 1e-300},
+        {"f": 0.0, "a": 0.0},
+        {"f": 0.0, "a": 0.0, "clearance": -1e308},
+        {"f": 1e-320, "p": 1e300},
+    ],
+)
+def test_natural_units_of_extreme_numbers_are_numbers(values):
+    points = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0).at()
+    for name, value in values.items():
+        points[name] = value
+    assert abs(NaturalUnits.of(points).length) < 10_000
