@@ -83,7 +83,8 @@ def plot(
     at : mapping of str to float, optional
         Values of the swept axes that are not drawn. The nearest grid value is used; the default is
         the first. If an axis was followed up and down, ``direction`` selects one direction; by
-        default a `bifurcation` shows both, and other pictures show the first.
+        default a `bifurcation` without a color and `attractors` show both, and other pictures show
+        the first.
     page : Page, optional
         Size, title and limits.
     command : str
@@ -190,12 +191,14 @@ def silent_cuts(
     kind: str,
     at: Selection | None = None,
     axes: Sequence[str] = (),
-    color: object = None,
+    color: str | None = None,
 ) -> dict[str, float | str]:
     """Return the swept axes that a picture cuts without being asked, with their first values."""
-    if color is not None and not KINDS[kind].axes:  # sections of all points
-        return {}
-    fixed = {*KINDS[kind].shown, *(at or {}), *axes}
+    shown = {*KINDS[kind].shown}
+    if color is not None:
+        shown |= set() if KINDS[kind].axes else {*swept_axes(dataset)}  # sections of all points
+        shown = shown - {DIRECTION} | {DIRECTION} & {color}
+    fixed = {*shown, *(at or {}), *axes}
     left = [str(name) for name in dataset["status"].dims if name not in fixed]
     axes_left = [name for name in left if name != DIRECTION]
     longest = sorted(axes_left, key=lambda name: -dataset.sizes[name])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -30,6 +31,7 @@ from sweeps.plotting.labels import (
     as_variable,
     basins_title,
     equation,
+    followed,
     label_axis,
     record_text,
 )
@@ -41,6 +43,7 @@ from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import PARTIAL, Look
 from sweeps.plotting.styled import styled
 from sweeps.reports.attractors import classes, shown_speeds
+from sweeps.store import DIRECTION
 from sweeps.text import choice_of, listed, shown_count
 from vibroimpact.points.regimes import NO_CLASS, Regime
 
@@ -205,7 +208,7 @@ def attractor_diagram(
     if COORDINATES[coordinate].dimension == "impact":
         masks[PARTIAL] = shows_part(line.transpose(axis, ...)).ravel()
     canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks)
-    title = f"{CLASSES_TITLE}\n{shown_count(status.shape[1], 'start')} at each value"
+    title = f"{CLASSES_TITLE}\n{_starts_at_each(line)}"
     record = record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, legend_title=title, record=record)
     if page.grey:
@@ -213,6 +216,15 @@ def attractor_diagram(
         named = [one for one in series if one.rows[0].regime is Regime.PERIODIC]
         name_lines(panel, [(classes(one.rows), one.points) for one in named])
     return figure
+
+
+def _starts_at_each(line: xr.Dataset) -> str:
+    """Say how many motions there are at each value of the axis, and whether both ways."""
+    starts = math.prod(line.sizes[name] for name in ("x0", "v0") if name in line["status"].dims)
+    text = f"{shown_count(starts, 'start')} at each value"
+    if DIRECTION not in line["status"].dims:
+        return text
+    return followed(line) if starts == 1 else f"{text}, {followed(line)}"
 
 
 class _Series(NamedTuple):

@@ -14,8 +14,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_hex, to_rgba
 from matplotlib.patches import Patch
 
-from sweeps.analysis.cuts import Selection, select
+from sweeps.analysis.cuts import Selection, directions, select
+from sweeps.analysis.dataset import config_of
 from sweeps.analysis.regimes import classes_of
+from sweeps.config.rig import parameter_of
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
@@ -25,6 +27,7 @@ from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
     BLUE,
     CLASSES,
+    DIRECTION_COLOURS,
     EVIDENCE,
     GREY_CLASSES,
     GREY_OTHER,
@@ -41,6 +44,7 @@ from sweeps.plotting.style import (
     WHITE,
     Look,
 )
+from sweeps.store import DIRECTION
 from vibroimpact.points.regimes import NO_CLASS, Regime, has_result
 from vibroimpact.status import Status
 
@@ -229,15 +233,47 @@ def paint(cut: xr.Dataset, name: str, *, dots: bool = False, grey: bool = False)
 def coloured_points(
     dataset: xr.Dataset, at: Selection | None, color: Wanted
 ) -> tuple[xr.Dataset, Paint]:
-    """Return the points that `at` leaves and their colours; refuse a single point."""
-    dataset, name = with_number(dataset, color)
-    left = [str(axis) for axis in dataset["status"].dims if axis not in (at or {})]
-    points = select(dataset, at, free=left)
+    """Return the points that `at` leaves and their colours; refuse a single point.
+
+    They are of one direction, by default the first, unless the colours tell the directions apart.
+    """
+    of_directions = colours_directions(dataset, color)
+    if not of_directions:
+        dataset, color = with_number(dataset, color)
+    left = {*dataset["status"].dims} - {*(at or {}), *(() if of_directions else (DIRECTION,))}
+    points = select(dataset, at, free=[*map(str, left)])
     if points["status"].size == 1:
-        raise Refused("a color tells several motions apart, and only one point is left")
-    shown = paint(points, name, dots=True)
+        both = f"; color = {DIRECTION} shows both directions" if directions(dataset) else ""
+        raise Refused(f"a color tells several motions apart, and only one point is left{both}")
+    shown = _paint_directions(points) if of_directions else paint(points, str(color), dots=True)
     refuse_without_result(points["status"].values)
     return points, shown
+
+
+def colours_directions(dataset: xr.Dataset, color: Wanted) -> bool:
+    """Whether colours are to tell apart the two directions in which an axis was followed."""
+    return bool(directions(dataset)) and isinstance(color, str) and color == DIRECTION
+
+
+def direction_names(dataset: xr.Dataset) -> tuple[str, str]:
+    """Return the names of the two directions for a legend, with the symbol of the followed axis."""
+    follow, rig = config_of(dataset).follow, config_of(dataset).rig
+    assert follow is not None
+    symbol = parameter_of(follow.axis, rig).symbol
+    return rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
+
+
+def _paint_directions(points: xr.Dataset) -> Paint:
+    """Return the colours of the directions of points."""
+    way, status = points[DIRECTION].broadcast_like(points["status"]), points["status"]
+    result = has_result(status.values)
+    looks = zip(("up", "down"), direction_names(points), DIRECTION_COLOURS, strict=True)
+    cells = [
+        Cells(text, colour, result & (way.transpose(*status.dims).values == name))
+        for name, text, colour in looks
+    ]
+    nothing = np.ma.masked_all(status.shape, float)
+    return Paint(points[DIRECTION], cells, nothing, Normalize(), mpl.colormaps["cividis"])
 
 
 def _cells_of_few(

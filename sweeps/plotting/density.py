@@ -66,18 +66,18 @@ def draw_density(
     values: np.ndarray,
     ways: Sequence[xr.Dataset],
     coordinate: str,
-    colours: Sequence[np.ndarray] = (),
+    tint: np.ndarray | None = None,
 ) -> None:
     """Draw the share of each column's points in each of its pixels, with a colour bar.
 
     Call this last, because the pixels are those of the finished panel in a PNG. A column is one of
     the `values` of the axis, or one pixel wide if there are more values than pixels. With two
     directions, the colour of a pixel tells which direction has points in it, or that both have.
-    If the `colours` of the points of each way are given, a pixel has the colour of a point in it.
+    If the colours of the points are given, shape (n, 4), a pixel has that of a point in it.
     """
     figure = canvas.figure_of(panel)
     ramps = [_RAMP] if len(ways) == 1 else _DIRECTION_RAMPS
-    if not colours:
+    if tint is None:
         bar = figure.colorbar(ScalarMappable(_NORM, ramps[-1]), ax=panel, pad=0.01, aspect=40)
         bar.set_label("share of the points of a column")
     figure.draw_without_rendering()  # computes the layout
@@ -93,10 +93,9 @@ def draw_density(
         x_edges = (np.geomspace if log else np.linspace)(in_view[0], in_view[-1], columns + 1)
     y_edges = np.linspace(low, high, rows + 1)
     pixels = [_Pixels(way, coordinate, values, x_edges, y_edges) for way in ways]
-    if colours:
-        for one, of_points in zip(pixels, colours, strict=True):
-            image = np.append(of_points, np.zeros((1, 4)), axis=0)[one.owners()]
-            panel.pcolormesh(x_edges, y_edges, image.swapaxes(0, 1), rasterized=True)
+    if tint is not None:
+        image = np.append(tint, np.zeros((1, 4)), axis=0)[pixels[0].owners()]
+        panel.pcolormesh(x_edges, y_edges, image.swapaxes(0, 1), rasterized=True)
         return
     shares = [one.shares() for one in pixels]
     if len(shares) == 2:

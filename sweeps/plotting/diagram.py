@@ -16,7 +16,7 @@ from sweeps.analysis.dataset import config_of
 from sweeps.analysis.regimes import approaching, classify
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import Paint, paint
+from sweeps.plotting.colours import Paint, colours_directions, direction_names, paint
 from sweeps.plotting.density import draw_density, value_range
 from sweeps.plotting.directions import agreeing, draw_jumps
 from sweeps.plotting.exact import draw_branches, name_parts
@@ -57,7 +57,7 @@ def bifurcation(
     motions on their way to m/q; over impacts, so are those of which less than a
     repetition was kept, and the title says how many impacts are left out. If the axis was followed
     both ways, values that both ways have are dark, and an arrow leads from the end of a motion to
-    the next one.
+    the next one; with `color`, only one direction is drawn, by default the first.
 
     Parameters
     ----------
@@ -73,7 +73,8 @@ def bifurcation(
         from the Dataset, with ``long_name`` and ``units``; each gets a panel below the diagram.
     color : str or DataArray, optional
         What colours the points, as for `below`; ``period`` gives the classes the colours of a map.
-        By default the colours tell directions apart, if the axis was followed in both.
+        By default the colours tell directions apart (``direction``), if the axis was followed in
+        both.
 
     Examples
     --------
@@ -90,9 +91,11 @@ def bifurcation(
     for wanted in [below] if isinstance(below, str | xr.DataArray) else below:
         dataset, name = with_number(dataset, wanted)
         names.append(name)
-    if color is not None:
+    if color is not None and not colours_directions(dataset, color):
         dataset, tint = with_number(dataset, color)
     line, axis, coordinate = select_line(dataset, axes, at, coordinate)
+    if tint is not None:
+        line = split_directions(line)[0]
     _check(dataset, axis, exact, names)
     shown = None if tint is None else paint(line, tint, dots=True)
     drawn = _Drawn.of(line, axis, coordinate, shown)
@@ -133,7 +136,7 @@ def bifurcation(
     record = record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, [*others, *of_parts], title, record)
     if drawn.dense:
-        draw_density(panel, drawn.values, drawn.ways, coordinate, drawn.tints)
+        draw_density(panel, drawn.values, drawn.ways, coordinate, drawn.tint)
     return figure
 
 
@@ -167,17 +170,17 @@ class _Drawn(NamedTuple):
     coordinate: str
     values: np.ndarray
     ways: list[xr.Dataset]
-    tints: list[np.ndarray]  # colours of the points of each way, shape (n, 4), if any are chosen
+    tint: np.ndarray | None  # colours of the points, shape (n, 4), if chosen
     dense: bool
 
     @classmethod
     def of(cls, line: xr.Dataset, axis: str, coordinate: str, shown: Paint | None) -> Self:
         """Split a line into its directions."""
         values, ways = line[axis].values, split_directions(line)
-        tints = [] if shown is None else [*shown.colours().reshape(len(ways), len(values), 4)]
+        tint = None if shown is None else shown.colours()
         computed = int(has_result(line["status"].values).sum())
         dense = computed * line.sizes[COORDINATES[coordinate].dimension] > DENSITY_FROM
-        return cls(line, axis, coordinate, values, ways, tints, dense)
+        return cls(line, axis, coordinate, values, ways, tint, dense)
 
     def draw_points(self, panel: Axes) -> tuple[float, float]:
         """Draw markers, or make room for a density; return the range of the ordinates."""
@@ -189,7 +192,7 @@ class _Drawn(NamedTuple):
             panel.autoscale_view()
         else:
             self._mark(panel, self._records())
-        if len(self.ways) > 1 and not self.tints:
+        if len(self.ways) > 1:
             self._name_directions(panel)
         return low, high
 
@@ -206,11 +209,12 @@ class _Drawn(NamedTuple):
 
     def _mark(self, panel: Axes, records: Sequence[np.ndarray], **look: float) -> None:
         """Draw values of each direction, shape (n, k); those of both have a colour of their own."""
-        colours: Sequence[str | np.ndarray] = self.tints or DIRECTION_COLOURS
-        if len(self.ways) == 2:  # thin, so that both directions are seen
-            look = {"most": 1.6} | look
+        colours: Sequence[str | np.ndarray] = DIRECTION_COLOURS
+        if self.tint is not None:
+            colours = [self.tint]
         parts = [(y, np.isfinite(y), of) for y, of in zip(records, colours, strict=False)]
-        if len(parts) == 2 and not self.tints:
+        if len(parts) == 2:
+            look = {"most": 1.6} | look  # thin, so that both directions are seen
             both = agreeing(*records)
             apart = [(y, finite & ~b, of) for (y, finite, of), b in zip(parts, both, strict=True)]
             parts = [(y, b, BOTH_COLOUR) for y, b in zip(records, both, strict=True)] + apart
@@ -222,8 +226,7 @@ class _Drawn(NamedTuple):
 
     def _name_directions(self, panel: Axes) -> None:
         """Add the colours of the directions to the legend, with the symbol of the axis."""
-        symbol = self.line[self.axis].attrs["symbol"]
-        texts = rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$", "both"
+        texts = *direction_names(self.line), "both"
         for text, colour in zip(texts, (*DIRECTION_COLOURS, BOTH_COLOUR), strict=True):
             marker = "s" if self.dense else "o"
             panel.plot([], [], marker, color=colour, markersize=4, label=text)
@@ -232,9 +235,8 @@ class _Drawn(NamedTuple):
         """Draw an arrow where a motion that was followed ends, unless a density is drawn."""
         if len(self.ways) == 2 and not self.dense:
             order = np.argsort(self.values)
-            colours = ("black", "black") if self.tints else DIRECTION_COLOURS
             up, down = (record[order] for record in self._records())
-            draw_jumps(panel, self.values[order], up, down, colours)
+            draw_jumps(panel, self.values[order], up, down, DIRECTION_COLOURS)
 
     def mark_points(self, panel: Axes) -> None:
         """Mark points that failed, are on their way to m/q, or show only part of a repetition."""
@@ -263,7 +265,7 @@ class _Drawn(NamedTuple):
             self._mark(panel, [y[:, [exponent]] for y in columns], size=size, alpha=alpha)
         if name == "lyapunov":
             panel.axhline(0.0, color="black", linewidth=0.6, zorder=1)
-            is_plain = len(self.ways) == 1 and not self.tints
+            is_plain = len(self.ways) == 1 and self.tint is None
             colour = DIRECTION_COLOURS[0] if is_plain else BOTH_COLOUR
             for text, alpha in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
                 panel.plot([], [], "o", color=colour, alpha=alpha, markersize=4, label=text)

@@ -137,14 +137,21 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
         if not drawn[name].dims and float(drawn[name]) != usual[name]
     ]
     if config.follow is not None and DIRECTION not in drawn.dims:  # else it is in the legend
-        ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.follow.directions
-        symbol = parameter_of(config.follow.axis, config.rig).symbol
-        parts.append(f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$")
+        parts.append(followed(drawn))
     parts.append(record_text(drawn) if record is None else record)
     if not drawn["status"].dims and is_remarkable(status := Status(int(drawn["status"]))):
         parts.append(status.meaning)
     name = config.name.replace("$", r"\$")
     return f"{name}\n{', '.join(parts)}"
+
+
+def followed(drawn: xr.Dataset) -> str:
+    """Write in which directions, and along which axis, the motions of a picture were followed."""
+    config = config_of(drawn)
+    assert config.follow is not None
+    ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.follow.directions
+    symbol = parameter_of(config.follow.axis, config.rig).symbol
+    return f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$"
 
 
 def log_spaced(values: np.ndarray) -> bool:

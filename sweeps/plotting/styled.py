@@ -26,7 +26,8 @@ from vibroimpact.step.scheme import MOST_RECORDED
 _COMMON = """\
 at : mapping of str to float, optional
     Values of the swept axes that are not drawn. The nearest grid value is used; the default is the
-    first. If an axis was followed both ways, ``direction`` selects one direction.
+    first. If an axis was followed both ways, ``direction`` selects one direction; by default, a
+    picture that does not tell both apart shows the first.
 page : Page, optional
     Size, title, limits and look.
 ax : Axes, optional

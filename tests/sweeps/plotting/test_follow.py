@@ -7,9 +7,18 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 
 from sweeps import load_config, open_sweep, run_sweep
+from sweeps.analysis.cuts import several
 from sweeps.analysis.exact_branches import branches
 from sweeps.errors import Refused
-from sweeps.plotting import bifurcation, diagram, plot, section, trajectory
+from sweeps.plotting import (
+    attractor_diagram,
+    bifurcation,
+    diagram,
+    impacts,
+    plot,
+    section,
+    trajectory,
+)
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_COLOURS
 from tests.helpers.commands import call
@@ -86,19 +95,17 @@ def test_neither_direction_hides_the_other(dataset):
 
 @pytest.mark.slow
 def test_an_arrow_leads_from_the_end_of_each_motion_to_the_next(dataset):
-    """Up beyond the fold at 1.6504, down below the graze at 1.2861; black with other colours."""
+    """Up beyond the fold at 1.6504, down below the graze at 1.2861."""
     omega, x = dataset["omega"].values, dataset["poincare_x"].isel(h=0, section=-1)
     fold, graze = np.searchsorted(omega, [1.6504, 1.2861])
     expected = [("up", fold - 1, fold, UP), ("down", graze, graze - 1, DOWN)]
-    for color in (None, "period"):
-        arrows = bifurcation(dataset, color=color).axes[0].texts
-        assert len(arrows) == 2
-        for arrow, (way, start, stop, colour) in zip(arrows, expected, strict=True):
-            motion = x.sel(direction=way).values
-            assert arrow.xyann == pytest.approx((omega[start], motion[start]), rel=1e-3)
-            assert arrow.xy == pytest.approx((omega[stop], motion[stop]), rel=1e-3)
-            seen = to_hex(arrow.arrow_patch.get_edgecolor()).upper()
-            assert seen == ("#000000" if color else colour)
+    arrows = bifurcation(dataset).axes[0].texts
+    assert len(arrows) == 2
+    for arrow, (way, start, stop, colour) in zip(arrows, expected, strict=True):
+        motion = x.sel(direction=way).values
+        assert arrow.xyann == pytest.approx((omega[start], motion[start]), rel=1e-3)
+        assert arrow.xy == pytest.approx((omega[stop], motion[stop]), rel=1e-3)
+        assert to_hex(arrow.arrow_patch.get_edgecolor()).upper() == colour
 
 
 def test_neither_direction_hides_the_other_below(dataset):
@@ -138,6 +145,53 @@ def test_what_shows_one_branch_shows_the_way_up(dataset):
                         if isinstance(m, QuadMesh)]) for one in maps)  # fmt: skip
     np.testing.assert_array_equal(default, up)
     assert (up != down).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["up", "down"])
+def test_a_colour_shows_the_motions_of_one_direction(dataset, way):
+    """At 1.5, up is 1/1 and down is 1/0 in free oscillation: one state at the section each."""
+    at = {} if way == "up" else {"direction": way}
+    one = dataset.sel(omega=[1.5], method="nearest").isel(h=0)
+    x = one["poincare_x"].sel(direction=way).values.ravel()
+    some = several(dataset, {"omega": [1.4, 1.5]})
+    states = section(some, at={"h": 0.05} | at, color="omega")
+    (drawn,) = states.axes[0].collections
+    places = drawn.get_offsets()[:, 0]
+    assert len(places) == 2 * dataset.sizes["section"] and set(x) <= set(places)
+    motions = trajectory(some, at={"h": 0.05} | at, color="omega")
+    assert len(motions.axes[0].lines) == 3  # one of each frequency, and the stop
+    colours = bifurcation(dataset, at=at, color="period")
+    assert colours.axes[0].collections[0].get_offsets().shape[0] == dataset["poincare_x"][0, 0].size
+    for figure in (states, motions, colours):
+        assert f"followed {way} along $\\omega$" in figure.get_suptitle()
+
+
+@pytest.mark.slow
+def test_colours_tell_the_directions_apart(dataset):
+    at = {"omega": 1.5, "h": 0.05}
+    figures = [draw(dataset, at=at, color="direction") for draw in (section, trajectory, impacts)]
+    (points,) = figures[0].axes[0].collections
+    seen = {to_hex(rgba).upper(): x for x, rgba in zip(points.get_offsets()[:, 0],
+            points.get_facecolors(), strict=True)}  # fmt: skip
+    for colour, way in ((UP, "up"), (DOWN, "down")):
+        expected = dataset["poincare_x"].sel(direction=way, omega=1.5, h=0.05).values[-1]
+        assert seen[colour] == pytest.approx(expected, rel=1e-6)
+    assert [to_hex(line.get_color()).upper() for line in figures[1].axes[2].lines[:2]] == [UP, DOWN]
+    for figure in figures:
+        assert texts(figure)[:2] == [r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"]
+    (points, _), (usual, _) = (
+        markers(bifurcation(dataset, color=color).axes[0]) for color in ("direction", None)
+    )
+    assert points.keys() == usual.keys()
+    with pytest.raises(Refused, match="color = direction shows both directions"):
+        section(dataset, at=at, color="period")
+
+
+@pytest.mark.slow
+def test_a_diagram_of_attractors_says_that_both_directions_lead_to_them(dataset):
+    title = attractor_diagram(dataset).legends[0].get_title().get_text()
+    assert "starts" not in title and title.endswith(r"followed up and down along $\omega$")
 
 
 @pytest.mark.slow
@@ -184,8 +238,14 @@ def test_the_command_line(stored, unpainted):
     exact = ("--kind", "bifurcation", "--exact", "--classes", "1/1", "--at", "direction=down")
     told = drawn(*exact).stdout.splitlines()
     assert "1/1" in told[0] and told[-1] == "picture.png"
-    for kind in ("map", "section", "impacts", "trajectory"):  # of one direction, which is said
-        assert "direction = up" in drawn("--kind", kind).stderr
+    several = ("--at", "omega=1.4,1.5")
+    coloured = [(kind, *several) for kind in ("section", "impacts", "trajectory")]
+    coloured += [("bifurcation", "--color", "period")]
+    plain = [(kind,) for kind in ("map", "section", "impacts", "trajectory")]
+    for kind in (*plain, *coloured):  # of one direction, which is said
+        assert "direction = up" in drawn("--kind", *kind).stderr, kind
+    for kind in (("section", "--color", "direction", "--at", "omega=1.4"), ("attractors",)):
+        assert "direction" not in drawn("--kind", *kind).stderr, kind
     wrong = drawn("--at", "direction=dwn")
     assert wrong.exit_code == 2
     assert "there is no direction dwn (did you mean down?); choose from: up, down" in wrong.stderr
