@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from sweeps.config.groups import STARTS, UnitsConfig
-from sweeps.config.rig import si_name
+from sweeps.config.rig import SI_UNITS, si_name
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Axis, Key, MisplacedError
 from sweeps.grid import TABLE
@@ -214,9 +214,8 @@ def _chosen_units(config: SweepConfig) -> UnitsConfig:
             problem = "without a rig there is no mass; expected: rig in place of oscillator"
             raise MisplacedError(("units", "mass"), problem)
         return units
-    si = UnitsConfig(length="m", time="s", mass="kg")
     for name, unit in units.items():
-        if unit not in (getattr(si, name), name):
-            problem = f"{unit} is not the unit of a rig; expected: {getattr(si, name)}"
+        if unit not in (SI_UNITS[name], name):
+            problem = f"{unit} is not the unit of a rig; expected: {SI_UNITS[name]}"
             raise MisplacedError(("units", name), problem)
-    return si
+    return UnitsConfig.model_validate(SI_UNITS)

@@ -6,6 +6,7 @@ The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Collection, Iterator
 from functools import partial
 from numbers import Real
@@ -16,6 +17,7 @@ from pydantic import (
     BeforeValidator,
     Discriminator,
     Field,
+    Strict,
     Tag,
     ValidationInfo,
     field_validator,
@@ -81,16 +83,24 @@ def phase_field(place: str) -> Any:
     return Field(0.0, ge=0.0, lt=2.0 * math.pi, description=text)
 
 
+def number_schema(parameter: Parameter) -> dict[str, Any]:
+    """Return the JSON schema of a number within the bounds of a parameter."""
+    most = sys.float_info.max  # JSON has integers of any length
+    least = "exclusiveMinimum" if parameter.low_open else "minimum"
+    low, high = max(parameter.low, -most), min(parameter.high, most)
+    return {"type": "number", least: low, "maximum": high}
+
+
 def _with_bounds(parameter: Parameter, schema: dict[str, Any]) -> None:
     """Add the bounds of a parameter to the JSON schema of each form of its values."""
-    bounds: dict[str, Any] = {"type": "number"}
-    if parameter.low > -math.inf:
-        bounds["exclusiveMinimum" if parameter.low_open else "minimum"] = parameter.low
-    if parameter.high < math.inf:
-        bounds["maximum"] = parameter.high
+    bounds = number_schema(parameter)
     ends = {"properties": {"start": bounds, "stop": bounds}}
     number, values, extent = schema["oneOf"]
-    schema["oneOf"] = [{**number, **bounds}, {**values, "items": bounds}, {**extent, **ends}]
+    schema["oneOf"] = [
+        {**number, **bounds},
+        {**values, "items": bounds, "uniqueItems": True},
+        {**extent, **ends},
+    ]
 
 
 def refuse_out_of_bounds(axis: Axis, parameter: Parameter) -> None:
@@ -102,10 +112,14 @@ def refuse_out_of_bounds(axis: Axis, parameter: Parameter) -> None:
 
 
 def _is_zero(value: object) -> bool:
-    """Whether a value is the number 0, which the loader keeps as text."""
+    """Whether a number, a list or a range is 0 everywhere; the loader keeps numbers as text."""
+    if isinstance(value, dict):
+        return _is_zero(value.get("start")) and _is_zero(value.get("stop"))
+    if isinstance(value, list | tuple):
+        return len(value) > 0 and all(map(_is_zero, value))
     try:
         return isinstance(value, str | Real) and float(value) == 0.0
-    except ValueError:  # refused by the check of the value
+    except (ValueError, OverflowError):  # refused by the check of the value
         return False
 
 
@@ -167,6 +181,12 @@ class StartConfig(ParameterConfig):
     phase: Number = phase_field("at the start of every motion")
 
 
+def _truth(value: object) -> object:
+    """Convert the texts "true" and "false", since the loader keeps every scalar as text."""
+    words: dict[object, bool] = {"true": True, "false": False}
+    return words.get(value.lower(), value) if isinstance(value, str) else value
+
+
 class MethodConfig(Group):
     """How the motion is computed."""
 
@@ -182,7 +202,7 @@ class MethodConfig(Group):
         description=f"time steps per forcing period: an integer from 4 to {MOST_STEPS}, "
         "or null for as many as the method needs",
     )
-    allow_unstable: bool = Field(
+    allow_unstable: Annotated[bool, Strict(), BeforeValidator(_truth)] = Field(
         default=False,
         description="compute even if the step is too long for the integrator to be stable: "
         "true or false",
@@ -226,14 +246,11 @@ class TrajectoryConfig(Group):
     every: Integer = integer("time steps from one sample to the next", 1, MOST_PERIODS)
 
 
-def _false(value: object) -> object:
-    """Convert the text "false" to False, since the loader keeps every scalar as text."""
-    return False if isinstance(value, str) and value.lower() == "false" else value
-
-
 def _auto(value: object) -> object:
     """Convert the text "auto" to None, as which a transient that is found is kept."""
-    return None if isinstance(value, str) and value.lower() == "auto" else value
+    if value is None:
+        raise ValueError("is not an integer")
+    return None if value == "auto" else value
 
 
 class RecordConfig(Group):
@@ -244,6 +261,9 @@ class RecordConfig(Group):
         BeforeValidator(_auto),
     ] = Field(
         1000,
+        json_schema_extra={
+            "anyOf": [{"type": "integer", "minimum": 0, "maximum": MOST_PERIODS}, {"const": "auto"}]
+        },
         description="forcing periods computed before anything is kept: an integer from 0 to "
         f"{MOST_PERIODS}, or auto for as many as each point needs to reach its orbit",
     )
@@ -259,7 +279,7 @@ class RecordConfig(Group):
     phase: Number = phase_field("of the section")
     impacts: Integer = integer("how many of the last impacts are kept", 0, MOST_RECORDED, 64)
     trajectory: Annotated[
-        Annotated[Literal[False], BeforeValidator(_false), Tag("<scalar>")]
+        Annotated[Literal[False], BeforeValidator(_truth), Tag("<scalar>")]
         | Annotated[TrajectoryConfig, Tag("<mapping>")],
         Discriminator(form),
     ] = Field(
@@ -270,6 +290,7 @@ class RecordConfig(Group):
         Annotated[str, one_of(DIAGNOSTICS), Field(json_schema_extra={"enum": [*DIAGNOSTICS]})], ...
     ] = Field(
         ("period",),
+        json_schema_extra={"uniqueItems": True},
         description="what else to compute of each point: a list of names out of "
         f"{', '.join(DIAGNOSTICS)}",
     )
@@ -334,6 +355,7 @@ def _unit(quantity: str) -> Any:
         quantity,
         pattern=r"^[^\W\d_]{1,12}$",
         description=f"name of the unit of {quantity}: a word of at most 12 letters",
+        json_schema_extra={"type": ["string", "boolean", "null"]},  # the words true and null
     )
 
 

@@ -21,6 +21,8 @@ from vibroimpact.oscillator import PARAMETERS, Parameter
 
 #: Longest header of a table; a file without line breaks would be read as a whole.
 _LONGEST_HEADER = 100_000
+#: Name of a column; a further one becomes a coordinate, whose name other programs must accept.
+COLUMN_NAME = r"^\w(?!.*[^\w.-])"
 
 
 def read_points(given: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
@@ -81,6 +83,12 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
                 raise MisplacedError(
                     (title, name), f"{problem} {columns.get(name, name)} of points"
                 )
+        force, base = group.FORCES or ("", "")
+        if base in columns and force not in {*given, *columns}:
+            if not data["points"][columns[base]].any():
+                problem = f"is 0 in every row, and there is no {force}"
+                expected = f"{title}.{force}, a column {force}, or another {columns[base]}"
+                raise MisplacedError(("points", columns[base]), f"{problem}; expected: {expected}")
         groups[title] = {**given, **dict.fromkeys(columns, Elsewhere.COLUMN)}
     return {**data, **groups}
 
@@ -173,7 +181,7 @@ def _check_names(names: list[str], known: Mapping[str, Parameter]) -> None:
             raise ValueError(f"column {name} is given twice; expected: once")
         word = nearest(name, missing, least=0.8) if name not in known else None
         # A further column becomes a coordinate of the file, whose name other programs must accept.
-        if word or not re.fullmatch(r"\w[\w.-]*", name):
+        if word or not re.search(COLUMN_NAME, name):
             raise ValueError(
                 f"unknown column {name}{suggestion(word)}; expected: a parameter "
                 f"out of {', '.join(known)}, or another word"

@@ -18,6 +18,7 @@ from pydantic import Field, ValidationInfo, WrapValidator, field_validator
 from sweeps.config.groups import (
     OscillatorConfig,
     ParameterConfig,
+    number_schema,
     parameter_field,
     refuse_out_of_bounds,
 )
@@ -50,6 +51,8 @@ def _described(
     return replace(PARAMETERS[name], symbol=symbol, meaning=meaning, unit=unit, default=default)
 
 
+#: The units of a rig.
+SI_UNITS = {"length": "m", "time": "s", "mass": "kg"}
 #: The mass, which no parameter of the model is made from alone.
 MASS = _described("p", "m", "mass", "kg")
 _TURN = 2.0 * math.pi
@@ -109,8 +112,10 @@ class RigConfig(ParameterConfig):
     NUMBERS = ("mass",)
 
     # The first field, because the checks of the others need it.
-    mass: Annotated[Number, Field(gt=0.0), WrapValidator(_number_or_column)] = Field(
-        description=f"mass [kg]: {MASS.allowed}, the same all over the sweep, or a column of points"
+    mass: Annotated[Number, WrapValidator(_number_or_column)] = Field(
+        description=f"mass [kg]: {MASS.allowed}, the same all over the sweep, or a column of "
+        "points",
+        json_schema_extra=number_schema(MASS),
     )
     stiffness: Values = parameter_field(QUANTITIES["p"].description)
     damping: Values = parameter_field(QUANTITIES["h"].description)
@@ -127,7 +132,10 @@ class RigConfig(ParameterConfig):
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse values outside the bounds of the parameter they are converted to."""
         title, mass = str(info.field_name), info.data.get("mass")
-        if title in cls.NUMBERS or isinstance(value, Elsewhere):
+        if isinstance(value, Elsewhere):
+            return value
+        if title == "mass":
+            refuse_out_of_bounds(Axis.of(value), MASS)
             return value
         name, given = model_name(title), Axis.of(value)
         refuse_out_of_bounds(given, PARAMETERS[name])

@@ -69,7 +69,8 @@ class SweepConfig(Group):
 
     name: Annotated[str, BeforeValidator(_checked_name)] = Field(
         "sweep",
-        pattern=f"^[^{_NOT_IN_A_NAME}]+$",
+        min_length=1,
+        json_schema_extra={"not": {"type": "string", "pattern": f"[{_NOT_IN_A_NAME}]"}},
         description="name of the sweep: a text without slashes and control characters "
         "(default: the name of the configuration file)",
     )

@@ -295,6 +295,8 @@ def test_settings_that_do_not_go_together(lines, parts):
          ["rk4 is stable only from 1.11e+09 steps", "expected: one of newmark, exact, or method."]),
         ({}, "integrator: euler, allow_unstable: maybe",
          ["line 3: method.allow_unstable = maybe is neither true nor false"]),
+        ({}, "integrator: euler, allow_unstable: 1",
+         ["line 3: method.allow_unstable = 1 is neither true nor false"]),
     ],
 )  # fmt: skip
 def test_an_unstable_step_is_refused(values, method, parts):
@@ -456,7 +458,7 @@ def test_the_schema_accepts_the_example_and_refuses_a_wrong_one():
 EDGES = (-1.0, -5e-324, 0.0, 5e-324, 0.5, 1.0, 1.0000000000000002, 1.2, 1e300)
 
 
-@pytest.mark.parametrize("form", ["{v}", "[0.5, {v}]", "{{start: 0.5, stop: {v}, num: 2}}",
+@pytest.mark.parametrize("form", ["{v}", "[0.25, {v}]", "{{start: 0.5, stop: {v}, num: 2}}",
                                   "{{start: {v}, stop: 0.5, num: 2}}"])  # fmt: skip
 @pytest.mark.parametrize("name", [*OscillatorConfig.model_fields, *STARTS])
 def test_the_schema_has_the_bounds_of_every_parameter(name, form):
@@ -505,6 +507,11 @@ def test_a_base_takes_the_place_of_the_force_or_adds_to_it():
         ("oscillator: {h: 0, R: 1, omega: 2}\n", "oscillator.f is missing; expected: "),
         ("oscillator: {h: 0, R: 1, omega: 2, a: 0}\n", "oscillator.f is missing; expected: "),
         ("oscillator: {h: 0, R: 1, omega: 2, a: -0.0e+3}\n", "oscillator.f is missing; expected: "),
+        ("oscillator: {h: 0, R: 1, omega: 2, a: [0]}\n", "oscillator.f is missing; expected: "),
+        ("oscillator: {h: 0, R: 1, omega: 2, a: {start: 0, stop: 0, num: 1}}\n",
+         "oscillator.f is missing; expected: "),
+        ("points: {omega: [1, 2], a: [0, 0]}\noscillator: {h: 0, R: 1}\n",
+         "points.a: is 0 in every row, and there is no f; expected: oscillator.f, a column f"),
         ("oscillator: {h: 0, R: 1, omega: 2, a: -1}\n", "oscillator.a = -1 is not allowed"),
         ("oscillator: {h: 0, R: 1, omega: [1, 1.0e+200], a: 1}\n", "oscillator.a: the force f + a"),
         ("points: {omega: [1, 1.0e+200], a: [0, 1]}\noscillator: {h: 0, R: 1}\n",
