@@ -21,7 +21,7 @@ from sweeps.analysis.cuts import Selection, chosen_axes, select, swept_axes
 from sweeps.analysis.dataset import check_diagnostic, config_of, headed
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import MOST_BRANCHES, branches, wide_branches
-from sweeps.analysis.explanations import NO_LABEL, changes, explain
+from sweeps.analysis.explanations import NO_LABEL, changes, explain, least_difference
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.motions import OF_MOTIONS, motions_of
 from sweeps.analysis.regimes import labels
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 #: The columns of the table after those of the other axes.
 COLUMNS = ("kind", "value", "low", "high", "before", "after", "between", "orbit", "source")
-#: Bifurcations of one kind are the same if their values agree to this, relative above 1.
-_SAME_VALUE = 1e-9
 #: The way of a bifurcation of a branch, which holds whichever way a line was followed.
 _BOTH = "both"
 
@@ -77,8 +75,8 @@ def bifurcations(
           a regime begins or ends; ``basin`` if the attractor before the change exists on both sides
           and is stable; ``unknown`` otherwise;
         - ``value``: the value of the axis at a flip, fold or graze, to rounding; NaN if not known;
-        - ``low`` and ``high``: the nearest values of the axis on both sides, with known classes
-          where the class changes;
+        - ``low`` and ``high``: the nearest values of the axis on both sides of it, with known
+          classes where the class changes;
         - ``before`` and ``after``: the classes of the motions there, for example ``1/1``, ``rest``
           or ``chaotic``; for a bifurcation of the branches, those of the stable orbits that meet;
           ``?`` if not known;
@@ -89,7 +87,7 @@ def bifurcations(
 
         Where ``value`` is NaN, ``vibroimpact zoom`` with ``low`` and ``high`` narrows the interval.
         If points of unknown class lie between two classes, and no bifurcation leads from one to the
-        other, there are two rows, in which the unknown class is ``?``.
+        other, there are two rows. The unknown class is ``?``; a row ends beyond its value.
 
         Its attributes are ``axis``, ``unclassified``, the number of points of unknown class, and
         ``branches``, a summary of the exact branches.
@@ -145,20 +143,7 @@ def find_bifurcations(
     data = data.sortby(along)
     read = [name for name in data if name in OF_MOTIONS]
     data = data.assign(data[read].load())  # each once, not line by line
-    rows, unclassified, phase = list[dict[str, Any]](), 0, config_of(dataset).record.phase
-    for index in product(*(range(data.sizes[name]) for name in others)):
-        line = data.isel(dict(zip(others, index, strict=True)))
-        motions, down = motions_of(line), _is_followed_down(line, along)
-        classes = labels(line)
-        unclassified += classes.count(None)
-        values = line[along].values
-        here = {name: line[name].item() for name in others}
-        for change in changes(values, classes):
-            for part, kind, value, orbit in explain(motions, phase, along, values, change, down):
-                own = {"kind": kind, "value": value, "orbit": orbit, "down": down, "narrow": False}
-                rows.append(here | vars(part) | own)
-    for row in rows:
-        row["value"] = on_axis(dataset, along, row["value"])
+    rows, unclassified = _of_changes(data, along, others)
     summary = ""
     if _has_one_line(dataset, along, at):
         exact = find(dataset, along, at, report, **chosen)
@@ -167,12 +152,39 @@ def find_bifurcations(
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
         rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), _place(row)))
     found = pd.DataFrame(rows, columns=[*others, *COLUMNS[:-1], "down", "narrow"])
+    found = found.astype({"value": float, "low": float, "high": float, "between": int})
     found["source"] = np.where(found["value"].notna(), "exact", "bracket")
     heads = {name: headed(name, dataset[name]) for name in (*others, along)}
     found.attrs |= {
         "axis": along, "unclassified": unclassified, "branches": summary, "heads": heads,
     }  # fmt: skip
     return found
+
+
+def _of_changes(
+    data: xr.Dataset, along: str, others: Sequence[str]
+) -> tuple[list[dict[str, Any]], int]:
+    """Return rows for the changes of class on every line, and the number of unclassified points.
+
+    Changes are explained with values of the model, and then converted to the units of the axis.
+    """
+    rows, unclassified, phase = list[dict[str, Any]](), 0, config_of(data).record.phase
+    parameter = model_name(along)
+    for index in product(*(range(data.sizes[name]) for name in others)):
+        line = data.isel(dict(zip(others, index, strict=True)))
+        motions, down = motions_of(line), _is_followed_down(line, parameter)
+        classes, values = labels(line), line[parameter].values
+        unclassified += classes.count(None)
+        here = {name: line[name].item() for name in others}
+        for change in changes(values, classes):
+            for part, *found in explain(motions, phase, parameter, values, change, down):
+                own = dict(zip(("kind", "value", "orbit"), found, strict=True))
+                rows.append(here | vars(part) | own | {"down": down, "narrow": False})
+    places = np.array([(row["low"], row["value"], row["high"]) for row in rows]).reshape(-1, 3)
+    for row, (low, value, high) in zip(rows, on_axis(data, along, places).tolist(), strict=True):
+        # The rounding of a conversion may move a value beyond its neighbours.
+        row |= {"low": low, "value": float(np.clip(value, low, high)), "high": high}
+    return rows, unclassified
 
 
 def _place(row: Mapping[str, Any]) -> float:
@@ -200,11 +212,11 @@ def _of_branches(
     `values` are those of the axis, in increasing order.
     """
     rows = list[dict[str, Any]]()
-    wide = wide_branches(exact)
-    for kind, value, orbit, members in _special_points(exact):
+    wide, near = wide_branches(exact), least_difference(values[0], values[-1])
+    for kind, value, orbit, members in _special_points(exact, near):
         same = [row for row in listed if (row["kind"], row["orbit"]) == (kind, orbit)]
         known = np.array([row["value"] for row in same])
-        if (np.abs(known - value) <= _SAME_VALUE * max(1.0, abs(value))).any():
+        if (np.abs(known - value) <= near).any():
             continue
         before, after = _classes_beside(exact, members)
         at = int(np.clip(np.searchsorted(values, value), 1, len(values) - 1))
@@ -219,15 +231,18 @@ def _of_branches(
     return rows
 
 
-def _special_points(exact: xr.Dataset) -> Iterator[tuple[str, float, str, np.ndarray]]:
-    """Yield the kind, value and orbit of every bifurcation, and its rows in `branches`."""
+def _special_points(exact: xr.Dataset, near: float) -> Iterator[tuple[str, float, str, np.ndarray]]:
+    """Yield the kind, value and orbit of every bifurcation, and its rows in `branches`.
+
+    Values are the same if they differ by at most `near`.
+    """
     (axis,) = exact.coords
     kinds, values, m, q = (exact[name].values for name in ("kind", axis, "m", "q"))
     rows = np.flatnonzero(np.isin(kinds, ["flip", "fold", "graze"]))
     rows = rows[np.lexsort([values[rows], q[rows], m[rows], kinds[rows]])]
     names = np.stack([kinds[rows], m[rows].astype(str), q[rows].astype(str)])
     differ = (names[:, 1:] != names[:, :-1]).any(axis=0)
-    apart = np.diff(values[rows]) > _SAME_VALUE * np.maximum(1.0, np.abs(values[rows[1:]]))
+    apart = np.diff(values[rows]) > near
     for members in np.split(rows, 1 + np.flatnonzero(differ | apart)):
         if members.size:
             first = members[0]
@@ -250,10 +265,10 @@ def _classes_beside(exact: xr.Dataset, members: np.ndarray) -> tuple[Label, Labe
     return beside[0], beside[1]
 
 
-def _is_followed_down(line: xr.Dataset, axis: str) -> bool:
+def _is_followed_down(line: xr.Dataset, parameter: str) -> bool:
     """Whether the line was followed downwards: each point started from the next greater value."""
     config = config_of(line)
-    if config.follow is None or config.follow.axis != model_name(axis):
+    if config.follow is None or config.follow.axis != parameter:
         return False
     way = line[DIRECTION].item() if DIRECTION in line.coords else config.follow.direction
     return bool(way == "down")

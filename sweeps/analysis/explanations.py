@@ -16,7 +16,6 @@ import numpy as np
 
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.motions import leads_to, orbit_of
-from sweeps.config.rig import model_name
 from vibroimpact.points.regimes import Label, Regime
 
 #: The class of points that have none.
@@ -25,6 +24,9 @@ NO_LABEL = Label(Regime.UNKNOWN)
 _REGIMES = (Regime.UNBOUNDED, Regime.REST, Regime.CHAOTIC)
 #: Kinds in the list for the special points of a branch: a penetration begins with a graze.
 _KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
+#: Values on an axis are the same if they agree to the first share of its length, or, by rounding,
+#: to the second share of its greatest value.
+_SAME_VALUE, _ROUNDING = 1e-9, 1e-13
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,11 @@ def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Cha
             yield Change(float(values[i]), float(values[j]), before, after, j - i - 1)
 
 
+def least_difference(low: float, high: float) -> float:
+    """Return the difference up to which two values on an axis are the same."""
+    return max(_SAME_VALUE * (high - low), _ROUNDING * max(abs(low), abs(high)))
+
+
 class _Onward(NamedTuple):
     """The first special point on a branch; without a stable orbit to follow, no kind."""
 
@@ -94,7 +101,8 @@ def explain(
 ) -> list[tuple[Change, str, float, str]]:
     """Return a change with its kind, the exact value (NaN if not known) and the orbit.
 
-    `motions` are those at the `values` of the axis, and `phase` is that of their section.
+    `motions` are those at the `values` of the axis, a parameter of the model, and `phase` is that
+    of their section.
     If points of unknown class lie between, and no bifurcation leads from one class to the other,
     the change from the first class to an unknown one and that to the last class are returned.
     """
@@ -110,7 +118,7 @@ def explain(
     exact = [onward for onward in (first, second) if onward.is_exact]
     if not exact:
         return [(change, change.kind, np.nan, "")]
-    if not change.between or _is_joined(change, first, second):
+    if not change.between or _is_joined(change, first, second, values):
         return [(change, *exact[0].explained)]
     return [
         (_open(values, change, left.value, after=True), *left.explained),
@@ -118,36 +126,39 @@ def explain(
     ]
 
 
-def _is_joined(change: Change, first: _Onward, second: _Onward) -> bool:
+def _is_joined(change: Change, first: _Onward, second: _Onward, values: np.ndarray) -> bool:
     """Whether the same bifurcation ends the first motion and leads to the second one."""
     if first.is_exact and second.is_exact:
-        return bool(abs(first.value - second.value) <= 1e-9 * max(1.0, abs(first.value)))
+        return bool(abs(first.value - second.value) <= least_difference(values[0], values[-1]))
     return second.kind == "edge" or change.kind == "flip"
 
 
 def _open(values: np.ndarray, change: Change, value: float, *, after: bool) -> Change:
     """Return the change between a class and the points of unknown class `after` or before it.
 
-    It ends at the first of these points that lies beyond the exact value, if this is known.
+    It ends at the first of these points that lies beyond the exact value, if this is known. If all
+    lie before the value, it is the whole change.
     """
     inside = values[(values > change.low) & (values < change.high)]
+    beyond = inside
+    if np.isfinite(value):
+        beyond = inside[inside > value] if after else inside[inside < value]
+    if not beyond.size:
+        return change
     if after:
-        beyond = inside[inside > value] if np.isfinite(value) else inside
-        end = float(beyond[0] if beyond.size else inside[-1])
+        end = float(beyond[0])
         return replace(change, high=end, after=NO_LABEL, between=int((inside < end).sum()))
-    beyond = inside[inside < value] if np.isfinite(value) else inside
-    end = float(beyond[-1] if beyond.size else inside[0])
+    end = float(beyond[-1])
     return replace(change, low=end, before=NO_LABEL, between=int((inside > end).sum()))
 
 
 def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> _Onward:
     """Return the first special point on the branch of the orbit of a motion towards another one."""
     if motion["m"]:
-        name = model_name(axis)
         with suppress(ValueError):  # no orbit is found, or it cannot be followed
             orbit = orbit_of(motion, phase)
             if orbit.stable:
-                point = leads_to(orbit, name, other["point"][name].item())
+                point = leads_to(orbit, axis, other["point"][axis].item())
                 of = point.orbit if point.kind in ("flip", "graze") else orbit
                 return _Onward(point.kind, point.value, f"{of.m}/{of.q}")
     return _Onward()

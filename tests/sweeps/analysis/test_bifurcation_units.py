@@ -1,0 +1,101 @@
+"""The table of bifurcations in other units: those of a rig, and units scaled by powers of two."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import sweeps
+from sweeps.analysis.rig import in_si
+
+#: The power of a unit of length and of a unit of time in the unit of each parameter.
+UNITS = {
+    "h": (0, -1), "p": (0, -1), "omega": (0, -1), "f": (1, -2), "clearance": (1, 0), "a": (1, 0),
+    "R": (0, 0), "x0": (1, 0),
+}  # fmt: skip
+#: Ranges of the parameters in which most motions have impacts.
+RANGES = {
+    "h": (0.01, 0.1), "R": (0.5, 0.9), "omega": (2.4, 3.3), "f": (0.7, 1.3),
+    "clearance": (0.02, 0.3), "p": (0.7, 1.3),
+}  # fmt: skip
+#: The names of a rig, and what a rig of a mass has for values of the model.
+RIG = {
+    "omega": ("frequency", lambda mass, omega: omega / math.tau),
+    "h": ("damping", lambda mass, h: 2.0 * mass * h),
+    "f": ("force", lambda mass, f: mass * f),
+    "p": ("stiffness", lambda mass, p: mass * p * p),
+    "clearance": ("gap", lambda mass, gap: gap),
+    "R": ("R", lambda mass, R: R),
+}
+PLACES = ["low", "value", "high"]
+
+
+def unit(name, length, time):
+    of_length, of_time = UNITS[name]
+    return length**of_length * time**of_time
+
+
+def table(tmp_path, given, length=1.0, time=1.0, transient=100, most=8):
+    """Return the table of a sweep in scaled units, its places in the units of `given`."""
+    scaled = {name: (np.array(one) * unit(name, length, time)).tolist()
+              for name, one in given.items()}  # fmt: skip
+    start = {"start": {"x0": scaled.pop("x0")}} if "x0" in given else {}
+    record = {"transient": transient, "periods": 64, "diagnostics": ["period"]}
+    (axis,) = (name for name, one in given.items() if isinstance(one, list))
+    path = sweeps.run_sweep(
+        {"oscillator": scaled, "record": record, **start}, tmp_path / "scaled.h5", overwrite=True
+    )
+    found = sweeps.bifurcations(path, axis, most=most)
+    found[PLACES] /= unit(axis, length, time)
+    return found
+
+
+def one_axis(axis, seed):
+    """Return random parameters, of which one is swept."""
+    random = np.random.default_rng(seed)
+    given = {name: random.uniform(*ends) for name, ends in RANGES.items()}
+    return {**given, axis: np.linspace(*RANGES[axis], int(random.integers(30, 60))).tolist()}
+
+
+def test_bifurcations_at_small_values_are_not_joined(tmp_path):
+    """A gap in metres may be small: in such units many of them lie within 1e-9."""
+    given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0}
+    given["clearance"] = np.linspace(0.05, 0.3, 100).tolist()
+    ours, scaled = table(tmp_path, given), table(tmp_path, given, length=2.0**-33)
+    assert len(ours) > 20
+    pd.testing.assert_frame_equal(ours, scaled, check_exact=False, rtol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("axis", "seed"), [("h", 5), ("f", 2), ("omega", 1), ("p", 5)])
+def test_a_rig_has_the_bifurcations_of_its_model(tmp_path, axis, seed):
+    """A row of the rig is that of the model with its three places converted."""
+    random, given = np.random.default_rng(seed), one_axis(axis, seed)
+    mass = random.uniform(0.2, 5.0)
+    rig = {own: np.array(of(mass, np.array(given[name]))).tolist()
+           for name, (own, of) in RIG.items()}  # fmt: skip
+    record = {"transient": 20, "periods": 64, "diagnostics": ["period"]}
+    path = sweeps.run_sweep({"rig": {"mass": mass, **rig}, "record": record}, tmp_path / "rig.h5")
+    with sweeps.open_sweep(path) as dataset:
+        model = sweeps.bifurcations(dataset, axis, most=6)
+        found = sweeps.bifurcations(in_si(dataset), RIG[axis][0], most=6)
+    model[PLACES] = RIG[axis][1](mass, model[PLACES])
+    pd.testing.assert_frame_equal(found, model, check_exact=False, rtol=1e-12)
+    assert set(found["low"]) | set(found["high"]) <= set(rig[RIG[axis][0]])
+
+
+def test_every_value_lies_between_its_neighbours(tmp_path):
+    """Also if all points of unknown class lie before it, as before a fold of 3/2."""
+    given = {
+        "h": 0.0289383922862505, "R": 0.932745737148704, "clearance": 0.05485080185683319,
+        "f": 1.0, "x0": -0.16065200877512686,
+        "omega": np.linspace(2.495462248380246, 3.8991597630941346, 54).tolist(),
+    }  # fmt: skip
+    found = table(tmp_path, given, transient=10, most=1)
+    known = found.dropna(subset="value")
+    assert (known["low"] <= known["value"]).all() and (known["value"] <= known["high"]).all()
+    (fold,) = known[known["kind"].eq("fold") & known["orbit"].eq("3/2")].itertuples()
+    assert fold.value == pytest.approx(2.814377, abs=1e-6)
+    assert (fold.before, fold.after, fold.between) == ("3/2", "4/4", 1)
+    assert (fold.low, fold.high) == (given["omega"][11], given["omega"][13])
