@@ -4,13 +4,13 @@ The measures refer to the starts x0 and v0 of one parameter point. The global in
 the share of the starts in the basin. The integrity factor is the radius of the largest disc in the
 basin. The local integrity measure is the distance from the attractor at the section, all m states
 of a periodic one, to the nearest start outside the basin (Soliman & Thompson 1989, J. Sound Vib.
-135, 453-475; Rega & Lenci 2005, Nonlinear Anal. 63, 902-914). Distances are measured between
-starts, so their accuracy is the spacing of the starts.
+135, 453-475; Rega & Lenci 2005, Nonlinear Anal. 63, 902-914). Nothing is known between the starts,
+so the accuracy of both distances is their spacing.
 
-Outside the basin are all starts that reach another attractor, have no result or are unknown,
-and all states beyond the window, where nothing is known. States beyond the stop do not exist, so no
-disturbance leads there: where the window reaches the stop, nothing counts as outside, and the stop
-cuts off the disc.
+Outside the basin are all starts that reach another attractor, have no result or are unknown, and
+all beyond the window, where nothing is known: one more row of starts around it stands for them.
+States beyond the stop do not exist, so no disturbance leads there: where the window reaches the
+stop, nothing counts as outside, and the stop cuts off the disc.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ def integrity(dataset: xr.Dataset) -> xr.Dataset:
         in the same shape, with NaN for motions that are not counted as attractors:
 
         - ``integrity_factor`` [length], with the centre (``disc_x``, ``disc_v``) of the disc;
-        - ``local_integrity`` [length], 0 for an attractor that leaves the window;
+        - ``local_integrity`` [length], 0 for an attractor that leaves the window by more than half
+          a spacing of the starts;
         - ``factor_at_edge``, ``local_at_edge``: whether the edge of the window decided the measure,
           which is then a lower bound.
 
@@ -123,21 +124,29 @@ def measures_of(
     and v.
     """
     from scipy.ndimage import distance_transform_edt
+    from scipy.spatial import KDTree
 
     step, unit = np.array([x[1] - x[0], v[1] - v[0]]), np.array([1.0, weight])
     # Pad each side with starts outside the basin, except where the window reaches the stop.
     at_stop = clearance - x[-1] < 0.5 * step[0]
     padded = np.pad(basin, ((1, 0 if at_stop else 1), (1, 1)))
     away, nearest = distance_transform_edt(padded, sampling=step * unit, return_indices=True)
-    places = 1.0 + (states - [x[0], v[0]]) / step
-    cells = tuple(np.clip(np.rint(places), 0, np.subtract(away.shape, 1)).astype(int).T)
-    apart = np.hypot(*((places - nearest[:, *cells].T) * step * unit).T)
-    apart[away[cells] == 0.0] = 0.0
-    near = tuple(cell[apart.argmin()] for cell in cells)
     disc = np.unravel_index(away.argmax(), away.shape)
-    outside = nearest[:, *np.transpose([disc, near])]
-    at_edge = ((outside < 1) | (outside.T > basin.shape).T).any(axis=0)
-    return away[disc], x[disc[0] - 1], v[disc[1] - 1], at_edge[0], apart.min(), at_edge[1]
+    local, beside = 0.0, np.zeros(2)
+    beyond = np.maximum([x[0], v[0]] - states, states - [np.inf if at_stop else x[-1], v[-1]])
+    if (beyond <= 0.5 * step).all():  # otherwise the start nearest to a state is not in the window
+        outside = np.argwhere(~padded)
+        starts = np.stack([_widened(x)[outside[:, 0]], _widened(v)[outside[:, 1]]], axis=1)
+        apart, place = KDTree(starts * unit).query(states * unit)
+        local, beside = apart.min(), outside[place[apart.argmin()]]
+    ends: np.ndarray = np.stack([nearest[:, *disc], beside])  # outside starts that decided
+    at_edge = np.any((ends < 1) | (ends > basin.shape), axis=1)
+    return away[disc], x[disc[0] - 1], v[disc[1] - 1], at_edge[0], local, at_edge[1]
+
+
+def _widened(values: np.ndarray) -> np.ndarray:
+    """Return evenly spaced values with one more at each end."""
+    return np.array([2.0 * values[0] - values[1], *values, 2.0 * values[-1] - values[-2]])
 
 
 def refuse_unfit(dataset: xr.Dataset) -> None:

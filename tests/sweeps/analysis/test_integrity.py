@@ -55,19 +55,31 @@ def test_measures_equal_an_exhaustive_search(gap, weight):
         others, unit = outside(inside, x, v, gap == 0.0), [1.0, weight]
         starts = np.stack([grid[inside] for grid in np.meshgrid(x, v, indexing="ij")], axis=1)
         away = np.sqrt((((starts[:, None] - others) * unit) ** 2).sum(axis=2)).min(axis=1)
-        states = starts[rng.integers(len(starts), size=3)] + rng.uniform(-0.02, 0.02, (3, 2))
+        states = starts[rng.integers(len(starts), size=3)] + rng.uniform(-0.045, 0.045, (3, 2))
         states[:, 0] = np.minimum(states[:, 0], 0.5 + gap)
         measures = measures_of(inside, x, v, weight, 0.5 + gap, states)
         radius, *centre, at_edge, local, _ = measures
         assert radius == pytest.approx(away.max())
         assert away[np.abs(starts - centre).sum(axis=1).argmin()] == pytest.approx(radius)
-        cell = np.hypot(x[1] - x[0], weight * (v[1] - v[0]))
         nearest = np.sqrt((((states[:, None] - others) * unit) ** 2).sum(axis=2)).min()
-        assert local == pytest.approx(nearest, abs=cell)
+        assert local == pytest.approx(nearest, rel=1e-12)
         edges.add(at_edge)
     assert edges == {False, True}
     leaves = np.array([[-1.0, 0.0], [-9.0, 0.0]])
     assert measures_of(inside, x, v, weight, 0.5, leaves)[-2:] == (0.0, True)
+
+
+@pytest.mark.parametrize("share", [0.9, 0.99, 1.0])
+def test_the_local_measure_is_the_distance_from_the_state_itself(share):
+    """Not from the start nearest to it, whose nearest start outside may be another one."""
+    rng, unit = np.random.default_rng(5), [1.0, 0.7]
+    x, v = np.linspace(-2.0, 0.5, 16), np.linspace(-1.0, 3.0, 21)
+    inside = rng.random((16, 21)) < share
+    others = outside(inside, x, v, at_stop=False)
+    for state in rng.uniform([-2.0, -1.0], [0.5, 3.0], (100, 2)):
+        expected = np.sqrt((((state - others) * unit) ** 2).sum(axis=1)).min()
+        local = measures_of(inside, x, v, 0.7, 0.8, state[None])[4]
+        assert local == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.slow
@@ -88,7 +100,7 @@ def test_the_measures_of_each_attractor_along_an_axis(two):
         points = np.stack([run["poincare_x"][0], run["poincare_v"][0]], axis=1)
         assert len(points) == (1, 2)[k]
         nearest = np.sqrt(((points[:, None] - others) ** 2).sum(axis=2)).min()
-        assert one["local_integrity"] == pytest.approx(nearest, abs=0.2)
+        assert one["local_integrity"] == pytest.approx(nearest, rel=1e-12)
         assert one["local_integrity"] <= one["integrity_factor"] + 0.1
         assert inside[
             np.abs(x - one["disc_x"].item()).argmin(), np.abs(v - one["disc_v"].item()).argmin()
