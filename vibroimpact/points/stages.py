@@ -13,7 +13,8 @@ from vibroimpact.status import Evidence, Status
 
 Results = Mapping[str, np.ndarray]
 
-_FAILED = [int(status) for status in Status if status.failed]
+#: The outcomes that leave no result.
+FAILED = [int(status) for status in Status if status.failed]
 
 
 def in_stages(
@@ -52,4 +53,4 @@ def put_last(points: np.ndarray, results: Results) -> None:
 
 def without_class(evidence: np.ndarray, status: np.ndarray) -> np.ndarray:
     """Return the mask of the motions that have not failed, and go to no known orbit."""
-    return (evidence <= Evidence.UNREACHED) & ~np.isin(status, _FAILED)
+    return (evidence <= Evidence.UNREACHED) & ~np.isin(status, FAILED)

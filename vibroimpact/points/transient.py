@@ -7,7 +7,8 @@ class goes on, but not beyond the longest transient. It does not go on if its ex
 stage say that it is chaotic.
 
 A run that starts from a section continues the run before it to the last bit (``stages.py``). So the
-results are those of a run from the start, with the transient that was found.
+results are those of a run from the start, with the transient that was found. The status is the
+worst of all stages: a motion that failed in one has no record.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ import numpy as np
 
 from vibroimpact.points.regimes import is_chaotic
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.stages import Results, in_stages, without_class
-from vibroimpact.status import Evidence
+from vibroimpact.points.stages import FAILED, Results, in_stages, without_class
+from vibroimpact.status import Evidence, Status
 
 #: Sections from which a class is found, and periods of the first stage.
 _SECTIONS, _FIRST = 32, 64
@@ -38,6 +39,7 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
     """Compute points, each with its own transient; ``transient`` has the periods, shape (n,)."""
     assert spec.longest is not None
     needed, longest = np.zeros(points.size, np.int64), spec.longest
+    worst = np.full(points.size, Status.COMPUTED, np.int8)
 
     def stage(points: np.ndarray, periods: int, started: bool) -> dict[str, np.ndarray]:
         return run(_stage(spec, periods), points, started)
@@ -45,6 +47,9 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
     def goes_on(going: np.ndarray, done: int, results: Results) -> np.ndarray:
         found = results["destination"]
         needed[going] = _needed(found, longest - done)
+        # Whether a motion grows without bound, only the record says.
+        status = results["status"]
+        worst[going] = np.maximum(worst[going], np.where(status == Status.UNBOUNDED, 0, status))
         on = without_class(found["evidence"], results["status"])
         if "lyapunov" in results:
             periods = results["poincare_x"].shape[1]
@@ -52,7 +57,15 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
         return on
 
     state, done = in_stages(points, _doubled(longest), stage, goes_on)
-    return _recorded(spec, points, state, done, needed, run)
+    results = _recorded(spec, points, state, done, needed, run)
+    failed = np.isin(worst, FAILED)
+    for name, values in results.items():
+        if name not in ("destination", "transient"):
+            values[failed] = np.nan if values.dtype.kind == "f" else 0
+    status = np.where(
+        results["status"] < 0, results["status"], np.maximum(results["status"], worst)
+    )
+    return results | {"status": status}
 
 
 def _doubled(longest: int) -> Iterator[int]:

@@ -1,5 +1,7 @@
 """Transients that are found: `record: {transient: auto}`."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,6 +71,43 @@ record: {transient: auto, longest: 3000, periods: 4}
     with open_sweep(run_in(tmp_path, text)) as dataset:
         assert dataset["status"].values.tolist() == [Status.COMPUTED, Status.NON_FINITE]
         assert dataset["transient"].values[1] < 200
+
+
+def test_a_motion_that_fails_in_a_stage_has_no_result():
+    """Without damping Euler overflows after 1,500 periods; a record from the start would not."""
+    text = """
+oscillator: {h: 0, R: 1, omega: 1.3, f: 1.0}
+start: {x0: -1}
+method: {integrator: euler, impact: plain, steps_per_period: 20, allow_unstable: true}
+record: {transient: auto, longest: 3000, periods: 20, impacts: 4}
+"""
+    spec, points = load(text).sweep.spec, Oscillator(h=0, R=1, omega=1.3, f=1).at(-1.0)
+    found = compute_points(spec, points, None)
+    assert found["status"] == Status.NON_FINITE and found["period"] == 0
+    for name in ("poincare_x", "impact_v", "impulse", "rest_fraction"):
+        assert np.isnan(found[name]).all(), name
+    assert found["impacts_per_period"].dtype == float and found["chatters"] == 0
+
+
+def test_the_status_is_the_worst_of_all_stages():
+    """With R near 1 and a preload a mass comes to rest in bounces too short to follow."""
+    points = Oscillator(h=0.05, R=1.0, omega=1.0, f=1.0).at().repeat(60)
+    rng = np.random.default_rng(1)
+    points["R"], points["omega"] = rng.uniform(0.9991, 1.0, 60), rng.uniform(0.5, 3.0, 60)
+    points["clearance"] = rng.uniform(-3.0, -0.3, 60)
+    points["x0"] = points["clearance"] - 0.5
+    spec = load(CONFIG, "record.phase=0", "record.longest=1000").sweep.spec
+    spec = replace(spec, steps_per_period=60)
+    found = compute_points(spec, points, None)
+    assert len(np.unique(found["status"])) > 1
+    for transient in np.unique(found["transient"]).tolist():
+        rows = found["transient"] == transient
+        run = integrate(
+            points[rows], transient=transient, periods=20, impacts=4,
+            steps_per_period=spec.steps_per_period,
+        )  # fmt: skip
+        for name in ("status", "poincare_x", "impact_v"):
+            np.testing.assert_array_equal(found[name][rows], run[name], err_msg=name)
 
 
 def test_blocks_and_threads_change_nothing(found):
