@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable, Mapping
 from io import TextIOWrapper
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -71,6 +73,20 @@ def check_table(path: Path) -> None:
     check_target(path, "table")
 
 
+def refuse_points(dataset: xr.Dataset, path: Path) -> None:
+    """Refuse to replace the table that a sweep was made from: it has only columns of the sweep."""
+    if not columns_of(dataset) or not path.is_file():
+        return
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        header = next((line for line in islice(file, 100) if line.strip()), "")
+    names = {name.strip() for name in next(csv.reader([header]), [])}
+    if names and names <= set(map(str, dataset.coords)):
+        raise Refused(
+            f"{path} is a table of points like that of the sweep, and is not replaced; give the "
+            "new table another name"
+        )
+
+
 def write_csv(path: Path, frame: pd.DataFrame) -> None:
     """Write a table to a CSV file with all digits, either whole or not at all."""
     with writing(path, "table") as new:
@@ -87,6 +103,7 @@ def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
     the same numbers; NaN is an empty field. The file is replaced only when the table is complete.
     """
     check_table(path)
+    refuse_points(dataset, path)
     data = _scalars(dataset) if ROWS[rows] is None else _records(dataset, rows)
     size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
     parts = (_frame(part, ROWS[rows]) for part, _ in in_parts(data, size))

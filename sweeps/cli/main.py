@@ -116,7 +116,7 @@ def init(
         if check_target(path, "configuration"):
             raise Refused(f"{path} exists, and is not replaced; remove it, or rename it")
     for path, text in new_texts.items():
-        with writing(path, "configuration") as new:
+        with writing(path, "configuration", only_new=True) as new:
             new.write(text.encode())
         say(path)
     say(f"next: vibroimpact run {scene}.yaml")

@@ -44,9 +44,12 @@ def attractors(
     from sweeps.analysis.attractor_table import cut
     from sweeps.analysis.attractors import attractors
     from sweeps.analysis.cuts import on_grid
+    from sweeps.analysis.tables import refuse_points
 
     cuts = selection_of(at)
     with opened(file) as dataset, named(file):
+        if csv is not None:
+            refuse_points(dataset, csv)
         here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
         with progress_shown():

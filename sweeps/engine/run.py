@@ -119,7 +119,8 @@ def run_sweep(
     console = Console(
         stderr=True, quiet=not progress, soft_wrap=True, highlight=False, markup=False
     )
-    with raised_by_check(), only_writer(path, overwrite=overwrite, resume=resume):
+    existing = {"overwrite": overwrite, "resume": resume}
+    with raised_by_check(), only_writer(path, **existing) as (real, before):
         computer = computer_for(client, threads)
         with (
             console.status("preparing") as status,
@@ -128,7 +129,7 @@ def run_sweep(
             cost = expected_cost(config.sweep, path, computer, resume)
         schema = _schema(config, cost.block)
         console.print(printable(plan(config, path, cost)))
-        with sweep_writer(path, schema, resume=resume) as writer:
+        with sweep_writer(real, schema, resume=resume, before=before) as writer:
             if writer is None:  # the file is complete
                 return path
             if writer.damaged:

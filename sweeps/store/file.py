@@ -29,13 +29,13 @@ from sweeps.interrupts import check
 from sweeps.store.paths import (
     FORMAT_VERSION,
     NO_LOCKS,
-    TRAILER,
     Content,
     UnreadableError,
     content,
     error_number,
     open_regular,
 )
+from sweeps.store.replacing import TRAILER
 from sweeps.store.schema import Schema, describe, schema_in
 
 #: The end of the trailer: size and checksum of the table before it, magic.
@@ -216,8 +216,8 @@ def _checksums(file: BinaryIO, rows: Iterable[Row]) -> list[int]:
         return list(pool.map(checksum, rows))
 
 
-def check_file(path: Path, *, verify: bool = True) -> None:
-    """Refuse a file that is not a complete sweep file, or that is damaged.
+def check_file(path: Path, *, verify: bool = True) -> str:
+    """Refuse a file that is not a complete sweep file, or that is damaged; return its digest.
 
     Without `verify`, the data of variables are not compared with their checksums. The StoreError
     names the damaged variables.
@@ -246,6 +246,7 @@ def check_file(path: Path, *, verify: bool = True) -> None:
             f"{path} is damaged: {', '.join(damaged)}; to compute it again: "
             f"vibroimpact run {path} -o NEW.h5"
         )
+    return _digest(found)
 
 
 def _rows(file: io.BufferedReader) -> list[Row] | None:
@@ -267,16 +268,22 @@ def _rows(file: io.BufferedReader) -> list[Row] | None:
     return rows if sum(row[2] for row in rows) == start else None
 
 
-def table_of(path: Path) -> list[Row] | None:
-    """Return the table of checksums of a complete file; None if it has no sound one."""
-    with path.open("rb") as file:
-        return _rows(file)
+def _digest(rows: Sequence[Row] | None) -> str:
+    """Return a digest of all data of a complete file, from its table of checksums."""
+    return hashlib.blake2b(json.dumps(rows).encode()).hexdigest()[:32]
 
 
-def digest_of(file: Path) -> str:
-    """Return a digest of all data of a complete file, from its table of checksums; else ``""``."""
-    rows = table_of(file)
-    return "" if rows is None else hashlib.blake2b(json.dumps(rows).encode()).hexdigest()[:32]
+def open_unchanged(path: Path, digest: str, **options: Any) -> h5py.File:
+    """Open a complete file with options of h5py; refuse it if it has another digest."""
+    try:
+        file = h5py.File(path, **options)
+        with path.open("rb") as now:  # after it was opened, or it could still be replaced
+            if _digest(_rows(now)) == digest:
+                return file
+        file.close()
+    except FileNotFoundError:
+        raise StoreError(f"{path} was removed by another program") from None
+    raise StoreError(f"{path} was replaced by another program; open the sweep again")
 
 
 def opened(open_file: Callable[[dict[str, Any]], Opened]) -> Opened:

@@ -8,27 +8,45 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
-from sweeps.errors import StoreError
-from sweeps.store.paths import LOCK, NO_LOCKS, check_output, reason
-from sweeps.store.replacing import check_target
+from sweeps.errors import Failed, StoreError
+from sweeps.store.paths import (
+    LOCK,
+    NO_LOCKS,
+    check_output,
+    identity,
+    make_parts,
+    parts_path,
+    reason,
+)
+from sweeps.store.replacing import check_place
 
 #: Valid contents of a lock: this program's text, the text that filelock writes on systems without
 #: locks, nothing if the writer was killed early, or zeros, which a loss of power may leave.
 _LOCK_TEXT = re.compile(rb"vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?|\0{,99}")
 
 
+class Output(NamedTuple):
+    """An output that this process alone may write."""
+
+    path: Path  #: Without links, so that everything works on the file that was checked.
+    before: object  #: The `identity` of the file that was checked, which may be replaced.
+
+
 @contextmanager
-def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) -> Iterator[None]:
+def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) -> Iterator[Output]:
     """Hold the lock ``<path>.lock``, a file that names this process, and remove it at the end.
 
     However the process dies, the system releases the lock. The file left behind is then unlocked,
-    and the next writer takes it over. Readers need no lock. Raises StoreError if another process
-    holds the lock, if the file cannot be created, or as `check_output` does.
+    and the next writer takes it over. Readers need no lock. Once the lock is held, the folder of
+    the blocks is made, so that nobody else can make it before the first block is computed; it is
+    removed if it stays empty. Raises StoreError if another process holds the lock, if the file
+    cannot be created, or as `check_output` does, and Failed if the folder cannot be made.
     """
-    check_target(path, "output")
+    check_place(path, "output")
     real = path.resolve()
     name = real.with_name(f"{real.name}{LOCK}")
     try:
@@ -43,8 +61,17 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
     except OSError as error:
         raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
     try:
+        before = identity(real)  # what appears from now on is not replaced
         check_output(path, overwrite=overwrite, resume=resume)
-        yield
+        try:
+            make_parts(real)
+        except OSError as error:
+            raise Failed(f"{path} cannot be created: {reason(error)}") from error
+        try:
+            yield Output(real, before)
+        finally:
+            with suppress(OSError):  # it has blocks, or the file is complete
+                parts_path(real).rmdir()
     finally:
         with suppress(PermissionError):  # on Windows a locked file cannot be removed
             if not isinstance(lock, SoftFileLock):  # which removes the file itself

@@ -65,20 +65,14 @@ class Entry(NamedTuple):
 
 def create(folder: Path, schema: Schema) -> None:
     """Begin a sweep in a folder, and remove the blocks of another one."""
-    is_new = not folder.exists()
     folder.mkdir(exist_ok=True)
-    try:
-        with replacing(folder / SCHEMA) as new:  # from here on, no old block belongs to the sweep
-            image = io.BytesIO()
-            with h5py.File(image, "w", libver="earliest") as file:
-                describe(file, schema)
-                add_blocks(file, schema)
-            new.write(image.getvalue())
-            add_table(new)
-    except BaseException:
-        if is_new:
-            folder.rmdir()
-        raise
+    with replacing(folder / SCHEMA) as new:  # from here on, no old block belongs to the sweep
+        image = io.BytesIO()
+        with h5py.File(image, "w", libver="earliest") as file:
+            describe(file, schema)
+            add_blocks(file, schema)
+        new.write(image.getvalue())
+        add_table(new)
     sync_names(folder.parent)
     _remove(folder, f"{BLOCK}|{DRAFT}")
 

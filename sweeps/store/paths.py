@@ -11,11 +11,12 @@ import os
 import re
 import shutil
 import stat
+from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 
 from sweeps.errors import StoreError
-from sweeps.store.replacing import check_target, kind, of_another_user
+from sweeps.store.replacing import TRAILER, check_place, kind, of_another_user
 from sweeps.text import shown_bytes
 
 #: The attributes ``format`` and ``format_version`` of a file.
@@ -26,9 +27,7 @@ PARTS = ".parts"
 LOCK = ".lock"
 SCHEMA = "schema.h5"
 BLOCK = r"block-\d+\.npz"
-DRAFT = r"\.(schema\.h5|block-\d+\.npz)\.\d+-[0-9a-f]{8}\.new"
-#: The last bytes of a complete file: a name and the format version.
-TRAILER = b"\x89VIBRO5\n"
+DRAFT = r"\.(schema\.h5|block-\d+\.npz)\.[0-9a-f]+-[0-9a-f]{8}\.new"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Number of bytes at each end of a file that are searched for its format and its trailer.
 _ENDS = 1 << 16
@@ -142,7 +141,7 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
     or incomplete sweep must be overwritten or resumed.
     """
     path = Path(path)
-    check_target(path, "output")
+    check_place(path, "output")
     refuse_parts(path)
     if path.suffix.lower() in (PARTS, LOCK):
         raise StoreError(
@@ -164,16 +163,8 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
         raise StoreError(
             f"the output {path} cannot be used: {parts.name}: {reason(error)}"
         ) from None
-    if status is not None and not stat.S_ISDIR(status.st_mode):
-        raise StoreError(
-            f"{parts} is needed as a folder, but something else has that name; move it, or give "
-            "another output"
-        )
-    if status is not None and of_another_user(status):
-        raise StoreError(
-            f"{parts} belongs to another user, who could change what is written; give another "
-            "output"
-        )
+    if status is not None:
+        _refuse_foreign(parts, status)
     _refuse_folders(parts)
     if not overwrite:
         refuse_incomplete_copy(parts)
@@ -187,6 +178,28 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             raise StoreError(
                 f"{file} is {found.value} and will not be replaced; give another output"
             )
+
+
+def make_parts(path: Path) -> None:
+    """Make the folder of an incomplete sweep, or take an own one that is there."""
+    parts = parts_path(path)
+    with suppress(FileExistsError):
+        parts.mkdir()
+    _refuse_foreign(parts, os.lstat(parts))
+
+
+def _refuse_foreign(parts: Path, status: os.stat_result) -> None:
+    """Refuse what has the name of a folder of blocks, if it is another user's or no folder."""
+    if not stat.S_ISDIR(status.st_mode):
+        raise StoreError(
+            f"{parts} is needed as a folder, but something else has that name; move it, or give "
+            "another output"
+        )
+    if of_another_user(status):
+        raise StoreError(
+            f"{parts} belongs to another user, who could change what is written; give another "
+            "output"
+        )
 
 
 def _refuse_folders(parts: Path) -> None:
@@ -239,10 +252,11 @@ def _names_in(parts: Path) -> list[str]:
 def check_room(path: Path, size: int, *, resume: bool = False) -> None:
     """Refuse a sweep if the disk lacks `size` bytes, for its blocks and its file together."""
     parts = parts_path(path)
-    existing = parts.exists() or path.exists()
+    incomplete = identity(parts / SCHEMA) is not None
+    existing = incomplete or path.exists()
     if resume and existing:  # the blocks already take part of the room, a complete file all
         taken = sum(about[2] for file in parts.glob("*") if (about := identity(file)))
-        size = size - taken if parts.exists() else 0
+        size = size - taken if incomplete else 0
     free = shutil.disk_usage(parts.parent).free
     if size > free:
         also = ", delete the old file first" if existing else ""

@@ -12,7 +12,7 @@ import numpy as np
 
 from sweeps.arguments import FLAG, PATH, require
 from sweeps.errors import StoreError
-from sweeps.store.file import check_file, digest_of, opened
+from sweeps.store.file import check_file, open_unchanged, opened
 from sweeps.store.parts import Parts
 from sweeps.store.paths import (
     SCHEMA,
@@ -80,26 +80,24 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
             except StoreError:
                 if _is_missing(path):
                     raise
-        check_file(path, verify=verify)
-        return opened(lambda options: _open_file(path, options))
+        digest = check_file(path, verify=verify)
+        return opened(lambda options: _open_file(path, digest, options))
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
 
 
-def _open_file(path: Path, options: dict[str, Any]) -> xr.Dataset:
-    """Open a complete file, and keep it open for the arrays of the Dataset."""
+def _open_file(path: Path, digest: str, options: dict[str, Any]) -> xr.Dataset:
+    """Open a complete file for the arrays of the Dataset, and again if xarray has closed it."""
     from xarray.backends import CachingFileManager  # slow to import
 
     from sweeps.store.dataset import lazy_dataset
 
-    digest = digest_of(path)
-    manager = CachingFileManager(h5py.File, path, mode="r", kwargs=options)
+    manager = CachingFileManager(open_unchanged, path.absolute(), digest, mode="r", kwargs=options)
     file = manager.acquire()
     read = partial(_selected, manager)
     dataset = lazy_dataset(path, schema_in(file), float(file.attrs["duration"]), read)
     dataset.set_close(manager.close)
-    if digest == digest_of(path):  # otherwise the file was replaced meanwhile
-        dataset.encoding["digest"] = digest
+    dataset.encoding["digest"] = digest
     return dataset
 
 

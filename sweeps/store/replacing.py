@@ -10,7 +10,9 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Iterator
+import time
+import zlib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from io import BufferedRandom
 from pathlib import Path
@@ -19,14 +21,35 @@ from sweeps.errors import Failed, StoreError
 from sweeps.text import shortened
 
 #: Characters that no name of a file has on Windows, where a backslash separates folders.
-_NOT_IN_NAMES = re.compile(r'[<>:"|?*\\]')
+_NOT_IN_NAMES = re.compile(r'[\x01-\x1f<>:"|?*\\]')
 #: Names that Windows keeps for devices, with every ending.
-_DEVICES = re.compile(r"(CON|PRN|AUX|NUL|COM[1-9]|LPT[1-9]) *(\..*)?", re.IGNORECASE)
+_DEVICES = re.compile(
+    r"(CON|PRN|AUX|NUL|CONIN\$|CONOUT\$|COM[1-9¹²³]|LPT[1-9¹²³]) *(\..*)?", re.IGNORECASE
+)
 #: Number of characters of a file's name in the name of its draft, which must not be too long.
 _REPEATED = 50
+#: The last bytes of the complete file of a sweep: a name and the format version.
+TRAILER = b"\x89VIBRO5\n"
+#: Age of a draft that no process writes any more [s].
+_DAY = 86400.0
 
 
 def check_target(path: Path, what: str) -> bool:
+    """Do the same as `check_place`, and refuse to replace the complete file of a sweep."""
+    exists = check_place(path, what)
+    end = b""
+    if exists:
+        with suppress(OSError), path.open("rb") as file:
+            file.seek(max(0, os.fstat(file.fileno()).st_size - len(TRAILER)))
+            end = file.read()
+    if end.startswith(TRAILER[:-2]):  # of any version
+        raise StoreError(
+            f"{path} is the file of a sweep and will not be replaced; give the {what} another name"
+        )
+    return exists
+
+
+def check_place(path: Path, what: str) -> bool:
     """Refuse a path to which no file can be written; return whether a file exists there.
 
     Parameters
@@ -75,7 +98,7 @@ def check_target(path: Path, what: str) -> bool:
 def _unportable(name: str) -> str:
     """Say why Windows cannot hold a file of this name, so that no copy of it fails there."""
     if odd := _NOT_IN_NAMES.search(name):
-        return f"has the character {odd[0]} in its name"
+        return f"has the character {odd[0] if odd[0].isprintable() else repr(odd[0])} in its name"
     if name.endswith((".", " ")):
         return f"has a name that ends in a {'dot' if name.endswith('.') else 'space'}"
     device = _DEVICES.fullmatch(name)
@@ -118,50 +141,63 @@ def of_another_user(status: os.stat_result) -> bool:
 
 
 @contextmanager
-def writing(path: Path, what: str) -> Iterator[BufferedRandom]:
+def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[BufferedRandom]:
     """Check a path, and replace its file as `replacing` does; errors name the path.
+
+    With `only_new` no file is replaced, not even one that was made meanwhile.
 
     Raises
     ------
     StoreError
-        As from `check_target`.
+        As from `check_target`, or if there is a file that must not be replaced.
     Failed
         If the ``with`` block or the replacement raises OSError.
     """
-    check_target(path, what)
+
+    def refuse() -> None:
+        if check_target(path, what) and only_new:
+            raise StoreError(f"{path} exists, and is not replaced; remove it, or rename it")
+
+    refuse()
     try:
-        with replacing(path) as new:
+        with replacing(path, refuse) as new:
             yield new
     except OSError as error:
         raise Failed(f"{path} cannot be written: {error.strerror or error}") from error
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[BufferedRandom]:
+def replacing(path: Path, refuse: Callable[[], object] = lambda: None) -> Iterator[BufferedRandom]:
     """Yield a draft, a new and empty file open for writing and reading, which replaces `path`.
+
+    When the draft is complete, `refuse` may raise an error; then it does not replace the file.
 
     Others may write to the folder, and may put a link in the place of the draft. Therefore it is
     never opened by its name again.
 
     If `path` is a link, its target is replaced and the link stays. If the ``with`` block raises,
     the file stays as it was and the draft is removed. The draft of a killed process is removed by
-    the next process that replaces the same file.
+    a process that replaces the same file a day later.
     """
     target = _followed(path)
-    remove_leftovers(target)
-    with drafted(target) as new:
+    remove_leftovers(target, _DAY)
+    with drafted(target, refuse) as new:
         yield new
     sync_names(target.parent)
 
 
 def draft_of(target: Path) -> Path:
     """Return the path of a new draft of a file."""
-    name = f".{target.name[:_REPEATED]}.{os.getpid()}-{secrets.token_hex(4)}.new"
-    return target.with_name(name)
+    return target.with_name(f"{_start_of_drafts(target)}{secrets.token_hex(4)}.new")
+
+
+def _start_of_drafts(target: Path) -> str:
+    """Return the start of the names of all drafts of a file, and of no other file."""
+    return f".{target.name[:_REPEATED]}.{zlib.crc32(os.fsencode(target.name)):08x}-"
 
 
 @contextmanager
-def drafted(target: Path) -> Iterator[BufferedRandom]:
+def drafted(target: Path, refuse: Callable[[], object] = lambda: None) -> Iterator[BufferedRandom]:
     """Do the same without a search for leftovers; a loss of power may still lose the new name."""
     new = draft_of(target)
     file = new.open("x+b")  # creates the file, so that no file of another user is opened
@@ -173,6 +209,7 @@ def drafted(target: Path) -> Iterator[BufferedRandom]:
             mine = os.fstat(file.fileno())
         if not os.path.samestat(mine, os.lstat(new)):
             raise Failed(f"{new} was replaced by another program while it was written")
+        refuse()
         os.replace(new, target)
     finally:
         new.unlink(missing_ok=True)
@@ -194,24 +231,15 @@ def sync_names(folder: Path) -> None:
             os.close(descriptor)
 
 
-def remove_leftovers(path: Path) -> None:
-    """Remove the drafts of `path` that killed processes left, and no other file."""
-    draft = re.compile(rf"\.{re.escape(path.name[:_REPEATED])}\.(\d+)-[0-9a-f]{{8}}\.new")
+def remove_leftovers(path: Path, age: float = 0.0) -> None:
+    """Remove the drafts of `path` that were last written `age` [s] ago, and no other file.
+
+    At age 0 these are all of them: the caller must hold the lock of `path`. Otherwise only the age
+    tells a leftover, as a living writer may be on another machine or in another container.
+    """
+    draft = re.compile(rf"{re.escape(_start_of_drafts(path))}[0-9a-f]{{8}}\.new")
     for entry in path.parent.iterdir():
-        if match := draft.fullmatch(entry.name):
+        if draft.fullmatch(entry.name):
             with suppress(OSError):  # another user's, or removed by another process
-                if _ended(int(match[1]), entry.lstat().st_mtime):
+                if not age or entry.lstat().st_mtime < time.time() - age:
                     entry.unlink()
-
-
-def _ended(process: int, time: float) -> bool:
-    """Whether the process that ran at `time` [s] has ended; a newer one may have its number."""
-    import psutil  # slow to import, and drafts are rare
-
-    try:
-        began: float = psutil.Process(process).create_time()
-    except psutil.NoSuchProcess:
-        return True
-    except psutil.Error:  # another user's process, which is hidden
-        return False
-    return began > time

@@ -31,10 +31,11 @@ from sweeps.store.variables import VARIABLES
 
 @contextmanager
 def sweep_writer(
-    path: str | Path, schema: Schema, *, resume: bool = False
+    path: str | Path, schema: Schema, *, resume: bool = False, before: object = None
 ) -> Iterator[SweepWriter | None]:
     """Start the sweep at `path`, or continue it; call this inside `only_writer`.
 
+    `before` is the `identity` of the file at `path` that may be replaced, None if there was none.
     Yields None if the file is complete. An existing incomplete sweep is replaced at once; with
     `resume` it keeps its blocks, and damaged blocks become pending again. Raises StoreError if the
     resumed sweep is another one or is damaged, and Failed if the folder of the blocks cannot be
@@ -64,7 +65,7 @@ def sweep_writer(
     with _failure(path, "written"):
         parts = Parts(folder)
     try:
-        yield SweepWriter(path, parts)
+        yield SweepWriter(path, parts, before)
     except StoreError as error:  # a block has changed since it passed its checks
         raise Failed(str(error)) from error
     finally:
@@ -79,11 +80,11 @@ class SweepWriter:
     disk, or if another program has removed or changed the blocks.
     """
 
-    def __init__(self, path: Path, parts: Parts) -> None:
+    def __init__(self, path: Path, parts: Parts, before: object) -> None:
         self._path, self._parts, self._schema = path, parts, parts.schema
         self._began, self._spent = time.monotonic(), parts.seconds
         self.damaged = parts.damaged  #: Blocks that are pending again.
-        self._before = identity(path)
+        self._before = before
         self._numbers = {_corners(block): i for i, block in enumerate(self._schema.blocks)}
 
     def pending(self) -> list[Block]:
@@ -107,9 +108,11 @@ class SweepWriter:
         """Write the complete file and remove the blocks, all of which must be written."""
         schema = self._schema.with_samples(self._parts.samples)
         self._parts.refuse_loss()
-        with _failure(self._path, "completed"), replacing(self._path) as new:
+        with (
+            _failure(self._path, "completed"),
+            replacing(self._path, self._refuse_other_file) as new,
+        ):
             write_file(new, schema, self._blocks(), self._seconds, compressed=compressed)
-            self._refuse_other_file()
         remove(self._parts.folder)
 
     def _blocks(self) -> Iterator[tuple[Block, Mapping[str, np.ndarray]]]:

@@ -93,8 +93,8 @@ def fill_blocks(
     """
     plan = schema() if plan is None else plan
     with (
-        only_writer(Path(path), **options),
-        sweep_writer(path, plan, resume=options.get("resume", False)) as store,
+        only_writer(Path(path), **options) as (real, before),
+        sweep_writer(real, plan, resume=options.get("resume", False), before=before) as store,
     ):
         if store is None:
             return 0

@@ -152,6 +152,23 @@ def test_the_rows_of_a_table_have_its_columns():
     assert second == table[8:]
 
 
+def test_the_table_of_points_is_not_replaced():
+    """Not even after an empty line; a table that was exported before is."""
+    text = "\n omega , serial\n2.0,a\n2.5,b\n"
+    Path("sweep.yaml").write_text("points: table.csv\noscillator: {h: 0.1, R: 0.8, f: 1.0}\n")
+    Path("table.csv").write_text(text.strip())
+    run_sweep("sweep.yaml", "out.h5")
+    Path("table.csv").write_text(text)
+    for words in (
+        ["export", "out.h5", "-o", "table.csv"],
+        ["export", "out.h5", "-o", "table.csv", "--rows", "sections"],
+        ["attractors", "out.h5", "--csv", "table.csv"],
+    ):
+        assert "table.csv is a table of points like that of the sweep" in refused(*words)
+    assert Path("table.csv").read_text() == text
+    assert exported("out.h5") == exported("out.h5")
+
+
 def test_a_record_that_the_file_lacks_is_refused():
     path = run_sweep(load_config("sweep.yaml", ["record.impacts=0"]), "out.h5")
     assert "record.impacts" in refused("export", path, "-o", "a.csv", "--rows", "impacts")

@@ -1,19 +1,22 @@
 """Other programs, an old file and a change of names during a run lose nothing without a word."""
 
+import io
 import os
 import re
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import xarray as xr
 
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.engine import executors
-from sweeps.store import SweepWriter
+from sweeps.engine import estimate, executors
+from sweeps.errors import Failed, StoreError
+from sweeps.store import SweepWriter, lock, reading
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import data
-from tests.helpers.written_files import contents, fill_blocks
+from tests.helpers.written_files import FOUR_BLOCKS, block_results, contents, fill_blocks, schema
 from vibroimpact.status import Status
 
 CONFIG = """\
@@ -114,6 +117,139 @@ def test_a_file_that_another_program_puts_there_is_left_alone(monkeypatch):
     Path("out.h5").unlink()
     assert call("run", "sweep.yaml", "--quiet", "--resume").exit_code == 0
     open_sweep("out.h5").close()
+
+
+def test_a_file_that_appears_while_the_run_is_planned_is_left_alone(monkeypatch):
+    """Also the complete file of another sweep."""
+    fill_blocks("other.h5")
+    for content, options in ((b"precious", []), (Path("other.h5").read_bytes(), ["--overwrite"])):
+        planned = estimate.trial
+
+        def planning(*arguments, content=content, planned=planned):
+            Path("out.h5").write_bytes(content)
+            return planned(*arguments)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(estimate, "trial", planning)
+            result = call("run", "sweep.yaml", "--quiet", *options)
+        assert result.exit_code == 1
+        assert "out.h5 was written by another program" in result.stderr
+        assert Path("out.h5").read_bytes() == content
+        Path("out.h5").unlink()
+        shutil.rmtree(PARTS)
+
+
+def test_a_file_that_appears_while_the_complete_one_goes_to_the_disk_is_left_alone(monkeypatch):
+    fsync = os.fsync
+
+    def syncing(descriptor):
+        if list(Path().glob(".out.h5.*.new")):
+            Path("out.h5").write_bytes(b"precious")
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", syncing)
+    with pytest.raises(Failed, match="was written by another program"):
+        fill_blocks("out.h5")
+    assert Path("out.h5").read_bytes() == b"precious" and len(os.listdir(PARTS)) == 7
+
+
+@pytest.mark.slow
+def test_a_file_that_appears_at_any_call_before_the_first_block_is_left_alone(monkeypatch):
+    made, which = [None], 0
+    while len(made) > which:
+        made, computing = [], []
+
+        def noting(name, function, made=made, which=which, computing=computing):
+            def call(*arguments, **options):
+                if not computing:
+                    made.append(name)
+                    if len(made) == which + 1:
+                        Path("precious").rename("out.h5")
+                return function(*arguments, **options)
+
+            return call
+
+        def results(block, computing=computing):
+            computing.append(block)
+            return block_results(block)
+
+        Path("precious").write_bytes(b"precious")
+        with monkeypatch.context() as patch:
+            names = "stat lstat fstat listdir scandir open mkdir rmdir replace unlink fsync"
+            for module, of_module in ((os, names), (io, "open")):
+                for name in of_module.split():
+                    patch.setattr(module, name, noting(name, getattr(module, name)))
+            with suppress(StoreError, Failed):
+                fill_blocks("out.h5", plan=FOUR_BLOCKS, results=results)
+        if len(made) > which:
+            assert Path("out.h5").read_bytes() == b"precious", made[which]
+        Path("out.h5").unlink()
+        shutil.rmtree(PARTS, ignore_errors=True)
+        which += 3
+    assert which > 60
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_the_folder_of_the_blocks_is_taken_before_the_run_is_planned(monkeypatch):
+    """In a shared folder, nobody else can then make it, and change the blocks in it."""
+    make, planned = lock.make_parts, estimate.trial
+
+    def planning(*arguments):
+        assert PARTS.stat().st_uid == os.geteuid() and not os.listdir(PARTS)
+        return planned(*arguments)
+
+    def late(path):
+        PARTS.mkdir()
+        os.chown(PARTS, 65534, 65534)
+        make(path)
+
+    monkeypatch.setattr(estimate, "trial", planning)
+    monkeypatch.setattr(lock, "make_parts", late)
+    result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 2 and "out.h5.parts belongs to another user" in result.stderr
+    PARTS.rmdir()
+    monkeypatch.setattr(lock, "make_parts", make)
+    assert call("run", "sweep.yaml", "--quiet").exit_code == 0
+    assert not PARTS.exists()
+
+
+def test_a_run_that_is_refused_leaves_no_folder(monkeypatch):
+    def refuse(*_):
+        raise StoreError("too large")
+
+    monkeypatch.setattr(estimate, "trial", refuse)
+    assert call("run", "sweep.yaml", "--quiet").exit_code == 2
+    assert os.listdir() == ["sweep.yaml"]
+
+
+def test_an_opened_file_that_was_replaced_is_not_read_as_if_it_were_the_old_one():
+    """xarray closes files when many are open, and opens them again by their names."""
+    fill_blocks("out.h5")
+    fill_blocks("other.h5")
+    with xr.set_options(file_cache_maxsize=1), open_sweep("out.h5") as dataset:
+        fill_blocks("out.h5", overwrite=True, plan=schema(block_size=3, numerics="2"))
+        open_sweep("other.h5").close()
+        with pytest.raises(StoreError, match=r"out\.h5 was replaced by another program; open"):
+            dataset["poincare_x"].load()
+        Path("out.h5").unlink()
+        with pytest.raises(StoreError, match=r"out\.h5 was removed by another program"):
+            dataset["poincare_x"].load()
+
+
+def test_a_sweep_that_is_replaced_while_it_is_opened_is_not_opened(monkeypatch):
+    """Its data would not have been compared with their checksums."""
+    fill_blocks("out.h5")
+    fill_blocks("other.h5", plan=schema(numerics="2"))
+    checked = reading.check_file
+
+    def checking(path, **options):
+        digest = checked(path, **options)
+        os.replace("other.h5", "out.h5")
+        return digest
+
+    monkeypatch.setattr(reading, "check_file", checking)
+    with pytest.raises(StoreError, match="was replaced by another program"):
+        open_sweep("out.h5")
 
 
 def test_what_is_lost_at_the_very_end_is_said(monkeypatch):

@@ -118,8 +118,8 @@ def moments(monkeypatch, tmp_path):
         disk = Disk(folder)
         disk.watch(patch)
         for count in (2, None):
-            with only_writer(Path("out.h5"), resume=True):
-                with sweep_writer("out.h5", FOUR_BLOCKS, resume=True) as store:
+            with only_writer(Path("out.h5"), resume=True) as (path, before):
+                with sweep_writer(path, FOUR_BLOCKS, resume=True, before=before) as store:
                     for i, block in enumerate(store.pending()[:count], 4 - len(store.pending())):
                         clock[0] += (0.4, 1.1)[i % 2]
                         store.write(block, block_results(block))

@@ -30,7 +30,7 @@ def test_a_planted_draft_is_not_followed(monkeypatch):
     """Not even if its random name was guessed."""
     monkeypatch.setattr(module.secrets, "token_hex", lambda count: "0" * 2 * count)
     Path("victim").write_text("precious")
-    Path(f".a.{os.getpid()}-00000000.new").symlink_to("victim")
+    module.draft_of(Path("a")).symlink_to("victim")
     with pytest.raises(Failed, match="a cannot be written: File exists"):
         written("a")
     assert Path("victim").read_text() == "precious" and not Path("a").exists()
@@ -136,6 +136,10 @@ def test_a_path_that_no_file_can_have_is_refused(name):
         ("a ", "ends in a space"),
         ("con", "can be named con"),
         ("Aux.h5", "can be named Aux"),
+        ("COM¹.h5", "can be named COM¹"),
+        ("conin$", "can be named conin$"),
+        ("a\nb.h5", r"has the character '\n' in"),
+        ("a\x1fb.h5", r"has the character '\x1f' in"),
     ],
 )
 def test_a_name_that_windows_cannot_hold_is_refused_with_the_reason(name, said):
@@ -165,20 +169,62 @@ def test_what_a_killed_process_left_is_removed_by_the_next():
     assert killed.returncode == -signal.SIGKILL
     (left,) = os.listdir()
     assert left.startswith(".a.") and left.endswith(".new")
-    written("b")
-    assert left in os.listdir()
-    with replacing(Path("a")):  # its draft belongs to a living process
-        written("a")
-        assert left not in os.listdir() and len(os.listdir()) == 3
-    # The same number of a process that ended before this one began, as in a container.
-    left = Path(f".a.{os.getpid()}-01234567.new")
-    left.touch()
-    os.utime(left, (1e9, 1e9))
-    others = [".a.new", ".a.1-0123456.new", ".a.mine.new", ".ab.1-01234567.new"]
+    start = left[: -len("01234567.new")]
+    similar = start.replace(".a.", ".ab.") + left[-12:]
+    others = [".a.new", f"{start}0123456.new", ".a.mine.new", similar]
     for name in others:
         Path(name).touch()
-    remove_leftovers(Path("a"))
+        os.utime(name, (1e9, 1e9))
+    os.utime(left, (1e9, 1e9))
+    written("b")
+    assert left in os.listdir()
+    with replacing(Path("a")):
+        written("a")
+        assert left not in os.listdir() and len(os.listdir()) == 3 + len(others)
     assert sorted(os.listdir()) == sorted(["a", "b", *others])
+
+
+def test_the_draft_of_a_process_that_cannot_be_seen_stays(monkeypatch):
+    """It is on another machine or in another container; the number may be that of nobody here."""
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "getpid", lambda: 2**22 + 1)
+        with replacing(Path("a")) as new:
+            new.write(b"theirs")
+            patch.undo()
+            written("a")
+    assert Path("a").read_bytes() == b"theirs" and os.listdir() == ["a"]
+
+
+@pytest.mark.parametrize("names", [("a" * 60 + "1.h5", "a" * 60 + "2.h5"), ("a.h5", "a.h5.csv")])
+def test_the_drafts_of_another_output_stay(names):
+    """Also if the names begin alike; those of this output go, as only the lock allows them."""
+    left = module.draft_of(Path(names[0]))
+    left.touch()
+    remove_leftovers(Path(names[1]))
+    assert os.listdir() == [left.name]
+    remove_leftovers(Path(names[0]))
+    assert os.listdir() == []
+
+
+def test_a_file_of_a_sweep_is_replaced_by_no_other_kind_of_file():
+    fill_blocks("out.h5")
+    before = Path("out.h5").read_bytes()
+    Path("link").symlink_to("out.h5")
+    for name in ("out.h5", "link"):
+        with pytest.raises(StoreError, match=rf"{name} is the file of a sweep and will not be rep"):
+            check_target(Path(name), "table")
+        with pytest.raises(StoreError, match="give the file another name"):
+            written(name)
+    with pytest.raises(StoreError, match="is the file of a sweep"), writing(Path("a"), "file"):
+        os.link("out.h5", "a")
+    assert Path("out.h5").read_bytes() == Path("a").read_bytes() == before
+
+
+def test_a_new_file_replaces_none_that_was_made_meanwhile():
+    with pytest.raises(StoreError, match="a exists, and is not replaced; remove it, or rename"):
+        with writing(Path("a"), "configuration", only_new=True):
+            Path("a").write_text("precious")
+    assert Path("a").read_text() == "precious" and os.listdir() == ["a"]
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf", "csv"])
