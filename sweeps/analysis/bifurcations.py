@@ -28,6 +28,7 @@ from sweeps.analysis.regimes import labels
 from sweeps.analysis.rig import on_axis
 from sweeps.config.rig import model_name
 from sweeps.store import DIRECTION
+from vibroimpact.orbits.curves import KINDS
 from vibroimpact.points.regimes import Label, Regime
 
 if TYPE_CHECKING:
@@ -238,7 +239,7 @@ def _special_points(exact: xr.Dataset, near: float) -> Iterator[tuple[str, float
     """
     (axis,) = exact.coords
     kinds, values, m, q = (exact[name].values for name in ("kind", axis, "m", "q"))
-    rows = np.flatnonzero(np.isin(kinds, ["flip", "fold", "graze"]))
+    rows = np.flatnonzero(np.isin(kinds, KINDS))
     rows = rows[np.lexsort([values[rows], q[rows], m[rows], kinds[rows]])]
     names = np.stack([kinds[rows], m[rows].astype(str), q[rows].astype(str)])
     differ = (names[:, 1:] != names[:, :-1]).any(axis=0)

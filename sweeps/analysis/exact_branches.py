@@ -30,6 +30,7 @@ from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from sweeps.text import listed, shown_count
 from vibroimpact.orbits.branches import Branch
+from vibroimpact.orbits.curves import KINDS
 from vibroimpact.orbits.orbit import Orbits
 from vibroimpact.orbits.periodic import OrbitError
 
@@ -81,7 +82,8 @@ def branches(
     Dataset
         Along ``point``, branch after branch, each followed by its special points:
 
-        - the axis, ``branch`` (the number of the branch), ``m``, ``q`` and ``stable``;
+        - the axis, ``branch`` (the number of the branch), ``m``, ``q`` and ``stable``: whether both
+          multipliers are inside the unit circle, False at a flip, a fold and a graze;
         - ``kind`` of a special point: ``flip``, ``fold``, ``graze`` or an end of the branch; empty
           for all other points. The orbit of a graze has the impact of speed zero. At the flip in
           which a branch ends it is the orbit of half the period;
@@ -199,12 +201,15 @@ def _as_dataset(
         report(_SMOOTH + (1.0 - _SMOOTH) * number / len(parts))
         records.append(orbit_coordinates(part, phase))
         multipliers.append(part.multipliers)
+    rows = with_special_points(items, "branch", "kind", (found.parameter,))
+    at_end = ~np.isin(rows["kind"].values, ["", *KINDS])  # not at a bifurcation
+    within = (np.abs(np.concatenate(multipliers)) < 1.0).all(axis=1)
     sizes = np.array([len(part.values) for part in parts], int)
     m, q = np.array([(part.m, part.phases.shape[1]) for part in parts], int).reshape(-1, 2).T
     data: dict[str, Any] = {
         "m": ("point", np.repeat(m, sizes)),
         "q": ("point", np.repeat(q, sizes)),
-        "stable": ("point", np.concatenate(stable)),
+        "stable": ("point", np.concatenate(stable) | (at_end & within)),
         "multipliers": (("point", "multiplier"), np.concatenate(multipliers)),
     }
     for name, variable in COORDINATES.items():
@@ -214,7 +219,6 @@ def _as_dataset(
         "summary": "\n".join(lines), "given_up": "; ".join(lines[1:]), "phase": phase,
         "range": [found.low, found.high],
     }  # fmt: skip
-    rows = with_special_points(items, "branch", "kind", (found.parameter,))
     return rows.assign(data).assign_attrs(about)
 
 
@@ -298,6 +302,7 @@ def wide_branches(found: xr.Dataset) -> np.ndarray:
     """Return which branches are stable over more than a hundredth of the axis, by their numbers."""
     (axis,), (low, high) = found.coords, found.attrs["range"]
     stable, number = found["stable"].values, found["branch"].values
+    stable = stable & (found["kind"].values == "")
     within = stable[1:] & stable[:-1] & (np.diff(number) == 0)
     steps = np.abs(np.diff(found[axis].values)) * within
     sums = np.bincount(number[1:], steps, 1 + number.max(initial=-1))

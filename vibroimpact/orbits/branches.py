@@ -275,7 +275,6 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
     low, high = (point.value for point in special)
     values = np.unique(np.concatenate([[low], values[(values > low) & (values < high)], [high]]))
     stable = (values if axis.name == "h" else np.full(values.size, osc.h)) > 0.0
-    stable[[i for i in (0, -1) if special[i].kind == "graze"]] = False
     none = np.empty((values.size, 0))
     return Branch("", (axis.name,), 1, 0, values, stable, none, none, special, osc)
 

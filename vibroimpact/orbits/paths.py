@@ -106,7 +106,9 @@ def one_way(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
                 kept, X = stands
                 kind, orbit = "graze", family.orbit(X)
             del path.points[kept:]
-            path.add(X, kind == "edge" and family.stable(family.point(X, tangent)))
+            # At an impact of speed zero the multipliers are infinite.
+            moves = family.slowest(X) > 0.0
+            path.add(X, moves and family.stable(family.point(X, tangent)))
             path.note(kind, orbit)
     return path
 
