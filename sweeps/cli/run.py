@@ -84,13 +84,15 @@ def run(
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
     from sweeps.engine.configurations import read_config
-    from sweeps.store import check_output
+    from sweeps.store import check_output, refuse_columns
 
     existing = existing_output(resume, overwrite)
     loaded = []
     for source in configs:
         check()
-        loaded.append(read_config(source, overrides or ()))
+        config = read_config(source, overrides or ())
+        refuse_columns(() if config.points is None else config.points.dtype.names or ())
+        loaded.append(config)
     paths = targets(configs, output, [config.output for config in loaded])
     for path in paths:
         check()

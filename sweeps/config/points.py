@@ -6,9 +6,9 @@ import csv
 import math
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -21,8 +21,14 @@ from vibroimpact.oscillator import PARAMETERS, Parameter
 
 #: Longest header of a table; a file without line breaks would be read as a whole.
 _LONGEST_HEADER = 100_000
+#: Most columns of a table: HDF5 allows some 64 more variables of one dimension.
+_MOST_COLUMNS = 4_000
 #: Name of a column; a further one becomes a coordinate, whose name other programs must accept.
 COLUMN_NAME = r"^\w(?!.*[^\w.-])"
+
+
+class _UnclosedError(ValueError):
+    """A quote is not closed where its line ends."""
 
 
 def read_points(given: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
@@ -117,21 +123,60 @@ def _read_csv(path: Path, known: Mapping[str, Parameter]) -> dict[str, np.ndarra
         raise ValueError("is not a regular file; expected: a CSV file")
     with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # NumPy warns of a file without rows
-        header = file.readline(_LONGEST_HEADER + 1)
-        if len(header) > _LONGEST_HEADER:
-            raise ValueError(f"the header is longer than {_LONGEST_HEADER:,} characters")
-        names = [name.strip() for name in next(csv.reader([header]), [])]
+        names = _header(file)
         _check_names(names, known)
         for kind in (float, object):
             file.seek(0)
+            _header(file)
             types = [(name, kind if name in known else object) for name in names]
+            lines = _closed_lines(file, names)
             try:
-                table = np.loadtxt(file, types, None, ",", skiprows=1, ndmin=1, quotechar='"')
+                table = np.loadtxt(lines, types, None, ",", ndmin=1, quotechar='"')
                 break
+            except _UnclosedError:
+                raise
             except ValueError:
                 if kind is object:
                     raise
     return {name: table[name] for name in names}
+
+
+def _header(file: TextIO) -> list[str]:
+    """Read the names in the first line that is not blank."""
+    header = "\n"
+    while header and not header.strip():
+        header = file.readline(_LONGEST_HEADER + 1)
+    if len(header) > _LONGEST_HEADER:
+        raise ValueError(f"the header is longer than {_LONGEST_HEADER:,} characters")
+    if '"' in header and not _closed(header)[1]:
+        raise _UnclosedError("a quote in the header is not closed")
+    return [name.strip() for name in next(csv.reader([header]), [])]
+
+
+def _closed_lines(file: TextIO, names: list[str]) -> Iterator[str]:
+    """Yield the rows, without blank lines; refuse a quote that would take in the next rows."""
+    row = 0
+    for line in file:
+        if not line.strip():
+            continue
+        row += 1
+        if '"' in line:
+            cells, closed = _closed(line)
+            if not closed:
+                name = names[min(cells, len(names)) - 1]
+                problem = "a quote is not closed; expected: another one in the same line"
+                raise _UnclosedError(f"row {row}, column {name}: {problem}")
+        yield line
+
+
+def _closed(line: str) -> tuple[int, bool]:
+    """Return the number of cells in a line, and whether its last quote is closed."""
+    reader = csv.reader([line, ""])  # an open quote takes in the next line
+    try:
+        return len(next(reader)), reader.line_num == 1
+    except csv.Error:
+        most = csv.field_size_limit()
+        raise _UnclosedError(f"a cell with a quote has more than {most:,} characters") from None
 
 
 def _columns(given: Any, known: Mapping[str, Parameter]) -> dict[str, np.ndarray]:
@@ -176,6 +221,10 @@ def _check_names(names: list[str], known: Mapping[str, Parameter]) -> None:
             f"column {names.index('') + 1} has no name; expected: a name for every column, and no "
             "comma at the end of a line; to_csv of pandas needs index=False"
         )
+    if len(names) > _MOST_COLUMNS:
+        raise ValueError(
+            f"{len(names):,} columns are too many; expected: at most {_MOST_COLUMNS:,}"
+        )
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"column {name} is given twice; expected: once")
@@ -206,8 +255,9 @@ def _checked(name: str, column: np.ndarray, known: Mapping[str, Parameter]) -> n
         raise ValueError(f"row {row + 1}, column {name} = {problem}")
     if parameter is not None:
         return values.astype(float, copy=False)
-    # A float64 would round a longer serial number, which therefore stays a text.
-    exact = numeric or (np.abs(values) < 2**53).all()
+    # A float64 would round a longer serial number, and has no leading zeros: these stay texts.
+    whole = (np.abs(values) < 2**53).all()
+    exact = numeric or (whole and not any(re.match(r"\s*[+-]?0\d", str(cell)) for cell in column))
     return values if exact else np.array([str(cell) for cell in column], object)
 
 

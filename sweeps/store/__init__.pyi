@@ -10,6 +10,7 @@ from .reading import open_sweep as open_sweep
 from .reading import per_point as per_point
 from .reading import status_counts as status_counts
 from .schema import Schema as Schema
+from .schema import refuse_columns as refuse_columns
 from .variables import DIRECTION as DIRECTION
 from .variables import VARIABLES as VARIABLES
 from .variables import bytes_per_point as bytes_per_point

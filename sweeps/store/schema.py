@@ -98,10 +98,7 @@ class Schema:
         from vibroimpact.jit import WAY
 
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
-        for name in columns:
-            if name in (TABLE, DIRECTION, *RECORDS, *VARIABLES):
-                problem = "has the name of a result; expected: another name"
-                raise StoreError(f"points: the column {name} {problem}")
+        refuse_columns(columns)
         records = {name: np.arange(width) for name, width in widths_of(spec).items() if width}
         records["section"] += spec.transient + 1
         attributes = {
@@ -150,6 +147,14 @@ class Schema:
         if "sample" not in self.records:
             return self
         return replace(self, records={**self.records, "sample": np.arange(width)})
+
+
+def refuse_columns(names: Iterable[str]) -> None:
+    """Refuse columns of a table whose names the file needs itself."""
+    for name in names:
+        if name in (TABLE, DIRECTION, _BLOCKS, *RECORDS, *VARIABLES):
+            problem = "has the name of a result; expected: another name"
+            raise StoreError(f"points: the column {name} {problem}")
 
 
 def describe(file: h5py.File, schema: Schema, *, compressed: bool = False) -> None:

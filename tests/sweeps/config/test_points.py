@@ -18,6 +18,7 @@ from sweeps.errors import ConfigError, Refused, StoreError
 from tests.helpers.commands import accepted, refused
 from tests.helpers.configurations import load
 
+FIXED_R = "oscillator: {h: 0.05, R: 0.8, f: 1.0}"
 FIXED = "oscillator: {h: 0.05, f: 1.0}"
 RECORD = "record: {transient: 30, periods: 8, impacts: 5, diagnostics: [period, lyapunov]}"
 CONFIG = f"points: table.csv\n{FIXED}\n{RECORD}\n"
@@ -152,6 +153,10 @@ def refused_table(text):
         ("R,omega,a/b\n0.5,2,1\n", "unknown column a/b; expected"),
         ("R,omega,\n0.5,2,1\n", "column 3 has no name; expected"),
         ("R,R\n0.5,2\n", "column R is given twice; expected: once"),
+        ('R,note\n0.5,a\n0.6,"b\n0.7,c\n', "row 2, column note: a quote is not closed; expected:"),
+        ('R,note\n0.5,a\n0.6,"b\n0.7,c"\n', "row 2, column note: a quote is not closed"),
+        ('R,omega\n\n"0.5,2\n0.6,2\n', "row 1, column R: a quote is not closed"),
+        ('R,"omega\n0.5,2\n', "a quote in the header is not closed"),
         ("R,note\n0.5,a\n0.5,b\0c\n", r"row 2, column note = b\x00c is not allowed"),
         ("R,omega\n", "the table has no row"),
         ("R\n0.5\n", "oscillator.omega is missing; expected"),
@@ -219,6 +224,26 @@ def test_what_spreadsheets_and_pandas_write_otherwise_is_explained(text, part):
     Path("table.csv").write_text(text)
     with pytest.raises(ConfigError, match=part):
         load_config("sweep.yaml")
+
+
+def test_texts_in_quotes_and_leading_zeros_are_kept():
+    """A quote takes in commas, but no line; blank lines are skipped, before the header too."""
+    text = '\n \nomega,label,number,part\n\n1,"a, ""b""",7,007\n  \n2,5" pipe,0.5,12\n'
+    Path("table.csv").write_text(text)
+    table = load_config("sweep.yaml", ["oscillator.R=0.5"]).points
+    assert table.tolist() == [(1.0, 'a, "b"', 7.0, "007"), (2.0, '5" pipe', 0.5, "12")]
+    given = load_config({"points": {"omega": [1], "part": ["-07"]}, **yaml.safe_load(FIXED_R)})
+    assert given.points["part"].tolist() == ["-07"]
+
+
+def test_a_table_that_is_too_wide_is_refused():
+    """HDF5 has no room for more columns of one dimension."""
+    assert "a cell with a quote has more than 131,072 c" in refused_table(
+        f'R,note\n0.5,"{"x" * 140_000}"\n'
+    )
+    assert "table.csv: 5,002 columns are too many; expected: at most 4,000" in refused_table(
+        "R,omega" + "".join(f",c{i}" for i in range(5_000)) + "\n0.5,2\n"
+    )
 
 
 @pytest.mark.parametrize("place", ["there", "override"])
@@ -291,10 +316,12 @@ def test_what_needs_an_axis_is_refused(override, part):
         load_config("sweep.yaml", [override])
 
 
-def test_a_column_with_the_name_of_a_result_is_refused():
-    write_csv({"R": [0.5], "omega": [2.0], "status": [1]})
-    said = refused("run", "sweep.yaml")
-    assert "points: the column status has the name of a result" in said
+@pytest.mark.parametrize("name", ["status", "blocks", "point", "section"])
+def test_a_column_with_the_name_of_a_result_is_refused(name):
+    write_csv({"R": [0.5], "omega": [2.0], name: [1]})
+    for options in ([], ["--dry-run"]):
+        said = refused("run", "sweep.yaml", *options)
+        assert f"points: the column {name} has the name of a result" in said
 
 
 # Pictures and attractors
