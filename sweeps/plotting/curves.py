@@ -92,17 +92,18 @@ def draw_curves(
 ) -> list[Line2D]:
     """Draw `sweeps.curves` over a map of a cut; return labelled handles for the legend.
 
-    Pieces that bound a motion are drawn strongly. The others are thin. If there are many curves,
-    only those that bound one of the `coloured` classes are drawn. The legend says how many others
-    there are. Cusps and points where curves meet are marked on the strong pieces if
-    `marks` is true.
+    Pieces that bound a motion are drawn strongly. The others are thin: there the start leads to
+    another orbit. If there are many curves, only those that bound one of the `coloured` classes
+    somewhere are drawn. The legend says how many others there are. Cusps and points where curves
+    meet are marked on the strong pieces if `marks` is true.
     """
     limits = panel.get_xlim(), panel.get_ylim()
     kinds = _one_point_each(found)["kind"].values
     is_many = len(kinds) > _FEW
     pieces = list(_pieces(found, cut, axes, coloured if is_many else None))
     strong = [piece for piece in pieces if piece.bounds]
-    shown = strong if is_many else pieces
+    bounding = {piece.number for piece in strong}
+    shown = [piece for piece in pieces if not is_many or piece.number in bounding]
     for piece in shown:
         look = {"path_effects": _EDGE, "zorder": 4, **_STRONG} if piece.bounds else _THIN
         panel.plot(*piece.points.T, ls=_CURVES[kinds[piece.number]], **look)
@@ -113,7 +114,7 @@ def draw_curves(
         if kind in drawn
     ]
     handles += _mark_special(panel, found, strong) if marks else []
-    if left := len(kinds) - len({piece.number for piece in strong}):
+    if left := len(kinds) - len(bounding):
         text = f"{shown_count(left, 'further curve')}{' not shown' if is_many else ''}"
         handles.append(Line2D([], [], ls="" if is_many else "-", label=text, **_THIN))
     panel.set(xlim=limits[0], ylim=limits[1])

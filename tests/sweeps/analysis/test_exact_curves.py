@@ -250,6 +250,24 @@ def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
         assert not left_out.axes[0].lines and "1 further curve not shown" in legend_of(left_out)
 
 
+@pytest.mark.slow
+def test_a_curve_that_bounds_a_motion_on_a_part_is_drawn_whole(path, monkeypatch, unpainted):
+    """Where starts lead to another orbit, the rest of the curve is thin, also among many curves."""
+    monkeypatch.setattr("sweeps.plotting.curves._FEW", 0)
+    with open_sweep(path) as dataset:
+        found = curves(dataset, classes=[(1, 1)])
+        half = dataset.copy()
+        half["period"] = dataset["period"].where(dataset["R"] < 0.7, 3)
+        figure = parameter_map(half, exact=found)
+    (strong,) = strong_lines(figure)
+    (thin,) = (line for line in figure.axes[0].lines if line not in strong_lines(figure))
+    for line in (strong, thin):
+        assert_on_closed_form(*line.get_data(), 1e-4)
+    assert 0.65 < strong.get_ydata().max() < 0.8
+    assert {strong.get_ydata().min(), thin.get_ydata().max()} == {0.5, 0.9}
+    assert np.isclose(thin.get_ydata().min(), strong.get_ydata().max(), atol=0.02)
+
+
 def legend_of(figure):
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
