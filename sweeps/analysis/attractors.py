@@ -19,6 +19,8 @@ regime of the motion from each start (`sweeps.analysis.regimes`) decides its att
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,8 +33,7 @@ from sweeps.analysis.motions import cycles_of, different, motions_of
 from sweeps.analysis.regimes import approaching
 from sweeps.analysis.section_distance import TOLERANCE, same_motions
 from sweeps.analysis.settle import EXTENSIONS, settle
-from sweeps.analysis.tracking import PeriodicAttractors, exact_links, track
-from sweeps.config.rig import model_name
+from sweeps.analysis.tracking import lead_to_each_other, nearest, track
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from vibroimpact.points.regimes import Regime
@@ -41,6 +42,18 @@ from vibroimpact.points.regimes import Regime
 COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
 #: States that agree to this much less than the tolerance are continued and compared once.
 _FINER = 256
+#: The variables of an attractor at a parameter point, with their meanings and units.
+_COLUMNS = {
+    "number": ("number of the attractor", "1"),
+    "fraction": ("share of the starts", "1"),
+    "motion": ("kind of motion", "1"),
+    "m": ("forcing periods per repetition, 0: not periodic", "1"),
+    "q": ("impacts per repetition, 0: not periodic", "1"),
+    "from_record": ("whether its record shows it", "1"),
+    "section_x": ("displacement at the section", "length"),
+    "section_v": ("velocity at the section", "length/time"),
+    "representative": ("number of its representative start", "1"),
+}
 
 
 @takes_sweep({})
@@ -67,7 +80,8 @@ def attractors(
         In the shape of ``status``:
 
         - ``attractor``: the number of the attractor, -1 for none. Along the axes, the same number
-          means the same attractor (`sweeps.analysis.tracking`), but not among the sets of a table.
+          means the same attractor (`sweeps.analysis.tracking`), but not among the sets of a table,
+          nor where more than 50 attractors coexist, each of which has a number of its own.
           The most frequent periodic attractor has the number 0; attractors that are not periodic
           have the last numbers.
         - ``followed``: whether the motion was followed beyond its record, which does not show its
@@ -115,105 +129,75 @@ def attractors(
             )
     index, motions, config = GridIndex.of(dataset), motions_of(dataset).ravel(), config_of(dataset)
     followed = approaching(dataset).ravel() | (motions["m"] > dataset.sizes["section"])
-    if ((motions["m"] == 0) & (motions["regime"] > Regime.FAILED)).any():
-        _put_last_states(motions, dataset)
-        followed |= settle(motions, dataset, index, extensions)
-    heads, of_point, periodic = attractors_of(motions, index.parameter, config, tolerance)
-    number, fraction = np.empty(len(heads), np.int64), _shares(of_point, heads, index)
-    own = np.searchsorted(heads, periodic.at)
-    number[own] = _numbers(config, index, periodic, motions[periodic.at], fraction[own])
-    regime, parameter = motions["regime"][heads], index.parameter[heads]
-    others = np.flatnonzero(regime != Regime.PERIODIC)
-    first = int(number[own].max(initial=-1)) + 1
-    number[others] = first + np.unique(regime[others], return_inverse=True)[1]
+    followed |= settle(motions, dataset, index, extensions)
+    heads, of_point = attractors_of(motions, index.parameter, config, tolerance)
+    parameter, members = index.parameter[heads], np.bincount(of_point[of_point >= 0])
+    fraction = members / np.bincount(parameter, members, index.count)[parameter]
+    number = _numbers(config, index, motions[heads], parameter, fraction)
     shown = _recorded_members(of_point, heads, followed)
     motion = motions[shown]
-    columns: dict[str, tuple[np.ndarray, str, str]] = {
-        "number": (number, "number of the attractor", "1"),
-        "fraction": (fraction, "share of the starts", "1"),
-        "motion": (regime, "kind of motion", "1"),
-        "m": (motion["m"], "forcing periods per repetition, 0: not periodic", "1"),
-        "q": (motion["q"], "impacts per repetition, 0: not periodic", "1"),
-        "from_record": (~followed[shown], "whether its record shows it", "1"),
-        "section_x": (motion["point"]["x0"], "displacement at the section", "length"),
-        "section_v": (motion["point"]["v0"], "velocity at the section", "length/time"),
-        "representative": (index.start[shown], "number of its representative start", "1"),
-    }
-    order = np.lexsort((number, -fraction, parameter))
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order)) - np.searchsorted(parameter[order], parameter[order])
-    data: dict[str, Any] = {}
-    for name, (values, meaning, unit) in columns.items():
-        missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
-        grid = np.full((index.count, int(rank.max(initial=0)) + 1), missing, values.dtype)
-        grid[parameter, rank] = values
-        shaped = grid.reshape(*index.shape, -1)
-        data[name] = (*index.parameters, "coexisting"), shaped, described(config, meaning, unit)
-    data["motion"][2]["flag_values"] = np.array(list(Regime))
-    data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)
-    counted = np.bincount(parameter[np.isin(regime, COUNTED)], minlength=index.count)
-    for name, array, meaning in (
+    x, v = motion["point"]["x0"], motion["point"]["v0"]
+    columns = (
+        number, fraction, motion["regime"], motion["m"], motion["q"], ~followed[shown], x, v,
+        index.start[shown],
+    )  # fmt: skip
+    data = _by_rank(config, index, parameter, dict(zip(_COLUMNS, columns, strict=True)))
+    counted = np.bincount(
+        parameter[np.isin(motion["regime"], COUNTED)], minlength=index.count
+    ).reshape(index.shape)
+    status = dataset["status"]
+    for name, values, meaning in (
         ("attractor", np.append(number, -1)[of_point], "number of the attractor, -1: none"),
         ("followed", followed, "whether the motion was followed beyond its record"),
     ):
-        status = dataset["status"]
-        data[name] = (status.dims, array.reshape(status.shape), {"long_name": meaning})
-    about = {"long_name": "distinct attractors found"}
-    data["attractors"] = (index.parameters, counted.reshape(index.shape), about)
-    return xr.Dataset(data, {name: dataset[name] for name in dataset["status"].coords})
+        data[name] = (status.dims, values.reshape(status.shape), {"long_name": meaning})
+    data["attractors"] = index.parameters, counted, {"long_name": "distinct attractors found"}
+    return xr.Dataset(data, {name: dataset[name] for name in status.coords})
+
+
+def _by_rank(
+    config: SweepConfig,
+    index: GridIndex,
+    parameter: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+) -> dict[str, Any]:
+    """Return variables of attractors by parameter point and rank, the most frequent first."""
+    order = np.lexsort((columns["number"], -columns["fraction"], parameter))
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order)) - np.searchsorted(parameter[order], parameter[order])
+    data: dict[str, Any] = {}
+    for name, values in columns.items():
+        missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
+        grid = np.full((index.count, int(rank.max(initial=0)) + 1), missing, values.dtype)
+        grid[parameter, rank] = values
+        about = described(config, *_COLUMNS[name])
+        data[name] = (*index.parameters, "coexisting"), grid.reshape(*index.shape, -1), about
+    data["motion"][2]["flag_values"] = np.array(list(Regime))
+    data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)
+    return data
 
 
 def attractors_of(
     motions: np.ndarray, parameter: np.ndarray, config: SweepConfig, tolerance: float = TOLERANCE
-) -> tuple[np.ndarray, np.ndarray, PeriodicAttractors]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Return a motion on each attractor, and the attractor of each motion, -1 for none.
 
-    `parameter` are the parameter points of the `motions`. The periodic attractors are returned,
-    too. All other motions of one regime at a parameter point are on one attractor.
+    `parameter` are the parameter points of the `motions`. Periodic motions are on one attractor if
+    their parameter points, m and q agree, and their orbits; of all others, those of one regime are.
     """
-    representative, periodic = _orbits(motions, parameter, config, tolerance)
-    regime = motions["regime"]
-    others = np.flatnonzero((representative < 0) & (regime > Regime.FAILED))
+    m, regime = motions["m"], motions["regime"]
+    representative = np.full(len(motions), -1)
+    rows = np.flatnonzero(m > 0)
+    own = motions[rows]
+    group = different([parameter[rows], own["m"], own["q"]])[1]
+    one, of_row = different([group, *_rounded(own["point"], max(tolerance / _FINER, 1e-15))])
+    same = same_motions(cycles_of(config, own[one]), group[one], tolerance)
+    representative[rows] = rows[one[same[of_row]]]
+    others = np.flatnonzero((m == 0) & (regime > Regime.FAILED))
     first, number = different([parameter[others], regime[others]])
     representative[others] = others[first[number]]
     heads = np.unique(representative[representative >= 0])
-    of_motion = np.where(representative < 0, -1, np.searchsorted(heads, representative))
-    return heads, of_motion, periodic
-
-
-def _put_last_states(motions: np.ndarray, dataset: xr.Dataset) -> None:
-    """Write the last section states of all motions that are not periodic as their starts."""
-    rows = motions["m"] == 0
-    for name in "xv":
-        last = dataset[f"poincare_{name}"].isel(section=-1).values.ravel()
-        motions["point"][f"{name}0"][rows] = last[rows]
-
-
-def _orbits(
-    motions: np.ndarray, parameter: np.ndarray, config: SweepConfig, tolerance: float
-) -> tuple[np.ndarray, PeriodicAttractors]:
-    """Return the point that represents the orbit of each motion, -1 for none, and these orbits.
-
-    Motions are on the same orbit only if their parameter points, m and q agree.
-    """
-    representative, cycles = np.full(len(motions), -1), {}
-    heads, places = list[int](), list[int]()
-    for m in (np.flatnonzero(np.bincount(motions["m"])[1:]) + 1).tolist():
-        rows = np.flatnonzero(motions["m"] == m)
-        own = motions[rows]
-        group = different([parameter[rows], own["q"]])[1]
-        one, of_row = different([group, *_rounded(own["point"], max(tolerance / _FINER, 1e-15))])
-        of_one = cycles_of(config, own[one])
-        same = same_motions(of_one, group[one], tolerance)
-        kept = np.unique(same)
-        representative[rows] = rows[one[same[of_row]]]
-        heads += rows[one[kept]].tolist()
-        places += range(len(kept))
-        cycles[m] = of_one[kept]
-    at = np.array(heads, np.int64)
-    order = np.lexsort((at, parameter[at]))
-    at, place = at[order], np.array(places, np.int64)[order]
-    return representative, PeriodicAttractors(at, parameter[at], motions["m"][at], place, cycles)
+    return heads, np.where(representative < 0, -1, np.searchsorted(heads, representative))
 
 
 def _rounded(points: np.ndarray, share: float) -> tuple[np.ndarray, ...]:
@@ -221,13 +205,6 @@ def _rounded(points: np.ndarray, share: float) -> tuple[np.ndarray, ...]:
     states = np.stack([points["x0"] - points["clearance"], points["v0"] / points["omega"]])
     _, exponent = np.frexp(np.abs(states).max(axis=0))
     return exponent, *np.rint(np.ldexp(states, -exponent) / share).astype(np.int64)
-
-
-def _shares(of_point: np.ndarray, heads: np.ndarray, index: GridIndex) -> np.ndarray:
-    """Return the share of each attractor in the starts with a result at its parameter point."""
-    members, parameter = np.bincount(of_point[of_point >= 0]), index.parameter[heads]
-    shares: np.ndarray = members / np.bincount(parameter, members, index.count)[parameter]
-    return shares
 
 
 def _recorded_members(of_point: np.ndarray, heads: np.ndarray, followed: np.ndarray) -> np.ndarray:
@@ -242,16 +219,20 @@ def _recorded_members(of_point: np.ndarray, heads: np.ndarray, followed: np.ndar
 def _numbers(
     config: SweepConfig,
     index: GridIndex,
-    periodic: PeriodicAttractors,
     motions: np.ndarray,
+    parameter: np.ndarray,
     fraction: np.ndarray,
 ) -> np.ndarray:
-    """Number the periodic attractors, in decreasing order of their share of all starts."""
-    links = None
+    """Number attractors: the periodic ones in decreasing order of their share of all starts."""
+    number, periodic = np.empty(len(motions), np.int64), motions["m"] > 0
+    at = np.flatnonzero(periodic)
+    at = at[np.argsort(parameter[at], kind="stable")]
     shape = () if SETS in index.parameters else index.shape  # sets have no neighbours
-    if shape and config.method.impact == "exact":
-        axis = index.parameters[int(np.argmax(shape))]
-        links = exact_links(model_name(axis), config.record.phase, motions)
-    _, chain = np.unique(track(shape, periodic, links), return_inverse=True)
-    shares = np.bincount(chain, fraction)
-    return np.argsort(np.argsort(-shares, kind="stable"))[chain]
+    cycles = cycles_of(config, motions[at])
+    near, seeded = partial(nearest, cycles), partial(lead_to_each_other, config, motions[at])
+    _, chain = np.unique(track(shape, parameter[at], near, seeded), return_inverse=True)
+    order = np.argsort(-np.bincount(chain, fraction[at]), kind="stable")
+    number[at] = np.argsort(order)[chain]
+    kinds = np.unique(motions["regime"][~periodic], return_inverse=True)[1]
+    number[~periodic] = number[at].max(initial=-1) + 1 + kinds
+    return number

@@ -80,14 +80,16 @@ def run_on(
 
 
 def cycles_of(config: SweepConfig, motions: np.ndarray) -> Cycles:
-    """Return the orbits of periodic motions of equal m as cycles of states at the section."""
-    points, m = motions["point"], int(motions["m"][0])
-    states = np.stack([points["x0"], points["v0"]], axis=1)[:, None]
-    if m > 1:
-        states = np.concatenate([states, run_on(config, points, m - 1)[0]], axis=1)
-    states[:, :, 0] -= points["clearance"][:, None]
-    states[:, :, 1] /= points["omega"][:, None]
-    return Cycles(states, points["R"])
+    """Return the orbits of periodic motions as cycles of states at the section."""
+    points, m = motions["point"], motions["m"]
+    states = np.full((len(m), m.max(initial=1), 2), np.nan)
+    states[:, 0, 0], states[:, 0, 1] = points["x0"], points["v0"]
+    for periods in np.unique(m[m > 1]).tolist():
+        rows = np.flatnonzero(m == periods)
+        states[rows, 1:periods] = run_on(config, points[rows], periods - 1)[0]
+    states[..., 0] -= points["clearance"][:, None]
+    states[..., 1] /= points["omega"][:, None]
+    return Cycles(states, m, points["R"])
 
 
 def orbit_at(motion: np.void, phase: float) -> PeriodicOrbit:
@@ -122,11 +124,9 @@ def same_orbit(first: PeriodicOrbit, second: PeriodicOrbit, phase: float) -> boo
     if (first.m, first.q) != (second.m, second.q):
         return False
     o = first.oscillator
-    a, b = (
-        Cycles((orbit.sections(phase) - [o.clearance, 0.0])[None] / [1.0, o.omega], np.array([o.R]))
-        for orbit in (first, second)
-    )
-    return bool(distances(a, b)[0] <= TOLERANCE)
+    states = np.stack([orbit.sections(phase) for orbit in (first, second)]) - [o.clearance, 0.0]
+    cycles = Cycles(states / [1.0, o.omega], np.full(2, first.m), np.full(2, o.R))
+    return bool(distances(cycles, np.array([0]), np.array([1]))[0] <= TOLERANCE)
 
 
 def different(columns: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

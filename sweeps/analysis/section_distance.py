@@ -1,9 +1,9 @@
 """Periodic motions as cycles of section states: their distances, and which of them are equal.
 
-A cycle consists of the states of a motion at m passages of the section, shape (m, 2), in time
-order. It may begin at any of the m states, because a motion of m forcing periods can be reached at
-m phases. The distance of two cycles compares the states at matching places, for the best rotation
-of one against the other. So states that nearly agree in one coordinate cannot be confused.
+A cycle consists of the states of a motion at m passages of the section, in time order. It may begin
+at any of the m states, because a motion of m forcing periods can be reached at m phases. The
+distance of two cycles compares the states at matching places, for the best rotation of one against
+the other. So states that nearly agree in one coordinate cannot be confused.
 
 If the phase of an impact passes the phase of the section along an axis, the state at the section
 jumps from before the impact to after it, although the motion changes continuously. Therefore a
@@ -16,46 +16,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any
 
 import numpy as np
 
 #: Cycles closer than this, relative to their greatest coordinate, are the same motion.
 TOLERANCE = 1e-3
 #: Number of values compared at a time, so that they stay in the cache.
-_PART = 50_000
+_PART = 25_000
 
 
 @dataclass(frozen=True)
 class Cycles:
-    """Motions of m forcing periods each."""
+    """Periodic motions, each with its states at the section in a repetition."""
 
-    #: x - clearance and v in the same unit, for example v / omega. Tolerances are thus
-    #: relative to the distance from the stop, wherever the stop is. Shape (n, m, 2).
+    #: x - clearance and v in the same unit, for example v / omega. Tolerances are thus relative to
+    #: the distance from the stop, wherever the stop is. Shape (n, greatest m, 2); NaN beyond m.
     states: np.ndarray
+    m: np.ndarray  # forcing periods; int, shape (n,)
     R: np.ndarray  # coefficient of restitution; shape (n,)
-
-    def __getitem__(self, index: Any) -> Cycles:
-        """Return some of the motions."""
-        return Cycles(self.states[index], self.R[index])
-
-    def __len__(self) -> int:
-        return len(self.states)
-
-    @property
-    def m(self) -> int:
-        """Number of forcing periods of each cycle."""
-        return self.states.shape[1]
-
-    def places(self) -> np.ndarray:
-        """Return a point in the plane of the states for each cycle, shape (n, 2).
-
-        It does not depend on the state at which the cycle begins, and is the same just before and
-        just after an impact. Two places are in both coordinates as near as the cycles are.
-        """
-        x, v = np.moveaxis(self.states, -1, 0)
-        after = np.minimum(v, -self.R[:, None] * v)
-        return np.stack([x.mean(axis=1), after.mean(axis=1)], axis=1)
 
 
 def section_distance(
@@ -78,34 +56,29 @@ def section_distance(
     return np.minimum(direct, np.maximum(to_stop, rebound))
 
 
-def distances(a: Cycles, b: Cycles) -> np.ndarray:
-    """Return the distances of cycles, shape (n,), irrespective of the state at which each begins.
+def distances(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the distances of pairs of cycles, given their indices `a` and `b`, shape (n,).
 
-    If the cycles of `b` are k times as long, they are compared with k turns of `a`. The distance is
-    the largest difference of a coordinate, for the rotation that makes it least, divided by the
-    greatest absolute coordinate of both cycles; 0 if all coordinates are 0.
+    A cycle of 2 m periods is compared with two turns of one of m periods; cycles of other different
+    periods are infinitely far apart. The distance is the largest difference of a coordinate, for
+    the rotation that makes it least, divided by the greatest absolute coordinate of both cycles.
     """
-    turns = b.m // a.m
-    result = np.empty(len(a))
-    rows = max(1, _PART // (2 * b.m))
-    for start in range(0, len(a), rows):
-        cut = slice(start, start + rows)
-        states = np.tile(a.states[cut], (1, turns, 1))
-        matching = b[cut]
-        R = matching.R[:, None]
-        apart = np.full(len(states), np.inf)
-        for rotation in range(a.m):
-            rotated = np.roll(states, rotation, axis=1) if rotation else states
-            differences = section_distance(rotated, matching.states, 0.0, R)
-            apart = np.minimum(apart, _greatest(differences))
-        scale = np.maximum(sizes(states), sizes(matching.states))
-        result[cut] = apart / np.where(scale > 0.0, scale, 1.0)
+    m = cycles.m
+    a, b = np.where(m[a] > m[b], b, a), np.where(m[a] > m[b], a, b)
+    result = np.full(len(a), np.inf)
+    for periods, longer in np.unique([m[a], m[b]], axis=1).T.tolist():
+        if longer not in (periods, 2 * periods):
+            continue
+        rows = np.flatnonzero((m[a] == periods) & (m[b] == longer))
+        for part in np.array_split(rows, 1 + rows.size * longer // _PART):
+            first = np.tile(cycles.states[a[part], :periods], (1, longer // periods, 1))
+            second, R = cycles.states[b[part], :longer], cycles.R[b[part], None]
+            turned = (np.roll(first, turn, axis=1) for turn in range(periods))
+            apart = [_greatest(section_distance(one, second, 0.0, R)) for one in turned]
+            both = np.concatenate([first, second], axis=1).reshape(len(part), -1)
+            size = _greatest(np.abs(both))
+            result[part] = reduce(np.minimum, apart) / np.where(size > 0.0, size, 1.0)
     return result
-
-
-def sizes(states: np.ndarray) -> np.ndarray:
-    """Return the greatest absolute coordinate of each cycle, shape (n,)."""
-    return _greatest(np.abs(states).reshape(len(states), -1))
 
 
 def _greatest(table: np.ndarray) -> np.ndarray:
@@ -120,23 +93,25 @@ def same_motions(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERANCE
     connected by a chain of such cycles. So the result does not depend on the order of the cycles,
     and no arbitrary boundary separates cycles that converge to the same motion.
     """
-    first = np.arange(len(cycles))
-    if len(np.unique(group)) == len(cycles):
-        return first
+    count = len(group)
+    if len(np.unique(group)) == count:
+        return np.arange(count)
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    radius = tolerance * sizes(cycles.states) * (1.0 + 1e-9)  # of places, rounding included
-    apart = 4.0 * radius.max()  # keeps the groups apart
-    sites = np.nan_to_num(np.column_stack([cycles.places(), apart * group]))
-    near = KDTree(sites).query_ball_point(sites, np.nan_to_num(radius), p=np.inf)
-    a, b = np.repeat(first, list(map(len, near))), np.concatenate(near).astype(int)
+    # The mean of the states, after an impact, does not depend on the state at which a cycle begins;
+    # two of these places are in both coordinates as near as the cycles are.
+    x, v = np.moveaxis(cycles.states, -1, 0)
+    after = np.fmin(v, -cycles.R[:, None] * v)
+    places = (np.nansum(one, axis=1) / cycles.m for one in (x, after))
+    size = np.nanmax(np.abs(cycles.states), axis=(1, 2), initial=0.0)
+    radius = tolerance * size * (1.0 + 1e-9)  # rounding included
+    sites = np.column_stack([*places, 4.0 * radius.max() * group])  # groups are kept apart
+    near = KDTree(sites).query_ball_point(sites, radius, p=np.inf)
+    a, b = np.repeat(np.arange(count), list(map(len, near))), np.concatenate(near).astype(int)
     a, b = a[a != b], b[a != b]
-    equal = distances(cycles[a], cycles[b]) <= tolerance
-    a, b = a[equal], b[equal]
-    while True:  # terminates: the numbers only fall
-        before = first.copy()
-        np.minimum.at(first, a, before[b])
-        np.minimum.at(first, b, before[a])
-        first = first[first]
-        if np.array_equal(first, before):
-            return first
+    equal = distances(cycles, a, b) <= tolerance
+    graph = coo_array((equal[equal], (a[equal], b[equal])), (count, count))
+    number = connected_components(graph, directed=False)[1]
+    return np.unique(number, return_index=True)[1][number]

@@ -18,7 +18,6 @@ continued for at most ``MOST_CONTINUED`` forcing periods.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +30,7 @@ from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.compute import compute_points
 from vibroimpact.points.regimes import Regime, regimes_of
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.stages import Results, in_stages, put_last
+from vibroimpact.points.stages import Results, put_last
 
 #: How often a motion is continued, each time until it is four times as long.
 EXTENSIONS = 4
@@ -50,74 +49,75 @@ def settle(
 ) -> np.ndarray:
     """Continue motions that go to no known attractor, and write the regimes and orbits they reach.
 
-    `motions`, of dtype ``MOTION``, shape (n,), have their last states as starts. Returns the mask
-    of those that were continued.
+    Motions of `motions`, of dtype ``MOTION``, shape (n,), that are not periodic get their last
+    states as starts. Returns the mask of those that were continued.
     """
+    regime, continued = motions["regime"], np.zeros(len(motions), bool)
+    without = (motions["m"] == 0) & (regime > Regime.FAILED)
+    if not without.any():
+        return continued
+    state = _last_states(motions["point"], dataset)
+    motions["point"][without] = state[without]
     share, chatters = (dataset[name].values.ravel() for name in ("rest_fraction", "chatters"))
-    regime, rests = motions["regime"], _rests_of(share, np.maximum(chatters, share > 0.0))
+    rests = _rests_of(share, np.maximum(chatters, share > 0.0))
     chaotic = _chaotic(regime, rests, index)
-    at = np.flatnonzero(
-        (regime == Regime.UNKNOWN) | (regime == Regime.REST) & (rests == 1) | chaotic
-    )
-    continued = np.isin(np.arange(regime.size), at)
+    going = np.flatnonzero((regime == Regime.UNKNOWN) | _rested_once(regime, rests) | chaotic)
     first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
     length = first - 1 + dataset.sizes["section"]
-    planned = 3 * length * at.size
-    if not extensions or not at.size or planned > MOST_CONTINUED:
-        return continued & False
-    chaos_ends = np.zeros(regime.size, bool)
-
-    def goes_on(rows: np.ndarray, done: int, results: Results) -> np.ndarray:
-        nonlocal chaotic, chaos_ends, planned
-        here, before = at[rows], chaotic
-        rests[here] += results["rests"]
-        reached = motions[here]
+    done, planned, spec = 0, 3 * length * going.size, config_of(dataset).sweep.spec
+    chaos_ends = np.zeros_like(continued)
+    for i in range(extensions):
+        if not going.size or planned > MOST_CONTINUED:
+            break
+        continued[going] = True
+        periods = 3 * length * 4**i + _RECORD
+        results = _extended(spec, state[going], periods)
+        reached, now = motions[going], state[going]
         put_classes(reached, results["regime"], results)
-        motions[here] = reached
-        chaotic = _chaotic(regime, rests, index)
+        put_last(now, results)
+        motions[going], state[going] = reached, now
+        rests[going] += results["rests"]
+        before, chaotic = chaotic, _chaotic(regime, rests, index)
         unknown = regime == Regime.UNKNOWN
         chaos_ends = _at_point_of(before & ~chaotic & ~unknown, index)
-        once = (regime == Regime.REST) & (rests == 1)
-        on = (unknown | once | (chaotic & (chaos_ends | ~before)))[here]
-        planned += 3 * (length + done) * int(on.sum())
-        return on & (planned <= MOST_CONTINUED)
-
-    stops = [length * (4**i - 1) + _RECORD * i for i in range(1, extensions + 1)]
-    run = _run_of(config_of(dataset).sweep.spec)
-    last, _ = in_stages(motions["point"][at], stops, run, goes_on)
-    aperiodic = motions["m"][at] == 0
-    motions["point"][at[aperiodic]] = last[aperiodic]
+        on = unknown | _rested_once(regime, rests) | (chaotic & (chaos_ends | ~before))
+        going, done = going[on[going]], done + periods
+        planned += 3 * (length + done) * going.size
+    aperiodic = continued & (motions["m"] == 0)
+    motions["point"][aperiodic] = state[aperiodic]
     # All chaotic motions of a parameter point are on one attractor.
     rests_again = _at_point_of(chaotic & (rests > 1), index)
-    regime[chaotic] = np.where(rests_again, Regime.REST, Regime.CHAOTIC)[chaotic]
-    regime[chaotic & chaos_ends] = Regime.UNKNOWN
+    if continued.any():
+        regime[chaotic] = np.where(rests_again, Regime.REST, Regime.CHAOTIC)[chaotic]
+        regime[chaotic & chaos_ends] = Regime.UNKNOWN
     return continued
 
 
-def _run_of(spec: RunSpec) -> Callable[[np.ndarray, int, bool], Results]:
-    """Return the function that continues motions over an extension, and finds their regimes."""
-    exact, bare = spec.impact == "exact", replace(spec, period=False)
+def _last_states(points: np.ndarray, dataset: xr.Dataset) -> np.ndarray:
+    """Return points with their last states in the records as starts."""
+    last = points.copy()
+    for name in "xv":
+        last[f"{name}0"] = dataset[f"poincare_{name}"].isel(section=-1).values.ravel()
+    return last
 
-    def extension(points: np.ndarray, periods: int) -> Results:
-        """Continue motions, and find their regimes; ``rests`` counts all their rests."""
-        rests, state = np.zeros(points.size, np.int64), points.copy()
+
+def _extended(spec: RunSpec, points: np.ndarray, periods: int) -> Results:
+    """Continue motions, and find their regimes; ``rests`` counts all their rests."""
+    results = []
+    for state in np.array_split(points, -(-points.size // _PART)):
+        rests, omega = np.zeros(state.size, np.int64), state["omega"]
         for length in _lengths(periods - _RECORD):
-            before = compute_points(bare.part(0, length, 0, exact), state, None, at_section=True)
+            bare = replace(spec.part(0, length, 0, spec.impact == "exact"), period=False)
+            before = compute_points(bare, state, None, at_section=True)
             rests += _rests_of(before["rest_fraction"], before["chatters"])
             put_last(state, before)
         found = compute_points(spec.part(0, _RECORD, 0, False), state, None, at_section=True)
         rests += _rests_of(found["rest_fraction"], found["chatters"])
         share = np.maximum(before["rest_fraction"], found["rest_fraction"])
-        shown = before | found | {"rest_fraction": share}
+        regime = regimes_of(before | found | {"rest_fraction": share}, omega, length)
         ends = {name: values[:, -1:] for name, values in found.items() if values.ndim > 1}
-        return found | ends | {"regime": regimes_of(shown, points["omega"], length), "rests": rests}
-
-    def run(points: np.ndarray, periods: int, _: bool) -> Results:
-        parts = np.array_split(points, -(-points.size // _PART))
-        results = [extension(part, periods) for part in parts]
-        return {name: np.concatenate([part[name] for part in results]) for name in results[0]}
-
-    return run
+        results.append(found | ends | {"regime": regime, "rests": rests})
+    return {name: np.concatenate([part[name] for part in results]) for name in results[0]}
 
 
 def _lengths(periods: int) -> list[int]:
@@ -135,6 +135,12 @@ def _chaotic(regime: np.ndarray, rests: np.ndarray, index: GridIndex) -> np.ndar
     """Return the mask of motions that are chaotic, or that rest where a rest leads to chaos."""
     chaotic = regime == Regime.CHAOTIC
     return chaotic | ((regime == Regime.REST) & _at_point_of(chaotic & (rests > 0), index))
+
+
+def _rested_once(regime: np.ndarray, rests: np.ndarray) -> np.ndarray:
+    """Return the mask of the motions of which it is not known whether they rest again."""
+    mask: np.ndarray = (regime == Regime.REST) & (rests == 1)
+    return mask
 
 
 def _rests_of(share: np.ndarray, chatters: np.ndarray) -> np.ndarray:

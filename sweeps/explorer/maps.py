@@ -104,7 +104,7 @@ class Filling:
     def _group(self, at: np.ndarray, motions: np.ndarray) -> None:
         """Assign the motions of starts to the attractors found before, or to new ones."""
         both = np.concatenate([self._found, motions])
-        of_each, reached, _ = attractors_of(both, np.zeros(both.size, int), self.config)
+        of_each, reached = attractors_of(both, np.zeros(both.size, int), self.config)
         before, now = np.split(reached, [-at.size])
         self._reached = np.append(before, -1)[self._reached]
         self._reached[at] = now

@@ -1,6 +1,7 @@
 """The identity of attractors, within a point and along the axes."""
 
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,17 +10,23 @@ from sweeps import attractors, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.knocks import _Motions
 from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances, same_motions
-from sweeps.analysis.tracking import MAX_DISTANCE, PeriodicAttractors, track
+from sweeps.analysis.tracking import MAX_DISTANCE, MOST_TRACKED, nearest, track
 from sweeps.errors import Refused
 from tests.helpers.motions import cycle, given_sections, partition
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
 
 
+def cycles_of(states, R):
+    """Return cycles of states, shape (n, m, 2)."""
+    states = np.array(states)
+    count, m, _ = states.shape
+    return Cycles(states, np.full(count, m), np.broadcast_to(R, count))
+
+
 def grouped(cycles):
     """Return the number of the motion of each cycle, shape (n, m, 2), at one parameter point."""
-    cycles = Cycles(np.array(cycles), np.full(len(cycles), 0.8))
-    return same_motions(cycles, np.zeros(len(cycles), int))
+    return same_motions(cycles_of(cycles, 0.8), np.zeros(len(cycles), int))
 
 
 def test_a_motion_reached_at_another_phase_is_the_same():
@@ -84,17 +91,15 @@ def pairs_of_cycles(count, m):
     partners[at_stop, 0, 0] = -1e-4
     partners[at_stop, 0, 1] *= -0.8  # after the impact
     partners = np.array([np.roll(cycle, random.integers(m), axis=0) for cycle in partners])
-    return Cycles(states, np.full(count, 0.8)), Cycles(partners, np.full(count, 0.8))
+    return cycles_of(np.concatenate([states, partners]), 0.8)
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
 def test_two_cycles_are_one_motion_exactly_if_they_are_within_the_tolerance(m):
     """At random places, which are sometimes in different squares."""
     count = (30, 300, 300)[m - 1]
-    cycles, partners = pairs_of_cycles(count, m)
-    both = Cycles(*(np.concatenate([getattr(c, name) for c in (cycles, partners)])
-                    for name in ("states", "R")))  # fmt: skip
-    equal = distances(cycles, partners) <= TOLERANCE
+    both = pairs_of_cycles(count, m)
+    equal = distances(both, *np.arange(2 * count).reshape(2, -1)) <= TOLERANCE
     assert 0.05 < equal.mean() < 0.99
     found = same_motions(both, np.zeros(2 * count, int))
     np.testing.assert_array_equal(found[:count] == found[count:], equal)
@@ -106,10 +111,10 @@ def test_the_work_is_in_proportion_to_the_number_of_attractors(monkeypatch):
     compared = []
     monkeypatch.setattr(
         "sweeps.analysis.section_distance.distances",
-        lambda a, b: [compared.append(len(a)), distances(a, b)][1],
+        lambda cycles, a, b: [compared.append(len(a)), distances(cycles, a, b)][1],
     )
     states = np.random.default_rng(0).uniform(-1.0, 0.0, (3000, 1, 2))
-    found = same_motions(Cycles(states, np.ones(3000)), np.zeros(3000, int))
+    found = same_motions(cycles_of(states, 1.0), np.zeros(3000, int))
     assert len(set(found)) > 2900
     assert sum(compared) < 10 * 3000
 
@@ -117,7 +122,7 @@ def test_the_work_is_in_proportion_to_the_number_of_attractors(monkeypatch):
 def test_a_motion_that_represents_others_represents_itself():
     """Of motions that fill a region, each may be near others that are not near each other."""
     states = np.random.default_rng(0).uniform(-1.0, -0.97, (1000, 1, 2))
-    found = same_motions(Cycles(states, np.ones(1000)), np.zeros(1000, int))
+    found = same_motions(cycles_of(states, 1.0), np.zeros(1000, int))
     np.testing.assert_array_equal(found[found], found)
     assert 1 < len(set(found)) < 1000
 
@@ -213,15 +218,18 @@ def test_identities_follow_the_branches_whatever_their_share():
     assert found[9, 2] == found[0, 0] and found[10, 2] == found[0, 1]
 
 
+def nobody(a, b):
+    """Link no pair of attractors."""
+    return np.zeros(len(a), bool)
+
+
 def test_an_identity_is_kept_through_a_flip_and_lost_in_a_jump():
     split = 0.05 * np.sqrt(np.maximum(np.arange(30) - 9.5, 0.0))
     states = np.zeros((30, 2, 2))
     states[:, 0, 0], states[:, 1, 0] = -1.0 - split, -1.0 + split
     states[20:] += [0.9, 0.0]
-    place, m = np.arange(30), np.repeat([1, 2], [10, 20])
-    cycles = {1: Cycles(states[:10, :1], np.ones(10)), 2: Cycles(states[10:], np.ones(20))}
-    place[10:] -= 10
-    found = track((30,), PeriodicAttractors(np.arange(30), np.arange(30), m, place, cycles))
+    cycles = Cycles(states, np.repeat([1, 2], [10, 20]), np.ones(30))
+    found = track((30,), np.arange(30), partial(nearest, cycles), nobody)
     assert len(set(found[:20])) == 1 and len(set(found[20:])) == 1
     assert found[0] != found[-1]
 
@@ -261,26 +269,20 @@ def test_the_sheets_of_a_cusp_keep_two_numbers_where_both_exist():
 def test_the_links_are_the_mutually_nearest_pair_by_pair(same_R):
     random = np.random.default_rng(1)
     point, m = np.sort(random.integers(0, 6, 240)), random.choice([1, 2, 3, 4], 240)
-    R, cycles, place = random.uniform(0.0, 1.0, 6), {}, np.empty(240, int)
-    R = np.full(6, R[0]) if same_R else R
-    for periods in (1, 2, 3, 4):
-        own = np.flatnonzero(m == periods)
-        states = random.normal(size=(len(own), periods, 2)) * [0.4, 1.0]
-        states[..., 0] = -np.abs(states[..., 0])
-        cycles[periods], place[own] = Cycles(states, R[point[own]]), np.arange(len(own))
-    found = PeriodicAttractors(np.arange(240), point, m, place, cycles)
+    R = np.full(6, 0.5) if same_R else random.uniform(0.0, 1.0, 6)
+    states = random.normal(size=(240, 4, 2)) * [0.4, 1.0]
+    states[..., 0] = -np.abs(states[..., 0])
+    cycles = Cycles(states, m, R[point])
     apart = np.full((240, 240), np.inf)
     pairs = np.nonzero(point[:, None] + 1 == point)
-    apart[pairs] = found.distances(*pairs)
-    apart[apart > MAX_DISTANCE] = np.inf
+    apart[pairs] = distances(cycles, *pairs)
     expected = [
         (i, j)
-        for i, j in zip(*np.nonzero(np.isfinite(apart)), strict=True)
+        for i, j in zip(*np.nonzero(apart <= MAX_DISTANCE), strict=True)
         if apart[i].argmin() == j and apart[:, j].argmin() == i
     ]
-    everything = np.arange(240)
-    a, b = found.links(everything, everything, 1)
-    assert list(zip(a.tolist(), b.tolist(), strict=True)) == expected
+    linked = np.transpose(pairs)[nearest(cycles, *pairs)]
+    assert list(map(tuple, linked.tolist())) == expected
     assert len(expected) > 20
 
 
@@ -288,28 +290,18 @@ def test_equal_states_before_an_impact_are_linked_where_the_rebound_changes():
     """After the impact others would be nearer, but they are not at the stop."""
     v = np.array([1.0, *(-0.65 - 0.001 * np.arange(10)), 1.0])
     states = np.column_stack([np.full(12, -0.3), v])[:, None]
-    cycles = {1: Cycles(states, np.array([0.9] + 11 * [0.5]))}
-    n = np.arange(12)
-    found = PeriodicAttractors(n, np.array([0] + 11 * [1]), np.ones(12, int), n, cycles)
-    a, b = found.links(n[:1], n[1:], 1)
-    assert (a.tolist(), b.tolist()) == ([0], [11])
+    cycles = cycles_of(states, [0.9] + 11 * [0.5])
+    found = nearest(cycles, np.zeros(11, int), np.arange(1, 12))
+    assert np.flatnonzero(found).tolist() == [10]
 
 
-def test_the_work_of_links_is_in_proportion_to_the_number_of_attractors(monkeypatch):
+@pytest.mark.parametrize("count", [MOST_TRACKED, MOST_TRACKED + 1])
+def test_beyond_the_limit_every_attractor_has_a_number_of_its_own(count):
     """As along an axis of an undamped oscillator, where every start is an attractor."""
-    compared = []
-    monkeypatch.setattr(
-        "sweeps.analysis.tracking.distances",
-        lambda a, b: [compared.append(len(a)), distances(a, b)][1],
-    )
-    states = np.random.default_rng(0).uniform(-1.0, 0.0, (3000, 1, 2))
-    states = np.concatenate([states, states + 1e-4])
-    n, point = np.arange(6000), np.repeat([0, 1], 3000)
-    cycles = {1: Cycles(states, np.ones(6000))}
-    found = PeriodicAttractors(n, point, np.ones(6000, int), n, cycles)
-    a, b = found.links(n[:3000], n[3000:], 1)
-    assert np.mean(b - a == 3000) > 0.99
-    assert sum(compared) < 40 * 3000
+    states = np.random.default_rng(0).uniform(-1.0, 0.0, (count, 1, 2))
+    cycles = cycles_of(np.concatenate([states, states + 1e-4]), 1.0)
+    found = track((2,), np.repeat([0, 1], count), partial(nearest, cycles), nobody)
+    assert len(set(found)) == (count if count <= MOST_TRACKED else 2 * count)
 
 
 def test_an_identity_survives_an_impact_that_passes_the_section():

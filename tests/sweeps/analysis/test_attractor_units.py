@@ -1,0 +1,66 @@
+"""Attractors, their measures and knocks in other units: units of a power of two change no bit."""
+
+import numpy as np
+import pytest
+
+from sweeps import integrity, knocks, open_sweep, run_sweep
+from sweeps.analysis.attractor_table import rows
+
+#: The powers of 1 / time and of length in the unit of each quantity; the others have none.
+UNITS = {
+    "h": (1, 0), "omega": (1, 0), "p": (1, 0), "f": (2, 1), "clearance": (0, 1), "x0": (0, 1),
+    "v0": (1, 1), "section_x": (0, 1), "section_v": (1, 1), "speeds": (1, 1),
+    "integrity_factor": (0, 1), "disc_x": (0, 1), "disc_v": (1, 1), "local_integrity": (0, 1),
+    "knock_x": (0, 1), "knock_v": (1, 1), "knock_harmless": (1, 1), "knock_harmful": (1, 1),
+}  # fmt: skip
+#: 1 / time and length of the other units.
+OTHERS = [(2.0**10, 2.0**5), (2.0**-20, 2.0**-40), (1.0, 2.0**30)]
+
+
+def scaled(name, values, rate, length):
+    of_rate, of_length = UNITS.get(name, (0, 0))
+    return np.multiply(values, rate**of_rate * length**of_length) if name in UNITS else values
+
+
+def random_scene(random):
+    """Return the parameters and starts of a random oscillator, at three values of omega."""
+    clearance = random.choice([0.0, random.uniform(-0.5, 1.0)])
+    return {
+        "h": 10.0 ** random.uniform(-2.3, -0.5), "R": random.uniform(0.3, 0.95), "f": 1.0,
+        "omega": random.uniform(0.8, 3.5) * np.array([1.0, 1.01, 1.02]),
+        "p": random.uniform(0.8, 1.2), "clearance": clearance,
+        "x0": clearance + np.linspace(-2.5, 0.0, 10), "v0": np.linspace(-2.0, 2.0, 11),
+    }  # fmt: skip
+
+
+def found_in(scene, rate, length, phase, path):
+    """Return what is found, by name, with rate and length as the units of 1 / time and length."""
+    values = {name: scaled(name, value, rate, length) for name, value in scene.items()}
+    config = {
+        "start": {"x0": values.pop("x0"), "v0": values.pop("v0"), "phase": phase},
+        "oscillator": values,
+        "record": {"transient": 60, "periods": 32, "phase": phase, "diagnostics": ["period"]},
+    }
+    with open_sweep(run_sweep(config, path, overwrite=True)) as dataset:
+        found, starts = integrity(dataset), dataset.isel(omega=0)
+        knocked = knocks(starts, found.isel(omega=0))
+        results = {name: found[name].values for name in found}
+        results |= {name: knocked[name].values for name in knocked if "knock" in name}
+        results["speeds"] = np.concatenate([row.speeds for row in rows(dataset, found)])
+    return results
+
+
+SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 33)]
+
+
+@pytest.mark.parametrize("seed", [1, 2, *SLOW])
+def test_units_of_a_power_of_two_change_no_bit(seed, tmp_path):
+    random = np.random.default_rng(seed)
+    scene, phase = random_scene(random), random.choice([0.0, random.uniform(0.0, 6.0)])
+    expected = found_in(scene, 1.0, 1.0, phase, tmp_path / "a.h5")
+    assert expected["attractors"].all()
+    for rate, length in OTHERS:
+        found = found_in(scene, rate, length, phase, tmp_path / "b.h5")
+        for name, values in expected.items():
+            wanted = scaled(name, values, rate, length)
+            np.testing.assert_array_equal(found[name], wanted, err_msg=name)
