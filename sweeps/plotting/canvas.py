@@ -6,7 +6,8 @@ import io
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -17,11 +18,11 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
 from sweeps.plotting.labels import equation, status_name
 from sweeps.plotting.labels import title as title_of
+from sweeps.plotting.legend import SHARE, legend_below, legend_within
 from sweeps.plotting.page import Page
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import BLUE, MARKS, STATUS_COLOURS, user_style
@@ -29,9 +30,6 @@ from sweeps.text import shortened
 
 #: Least height of the panels, as a share of the usual one.
 _LEAST_PANELS = 0.35
-#: Most columns of a legend.
-_MOST_COLUMNS = 8
-_LEGEND: dict[str, Any] = {"handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0}
 
 
 class Picture(Figure):
@@ -148,75 +146,26 @@ class Picture(Figure):
         rarest: Sequence[str] | None = None,
         height: float | None = None,
     ) -> None:
-        """Put a legend below the panels, with as many columns as its width allows.
+        """Put a legend below the panels, and increase the height of the figure.
 
-        If labels of the `rarest` entries are given, it takes at most a fifth of the figure, or of a
-        final `height`: as many of these entries as necessary are left out and counted instead.
+        If labels of the `rarest` entries are given, it takes at most a fifth of the height: as many
+        of these entries as necessary are left out. If the others need more, the panels become
+        higher, too, but by at most a half; then, or at a final `height`, others are left out.
         """
-        look = {"title": title, "frameon": False, "borderpad": 0.2, **_LEGEND}
         if rarest is None:
-            handles, columns = [*handles], self._entries(handles, look).columns()
-        else:
-            look |= {"fontsize": "small", "title_fontsize": "small", "labelspacing": 0.3}
-            most = 0.2 * height if height else 0.25 * self.get_figheight()
-            handles, columns = self._within(most * self.dpi, handles, rarest, look)
-        legend = self.legend(handles=handles, ncols=columns, loc="outside lower center", **look)
-        legend.get_title().set_multialignment("center")
-        self.make_room(legend)
-
-    def _within(
-        self, height: float, handles: Sequence[Artist], rarest: Sequence[str], look: dict[str, Any]
-    ) -> tuple[list[Artist], int]:
-        """Return the entries of a legend that is at most so high [px], and its columns.
-
-        Entries of similar width are beside each other, so that more columns fit.
-        """
-        texts = [str(handle.get_label()) for handle in handles]
-        order = [(1, len(text)) if text not in rarest else (0, 0) for text in texts]
-        ordered = [handles[i] for i in sorted(range(len(handles)), key=order.__getitem__)]
-        shown, left_out = ordered, 0
-        while True:
-            entries = self._entries(shown, look)
-            columns = entries.columns()
-            if entries.height(columns) <= height or left_out == len(rarest):
-                return shown, columns
-            left_out += 1
-            kept = [one for one in ordered if one.get_label() not in rarest[:left_out]]
-            text = f"rarer classes: {left_out}"
-            shown = [*kept, Line2D([], [], linestyle="", label=text)]
-
-    def _entries(self, handles: Sequence[Artist], look: dict[str, Any]) -> _Entries:
-        """Measure the entries of a legend."""
-        legend = self.legend(handles=[*handles], loc="lower center", **look)
-        texts, title = legend.get_texts(), legend.get_title().get_window_extent().height
-        widths = np.array([text.get_window_extent().width for text in texts])
-        em = float(texts[0].get_fontsize()) * self.dpi / 72.0
-        row = (legend.get_window_extent().height - title) / len(texts)
-        legend.remove()
-        return _Entries(widths, em, row, title, 0.95 * self.bbox.width)
-
-
-class _Entries(NamedTuple):
-    """The widths of the texts of a legend, its font size, the heights of its parts, its room."""
-
-    widths: np.ndarray
-    em: float
-    row: float
-    title: float
-    room: float
-
-    def columns(self) -> int:
-        """Return the number of columns for which there is room."""
-        beside = float(sum(_LEGEND.values()))
-        for columns in range(min(_MOST_COLUMNS, len(self.widths)), 1, -1):
-            texts = sum(part.max() for part in np.array_split(self.widths, columns))
-            if texts + columns * beside * self.em <= self.room:
-                return columns
-        return 1
-
-    def height(self, columns: int) -> float:
-        """Return the height of the legend."""
-        return self.title + self.row * math.ceil(len(self.widths) / columns)
+            self.make_room(legend_below(self, handles, title, math.inf))
+            return
+        below = partial(legend_below, self, handles, title, rarest=rarest)
+        room = SHARE / (1.0 - SHARE)
+        least, most = (room * (self.get_figheight() + more * self._usual) for more in (0.0, 0.5))
+        if height is not None:
+            least = most = SHARE * height
+        legend = below(self.dpi * least)
+        if legend.get_window_extent().height > self.dpi * most:
+            legend.remove()
+            legend = below(self.dpi * most, final=True)
+        taken = legend.get_window_extent().height / self.dpi
+        self.set_figheight(max(self.get_figheight() + taken, taken / SHARE))
 
 
 def new_panel(ax: Axes | None, page: Page) -> Axes:
@@ -282,7 +231,8 @@ def finish(
         if page.title is not None:
             panel.set_title(page.title)
         if handles:
-            panel.legend(handles=handles, title=legend_title, **_LEGEND)
+            lay_out(panel)
+            legend_within(panel, handles, legend_title, rarest)
     return figure
 
 

@@ -38,6 +38,8 @@ from sweeps.text import listed
 from vibroimpact.points.regimes import ON_ITS_WAY, has_result
 from vibroimpact.status import Status
 
+#: A legend always has the classes with at least this share of the points.
+_COMMON = 0.1
 #: Look of points that are not computed yet.
 _PENDING: dict[str, Any] = {
     "facecolor": "white", "edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0
@@ -101,23 +103,29 @@ def parameter_map(
         _draw_mesh(panel, cut, shown.values, shown.norm, shown.ramp)
         shown.add_bar([panel])
     handles = draw_cells(panel, cut, shown.cells)
-    rarest = _rarest(shown.cells) if name == "period" else None
+    rarest = None
     if name == "period" and page.marks:
         handles += _mark_approaching(panel, cut)
     page.set_limits(panel)
     if exact is not None:
         y, x = (axis.values for axis in _axes_of(cut))
         handles += draw_curves(panel, exact, cut, (x, y), CLASSES, page.marks)
+    if name == "period":
+        handles, rarest = _by_share(handles, shown.cells)
     figure = canvas.finish(panel, page, cut, handles, shown.title, rarest=rarest)
     if name == "period":
         name_and_bound(panel, page, cut, *class_numbers(cut))
     return figure
 
 
-def _rarest(cells: Sequence[Cells]) -> list[str]:
-    """Return the labels of the classes that have points, from the rarest."""
-    counts = {cell.label: np.count_nonzero(cell.where) for cell in cells if cell.label[0].isdigit()}
-    return sorted(filter(counts.__getitem__, counts), key=counts.__getitem__)
+def _by_share(handles: Sequence[Artist], cells: Sequence[Cells]) -> tuple[list[Artist], list[str]]:
+    """Return the handles, those of most points first, and the rare classes, from the rarest."""
+    counts = {cell.label: np.count_nonzero(cell.where) for cell in cells}
+    ordered = sorted(handles, key=lambda handle: -counts.get(str(handle.get_label()), 0))
+    classes = [cell.label for cell in cells if cell.label[0].isdigit() and cell.where.any()]
+    classes.sort(key=counts.__getitem__)
+    common = _COMMON * sum(counts.values())
+    return ordered, [text for text in classes[:-1] if counts[text] < common]
 
 
 def name_and_bound(

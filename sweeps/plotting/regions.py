@@ -84,7 +84,11 @@ def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> n
 
 
 def _leave_marks_free(panel: Axes, raster: np.ndarray) -> None:
-    """Set the pixels around the markers of a panel, which a name would hide, to -1."""
+    """Set the pixels under a legend and around markers, which a name would hide, to -1."""
+    if (legend := panel.get_legend()) is not None:
+        corners = panel.transAxes.inverted().transform(legend.get_window_extent().get_points())
+        low, high = np.clip(corners[:, ::-1], 0.0, 1.0) * raster.shape
+        raster[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])] = -1
     for line in panel.lines:
         if line.get_marker() == "o":
             places = panel.transData.transform(np.asarray(line.get_xydata()))

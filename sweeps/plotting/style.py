@@ -152,6 +152,12 @@ STYLE: dict[Any, Any] = {
     "figure.titlesize": "medium",
     "figure.figsize": [5.0, 3.2],
     "axes.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.borderpad": 0.2,
+    "legend.labelspacing": 0.3,
+    "legend.handlelength": 1.4,
+    "legend.handletextpad": 0.5,
+    "legend.columnspacing": 1.0,
     "axes.formatter.offset_threshold": 5,  # number of leading digits that all labels share
     "hatch.linewidth": 0.7,
     "agg.path.chunksize": 10000,

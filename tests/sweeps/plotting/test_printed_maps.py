@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
 from sweeps.plotting import Page, parameter_map, section
@@ -93,6 +94,89 @@ def test_a_legend_takes_a_fifth_of_the_height_and_counts_what_it_leaves_out():
     assert shown == [f"{m}/{q}" for m, q in classes[: len(shown)]] and 3 < len(shown) < 14
     assert f"rarer classes: {14 - len(shown)}" in texts and "unresolved" in texts
     assert not parameter_map(dataset, page=Page(legend=False)).legends
+
+
+#: Shares of the classes in per cent; the others are 1 % each.
+SHARES = {(1, 1): 27, (2, 1): 24, (1, 2): 8, (3, 1): 6, (2, 2): 5}
+
+
+def many_entries():
+    """Return a map with all classes in shares, and as many further entries as there can be."""
+    axes = {"R": np.linspace(0.3, 0.9, 10), "omega": np.linspace(1.0, 4.0, 100)}
+    status = {(0, 0): Status.UNRESOLVED, (1, 0): Status.NON_FINITE, (2, 0): Status.PENDING}
+    near = {(row, 1): 0.1 for row in range(5)}
+    dataset = equal_points(axes=axes, status=status, orbit_distance=near)
+    one_each = dict.fromkeys(CLASSES, 1) | SHARES
+    columns = np.repeat(np.arange(len(CLASSES)), list(one_each.values()))
+    m, q = np.array(list(one_each))[columns].T
+    dataset["period"].values[:, : len(m)] = m
+    dataset["period_impacts"].values[:, : len(m)] = q
+    dataset["period"].values[:, len(m) :] = 5
+    dataset["rest_fraction"].values[:, 90:93] = 0.5
+    dataset["period"].values[:, 93:] = 0
+    dataset["lyapunov"].values[:, 93:96, 0] = 0.5
+    return dataset
+
+
+def entries(legend):
+    return [text.get_text().split(",")[0] for text in legend.get_texts()]
+
+
+def assert_most_frequent(shown):
+    """Check that no class is left out that has more points than one that is shown."""
+    share = {f"{m}/{q}": SHARES.get((m, q), 1) for m, q in CLASSES}
+    kept = [share[text] for text in shown if text in share]
+    assert kept and min(kept) >= max(
+        (share[text] for text in share if text not in shown), default=0
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("grey", [False, True])
+@pytest.mark.parametrize("width", [2.4, 3.4, 5.0, 7.0])
+def test_a_legend_has_the_commonest_classes_on_every_page(width, grey):
+    """The page becomes higher for them; only rarer ones are left out, and counted."""
+    figure = parameter_map(many_entries(), page=Page(width=width, grey=grey))
+    figure.draw_without_rendering()
+    (one,) = figure.legends
+    shown = entries(one)
+    assert {"1/1", "2/1", "rest", "chaotic (3.01 %)"} <= set(shown)
+    assert_most_frequent(shown)
+    assert one.get_window_extent().height < 0.203 * figure.bbox.height
+    panel = figure.axes[0].get_window_extent().height / figure.dpi
+    assert 2.0 < panel < 1.5 * 3.2
+    if width > 3.0:
+        left_out = len(CLASSES) - sum(text in {f"{m}/{q}" for m, q in CLASSES} for text in shown)
+        assert (f"rarer classes: {left_out}" in shown) == (left_out > 0)
+        assert {"unresolved", "non-finite", "not computed yet (1 of 1"} <= set(shown)
+
+
+@pytest.mark.slow
+def test_a_legend_on_a_page_of_given_height_has_a_fifth_of_it():
+    figure = parameter_map(many_entries(), page=Page(width=3.4, height=2.6))
+    figure.draw_without_rendering()
+    (one,) = figure.legends
+    shown = entries(one)
+    assert_most_frequent(shown)
+    assert {"1/1", "2/1"} <= set(shown) and any(text.startswith("+") for text in shown)
+    assert one.get_window_extent().height < 0.203 * figure.bbox.height
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("layout", [None, "constrained"])
+@pytest.mark.parametrize("panels", [1, 2, 3])
+def test_a_legend_within_a_panel_does_not_bury_it(panels, layout):
+    figure = Figure(layout=layout)
+    grid = figure.subplots(panels, panels, squeeze=False)
+    parameter_map(many_entries(), ax=grid[0, 0])
+    figure.draw_without_rendering()
+    one = grid[0, 0].get_legend()
+    shown, box = entries(one), one.get_window_extent()
+    assert_most_frequent(shown)
+    assert any(text.startswith(("+", "rarer classes: ")) for text in shown)
+    within = grid[0, 0].get_window_extent()
+    assert box.height < 0.203 * within.height and box.width < within.width
+    assert within.x0 < box.x0 and box.x1 < within.x1
 
 
 def test_entries_of_one_width_are_beside_each_other_in_a_legend_within_the_figure():
