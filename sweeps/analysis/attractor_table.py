@@ -10,10 +10,9 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.cuts import Selection, select, swept_axes
-from sweeps.analysis.dataset import config_of
+from sweeps.analysis.dataset import config_of, nomenclature_of
 from sweeps.analysis.grouping import STARTS, GridIndex, parameter_at_points, points_of
 from sweeps.analysis.motions import different, run_on
-from sweeps.analysis.rig import named_parameters
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.store import columns_of
@@ -71,7 +70,7 @@ class Row(NamedTuple):
 
 def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
     """Return the names of the swept axes, or of the columns of a table, that are not starts."""
-    known = named_parameters(dataset)
+    known = nomenclature_of(dataset).parameters
     names = [name for name in columns_of(dataset) if name in known] or swept_axes(dataset)
     return tuple(name for name in names if name not in STARTS)
 

@@ -18,15 +18,13 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.cuts import Selection, chosen_axes, select, swept_axes
-from sweeps.analysis.dataset import check_diagnostic, config_of, headed
+from sweeps.analysis.dataset import check_diagnostic, config_of, headed, nomenclature_of
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.analysis.explanations import NO_LABEL, changes, explain, least_difference
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.motions import OF_MOTIONS, motions_of
 from sweeps.analysis.regimes import labels
-from sweeps.analysis.rig import on_axis
-from sweeps.config.rig import model_name
 from sweeps.store import DIRECTION
 from vibroimpact.orbits.curves import KINDS
 from vibroimpact.points.regimes import Label, Regime
@@ -170,7 +168,8 @@ def _of_changes(
     Changes are explained with values of the model, and then converted to the units of the axis.
     """
     rows, unclassified, phase = list[dict[str, Any]](), 0, config_of(data).record.phase
-    parameter = model_name(along)
+    seen = nomenclature_of(data)
+    parameter = seen.parameter(along)
     for index in product(*(range(data.sizes[name]) for name in others)):
         line = data.isel(dict(zip(others, index, strict=True)))
         motions, down = motions_of(line), _is_followed_down(line, parameter)
@@ -182,7 +181,7 @@ def _of_changes(
                 own = dict(zip(("kind", "value", "orbit"), found, strict=True))
                 rows.append(here | vars(part) | own | {"down": down, "narrow": False})
     places = np.array([(row["low"], row["value"], row["high"]) for row in rows]).reshape(-1, 3)
-    for row, (low, value, high) in zip(rows, on_axis(data, along, places).tolist(), strict=True):
+    for row, (low, value, high) in zip(rows, seen.value(parameter, places).tolist(), strict=True):
         # The rounding of a conversion may move a value beyond its neighbours.
         row |= {"low": low, "value": float(np.clip(value, low, high)), "high": high}
     return rows, unclassified

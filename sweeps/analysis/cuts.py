@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.dataset import config_of
-from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store.variables import DIRECTION
@@ -129,7 +128,7 @@ def chosen_axes(
     for name in requested:
         if name not in axes:
             meant = suggestion(nearest(name, axes))
-            if (called := si_name(name, config_of(dataset).rig)) != name and called in axes:
+            if (called := config_of(dataset).nomenclature.name(name)) != name and called in axes:
                 meant = f" (it is called {called} here)"
             raise Refused(
                 f"{name or repr(name)} is not a swept axis{meant}; the file has {listed(axes)}"

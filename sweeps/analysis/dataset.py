@@ -1,4 +1,4 @@
-"""An opened sweep as a Dataset: its configuration, its oscillators, and heads of columns."""
+"""An opened sweep as a Dataset: its configuration, what its reader sees, and its oscillators."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.config.loading import stored_config
+from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.store.variables import columns_of
 from sweeps.text import in_units, unit_name
 from vibroimpact.oscillator import Oscillator
+
+#: Attribute that marks a dataset with the names and in the units of its reader.
+IN_SI = "in_si"
 
 
 def results_of(dataset: xr.Dataset, names: Collection[str]) -> dict[str, np.ndarray]:
@@ -37,6 +41,23 @@ def config_of(dataset: xr.Dataset) -> SweepConfig:
     if table:
         return stored_config(configuration, "its configuration", "sweep", table)
     return _parsed(configuration)
+
+
+def nomenclature_of(dataset: xr.Dataset) -> Nomenclature:
+    """Return the names, units and numbers of the axes of an opened sweep."""
+    return config_of(dataset).nomenclature if IN_SI in dataset.attrs else Nomenclature()
+
+
+def orbits_on_axes(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
+    """Return exact branches or curves, found over parameters of the model, over a sweep's axes."""
+    seen, axes = nomenclature_of(dataset), [str(name) for name in found.coords]
+    if not seen.in_si or IN_SI in found.attrs:
+        return found
+    values = {axis: (found[axis].dims, seen.value(axis, found[axis].values)) for axis in axes}
+    si = found.assign_coords(values).assign_attrs({IN_SI: 1})
+    if "range" in si.attrs:  # of branches
+        si.attrs["range"] = seen.value(axes[0], np.array(si.attrs["range"])).tolist()
+    return si.rename({axis: seen.name(axis) for axis in axes})
 
 
 @lru_cache(maxsize=8)

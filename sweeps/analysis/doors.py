@@ -10,7 +10,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import xarray as xr
 
-from sweeps.analysis.rig import named_parameters
+from sweeps.analysis.dataset import nomenclature_of
 from sweeps.arguments import Allowed, integer, is_number, require_all
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
@@ -122,7 +122,10 @@ def _problem(sweep: xr.Dataset) -> str:
         return "has no attribute configuration"
     if "status" not in sweep:
         return "has no status"
-    parameters, dims = named_parameters(sweep), [str(name) for name in sweep["status"].dims]
+    parameters, dims = (
+        nomenclature_of(sweep).parameters,
+        [str(name) for name in sweep["status"].dims],
+    )
     for name in dims:
         if name not in (*parameters, DIRECTION, TABLE):
             return f"has the axis {name}, which no sweep has"

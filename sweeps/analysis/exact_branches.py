@@ -20,12 +20,10 @@ from sweeps.analysis.branch_set import BranchSet
 from sweeps.analysis.chords import with_short_chords
 from sweeps.analysis.coordinates import COORDINATES, orbit_coordinates
 from sweeps.analysis.cuts import Selection, chosen_axes, select, split_directions
-from sweeps.analysis.dataset import config_of
+from sweeps.analysis.dataset import config_of, nomenclature_of, orbits_on_axes
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.motions import motions_of, orbit_at
-from sweeps.analysis.rig import orbits_on_axes
-from sweeps.config.rig import model_name
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from sweeps.text import listed, shown_count
@@ -114,7 +112,7 @@ def branches(
     """
     (axis,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "branch")
     lines = [motions_of(line) for line in lines_of(dataset, axis, at)]
-    name, phase = model_name(axis), config_of(dataset).record.phase
+    name, phase = nomenclature_of(dataset).parameter(axis), config_of(dataset).record.phase
     found = branches_of(lines, name, phase, report, classes=classes, most=most)
     return orbits_on_axes(dataset, found)
 

@@ -10,12 +10,15 @@ import xarray as xr
 
 from sweeps.analysis.curve_search import CurveSearch
 from sweeps.analysis.cuts import Selection, chosen_axes, select
-from sweeps.analysis.dataset import check_diagnostic, config_of
+from sweeps.analysis.dataset import (
+    check_diagnostic,
+    config_of,
+    nomenclature_of,
+    orbits_on_axes,
+)
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import check_axis, with_special_points
 from sweeps.analysis.motions import motions_of
-from sweeps.analysis.rig import on_axis, orbits_on_axes
-from sweeps.config.rig import model_name
 from sweeps.errors import Refused
 from sweeps.text import choice_of, listed, nearest, shown_count, suggestion
 from vibroimpact.orbits.branches import Branch
@@ -95,7 +98,8 @@ def curves(
         check_axis(axis, dataset[axis].values, "the map")
     check_diagnostic(dataset, "period")
     cut = select(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
-    names, phase = [model_name(across), model_name(up)], config_of(cut).record.phase
+    phase = config_of(cut).record.phase
+    names = [nomenclature_of(dataset).parameter(axis) for axis in (across, up)]
     values = [cut[name].values for name in names]
     search = CurveSearch(motions_of(cut), names, values, phase, classes, kinds or KINDS)
     reasons = search.run(report)
@@ -130,7 +134,7 @@ def summary(
     reasons: Mapping[str, Counter[str]],
 ) -> str:
     """Write lines on the curves found in a cut, and on the reasons why changes have no curve."""
-    kinds = Counter(curve.kind for curve in curves)
+    seen, kinds = nomenclature_of(cut), Counter(curve.kind for curve in curves)
     counted = listed([f"{kinds[kind]} of {kind}s" for kind in KINDS if kinds[kind]]) or "none"
     lines = [f"{shown_count(len(curves), 'exact curve')}: {counted}"]
     found = {(curve.m, curve.q) for curve in curves}
@@ -155,7 +159,7 @@ def summary(
             if point.kind == "lost":
                 values = zip(curve.parameters, point.value.tolist(), strict=True)
                 where = ", ".join(
-                    f"{cut[name].dims[0]} = {on_axis(cut, name, value):g}" for name, value in values
+                    f"{seen.name(name)} = {seen.value(name, value):g}" for name, value in values
                 )
                 why = lost_text(len(curve.values), point.orbit.speeds)
                 name = f"{curve.kind}s of {curve.m}/{curve.q}"

@@ -14,22 +14,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.dataset import config_of
-from sweeps.config.rig import (
-    MASS,
-    QUANTITIES,
-    RigConfig,
-    model_name,
-    parameter_of,
-    si_name,
-    si_value,
-    si_values,
-)
+from sweeps.analysis.dataset import IN_SI, config_of, nomenclature_of, orbits_on_axes
+from sweeps.config.nomenclature import Nomenclature
+from sweeps.config.rig import MASS, QUANTITIES, RigConfig
 from sweeps.store.variables import COLUMNS
 from vibroimpact.oscillator import PARAMETERS, Parameter
-
-#: Attribute that marks a dataset in SI units.
-IN_SI = "in_si"
 
 
 def rig_of(dataset: xr.Dataset) -> RigConfig | None:
@@ -49,20 +38,21 @@ def in_si(dataset: xr.Dataset) -> xr.Dataset:
     rig = rig_of(dataset)
     if rig is None or IN_SI in dataset.attrs:
         return dataset
+    seen = Nomenclature(rig)
     mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)
     coordinates: dict[str, Any] = {"mass": (mass.dims, mass.values, _about(MASS))}
     for name in PARAMETERS:
         if name in QUANTITIES:
-            own, called = dataset[name], si_name(name, rig)
-            about = {**own.attrs, **_about(QUANTITIES[name].description)}
+            own, called = dataset[name], seen.name(name)
+            about = {**own.attrs, **_about(seen.about(name))}
             typed = called != name and called in dataset.coords  # a column of the table
             masses = mass.values if rig.mass_varies else None
             values = dataset[called].values if typed else rig.in_si(name, own.values, masses)
             coordinates[called] = own.dims, values, about
     si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, mass))
-    si = si.swap_dims({name: si_name(name, rig) for name in PARAMETERS if name in dataset.dims})
+    si = si.swap_dims({name: seen.name(name) for name in PARAMETERS if name in dataset.dims})
     if COLUMNS in si.attrs:  # a table: its configuration could not be read under the new names
-        columns = dict.fromkeys(si_name(name, rig) for name in si.attrs[COLUMNS].split())
+        columns = dict.fromkeys(seen.name(name) for name in si.attrs[COLUMNS].split())
         si.attrs |= {"configuration": config_of(dataset), COLUMNS: " ".join(columns)}
     return si.assign_attrs({IN_SI: 1})
 
@@ -88,33 +78,6 @@ def _about(quantity: Parameter) -> dict[str, str]:
     return {"long_name": quantity.meaning, "units": quantity.unit, "symbol": quantity.symbol}
 
 
-def named_parameters(dataset: xr.Dataset) -> Mapping[str, Parameter]:
-    """Return the parameters of a sweep by the names that its user reads."""
-    if IN_SI not in dataset.attrs:
-        return PARAMETERS
-    rig = rig_of(dataset)
-    own = {si_name(name, rig): parameter_of(name, rig) for name in PARAMETERS}
-    return {"mass": MASS, **own}
-
-
-def on_axis(dataset: xr.Dataset, axis: str, values: Any) -> Any:
-    """Convert values of the model's parameter along an axis to the units of the axis."""
-    rig = rig_of(dataset) if IN_SI in dataset.attrs else None
-    return si_value(model_name(axis), values, rig)
-
-
-def orbits_on_axes(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
-    """Return exact branches or curves, found over parameters of the model, over a sweep's axes."""
-    if IN_SI not in dataset.attrs or IN_SI in found.attrs:
-        return found
-    rig, axes = rig_of(dataset), [str(name) for name in found.coords]
-    values = {axis: (found[axis].dims, on_axis(dataset, axis, found[axis].values)) for axis in axes}
-    si = found.assign_coords(values).assign_attrs({IN_SI: 1})
-    if "range" in si.attrs:  # of branches
-        si.attrs["range"] = on_axis(dataset, axes[0], np.array(si.attrs["range"])).tolist()
-    return si.rename({axis: si_name(axis, rig) for axis in axes})
-
-
 def arguments_in_si(
     dataset: xr.Dataset, options: Mapping[str, Any]
 ) -> tuple[xr.Dataset, dict[str, Any]]:
@@ -122,36 +85,37 @@ def arguments_in_si(
 
     `options` may have the arguments of `sweeps.plotting.plot`.
     """
-    rig, seen = rig_of(dataset), in_si(dataset)
-    if rig is None or seen is dataset:
+    si = in_si(dataset)
+    if si is dataset:
         return dataset, dict(options)
+    seen = nomenclature_of(si)
 
     def number(wanted: Any) -> Any:
         """Return a name of the rig, or a DataArray over the axes of the rig."""
         if isinstance(wanted, xr.DataArray):
             name = wanted.name
             if name not in dataset or not wanted.identical(dataset[name]):
-                return _on_axes(seen, wanted, rig)
+                return _on_axes(si, wanted)
             wanted = name
-        return si_name(wanted, rig) if isinstance(wanted, str) else wanted
+        return seen.name(wanted) if isinstance(wanted, str) else wanted
 
     converted = dict(options)
     for option, value in options.items():
         if option == "at" and value:
-            converted[option] = si_values(value, rig)
+            converted[option] = seen.selection(value)
         elif option == "exact" and value is not None:
-            converted[option] = orbits_on_axes(seen, value)
+            converted[option] = orbits_on_axes(si, value)
         elif option in ("quantity", "color") or isinstance(value, str | xr.DataArray):
             converted[option] = number(value)
         elif option in ("below", "axes"):
             converted[option] = [number(one) for one in value]
-    return seen, converted
+    return si, converted
 
 
-def _on_axes(dataset: xr.Dataset, values: xr.DataArray, rig: RigConfig) -> xr.DataArray:
+def _on_axes(dataset: xr.Dataset, values: xr.DataArray) -> xr.DataArray:
     """Return numbers over parameters of the model over the axes of a dataset in SI units."""
     for name in map(str, values.dims):
-        axis = si_name(name, rig)
+        axis = nomenclature_of(dataset).name(name)
         if axis != name and axis in dataset.dims and np.array_equal(values[name], dataset[name]):
             own = dataset[axis]
             values = values.assign_coords({axis: (name, own.values, own.attrs)})

@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.coordinates import COORDINATES
+from sweeps.analysis.dataset import nomenclature_of
 from sweeps.analysis.parts import in_parts
-from sweeps.analysis.rig import named_parameters
 from sweeps.errors import Refused
 from sweeps.store import VARIABLES, columns_of
 from sweeps.store.replacing import check_target, writing
@@ -153,7 +153,7 @@ def _scalars(dataset: xr.Dataset) -> xr.Dataset:
 def _frame(data: xr.Dataset, dimension: str | None) -> pd.DataFrame:
     """Return a row for each point, in the C order of the file, or for each record of a point."""
     dims = [str(name) for name in (*data["status"].dims, *([dimension] if dimension else []))]
-    known = dict.fromkeys([*named_parameters(data), *columns_of(data)])
+    known = dict.fromkeys([*nomenclature_of(data).parameters, *columns_of(data)])
     about = [name for name in known if name in data.coords and name not in dims]
     if dimension is None:
         rows = data if dims else data.expand_dims("point")

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from sweeps.config.groups import STARTS, UnitsConfig
-from sweeps.config.rig import SI_UNITS, si_name
+from sweeps.config.rig import SI_UNITS
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Axis, Key, MisplacedError
 from sweeps.grid import TABLE
@@ -47,10 +47,10 @@ def completed(config: SweepConfig) -> SweepConfig:
 
 
 def _key_of(config: SweepConfig, name: str) -> Key:
-    """Return the key of a parameter of the model in its group, which may be the rig."""
+    """Return the key of a parameter of the model in its group."""
     if name in STARTS:
         return "start", name
-    return ("oscillator", name) if config.rig is None else ("rig", si_name(name, config.rig))
+    return config.nomenclature.group, config.nomenclature.name(name)
 
 
 def _extreme_points(axes: dict[str, Axis], integrator: str) -> np.ndarray:
@@ -85,7 +85,7 @@ def _refuse_start(config: SweepConfig, points: np.ndarray) -> None:
     row = int(beyond.argmax())
     x0, clearance = points["x0"][row], points["clearance"][row]
     where = "" if config.points is None else f"row {row + 1} of points: "
-    typed, stop = "x0" in config.start.model_fields_set, si_name("clearance", config.rig)
+    typed, stop = "x0" in config.start.model_fields_set, config.nomenclature.name("clearance")
     raise MisplacedError(
         _key_of(config, "x0" if typed else "clearance"),
         f"{where}x0 = {shortest(x0)} lies beyond the stop at {stop} = "
@@ -194,14 +194,14 @@ def _refuse_follow(config: SweepConfig, axes: dict[str, Axis]) -> None:
     if axes[config.follow.axis].size > 1:
         return
     swept = [
-        si_name(name, config.rig)
+        config.nomenclature.name(name)
         for name, axis in axes.items()
         if axis.size > 1 and name not in STARTS
     ]
     raise MisplacedError(
         ("follow", "axis"),
-        f"{si_name(config.follow.axis, config.rig)} has only one value, so that there is nothing "
-        "to follow; expected: "
+        f"{config.nomenclature.name(config.follow.axis)} has only one value, so that there is "
+        "nothing to follow; expected: "
         + (f"a swept axis out of {', '.join(swept)}" if swept else "an axis that is swept"),
     )
 

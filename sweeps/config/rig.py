@@ -222,37 +222,6 @@ def model_name(name: str) -> str:
     return next((own for own, quantity in QUANTITIES.items() if quantity.name == name), name)
 
 
-def si_name(name: str, rig: RigConfig | None) -> str:
-    """Return the rig's name for a parameter of the model; without a rig, the model's name."""
-    return QUANTITIES[name].name if rig is not None and name in QUANTITIES else name
-
-
-def parameter_of(name: str, rig: RigConfig | None) -> Parameter:
-    """Return the symbol, unit and bounds of a parameter: the rig's, if there is one."""
-    in_rig = rig is not None and name in QUANTITIES
-    return QUANTITIES[name].description if in_rig else PARAMETERS[name]
-
-
-def si_value(name: str, value: Any, rig: RigConfig | None) -> Any:
-    """Convert values of the parameter `name` of the model to units of the rig, if there is one."""
-    return value if rig is None or name not in QUANTITIES else rig.in_si(name, value)
-
-
-def model_value(name: str, value: Any, rig: RigConfig | None) -> Any:
-    """Convert values of the rig, if there is one, to those of the parameter `name` of the model."""
-    if rig is None or name not in QUANTITIES:
-        return value
-    return QUANTITIES[name].in_model(rig.mass, value)
-
-
-def si_values(values: Mapping[str, Any], rig: RigConfig | None) -> dict[str, Any]:
-    """Convert values of the model, by name, to names and units of the rig, if there is one."""
-    return {
-        si_name(name, rig): value if isinstance(value, str) else si_value(name, value, rig)
-        for name, value in values.items()
-    }
-
-
 def with_rig(data: dict[str, Any]) -> dict[str, Any]:
     """Prepare the data of a configuration with a rig: its oscillator, and the followed axis."""
     if "oscillator" in data:

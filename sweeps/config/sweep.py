@@ -26,8 +26,9 @@ from sweeps.config.groups import (
     choice,
     key_list,
 )
+from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.points import in_model, with_columns
-from sweeps.config.rig import RIG_PARAMETERS, RigConfig, si_name, with_rig
+from sweeps.config.rig import RIG_PARAMETERS, RigConfig, with_rig
 from sweeps.config.values import Axis, Group, MisplacedError, Table, null, one_of
 from sweeps.grid import TABLE, Grid, Sweep
 from sweeps.text import printable
@@ -130,6 +131,11 @@ class SweepConfig(Group):
         groups = [group for _, group in self.items() if isinstance(group, ParameterConfig)]
         return {name: axis for group in groups for name, axis in group.axes().items()}
 
+    @property
+    def nomenclature(self) -> Nomenclature:
+        """The names, units and numbers of the parameters that a reader sees."""
+        return Nomenclature(self.rig)
+
     @cached_property
     def table(self) -> np.ndarray | None:
         """The columns of `points`, and those of the model made from columns of a rig.
@@ -199,7 +205,7 @@ class SweepConfig(Group):
         if self.follow is None:
             del plain["follow"]
         else:
-            plain["follow"]["axis"] = si_name(self.follow.axis, self.rig)
+            plain["follow"]["axis"] = self.nomenclature.name(self.follow.axis)
         if self.rig is None:
             del plain["units"]["mass"]
         if self.units == UnitsConfig():

@@ -8,7 +8,6 @@ from pathlib import Path
 import yaml
 
 from sweeps.config.loading import load_config, stored_config
-from sweeps.config.rig import si_name
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
@@ -47,15 +46,15 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
     if config.points is not None:
         raise Refused("the rows of a table have no axis to zoom into")
     data = yaml.safe_load(config.to_yaml())
-    axes = {si_name(name, config.rig): values for name, values in config.sweep.grid.axes.items()}
-    parameters = "oscillator" if config.rig is None else "rig"
+    seen = config.nomenclature
+    axes = {seen.name(own): values for own, values in config.sweep.grid.axes.items()}
     for name, (low, high) in pieces.items():
         if name not in axes:
             raise Refused(
                 f"{name} is not a swept axis{suggestion(nearest(name, axes))}; "
                 f"expected: {' or '.join(axes) or 'none, since this is a single point'}"
             )
-        group = data[parameters if name in data[parameters] else "start"]
+        group = data[seen.group if name in data[seen.group] else "start"]
         spacing = group[name]["spacing"] if isinstance(group[name], dict) else "linear"
         group[name] = {"start": low, "stop": high, "num": len(axes[name]), "spacing": spacing}
     if config.method.impact == "exact":  # find the number of steps that the piece needs

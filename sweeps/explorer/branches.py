@@ -10,7 +10,6 @@ from bokeh.models import ColumnDataSource, HoverTool, LegendItem
 
 from sweeps.analysis.exact_branches import branches_of, check_axis
 from sweeps.analysis.motions import motions_from
-from sweeps.config.rig import si_value
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.diagram import Diagram, numbers
 from sweeps.explorer.view import DIAGRAM, View
@@ -81,7 +80,7 @@ class Branches:
             )
         parts = _nothing()
         for name, x, y, _, orbit in parts_of(self._found[1], view.ordinate):
-            columns, x = parts[name], si_value(view.axis, x, config.rig)
+            columns, x = parts[name], config.nomenclature.value(view.axis, x)
             for column in y.T:
                 columns["x"] += [x] if name in _LINES else x.tolist()
                 columns["y"] += [column] if name in _LINES else column.tolist()

@@ -21,7 +21,7 @@ from bokeh.models import (
 )
 
 from sweeps.analysis.coordinates import COORDINATES
-from sweeps.config.rig import RigConfig, parameter_of, si_name
+from sweeps.config.nomenclature import Nomenclature
 from sweeps.explorer.figures import symbol
 from sweeps.explorer.view import View, window_around
 from sweeps.plotting.labels import as_variable, named_unit
@@ -53,7 +53,7 @@ class Controls:
     ) -> None:
         self._change = change
         self.axis = self._choice(
-            "abscissa", [(name, meaning(name, view.rig)) for name in PARAMETERS]
+            "abscissa", [(name, meaning(name, view.seen)) for name in PARAMETERS]
         )
         names = [(name, as_variable(name).attrs["long_name"]) for name in COORDINATES]
         self.ordinate = self._choice("ordinate", names)
@@ -90,22 +90,22 @@ class Controls:
 
     def _parameter(self, name: str, view: View) -> LayoutDOM:
         """Return the symbol, the field and the slider of a parameter."""
-        parameter, value = parameter_of(name, view.rig), view.values[name]
-        named = named_unit(as_variable(name, view.units, view.rig))
+        parameter, value = view.seen.about(name), view.values[name]
+        named = named_unit(as_variable(name, view.units, view.seen))
         unit = f" [{named}]" if named else ""
         tip = f"{parameter.meaning}{unit}: {parameter.allowed}"
-        low, high = window_around(name, view.values, view.rig)
+        low, high = window_around(name, view.values, view.seen)
         # Room for the longest unit, N s/m, beside the symbol.
-        beside, typed, slides = (22, 94, 88) if view.rig is None else (64, 74, 66)
+        beside, typed, slides = (64, 74, 66) if view.seen.in_si else (22, 94, 88)
         look = {"width": typed, "height": 22, "margin": (0, 2, 0, 0)}
-        field = self._field(name, si_name(name, view.rig), **look)
+        field = self._field(name, view.seen.name(name), **look)
         slider = Slider(
             start=low, end=high, value=value, step=(high - low) / 400.0, show_value=False,
             title=None, width=slides, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
         )  # fmt: skip
         connect(slider, "value", self._change, lambda view, new: view.moved(**{name: float(new)}))
         self.sliders[name] = slider
-        shown = symbol(name, view.rig) + (unit if view.rig is not None else "")
+        shown = symbol(name, view.seen) + (unit if view.seen.in_si else "")
         label = Div(text=f'<span title="{escape(tip)}">{escape(shown)}</span>', width=beside)
         label.styles = {"text-align": "right", "padding-top": "2px", "white-space": "nowrap"}
         return row(label, field, slider, spacing=2)
@@ -135,7 +135,7 @@ class Controls:
         for name, value in view.values.items():
             slider = self.sliders[name]
             if not slider.start <= value <= slider.end:
-                low, high = window_around(name, view.values, view.rig)
+                low, high = window_around(name, view.values, view.seen)
                 slider.update(start=low, end=high, step=(high - low) / 400.0)
             slider.value = value
         values = {**view.values, **view.record}
@@ -149,9 +149,9 @@ def _message(name: str, colour: str) -> Div:
     return Div(name=name, width=_WIDTH, text="", styles=styles, render_as_text=True)
 
 
-def meaning(name: str, rig: RigConfig | None) -> str:
+def meaning(name: str, seen: Nomenclature) -> str:
     """Return the symbol and the meaning of a parameter."""
-    return f"{symbol(name, rig)}: {parameter_of(name, rig).meaning}"
+    return f"{symbol(name, seen)}: {seen.about(name).meaning}"
 
 
 def connect(

@@ -22,7 +22,6 @@ from bokeh.models import (
 from bokeh.palettes import interp_palette
 
 from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
-from sweeps.config.rig import si_value
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.engine.estimate import check_memory
@@ -139,8 +138,8 @@ class Shown:
     @property
     def values(self) -> np.ndarray:
         """The values of the axis, in the units of the page."""
-        axis = self.view.axis
-        values: np.ndarray = si_value(axis, self.config.sweep.grid.axes[axis], self.config.rig)
+        axis, seen = self.view.axis, self.config.nomenclature
+        values: np.ndarray = seen.value(axis, self.config.sweep.grid.axes[axis])
         return values
 
     def has(self, kind: Status | str) -> np.ndarray:

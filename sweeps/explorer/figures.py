@@ -25,7 +25,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from sweeps.config.rig import RigConfig
+from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import View, Window, bounds
 from sweeps.plotting.labels import as_variable, label, named_unit, prefix_of
@@ -64,14 +64,14 @@ def plain(text: str) -> str:
     return text
 
 
-def symbol(name: str, rig: RigConfig | None) -> str:
+def symbol(name: str, seen: Nomenclature) -> str:
     """Return the symbol of a parameter or of a result as Unicode text."""
-    return plain(as_variable(name, rig=rig).attrs["symbol"])
+    return plain(as_variable(name, seen=seen).attrs["symbol"])
 
 
 def value_text(name: str, view: View) -> str:
     """Return the symbol of a parameter with its value and, if the unit has a name, its unit."""
-    variable, value = as_variable(name, view.units, view.rig), view.values[name]
+    variable, value = as_variable(name, view.units, view.seen), view.values[name]
     prefix, factor = prefix_of(variable, value)
     unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
     return plain(f"{variable.symbol} = {value / factor:.6g}{unit}")
@@ -83,7 +83,7 @@ def label_axis(axis: Any, name: str, view: View, size: float, pixels: float = ma
     The label has the meaning, the symbol and the unit of a parameter or of a result. If it needs
     more than `pixels`, the meaning is left out.
     """
-    variable = as_variable(name, view.units, view.rig)
+    variable = as_variable(name, view.units, view.seen)
     prefix, factor = prefix_of(variable, size)
     text = plain(label(variable, prefix))
     fits = 7.0 * len(text) < pixels

@@ -15,7 +15,6 @@ from sweeps.analysis.attractor_table import Row, orbits_of
 from sweeps.analysis.attractors import COUNTED, attractors_of
 from sweeps.analysis.integrity import measures_of
 from sweeps.analysis.motions import MOTION, motions_from
-from sweeps.config.rig import si_value
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
 from sweeps.engine.estimate import block_size
@@ -244,12 +243,9 @@ class Map(PixelFigure):
 
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
         """Show a map and its legend."""
-        axes = tiles.config.sweep.grid.axes
+        axes, seen = tiles.config.sweep.grid.axes, tiles.config.nomenclature
         names = [name for name, _ in view.plane(self._tab)]
-        x, y = (
-            outer_edges(si_value(name, axes[name], tiles.config.rig), name in view.log)
-            for name in names
-        )
+        x, y = (outer_edges(seen.value(name, axes[name]), name in view.log) for name in names)
         self.set_colours([colour for _, colour, _ in tiles.kinds])
         self.set_pixels(tiles.pixels, x, y)
         discs = np.reshape(tiles.discs, (-1, len(_DISC))).T.tolist()

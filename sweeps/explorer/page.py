@@ -87,7 +87,7 @@ class LivePage:
         self.motion = MotionPanel(self._close)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
         self._across = Select(
-            options=[(name, meaning(name, home.rig)) for name in PARAMETERS],
+            options=[(name, meaning(name, home.seen)) for name in PARAMETERS],
             width=220,
             name="across",
         )

@@ -1,8 +1,8 @@
 """The view of a page: a point in parameter space, and the windows around it.
 
 A `View` is an immutable value. It provides the configuration of every picture, which alone
-determines the results, and the query in the address of the page. Of a rig, its numbers are in SI
-units; the names of parameters are always those of the model, but for the address and for messages.
+determines the results, and the query in the address of the page. Its numbers are those that a
+reader sees; the names of parameters are those of the model, but for the address and for messages.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from sweeps.analysis.coordinates import COORDINATES
 from sweeps.analysis.dataset import oscillator_of
 from sweeps.config.groups import OscillatorConfig, RecordConfig
 from sweeps.config.loading import load_config
-from sweeps.config.rig import RigConfig, model_value, parameter_of, si_name, si_value
+from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -40,10 +40,10 @@ def _record_of(config: SweepConfig) -> dict[str, Any]:
     return record
 
 
-def window_around(name: str, values: Mapping[str, float], rig: RigConfig | None) -> Window:
+def window_around(name: str, values: Mapping[str, float], seen: Nomenclature) -> Window:
     """Return a default window of a parameter around its value at the point `values`."""
-    model = {name: float(model_value(name, value, rig)) for name, value in values.items()}
-    low, high = (float(si_value(name, end, rig)) for end in _around_in_model(name, model))
+    model = {name: float(seen.in_model(name, value)) for name, value in values.items()}
+    low, high = (float(seen.value(name, end)) for end in _around_in_model(name, model))
     return low, high
 
 
@@ -91,8 +91,8 @@ class View:
     #: method, record: the groups ``method`` and ``record`` of a configuration.
     method: Mapping[str, Any]
     record: Mapping[str, Any]
-    #: The rig, whose mass is fixed, or None. With it, values and windows are in SI units.
-    rig: RigConfig | None
+    #: What a reader sees: the units of values and windows.
+    seen: Nomenclature
     #: The point in the space of all parameters through which the windows pass; the mark is
     #: there.
     values: Mapping[str, float]
@@ -119,8 +119,8 @@ class View:
     @classmethod
     def of(cls, config: SweepConfig) -> Self:
         """Return the view of a configuration: its longest axes, other axes at their first value."""
-        axes, rig = config.parameters(), config.rig
-        values = {name: float(si_value(name, axes[name].first, rig)) for name in PARAMETERS}
+        axes, seen = config.parameters(), config.nomenclature
+        values = {name: float(seen.value(name, axes[name].first)) for name in PARAMETERS}
         axis, across = sorted(axes, key=lambda name: -axes[name].size)[:2]
         axis = axis if axes[axis].size > 1 else "omega"
         across = across if axes[across].size > 1 else "R" if axis != "R" else "omega"
@@ -129,8 +129,8 @@ class View:
         def window(name: str) -> Window:
             """Return the range of an axis, or a default window for a fixed parameter."""
             ends = axes[name].low, axes[name].high
-            low, high = (float(si_value(name, end, rig)) for end in ends)
-            return (low, high) if low < high else window_around(name, values, rig)
+            low, high = (float(seen.value(name, end)) for end in ends)
+            return (low, high) if low < high else window_around(name, values, seen)
 
         method = config.method.model_dump()
         if config.method.impact == "exact":  # its steps follow from the parameters
@@ -139,7 +139,7 @@ class View:
             name=config.name,
             method=method,
             record=_record_of(config),
-            rig=rig,
+            seen=seen,
             values=values,
             axis=axis,
             across=across,
@@ -147,8 +147,7 @@ class View:
             maplim=window(across),
             x0lim=window("x0"),
             v0lim=window("v0"),
-            # Only a rig needs the unit of the mass.
-            units=config.units.model_dump(exclude={"mass"} if rig is None else None),
+            units=config.units.model_dump(exclude={"mass"} - seen.constants.keys()),
             tab=BASINS if starts else DIAGRAM,
             log=tuple(name for name in axes if axes[name].spacing == "log"),
             start=config.start.phase,
@@ -186,7 +185,7 @@ class View:
             return log_window_around(name, self.values[name])
         axis, (low, high) = other  # every start must be in front of every stop
         ends = {"x0": {"x0": high}, "clearance": {"clearance": low}}.get(axis, {})
-        return window_around(name, {**self.values, **ends}, self.rig)
+        return window_around(name, {**self.values, **ends}, self.seen)
 
     def diagram(self, columns: int, diagnostics: tuple[str, ...] = ()) -> SweepConfig:
         """Return the sweep of the diagram with `columns` values of the axis."""
@@ -220,11 +219,10 @@ class View:
             entries[axis] = {"start": low, "stop": high, "num": num}
             if axis in self.log:
                 entries[axis]["spacing"] = "log"
-        given = {self._called(key): entries.pop(key) for key in OscillatorConfig.model_fields}
-        rig = None if self.rig is None else {"mass": self.rig.mass, **given}
+        given = {self.seen.name(key): entries.pop(key) for key in OscillatorConfig.model_fields}
         data = {
             "name": self.name,
-            **({"oscillator": given} if rig is None else {"rig": rig}),
+            self.seen.group: {**self.seen.constants, **given},
             "start": {**entries, "phase": self.start},
             "method": dict(self.method),
             "record": {**self.record, "diagnostics": diagnostics},
@@ -232,17 +230,13 @@ class View:
         }
         return load_config(data)
 
-    def _called(self, name: str) -> str:
-        """Return the name of a parameter in addresses and messages: the rig's, if there is one."""
-        return si_name(name, self.rig)
-
     def query(self) -> str:
         """Return the view as the query of an address."""
         items: dict[str, Any] = {
-            self._called(name): repr(value) for name, value in self.values.items()
+            self.seen.name(name): repr(value) for name, value in self.values.items()
         }
         items |= {name: self.record[name] for name in _RECORD}
-        items |= {name: self._called(getattr(self, name)) for name in _NAMES}
+        items |= {name: self.seen.name(getattr(self, name)) for name in _NAMES}
         items |= {name: int(getattr(self, name)) for name in ("tab", *_FLAGS)}
         for name in _WINDOWS:
             if (window := getattr(self, name)) is not None:
@@ -252,13 +246,13 @@ class View:
     def with_query(self, query: str) -> Self:
         """Return the view that an address describes; entries it lacks keep their values."""
         entries = dict(parse_qsl(query.removeprefix("?"), keep_blank_values=True))
-        named = {self._called(name): name for name in PARAMETERS}
+        named = {self.seen.name(name): name for name in PARAMETERS}
         changes: dict[str, Any] = {
             name: named.get(entries[name], entries[name]) for name in _NAMES if name in entries
         }
         changes["record"] = {**self.record, **{n: entries[n] for n in _RECORD if n in entries}}
         numbers = {
-            own: _number(name, entries[name], parameter_of(own, self.rig))
+            own: _number(name, entries[name], self.seen.about(own))
             for name, own in named.items()
             if name in entries
         }
@@ -280,21 +274,21 @@ class View:
         """Raise ConfigError if a name is unknown, a window is empty, or a value is not allowed."""
         for name in (self.axis, self.across):
             if name not in PARAMETERS:
-                expected = ", ".join(map(self._called, PARAMETERS))
+                expected = ", ".join(map(self.seen.name, PARAMETERS))
                 raise ConfigError(f"{name} is not a parameter; expected: {expected}")
         if self.ordinate not in COORDINATES:
             raise ConfigError(
                 f"{self.ordinate} is not an ordinate; expected: {', '.join(COORDINATES)}"
             )
         if self.axis == self.across:
-            raise ConfigError(f"{self._called(self.axis)} is asked for as both axes of the map")
+            raise ConfigError(f"{self.seen.name(self.axis)} is asked for as both axes of the map")
         for name in _WINDOWS:
             window = getattr(self, name)
             if window is not None and not (math.isfinite(sum(window)) and window[0] < window[1]):
                 raise ConfigError(f"the window {name} = {window} is empty")
         for name, value in self.values.items():
-            if not (parameter := parameter_of(name, self.rig)).accepts(value):
-                said = f"{self._called(name)} = {value:g} is not allowed"
+            if not (parameter := self.seen.about(name)).accepts(value):
+                said = f"{self.seen.name(name)} = {value:g} is not allowed"
                 raise ConfigError(f"{said}; expected: {parameter.allowed}")
         self.point()
         self.diagram(2)
@@ -314,7 +308,7 @@ def _number(name: str, text: str, parameter: Parameter) -> float:
 def bounds(name: str, view: View) -> tuple[float | None, float | None] | None:
     """Return the limits of a window; None where there is no limit."""
     parameter = PARAMETERS[name]
-    low = float(si_value(name, 1e-3, view.rig)) if parameter.low_open else parameter.low
+    low = float(view.seen.value(name, 1e-3)) if parameter.low_open else parameter.low
     low = view.values["x0"] if name == "clearance" else low
     high = view.values["clearance"] if name == "x0" else parameter.high
     ends = (low if math.isfinite(low) else None, high if math.isfinite(high) else None)

@@ -17,7 +17,6 @@ from matplotlib.patches import Patch
 from sweeps.analysis.cuts import Selection, directions, select
 from sweeps.analysis.dataset import config_of
 from sweeps.analysis.regimes import classes_of
-from sweeps.config.rig import parameter_of
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
@@ -257,9 +256,9 @@ def colours_directions(dataset: xr.Dataset, color: Wanted) -> bool:
 
 def direction_names(dataset: xr.Dataset) -> tuple[str, str]:
     """Return the names of the two directions for a legend, with the symbol of the followed axis."""
-    follow, rig = config_of(dataset).follow, config_of(dataset).rig
-    assert follow is not None
-    symbol = parameter_of(follow.axis, rig).symbol
+    config = config_of(dataset)
+    assert config.follow is not None
+    symbol = config.nomenclature.about(config.follow.axis).symbol
     return rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
 
 

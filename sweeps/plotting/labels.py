@@ -16,9 +16,8 @@ from matplotlib.ticker import (
 )
 
 from sweeps.analysis.coordinates import COORDINATES, impacts_left_out
-from sweeps.analysis.dataset import config_of
-from sweeps.analysis.rig import named_parameters
-from sweeps.config.rig import model_name, parameter_of
+from sweeps.analysis.dataset import config_of, nomenclature_of
+from sweeps.config.nomenclature import Nomenclature
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import in_units, unit_name
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -27,7 +26,6 @@ from vibroimpact.status import Status
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
 
-    from sweeps.config.rig import RigConfig
     from sweeps.config.sweep import SweepConfig
 
 #: Title of a legend of periodic classes.
@@ -36,19 +34,20 @@ CLASSES_TITLE = "m/q: q impacts in m forcing periods"
 #: a thousandth of the greatest, and its factor.
 _PREFIXED = ("m", "m/s")
 _PREFIXES = ((1e-4, "m", 1e-3), (1e-7, "\N{MICRO SIGN}", 1e-6), (1e-10, "n", 1e-9))
+_OF_MODEL = Nomenclature()
 #: A space at which a title is not broken into lines.
 _JOINT = "\N{NO-BREAK SPACE}"
 
 
 def as_variable(
-    name: str, units: Mapping[str, str] | None = None, rig: RigConfig | None = None
+    name: str, units: Mapping[str, str] | None = None, seen: Nomenclature = _OF_MODEL
 ) -> xr.DataArray:
     """Return a DataArray with the attributes of a parameter, variable or coordinate, no values.
 
-    With a rig, those of a parameter are the rig's.
+    Those of a parameter are what a reader sees.
     """
     is_parameter = name in PARAMETERS
-    of = parameter_of(name, rig) if is_parameter else {**VARIABLES, **COORDINATES}[name]
+    of = seen.about(name) if is_parameter else {**VARIABLES, **COORDINATES}[name]
     meaning = of.meaning if isinstance(of, Parameter) else of.long_name
     unit = in_units(of.unit, units or {})
     return xr.DataArray(attrs={"long_name": meaning, "units": unit, "symbol": of.symbol})
@@ -123,17 +122,17 @@ def record_text(drawn: xr.Dataset, coordinate: str = "poincare_x") -> str:
 def title(drawn: xr.Dataset, record: str | None = None) -> str:
     """Write the title of a picture: name, parameters that differ from their defaults, and record.
 
-    Parameters have units if names were chosen for these, as always for a rig. The record is by
-    default that of `record_text`.
+    Parameters have units if names were chosen for these. The record is by default that of
+    `record_text`.
     """
     config = config_of(drawn)
-    usual = {name: parameter.default for name, parameter in named_parameters(drawn).items()}
-    called = {model_name(name): name for name in usual}
-    if called["a"] in drawn.coords and bool((drawn[called["a"]] > 0.0).any()):
-        usual[called["f"]] = 0.0  # the base alone may shake the mass
+    seen = nomenclature_of(drawn)
+    usual = {name: parameter.default for name, parameter in seen.parameters.items()}
+    if "a" in drawn.coords and bool((drawn["a"] > 0.0).any()):
+        usual[seen.name("f")] = 0.0  # the base alone may shake the mass
     parts = [
         equation(parameter.symbol, drawn[name], float(drawn[name]))
-        for name, parameter in named_parameters(drawn).items()
+        for name, parameter in seen.parameters.items()
         if not drawn[name].dims and float(drawn[name]) != usual[name]
     ]
     if config.follow is not None and DIRECTION not in drawn.dims:  # else it is in the legend
@@ -150,7 +149,7 @@ def followed(drawn: xr.Dataset) -> str:
     config = config_of(drawn)
     assert config.follow is not None
     ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.follow.directions
-    symbol = parameter_of(config.follow.axis, config.rig).symbol
+    symbol = config.nomenclature.about(config.follow.axis).symbol
     return f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$"
 
 

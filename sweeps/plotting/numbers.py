@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.dataset import check_diagnostic, config_of, described
-from sweeps.analysis.rig import IN_SI, named_parameters
+from sweeps.analysis.dataset import check_diagnostic, config_of, described, nomenclature_of
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
 from sweeps.text import choice_of, listed, nearest, suggestion
@@ -24,7 +23,7 @@ MEAN_FORCE = "mean_force"
 
 def numbers_of(dataset: xr.Dataset) -> list[str]:
     """List what has a number for each point, results first; the Lyapunov exponents have two."""
-    replaced = PARAMETERS.keys() - named_parameters(dataset).keys()  # by those of a rig
+    replaced = PARAMETERS.keys() - nomenclature_of(dataset).parameters.keys()
     held = [
         str(name)
         for name in (*dataset.data_vars, *dataset.coords)
@@ -43,7 +42,7 @@ def _mean_force(dataset: xr.Dataset) -> xr.DataArray:
     """
     force = dataset["impulse"] * dataset["omega"] / (2.0 * np.pi)
     force = force.where(dataset["rest_fraction"] == 0.0).transpose(*dataset["status"].dims)
-    in_si = IN_SI in dataset.attrs
+    in_si = nomenclature_of(dataset).in_si
     meaning = "mean force on the stop" if in_si else "mean force on the stop per mass"
     about = described(config_of(dataset), meaning, "N" if in_si else "length/time^2")
     return force.assign_attrs(about, symbol=r"\overline{F}")

@@ -12,9 +12,8 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.attractor_table import Row, parameter_axes
-from sweeps.analysis.dataset import config_of, headed
+from sweeps.analysis.dataset import config_of, headed, nomenclature_of
 from sweeps.analysis.grouping import SETS
-from sweeps.analysis.rig import named_parameters
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.points.regimes import Regime
 
@@ -53,7 +52,7 @@ def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row])
         share = 100.0 * float(unknown.mean())
         lines.append(f"{share:.1f} % of the starts are unknown, which is no attractor")
     if "integrity_factor" in result:
-        root = "" if "p" in named_parameters(dataset) else ", p = sqrt(stiffness / mass)"
+        root = "" if "p" in nomenclature_of(dataset).parameters else ", p = sqrt(stiffness / mass)"
         lines.append(
             f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = "
             f"{config_of(dataset).start.phase:g}; >=: the window's edge decided"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.config.rig import parameter_of, si_name, si_value
+from sweeps.config.nomenclature import Nomenclature
 from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
@@ -62,7 +62,7 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
     kind = "axis" if config.points is None else "column"
     rows = [("name", config.name), *((kind, axis) for axis in axes or ["none, a single point"])]
     if config.follow:
-        followed = si_name(config.follow.axis, config.rig)
+        followed = config.nomenclature.name(config.follow.axis)
         rows.append(("follow", f"{followed}, {' and '.join(spec.directions)}"))
     rows += [("points", f"{sweep.size:,}"), ("forcing periods", f"{most}{periods:,}")]
     rows.append(("steps per period", f"{spec.steps_per_period:,}"))
@@ -80,16 +80,16 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
 
 
 def _swept(config: SweepConfig) -> Iterator[tuple[str, np.ndarray, str]]:
-    """Yield name, values and unit of each parameter that varies, of a rig in its own units."""
+    """Yield name, values and unit of each parameter that varies, as the reader sees them."""
     typed = () if config.points is None else config.points.dtype.names or ()
     for name in typed:
         if name in config.column_units:
             assert config.points is not None
             yield name, config.points[name], config.column_units[name]
+    seen = Nomenclature() if "mass" in typed else config.nomenclature
     for name, values in config.sweep.grid.swept.items():
         if config.points is None or name in typed:
-            rig = None if config.rig is None or config.rig.mass_varies else config.rig
-            yield si_name(name, rig), si_value(name, values, rig), parameter_of(name, rig).unit
+            yield seen.name(name), seen.value(name, values), seen.about(name).unit
 
 
 def summary(path: Path, sweep: Sweep) -> str:

@@ -21,7 +21,6 @@ from sweeps import (
 from sweeps.analysis.rig import in_si
 from sweeps.cli.main import app
 from sweeps.config.json_schema import json_schema
-from sweeps.config.rig import si_values
 from sweeps.config.values import Range
 from sweeps.explorer.view import View
 from sweeps.store.writer import SweepWriter
@@ -77,11 +76,12 @@ def test_every_value_of_a_rig_comes_back_from_the_model_to_the_last_bit(spacing)
         given = {key: getattr(config.rig, key) for key in SWEPT}
         expected = {key: np.atleast_1d(given[key]) for key in SWEPT if key != name}
         expected[name] = given[name].values()
-        values = si_values({**config.sweep.grid.fixed, **config.sweep.grid.axes}, config.rig)
+        grid = config.sweep.grid
+        values = config.nomenclature.selection({**grid.fixed, **grid.axes})
         for key in SWEPT:
             assert np.atleast_1d(values[key]).tolist() == expected[key].tolist()
     further = np.linspace(1.0, 2.0, 11)
-    halved = si_values({"omega": further, "impulse": further}, config.rig)
+    halved = config.nomenclature.selection({"omega": further, "impulse": further})
     assert halved["frequency"] == pytest.approx(further / (2.0 * math.pi), rel=1e-15)
     assert halved["impulse"] == pytest.approx(VALUES["mass"] * further, rel=1e-15)
 
