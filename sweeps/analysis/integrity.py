@@ -36,6 +36,8 @@ _MEASURES = {
     "local_integrity": ("distance to the nearest start outside the basin", "length"),
     "local_at_edge": ("whether the edge of the window decided the local integrity measure", "1"),
 }
+#: Share of a spacing by which evenly spaced values may differ.
+_EVEN = 1e-6
 
 
 @takes_sweep({})
@@ -127,8 +129,9 @@ def measures_of(
     from scipy.spatial import KDTree
 
     step, unit = np.array([x[1] - x[0], v[1] - v[0]]), np.array([1.0, weight])
-    # Pad each side with starts outside the basin, except where the window reaches the stop.
-    at_stop = clearance - x[-1] < 0.5 * step[0]
+    # Pad each side with starts outside the basin, except where the window reaches the stop, also
+    # with starts in the middle of equal cells: half a spacing, whatever its rounding.
+    at_stop = clearance - x[-1] <= (0.5 + _EVEN) * step[0]
     padded = np.pad(basin, ((1, 0 if at_stop else 1), (1, 1)))
     away, nearest = distance_transform_edt(padded, sampling=step * unit, return_indices=True)
     disc = np.unravel_index(away.argmax(), away.shape)
@@ -164,5 +167,5 @@ def refuse_unfit(dataset: xr.Dataset) -> None:
         )
     for name in ("x0", "v0"):
         steps = np.diff(np.sort(dataset[name].values))
-        if not len(steps) or np.ptp(steps) > 1e-6 * steps.max():
+        if not len(steps) or np.ptp(steps) > _EVEN * steps.max():
             raise Refused(f"the values of {name} are not evenly spaced; expected: start, stop, num")

@@ -82,6 +82,19 @@ def test_the_local_measure_is_the_distance_from_the_state_itself(share):
         assert local == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize("cells", [24, 25])
+def test_starts_in_the_middle_of_cells_reach_the_stop_in_every_unit(cells):
+    """Half a spacing before the stop, as it is rounded in this unit."""
+    for unit in (1.0, 1e-3, 1e-6, 377.0, 3e-5):
+        x = np.linspace(-3.0 * unit, 0.6 * unit, 2 * cells + 1)[1::2]
+        v = np.linspace(-3.0 * unit, 3.0 * unit, 31)
+        inside = np.add.outer(x**2, v**2) < (1.5 * unit) ** 2
+        radius, *_, local, at_edge = measures_of(inside, x, v, 1.0, 0.6 * unit, np.zeros((1, 2)))
+        others = outside(inside, x, v, at_stop=True)
+        assert local == pytest.approx(np.hypot(*others.T).min(), rel=1e-12) and not at_edge
+        assert radius == pytest.approx(1.5 * unit, rel=0.1)
+
+
 @pytest.mark.slow
 def test_the_measures_of_each_attractor_along_an_axis(two):
     found = integrity(two)
