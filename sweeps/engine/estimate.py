@@ -16,7 +16,8 @@ from sweeps.errors import StoreError
 from sweeps.grid import Cost, Sweep
 from sweeps.store import bytes_per_point, check_room, widths_of
 from sweeps.text import shown_bytes
-from vibroimpact.jit import ALL_THREADS
+from vibroimpact.jit import ALL_THREADS, WAY
+from vibroimpact.jit.cache import cache_folder
 from vibroimpact.kernel.run import lanes_per_thread
 from vibroimpact.points.run_spec import RunSpec
 
@@ -26,6 +27,10 @@ _BLOCK_MEMORY = 64 * 2**20
 #: is written, and the computation needs memory, too. Measured at the peak of runs with blocks of
 #: 64 MB and 1 GB. A picture of the live page takes up to 4.1 times its results.
 _BLOCKS_HELD = 5
+#: Memory that a run still takes, besides the results of its blocks, when their memory is checked
+#: [bytes]: measured were 45 MB with compiled code, and 245 MB to compile it.
+_OWN_MEMORY = 64 * 2**20
+_COMPILING = 256 * 2**20
 #: Most time steps of all points of a block, so that a block takes about a second.
 _BLOCK_STEPS = 200_000_000
 #: Least number of points of a block, if the sweep has as many and the memory allows it.
@@ -57,24 +62,26 @@ def expected_cost(sweep: Sweep, path: Path, computer: Computer, resume: bool) ->
     file = sweep.size * bytes_per_point(sweep.spec, at_impacts)
     disk = 2 * sweep.size * bytes_per_point(sweep.spec, max(at_impacts, _AT_IMPACTS))
     check_room(path, disk, resume=resume)
-    points = sweep.grid.size
-    block = min(block_size(sweep, **computer.block_limits(seconds, points)), points)
-    memory = _BLOCKS_HELD * block * _memory_per_point(sweep)
+    points, limits = sweep.grid.size, computer.block_limits(seconds, sweep.grid.size)
+    block = min(block_size(sweep, at_impacts, **limits), points)
+    memory = _BLOCKS_HELD * block * _memory_per_point(sweep, at_impacts)
     return Cost(seconds + _WRITING * file, file, memory, block)
 
 
-def block_size(sweep: Sweep, *, least: int = 1, blocks: int = _BLOCKS) -> int:
+def block_size(
+    sweep: Sweep, at_impacts: float = 0.0, *, least: int = 1, blocks: int = _BLOCKS
+) -> int:
     """Return the number of grid points per block: few enough to fit memory and to show progress.
 
     If an axis is followed, a block holds whole chains of points along it, each in a lane. The
     memory is the memory of this machine, even if others compute. A block has at least `least`
     points if they fit into memory. A sweep has at least `blocks` blocks if each can have two full
-    sets of lanes. Raises StoreError if there is not enough memory for one point, or one chain of
-    points.
+    sets of lanes. Trajectories have `at_impacts` samples at impacts in a period. Raises StoreError
+    if there is not enough memory for one point, or one chain of points.
     """
     spec, chain, lanes = sweep.spec, _chain(sweep), _lanes(sweep)
-    chain_memory = chain * _memory_per_point(sweep)
-    available = check_memory(sweep, chain, _smallest_block(sweep))
+    chain_memory = chain * _memory_per_point(sweep, at_impacts)
+    available = check_memory(sweep, chain, _smallest_block(sweep), at_impacts)
     # Full sets of lanes may take more memory than a normal block.
     wished = _BLOCK_MEMORY if spec.every else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
@@ -86,12 +93,14 @@ def block_size(sweep: Sweep, *, least: int = 1, blocks: int = _BLOCKS) -> int:
     return chain * (min(fits, wanted) // lanes * lanes or fits)
 
 
-def check_memory(sweep: Sweep, points: int, what: str) -> int:
+def check_memory(sweep: Sweep, points: int, what: str, at_impacts: float = 0.0) -> int:
     """Refuse points, named `what` in the error, that do not fit into memory when computed at once.
 
-    Return the available memory in bytes.
+    Return the memory in bytes that is available for them.
     """
-    needed, available = _BLOCKS_HELD * points * _memory_per_point(sweep), available_memory()
+    needed = _BLOCKS_HELD * points * _memory_per_point(sweep, at_impacts)
+    ready = cache_folder(WAY.name).exists()
+    available = max(0, available_memory() - (_OWN_MEMORY if ready else _COMPILING))
     if needed > available:
         raise StoreError(
             f"{what} takes about {shown_bytes(needed)} of memory, and only "
@@ -113,10 +122,9 @@ def _smallest_block(sweep: Sweep) -> str:
     return f"one chain of {_chain(sweep):,} points, followed {ways} along {sweep.spec.followed},"
 
 
-def _memory_per_point(sweep: Sweep) -> int:
-    """Return the bytes for the results of a grid point and for the recording of its samples."""
-    samples = widths_of(sweep.spec, _AT_IMPACTS)["sample"]
-    in_one_direction = bytes_per_point(sweep.spec, _AT_IMPACTS) + 32 * samples
+def _memory_per_point(sweep: Sweep, at_impacts: float) -> int:
+    """Return the bytes for the results of a grid point."""
+    in_one_direction = bytes_per_point(sweep.spec, max(at_impacts, _AT_IMPACTS))
     return in_one_direction * max(1, len(sweep.spec.directions))
 
 
@@ -132,24 +140,26 @@ def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
     # The threads that compute the kernel, as `integrate` chooses them; this thread does the rest.
     parallel = min(threads, -(-calls[0].size // lanes_per_thread(calls[0].size, threads)))
     total_periods = sweep.most_periods
-    periods, before = 1, (0, 0.0)
+    periods, before, at_impacts = 1, (0, 0.0), 0.0
     while True:
         shorter = _shortened(sweep, periods)
         samples = 0
         whole, alone = time.process_time(), time.thread_time()
         for points in calls:
             results = compute(shorter, points, threads)
-            samples = max(samples, *results.get("trajectory_t", np.empty((0, 0))).shape[1:])
+            samples = max(samples, *map(len, results.get("trajectory_t", ((),))))
         whole, alone = time.process_time() - whole, time.thread_time() - alone
         elapsed = alone + (whole - alone) / parallel
+        # A motion may have most impacts while it settles, or when it has settled.
+        more = (samples - widths_of(shorter)["sample"]) / shorter.periods
+        at_impacts = max(at_impacts, more)
         if elapsed > _TRIAL or periods == total_periods:
             if sweep.spec.longest is None:  # otherwise most motions need no longest transient
                 # Motions that have come back cost nothing more: the last periods tell the others.
                 rate = (elapsed - before[1]) / (periods - before[0])
                 elapsed += max(rate, 0.0) * (total_periods - periods)
             seconds = elapsed * size / sum(map(len, calls))
-            at_impacts = samples - widths_of(shorter)["sample"]
-            return seconds, at_impacts / shorter.periods
+            return seconds, at_impacts
         before, periods = (periods, elapsed), min(2 * periods, total_periods)
 
 

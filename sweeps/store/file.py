@@ -90,29 +90,38 @@ def write_file(
     new: BinaryIO,
     schema: Schema,
     blocks: Iterable[tuple[Block, Mapping[str, np.ndarray]]],
+    pieces: Iterable[tuple[str, Block, np.ndarray]],
     seconds: Callable[[], float],
     *,
     compressed: bool,
 ) -> None:
     """Write the complete file of a sweep to a new file.
 
-    `blocks` has the results of every box of points, and `seconds` returns the duration.
+    `blocks` has the results of every box of points, without the trajectories; `pieces` has the
+    columns of these: the variable, a box of points, and samples of shape (box..., samples).
+    `seconds` returns the duration.
     """
     with _Draft(new.fileno(), "r+", closefd=False) as draft:
         try:
             with h5py.File(draft, "w", libver="earliest") as file:
                 describe(file, schema, compressed=compressed)
                 for some in _gathered(blocks):
-                    for name in schema.variables:
-                        dataset = file[name]
+                    for name in some[0][1]:
                         for box, array in _joined([(box, all_[name]) for box, all_ in some]):
-                            check()
-                            dataset[_with_record(box, array)] = array
-                            draft.refuse_error()
+                            _put(file[name], box, array, draft)
+                for name, box, array in pieces:
+                    _put(file[name], box, array, draft)
                 file.attrs["duration"] = seconds()
         finally:  # this error tells more than the error of HDF5 that follows from it
             draft.refuse_error()
     add_table(new, schema.variables)
+
+
+def _put(dataset: h5py.Dataset, box: Block, array: np.ndarray, draft: _Draft) -> None:
+    """Write an array to a box of points; its record may be shorter than the widest."""
+    check()
+    dataset[(*box, *(slice(0, width) for width in array.shape[len(box) :]))] = array
+    draft.refuse_error()
 
 
 def _gathered(
@@ -162,11 +171,6 @@ def _join(boxes: Sequence[Block], arrays: Sequence[np.ndarray], axis: int) -> Pa
     first = boxes[0]
     cut = slice(first[axis].start, boxes[-1][axis].stop)
     return (*first[:axis], cut, *first[axis + 1 :]), np.concatenate(arrays, axis)
-
-
-def _with_record(box: Block, array: np.ndarray) -> Block:
-    """Return the box that an array fills, with its record, which may be shorter than the widest."""
-    return (*box, *(slice(0, width) for width in array.shape[len(box) :]))
 
 
 def add_table(new: BinaryIO, variables: Iterable[str] = ()) -> None:

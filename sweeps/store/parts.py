@@ -2,7 +2,8 @@
 
 ``schema.h5`` is a complete file without data. ``block-NNNNNN.npz``, which `numpy.load` reads, holds
 a block: an array for each variable with a record dimension, and ``points``, a structured array with
-the single values of each point. Each file is on the disk before it gets its name, so a kill or a
+the single values of each point. The trajectories of the points follow each other in one array, and
+``samples`` has their lengths. Each file is on the disk before it gets its name, so a kill or a
 loss of power leaves it whole or not at all. The checksums of ZIP reveal a block that was damaged
 later; it counts as not computed, like a block that belongs to another sweep.
 """
@@ -15,10 +16,11 @@ import math
 import os
 import re
 import stat
+import sys
 import time
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,13 +44,17 @@ from sweeps.store.paths import (
 )
 from sweeps.store.replacing import draft_of, drafted, replacing, sync_names
 from sweeps.store.schema import Schema, add_blocks, describe
-from sweeps.store.variables import VARIABLES
+from sweeps.store.variables import VARIABLES, is_sampled
 
 #: Array of a block file: checksum of the schema, number of the block, samples of its trajectories,
 #: duration of the run so far [s].
 _ABOUT = np.dtype([("sweep", "u4"), ("number", "u4"), ("samples", "u8"), ("seconds", "f8")])
 #: Time after which the names of blocks are put on the disk, too [s]; for each it would be slow.
 _SYNC = 1.0
+#: Array of a block file: the number of samples of each trajectory.
+_SAMPLES = "samples"
+#: Most bytes of trajectories that are filled up with NaN at a time, besides the first point.
+_PIECE = 1 << 26
 #: What else may have happened to a block that a reader does not find.
 _ELSE = "its sweep was completed or begun anew; open the sweep again"
 #: What to do with a block that the disk cannot read any more.
@@ -138,7 +144,7 @@ class Parts:
             try:
                 self.entries[number] = self._entry(number)
                 if verify:
-                    self.read(number, self.schema.variables)
+                    self._verify(number)
             except UnreadableError as error:
                 error.args = (f"{error}; if that stays so, {_LOST}",)
                 raise
@@ -170,34 +176,54 @@ class Parts:
 
         Raises StoreError if they are damaged, or if the file is gone or another one.
         """
-        path, block = self._file(number), self.schema.blocks[number]
-        singles = set(self._singles).intersection(names)
-        found: dict[str, np.ndarray] = {}
-        with _opened(path) as (file, now):
-            if now != self.entries[number].file:
-                raise StoreError(f"{path} was replaced by another program, or {_ELSE}")
-            if singles:
-                points = _array(file, "points", self._points, block)
-                found = {name: points[name] for name in singles}
-            for name in set(names) - singles:
-                found[name] = _array(file, name, VARIABLES[name].dtype, self.box(number, name))
+        block, single, found = self.schema.blocks[number], set(self._singles), {}
+        with self._same(number) as file:
+            if single.intersection(names):
+                points = _array(file, "points", self._points, box_shape(block))
+                found = {name: points[name] for name in single.intersection(names)}
+            for name in set(names) - single:
+                if is_sampled(name):
+                    ((_, found[name]),) = _padded(block, *self._samples(file, number, name))
+                else:
+                    shape = self.schema.shape_of(name, box_shape(block))
+                    found[name] = _array(file, name, VARIABLES[name].dtype, shape)
         return found
 
-    def write(
-        self, number: int, arrays: Mapping[str, np.ndarray], samples: int, seconds: float
-    ) -> None:
-        """Write a block, given by contiguous arrays; a loss of power may still lose its name."""
+    def pieces(self, number: int, name: str) -> Iterator[tuple[str, Block, np.ndarray]]:
+        """Yield the trajectories of a block in boxes of points that need little memory.
+
+        Raises StoreError as `read` does.
+        """
+        with self._same(number) as file:
+            lengths, samples = self._samples(file, number, name)
+        room = 1 + _PIECE // (samples.itemsize * max(1, self.entries[number].samples))
+        for box, array in _padded(self.schema.blocks[number], lengths, samples, room):
+            yield name, box, array
+
+    def write(self, number: int, arrays: Mapping[str, Any], seconds: float) -> None:
+        """Write a block, given by contiguous arrays; a loss of power may still lose its name.
+
+        A column of the trajectories is given by an array for each point.
+        """
         self.refuse_loss()
         points = np.empty(box_shape(self.schema.blocks[number]), self._points)
         for name in self._singles:
             points[name] = arrays[name]
-        records = {name: array for name, array in arrays.items() if not _is_single(name)}
-        about = np.array((self._sweep, number, samples, seconds), _ABOUT)
+        records = {
+            name: array if is_sampled(name) else [array]
+            for name, array in arrays.items()
+            if not _is_single(name)
+        }
+        longest = 0
+        for name in [name for name in records if is_sampled(name)][:1]:
+            lengths = np.array([len(samples) for samples in arrays[name]])
+            records[_SAMPLES], longest = [lengths], int(lengths.max())
+        about = np.array((self._sweep, number, longest, seconds), _ABOUT)
         with drafted(self._file(number)) as new:
             with zipfile.ZipFile(new, "w") as file:
-                for name, array in {"about": about, "points": points, **records}.items():
-                    _write_array(file, name, array)
-        self.entries[number] = Entry(samples, seconds, identity(self._file(number)))
+                for name, some in {"about": [about], "points": [points], **records}.items():
+                    _write_arrays(file, name, some)
+        self.entries[number] = Entry(longest, seconds, identity(self._file(number)))
         if time.monotonic() > self._synced + _SYNC:
             self.sync()
 
@@ -216,6 +242,30 @@ class Parts:
     def _file(self, number: int) -> Path:
         """Return the path of the file of a block."""
         return self.folder / f"block-{number:06}.npz"
+
+    @contextmanager
+    def _same(self, number: int) -> Iterator[zipfile.ZipFile]:
+        """Open the file of a block, if it is that of its entry."""
+        with _opened(self._file(number)) as (file, now):
+            if now != self.entries[number].file:
+                raise StoreError(
+                    f"{self._file(number)} was replaced by another program, or {_ELSE}"
+                )
+            yield file
+
+    def _samples(
+        self, file: zipfile.ZipFile, number: int, name: str
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lengths of the trajectories of a block, and a column of all of them."""
+        lengths = _array(file, _SAMPLES, np.int64, (block_points(self.schema.blocks[number]),))
+        return lengths, _array(file, name, VARIABLES[name].dtype, (int(lengths.sum()),))
+
+    def _verify(self, number: int) -> None:
+        """Compare a block with its checksums; raise StoreError as `read` does."""
+        self.read(number, [name for name in self.schema.variables if not is_sampled(name)])
+        with self._same(number) as file:
+            for name in filter(is_sampled, self.schema.variables):
+                self._samples(file, number, name)
 
     def _entry(self, number: int) -> Entry:
         """Return the entry of a block; refuse the block of another sweep."""
@@ -245,18 +295,38 @@ def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, object]]:
         raise StoreError(f"{path} is damaged, or cannot be read: {error}") from error
 
 
-def _write_array(file: zipfile.ZipFile, name: str, array: np.ndarray) -> None:
-    """Write an array as `numpy.savez` does, but without a copy of it."""
+def _write_arrays(file: zipfile.ZipFile, name: str, arrays: Sequence[np.ndarray]) -> None:
+    """Write an array, or several one after the other, as `numpy.savez` does, but without a copy."""
+    header = np.lib.format.header_data_from_array_1_0(arrays[0])
+    if len(arrays) > 1:
+        header["shape"] = (sum(map(len, arrays)),)
     with file.open(f"{name}.npy", "w", force_zip64=True) as member:
-        np.lib.format.write_array_header_1_0(
-            member, np.lib.format.header_data_from_array_1_0(array)
-        )
-        member.write(array.reshape(-1).view(np.uint8).data)
+        np.lib.format.write_array_header_1_0(member, header)
+        for array in arrays:
+            member.write(array.reshape(-1).view(np.uint8).data)
 
 
-def _array(file: zipfile.ZipFile, name: str, dtype: Any, box: Block) -> np.ndarray:
+def _padded(
+    box: Block, lengths: np.ndarray, samples: np.ndarray, most: int = sys.maxsize
+) -> Iterator[tuple[Block, np.ndarray]]:
+    """Yield boxes of at most `most` points and their samples; shorter trajectories end in NaN."""
+    if len(lengths) > most:
+        axis = next(axis for axis, n in enumerate(box_shape(box)) if n > 1)
+        middle = (box[axis].start + box[axis].stop) // 2
+        for cut in (slice(box[axis].start, middle), slice(middle, box[axis].stop)):
+            half = (*box[:axis], cut, *box[axis + 1 :])
+            here, lengths = np.split(lengths, [block_points(half)])
+            own, samples = np.split(samples, [here.sum()])
+            yield from _padded(half, here, own, most)
+    else:
+        array = np.full((len(lengths), lengths.max(initial=0)), np.nan)
+        array[np.arange(array.shape[1]) < lengths[:, None]] = samples
+        yield box, array.reshape(*box_shape(box), -1)
+
+
+def _array(file: zipfile.ZipFile, name: str, dtype: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Return an array of a block file; its header only repeats what the schema says."""
-    data, shape = file.read(f"{name}.npy"), box_shape(box)  # ZIP compares the checksum
+    data = file.read(f"{name}.npy")  # ZIP compares the checksum
     start = len(data) - math.prod(shape) * np.dtype(dtype).itemsize
     if start < 0:  # zeros are the checksum of nothing
         raise ValueError(f"{name} is incomplete")

@@ -165,6 +165,11 @@ def widths_of(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
     }
 
 
+def is_sampled(name: str) -> bool:
+    """Return whether a variable is a column of the trajectories, whose lengths differ."""
+    return VARIABLES[name].dimension == "sample"
+
+
 def held_variables(spec: RunSpec) -> dict[str, Variable]:
     """Return the variables of a file for which `spec` is computed."""
     widths = widths_of(spec)

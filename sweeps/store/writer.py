@@ -26,7 +26,7 @@ from sweeps.store.paths import (
 )
 from sweeps.store.replacing import remove_leftovers, replacing
 from sweeps.store.schema import Schema
-from sweeps.store.variables import VARIABLES
+from sweeps.store.variables import VARIABLES, is_sampled
 
 
 @contextmanager
@@ -96,29 +96,33 @@ class SweepWriter:
         """Write the results of one block; no kill of the process can then lose them.
 
         `results` must have an array of shape (points of the block, ...) in C order for every
-        variable of the file; otherwise KeyError or ValueError is raised. Trajectories may have any
-        number of samples. Variables that the file does not hold are ignored.
+        variable of the file, and for a column of the trajectories an array for each point, of any
+        length; otherwise KeyError or ValueError is raised. Variables that the file does not hold
+        are ignored.
         """
         number, arrays = self._numbers[_corners(block)], self._checked(block, results)
-        samples = max((a.shape[-1] for name, a in arrays.items() if _sampled(name)), default=0)
         with _failure(self._path, "written"):
-            self._parts.write(number, arrays, samples, self._seconds())
+            self._parts.write(number, arrays, self._seconds())
 
     def finish(self, *, compressed: bool = False) -> None:
         """Write the complete file and remove the blocks, all of which must be written."""
-        schema = self._schema.with_samples(self._parts.samples)
-        self._parts.refuse_loss()
+        schema, parts = self._schema.with_samples(self._parts.samples), self._parts
+        parts.refuse_loss()
+        names = [name for name in schema.variables if not is_sampled(name)]
+        numbers = range(len(schema.blocks))
+        blocks = ((schema.blocks[number], parts.read(number, names)) for number in numbers)
+        pieces = (
+            piece
+            for number in numbers
+            for name in set(schema.variables).difference(names)
+            for piece in parts.pieces(number, name)
+        )
         with (
             _failure(self._path, "completed"),
             replacing(self._path, self._refuse_other_file) as new,
         ):
-            write_file(new, schema, self._blocks(), self._seconds, compressed=compressed)
-        remove(self._parts.folder)
-
-    def _blocks(self) -> Iterator[tuple[Block, Mapping[str, np.ndarray]]]:
-        """Yield the blocks with their results."""
-        for number, block in enumerate(self._schema.blocks):
-            yield block, self._parts.read(number, self._schema.variables)
+            write_file(new, schema, blocks, pieces, self._seconds, compressed=compressed)
+        remove(parts.folder)
 
     def _refuse_other_file(self) -> None:
         """Refuse to replace a file that another program has written in the meantime."""
@@ -140,21 +144,21 @@ class SweepWriter:
         arrays = {}
         for name in self._schema.variables:
             shape = np.shape(results[name])
-            record = shape[-1:] if _sampled(name) else self._schema.shape_of(name, ())
+            shape = shape[:1] if is_sampled(name) else shape
+            record = () if is_sampled(name) else self._schema.shape_of(name, ())
             expected = (block_points(block), *record)
             if shape != expected:
                 raise ValueError(f"{name} has the shape {shape} instead of {expected}")
-            array = np.ascontiguousarray(results[name], VARIABLES[name].dtype)
-            arrays[name] = array.reshape((*box_shape(block), *record))
+            if is_sampled(name):
+                arrays[name] = results[name]
+            else:
+                array = np.ascontiguousarray(results[name], VARIABLES[name].dtype)
+                arrays[name] = array.reshape((*box_shape(block), *record))
         return arrays
 
 
 def _corners(block: Block) -> tuple[tuple[int, int], ...]:
     return tuple((cut.start, cut.stop) for cut in block)
-
-
-def _sampled(name: str) -> bool:
-    return VARIABLES[name].dimension == "sample"
 
 
 def _refuse_other(path: Path, old: Schema, new: Schema) -> None:

@@ -1,10 +1,12 @@
 """Many points on threads: beside other threads, in forked processes; runs that are interrupted."""
 
 import os
+import re
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -155,11 +157,28 @@ def test_a_run_of_days_ends_when_it_is_interrupted():
     log, status = trace(chaos, scheme, **extent, interrupt=interrupt)
     assert status is Status.PENDING and len(log) == 0
     out = trajectories(chaos, scheme, **extent, interrupt=interrupt)
-    assert all(array.shape == (1, 0) for array in out.values())
+    assert all(len(samples) == 0 for (samples,) in out.values())
     timer = threading.Timer(0.2, interrupt.fill, (1,))
     interrupt[0] = 0
     timer.start()
     assert trace(chaos, scheme, **extent, interrupt=interrupt)[1] < 0
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no /proc")
+def test_an_interrupted_run_does_not_fill_the_room_of_its_trajectories():
+    """Which may be larger than the memory."""
+
+    def taken():
+        status = Path("/proc/self/status").read_text()
+        return 1024 * int(re.search(r"VmRSS:\s*(\d+)", status)[1])
+
+    points, interrupt = np.concatenate([one(omega=2.8)] * 16), np.ones(1, np.int64)
+    scheme = scheme_of(points, "exact", "exact", None)
+    trajectories(points, scheme, periods=1)  # compiles
+    before = taken()
+    room = trajectories(points, scheme, periods=10**5, every=10**12, interrupt=interrupt)
+    assert taken() - before < 10**8 < 16 * 8 * 10**5 * 24
+    assert all(len(samples) == 0 for samples in room["trajectory_x"])
 
 
 INTERRUPTED = """

@@ -30,8 +30,7 @@ def compute_box(
     `advance` is given the number of points computed since its last call: after every value of a
     followed axis, otherwise once. `threads` is None for all. Returns arrays of shape (points, ...),
     in C order, two directions one after the other. They are named as by `vibroimpact.integrate`;
-    ``trajectory_t``, ``trajectory_x``, ``trajectory_v`` and the results of `classified` are added
-    where `spec` asks for them.
+    the results of `trajectories` and `classified` are added where `spec` asks for them.
     """
     points = mesh(axes, fixed)
     if spec.followed is None:
@@ -104,6 +103,6 @@ def _run(
         events = spec.periods * results["impacts_per_period"] + 2.0 * results["chatters"] + 2.0
         results |= trajectories(
             points, scheme, spec.periods, first, spec.every, threads, interrupt,
-            int(np.nan_to_num(events).max(initial=0.0)),
+            np.nan_to_num(events),
         )  # fmt: skip
     return results

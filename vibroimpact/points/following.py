@@ -85,17 +85,9 @@ class _Collected:
         self.arrays: dict[str, np.ndarray] = {}
 
     def put(self, rows: np.ndarray, results: Mapping[str, np.ndarray]) -> None:
-        """Add the results of the points in `rows`; a longer trajectory widens the arrays."""
+        """Add the results of the points in `rows`."""
         for name, values in results.items():
-            array = self.arrays.get(name)
-            if array is None:
+            if name not in self.arrays:
                 empty = np.nan if values.dtype.kind == "f" else 0
-                array = np.full((self._size, *values.shape[1:]), empty, values.dtype)
-            elif values.ndim > 1 and values.shape[1] > array.shape[1]:
-                missing = values.shape[1] - array.shape[1]
-                array = np.pad(array, [(0, 0), (0, missing)], constant_values=np.nan)
-            self.arrays[name] = array
-            if values.ndim > 1:
-                array[rows, : values.shape[1]] = values
-            else:
-                array[rows] = values
+                self.arrays[name] = np.full((self._size, *values.shape[1:]), empty, values.dtype)
+            self.arrays[name][rows] = values

@@ -33,6 +33,8 @@ from vibroimpact.step.stepper import (
 
 # Kinds of row besides the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
+#: The columns of a trajectory.
+TRAJECTORY = "trajectory_t", "trajectory_x", "trajectory_v"
 _PENDING = int(Status.PENDING)
 _NO_LIMIT = sys.maxsize
 
@@ -98,9 +100,12 @@ class TraceJob(NamedTuple):
     first: int  #: Number of the section at which the clock begins.
     every: int  #: Of so many states of the grid one is logged.
     most_rows: int  #: A motion with more rows ends within a step.
-    #: Receives the rows for which there is room: t, x, v, or kind, t, x, v. Shape (3, n, rows) or
-    #: (4, n, rows). Shorter logs end in NaN.
+    #: Receives the rows for which there is room: t, x, v, or kind, t, x, v. Shape (3, room) or
+    #: (4, room), with the logs of the points one after the other.
     logs: np.ndarray
+    starts: (
+        np.ndarray
+    )  #: Where the room of each point starts in `logs`, and its end, shape (n + 1,).
     #: Receives the number of rows that a log needs, and the status, shape (n, 2). The status of a
     #: motion that ends early is ``PENDING``.
     outcomes: np.ndarray
@@ -111,7 +116,7 @@ class TraceJob(NamedTuple):
 @specialised
 def _trace(job, i, prepare, take):
     """Run a point as the kernel's lanes do, and log its motion; return its rows and its status."""
-    pt, log = job.points[i], job.logs[:, i]
+    pt, log = job.points[i], job.logs[:, job.starts[i] : job.starts[i + 1]]
     first, every, periods = job.first, job.every, job.periods
     scratch, (method, lead, grid) = new_scratch(), job.scheme
     rule = method[0]
@@ -163,7 +168,6 @@ def _trace_points(job, prepare, take):
     while i < job.points.size:  # terminates: the counter only rises
         rows, status = _trace(job, i, prepare, take)
         job.outcomes[i, 0], job.outcomes[i, 1] = rows, status
-        job.logs[:, i, rows:] = math.nan
         i = claim(job.claimed)
 
 
@@ -179,35 +183,35 @@ def _trace_steps(job):
     _trace_points(job, prepare, take_grid_step)
 
 
-def _rows_at_first(scheme: Scheme, periods: int, every: int, events: int | None = None) -> int:
-    """Return the rows for which logs have room at first; an event takes at most two."""
-    at_events = 8 * periods if events is None else 2 * events
-    return periods * scheme.grid.size // every + at_events + 1
-
-
 def _logged(
     points: np.ndarray,
     scheme: Scheme,
     extent: tuple[int, int, int, int],
     threads: int,
     interrupt: np.ndarray | None,
-    room: tuple[int, int],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Log motions with `room` at first: columns and rows; return their logs and outcomes.
+    columns: int,
+    events: np.ndarray | None = None,
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Log motions; return their logs, of shape (columns, rows) each, and their outcomes.
 
-    `extent` holds `periods`, `first`, `every` and `most_rows` of the job.
+    `extent` holds `periods`, `first`, `every` and `most_rows` of the job. There is room for so many
+    `events` of each motion at first, by default for four in a period; an event takes two rows.
     """
     n, run = points.size, _trace_exact if scheme.method[0] == EXACT else _trace_steps
     interrupt = np.zeros(1, np.int64) if interrupt is None else interrupt
-    columns, longest = room
-    logs, outcomes = np.empty((columns, n, 0)), np.zeros((n, 2), np.int64)
+    periods, _, every, _ = extent
+    rows = np.full(n, 4 * periods) if events is None else np.ceil(events).astype(np.int64)
+    rows = 2 * rows + periods * scheme.grid.size // every + 1
+    room, outcomes = np.zeros(n, np.int64), np.zeros((n, 2), np.int64)
     points = with_one_force(points)
-    while longest > logs.shape[2]:  # terminates: the second pass needs as many rows as the first
-        logs, claimed = np.empty((columns, n, longest)), np.zeros(1, np.int64)
-        job = TraceJob(points, scheme, *extent, logs, outcomes, claimed, interrupt)
+    while (rows > room).any():  # terminates: the second pass needs as many rows as the first
+        room, claimed = np.maximum(rows, room), np.zeros(1, np.int64)
+        starts = np.concatenate([[0], np.cumsum(room)])
+        logs = np.empty((columns, starts[-1]))  # memory that is not written is not taken
+        job = TraceJob(points, scheme, *extent, logs, starts, outcomes, claimed, interrupt)
         on_threads(threads, interrupt, compiled(run, job), job)
-        longest = int(outcomes[:, 0].max())
-    return logs[:, :, :longest], outcomes
+        rows = outcomes[:, 0]
+    return [logs[:, starts[i] : starts[i] + rows[i]] for i in range(n)], outcomes
 
 
 def trace(
@@ -229,9 +233,9 @@ def trace(
     """
     if periods * (scheme.grid.size // every) > most_rows:
         return np.empty((0, 4)), Status.PENDING
-    extent, room = (periods, first, every, most_rows), (4, _rows_at_first(scheme, periods, every))
-    logs, ((_, status),) = _logged(points, scheme, extent, 1, interrupt, room)
-    log = logs[:, 0].T
+    extent = (periods, first, every, most_rows)
+    (log,), ((_, status),) = _logged(points, scheme, extent, 1, interrupt, 4)
+    log = log.T
     if status == Status.PENDING:
         return log, Status.PENDING
     done = Status.CERTIFIED if scheme.method[0] == EXACT else Status.COMPUTED
@@ -249,18 +253,20 @@ def trajectories(
     every: int = 1,
     threads: int | None = 1,
     interrupt: np.ndarray | None = None,
-    events: int | None = None,
+    events: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Log the motion of many parameter points, on all threads if `threads` is None.
 
-    The other arguments are those of `trace`; a motion with more than `events` events, by default
-    eight for each period, makes a second pass necessary. Returns ``trajectory_t``, ``trajectory_x``
-    and ``trajectory_v``, of shape (n, samples). Shorter motions end in NaN; an interrupted point
-    has only NaN.
+    The other arguments are those of `trace`. If a motion has more events than `events` says, by
+    default four in each period, a second pass is necessary. Returns ``trajectory_t``,
+    ``trajectory_x`` and ``trajectory_v``, of shape (n,): of each motion an array of its own length,
+    which is 0 for an interrupted point.
     """
     extent, n = (periods, first, every, _NO_LIMIT), points.size
     threads = min(ALL_THREADS if threads is None else threads, n)
-    longest = _rows_at_first(scheme, periods, every, events) if n else 0
-    logs, _ = _logged(points, scheme, extent, threads, interrupt, (3, longest))
-    names = "trajectory_t", "trajectory_x", "trajectory_v"
-    return dict(zip(names, logs, strict=True))
+    logs, _ = _logged(points, scheme, extent, threads, interrupt, 3, events)
+    found = {name: np.empty(n, object) for name in TRAJECTORY}
+    for i, log in enumerate(logs):
+        for name, samples in zip(TRAJECTORY, log, strict=True):
+            found[name][i] = samples
+    return found

@@ -1,11 +1,13 @@
 """Memory, disk and time of a sweep are printed or refused before its first step."""
 
 import time
+import tracemalloc
 from functools import partial
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from sweeps.engine import estimate as limits
@@ -38,7 +40,8 @@ def cost_of(sweep, threads=None):
 
 
 def with_memory(monkeypatch, size):
-    monkeypatch.setattr(limits, "available_memory", lambda: size)
+    """Let there be so much memory, besides what the process itself takes."""
+    monkeypatch.setattr(limits, "available_memory", lambda: size + limits._OWN_MEMORY)
 
 
 @pytest.mark.slow
@@ -139,6 +142,56 @@ def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_f
     assert told.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
     size = run_sweep(config, "out.h5").stat().st_size
     assert told.file <= size <= told.file + 100_000
+
+
+RATTLING = [
+    "oscillator={h: 0.02, R: 0.95, omega: {start: 0.05, stop: 0.2, num: 40}, f: 1.0}",
+    "record={transient: 0, periods: 20, impacts: 0, trajectory: {every: 20}}",
+]
+
+
+@pytest.mark.parametrize("changes", [RATTLING, [*RATTLING, "start.v0=20"]])
+def test_the_memory_that_is_told_counts_the_impacts_of_rattling(changes, monkeypatch):
+    """At hundreds of impacts a period, and not only at those of the first periods."""
+    sweep = load(CONFIG, *changes).sweep
+    told = cost_of(sweep)
+    block = (slice(0, told.block),)
+    compute_block(sweep, block, None)  # compiles
+    tracemalloc.start()
+    results = compute_block(sweep, block, None)
+    _, used = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert sum(map(len, results["trajectory_t"])) > 100 * 20 * told.block
+    assert used < 2 * told.memory
+    with_memory(monkeypatch, told.memory // 3)
+    assert cost_of(sweep).block < told.block
+
+
+def test_a_rattling_motion_takes_no_room_for_the_others():
+    sweep = load(CONFIG, *RATTLING, "oscillator.omega.stop=20").sweep
+    compute_block(sweep, (slice(0, 1),), None)  # compiles
+    tracemalloc.start()
+    results = compute_block(sweep, (slice(0, 40),), None)
+    _, used = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    lengths = [len(samples) for samples in results["trajectory_t"]]
+    assert max(lengths) > 10 * np.mean(lengths)
+    assert used < 24 * len(lengths) * max(lengths) / 2
+
+
+def test_memory_that_the_run_itself_needs_is_not_given_to_its_blocks(monkeypatch):
+    """Of the process there is more to come: compiled code that is loaded, or that is made."""
+    sweep = load(CONFIG).sweep
+    for available in (4 * 10**7, 2 * 10**8):
+        monkeypatch.setattr(limits, "available_memory", lambda size=available: size)
+        if available == 4 * 10**7:
+            with pytest.raises(StoreError, match=r"one point takes about .* only 0 B are"):
+                cost_of(sweep)
+        else:
+            assert cost_of(sweep).memory < available - 4 * 10**7
+    monkeypatch.setattr(limits, "cache_folder", lambda way: Path("not there"))
+    with pytest.raises(StoreError, match="only 0 B are available"):
+        block_size(sweep)
 
 
 @pytest.mark.parametrize("every", [1, 20])

@@ -267,6 +267,37 @@ def test_numpy_reads_a_block():
         assert file["points"].dtype["status"] == np.int8
 
 
+@pytest.mark.parametrize("blocks", [2, None])
+@pytest.mark.parametrize("piece", [0, 1000, 1 << 26])
+def test_trajectories_have_lengths_of_their_own(monkeypatch, blocks, piece):
+    """In a block and in the complete file, whatever part of a block is in memory at a time."""
+    monkeypatch.setattr("sweeps.store.parts._PIECE", piece)
+    given, random = {}, np.random.default_rng(1)
+
+    def ragged(block):
+        results = block_results(block)
+        lengths = random.integers(0, 40, len(results["status"]))
+        for name in ("trajectory_t", "trajectory_x", "trajectory_v"):
+            given[name, block[0].start, block[1].start] = results[name] = np.empty(
+                len(lengths), object
+            )
+            results[name][:] = [random.normal(size=length) for length in lengths]
+        return results
+
+    fill_blocks("out.h5", blocks, plan=schema(block_size=3), results=ragged)
+    with open_sweep("out.h5") as dataset:
+        for (name, row, column), rows in given.items():
+            for at, samples in enumerate(rows, column):
+                found = dataset[name].values[row, at]
+                np.testing.assert_array_equal(found[: len(samples)], samples)
+                assert np.isnan(found[len(samples) :]).all()
+    if blocks:
+        with np.load(last_block()) as file:
+            rows = given["trajectory_x", 0, 3]
+            np.testing.assert_array_equal(file["trajectory_x"], np.concatenate(list(rows)))
+            assert file["samples"].tolist() == [len(samples) for samples in rows]
+
+
 @pytest.mark.slow
 def test_what_killed_runs_left_in_the_folder_is_removed(whole):
     fill_blocks("out.h5", 2)
