@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -42,7 +41,6 @@ class Picture(Figure):
         """Make a figure with the width of the page, `stretch` times as high as usual."""
         width, height = mpl.rcParams["figure.figsize"]
         size = (page.width or width, stretch * height)
-        self._title = self._lines = ""  # the text of the title, and the lines of this text
         super().__init__(figsize=size, layout="constrained")
         self._usual = size[1]  #: Height of the panels unless the page has its own [inch].
         FigureCanvasAgg(self)  # measures all texts with the same renderer
@@ -84,49 +82,13 @@ class Picture(Figure):
 
     def add_title(self, text: str) -> None:
         """Put a title above the panels; refuse one that matplotlib cannot draw."""
-        self._break_title(text)
-        self.make_room(self.suptitle(self._lines))
-
-    def set_size_inches(
-        self, w: float | tuple[float, float], h: float | None = None, forward: bool = True
-    ) -> None:
-        """Set the size, and break the title again if the width is another one."""
-        before = self.get_figwidth()
-        super().set_size_inches(w, h, forward)
-        if self.get_figwidth() != before and self._lines and self.get_suptitle() == self._lines:
-            self._break_title(self._title)
-
-    def _break_title(self, text: str) -> None:
-        """Break the title at spaces into lines of the width of the figure.
-
-        A title that matplotlib wraps is measured word by word at each of its drawings.
-        """
-        title = self.suptitle("")
-
-        def is_too_wide(words: Sequence[str]) -> bool:
-            title.set_text(" ".join(words))
-            try:
-                return bool(title.get_window_extent().width > self.bbox.width)
-            except (TypeError, ValueError):  # no text, or no formula between two of its $
-                if len(words) > 1:
-                    return True
-                raise Refused(
-                    f"title = {shortened(repr(text))} is not allowed; expected: a text with "
-                    f"formulas between $ and $, and \\$ for the sign, but matplotlib cannot draw "
-                    f"{shortened(repr(words[0]))}"
-                ) from None
-
-        lines = []
-        for paragraph in text.split("\n"):
-            words = paragraph.split(" ")
-            while is_too_wide(words) and len(words) > 1:
-                fit = bisect_left(range(1, len(words)), True, key=lambda n: is_too_wide(words[:n]))
-                count = max(1, fit)
-                lines.append(" ".join(words[:count]))
-                words = words[count:]
-            lines.append(" ".join(words))
-        self._title, self._lines = text, "\n".join(lines)
-        title.set_text(self._lines)
+        try:
+            self.make_room(self.suptitle(text, wrap=True))
+        except (TypeError, ValueError):
+            raise Refused(
+                f"title = {shortened(repr(text))} is not allowed; expected: a text with formulas "
+                f"between $ and $, and \\$ for the sign, but matplotlib cannot draw it"
+            ) from None
 
     def set_height(self, height: float) -> None:
         """Set the height; refuse one that leaves too little of the panels."""
