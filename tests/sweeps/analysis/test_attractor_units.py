@@ -14,7 +14,7 @@ UNITS = {
     "knock_x": (0, 1), "knock_v": (1, 1), "knock_harmless": (1, 1), "knock_harmful": (1, 1),
 }  # fmt: skip
 #: 1 / time and length of the other units.
-OTHERS = [(2.0**10, 2.0**5), (2.0**-20, 2.0**-40), (1.0, 2.0**30)]
+OTHERS = [(2.0**-20, 2.0**-40), (2.0**10, 2.0**5), (1.0, 2.0**30)]
 
 
 def scaled(name, values, rate, length):
@@ -50,16 +50,17 @@ def found_in(scene, rate, length, phase, path):
     return results
 
 
-SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 33)]
+#: Random sets of attractors; of the first, an orbit of two periods is reached at both phases.
+SEEDS = [(9, 1), *(pytest.param(seed, 3, marks=pytest.mark.slow) for seed in range(1, 33))]
 
 
-@pytest.mark.parametrize("seed", [1, 2, *SLOW])
-def test_units_of_a_power_of_two_change_no_bit(seed, tmp_path):
+@pytest.mark.parametrize(("seed", "units"), SEEDS)
+def test_units_of_a_power_of_two_change_no_bit(seed, units, tmp_path):
     random = np.random.default_rng(seed)
     scene, phase = random_scene(random), random.choice([0.0, random.uniform(0.0, 6.0)])
     expected = found_in(scene, 1.0, 1.0, phase, tmp_path / "a.h5")
     assert expected["attractors"].all()
-    for rate, length in OTHERS:
+    for rate, length in OTHERS[:units]:
         found = found_in(scene, rate, length, phase, tmp_path / "b.h5")
         for name, values in expected.items():
             wanted = scaled(name, values, rate, length)
