@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -11,10 +12,10 @@ from sweeps.analysis.dataset import config_of, oscillator_of, results_of
 from sweeps.analysis.grouping import points_of
 from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances
 from sweeps.config.sweep import SweepConfig
-from vibroimpact import integrate
 from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import POINT
+from vibroimpact.points.compute import compute_points
 from vibroimpact.points.destinations import RECORD, classified
 from vibroimpact.points.regimes import OF_REGIMES, Regime, regimes_of
 from vibroimpact.points.run_spec import RunSpec
@@ -70,10 +71,8 @@ def run_on(
     Returns the states at the next sections, shape (n, periods, 2), and the phases and speeds of the
     last impacts, shape (n, impacts, 2).
     """
-    results = integrate(
-        points, **config.method.arguments, transient=0, periods=periods, impacts=impacts,
-        phase=config.record.phase, at_section=True,
-    )  # fmt: skip
+    spec = replace(config.sweep.spec.part(0, periods, impacts, False), period=False)
+    results = compute_points(spec, points, None, at_section=True)
     pairs = ("poincare_x", "poincare_v"), ("impact_phase", "impact_v")
     sections, hits = (np.stack([results[name] for name in pair], axis=2) for pair in pairs)
     return sections, hits
