@@ -15,7 +15,7 @@ from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.store.variables import columns_of
-from sweeps.text import in_units, unit_name
+from sweeps.text import unit_name
 from vibroimpact.oscillator import Oscillator
 
 #: Attribute that marks a dataset with the names and in the units of its reader.
@@ -68,7 +68,7 @@ def _parsed(configuration: str) -> SweepConfig:
 
 def described(config: SweepConfig, meaning: str, unit: str) -> dict[str, str]:
     """Return the attributes of what is computed from a sweep, with the names of its units."""
-    return {"long_name": meaning, "units": in_units(unit, dict(config.units.items()))}
+    return {"long_name": meaning, "units": config.nomenclature.unit(unit)}
 
 
 def headed(name: str, variable: xr.DataArray) -> str:

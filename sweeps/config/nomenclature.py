@@ -7,10 +7,11 @@ of the model. Where a user reads or types them, it asks the `Nomenclature` of th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from sweeps.config.rig import MASS, QUANTITIES, RigConfig, model_name
+from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 
@@ -19,6 +20,7 @@ class Nomenclature:
     """The names, units and numbers of the parameters: those of the model, or of a rig."""
 
     rig: RigConfig | None = None
+    units: Mapping[str, str] = field(default_factory=dict)  # names of the units of length and time
 
     @property
     def in_si(self) -> bool:
@@ -54,6 +56,10 @@ class Nomenclature:
         """Return the symbol, the meaning, the unit and the bounds of a parameter of the model."""
         is_own = self.rig is None or own not in QUANTITIES
         return PARAMETERS[own] if is_own else QUANTITIES[own].description
+
+    def unit(self, unit: str) -> str:
+        """Return a unit made of length and time with the names of both."""
+        return in_units(unit, self.units)
 
     def value(self, own: str, values: Any) -> Any:
         """Convert values of a parameter of the model to the reader's unit."""

@@ -134,7 +134,8 @@ class SweepConfig(Group):
     @property
     def nomenclature(self) -> Nomenclature:
         """The names, units and numbers of the parameters that a reader sees."""
-        return Nomenclature(self.rig)
+        without = {"mass"} if self.rig is None else None  # only a rig needs its unit
+        return Nomenclature(self.rig, self.units.model_dump(exclude=without))
 
     @cached_property
     def table(self) -> np.ndarray | None:

@@ -91,7 +91,7 @@ class Controls:
     def _parameter(self, name: str, view: View) -> LayoutDOM:
         """Return the symbol, the field and the slider of a parameter."""
         parameter, value = view.seen.about(name), view.values[name]
-        named = named_unit(as_variable(name, view.units, view.seen))
+        named = named_unit(as_variable(name, view.seen))
         unit = f" [{named}]" if named else ""
         tip = f"{parameter.meaning}{unit}: {parameter.allowed}"
         low, high = window_around(name, view.values, view.seen)

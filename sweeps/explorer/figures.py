@@ -66,12 +66,12 @@ def plain(text: str) -> str:
 
 def symbol(name: str, seen: Nomenclature) -> str:
     """Return the symbol of a parameter or of a result as Unicode text."""
-    return plain(as_variable(name, seen=seen).attrs["symbol"])
+    return plain(as_variable(name, seen).attrs["symbol"])
 
 
 def value_text(name: str, view: View) -> str:
     """Return the symbol of a parameter with its value and, if the unit has a name, its unit."""
-    variable, value = as_variable(name, view.units, view.seen), view.values[name]
+    variable, value = as_variable(name, view.seen), view.values[name]
     prefix, factor = prefix_of(variable, value)
     unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
     return plain(f"{variable.symbol} = {value / factor:.6g}{unit}")
@@ -83,7 +83,7 @@ def label_axis(axis: Any, name: str, view: View, size: float, pixels: float = ma
     The label has the meaning, the symbol and the unit of a parameter or of a result. If it needs
     more than `pixels`, the meaning is left out.
     """
-    variable = as_variable(name, view.units, view.seen)
+    variable = as_variable(name, view.seen)
     prefix, factor = prefix_of(variable, size)
     text = plain(label(variable, prefix))
     fits = 7.0 * len(text) < pixels

@@ -145,7 +145,7 @@ class Filling:
         corner = np.array([[x[0], v[0]]])
         radius, *centre, at_edge, _, _ = measures_of(basin, x, v, 1.0 / p, stop, corner)
         disc = centre[0], centre[1], 2.0 * radius, 2.0 * radius * p
-        variable = as_variable("x0", dict(self.config.units.items()))
+        variable = as_variable("x0", self.config.nomenclature)
         prefix, factor = prefix_of(variable, radius)
         unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
         return disc, f"disc {'>= ' if at_edge else ''}{radius / factor:.3g}{unit}"

@@ -91,7 +91,7 @@ class View:
     #: method, record: the groups ``method`` and ``record`` of a configuration.
     method: Mapping[str, Any]
     record: Mapping[str, Any]
-    #: What a reader sees: the units of values and windows.
+    #: What a reader sees: names, and the units of values and windows.
     seen: Nomenclature
     #: The point in the space of all parameters through which the windows pass; the mark is
     #: there.
@@ -105,7 +105,6 @@ class View:
     maplim: Window
     x0lim: Window
     v0lim: Window
-    units: Mapping[str, str]  # names of the units of length and time
     ordinate: str = "poincare_x"  # one of ``COORDINATES``
     ylim: Window | None = None  # the ordinate window of the diagram; None to fit all points
     #: marked, exact: whether the motion at `values` and the exact branches are shown,
@@ -147,7 +146,6 @@ class View:
             maplim=window(across),
             x0lim=window("x0"),
             v0lim=window("v0"),
-            units=config.units.model_dump(exclude={"mass"} - seen.constants.keys()),
             tab=BASINS if starts else DIAGRAM,
             log=tuple(name for name in axes if axes[name].spacing == "log"),
             start=config.start.phase,
@@ -226,7 +224,7 @@ class View:
             "start": {**entries, "phase": self.start},
             "method": dict(self.method),
             "record": {**self.record, "diagnostics": diagnostics},
-            "units": dict(self.units),
+            "units": dict(self.seen.units),
         }
         return load_config(data)
 

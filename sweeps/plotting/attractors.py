@@ -198,7 +198,7 @@ def attractor_diagram(
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)
     label_axis(panel.xaxis, line[axis])
-    label_axis(panel.yaxis, as_variable(coordinate, dict(config_of(dataset).units.items())))
+    label_axis(panel.yaxis, as_variable(coordinate, config_of(dataset).nomenclature))
     series = _draw_rows(panel, line, table, looks, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
@@ -292,7 +292,6 @@ def names_of(
     section, for several values of an `axis` with that value.
     """
     counts = Counter(name for own in series for name in {row.name for row in own if row.m})
-    units = dict(config.units.items())
     names = list[tuple[str, str]]()
     for own in series:
         place = ""
@@ -301,7 +300,7 @@ def names_of(
             row = shared[0]
             state = zip(("x0", "v0"), ("x", "v"), row.states[0], strict=True)
             parts = [
-                equation(symbol, as_variable(name, units), float(f"{value:.3g}"))
+                equation(symbol, as_variable(name, config.nomenclature), float(f"{value:.3g}"))
                 for name, symbol, value in state
             ]
             if axis is not None:

@@ -102,7 +102,7 @@ def bifurcation(
     heights = [1.0] + [_LOWER] * len(names)
     panel, *lower = canvas.stacked_panels(page, heights, len(heights)) if ax is None else [ax]
     label_axis(panel.xaxis, drawn.line[drawn.axis])
-    label_axis(panel.yaxis, as_variable(coordinate, dict(config_of(dataset).units.items())))
+    label_axis(panel.yaxis, as_variable(coordinate, config_of(dataset).nomenclature))
     low, high = drawn.draw_points(panel)
     parts = {}
     if exact is not None:

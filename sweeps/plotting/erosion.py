@@ -225,7 +225,7 @@ def _draw_disturbances(
         row.number: place.replace("\n", " ") for row, (_, place) in zip(own, names, strict=True)
     }
     there = knocks(starts, there, list(places)) if exact else there
-    named = named_unit(as_variable("v0", dict(config_of(starts).units.items())))
+    named = named_unit(as_variable("v0", config_of(starts).nomenclature))
     unit = f" {named}" if named else ""
     handles: list[Artist] = [
         Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from sweeps.analysis.coordinates import COORDINATES, impacts_left_out
 from sweeps.analysis.dataset import config_of, nomenclature_of
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
-from sweeps.text import in_units, unit_name
+from sweeps.text import unit_name
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.status import Status
 
@@ -39,9 +38,7 @@ _OF_MODEL = Nomenclature()
 _JOINT = "\N{NO-BREAK SPACE}"
 
 
-def as_variable(
-    name: str, units: Mapping[str, str] | None = None, seen: Nomenclature = _OF_MODEL
-) -> xr.DataArray:
+def as_variable(name: str, seen: Nomenclature = _OF_MODEL) -> xr.DataArray:
     """Return a DataArray with the attributes of a parameter, variable or coordinate, no values.
 
     Those of a parameter are what a reader sees.
@@ -49,8 +46,8 @@ def as_variable(
     is_parameter = name in PARAMETERS
     of = seen.about(name) if is_parameter else {**VARIABLES, **COORDINATES}[name]
     meaning = of.meaning if isinstance(of, Parameter) else of.long_name
-    unit = in_units(of.unit, units or {})
-    return xr.DataArray(attrs={"long_name": meaning, "units": unit, "symbol": of.symbol})
+    about = {"long_name": meaning, "units": seen.unit(of.unit), "symbol": of.symbol}
+    return xr.DataArray(attrs=about)
 
 
 def label(variable: xr.DataArray, prefix: str = "") -> str:
@@ -71,7 +68,7 @@ def named_unit(variable: xr.DataArray) -> str:
 
 def basins_title(config: SweepConfig) -> str:
     """Write the title of a legend of basins."""
-    unit = named_unit(as_variable("impact_v", dict(config.units.items())))
+    unit = named_unit(as_variable("impact_v", config.nomenclature))
     speed = "speed before each impact" + (f" [{unit}]" if unit else "")
     return f"{CLASSES_TITLE},\n{speed}; share of the starts"
 

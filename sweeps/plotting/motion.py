@@ -84,13 +84,13 @@ def trajectory(
     else:
         drawn, shown, found = *coloured_points(dataset, at, color), None
         motions = _draw_coloured(panels, drawn, shown, periods)
-    units = dict(config_of(dataset).units.items())
+    seen = config_of(dataset).nomenclature
     if not drawn["clearance"].dims:
         clearance = float(drawn["clearance"])
         canvas.draw_stop(over_time.axhline, clearance)
-        canvas.draw_stop(phase_plane.axvline, clearance, as_variable("clearance", units))
+        canvas.draw_stop(phase_plane.axvline, clearance, as_variable("clearance", seen))
     over_time.margins(x=0.01)
-    time, x, v = (as_variable(name, units) for name in RECORDED)
+    time, x, v = (as_variable(name, seen) for name in RECORDED)
     time.attrs["symbol"] = "t-t_0"
     for panel, across, up in ((over_time, None, x), (velocity, time, v), (phase_plane, x, v)):
         label_axis(panel.yaxis, up)

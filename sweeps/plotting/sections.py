@@ -91,8 +91,8 @@ def section(
     label_axis(panel.yaxis, found.points["poincare_v"])
     ends = [x.min(), x.max()]
     if not clearance.dims:
-        units = dict(config_of(dataset).units.items())
-        canvas.draw_stop(panel.axvline, float(clearance), as_variable("clearance", units))
+        stop = as_variable("clearance", config_of(dataset).nomenclature)
+        canvas.draw_stop(panel.axvline, float(clearance), stop)
         ends.append(float(clearance))
     canvas.widen_if_constant(panel.set_xlim, min(ends), max(ends))
     canvas.widen_if_constant(panel.set_ylim, v.min(), v.max())

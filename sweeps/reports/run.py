@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.config.nomenclature import Nomenclature
 from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
@@ -22,7 +22,6 @@ from sweeps.store import (
     status_counts,
 )
 from sweeps.text import (
-    in_units,
     shown_bytes,
     shown_count,
     shown_duration,
@@ -55,10 +54,7 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
     sweep, spec = config.sweep, config.sweep.spec
     most = "at most " if spec.longest is not None else ""
     periods = sweep.size * sweep.most_periods
-    units = dict(config.units.items())
-    axes = [
-        shown_axis(name, values, in_units(unit, units)) for name, values, unit in _swept(config)
-    ]
+    axes = [shown_axis(*axis) for axis in _swept(config)]
     kind = "axis" if config.points is None else "column"
     rows = [("name", config.name), *((kind, axis) for axis in axes or ["none, a single point"])]
     if config.follow:
@@ -86,10 +82,12 @@ def _swept(config: SweepConfig) -> Iterator[tuple[str, np.ndarray, str]]:
         if name in config.column_units:
             assert config.points is not None
             yield name, config.points[name], config.column_units[name]
-    seen = Nomenclature() if "mass" in typed else config.nomenclature
+    seen = config.nomenclature
+    if "mass" in typed:  # the columns of the model, which vary with it, have no single conversion
+        seen = replace(seen, rig=None)
     for name, values in config.sweep.grid.swept.items():
         if config.points is None or name in typed:
-            yield seen.name(name), seen.value(name, values), seen.about(name).unit
+            yield seen.name(name), seen.value(name, values), seen.unit(seen.about(name).unit)
 
 
 def summary(path: Path, sweep: Sweep) -> str:
