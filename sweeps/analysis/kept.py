@@ -1,9 +1,12 @@
-"""Exact branches and curves that are kept beside the file of a sweep, and used again."""
+"""Exact branches and curves that are kept in the cache of this user, and used again."""
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +14,13 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.cuts import Selection
-from sweeps.errors import Failed, StoreError
-from sweeps.store.kept import is_damaged, keep, kept_path, read_kept
 from vibroimpact.jit import NUMERICS, numerics_of
+from vibroimpact.jit.cache import read, root, write
 
 #: The array that describes a result, as JSON.
 _ABOUT = "about"
+#: Most results that are kept; the oldest go first.
+_MOST = 100
 
 
 def kept(
@@ -36,46 +40,52 @@ def kept(
         **chosen: Any,
     ) -> xr.Dataset:
         """Look for a kept result first."""
-        file = Path(str(dataset.encoding.get("source", "")))
-        data = dataset.encoding.get("digest", "")
+        data, code = dataset.encoding.get("digest", ""), numerics_of(Path(__file__).parent)
+        request = [find.__name__, axes, sorted((at or {}).items()), sorted(chosen.items())]
+        key = json.dumps([data, NUMERICS, code, request], default=int)
+        path = root() / "exact" / hashlib.sha256(key.encode()).hexdigest()[:24]
+        if data and (before := _read(path)) is not None:
+            say("the exact orbits were found before, and are used again")
+            return before
+        result = find(dataset, axes, at, *checks, **chosen)
         if not data:
-            result = find(dataset, axes, at, *checks, **chosen)
             say("the exact orbits are not kept: the sweep is not complete")
             return result
-        source = f"data {data}, code {NUMERICS} {numerics_of(Path(__file__).parent)}"
-        request = [find.__name__, axes, sorted((at or {}).items()), sorted(chosen.items())]
-        key = f"{source}, request {json.dumps(request, default=int)}"
-        if (arrays := read_kept(file, key)) is not None:
-            say(f"the exact orbits are those of {kept_path(file)}")
-            return _from_arrays(arrays)
-        result = find(dataset, axes, at, *checks, **chosen)
-        if is_damaged(file):
-            say(f"{kept_path(file)} was damaged, and is replaced")
         try:
-            keep(file, key, _as_arrays(result), source)
-        except (StoreError, Failed, OSError) as error:
-            say(f"the exact orbits are not kept: {error}")
+            write(path, _packed(result))
+        except OSError as error:
+            say(f"the exact orbits are not kept in {path.parent}: {error.strerror or error}")
+        with suppress(OSError):
+            ages = {file: file.stat().st_mtime for file in path.parent.iterdir()}
+            for file in sorted(ages, key=lambda file: ages[file])[:-_MOST]:
+                file.unlink()
         return result
 
     return found
 
 
-def _as_arrays(found: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return the variables of a Dataset, and their description."""
+def _packed(found: xr.Dataset) -> bytes:
+    """Return an archive of the variables of a Dataset and their description."""
     about = {
         "coords": [str(name) for name in found.coords],
         "dims": {str(name): list(map(str, found[name].dims)) for name in found.variables},
         "of": {str(name): found[name].attrs for name in found.variables},
         "attrs": found.attrs,
     }
-    arrays = {str(name): found[name].values for name in found.variables}
-    return {_ABOUT: np.array(json.dumps(about)), **arrays}
+    arrays: dict[str, Any] = {str(name): found[name].values for name in found.variables}
+    image = io.BytesIO()
+    np.savez(image, **{_ABOUT: np.array(json.dumps(about)), **arrays})
+    return image.getvalue()
 
 
-def _from_arrays(arrays: dict[str, np.ndarray]) -> xr.Dataset:
-    """Return the Dataset of `_as_arrays`."""
-    about = json.loads(str(arrays[_ABOUT]))
-    variables = {
-        name: (dims, arrays[name], about["of"][name]) for name, dims in about["dims"].items()
-    }
-    return xr.Dataset(variables, attrs=about["attrs"]).set_coords(about["coords"])
+def _read(path: Path) -> xr.Dataset | None:
+    """Return the Dataset that was kept in a file; None without one."""
+    with suppress(Exception):  # other contents raise errors of a dozen kinds
+        with np.load(io.BytesIO(read(path) or b"")) as arrays:
+            about = json.loads(str(arrays[_ABOUT]))
+            variables = {
+                name: (dims, arrays[name], about["of"][name])
+                for name, dims in about["dims"].items()
+            }
+        return xr.Dataset(variables, attrs=about["attrs"]).set_coords(about["coords"])
+    return None

@@ -37,6 +37,15 @@ def short_trials():
 
 
 @pytest.fixture(autouse=True, scope="session")
+def own_results(tmp_path_factory):
+    """Keep exact orbits in a folder of the tests, and leave those of the user alone."""
+    folder = tmp_path_factory.mktemp("kept")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sweeps.analysis.kept.root", lambda: folder)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
 def parsed_once():
     """Let all pictures have one parser of formulas, which keeps the last 50 that it has read."""
     with pytest.MonkeyPatch.context() as patch:

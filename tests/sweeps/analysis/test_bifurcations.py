@@ -37,7 +37,7 @@ def sweep(tmp_path):
     return run
 
 
-#: What is found is kept beside the file, so that a command finds it there.
+#: What is found is kept in a cache, so that a command finds it there.
 FIND = kept(branches, print)
 
 

@@ -1,6 +1,6 @@
-"""Exact branches and curves are kept beside the file of a sweep, and used if all is the same."""
+"""Exact branches and curves are kept in the cache of the user, and used if all is the same."""
 
-import io
+import os
 
 import numpy as np
 import pytest
@@ -8,10 +8,12 @@ import xarray as xr
 
 from sweeps import branches, curves, open_sweep
 from sweeps.analysis import kept as module
-from sweeps.analysis.kept import _from_arrays, kept
-from sweeps.store.kept import _entries, kept_path
+from sweeps.analysis.kept import kept
 from tests.helpers.commands import accepted
 from tests.helpers.sweep_files import run_in
+from vibroimpact.jit.cache import write
+
+FOUND = "the exact orbits were found before, and are used again"
 
 SCENE = """
 oscillator: {h: 0.1, R: [0.7, 0.75, 0.8], omega: {start: 2.6, stop: 2.7, num: 9}, f: 1.0}
@@ -22,6 +24,13 @@ record: {transient: 200, periods: 16}
 @pytest.fixture
 def path(tmp_path):
     return run_in(tmp_path, SCENE)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path_factory, monkeypatch):
+    folder = tmp_path_factory.mktemp("cache") / "of the user"
+    monkeypatch.setattr(module, "root", lambda: folder)
+    return folder
 
 
 class Counted:
@@ -50,7 +59,7 @@ def test_what_was_found_is_used_again_to_the_last_bit(path, find, axes):
     first, said = asked(path, find, axes)
     again, then = asked(path, find, axes)
     assert (find.calls, said) == (1, [])
-    assert then == [f"the exact orbits are those of {kept_path(path)}"]
+    assert then == [FOUND]
     xr.testing.assert_identical(again, first)
     assert first.sizes["point"] > 10
     assert [again[name].dtype for name in again] == [first[name].dtype for name in first]
@@ -84,80 +93,43 @@ def test_nothing_is_used_again_after_a_change_of_the_data_or_of_the_code(path, m
     assert find.calls == 4
     expected = branches(path, "omega")
     np.testing.assert_array_equal(found["omega"], expected["omega"])
-    with np.load(kept_path(path)) as held:
-        assert len(held["vibroimpact_keys"]) == 1  # what is never used again is not kept
 
 
-def archive(**arrays):
-    """Return the bytes of an archive that NumPy writes."""
-    image = io.BytesIO()
-    np.savez(image, **arrays)
-    return image.getvalue()
+def kept_files(cache):
+    return sorted((cache / "exact").iterdir())
 
 
-TEXTS = np.array(["a", "b"])
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"a text",
-        b"PK\x03\x04" + bytes(100),
-        bytes(100) + b"a text",
-        archive(keys=np.arange(5)),
-        archive(keys=TEXTS),
-        archive(keys=TEXTS, values=np.arange(2)),
-        archive(keys=TEXTS, values=np.arange(2))[:-9],
-    ],
-    ids=["text", "zip", "zeros first", "numbers", "texts", "texts and numbers", "cut"],
-)
-def test_a_foreign_file_is_left_alone(path, content):
-    find = Counted(branches)
-    asked(path, find, "omega")
-    beside = kept_path(path)
-    beside.write_bytes(content)
-    before = beside.read_bytes()
-    _, said = asked(path, find, "omega")
-    assert find.calls == 2
-    assert said == [
-        f"the exact orbits are not kept: {beside.name} is another file, and is left alone"
-    ]
-    assert beside.read_bytes() == before
-
-
-@pytest.mark.parametrize("damage", ["cut", "byte", "empty", "zeros"])
-def test_a_damaged_file_is_not_used_but_replaced_and_that_is_said(path, damage):
+@pytest.mark.parametrize("damage", ["cut", "byte", "empty", "other content", "of others"])
+def test_what_is_damaged_or_may_be_of_another_user_is_not_used_but_found_again(path, cache, damage):
     find = Counted(branches)
     first, _ = asked(path, find, "omega")
-    beside = kept_path(path)
-    whole = beside.read_bytes()
+    (file,) = kept_files(cache)
+    whole = file.read_bytes()
     half = len(whole) // 2
-    images = {
-        "cut": whole[:half],
-        "byte": whole[:half] + bytes([whole[half] ^ 255]) + whole[half + 1 :],
-        "empty": b"",
-        "zeros": bytes(len(whole)),
-    }
-    beside.write_bytes(images[damage])
+    if damage == "other content":  # with a sound checksum
+        write(file, b"another")
+    elif damage == "of others":
+        file.chmod(0o666)
+    else:
+        changed = whole[:half] + bytes([whole[half] ^ 255]) + whole[half + 1 :]
+        file.write_bytes({"cut": whole[:half], "byte": changed, "empty": b""}[damage])
     again, said = asked(path, find, "omega")
-    assert said == [f"{beside} was damaged, and is replaced"]
+    assert (find.calls, said) == (2, [])
     xr.testing.assert_identical(again, first)
-    assert asked(path, find, "omega")[1] == [f"the exact orbits are those of {beside}"]
-    assert find.calls == 2
+    assert asked(path, find, "omega")[1] == [FOUND]
+    assert file.read_bytes() == whole and file.stat().st_mode & 0o022 == 0
 
 
-@pytest.mark.slow
-def test_a_flipped_bit_is_never_used(path):
-    """NumPy alone takes some of them for other values, and raises errors of a dozen kinds."""
-    first, _ = asked(path, branches, "omega")
-    beside = kept_path(path)
-    whole = beside.read_bytes()
-    for place in np.linspace(0, 8 * len(whole) - 1, 1200).astype(int).tolist():
-        image = bytearray(whole)
-        image[place // 8] ^= 1 << place % 8
-        beside.write_bytes(image)
-        for arrays in (_entries(path) or {}).values():
-            xr.testing.assert_identical(_from_arrays(dict(arrays)), first)
+def test_the_oldest_results_go_first(path, cache, monkeypatch):
+    monkeypatch.setattr(module, "_MOST", 2)
+    find = Counted(lambda dataset, axes, at: xr.Dataset({"x": ("point", [at["R"]])}))
+    find.__name__ = "branches"
+    for number, calls in ((1, 1), (2, 2), (1, 2), (3, 3), (2, 3), (1, 4)):
+        found, _ = asked(path, find, "omega", {"R": number})
+        assert found["x"].values == [number] and find.calls == calls
+        newest = max(kept_files(cache), key=lambda file: file.stat().st_mtime)
+        os.utime(newest, (calls, calls))  # as if the next came later
+    assert len(kept_files(cache)) == 2
 
 
 @pytest.mark.slow
@@ -170,14 +142,21 @@ def test_what_is_found_for_an_opened_file_is_not_taken_for_that_of_its_successor
     xr.testing.assert_identical(found, branches(path, "omega", classes=[(1, 1)]))
 
 
-def test_a_folder_that_cannot_be_written_is_said(path, monkeypatch):
-    def refuse(*_):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("sweeps.store.kept.writing", refuse)
+def test_a_folder_that_cannot_be_used_is_said(path, cache):
+    cache.mkdir()
+    (cache / "exact").touch()
     found, said = asked(path, branches, "omega")
-    assert found.sizes["point"] and "Permission denied" in said[0]
-    assert not kept_path(path).exists()
+    assert found.sizes["point"]
+    assert said == [f"the exact orbits are not kept in {cache / 'exact'}: it is not a folder"]
+
+
+def test_nothing_is_written_or_read_beside_the_file(path):
+    """Whatever has that name: a file of 100 GB would be read for minutes."""
+    beside = path.with_name("out.h5.exact")
+    os.mkfifo(beside)
+    before = sorted(path.parent.iterdir())
+    asked(path, branches, "omega")
+    assert sorted(path.parent.iterdir()) == before
 
 
 def test_an_incomplete_sweep_keeps_nothing(tmp_path, stop_after):
@@ -190,9 +169,8 @@ def test_an_incomplete_sweep_keeps_nothing(tmp_path, stop_after):
 @pytest.mark.slow
 def test_plot_and_info_share_what_was_found(path):
     command = "plot", "out.h5", "--kind", "bifurcation", "--exact", "--dpi", "50"
-    assert "those of" not in accepted(*command)
-    assert "the exact orbits are those of" in accepted(*command)
+    assert FOUND not in accepted(*command)
+    assert FOUND in accepted(*command)
     table = "info", "out.h5", "--bifurcations", "--at", "R=0.7"
     first = accepted(*table).strip()
-    note = "the exact orbits are those of"
-    assert note in (again := accepted(*table)) and again.split(note)[0].strip() in first
+    assert FOUND in (again := accepted(*table)) and again.split(FOUND)[0].strip() in first
