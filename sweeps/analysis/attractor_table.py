@@ -11,7 +11,7 @@ import xarray as xr
 
 from sweeps.analysis.cuts import Selection, select, swept_axes
 from sweeps.analysis.dataset import config_of, nomenclature_of
-from sweeps.analysis.grouping import STARTS, GridIndex, parameter_at_points, points_of
+from sweeps.analysis.grouping import START_AXES, GridIndex, parameter_at_points, points_of
 from sweeps.analysis.motions import different, run_on
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
@@ -22,12 +22,12 @@ from vibroimpact.points.regimes import Regime
 if TYPE_CHECKING:
     import pandas as pd
 
-#: The variables of `sweeps.attractors` that are fields of a `Row`, or only lead to one.
-_OWN = {"number", "fraction", "motion", "m", "q", "from_record", "representative"}
-_OWN |= {"section_x", "section_v"}
+#: The variables of `sweeps.attractors` that are fields of a `AttractorRow`, or only lead to one.
+_NO_MEASURES = {"number", "fraction", "motion", "m", "q", "from_record", "representative"}
+_NO_MEASURES |= {"section_x", "section_v"}
 
 
-class Row(NamedTuple):
+class AttractorRow(NamedTuple):
     """One attractor at one parameter point.
 
     Attributes
@@ -72,7 +72,7 @@ def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
     """Return the names of the swept axes, or of the columns of a table, that are not starts."""
     known = nomenclature_of(dataset).parameters
     names = [name for name in columns_of(dataset) if name in known] or swept_axes(dataset)
-    return tuple(name for name in names if name not in STARTS)
+    return tuple(name for name in names if name not in START_AXES)
 
 
 def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
@@ -85,7 +85,7 @@ def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
     return select(dataset, at, free=free)
 
 
-def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
+def attractor_rows(dataset: xr.Dataset, result: xr.Dataset) -> list[AttractorRow]:
     """List the attractors in a result, by parameter point, most frequent first.
 
     It is the result of `sweeps.attractors`, `sweeps.integrity` or `sweeps.knocks` for the dataset.
@@ -103,9 +103,11 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     swept = {name: parameter_at_points(dataset, name)[place] for name in parameter_axes(dataset)}
     points["x0"], points["v0"] = frame["section_x"], frame["section_v"]
     orbits = orbits_of(config_of(dataset), points, frame["m"].values, frame["q"].values)
-    measures = {name: frame[name].tolist() for name in map(str, columns) if name not in _OWN}
+    measures = {
+        name: frame[name].tolist() for name in map(str, columns) if name not in _NO_MEASURES
+    }
     return [
-        Row(
+        AttractorRow(
             {name: values[i].item() for name, values in swept.items()},
             row.number,
             Regime(row.motion),
@@ -139,7 +141,7 @@ def orbits_of(
     return orbits
 
 
-def table_of(attractors: Sequence[Row]) -> pd.DataFrame:
+def attractor_frame(attractors: Sequence[AttractorRow]) -> pd.DataFrame:
     """Return the attractors as a table for a CSV file, with impact speeds separated by spaces."""
     import pandas as pd
 

@@ -31,9 +31,9 @@ from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import SETS, GridIndex
 from sweeps.analysis.motions import cycles_of, different, motions_of
 from sweeps.analysis.regimes import approaching
-from sweeps.analysis.section_distance import TOLERANCE, same_motions
+from sweeps.analysis.section_distance import ORBIT_TOLERANCE, same_motions
 from sweeps.analysis.settle import EXTENSIONS, settle
-from sweeps.analysis.tracking import lead_to_each_other, nearest, track
+from sweeps.analysis.tracking import lead_to_each_other, mutually_nearest, track
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from vibroimpact.points.regimes import Regime
@@ -43,7 +43,7 @@ COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
 #: States that agree to this much less than the tolerance are continued and compared once.
 _FINER = 256
 #: The variables of an attractor at a parameter point, with their meanings and units.
-_COLUMNS = {
+_ATTRACTOR_COLUMNS = {
     "number": ("number of the attractor", "1"),
     "fraction": ("share of the starts", "1"),
     "motion": ("kind of motion", "1"),
@@ -58,7 +58,7 @@ _COLUMNS = {
 
 @takes_sweep({})
 def attractors(
-    dataset: xr.Dataset, tolerance: float = TOLERANCE, extensions: int = EXTENSIONS
+    dataset: xr.Dataset, tolerance: float = ORBIT_TOLERANCE, extensions: int = EXTENSIONS
 ) -> xr.Dataset:
     """Find the distinct attractors at every parameter point.
 
@@ -141,7 +141,7 @@ def attractors(
         number, fraction, motion["regime"], motion["m"], motion["q"], ~followed[shown], x, v,
         index.start[shown],
     )  # fmt: skip
-    data = _by_rank(config, index, parameter, dict(zip(_COLUMNS, columns, strict=True)))
+    data = _by_rank(config, index, parameter, dict(zip(_ATTRACTOR_COLUMNS, columns, strict=True)))
     counted = np.bincount(
         parameter[np.isin(motion["regime"], COUNTED)], minlength=index.count
     ).reshape(index.shape)
@@ -170,7 +170,7 @@ def _by_rank(
         missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
         grid = np.full((index.count, int(rank.max(initial=0)) + 1), missing, values.dtype)
         grid[parameter, rank] = values
-        about = described(config, *_COLUMNS[name])
+        about = described(config, *_ATTRACTOR_COLUMNS[name])
         data[name] = (*index.parameters, "coexisting"), grid.reshape(*index.shape, -1), about
     data["motion"][2]["flag_values"] = np.array(list(Regime))
     data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)
@@ -178,7 +178,10 @@ def _by_rank(
 
 
 def attractors_of(
-    motions: np.ndarray, parameter: np.ndarray, config: SweepConfig, tolerance: float = TOLERANCE
+    motions: np.ndarray,
+    parameter: np.ndarray,
+    config: SweepConfig,
+    tolerance: float = ORBIT_TOLERANCE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a motion on each attractor, and the attractor of each motion, -1 for none.
 
@@ -229,7 +232,10 @@ def _numbers(
     at = at[np.argsort(parameter[at], kind="stable")]
     shape = () if SETS in index.parameters else index.shape  # sets have no neighbours
     cycles = cycles_of(config, motions[at])
-    near, seeded = partial(nearest, cycles), partial(lead_to_each_other, config, motions[at])
+    near, seeded = (
+        partial(mutually_nearest, cycles),
+        partial(lead_to_each_other, config, motions[at]),
+    )
     _, chain = np.unique(track(shape, parameter[at], near, seeded), return_inverse=True)
     order = np.argsort(-np.bincount(chain, fraction[at]), kind="stable")
     number[at] = np.argsort(order)[chain]

@@ -22,7 +22,7 @@ from sweeps.analysis.dataset import check_diagnostic, config_of, headed, nomencl
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.analysis.explanations import NO_LABEL, changes, explain, least_difference
-from sweeps.analysis.grouping import STARTS
+from sweeps.analysis.grouping import START_AXES
 from sweeps.analysis.motions import OF_MOTIONS, motions_of
 from sweeps.analysis.regimes import labels
 from sweeps.store import DIRECTION
@@ -201,7 +201,7 @@ def other_axes(found: pd.DataFrame) -> list[str]:
 def _has_one_line(dataset: xr.Dataset, axis: str, at: Selection | None) -> bool:
     """Whether the points along an axis of the oscillator are one line, also if followed twice."""
     uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
-    return not uncut and axis not in STARTS and dataset.sizes[axis] > 1
+    return not uncut and axis not in START_AXES and dataset.sizes[axis] > 1
 
 
 def _of_branches(

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sweeps.analysis.map_cells import changes, middles_of_regions, steps_between
-from sweeps.analysis.motions import leads_to, orbit_of
+from sweeps.analysis.motions import leads_to, orbit_of_motion
 from vibroimpact.orbits.branches import Branch, SpecialPoint
 from vibroimpact.orbits.curves import KINDS, bifurcation_curve
 from vibroimpact.orbits.periodic import OrbitError
@@ -160,7 +160,7 @@ class CurveSearch:
 
     def _leads_to(self, cell: np.ndarray, axis: int, value: float) -> SpecialPoint:
         """Return where the orbit of a cell leads; OrbitError if none of its class is found."""
-        orbit = orbit_of(self._motions[*cell], self._phase)
+        orbit = orbit_of_motion(self._motions[*cell], self._phase)
         return leads_to(orbit, self._axes[axis], float(value))
 
     def _bifurcation(self, cells: np.ndarray) -> SpecialPoint:

@@ -22,7 +22,7 @@ from sweeps.analysis.coordinates import COORDINATES, orbit_coordinates
 from sweeps.analysis.cuts import Selection, chosen_axes, select, split_directions
 from sweeps.analysis.dataset import config_of, nomenclature_of, orbits_on_axes
 from sweeps.analysis.doors import takes_sweep
-from sweeps.analysis.grouping import STARTS
+from sweeps.analysis.grouping import START_AXES
 from sweeps.analysis.motions import motions_of, orbit_at
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
@@ -309,7 +309,7 @@ def wide_branches(found: xr.Dataset) -> np.ndarray:
 
 def check_axis(axis: str, values: np.ndarray, picture: str) -> None:
     """Refuse an axis on which the orbits do not depend, and one with a single value."""
-    if axis in STARTS:
+    if axis in START_AXES:
         raise Refused(
             f"the exact orbits do not depend on {axis}; draw {picture} without exact orbits"
         )

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sweeps.analysis.grouping import STARTS
-from sweeps.analysis.motions import leads_to, orbit_of
+from sweeps.analysis.grouping import START_AXES
+from sweeps.analysis.motions import leads_to, orbit_of_motion
 from vibroimpact.points.regimes import Label, Regime
 
 #: The class of points that have none.
@@ -106,7 +106,7 @@ def explain(
     If points of unknown class lie between, and no bifurcation leads from one class to the other,
     the change from the first class to an unknown one and that to the last class are returned.
     """
-    if axis in STARTS:
+    if axis in START_AXES:
         return [(change, "basin", np.nan, "")]
     low, high = motions[np.searchsorted(values, [change.low, change.high])]
     left, right = _onward(low, high, phase, axis), _onward(high, low, phase, axis)
@@ -156,7 +156,7 @@ def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> _Onward
     """Return the first special point on the branch of the orbit of a motion towards another one."""
     if motion["m"]:
         with suppress(ValueError):  # no orbit is found, or it cannot be followed
-            orbit = orbit_of(motion, phase)
+            orbit = orbit_of_motion(motion, phase)
             if orbit.stable:
                 point = leads_to(orbit, axis, other["point"][axis].item())
                 of = point.orbit if point.kind in ("flip", "graze") else orbit

@@ -16,7 +16,7 @@ from sweeps.store import DIRECTION
 from vibroimpact.oscillator import PARAMETERS, POINT
 
 #: Axes along which only the start or the past differs, not the oscillator.
-STARTS = ("x0", "v0", DIRECTION)
+START_AXES = ("x0", "v0", DIRECTION)
 #: The dimension of the different sets of parameters in a table.
 SETS = "set"
 
@@ -25,7 +25,7 @@ SETS = "set"
 class GridIndex:
     """The parameter point and the start of each point of a file."""
 
-    #: Shape of the grid of parameter points: the grid of the file without its ``STARTS``. For
+    #: Shape of the grid of parameter points: the grid of the file without its ``START_AXES``. For
     #: a table, the number of its different sets of parameters; () if there is only one.
     shape: tuple[int, ...]
     parameters: tuple[str, ...]  # the axes of this grid, or ``SETS``
@@ -40,7 +40,7 @@ class GridIndex:
         if TABLE in dataset["status"].dims:
             return cls(*_sets(points_of(dataset)))
         sizes = {str(name): size for name, size in dataset["status"].sizes.items()}
-        parameters = {name: size for name, size in sizes.items() if name not in STARTS}
+        parameters = {name: size for name, size in sizes.items() if name not in START_AXES}
 
         def numbers(kept: Collection[str]) -> np.ndarray:
             """Number the points along the axes `kept`, ignoring the other axes."""
@@ -52,7 +52,7 @@ class GridIndex:
             tuple(parameters.values()),
             tuple(parameters),
             numbers(parameters),
-            numbers(STARTS),
+            numbers(START_AXES),
         )
 
     @property
@@ -63,7 +63,7 @@ class GridIndex:
 
 def _sets(points: np.ndarray) -> tuple[tuple[int, ...], tuple[str, ...], np.ndarray, np.ndarray]:
     """Return the fields of `GridIndex` for the rows of a table."""
-    rows = np.stack([points[name] for name in PARAMETERS if name not in STARTS], axis=1)
+    rows = np.stack([points[name] for name in PARAMETERS if name not in START_AXES], axis=1)
     different, of_row = np.unique(rows, axis=0, return_inverse=True)
     if len(different) == len(rows) > 1:
         raise Refused("attractors need several starts, and no rows of the table differ in x0 or v0")

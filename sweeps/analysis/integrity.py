@@ -28,7 +28,7 @@ from sweeps.errors import Refused
 from sweeps.text import listed
 
 #: The variables that `integrity` adds, with their meanings and units.
-_MEASURES = {
+_BASIN_MEASURES = {
     "integrity_factor": ("radius of the largest disc in the basin", "length"),
     "disc_x": ("displacement at the centre of the disc", "length"),
     "disc_v": ("velocity at the centre of the disc", "length/time"),
@@ -99,13 +99,13 @@ def with_measures(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
     periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if not periodic
     longest = int(periods.max(initial=1))
     sections, _ = run_on(config, points, longest)
-    measures = np.full((len(_MEASURES), *number.shape), np.nan)
+    measures = np.full((len(_BASIN_MEASURES), *number.shape), np.nan)
     for n, (i, k) in enumerate(zip(*at, strict=True)):
         basin = starts.values.reshape(-1, len(x), len(v))[i] == number[i, k]
         w = 1.0 / points["p"][n]
         states = sections[n, : periods[n]]
         measures[:, i, k] = measures_of(basin, x, v, w, points["clearance"][n], states)
-    for (name, about), values in zip(_MEASURES.items(), measures, strict=True):
+    for (name, about), values in zip(_BASIN_MEASURES.items(), measures, strict=True):
         shaped = values.reshape(found["number"].shape)
         shaped = shaped == 1.0 if name.endswith("edge") else shaped
         found[name] = (found["number"].dims, shaped, described(config, *about))
@@ -120,7 +120,7 @@ def measures_of(
     clearance: float,
     states: np.ndarray,
 ) -> tuple[float, ...]:
-    """Return the measures, in the order of ``_MEASURES``, of an attractor with states (n, 2).
+    """Return the measures, in the order of ``_BASIN_MEASURES``, of an attractor with states (n, 2).
 
     `basin` is the mask of the starts in its basin, over the increasing, evenly spaced values of x
     and v.

@@ -26,8 +26,8 @@ import xarray as xr
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.dataset import config_of, described, oscillator_of
 from sweeps.analysis.doors import takes_sweep
-from sweeps.analysis.motions import MOTION, orbit_of
-from sweeps.analysis.section_distance import TOLERANCE, section_distance
+from sweeps.analysis.motions import MOTION, orbit_of_motion
+from sweeps.analysis.section_distance import ORBIT_TOLERANCE, section_distance
 from sweeps.errors import Refused
 from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, simulate
 from vibroimpact.points.compute import compute_points
@@ -36,20 +36,19 @@ from vibroimpact.points.stages import Results, in_stages, without_class
 from vibroimpact.status import Status
 from vibroimpact.trajectory import exact_samples
 
-_TURN = 2.0 * math.pi
 #: Number of moments in a forcing period, and of sizes scanned at each.
 _MOMENTS, _SIZES = 64, 256
 #: Number of times that moments are tried beside the worst one, each time four times as close.
 _CLOSER = 7
 #: Sizes near a knock at which the boundary is sought, relative to the knock.
-_NEAR = np.linspace(-0.1, 0.02, 80)
+_NEAR_SIZES = np.linspace(-0.1, 0.02, 80)
 #: Forcing periods for which a motion is continued, one after the other until it has a class, and
 #: the last of these that are recorded.
-_STAGES, _RECORD = (200, 800, 3200, 12800), 32
+_STAGES, _KNOCK_RECORD = (200, 800, 3200, 12800), 32
 
 
 #: The meaning and the unit of each field of a `Knock`.
-_FIELDS = {
+_KNOCK_FIELDS = {
     "phase": ("phase of the forcing at the worst moment", "rad"),
     "x": ("displacement at the worst moment", "length"),
     "v": ("velocity at the worst moment", "length/time"),
@@ -135,7 +134,7 @@ def knocks(
     return found.assign(
         {
             f"knock_{name}": ("coexisting", list(column), described(config, *about))
-            for (name, about), column in zip(_FIELDS.items(), columns, strict=True)
+            for (name, about), column in zip(_KNOCK_FIELDS.items(), columns, strict=True)
         }
     )
 
@@ -158,7 +157,7 @@ class _Motions:
             motion["m"], motion["q"] = one.m, one.q
             if one.m > 0:
                 with suppress(OrbitError):  # too many periods: motions that end there are unknown
-                    orbit = orbit_of(motion[0], self._phase)
+                    orbit = orbit_of_motion(motion[0], self._phase)
                     self.orbits[one.number] = orbit
                     self._cycles[one.number] = orbit.sections(self._phase)
 
@@ -173,7 +172,9 @@ class _Motions:
         endless = np.ones(len(states), bool)
 
         def run(points: np.ndarray, periods: int, started: bool) -> Results:
-            record = replace(self._spec, start=phase).part(periods - _RECORD, _RECORD, 0, False)
+            record = replace(self._spec, start=phase).part(
+                periods - _KNOCK_RECORD, _KNOCK_RECORD, 0, False
+            )
             return compute_points(record, points, None, at_section=started)
 
         def goes_on(rows: np.ndarray, _: int, results: Results) -> np.ndarray:
@@ -204,9 +205,9 @@ class _Motions:
         return number
 
     def _is_on(self, one: int, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the mask of the section states that are on an attractor, to ``TOLERANCE``."""
+        """Return the mask of the section states that are on an attractor."""
         o, cycle = self._oscillator, self._cycles[one]
-        size = TOLERANCE * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
+        size = ORBIT_TOLERANCE * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
         states, units = np.stack([x, v], axis=1)[:, None], (size, size * o.omega)
         apart = section_distance(states, cycle, o.clearance, np.array(o.R), units)
         near: np.ndarray = apart.min(axis=1) <= 1.0
@@ -219,7 +220,7 @@ class _Motions:
         of `ways`, shape (k, sizes), has changes of velocity that start with a harmless one.
         """
         knocked = states[:, None, None] + np.stack([np.zeros_like(ways), ways], axis=2)
-        reached = self._reached(phase % _TURN, knocked.reshape(-1, 2))
+        reached = self._reached(phase % math.tau, knocked.reshape(-1, 2))
         number, certified = (values.reshape(knocked.shape[:3]) for values in reached)
         harmful = number != home
         harmful[:, :, 0] = False  # known; at a fractal boundary, rounding could change it
@@ -231,17 +232,17 @@ class _Motions:
         to, fractal = number[turn, way, size], np.count_nonzero(np.diff(harmful[turn, way])) > 1
         known = number[turn, way, size - 1] == home and to >= 0
         known &= certified[turn, way, size - 1 : size + 1].all()
-        return Knock(phase + _TURN * turn, x, v, low, high, to, bool(known), bool(fractal))
+        return Knock(phase + math.tau * turn, x, v, low, high, to, bool(known), bool(fractal))
 
     def _least(self, home: int, phase: float, sizes: np.ndarray) -> Knock:
         """Return the least harmful knock at a phase, out of sizes that increase from 0."""
-        phase %= _TURN
+        phase %= math.tau
         states = self.orbits[home].sections(phase)
         return self._first(home, phase, states, np.stack([sizes, -sizes]))
 
     def _divided(self, home: int, knock: Knock, share: float) -> Knock:
         """Divide the interval of a knock until its length is at most this share of the knock."""
-        while abs(knock.harmful - knock.harmless) > share * _size(knock) < math.inf:
+        while abs(knock.harmful - knock.harmless) > share * _knock_size(knock) < math.inf:
             sizes = np.linspace(knock.harmless, knock.harmful, 17)
             state = np.array([[knock.x, knock.v]])
             first = self._first(home, knock.phase, state, sizes[None])
@@ -255,34 +256,34 @@ class _Motions:
 
         It is sought near the size `near`, the more closely the larger the `zoom`.
         """
-        sizes = near * np.array([0.0, *(1.0 + _NEAR / zoom)])
+        sizes = near * np.array([0.0, *(1.0 + _NEAR_SIZES / zoom)])
         return self._divided(home, self._least(home, phase, sizes), 1e-7)
 
     def worst(self, home: int, limit: float) -> Knock:
         """Return the least harmful knock up to a limit, over all moments."""
-        width, before = _TURN / _MOMENTS, math.inf
-        after_impacts = (self.orbits[home].phases + 1e-12) % _TURN
+        width, before = math.tau / _MOMENTS, math.inf
+        after_impacts = (self.orbits[home].phases + 1e-12) % math.tau
         moments = np.sort([*(width * np.arange(_MOMENTS)), *after_impacts]).tolist()
         while limit < 0.5 * before:
             before = limit
             for phase in moments:
                 sizes = limit * np.arange(_SIZES + 1) / _SIZES
-                limit = min(limit, _size(self._least(home, phase, sizes)))
+                limit = min(limit, _knock_size(self._least(home, phase, sizes)))
         everywhere = [self._at(home, phase, limit) for phase in moments]
-        sizes = np.array([_size(knock) for knock in everywhere])
+        sizes = np.array([_knock_size(knock) for knock in everywhere])
         lowest = np.isfinite(sizes) & (sizes <= np.minimum(np.roll(sizes, 1), np.roll(sizes, -1)))
         best = Knock()
         for knock in (everywhere[i] for i in np.flatnonzero(lowest)):
             for zoom in 2.0 ** np.arange(_CLOSER):
                 near = knock.phase + width / zoom**2 * np.linspace(-1.0, 1.0, 9)
-                tried = (self._at(home, phase, _size(knock), zoom) for phase in near.tolist())
-                knock = min(knock, *tried, key=_size)
-            best = min(best, knock, key=_size)
+                tried = (self._at(home, phase, _knock_size(knock), zoom) for phase in near.tolist())
+                knock = min(knock, *tried, key=_knock_size)
+            best = min(best, knock, key=_knock_size)
         best = self._divided(home, best, 1e-9)
         return best._replace(fractal=best.fractal or any(knock.fractal for knock in everywhere))
 
 
-def _size(knock: Knock) -> float:
+def _knock_size(knock: Knock) -> float:
     return abs(knock.harmful)
 
 
@@ -293,8 +294,8 @@ def at_section(
 
     `phase` is omega t at the given state, and `section` that of the section, in [0, 2 pi).
     """
-    phase %= _TURN
+    phase %= math.tau
     motion = simulate(oscillator, 1, x0=x, v0=v, phase=phase)
     t, x_t, v_t = exact_samples(oscillator, motion.t, motion.x, motion.v)
-    at = (section if section > phase else section + _TURN) / oscillator.omega
+    at = (section if section > phase else section + math.tau) / oscillator.omega
     return float(np.interp(at, t, x_t)), float(np.interp(at, t, v_t))

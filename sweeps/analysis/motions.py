@@ -10,7 +10,7 @@ import xarray as xr
 
 from sweeps.analysis.dataset import config_of, oscillator_of, results_of
 from sweeps.analysis.grouping import points_of
-from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances
+from sweeps.analysis.section_distance import ORBIT_TOLERANCE, Cycles, distances
 from sweeps.config.sweep import SweepConfig
 from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
@@ -102,7 +102,7 @@ def orbit_at(motion: np.void, phase: float) -> PeriodicOrbit:
     return periodic_orbit(oscillator, min(x, oscillator.clearance), v, int(motion["m"]), phase)
 
 
-def orbit_of(motion: np.void, phase: float) -> PeriodicOrbit:
+def orbit_of_motion(motion: np.void, phase: float) -> PeriodicOrbit:
     """Return the orbit of a periodic motion as `orbit_at`; OrbitError if its class is another."""
     orbit = orbit_at(motion, phase)
     if (orbit.m, orbit.q) != (motion["m"], motion["q"]):
@@ -119,13 +119,13 @@ def leads_to(orbit: PeriodicOrbit, parameter: str, value: float) -> SpecialPoint
 
 
 def same_orbit(first: PeriodicOrbit, second: PeriodicOrbit, phase: float) -> bool:
-    """Whether two orbits of one oscillator have the same class and, to ``TOLERANCE``, states."""
+    """Whether two orbits of one oscillator have the same class and, within tolerance, states."""
     if (first.m, first.q) != (second.m, second.q):
         return False
     o = first.oscillator
     states = np.stack([orbit.sections(phase) for orbit in (first, second)]) - [o.clearance, 0.0]
     cycles = Cycles(states / [1.0, o.omega], np.full(2, first.m), np.full(2, o.R))
-    return bool(distances(cycles, np.array([0]), np.array([1]))[0] <= TOLERANCE)
+    return bool(distances(cycles, np.array([0]), np.array([1]))[0] <= ORBIT_TOLERANCE)
 
 
 def different(columns: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -20,9 +20,9 @@ from functools import reduce
 import numpy as np
 
 #: Cycles closer than this, relative to their greatest coordinate, are the same motion.
-TOLERANCE = 1e-3
+ORBIT_TOLERANCE = 1e-3
 #: Number of values compared at a time, so that they stay in the cache.
-_PART = 25_000
+_VALUES_AT_ONCE = 25_000
 
 
 @dataclass(frozen=True)
@@ -70,23 +70,25 @@ def distances(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         if longer not in (periods, 2 * periods):
             continue
         rows = np.flatnonzero((m[a] == periods) & (m[b] == longer))
-        for part in np.array_split(rows, 1 + rows.size * longer // _PART):
+        for part in np.array_split(rows, 1 + rows.size * longer // _VALUES_AT_ONCE):
             first = np.tile(cycles.states[a[part], :periods], (1, longer // periods, 1))
             second, R = cycles.states[b[part], :longer], cycles.R[b[part], None]
             turned = (np.roll(first, turn, axis=1) for turn in range(periods))
-            apart = [_greatest(section_distance(one, second, 0.0, R)) for one in turned]
+            apart = [_row_maxima(section_distance(one, second, 0.0, R)) for one in turned]
             both = np.concatenate([first, second], axis=1).reshape(len(part), -1)
-            size = _greatest(np.abs(both))
+            size = _row_maxima(np.abs(both))
             result[part] = reduce(np.minimum, apart) / np.where(size > 0.0, size, 1.0)
     return result
 
 
-def _greatest(table: np.ndarray) -> np.ndarray:
+def _row_maxima(table: np.ndarray) -> np.ndarray:
     """Return the maximum of each row; taking it column by column is fast for many short rows."""
     return reduce(np.maximum, table.T)
 
 
-def same_motions(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
+def same_motions(
+    cycles: Cycles, group: np.ndarray, tolerance: float = ORBIT_TOLERANCE
+) -> np.ndarray:
     """Return for each cycle the index of the first that is the same motion, shape (n,).
 
     Cycles of one number in `group` are the same motion if they are within `tolerance`, or are

@@ -35,13 +35,13 @@ from vibroimpact.points.stages import Results, put_last
 #: How often a motion is continued, each time until it is four times as long.
 EXTENSIONS = 4
 #: Most forcing periods over which Lyapunov exponents are computed; weak chaos needs many to show.
-_LONG = 1024
+_LYAPUNOV_PERIODS = 1024
 #: Last forcing periods of an extension, which show the class: twice the longest repetition.
-_RECORD = 2 * LONGEST_PERIOD
+_CLASS_PERIODS = 2 * LONGEST_PERIOD
 #: Most forcing periods for which all motions together are continued.
 MOST_CONTINUED = 300_000_000
 #: Number of points that are continued in one call.
-_PART = 4_000
+_POINTS_AT_ONCE = 4_000
 
 
 def settle(
@@ -70,7 +70,7 @@ def settle(
         if not going.size or planned > MOST_CONTINUED:
             break
         continued[going] = True
-        periods = 3 * length * 4**i + _RECORD
+        periods = 3 * length * 4**i + _CLASS_PERIODS
         results = _extended(spec, state[going], periods)
         reached, now = motions[going], state[going]
         put_classes(reached, results["regime"], results)
@@ -104,14 +104,14 @@ def _last_states(points: np.ndarray, dataset: xr.Dataset) -> np.ndarray:
 def _extended(spec: RunSpec, points: np.ndarray, periods: int) -> Results:
     """Continue motions, and find their regimes; ``rests`` counts all their rests."""
     results = []
-    for state in np.array_split(points, -(-points.size // _PART)):
+    for state in np.array_split(points, -(-points.size // _POINTS_AT_ONCE)):
         rests, omega = np.zeros(state.size, np.int64), state["omega"]
-        for length in _lengths(periods - _RECORD):
+        for length in _lengths(periods - _CLASS_PERIODS):
             bare = replace(spec.part(0, length, 0, spec.impact == "exact"), period=False)
             before = compute_points(bare, state, None, at_section=True)
             rests += _rests_of(before["rest_fraction"], before["chatters"])
             put_last(state, before)
-        found = compute_points(spec.part(0, _RECORD, 0, False), state, None, at_section=True)
+        found = compute_points(spec.part(0, _CLASS_PERIODS, 0, False), state, None, at_section=True)
         rests += _rests_of(found["rest_fraction"], found["chatters"])
         share = np.maximum(before["rest_fraction"], found["rest_fraction"])
         regime = regimes_of(before | found | {"rest_fraction": share}, omega, length)
@@ -121,9 +121,9 @@ def _extended(spec: RunSpec, points: np.ndarray, periods: int) -> Results:
 
 
 def _lengths(periods: int) -> list[int]:
-    """Divide periods into records of at most ``_LONG``, the longest last."""
-    count, first = divmod(periods, _LONG)
-    return [first] * (first > 0) + [_LONG] * count
+    """Divide periods into records of at most ``_LYAPUNOV_PERIODS``, the longest last."""
+    count, first = divmod(periods, _LYAPUNOV_PERIODS)
+    return [first] * (first > 0) + [_LYAPUNOV_PERIODS] * count
 
 
 def _at_point_of(which: np.ndarray, index: GridIndex) -> np.ndarray:

@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sweeps.analysis.motions import cycles_of, motions_from
-from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances
+from sweeps.analysis.section_distance import ORBIT_TOLERANCE, Cycles, distances
 from sweeps.config.sweep import SweepConfig
 from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.compute import compute_points
@@ -35,7 +35,7 @@ MAX_GAP = 1 / 32
 #: Most attractors of a parameter point that are tracked: all pairs of two points are compared.
 MOST_TRACKED = 50
 #: Forcing periods for which a seed moves, and the record after them that shows its class.
-_SEEDED, _RECORD = 500, 2 * LONGEST_PERIOD
+_SEED_PERIODS, _SEED_RECORD = 500, 2 * LONGEST_PERIOD
 
 #: Tells which pairs of attractors, given by two arrays of indices, are linked.
 Links = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -61,7 +61,7 @@ def track(shape: tuple[int, ...], point: np.ndarray, near: Links, seeded: Links)
     chain = connected_components(linked, directed=False)[1]
     others = (axis for axis in range(len(shape)) if axis != longest)
     borders = [chain[_along(shape, point, axis, [(1, near)])] for axis in others]
-    return _joined(chain, point, np.concatenate(borders, axis=1)) if borders else chain
+    return _joined_chains(chain, point, np.concatenate(borders, axis=1)) if borders else chain
 
 
 def _along(
@@ -89,7 +89,7 @@ def _along(
     return np.concatenate(found, axis=1)
 
 
-def nearest(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def mutually_nearest(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the mask of the pairs in which each is the nearest to the other, and near enough."""
     apart = distances(cycles, a, b)
     mutual = apart <= MAX_DISTANCE
@@ -118,17 +118,17 @@ def _leads_to(config: SweepConfig, motions: np.ndarray, others: np.ndarray) -> n
     seeds = others["point"].copy()
     seeds["x0"] = np.minimum(motions["point"]["x0"], seeds["clearance"])
     seeds["v0"] = motions["point"]["v0"]
-    spec = config.sweep.spec.part(_SEEDED, _RECORD, 0, False)
+    spec = config.sweep.spec.part(_SEED_PERIODS, _SEED_RECORD, 0, False)
     ends = motions_from(spec, seeds, compute_points(spec, seeds, None, at_section=True))
     mask: np.ndarray = (ends["m"] == others["m"]) & (ends["q"] == others["q"])
     there = np.flatnonzero(mask)
     cycles = cycles_of(config, np.concatenate([ends[there], others[there]]))
     pairs = np.arange(2 * len(there)).reshape(2, -1)
-    mask[there] = distances(cycles, *pairs) <= TOLERANCE
+    mask[there] = distances(cycles, *pairs) <= ORBIT_TOLERANCE
     return mask
 
 
-def _joined(chain: np.ndarray, point: np.ndarray, borders: np.ndarray) -> np.ndarray:
+def _joined_chains(chain: np.ndarray, point: np.ndarray, borders: np.ndarray) -> np.ndarray:
     """Join chains that have `borders`, shape (2, n), unless they share a parameter point."""
     from scipy.cluster.hierarchy import DisjointSet
 

@@ -84,14 +84,14 @@ def integrity(
 
 def _show_attractors(shown: xr.Dataset, found: xr.Dataset, csv: Path | None) -> None:
     """Show the attractors found in a part of a sweep, and write them to a CSV file if given."""
-    from sweeps.analysis.attractor_table import rows, table_of
+    from sweeps.analysis.attractor_table import attractor_frame, attractor_rows
     from sweeps.analysis.tables import write_csv
     from sweeps.reports.attractors import describe
 
-    table = rows(shown, found)
+    table = attractor_rows(shown, found)
     say(describe(shown, found, table))
     if csv is not None:
-        write_csv(csv, table_of(table))
+        write_csv(csv, attractor_frame(table))
         say(csv)
 
 

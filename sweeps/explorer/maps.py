@@ -11,7 +11,7 @@ import numpy as np
 from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, Div, Range1d, Span
 
-from sweeps.analysis.attractor_table import Row, orbits_of
+from sweeps.analysis.attractor_table import AttractorRow, orbits_of
 from sweeps.analysis.attractors import COUNTED, attractors_of
 from sweeps.analysis.integrity import measures_of
 from sweeps.analysis.motions import MOTION, motions_from
@@ -150,7 +150,7 @@ class Filling:
         unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
         return disc, f"disc {'>= ' if at_edge else ''}{radius / factor:.3g}{unit}"
 
-    def _ranked(self) -> tuple[list[Row], np.ndarray]:
+    def _ranked(self) -> tuple[list[AttractorRow], np.ndarray]:
         """Return the attractors by decreasing share, renumbered, and the number of each start."""
         found = self._found
         counts = np.bincount(self._reached + 1, minlength=len(found) + 1)[1:]
@@ -162,7 +162,9 @@ class Filling:
         m, q, regime = (found[name] for name in ("m", "q", "regime"))
         orbits = orbits_of(self.config, found["point"], m, q)
         table = [
-            Row({}, int(number[i]), Regime(regime[i]), int(m[i]), int(q[i]), shares[i], *orbits[i])
+            AttractorRow(
+                {}, int(number[i]), Regime(regime[i]), int(m[i]), int(q[i]), shares[i], *orbits[i]
+            )
             for i in order.tolist()
         ]
         return table, np.append(number, -1)[self._reached]

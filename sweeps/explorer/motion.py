@@ -16,7 +16,7 @@ from bokeh.plotting import figure
 
 from sweeps.analysis.coordinates import refuse_unrecorded
 from sweeps.analysis.dataset import oscillator_of
-from sweeps.analysis.motions import motions_from, orbit_of
+from sweeps.analysis.motions import motions_from, orbit_of_motion
 from sweeps.analysis.trajectories import continued, periods_shown
 from sweeps.engine.compute import Results
 from sweeps.errors import Refused
@@ -72,7 +72,7 @@ def _in_words(motion: np.void, found: Results, phase: float) -> str:
         said = (ON_ITS_WAY if going else SETTLED).removesuffix(" m/q")
         text = f"{said} {motion['m']}/{motion['q']}"
         with suppress(OrbitError):  # an orbit of another impact rule
-            first, second = orbit_of(motion, phase).multipliers.astype(complex)
+            first, second = orbit_of_motion(motion, phase).multipliers.astype(complex)
             shown = f"{first.real:.4g} and {second.real:.4g}"
             if first.imag:
                 shown = f"{first.real:.4g} ± {abs(first.imag):.4g} i"

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from sweeps.analysis.attractor_table import parameter_axes
 from sweeps.analysis.cuts import Selection, swept_axes
 from sweeps.analysis.doors import takes_sweep
-from sweeps.analysis.grouping import STARTS
+from sweeps.analysis.grouping import START_AXES
 from sweeps.arguments import PATH, TEXT
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
@@ -46,7 +46,7 @@ KINDS: Mapping[str, Kind] = {
     "bifurcation": Kind(
         bifurcation, ("axes", "coordinate", "exact", "below", "color"), axes=1, shown=(DIRECTION,)
     ),
-    "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, shown=STARTS),
+    "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, shown=START_AXES),
     "basins": Kind(basins, shown=("x0", "v0")),
     "integrity": Kind(integrity, shown=("x0", "v0")),
     "map": Kind(parameter_map, ("axes", "quantity", "exact"), axes=2),

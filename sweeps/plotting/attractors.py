@@ -15,12 +15,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sweeps.analysis.attractor_table import Row, parameter_axes, rows
+from sweeps.analysis.attractor_table import AttractorRow, attractor_rows, parameter_axes
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.coordinates import COORDINATES, shows_part
 from sweeps.analysis.cuts import Selection, chosen_axes, select, swept_axes
 from sweeps.analysis.dataset import config_of
-from sweeps.analysis.grouping import STARTS
+from sweeps.analysis.grouping import START_AXES
 from sweeps.analysis.parts import records
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
@@ -78,7 +78,7 @@ def basins(
     starts = select(dataset, at, free=("x0", "v0"))
     panel = canvas.new_panel(ax, page)
     result, looks = attractors_in(starts, dataset, page.grey)
-    table, numbers = rows(starts, result), reached(result)
+    table, numbers = attractor_rows(starts, result), reached(result)
     drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
     handles = draw_cells(panel, drawn, basin_cells(table, numbers, looks, config_of(dataset)))
     page.set_limits(panel)
@@ -90,7 +90,7 @@ def basins(
     return figure
 
 
-def mark_attractors(panel: Axes, table: Sequence[Row]) -> list[Artist]:
+def mark_attractors(panel: Axes, table: Sequence[AttractorRow]) -> list[Artist]:
     """Mark the periodic attractors of a table at the section; return a handle for the legend."""
     states = [row.states for row in table if row.m]
     if not states:
@@ -103,7 +103,7 @@ def mark_attractors(panel: Axes, table: Sequence[Row]) -> list[Artist]:
 def attractors_in(cut: xr.Dataset, dataset: xr.Dataset, grey: bool) -> tuple[xr.Dataset, Looks]:
     """Return the attractors in a cut, numbered as in the file, and the looks of the file."""
     fixed = {str(name) for name in dataset["status"].dims} - set(map(str, cut["status"].dims))
-    starts, others = fixed & set(STARTS), fixed - set(STARTS)
+    starts, others = fixed & set(START_AXES), fixed - set(START_AXES)
     found = attractors(dataset.sel({name: cut[name].item() for name in starts}))
     return found.sel({name: cut[name].item() for name in others}), Looks.of(found, grey)
 
@@ -114,7 +114,7 @@ def reached(result: xr.Dataset) -> np.ndarray:
 
 
 def basin_cells(
-    table: Sequence[Row], numbers: np.ndarray, looks: Looks, config: SweepConfig
+    table: Sequence[AttractorRow], numbers: np.ndarray, looks: Looks, config: SweepConfig
 ) -> list[Cells]:
     """Return the cells of each basin, given the number of the attractor of each start.
 
@@ -135,7 +135,7 @@ def basin_cells(
 
 
 def name_basins(
-    panel: Axes, page: Page, starts: xr.Dataset, table: Sequence[Row], numbers: np.ndarray
+    panel: Axes, page: Page, starts: xr.Dataset, table: Sequence[AttractorRow], numbers: np.ndarray
 ) -> None:
     """Write the names of classes into the basins; in grey, draw their boundaries."""
     named = [row for row in table if row.regime in (Regime.PERIODIC, Regime.REST)]
@@ -178,7 +178,7 @@ def attractor_diagram(
     >>> from sweeps import plotting
     >>> plotting.attractor_diagram(ds).savefig("attractors.png")
     """
-    free = [name for name in map(str, dataset["status"].dims) if name in STARTS]
+    free = [name for name in map(str, dataset["status"].dims) if name in START_AXES]
     if free and not parameter_axes(dataset):
         raise Refused(
             f"a diagram of attractors is over a swept parameter, and only {listed(free)} "
@@ -193,7 +193,7 @@ def attractor_diagram(
     line = select(dataset, at, free=[axis, *free])
     refuse_without_result(line["status"].values)
     found, looks = attractors_in(line, dataset, page.grey)
-    table = rows(line, found)
+    table = attractor_rows(line, found)
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)
@@ -230,7 +230,7 @@ def _starts_at_each(line: xr.Dataset) -> str:
 class _Series(NamedTuple):
     """The attractors of a diagram with one look, and the points drawn of them, shape (n, 2)."""
 
-    rows: list[Row]
+    rows: list[AttractorRow]
     look: Look
     points: np.ndarray
 
@@ -246,7 +246,12 @@ def _mark_series(panel: Axes, series: Sequence[_Series]) -> None:
 
 
 def _draw_rows(
-    panel: Axes, line: xr.Dataset, table: Sequence[Row], looks: Looks, axis: str, coordinate: str
+    panel: Axes,
+    line: xr.Dataset,
+    table: Sequence[AttractorRow],
+    looks: Looks,
+    axis: str,
+    coordinate: str,
 ) -> list[_Series]:
     """Draw the record of each attractor, with the periodic ones on top.
 
@@ -284,7 +289,7 @@ def _draw_rows(
 
 
 def names_of(
-    series: Sequence[Sequence[Row]], config: SweepConfig, axis: xr.DataArray | None = None
+    series: Sequence[Sequence[AttractorRow]], config: SweepConfig, axis: xr.DataArray | None = None
 ) -> list[tuple[str, str]]:
     """Name the classes of each series of attractors, or its regime.
 
@@ -310,7 +315,7 @@ def names_of(
     return names
 
 
-def class_names(attractor: Sequence[Row]) -> str:
+def class_names(attractor: Sequence[AttractorRow]) -> str:
     """Name the classes of one attractor over several parameter points, or its regime."""
     regime = attractor[0].regime
     if regime is not Regime.PERIODIC:

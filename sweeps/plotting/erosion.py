@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
-from sweeps.analysis.attractor_table import Row, rows
+from sweeps.analysis.attractor_table import AttractorRow, attractor_rows
 from sweeps.analysis.cuts import Selection, select, swept_axes
 from sweeps.analysis.dataset import config_of, oscillator_of
 from sweeps.analysis.integrity import refuse_unfit, with_measures
@@ -92,7 +92,7 @@ def integrity(
     found = with_measures(line, found)
     starts = select(line, {name: at[name] for name in along if at and name in at}, ["x0", "v0"])
     there = found.sel({name: float(starts[name]) for name in along})
-    table = rows(line, found)
+    table = attractor_rows(line, found)
     heights = [0.35, 0.5, 0.5, 1.0] if along else [1.0]
     if ax is None:
         ax = canvas.stacked_panels(page, heights, shared=len(heights) - 1)
@@ -109,7 +109,7 @@ def integrity(
         label_axis(profile[-1].xaxis, axis)
         panel.set_title(f"basins at {equation(axis.symbol, axis, here)}", loc="left")
     drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
-    rows_there = rows(starts, there)
+    rows_there = attractor_rows(starts, there)
     numbers = reached(there)
     handles = draw_cells(panel, drawn, basin_cells(rows_there, numbers, looks, config_of(line)))
     if along:
@@ -125,7 +125,11 @@ def integrity(
 
 
 def _handles_of_profile(
-    table: Sequence[Row], there: Sequence[Row], looks: Looks, line: xr.Dataset, axis: str
+    table: Sequence[AttractorRow],
+    there: Sequence[AttractorRow],
+    looks: Looks,
+    line: xr.Dataset,
+    axis: str,
 ) -> list[Artist]:
     """Return the entries of the legend for the looks that are in the profile, not in the basins.
 
@@ -152,7 +156,11 @@ def _of_points(look: Look, grey: bool) -> dict[str, Any]:
 
 
 def _draw_profile(
-    panels: Sequence[Axes], found: xr.Dataset, axis: str, table: Sequence[Row], looks: Looks
+    panels: Sequence[Axes],
+    found: xr.Dataset,
+    axis: str,
+    table: Sequence[AttractorRow],
+    looks: Looks,
 ) -> tuple[list[Artist], list[list[tuple[str, np.ndarray]]]]:
     """Draw the measures of each attractor over the axis, in the colours of its classes.
 
@@ -186,7 +194,7 @@ def _draw_lines(
     panel: Axes,
     x: np.ndarray,
     measure: tuple[np.ndarray, np.ndarray, float],
-    own: Sequence[Row],
+    own: Sequence[AttractorRow],
     axis: str,
     looks: Looks,
 ) -> list[tuple[str, np.ndarray]]:
@@ -213,7 +221,7 @@ def _draw_lines(
 
 
 def _draw_disturbances(
-    panel: Axes, starts: xr.Dataset, there: xr.Dataset, table: Sequence[Row], looks: Looks
+    panel: Axes, starts: xr.Dataset, there: xr.Dataset, table: Sequence[AttractorRow], looks: Looks
 ) -> list[Artist]:
     """Draw discs, knocks and the attractors at the section; return their handles."""
     oscillator, section = oscillator_of(starts), config_of(starts).record.phase
@@ -230,7 +238,7 @@ def _draw_disturbances(
     handles: list[Artist] = [
         Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
     ]
-    for row in rows(starts, there):
+    for row in attractor_rows(starts, there):
         one = row.measures
         if row.number not in places or not one["integrity_factor"] > 0.0:
             continue  # no attractor, or none with a colour of its own

@@ -8,7 +8,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.attractor_table import Row
+from sweeps.analysis.attractor_table import AttractorRow
 from sweeps.plotting.colours import look_of_class, look_of_regime
 from sweeps.plotting.style import CLASSES, FURTHER, GREY_FURTHER, Look
 from vibroimpact.points.regimes import Regime
@@ -31,16 +31,16 @@ class Looks(NamedTuple):
         return cls(_further(*(column.reshape(-1, column.shape[-1]) for column in columns)), grey)
 
     @classmethod
-    def of_rows(cls, table: Sequence[Row]) -> Self:
+    def of_rows(cls, table: Sequence[AttractorRow]) -> Self:
         """Return the looks of attractors at one parameter point."""
         columns = ([[row.number for row in table]], [[row.m for row in table]])
         return cls(_further(*map(np.array, (*columns, [[row.q for row in table]]))), grey=False)
 
-    def has_own(self, row: Row) -> bool:
+    def has_own(self, row: AttractorRow) -> bool:
         """Whether an attractor has a look that it shares with none beside it."""
         return self.further.get((row.number, row.m, row.q), 0) is not None
 
-    def look(self, row: Row) -> Look:
+    def look(self, row: AttractorRow) -> Look:
         """Return the look of an attractor, or of its regime."""
         if row.regime is not Regime.PERIODIC:
             return look_of_regime(row.regime, self.grey)
@@ -52,14 +52,14 @@ class Looks(NamedTuple):
             return look_of_class(0, 0, self.grey)
         return GREY_FURTHER[index] if self.grey else Look(FURTHER[index], FURTHER[index])
 
-    def series(self, table: Sequence[Row]) -> list[list[int]]:
+    def series(self, table: Sequence[AttractorRow]) -> list[list[int]]:
         """Return the places of the attractors with the same look, the most frequent ones first."""
         places: dict[Look, list[int]] = {}
         for i in sorted(range(len(table)), key=lambda i: (table[i].number, table[i].m)):
             places.setdefault(self.look(table[i]), []).append(i)
         return list(places.values())
 
-    def split(self, table: Sequence[Row]) -> tuple[list[Row], list[Row]]:
+    def split(self, table: Sequence[AttractorRow]) -> tuple[list[AttractorRow], list[AttractorRow]]:
         """Return the attractors that have a look of their own, and the others."""
         return [row for row in table if self.has_own(row)], [
             row for row in table if not self.has_own(row)

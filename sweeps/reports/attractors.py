@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.attractor_table import Row, parameter_axes
+from sweeps.analysis.attractor_table import AttractorRow, parameter_axes
 from sweeps.analysis.dataset import config_of, headed, nomenclature_of
 from sweeps.analysis.grouping import SETS
 from sweeps.text import shown_count, shown_range, table
@@ -23,14 +23,14 @@ _MOST_SPEEDS = 4
 _EDGES = {"integrity_factor": "factor_at_edge", "local_integrity": "local_at_edge"}
 
 
-def shown_speeds(row: Row) -> str:
+def shown_speeds(row: AttractorRow) -> str:
     """Write the impact speeds of a row with four digits."""
     speeds = row.speeds if len(row.speeds) <= _MOST_SPEEDS else row.speeds[[0, -1]]
     joint = ", " if len(row.speeds) <= _MOST_SPEEDS else " to "
     return joint.join(f"{speed:.4g}" for speed in speeds)
 
 
-def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row]) -> str:
+def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[AttractorRow]) -> str:
     """Write the attractors as a table, those of several parameter points once if not measured."""
     if result["attractors"].ndim and "integrity_factor" not in result:
         lines = _over_parameters(dataset, result, attractors)
@@ -60,7 +60,7 @@ def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row])
     return "\n".join(lines)
 
 
-def _row_by_row(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row]) -> str:
+def _row_by_row(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[AttractorRow]) -> str:
     """Write each attractor at each parameter point, with its measures."""
     axes = parameter_axes(dataset) if result["attractors"].ndim else ()
     measured = [name for name in (*_EDGES, "knock_harmful") if name in result]
@@ -98,7 +98,7 @@ def _measure(measures: Mapping[str, Any], name: str) -> str:
 
 
 def _over_parameters(
-    dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row]
+    dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[AttractorRow]
 ) -> list[str]:
     """Write each attractor once, with the range of its parameters and its share of the starts."""
     counted, axes = result["attractors"], parameter_axes(dataset)
@@ -116,14 +116,14 @@ def _over_parameters(
     return [*lines, f"{shown_count(starts, 'start')} {where}"]
 
 
-def classes(appearances: Sequence[Row], most: int = 3) -> str:
+def classes(appearances: Sequence[AttractorRow], most: int = 3) -> str:
     """List the classes m/q of one attractor along the axes, for example 1/1, 2/2."""
     names = {row.name: None for row in sorted(appearances, key=lambda row: (row.m, row.q))}
     more = ", ..." if len(names) > most else ""
     return ", ".join(list(names)[:most]) + more
 
 
-def _summary(appearances: Sequence[Row], axes: Sequence[str]) -> list[str]:
+def _summary(appearances: Sequence[AttractorRow], axes: Sequence[str]) -> list[str]:
     """Write one attractor, over all parameter points at which it is found, as a row."""
     ranges = [shown_range([row.parameters[name] for row in appearances]) for name in axes]
     mean = float(np.mean([row.fraction for row in appearances]))

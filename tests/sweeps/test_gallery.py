@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 from sweeps import attractors, bifurcations, curves, integrity, load_config, open_sweep, run_sweep
-from sweeps.analysis.attractor_table import rows
+from sweeps.analysis.attractor_table import attractor_rows
 from sweeps.analysis.regimes import classify
 from sweeps.plotting import KINDS
 from tests.helpers import naive
@@ -152,7 +152,7 @@ def test_basins(scene):
     )
     dataset = scene("basins", grid)
     found = attractors(dataset)
-    table = {row.name: row for row in rows(dataset, found)}
+    table = {row.name: row for row in attractor_rows(dataset, found)}
     assert set(table) == {"1/1", "2/3"}
     assert table["1/1"].fraction == pytest.approx(0.181, abs=0.012)  # edge / grid: 0.01
     assert_allclose(table["1/1"].speeds, [one_impact_orbit(Oscillator(0.0, 0.8, 1.3, 1.0)).v])
@@ -172,7 +172,7 @@ def test_basins_with_a_clearance(scene):
         "start={x0: {start: -2.98, stop: 0.57, num: 61}, v0: {start: -2.97, stop: 2.95, num: 67}}"
     )
     dataset = scene("basins-clearance", grid)
-    table = {row.name: row for row in rows(dataset, attractors(dataset))}
+    table = {row.name: row for row in attractor_rows(dataset, attractors(dataset))}
     assert set(table) == {"1/0", "2/1"}
     assert table["2/1"].fraction == pytest.approx(0.360, abs=0.012)
     orbit = one_impact_orbit(Oscillator(0.1, 0.8, 2.6, 1.0, clearance=0.6), n=2)
@@ -184,7 +184,7 @@ def test_basins_with_a_clearance(scene):
 def test_grazing(scene):
     dataset = scene("grazing", f"oscillator.clearance={values(1.845, 1.9, 1.925)}")
     found = {}
-    for row in rows(dataset, attractors(dataset)):
+    for row in attractor_rows(dataset, attractors(dataset)):
         found.setdefault(row.parameters["clearance"], set()).add(row.name)
     assert found == {1.845: {"1/1"}, 1.9: {"2/1", "1/0"}, 1.925: {"1/0"}}
     for clearance, exists in ((1.9205, True), (1.9207, False)):

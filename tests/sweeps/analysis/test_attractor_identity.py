@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from sweeps import attractors, open_sweep, run_sweep
-from sweeps.analysis.attractor_table import rows
+from sweeps.analysis.attractor_table import attractor_rows
 from sweeps.analysis.knocks import _Motions
-from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances, same_motions
-from sweeps.analysis.tracking import MAX_DISTANCE, MOST_TRACKED, nearest, track
+from sweeps.analysis.section_distance import ORBIT_TOLERANCE, Cycles, distances, same_motions
+from sweeps.analysis.tracking import MAX_DISTANCE, MOST_TRACKED, mutually_nearest, track
 from sweeps.errors import Refused
 from tests.helpers.motions import cycle, given_sections, partition
 from vibroimpact.points.regimes import Regime
@@ -99,7 +99,7 @@ def test_two_cycles_are_one_motion_exactly_if_they_are_within_the_tolerance(m):
     """At random places, which are sometimes in different squares."""
     count = (30, 300, 300)[m - 1]
     both = pairs_of_cycles(count, m)
-    equal = distances(both, *np.arange(2 * count).reshape(2, -1)) <= TOLERANCE
+    equal = distances(both, *np.arange(2 * count).reshape(2, -1)) <= ORBIT_TOLERANCE
     assert 0.05 < equal.mean() < 0.99
     found = same_motions(both, np.zeros(2 * count, int))
     np.testing.assert_array_equal(found[:count] == found[count:], equal)
@@ -229,7 +229,7 @@ def test_an_identity_is_kept_through_a_flip_and_lost_in_a_jump():
     states[:, 0, 0], states[:, 1, 0] = -1.0 - split, -1.0 + split
     states[20:] += [0.9, 0.0]
     cycles = Cycles(states, np.repeat([1, 2], [10, 20]), np.ones(30))
-    found = track((30,), np.arange(30), partial(nearest, cycles), nobody)
+    found = track((30,), np.arange(30), partial(mutually_nearest, cycles), nobody)
     assert len(set(found[:20])) == 1 and len(set(found[20:])) == 1
     assert found[0] != found[-1]
 
@@ -281,7 +281,7 @@ def test_the_links_are_the_mutually_nearest_pair_by_pair(same_R):
         for i, j in zip(*np.nonzero(apart <= MAX_DISTANCE), strict=True)
         if apart[i].argmin() == j and apart[:, j].argmin() == i
     ]
-    linked = np.transpose(pairs)[nearest(cycles, *pairs)]
+    linked = np.transpose(pairs)[mutually_nearest(cycles, *pairs)]
     assert list(map(tuple, linked.tolist())) == expected
     assert len(expected) > 20
 
@@ -291,7 +291,7 @@ def test_equal_states_before_an_impact_are_linked_where_the_rebound_changes():
     v = np.array([1.0, *(-0.65 - 0.001 * np.arange(10)), 1.0])
     states = np.column_stack([np.full(12, -0.3), v])[:, None]
     cycles = cycles_of(states, [0.9] + 11 * [0.5])
-    found = nearest(cycles, np.zeros(11, int), np.arange(1, 12))
+    found = mutually_nearest(cycles, np.zeros(11, int), np.arange(1, 12))
     assert np.flatnonzero(found).tolist() == [10]
 
 
@@ -300,7 +300,7 @@ def test_beyond_the_limit_every_attractor_has_a_number_of_its_own(count):
     """As along an axis of an undamped oscillator, where every start is an attractor."""
     states = np.random.default_rng(0).uniform(-1.0, 0.0, (count, 1, 2))
     cycles = cycles_of(np.concatenate([states, states + 1e-4]), 1.0)
-    found = track((2,), np.repeat([0, 1], count), partial(nearest, cycles), nobody)
+    found = track((2,), np.repeat([0, 1], count), partial(mutually_nearest, cycles), nobody)
     assert len(set(found)) == (count if count <= MOST_TRACKED else 2 * count)
 
 
@@ -323,7 +323,7 @@ def test_identities_on_a_sweep_over_omega(computed_starts):
         "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",
         "start={x0: [-1.6, -0.8, 0.0], v0: [-1.0, 0.0, 1.0]}",
     )
-    table = rows(dataset, attractors(dataset))
+    table = attractor_rows(dataset, attractors(dataset))
     single = {row.number for row in table if row.name == "1/1"}
     double = {row.number for row in table if row.name == "2/2"}
     three = {row.number for row in table if row.name == "2/3"}

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from sweeps import attractors
-from sweeps.analysis.attractor_table import cut, rows
+from sweeps.analysis.attractor_table import attractor_rows, cut
 from sweeps.errors import Refused
 from sweeps.plotting import attractor_diagram, basins, plot
 from sweeps.plotting.style import CLASSES
@@ -45,7 +45,10 @@ def test_the_table_over_a_parameter(computed_starts):
     result = call("attractors", file, "--at", "omega=1.3001")
     assert "2/3" in result.stdout and "1/1" in result.stdout
     assert "shown at omega = 1.3" in result.stderr
-    assert len(rows(cut(dataset, {"omega": 1.3}), attractors(cut(dataset, {"omega": 1.3})))) == 2
+    assert (
+        len(attractor_rows(cut(dataset, {"omega": 1.3}), attractors(cut(dataset, {"omega": 1.3}))))
+        == 2
+    )
 
 
 def test_requests_that_do_not_fit_are_refused(computed_starts):
@@ -148,4 +151,4 @@ def test_up_and_down_are_starts():
     found = attractors(dataset)
     assert found["attractors"].dims == ("h",)
     assert found["attractors"].values.tolist() == [1, 2, 2, 2, 2, 1]
-    assert len(rows(dataset, found)) == 10
+    assert len(attractor_rows(dataset, found)) == 10

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sweeps import integrity, knocks, open_sweep, run_sweep
-from sweeps.analysis.attractor_table import rows
+from sweeps.analysis.attractor_table import attractor_rows
 
 #: The powers of 1 / time and of length in the unit of each quantity; the others have none.
 UNITS = {
@@ -46,7 +46,7 @@ def found_in(scene, rate, length, phase, path):
         knocked = knocks(starts, found.isel(omega=0))
         results = {name: found[name].values for name in found}
         results |= {name: knocked[name].values for name in knocked if "knock" in name}
-        results["speeds"] = np.concatenate([row.speeds for row in rows(dataset, found)])
+        results["speeds"] = np.concatenate([row.speeds for row in attractor_rows(dataset, found)])
     return results
 
 

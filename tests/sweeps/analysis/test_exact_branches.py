@@ -7,7 +7,7 @@ import pytest
 
 from sweeps import bifurcations, branches, open_sweep
 from sweeps.analysis.cuts import select
-from sweeps.analysis.motions import motions_of, orbit_of
+from sweeps.analysis.motions import motions_of, orbit_of_motion
 from sweeps.analysis.tables import branch_table, write_csv
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot
@@ -63,7 +63,7 @@ def test_settled_points_are_on_the_exact_orbits_to_rounding(line):
     """Their impacts, found by Newton's method for the equations of the flights."""
     motions, compared = motions_of(line), set()
     for i in np.flatnonzero((motions["m"] > 0) & (line["orbit_distance"].values < 1e-13)).tolist():
-        orbit = orbit_of(motions[i], 1.0)
+        orbit = orbit_of_motion(motions[i], 1.0)
         assert orbit.stable
         cycle = orbit.sections(1.0)
         record = np.stack([line[f"poincare_{name}"].values[i] for name in "xv"], axis=1)

@@ -12,7 +12,7 @@ import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sweeps import attractors, load_config, open_sweep, plotting, run_sweep
-from sweeps.analysis.attractor_table import rows
+from sweeps.analysis.attractor_table import attractor_rows
 from sweeps.config.loading import stored_config
 from sweeps.errors import ConfigError, Refused, StoreError
 from tests.helpers.commands import accepted, refused
@@ -380,7 +380,7 @@ def test_attractors_of_a_table_are_those_of_the_grid_of_its_starts(omega):
     found = []
     for name in ("grid.h5", "table.h5"):
         with open_sweep(name) as dataset:
-            listed = rows(dataset, attractors(dataset))
+            listed = attractor_rows(dataset, attractors(dataset))
         found.append(
             sorted(
                 (row.parameters["omega"], row.name, row.fraction, *row.speeds.round(9))

@@ -13,7 +13,7 @@ from bokeh.models import LogScale
 
 import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
-from sweeps.analysis.attractor_table import rows
+from sweeps.analysis.attractor_table import attractor_rows
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.regimes import classes_of
 from sweeps.explorer.diagram import Diagram, density, numbers, ordinates, ramp
@@ -198,7 +198,7 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
     else:
         result = attractors(whole, extensions=0)
         found = result["attractor"].values
-        cells = basin_cells(rows(whole, result), found, Looks.of(result), config)
+        cells = basin_cells(attractor_rows(whole, result), found, Looks.of(result), config)
     assert len(cells) == len(tiles.kinds) > 1
     for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
         label, *seen = kind
