@@ -14,8 +14,10 @@ compared with each other::
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import fields
+from functools import cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -33,34 +35,35 @@ class NaturalUnits(NamedTuple):
     def of(cls, points: np.ndarray) -> Self:
         """Return the units for the motions at parameter points of dtype ``POINT``, shape (n,).
 
-        The greatest omega is 1 to 2, and so is the greatest extent of a motion,
-        max((f + a omega^2) / (omega^2 + 2 h omega + p^2), |clearance|). Without force and clearance
-        it is that of the starts.
+        In these units the greater of omega and p is 1 to 2, and the extent of a motion,
+        (f + a omega^2 + p^2 |clearance|) / (omega^2 + 2 h omega + p^2), is 1/2 to 1; of several
+        points these are the greatest values. Without force and clearance the extent is that of the
+        starts.
         """
         f, a, clearance = (points[name] for name in ("f", "a", "clearance"))
-        time = 1 - _exponent(points["omega"])
-        # The terms of the extent are first scaled by the greatest of them: so they never overflow.
-        terms = (f, 2 * time), (a, 0), (clearance, 0)
-        if not any(term.any() for term, _ in terms):
-            terms = (points["x0"], 0), (points["v0"], time), (np.zeros(1), 0)
-            return cls(_greatest(terms) - 1, time)
-        scale = _greatest(terms)
-        with np.errstate(over="ignore"):
+        time = 1 - max(_exponent(points["omega"]), _exponent(points["p"]))
+        # The numerator is first divided by the greatest of these, so that it does not overflow.
+        greatest = _greatest((f, 2 * time), (a, 0), (clearance, 0))
+        if greatest is None:
+            return cls(_greatest((points["x0"], 0), (points["v0"], time)) or 0, time)
+        with np.errstate(over="ignore", invalid="ignore"):
             h, omega, p = (np.ldexp(points[name], time) for name in ("h", "omega", "p"))
-            f, a, clearance = (np.ldexp(term, shift - scale) for term, shift in terms)
-            extent = (f + a * omega * omega) / (omega * omega + 2.0 * h * omega + p * p)
-        extent = np.maximum(extent, np.abs(clearance))
-        return cls(scale + (_exponent(extent) if extent.any() else 0) - 1, time)
+            push = np.ldexp(f, 2 * time - greatest) + np.ldexp(a, -greatest) * omega * omega
+            push += np.ldexp(np.abs(clearance), -greatest) * p * p
+            extent = push / (omega * omega + 2.0 * h * omega + p * p)
+        return cls(greatest + _exponent(extent), time)
 
-    def into(self, unit: str, values: Any) -> Any:
+    def into(self, unit: str | tuple[str, ...], values: Any) -> Any:
         """Return numbers with a unit in terms of ``length`` and ``time`` in natural units.
+
+        Several units are those of the columns of an array.
 
         >>> NaturalUnits(length=-10, time=3).into("length/time^2", 1.0)
         65536.0
         """
         return np.ldexp(values, -self._exponent_of(unit))
 
-    def out_of(self, unit: str, values: Any) -> Any:
+    def out_of(self, unit: str | tuple[str, ...], values: Any) -> Any:
         """Return numbers in natural units in the units of the user, as `into`."""
         return np.ldexp(values, self._exponent_of(unit))
 
@@ -73,31 +76,40 @@ class NaturalUnits(NamedTuple):
 
     def oscillator_into(self, osc: Oscillator) -> Oscillator:
         """Return an oscillator in natural units."""
-        return Oscillator(*(self.into(PARAMETERS[n].unit, getattr(osc, n)) for n in _NAMES))
+        return Oscillator(*self.into(_UNITS, [getattr(osc, name) for name in _NAMES]))
 
     def oscillator_out_of(self, osc: Oscillator) -> Oscillator:
         """Return an oscillator in natural units in the units of the user."""
-        return Oscillator(*(self.out_of(PARAMETERS[n].unit, getattr(osc, n)) for n in _NAMES))
+        return Oscillator(*self.out_of(_UNITS, [getattr(osc, name) for name in _NAMES]))
 
-    def _exponent_of(self, unit: str) -> int:
-        """Return the binary exponent of a unit such as ``length/time^2``."""
-        above, _, below = unit.partition("/")
-        return self._power(above) - self._power(below)
-
-    def _power(self, product: str) -> int:
-        exponents = {"length": self.length, "time": self.time}
-        powers = re.findall(r"(length|time)(?:\^(\d+))?", product)
-        return sum(exponents[base] * int(power or 1) for base, power in powers)
+    def _exponent_of(self, unit: str | tuple[str, ...]) -> Any:
+        """Return the binary exponent of a unit, or those of several units."""
+        length, time = _powers_in(unit)
+        return length * self.length + time * self.time
 
 
 _NAMES = [field.name for field in fields(Oscillator)]
+_UNITS = tuple(PARAMETERS[name].unit for name in _NAMES)
+
+
+@cache
+def _powers_in(unit: str | tuple[str, ...]) -> tuple[Any, Any]:
+    """Return the powers of length and of time in a unit such as ``length/time^2``."""
+    if not isinstance(unit, str):
+        lengths, times = zip(*map(_powers_in, unit), strict=True)
+        return np.array(lengths), np.array(times)
+    powers, sides = {"length": 0, "time": 0}, unit.split("/")
+    for side, sign in zip(sides, (1, -1), strict=False):
+        for base, power in re.findall(r"(length|time)(?:\^(\d+))?", side):
+            powers[base] += sign * int(power or 1)
+    return powers["length"], powers["time"]
 
 
 def _exponent(values: np.ndarray) -> int:
-    """Return e where the greatest absolute value is 1/2 to 1 times 2^e."""
-    return int(np.frexp(np.abs(values).max())[1])
+    """Return e where the greatest absolute value is 1/2 to 1 times 2^e; 0 if it is 0."""
+    return math.frexp(max(values.max(initial=0.0), -values.min(initial=0.0)))[1]
 
 
-def _greatest(terms: tuple[tuple[np.ndarray, int], ...]) -> int:
-    """Return the exponent of the greatest of some terms, each with a shift of its exponent."""
-    return max((_exponent(term) + shift for term, shift in terms if term.any()), default=1)
+def _greatest(*terms: tuple[np.ndarray, int]) -> int | None:
+    """Return the exponent of the greatest of some terms, each with a shift; None if all are 0."""
+    return max((_exponent(term) + shift for term, shift in terms if term.any()), default=None)

@@ -14,7 +14,6 @@ import numpy as np
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import Orbits, PeriodicOrbit
-from vibroimpact.orbits.unknowns import unknowns
 
 #: A chord is close to the branch if its middle is, and the middles of its halves: one middle alone
 #: may be a point of inflection.
@@ -38,8 +37,8 @@ def with_short_chords(
     osc = replace(found.oscillator, **{name: float(found.values[0])})
     orbit = PeriodicOrbit(osc, found.m, found.phases[0], found.speeds[0])
     family = OrbitFamily(orbit, (ContinuationParameter(name, low, high),))
-    z = np.stack([found.phases, found.speeds / family.speed], axis=2)
-    X, y = unknowns(z, found.values[:, None] / family.spans), drawn(found.orbits)
+    X = family.unknowns(found.phases, found.speeds, found.values[:, None])
+    y = drawn(found.orbits)
     place = np.arange(len(X), dtype=float)  # along the branch
     begin, end = np.arange(len(X) - 1), np.arange(1, len(X))
     checks = np.full(len(begin), _CHECKS)  # of each chord that are left

@@ -96,7 +96,7 @@ def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do(m, q, omega,
 
 @pytest.mark.parametrize(("fails_below", "kind"), [(1e-7, "graze"), (1e-4, "lost")])
 def test_a_curve_that_ends_short_of_the_graze_is_lost(monkeypatch, fails_below, kind):
-    """Newton's method fails where an impact is slower than a share of the unit of speed."""
+    """Newton's method fails where an impact is slower than a share of the natural unit."""
     corrected = OrbitFamily.corrected
 
     def fails(self, *arguments, **options):
@@ -108,7 +108,7 @@ def test_a_curve_that_ends_short_of_the_graze_is_lost(monkeypatch, fails_below, 
     found = bifurcation_curve(start, "flip", ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
     assert {point.kind for point in found.special} == {"edge", kind}
     (end,) = [point for point in found.special if point.kind == kind]
-    unit = 1.35 / 1.81  # (f + p^2 clearance) / (p + omega)
+    unit = 2.0  # f + 1 over omega^2 + 2 h omega + 1 is 1.07 at most, and p = 1
     assert end.orbit.speeds.min() == pytest.approx(unit * fails_below, rel=0.1)
 
 

@@ -320,11 +320,11 @@ def test_folds_on_which_all_impacts_lose_their_speed_end_in_the_same_graze():
             assert sorted(point.kind for point in special) == ["edge", "graze"]
             (end,) = [point.orbit for point in special if point.kind == "graze"]
             assert not end.speeds.any()
-            assert np.sin(end.phases) == pytest.approx([-1.0, -1.0], abs=1e-12)
+            assert np.sin(end.phases) == pytest.approx([-1.0, -1.0], abs=1e-10)
             o = end.oscillator
             ends.append((o.omega / o.p, o.p**2 * o.clearance / o.f))
-    assert np.ptp(ends, axis=0).max() < 1e-8
-    assert ends[0][0] == pytest.approx(0.5, abs=1e-8)
+    assert np.ptp(ends, axis=0).max() < 1e-6
+    assert ends[0][0] == pytest.approx(0.5, abs=1e-6)
 
 
 def test_the_folds_are_those_of_the_closed_form():

@@ -5,10 +5,19 @@ import pytest
 
 from tests.helpers.kernel_cases import random_points
 from tests.helpers.oscillators import random_oscillators
-from vibroimpact import Oscillator
+from vibroimpact import (
+    Oscillator,
+    bifurcation_curve,
+    branch,
+    one_impact_orbits,
+    periodic_orbit,
+    simulate,
+)
 from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.natural_units import NaturalUnits
-from vibroimpact.oscillator import POINT
+from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.periodic import OrbitError
+from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.step.scheme import scheme_of
 
 #: The powers of 1 / time and of length in the unit of each quantity; the others have none.
@@ -52,15 +61,15 @@ def test_units_change_no_bit(integrator, rule, rate):
 
 
 def test_natural_units_are_near_those_of_the_motion():
-    """The extent f / (omega^2 + 2 h omega + p^2) = 10 / 16 is 1.25 L, and omega = 1 / T."""
-    osc = Oscillator(h=1.0, R=0.5, omega=2.0, f=10.0, p=8.0**0.5)
-    points = np.concatenate([osc.at(), osc.at(-1.0, 3.0)])
+    """The extent 10 / 16 is .625 L; p T is 8^(1/2) / 2, and omega T is 1."""
+    osc = Oscillator(h=1.0, R=0.5, omega=2.0, f=6.0, p=8.0**0.5, clearance=-0.5)
+    points = np.concatenate([osc.at(-0.5), osc.at(-1.0, 3.0)])
     points["omega"][0], points["f"][0] = 1.5, 1.0
     units = NaturalUnits.of(points)
-    assert units == (-1, -1)
+    assert units == (0, -1)
     inside = units.points_into(points)
-    assert [inside[name][1] for name in ("omega", "f", "x0", "v0")] == [1.0, 5.0, -2.0, 3.0]
-    points["clearance"] = -3.0
+    assert [inside[name][1] for name in ("omega", "f", "x0", "v0")] == [1.0, 1.5, -1.0, 1.5]
+    points["clearance"] = -1.5
     assert NaturalUnits.of(points).length == 1
 
 
@@ -72,7 +81,8 @@ def test_natural_oscillators_do_not_depend_on_the_units(exponents):
         natural, same = (NaturalUnits.of(o.at(o.clearance)) for o in (osc, scaled))
         assert natural.oscillator_into(osc) == same.oscillator_into(scaled)
         assert other.oscillator_out_of(scaled) == osc
-        assert 1.0 <= natural.oscillator_into(osc).omega < 2.0
+        inside = natural.oscillator_into(osc)
+        assert 1.0 <= max(inside.omega, inside.p) < 2.0
 
 
 @pytest.mark.parametrize(
@@ -90,3 +100,159 @@ def test_natural_units_of_extreme_numbers_are_numbers(values):
     for name, value in values.items():
         points[name] = value
     assert abs(NaturalUnits.of(points).length) < 10_000
+
+
+# --- orbits, branches and curves, in units that other exponents of length and time make ---
+
+EXPONENTS = [(-40, 20), (40, -20), (-30, 0), (7, -13), (0, 20)]
+
+
+def orbit_out_of(units, orbit):
+    """Return an orbit in the units of the user."""
+    osc, speeds = units.oscillator_out_of(orbit.oscillator), orbit.speeds
+    return PeriodicOrbit(osc, orbit.m, orbit.phases, units.out_of("length/time", speeds))
+
+
+def range_out_of(units, axis):
+    """Return the name and the range of a parameter in the units of the user."""
+    name, *ends = axis
+    return name, *units.out_of(PARAMETERS[name].unit, ends).tolist()
+
+
+def orbit_numbers(units, orbit):
+    """Return all that is said of an orbit, its quantities in the given units."""
+    sections = orbit.sections(0.3)
+    return [
+        units.oscillator_into(orbit.oscillator), orbit.m, orbit.phases,
+        units.into("length/time", orbit.speeds), orbit.multipliers, orbit.exists,
+        units.into("length", sections[:, 0]), units.into("length/time", sections[:, 1]),
+    ]  # fmt: skip
+
+
+def branch_numbers(units, found):
+    """Return all that is said of a branch or a curve, its quantities in the given units."""
+    columns = found.values.reshape(len(found.values), -1).T
+    numbers = [
+        units.into(PARAMETERS[name].unit, column)
+        for name, column in zip(found.parameters, columns, strict=True)
+    ]
+    numbers += [found.stable, found.phases, units.into("length/time", found.speeds)]
+    for point in found.special:
+        numbers += [point.kind, *orbit_numbers(units, point.orbit)]
+    if not found.kind:
+        middle = units.into(PARAMETERS[found.parameters[0]].unit, found.values).mean()
+        value = float(units.out_of(PARAMETERS[found.parameters[0]].unit, middle))
+        for orbit in found.at(value):
+            numbers += orbit_numbers(units, orbit)
+    return numbers
+
+
+def assert_same(first, second, message):
+    """Assert that lists of arrays and other objects agree to the last bit."""
+    assert len(first) == len(second), message
+    for one, other in zip(first, second, strict=True):
+        if isinstance(one, np.ndarray):
+            np.testing.assert_array_equal(one, other, err_msg=message)
+        else:
+            assert one == other, message
+
+
+def random_range(rng, osc, name):
+    """Return a range about a parameter of an oscillator."""
+    value = getattr(osc, name)
+    low, high = value - rng.uniform(0.05, 0.5) * abs(value), value + 0.4 * abs(value)
+    if value == 0.0:
+        low, high = (0.0, 0.2) if name in ("h", "R") else (-0.2, 0.2)
+    return name, low, min(high, 1.0) if name == "R" else high
+
+
+def random_curves(count, seed):
+    """Yield random orbits, two ranges, the branch over the first, and the bifurcations on it."""
+    rng = np.random.default_rng(seed)
+    names = ["h", "R", "omega", "f", "p", "clearance"]
+    for osc, n in random_oscillators(count, seed):
+        first, second = (random_range(rng, osc, name) for name in rng.permutation(names)[:2])
+        for orbit in one_impact_orbits(osc, n):
+            if not orbit.exists:
+                continue
+            found = branch(orbit, *first)
+            kinds = [
+                (point.kind, point.orbit)
+                for point in found.special
+                if point.kind in ("flip", "fold", "graze")
+            ]
+            yield orbit, first, second, found, kinds
+
+
+@pytest.mark.parametrize(
+    ("count", "seed"), [(400, 5), pytest.param(6000, 6, marks=pytest.mark.campaign)]
+)
+def test_units_change_no_bit_of_branches_and_curves(count, seed):
+    own, seen = NaturalUnits(0, 0), {"": 0, "flip": 0, "fold": 0, "graze": 0}
+    for i, (orbit, first, second, found, kinds) in enumerate(random_curves(count, seed)):
+        units = NaturalUnits(*EXPONENTS[i % len(EXPONENTS)])
+        scaled = branch(orbit_out_of(units, orbit), *range_out_of(units, first))
+        assert_same(branch_numbers(own, found), branch_numbers(units, scaled), f"{orbit} {first}")
+        seen[""] += 1
+        axes = [range_out_of(units, axis) for axis in (first, second)]
+        for kind, start in kinds:
+            try:
+                curve = bifurcation_curve(start, kind, first, second)
+            except OrbitError as error:
+                with pytest.raises(OrbitError, match=str(error)[:20]):
+                    bifurcation_curve(orbit_out_of(units, start), kind, *axes)
+                continue
+            scaled = bifurcation_curve(orbit_out_of(units, start), kind, *axes)
+            message = f"{start} {kind} {first} {second}"
+            assert_same(branch_numbers(own, curve), branch_numbers(units, scaled), message)
+            seen[kind] += 1
+    assert min(seen.values()) > 0 and sum(seen.values()) > count // 4, seen
+
+
+@pytest.mark.parametrize("exponents", EXPONENTS)
+def test_units_change_no_bit_of_orbits_and_motions(exponents):
+    units, own = NaturalUnits(*exponents), NaturalUnits(0, 0)
+    for osc, n in random_oscillators(12, 8):
+        scaled = units.oscillator_out_of(osc)
+        pairs = zip(one_impact_orbits(osc, n), one_impact_orbits(scaled, n), strict=True)
+        for orbit, other in pairs:
+            assert_same(orbit_numbers(own, orbit), orbit_numbers(units, other), str(orbit))
+        start = min(0.0, osc.clearance)
+        run = simulate(osc, 40, x0=start)
+        other = simulate(scaled, 40, x0=float(units.out_of("length", start)))
+        for unit, names in (
+            ("length", ("x", "section_x", "max_penetration")),
+            ("length/time", ("v", "section_v", "impact_v")),
+            ("time", ("t", "impact_t", "rests")),
+        ):
+            for name in names:
+                expected = units.out_of(unit, getattr(run, name))
+                np.testing.assert_array_equal(getattr(other, name), expected, err_msg=name)
+        state = [float(run.section_x[-1]), float(run.section_v[-1])]
+        try:
+            orbit = periodic_orbit(osc, *state, n)
+        except OrbitError:
+            continue
+        x, v = units.out_of("length", state[0]), units.out_of("length/time", state[1])
+        other = periodic_orbit(scaled, x, v, n)
+        assert_same(orbit_numbers(own, orbit), orbit_numbers(units, other), str(osc))
+
+
+def test_the_ends_of_a_branch_do_not_depend_on_the_units():
+    """Where a length was compared with a number, the branch ended at an edge for a graze."""
+    osc = Oscillator(
+        h=0.0585364897853838, R=0.09057845515584784, omega=3.4816631286505797, f=1.0,
+        p=1.0378376730974077, clearance=0.05998106233290541,
+    )  # fmt: skip
+    run = simulate(osc, 500)
+    orbit = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), 2)
+    first, second = ("p", 0.5, 1.6), ("p", 0.9, 1.1)
+    for axis in (first, second):
+        found = branch(orbit, *axis)
+        for exponents in ((-30, 0), (-12, 0), (30, 0)):
+            units = NaturalUnits(*exponents)
+            scaled = branch(orbit_out_of(units, orbit), *range_out_of(units, axis))
+            message = f"{axis} {exponents}"
+            assert_same(
+                branch_numbers(NaturalUnits(0, 0), found), branch_numbers(units, scaled), message
+            )

@@ -21,6 +21,7 @@ from vibroimpact.orbits.family import (
     OrbitFamily,
     Point,
     parameter_indices,
+    units_along,
 )
 from vibroimpact.orbits.halves import doubling
 from vibroimpact.orbits.orbit import (
@@ -33,11 +34,12 @@ from vibroimpact.orbits.orbit import (
 )
 from vibroimpact.orbits.paths import Path, SpecialPoint, both_ways, one_way
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
-from vibroimpact.orbits.unknowns import unknowns
-from vibroimpact.oscillator import Oscillator, refuse_other
+from vibroimpact.oscillator import PARAMETERS, Oscillator, refuse_other
 
 #: Number of values of the parameter at which the free oscillation is checked.
 _FREE_VALUES = 201
+#: Stands for the infinite amplitude at resonance without damping, in natural units.
+_INFINITE = 1e300
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +141,7 @@ class Branch:
         axis = ContinuationParameter(name, float(self.values.min()), float(self.values.max()))
         start = PeriodicOrbit(self.oscillator, self.m, self.phases[i], self.speeds[i])
         family, two = OrbitFamily(start, (axis,)), slice(i, i + 2)
-        impacts = np.stack([self.phases[two], self.speeds[two] / family.speed], axis=2)
-        X = unknowns(impacts, self.values[two, None] / axis.span)
+        X = family.unknowns(self.phases[two], self.speeds[two], self.values[two, None])
         length = family.distance(*X)
         begin, end = (Point(Y, (X[1] - X[0]) / length, np.empty(0), math.nan, None) for Y in X)
         step = ArclengthStep(family, begin, end, length)
@@ -205,7 +206,7 @@ def doubled_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
     axis = ContinuationParameter.of(orbit.oscillator, parameter, low, high)
     single = OrbitFamily(orbit, (axis,))
     family = OrbitFamily(taken_twice(orbit), (axis,))
-    return as_branch(one_way(family, *doubling(single, single.start, family.speed)))
+    return as_branch(one_way(family, *doubling(single, single.start)))
 
 
 def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
@@ -248,35 +249,43 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
     """Follow the free oscillation from an orbit to where its amplitude equals the clearance."""
     from scipy.optimize import brentq
 
-    def at(value: float) -> Oscillator:
-        return replace(orbit.oscillator, **{axis.name: value})
+    units = units_along(orbit.oscillator, [axis])
+    osc, unit = units.oscillator_into(orbit.oscillator), PARAMETERS[axis.name].unit
+    start = float(getattr(osc, axis.name))
+    first, last = units.into(unit, (axis.low, axis.high)).tolist()
 
     def gap_left(value: float) -> float:
-        osc = at(value)
-        return osc.clearance - min(abs(free_amplitude(osc)), 1e300)
+        there = replace(osc, **{axis.name: value})
+        return there.clearance - min(abs(free_amplitude(there)), _INFINITE)
 
-    def end(side: np.ndarray) -> SpecialPoint:
-        """Return the last point towards one side."""
-        last = start
+    def end(side: np.ndarray) -> tuple[str, float]:
+        """Return how the branch ends towards one side, and the last value."""
+        before = start
         for value in side.tolist():
             if not gap_left(value) > 0.0:
-                if gap_left(last) > 0.0:  # otherwise it grazes at the start, to rounding
-                    last = float(brentq(gap_left, *sorted((last, value)), xtol=1e-15, rtol=1e-15))
-                return SpecialPoint("graze", last, _free_graze(at(last)))
-            last = value
-        return SpecialPoint("edge", last, free_orbit(at(last)))
+                if gap_left(before) > 0.0:  # otherwise it grazes at the start, to rounding
+                    between = sorted((before, value))
+                    before = float(brentq(gap_left, *between, xtol=1e-15, rtol=1e-15))
+                return "graze", before
+            before = value
+        return "edge", before
 
-    start, osc = float(getattr(orbit.oscillator, axis.name)), orbit.oscillator
+    def special_point(kind: str, value: float) -> SpecialPoint:
+        there = replace(orbit.oscillator, **{axis.name: float(units.out_of(unit, value))})
+        found = _free_graze(there) if kind == "graze" else free_orbit(there)
+        return SpecialPoint(kind, getattr(there, axis.name), found)
+
     # The amplitude has a single extremum, at resonance, so it is monotone on both sides.
     resonance = {"omega": _resonance(osc), "p": osc.omega}
-    values = np.linspace(axis.low, axis.high, _FREE_VALUES)
-    values = np.union1d(values, np.clip(resonance.get(axis.name, start), axis.low, axis.high))
-    special = [end(values[values < start][::-1]), end(values[values > start])]
-    low, high = (point.value for point in special)
+    values = np.linspace(first, last, _FREE_VALUES)
+    values = np.union1d(values, np.clip(resonance.get(axis.name, start), first, last))
+    found = [end(values[values < start][::-1]), end(values[values > start])]
+    (_, low), (_, high) = found
     values = np.unique(np.concatenate([[low], values[(values > low) & (values < high)], [high]]))
     stable = (values if axis.name == "h" else np.full(values.size, osc.h)) > 0.0
-    none = np.empty((values.size, 0))
-    return Branch("", (axis.name,), 1, 0, values, stable, none, none, special, osc)
+    none, special = np.empty((values.size, 0)), [special_point(*ending) for ending in found]
+    values = units.out_of(unit, values)
+    return Branch("", (axis.name,), 1, 0, values, stable, none, none, special, orbit.oscillator)
 
 
 def _resonance(osc: Oscillator) -> float:

@@ -13,11 +13,10 @@ import numpy as np
 from vibroimpact.jit import compiled, jit
 from vibroimpact.orbits import corrector, detection, flights, linear
 from vibroimpact.orbits.corrector import System
-from vibroimpact.orbits.unknowns import phase_at, speed_at
 
 # The tasks of ``_do``.
 (
-    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _STATE, _LINEARISED,
+    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _TURNING, _LINEARISED,
     _CHARACTERISTIC, _NULL_VECTOR, _CORRECT_EACH, _SECTIONS, _MULTIPLIERS,
 ) = range(13)  # fmt: skip
 _NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
@@ -41,7 +40,7 @@ def _do(task, system, here, there, rows, count, number, results):
         results[0] = detection.may_miss(system, here, there, number)
     elif task == _HALVES:
         results[0] = detection.halves_apart(X, system.m, system.q)
-    elif task == _PENETRATION or task == _STATE:
+    elif task == _PENETRATION or task == _TURNING:
         _follow(task, system, X, count, number, results)
     elif task >= _CORRECT_EACH:
         _do_each(task, system, tests, rows, count, number, results)
@@ -59,20 +58,20 @@ def _do_each(task, system, points, rows, count, number, results):
             own[0] = corrector.correct(system, X, rows[k : k + 1], count)
         elif task == _SECTIONS:
             values = corrector.parameters_at(system, X)
-            flights.sections(values, system.m, system.speed, X, system.q, number, own)
+            flights.sections(values, system.m, X, system.q, number, own)
         else:
             corrector.multipliers(system, X, own)
 
 
 @jit
-def _follow(task, system, X, i, tau, results):
+def _follow(task, system, X, i, phase, results):
     """Do a task for which flights are followed."""
-    values, m, speed, q = corrector.parameters_at(system, X), system.m, system.speed, system.q
+    values = corrector.parameters_at(system, X)
     if task == _PENETRATION:
-        results[0], results[1], results[2] = flights.first_penetration(values, m, speed, X, q)
+        found = flights.first_penetration(values, system.m, X, system.q)
+        results[0], results[1], results[2] = found
     else:
-        theta, v = X[phase_at(i)], X[speed_at(i)] * speed
-        results[0], results[1], results[2] = flights.state_after(values, theta, v, tau)
+        results[0], results[1] = flights.turning_point(values, X, i, phase)
 
 
 @jit
@@ -161,9 +160,10 @@ def first_penetration(system: System, X: np.ndarray) -> tuple[int, float, float]
     return int(flight), phase, highest
 
 
-def state_after(system: System, X: np.ndarray, i: int, tau: float) -> np.ndarray:
-    """Return what ``flights.state_after`` does, for a time after impact i, shape (3,)."""
-    return _done(_STATE, system, _at(X), 3, count=i, number=tau)
+def turning_point(system: System, X: np.ndarray, i: int, phase: float) -> tuple[float, float]:
+    """Do what ``flights.turning_point`` does."""
+    at, y = _done(_TURNING, system, _at(X), 2, count=i, number=phase).tolist()
+    return at, y
 
 
 def sections(system: System, X: np.ndarray, phase: float) -> np.ndarray:

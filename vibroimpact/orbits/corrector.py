@@ -52,14 +52,13 @@ _HALVINGS, _SHORTEST = 8, 0.1
 
 
 class System(NamedTuple):
-    """The data that do not change in an iteration."""
+    """The data that do not change in an iteration, in natural units."""
 
     values: np.ndarray  # parameters of the oscillator, (7,); those of `free` are taken from X
     free: np.ndarray  # indices of the free parameters, (k,); k <= 2 in an iteration, else k <= 7
     spans: np.ndarray  # their units in X, (k,)
     m: int  # forcing periods
     q: int  # impacts
-    speed: float  # unit of speeds
     condition: int  # the bifurcation to move onto
     graze: int  # index of the impact that grazes
     touches: bool  # whether flights between the impacts touch the stop, too, and never cross it
@@ -80,7 +79,7 @@ def linearised(system, X):
     """Return F, A and B of the flights at a vector of unknowns (``flights.residuals``)."""
     values = parameters_at(system, X)
     system.work[0] += time_steps(parameters(values), system.m, system.q)
-    return residuals(values, system.m, system.speed, X, system.q)
+    return residuals(values, system.m, X, system.q)
 
 
 @jit
@@ -102,9 +101,9 @@ def _parameter_slopes(system, X):
         value = values[at]
         step = FLIGHT_DIFFERENCE * larger(abs(value), 0.1 * span)
         values[at] = value + step
-        above, _, _ = residuals(values, system.m, system.speed, X, q)
+        above, _, _ = residuals(values, system.m, X, q)
         values[at] = value - step
-        below, _, _ = residuals(values, system.m, system.speed, X, q)
+        below, _, _ = residuals(values, system.m, X, q)
         values[at] = value
         for i in range(q):
             for row in range(2):

@@ -12,10 +12,10 @@ import numpy as np
 
 from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
-from vibroimpact.orbits.flights import values_of
-from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of, unit_of_speed
+from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of
 from vibroimpact.orbits.paths import both_ways
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
+from vibroimpact.orbits.unknowns import speeds
 from vibroimpact.oscillator import one_of, refuse_other
 
 #: The kinds of curves.
@@ -25,7 +25,7 @@ KINDS = tuple(filter(None, CONDITIONS))
 _BESIDE = 0.2
 #: A natural vibration repeats if its turns are a whole number, to this share.
 _REPEATS = 1e-9
-#: If no impact is faster than this, in the unit of speed, the orbit is the free oscillation.
+#: If no impact is faster than this, in natural units, the orbit is the free oscillation.
 _STILL = 1e-6
 
 
@@ -145,9 +145,7 @@ def _bifurcation(
 def _least_graze(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) -> PeriodicOrbit:
     """Return the same graze with the fewest impacts; with more its equations are singular."""
     osc = orbit.oscillator
-    if orbit.q > 1 and not orbit.speeds.max() > _STILL * unit_of_speed(
-        values_of(osc), orbit.speeds
-    ):
+    if orbit.q > 1 and not speeds(orbit.equations[1], orbit.q).max() > _STILL:
         touch = PeriodicOrbit(osc, orbit.m, orbit.phases[:1], np.zeros(1))
         return _bifurcation(touch, "graze", axes)
     shorter = without_touch(orbit)

@@ -157,13 +157,13 @@ def _flights(system, X, tangent, i, n, zeros):
     """Return the polynomials of a flight and their slopes along the tangent."""
     step = larger(FLIGHT_DIFFERENCE, difference(system, X))
     above, below = moved(X, step, tangent), moved(X, -step, tangent)
-    m, speed, q = system.m, system.speed, system.q
+    m, q = system.m, system.q
     pt = parameters(parameters_at(system, X))
-    C, _ = polynomials(pt, m, speed, X, q, i, n, zeros)
+    C, _ = polynomials(pt, m, X, q, i, n, zeros)
     pt = parameters(parameters_at(system, above))
-    slopes, _ = polynomials(pt, m, speed, above, q, i, n, zeros)
+    slopes, _ = polynomials(pt, m, above, q, i, n, zeros)
     pt = parameters(parameters_at(system, below))
-    down, _ = polynomials(pt, m, speed, below, q, i, n, zeros)
+    down, _ = polynomials(pt, m, below, q, i, n, zeros)
     for k in range(n):
         for j in range(TERMS):
             slopes[k, j] = (slopes[k, j] - down[k, j]) / (2.0 * step)

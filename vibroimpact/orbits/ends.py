@@ -28,7 +28,7 @@ from vibroimpact.orbits.unknowns import free, impacts, speeds, unknowns
 #: Where orbits vanish with the force, a force below this share of its range counts as zero: the
 #: equations of the orbits are singular there.
 _VANISHES = 1e-9
-#: At the end of a path, an impact slower than this, in the unit of speed, grazes; so does a flight
+#: At the end of a path, an impact slower than this grazes; so does a flight
 #: that turns as near to the stop. The value is not smaller because Newton's method fails at 1e-6
 #: where all impacts of a long orbit graze at once.
 _GRAZES = 1e-5
@@ -239,14 +239,6 @@ def _with_touch(
     This impact is at the highest point of the flight that crosses the stop.
     """
     at, z = reason.at, impacts(X, family.q)
-    omega, theta = family.oscillator(X).omega, z[at, 0]
-    tau = (reason.where - theta) / omega
-    for _ in range(20):
-        _, u, a = calls.state_after(family.system, X, at, tau)
-        if abs(u / a) < 1e-12 * tau:
-            break
-        tau -= u / a
-    z = np.insert(z, at + 1, (theta + omega * tau, 0.0), axis=0)
-    touching = PeriodicOrbit(family.oscillator(X), family.m, z[:, 0], z[:, 1] * family.speed)
-    touched = OrbitFamily(touching, family.parameters, speed=family.speed)
-    return touched, unknowns(z, free(X, family.q))
+    phase, _ = calls.turning_point(family.system, X, at, reason.where)
+    z = np.insert(z, at + 1, (phase, 0.0), axis=0)
+    return family.related(z, family.m), unknowns(z, free(X, family.q))

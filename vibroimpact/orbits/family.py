@@ -7,27 +7,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, System, determinant
 from vibroimpact.orbits.flights import values_of
 from vibroimpact.orbits.orbit import (
+    NAMES,
     Orbits,
     PeriodicOrbit,
     orbit_of,
     system_of,
-    unit_of_speed,
+    units_over,
 )
 from vibroimpact.orbits.unknowns import free, inner, phases, speeds, unknowns
-from vibroimpact.oscillator import Oscillator, one_of
+from vibroimpact.oscillator import PARAMETERS, Oscillator, one_of
 
 #: The condition that all orbits of a family meet: none, or a bifurcation.
 CONDITIONS = {"": NONE, "flip": FLIP, "fold": FOLD, "graze": GRAZE}
-_NAMES = [field.name for field in fields(Oscillator)]
 #: Most time steps of all evaluations of the flights in one direction; then no point is found.
 MOST_WORK = 2**24
 #: Most iterations of the corrector.
@@ -35,10 +36,9 @@ _MOST_ITERATIONS = 8
 #: A bifurcation that was found belongs to the path if it is closer to it than this, in scaled
 #: unknowns.
 NEARBY_DISTANCE = 1e-3
-#: A speed below this, in the unit of speed, is zero to rounding: a graze.
+#: A speed below this is zero to rounding: a graze.
 _ZERO_SPEED = 1e-12
-#: By rounding, a flight that is known to touch the stop passes it by at most this length, in the
-#: unit of displacements.
+#: By rounding, a flight that is known to touch the stop passes it by at most this length.
 _TOUCHES = 1e-9
 #: The chord of a step deviates from the mean of both tangents by less than this share of the step.
 #: On a circle it does not deviate at all; of 20,000 steps, 11 deviate by more.
@@ -47,7 +47,7 @@ _MOST_OFF = 0.05
 
 def parameter_indices(names: Sequence[str]) -> np.ndarray:
     """Return the indices of parameters in ``flights.values_of``."""
-    return np.array([*map(_NAMES.index, names)], np.int64)
+    return np.array([*map(NAMES.index, names)], np.int64)
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class ContinuationParameter:
     @classmethod
     def of(cls, osc: Oscillator, name: str, low: float, high: float) -> ContinuationParameter:
         """Check a range; TypeError or ValueError if the parameter or the range is not valid."""
-        one_of("parameter", name, _NAMES)
+        one_of("parameter", name, NAMES)
         for value in (low, high):
             replace(osc, **{name: value})
         if not low < high:
@@ -81,6 +81,15 @@ class ContinuationParameter:
     def holds(self, value: float) -> bool:
         """Whether a value is in the range, to rounding."""
         return self.low - self.slack <= value <= self.high + self.slack
+
+
+def units_along(osc: Oscillator, axes: Sequence[ContinuationParameter]) -> NaturalUnits:
+    """Return the natural units of an oscillator over the ranges of some parameters."""
+    values = values_of(osc)[None]
+    for axis in axes:
+        values = np.concatenate([values, values])
+        values[:, NAMES.index(axis.name)] = np.repeat([axis.low, axis.high], len(values) // 2)
+    return units_over(values)
 
 
 @dataclass(frozen=True)
@@ -111,7 +120,8 @@ class OrbitFamily:
     """The orbits of m forcing periods and q >= 1 impacts over at most two free parameters.
 
     With a `kind`, all orbits are at this bifurcation; at a graze, `graze` is the index of the
-    grazing impact. The first orbit gives the other parameters and, by default, the unit of speed.
+    grazing impact. The first orbit gives the other parameters. Vectors of unknowns and all that is
+    computed from them are in natural units; orbits and their parameters are in those of the user.
     """
 
     def __init__(
@@ -120,25 +130,24 @@ class OrbitFamily:
         parameters: Sequence[ContinuationParameter],
         kind: str = "",
         graze: int = 0,
-        speed: float | None = None,
     ) -> None:
         self.osc, self.m, self.q, self.kind = orbit.oscillator, orbit.m, orbit.q, kind
         self.parameters = tuple(parameters)
         self.names = tuple(parameter.name for parameter in parameters)
-        self.speed = unit_of_speed(values_of(self.osc), orbit.speeds) if speed is None else speed
-        self.spans = np.array([parameter.span for parameter in parameters])
-        self.system = system_of(self.osc, self.m, self.q, self.speed)._replace(
+        self.units = units_along(self.osc, self.parameters)
+        self.spans = np.array([axis.span for axis in parameters])
+        units = [PARAMETERS[name].unit for name in self.names]
+        spans = [*map(self.units.into, units, self.spans)]
+        self.system = system_of(self.osc, self.m, self.q, self.units)._replace(
             free=parameter_indices(self.names),
-            spans=self.spans,
+            spans=np.array(spans),
             condition=CONDITIONS[kind],
             graze=graze,
         )
         ends = [(axis.low - axis.slack, axis.high + axis.slack) for axis in parameters]
         self.bounds = np.reshape(ends, (-1, 2)) / self.spans[:, None]
-        at = [getattr(self.osc, axis.name) / axis.span for axis in parameters]
-        z = np.column_stack([orbit.phases, orbit.speeds / self.speed])
-        self.start = unknowns(z, np.array(at))
-        self._rounding = _TOUCHES * self.speed / self.osc.omega
+        at = [getattr(self.osc, axis.name) for axis in parameters]
+        self.start = self.unknowns(orbit.phases, orbit.speeds, np.array(at))
         if kind == "graze":
             self.system = self.system._replace(touches=self._touches())
 
@@ -149,7 +158,12 @@ class OrbitFamily:
         in time, without damping and loss, has each touch twice.
         """
         maximum = calls.first_penetration(self.system, self.start)[2]
-        return self.q == 1 or bool(abs(maximum) < self._rounding)
+        return self.q == 1 or bool(abs(maximum) < _TOUCHES)
+
+    def unknowns(self, phases: np.ndarray, speeds: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Return the points of impacts, shape (..., q) each, at values of the parameters."""
+        z = np.stack([phases, self.units.into("length/time", speeds)], axis=-1)
+        return unknowns(z, values / self.spans)
 
     def values(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at a point."""
@@ -170,11 +184,19 @@ class OrbitFamily:
     def impacts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return phases and speeds at points; a speed that is zero to rounding becomes zero."""
         v = speeds(X, self.q)
-        return phases(X, self.q), np.where(np.abs(v) < _ZERO_SPEED, 0.0, v) * self.speed
+        v = np.where(np.abs(v) < _ZERO_SPEED, 0.0, v)
+        return phases(X, self.q), self.units.out_of("length/time", v)
 
     def orbit(self, X: np.ndarray) -> PeriodicOrbit:
         """Return the orbit at a point."""
         return orbit_of(self.oscillator(X), self.m, *self.impacts(X))
+
+    def related(self, z: np.ndarray, m: int, kind: str = "", graze: int = 0) -> OrbitFamily:
+        """Return the family of other orbits of the same oscillators: those near impacts z."""
+        speeds = self.units.out_of("length/time", z[:, 1])
+        return OrbitFamily(
+            PeriodicOrbit(self.osc, m, z[:, 0], speeds), self.parameters, kind, graze
+        )
 
     def orbits(self, X: np.ndarray) -> Orbits:
         """Return the orbits at points, shape (n, 2 q + k), with impacts numbered as there."""
@@ -236,7 +258,7 @@ class OrbitFamily:
     def stable(self, point: Point) -> bool:
         """Whether both multipliers are inside the unit circle (Jury); False at a bifurcation."""
         values = self.system.values.copy()
-        values[self.system.free] = self.values(point.X)
+        values[self.system.free] = free(point.X, self.q) * self.system.spans
         h, R, omega, *_ = values
         flip, fold = point.tests[0, -2:]
         product = determinant.py_func(h, R, omega, self.m, self.q)  # not worth compiling
@@ -277,7 +299,7 @@ class OrbitFamily:
             return None, maximum
         if phase == phases(X, self.q)[flight]:
             return Inadmissible("rest", flight, phase), maximum
-        if self.system.touches and maximum < self._rounding:
+        if self.system.touches and maximum < _TOUCHES:
             return None, maximum
         return Inadmissible("penetration", flight, phase), maximum
 

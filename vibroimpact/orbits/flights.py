@@ -21,7 +21,8 @@ A root may pass through the stop between its impacts. It does not if no flight m
 its end. This is proved for every step as in the rule ``exact``, by ``step.series.first_crossing``;
 the roots at the launch and at the landing are divided out.
 
-Unknowns are scaled, speeds by V and displacements by V / omega, so that all are of order 1.
+All numbers are in natural units (``natural_units.py``), and displacements in those of v / omega, so
+that they are of order 1.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ from vibroimpact.step.series import (
 
 #: A flight counts as below the stop if it passes the stop by less than this number of roundings.
 _ROUNDINGS = 32.0 * 2.0**-52
+#: Most iterations to the turning point of a flight.
+_MOST_ITERATIONS = 20
 #: Most time steps of a repetition.
 MOST_ORBIT_STEPS = 2**15
 
@@ -117,19 +120,17 @@ def phase_of_landing(m, X, q, i):
 
 
 @jit
-def residuals(values, m, speed, X, q):
+def residuals(values, m, X, q):
     """Return the residuals of all flights and their derivatives.
 
-    X are the unknowns (``unknowns.py``), with speeds in units of `speed`; free parameters in it are
-    ignored. F, shape (q, 2), is inf if an impact does not come
-    after the previous one, or if the repetition has more time steps than ``MOST_ORBIT_STEPS``. A
-    and B, shape (q, 2, 2), are the derivatives with respect to the impact before the flight and the
-    impact after it.
+    X are the unknowns (``unknowns.py``); free parameters in it are ignored. F, shape (q, 2), is inf
+    if an impact does not come after the previous one, or if the repetition has more time steps than
+    ``MOST_ORBIT_STEPS``. A and B, shape (q, 2, 2), are the derivatives with respect to the impact
+    before the flight and the impact after it.
     """
     pt = parameters(values)
     F, A, B = zero_rows(q, 2), pairs(q, 2), pairs(q, 2)
     coefficients, M = filled(TERMS, 0.0), zero_rows(2, 2)
-    length = speed / pt.omega
     in_order = time_steps(pt, m, 0) <= MOST_ORBIT_STEPS
     for i in range(q):
         in_order = in_order and X[phase_at(i)] < phase_of_landing(m, X, q, i)
@@ -141,20 +142,20 @@ def residuals(values, m, speed, X, q):
                     A[i, row, j] = B[i, row, j] = math.nan
         return F, A, B
     for i in range(q):
-        theta, v = X[phase_at(i)], X[speed_at(i)] * speed
+        theta, v = X[phase_at(i)], X[speed_at(i)]
         end, arrival = phase_of_landing(m, X, q, i), X[speed_at((i + 1) % q)]
         tau = (end - theta) / pt.omega
         y, u = _land(_divide(tau, pt, 1), theta, v, pt, coefficients, M)
         push = -pt.p * pt.p * pt.clearance
         launched = 2.0 * pt.h * pt.R * v + push - pt.f * sin_cos(theta)[0]
         landed = -2.0 * pt.h * u - pt.p * pt.p * y + push - pt.f * sin_cos(end)[0]
-        F[i, 0], F[i, 1] = y / length, u / speed - arrival
+        F[i, 0], F[i, 1] = y * pt.omega, u - arrival
         for j in range(2):
-            unit = length if j == 0 else speed
-            A[i, j, 0] = (pt.R * v * M[j, 0] - launched * M[j, 1]) / (pt.omega * unit)
-            A[i, j, 1] = -pt.R * M[j, 1] * speed / unit
-        B[i, 0, 0], B[i, 0, 1] = u / speed, 0.0
-        B[i, 1, 0], B[i, 1, 1] = landed / (pt.omega * speed), -1.0
+            scale = pt.omega if j == 0 else 1.0
+            A[i, j, 0] = (pt.R * v * M[j, 0] - launched * M[j, 1]) * (scale / pt.omega)
+            A[i, j, 1] = -pt.R * M[j, 1] * scale
+        B[i, 0, 0], B[i, 0, 1] = u, 0.0
+        B[i, 1, 0], B[i, 1, 1] = landed / pt.omega, -1.0
     return F, A, B
 
 
@@ -191,7 +192,7 @@ def steps_of(pt, m, X, q, i):
 
 
 @jit
-def polynomials(pt, m, speed, X, q, i, n, zeros):
+def polynomials(pt, m, X, q, i, n, zeros):
     """Return x - clearance on flight i, divided by its roots at both ends, and its rounding.
 
     The flight is taken in at least n steps. `zeros` are the multiplicities of the roots at launch
@@ -201,7 +202,7 @@ def polynomials(pt, m, speed, X, q, i, n, zeros):
     theta = X[phase_at(i)]
     flight = _divide((phase_of_landing(m, X, q, i) - theta) / pt.omega, pt, n)
     C, rounding = zero_rows(flight.n, TERMS), filled(flight.n, 0.0)
-    y, u = 0.0, -pt.R * X[speed_at(i)] * speed
+    y, u = 0.0, -pt.R * X[speed_at(i)]
     for k in range(flight.n):
         y, u = _advance(flight, theta + pt.omega * flight.T * k, y, u, pt, C[k])
         for j in range(TERMS):
@@ -223,7 +224,7 @@ def is_below(c):
 
 
 @jit
-def first_penetration(values, m, speed, X, q):
+def first_penetration(values, m, X, q):
     """Find the first flight that meets the stop before its end; arguments as for `residuals`.
 
     An impact of speed 0 grazes, and is a double root of both its flights. Returns the number of the
@@ -235,7 +236,7 @@ def first_penetration(values, m, speed, X, q):
     pt, highest = parameters(values), -math.inf
     for i in range(q):
         n = steps_of(pt, m, X, q, i)
-        C, rounding = polynomials(pt, m, speed, X, q, i, n, zeros_of(pt.R, X, q, i))
+        C, rounding = polynomials(pt, m, X, q, i, n, zeros_of(pt.R, X, q, i))
         if C[0, 0] > 0.0:
             return i, X[phase_at(i)], highest
         for k in range(n):
@@ -251,30 +252,44 @@ def first_penetration(values, m, speed, X, q):
 
 
 @jit
-def state_after(values, theta, v, tau):
-    """Return x - clearance, x' and x'' a time tau after the impact at phase theta with speed v."""
-    pt = parameters(values)
+def _state_at(pt, theta, v, phase):
+    """Return x - clearance and x' at a phase after the impact at phase theta with speed v."""
+    tau = (phase - theta) / pt.omega
     if not tau > 0.0:
-        y, u = 0.0, -pt.R * v
-    else:
-        flight = _divide(tau, pt, 1)
-        y, u = _land(flight, theta, v, pt, filled(TERMS, 0.0), zero_rows(2, 2))
-    s = sin_cos(theta + pt.omega * tau)[0]
-    return y, u, -2.0 * pt.h * u - pt.p * pt.p * (y + pt.clearance) - pt.f * s
+        return 0.0, -pt.R * v
+    return _land(_divide(tau, pt, 1), theta, v, pt, filled(TERMS, 0.0), zero_rows(2, 2))
 
 
 @jit
-def sections(values, m, speed, X, q, phase, states):
+def turning_point(values, X, i, phase):
+    """Return the phase and x - clearance of the turning point of flight i near a phase.
+
+    The other arguments are as for `residuals`.
+    """
+    pt, y = parameters(values), 0.0
+    theta, v = X[phase_at(i)], X[speed_at(i)]
+    for _ in range(_MOST_ITERATIONS):
+        y, u = _state_at(pt, theta, v, phase)
+        s = sin_cos(phase)[0]
+        a = -2.0 * pt.h * u - pt.p * pt.p * (y + pt.clearance) - pt.f * s
+        change = pt.omega * u / a
+        if not abs(change) > 1e-12 * (phase - theta):
+            break
+        phase -= change
+    return phase, y
+
+
+@jit
+def sections(values, m, X, q, phase, states):
     """Set x and v of an orbit at omega t = phase mod 2 pi, in time order, (2 m,).
 
     The other arguments are as for `residuals`.
     """
-    first, clearance = X[phase_at(0)], values[5]
+    pt, first = parameters(values), X[phase_at(0)]
     for j in range(m):
         at = phase % (2.0 * math.pi) + 2.0 * math.pi * j
         theta, i = first + (at - first) % (2.0 * math.pi * m), 0
         while i + 1 < q and X[phase_at(i + 1)] <= theta:
             i += 1
-        tau = (theta - X[phase_at(i)]) / values[2]
-        y, u, _ = state_after(values, X[phase_at(i)], X[speed_at(i)] * speed, tau)
-        states[2 * j], states[2 * j + 1] = smaller(y + clearance, clearance), u
+        y, u = _state_at(pt, X[phase_at(i)], X[speed_at(i)], theta)
+        states[2 * j], states[2 * j + 1] = smaller(y + pt.clearance, pt.clearance), u

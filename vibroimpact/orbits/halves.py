@@ -26,7 +26,7 @@ _ALMOST_ALIKE = 0.1
 _SHARES, _FEWEST = (0.85, 0.7, 0.55, 0.4, 0.3, 0.2), 3
 #: The end that is extrapolated is closer to the flip of the half than this, in scaled unknowns.
 _EXTRAPOLATED = 1e-7
-#: Where an impact of both halves is slower than this, in the unit of speed, they may both graze.
+#: Where an impact of both halves is slower than this, they may both graze.
 _SLOW = 0.02
 #: A curve deviates from the straight line to this graze by less than this share of its length.
 _MOST_OFF = 0.1
@@ -197,7 +197,7 @@ def _near_double_graze(step: ArclengthStep) -> tuple[OrbitFamily, np.ndarray, in
         touch = _place_of_touch(family, points[0])
         points = [_touching(family, X, touch) for X in points]
         z = impacts(points[0], family.q + 1)
-        whole = OrbitFamily(_solution(family, family.m, z), family.parameters, speed=family.speed)
+        whole = family.related(z, family.m)
         graze += int(touch <= graze)
         if abs(graze - touch) != whole.q // 2:
             return None
@@ -232,7 +232,7 @@ def _at_its_flip(family: OrbitFamily, X: np.ndarray, without_touch: bool) -> np.
     tangent, other = family.tangent(X), family
     if without_touch:
         z = impacts(_without_touch(family, X), family.q - 1)
-        other = OrbitFamily(_solution(family, family.m, z), family.parameters, speed=family.speed)
+        other = family.related(z, family.m)
     for _ in range(_MOST_STEPS):
         Y = family.corrected(X, tangent[None, :])
         if Y is None:
@@ -254,15 +254,10 @@ def _without_touch(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
 
 
 def _taken_twice(halves: OrbitFamily, X: np.ndarray) -> np.ndarray:
-    """Return an orbit as a point of the orbits of twice the period, with the same unit of speed."""
+    """Return an orbit as a point of the orbits of twice the period."""
     z = impacts(X, halves.q)
     second = z + np.array([2.0 * math.pi * halves.m, 0.0])
     return unknowns(np.concatenate([z, second]), free(X, halves.q))
-
-
-def _solution(family: OrbitFamily, m: int, z: np.ndarray) -> PeriodicOrbit:
-    """Return the orbit of the impacts z, with the unit of speed and oscillator of a family."""
-    return PeriodicOrbit(family.osc, m, z[:, 0], z[:, 1] * family.speed)
 
 
 def _half(
@@ -270,8 +265,7 @@ def _half(
 ) -> tuple[OrbitFamily, np.ndarray]:
     """Return the family of orbits of half the period, and the mean of the halves of a point."""
     mean = mean_of_halves(family, X)
-    half = _solution(family, family.m // 2, impacts(mean, family.q // 2))
-    return OrbitFamily(half, family.parameters, kind, graze, family.speed), mean
+    return family.related(impacts(mean, family.q // 2), family.m // 2, kind, graze), mean
 
 
 def _doubled(
@@ -280,7 +274,7 @@ def _doubled(
     """Return a flip of the half orbits as `parents_flip` does; None if it is not a flip."""
     if Y is None or not is_orbit(halves, halves.point(Y, np.zeros(Y.size))):
         return None
-    return "flip", doubling(halves, Y, family.speed)[0], halves.orbit(Y)
+    return "flip", doubling(halves, Y)[0], halves.orbit(Y)
 
 
 def difference_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
@@ -295,14 +289,10 @@ def mean_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
     return unknowns(first + 0.5 * difference_of_halves(family, X), free(X, family.q))
 
 
-def doubling(family: OrbitFamily, X: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a flip X as a point of the orbits of twice the period, and their direction there.
-
-    `speed` is the unit of speed of the orbits of twice the period.
-    """
-    q, units = family.q, np.array([1.0, family.speed / speed])
-    z = impacts(X, q) * units
-    vector = impacts(null_vector(family.system, X, -1.0), q) * units
+def doubling(family: OrbitFamily, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a flip X as a point of the orbits of twice the period, and their direction there."""
+    q, z = family.q, impacts(X, family.q)
+    vector = impacts(null_vector(family.system, X, -1.0), q)
     vector /= math.sqrt(np.sum(vector**2) / q)
     second = z + np.array([2.0 * math.pi * family.m, 0.0])
     doubled = unknowns(np.concatenate([z, second]), free(X, q))

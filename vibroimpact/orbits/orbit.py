@@ -8,20 +8,24 @@ loses no digits.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from vibroimpact.destination.free_motion import steady_response
+from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import NONE, System
 from vibroimpact.orbits.flights import values_of
 from vibroimpact.orbits.unknowns import unknowns
-from vibroimpact.oscillator import Oscillator
+from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator
 from vibroimpact.step.integrators import Parameters
 
+#: The parameters of an oscillator, in the order of ``flights.values_of``.
+NAMES = [field.name for field in fields(Oscillator)]
+UNITS = tuple(PARAMETERS[name].unit for name in NAMES)
 _NONE_FREE, _NO_PARAMETERS = np.empty(0, np.int64), np.empty(0)
 #: Indices of all parameters of an oscillator, and their units where all are free.
 _ALL_FREE, _ONES = np.arange(7), np.ones(7)
@@ -101,8 +105,8 @@ class PeriodicOrbit:
     @cached_property
     def equations(self) -> tuple[System, np.ndarray]:
         """Its equations and its vector of unknowns."""
-        X, speed = scaled(self)
-        return system_of(self.oscillator, self.m, self.q, speed), X
+        units = units_over(values_of(self.oscillator)[None])
+        return system_of(self.oscillator, self.m, self.q, units), _vectors(self, units)
 
     @property
     def stable(self) -> bool:
@@ -150,14 +154,16 @@ class Orbits(NamedTuple):
             )
             responses = amplitudes[:, None] * np.exp(1j * at)
             return np.stack([responses.imag, self.values[:, 2, None] * responses.real], axis=2)
-        return calls.sections(*self._equations(1.0), phase)
+        units = units_over(self.values)
+        x, v = np.moveaxis(calls.sections(*self._equations(units), phase), 2, 0)
+        return np.stack([units.out_of("length", x), units.out_of("length/time", v)], axis=2)
 
-    def _equations(self, speed: float) -> tuple[System, np.ndarray]:
+    def _equations(self, units: NaturalUnits) -> tuple[System, np.ndarray]:
         """Return the equations and the vectors of unknowns, in which all parameters are free."""
-        values, m, q = self.values, self.m, self.phases.shape[1]
-        X = unknowns(np.stack([self.phases, self.speeds / speed], axis=2), values)
-        system = System(_ONES, _ALL_FREE, _ONES, m, q, speed, NONE, 0, False, np.zeros(1))
-        return system, X
+        system = System(
+            _ONES, _ALL_FREE, _ONES, self.m, self.phases.shape[1], NONE, 0, False, np.zeros(1)
+        )
+        return system, _vectors(self, units, units.into(UNITS, self.values))
 
     @property
     def multipliers(self) -> np.ndarray:
@@ -167,7 +173,7 @@ class Orbits(NamedTuple):
             rate = np.sqrt(h * h - p * p + 0.0j)
             times = 2.0 * math.pi * self.m / omega
             return np.exp((np.stack([rate, -rate]) - h) * times).T
-        found = calls.multipliers(*self._equations(unit_of_speed(self.values[0], self.speeds)))
+        found = calls.multipliers(*self._equations(units_over(self.values)))
         found[~self.speeds.all(axis=1)] = math.inf, 0.0
         return found
 
@@ -188,33 +194,26 @@ def taken_twice(orbit: PeriodicOrbit) -> PeriodicOrbit:
     return PeriodicOrbit(orbit.oscillator, 2 * orbit.m, phases, np.tile(orbit.speeds, 2))
 
 
-def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
-    """Return the unknowns of an orbit, shape (2 q,), and the unit of speed."""
-    speed = unit_of_speed(values_of(orbit.oscillator), orbit.speeds)
-    return _vector(orbit.phases, orbit.speeds / speed), speed
+def units_over(values: np.ndarray) -> NaturalUnits:
+    """Return the natural units of oscillators (``flights.values_of``), shape (n, 7)."""
+    points = np.zeros(len(values), POINT)
+    for name, column in zip(NAMES, values.T, strict=True):
+        points[name] = column
+    return NaturalUnits.of(points)
 
 
-def _vector(phases: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-    """Return the vector of unknowns without free parameters."""
-    return unknowns(np.array([phases, speeds]).T, _NO_PARAMETERS)
+def _vectors(
+    orbits: PeriodicOrbit | Orbits, units: NaturalUnits, parameters: np.ndarray = _NO_PARAMETERS
+) -> np.ndarray:
+    """Return the vectors of unknowns of orbits and free parameters."""
+    speeds = units.into("length/time", orbits.speeds)
+    return unknowns(np.stack([orbits.phases, speeds], axis=-1), parameters)
 
 
-def system_of(osc: Oscillator, m: int, q: int, speed: float) -> System:
+def system_of(osc: Oscillator, m: int, q: int, units: NaturalUnits) -> System:
     """Return the equations of orbits without free parameters."""
-    return System(
-        values_of(osc), _NONE_FREE, _NO_PARAMETERS, m, q, speed, NONE, 0, False, np.zeros(1)
-    )
-
-
-def unit_of_speed(values: np.ndarray, speeds: np.ndarray) -> float:
-    """Return a typical speed of orbits: the greatest, or the oscillator's if that is greater.
-
-    `values` are those of the oscillator (``flights.values_of``).
-    """
-    _, _, omega, f, p, clearance, a = values.tolist()
-    largest = float(np.abs(speeds).max(initial=0.0))
-    push = f + a * omega * omega + p * p * abs(clearance)
-    return max(largest, push / (p + omega)) or 1.0
+    values = units.into(UNITS, values_of(osc))
+    return System(values, _NONE_FREE, _NO_PARAMETERS, m, q, NONE, 0, False, np.zeros(1))
 
 
 def linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

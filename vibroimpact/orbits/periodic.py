@@ -19,7 +19,6 @@ from vibroimpact.orbits.orbit import (
     free_amplitude,
     free_orbit,
     linearised,
-    scaled,
 )
 from vibroimpact.orbits.unknowns import impacts
 from vibroimpact.oscillator import Oscillator, checked, checked_integer, refuse_other
@@ -229,7 +228,7 @@ def _parts(
     orbit: PeriodicOrbit,
 ) -> Iterator[tuple[float, tuple[int, np.ndarray, np.ndarray]]]:
     """Yield the parts that an orbit nearly repeats, and their deviations; the shortest first."""
-    z = impacts(scaled(orbit)[0], orbit.q)
+    z = impacts(orbit.equations[1], orbit.q)
     for k in range(orbit.m, 1, -1):
         if orbit.m % k or orbit.q % k:
             continue

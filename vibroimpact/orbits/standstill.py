@@ -12,11 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibroimpact.orbits.calls import linearised
-from vibroimpact.orbits.family import OrbitFamily
+from vibroimpact.orbits.family import OrbitFamily, units_along
 from vibroimpact.orbits.halves import interpolated
 from vibroimpact.orbits.unknowns import speeds
 
-#: Where all impacts are slower than this, in the unit of speed, the end is extrapolated. Points
+#: Where all impacts are slower than this, the end is extrapolated. Points
 #: slower than the second are less accurate than the end.
 _SLOW, _SLOWEST = 0.05, 0.005
 #: It is extrapolated from points at which the impacts have these shares of their speed.
@@ -30,7 +30,9 @@ def standstill(family: OrbitFamily, points: Sequence[np.ndarray]) -> tuple[int, 
 
     None if it does not lead there.
     """
-    fastest = [float(speeds(X, family.q).max()) for X in points]
+    here = units_along(family.oscillator(points[-1]), [])
+    unit = here.out_of("length/time", 1.0) / family.units.out_of("length/time", 1.0)
+    fastest = [float(speeds(X, family.q).max()) / unit for X in points]
     if family.kind not in ("flip", "fold") or family.q == 1 or not fastest[-1] < _SLOW:
         return None
     first = max((i + 1 for i, v in enumerate(fastest) if v >= _SLOW), default=0)

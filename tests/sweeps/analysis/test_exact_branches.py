@@ -289,7 +289,7 @@ def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact)
         special = own[dataset["branch"].values] & (dataset["kind"].values != "")
         return {*dataset["omega"].values[special].tolist()}
 
-    classes = [(2, 3), (8, 8)]
+    classes = [(2, 3), (8, 6)]
     chosen = branches(exact, at={"R": 0.8}, classes=classes)
     assert {*classes_of(chosen)} == {*classes}
     for mq in classes:
