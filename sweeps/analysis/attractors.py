@@ -30,13 +30,12 @@ from sweeps.analysis.dataset import config_of, described, diagnostics_with
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import SETS, GridIndex
 from sweeps.analysis.motions import cycles_of, different, motions_of
-from sweeps.analysis.regimes import approaching
 from sweeps.analysis.section_distance import ORBIT_TOLERANCE, same_motions
 from sweeps.analysis.settle import EXTENSIONS, settle
 from sweeps.analysis.tracking import lead_to_each_other, mutually_nearest, track
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from vibroimpact.points.regimes import Regime
+from vibroimpact.points.regimes import Regime, on_its_way
 
 #: Regimes that count as attractors; motions of other regimes may still change.
 COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
@@ -128,7 +127,8 @@ def attractors(
                 f"with {diagnostics_with(dataset, 'period')}"
             )
     index, motions, config = GridIndex.of(dataset), motions_of(dataset).ravel(), config_of(dataset)
-    followed = approaching(dataset).ravel() | (motions["m"] > dataset.sizes["section"])
+    followed = on_its_way(motions["regime"], dataset["orbit_distance"].values.ravel())
+    followed |= motions["m"] > dataset.sizes["section"]
     followed |= settle(motions, dataset, index, extensions)
     heads, of_point = attractors_of(motions, index.parameter, config, tolerance)
     parameter, members = index.parameter[heads], np.bincount(of_point[of_point >= 0])
@@ -230,13 +230,11 @@ def _numbers(
     number, periodic = np.empty(len(motions), np.int64), motions["m"] > 0
     at = np.flatnonzero(periodic)
     at = at[np.argsort(parameter[at], kind="stable")]
-    shape = () if SETS in index.parameters else index.shape  # sets have no neighbours
-    cycles = cycles_of(config, motions[at])
-    near, seeded = (
-        partial(mutually_nearest, cycles),
-        partial(lead_to_each_other, config, motions[at]),
-    )
-    _, chain = np.unique(track(shape, parameter[at], near, seeded), return_inverse=True)
+    chain = np.arange(len(at))
+    if len(at) and index.shape and SETS not in index.parameters:  # sets have no neighbours
+        near = partial(mutually_nearest, cycles_of(config, motions[at]))
+        seeded = partial(lead_to_each_other, config, motions[at])
+        chain = track(index.shape, parameter[at], near, seeded)
     order = np.argsort(-np.bincount(chain, fraction[at]), kind="stable")
     number[at] = np.argsort(order)[chain]
     kinds = np.unique(motions["regime"][~periodic], return_inverse=True)[1]

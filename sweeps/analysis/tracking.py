@@ -42,7 +42,7 @@ Links = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def track(shape: tuple[int, ...], point: np.ndarray, near: Links, seeded: Links) -> np.ndarray:
-    """Return a number for each attractor, shape (n,), the same for those that continue each other.
+    """Return a number from 0 for each attractor, the same for those that continue each other.
 
     `shape` is the shape of the grid of parameter points, and `point` the index of that of each
     attractor, increasing. `seeded` is asked where `near` finds no link along the longest axis.
@@ -51,8 +51,6 @@ def track(shape: tuple[int, ...], point: np.ndarray, near: Links, seeded: Links)
     from scipy.sparse.csgraph import connected_components
 
     count = len(point)
-    if not shape or not count:
-        return np.arange(count)
     longest = int(np.argmax(shape))
     gap = max(1, int(MAX_GAP * shape[longest]))
     over = [(1, near), (1, seeded), *((step, near) for step in range(2, gap + 1))]
@@ -142,4 +140,5 @@ def _joined_chains(chain: np.ndarray, point: np.ndarray, borders: np.ndarray) ->
         if a != b and points[a].isdisjoint(points[b]):
             joined.merge(a, b)
             points[joined[a]] = points[a] | points[b]
-    return np.array([joined[one] for one in range(len(points))])[chain]
+    names = [joined[one] for one in range(len(points))]
+    return np.unique(names, return_inverse=True)[1][chain]
