@@ -393,9 +393,11 @@ def test_a_branch_keeps_its_number_over_steps_of_any_size(tmp_path, num):
     assert kinds.query("m == 1").drop_duplicates()["number"].is_unique
 
 
-def test_a_branch_keeps_its_number_through_a_flip_between_two_points(tmp_path):
+@pytest.mark.parametrize("method", [{}, {"integrator": "rk4", "impact": "cubic"}])
+def test_a_branch_keeps_its_number_through_a_flip_between_two_points(tmp_path, method):
     """There both states of the orbit of two periods are far from the state of the orbit before."""
     config = {
+        "method": method,
         "oscillator": {"h": 0.05, "R": 0.8, "omega": [2.55, 2.62, 2.69, 2.715], "f": 1.0},
         "start": {"x0": [-0.3, 0.0]},
         "record": {"transient": 500, "periods": 130, "diagnostics": ["period"]},
