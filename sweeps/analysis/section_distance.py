@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import reduce
+from itertools import product
 
 import numpy as np
 
@@ -66,18 +67,17 @@ def distances(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     m = cycles.m
     a, b = np.where(m[a] > m[b], b, a), np.where(m[a] > m[b], a, b)
     result = np.full(len(a), np.inf)
-    for periods, longer in np.unique([m[a], m[b]], axis=1).T.tolist():
-        if longer not in (periods, 2 * periods):
-            continue
-        rows = np.flatnonzero((m[a] == periods) & (m[b] == longer))
-        for part in np.array_split(rows, 1 + rows.size * longer // _VALUES_AT_ONCE):
-            first = np.tile(cycles.states[a[part], :periods], (1, longer // periods, 1))
-            second, R = cycles.states[b[part], :longer], cycles.R[b[part], None]
+    for periods, turns in product(np.unique(m[a]).tolist(), (1, 2)):
+        rows = np.flatnonzero((m[a] == periods) & (m[b] == turns * periods))
+        size = max(1, _VALUES_AT_ONCE // (turns * periods))
+        for part in (rows[start : start + size] for start in range(0, rows.size, size)):
+            first = np.tile(cycles.states[a[part], :periods], (1, turns, 1))
+            second, R = cycles.states[b[part], : turns * periods], cycles.R[b[part], None]
             turned = (np.roll(first, turn, axis=1) for turn in range(periods))
             apart = [_row_maxima(section_distance(one, second, 0.0, R)) for one in turned]
             both = np.concatenate([first, second], axis=1).reshape(len(part), -1)
-            size = _row_maxima(np.abs(both))
-            result[part] = reduce(np.minimum, apart) / np.where(size > 0.0, size, 1.0)
+            greatest = _row_maxima(np.abs(both))
+            result[part] = reduce(np.minimum, apart) / np.where(greatest > 0.0, greatest, 1.0)
     return result
 
 
