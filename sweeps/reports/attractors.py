@@ -14,6 +14,7 @@ import xarray as xr
 from sweeps.analysis.attractor_table import AttractorRow, parameter_axes
 from sweeps.analysis.dataset import config_of, headed, nomenclature_of
 from sweeps.analysis.grouping import SETS
+from sweeps.analysis.tracking import MOST_TRACKED
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.points.regimes import Regime
 
@@ -113,6 +114,12 @@ def _over_parameters(
     for count, times in zip(*np.unique(counted.values, return_counts=True), strict=True):
         found = shown_count(count, "attractor")
         lines.append(f"{found} at {times:,} of {counted.size:,} parameter points")
+    untracked = int(((result["m"] > 0).sum("coexisting") > MOST_TRACKED).sum())
+    if untracked and SETS not in counted.dims:
+        lines.append(
+            f"at {untracked:,} parameter points more than {MOST_TRACKED} attractors are periodic: "
+            "none of these has the number of an attractor at another point"
+        )
     return [*lines, f"{shown_count(starts, 'start')} {where}"]
 
 

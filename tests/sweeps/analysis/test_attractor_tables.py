@@ -8,9 +8,11 @@ from matplotlib.colors import to_hex
 
 from sweeps import attractors
 from sweeps.analysis.attractor_table import attractor_rows, cut
+from sweeps.analysis.tracking import MOST_TRACKED
 from sweeps.errors import Refused
 from sweeps.plotting import attractor_diagram, basins, plot
 from sweeps.plotting.style import CLASSES
+from sweeps.reports.attractors import describe
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.motions import cycle, given_sections, partition
 from vibroimpact import Oscillator, one_impact_orbit
@@ -49,6 +51,17 @@ def test_the_table_over_a_parameter(computed_starts):
         len(attractor_rows(cut(dataset, {"omega": 1.3}), attractors(cut(dataset, {"omega": 1.3}))))
         == 2
     )
+
+
+@pytest.mark.parametrize("count", [MOST_TRACKED, MOST_TRACKED + 1])
+def test_the_table_says_where_attractors_are_too_many_to_be_tracked(count):
+    states = [[cycle((-1.0 - 0.01 * i, 0.0)) for i in range(count)]] * 2
+    dataset = given_sections(states, 1, axes=("h", "x0"))
+    found = attractors(dataset)
+    text = describe(dataset, found, attractor_rows(dataset, found))
+    note = "at 2 parameter points more than 50 attractors are periodic: none of these has"
+    assert (note in text) == (count > 50) and f"{count} attractors at 2 of 2" in text
+    assert found["number"].values.max() + 1 == (count if count == 50 else 2 * count)
 
 
 def test_requests_that_do_not_fit_are_refused(computed_starts):
