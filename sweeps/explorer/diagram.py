@@ -31,12 +31,14 @@ from sweeps.explorer.view import View, Window
 from sweeps.explorer.worker import Step
 from sweeps.plotting.pixels import count_pixels, widened
 from sweeps.plotting.style import (
-    DENSITY,
+    BLUE,
     LEAST_SHARE,
     MARKS,
     PARTIAL,
     STATUS_COLOURS,
     VERMILION,
+    WHITE,
+    shades,
 )
 from vibroimpact.points.regimes import has_result, shown_in_part
 from vibroimpact.status import Status
@@ -83,7 +85,7 @@ def numbers(config: SweepConfig) -> Results:
 
 def ramp() -> list[str]:
     """Return the colours of the shares from the least to 1, the same as those of `plot`."""
-    return list(interp_palette(DENSITY, _SHADES))
+    return list(interp_palette(shades(BLUE, WHITE, "#000000"), _SHADES))
 
 
 def ordinates(config: SweepConfig, results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:

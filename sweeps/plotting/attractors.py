@@ -40,7 +40,7 @@ from sweeps.plotting.looks import Looks
 from sweeps.plotting.maps import draw_cells, name_and_bound
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.style import PARTIAL, Look
+from sweeps.plotting.style import PARTIAL, Look, ground, ink
 from sweeps.plotting.styled import styled
 from sweeps.reports.attractors import classes, shown_speeds
 from sweeps.store import DIRECTION
@@ -95,7 +95,7 @@ def mark_attractors(panel: Axes, table: Sequence[AttractorRow]) -> list[Artist]:
     states = [row.states for row in table if row.m]
     if not states:
         return []
-    look: dict[str, Any] = {"color": "black", "markeredgecolor": "white", "markersize": 4.0}
+    look: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": 4.0}
     panel.plot(*np.concatenate(states).T, "o", scalex=False, scaley=False, **look)
     return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
 

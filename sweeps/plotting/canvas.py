@@ -24,7 +24,7 @@ from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.legend import SHARE, legend_below, legend_within
 from sweeps.plotting.page import Page
 from sweeps.plotting.pixels import widened
-from sweeps.plotting.style import BLUE, MARKS, STATUS_COLOURS, user_style
+from sweeps.plotting.style import MARKS, STATUS_COLOURS, ink, plain, user_style, visible
 from sweeps.text import shortened
 
 #: Least height of the panels, as a share of the usual one.
@@ -202,12 +202,12 @@ def draw_points(
     panel: Axes,
     x: np.ndarray,
     y: np.ndarray,
-    colour: str | np.ndarray = BLUE,
+    colour: str | np.ndarray | None = None,
     size: float | None = None,
     alpha: float | None = None,
     most: float = 3.5,
 ) -> None:
-    """Draw markers in one colour or of a colour each, shape (n, 4).
+    """Draw markers in one colour, by default the plain one, or of a colour each, shape (n, 4).
 
     The more of the panel they would cover, the smaller they are, and never greater than `most`.
     """
@@ -215,6 +215,7 @@ def draw_points(
         return
     size = marker_size(x, y, 0.5, most) if size is None else size
     alpha = float(np.clip(1e5 / len(y), 0.15, 1.0)) if alpha is None else alpha
+    colour = plain() if colour is None else colour
     if isinstance(colour, str):
         (points,) = panel.plot(x, y, "o", color=colour, alpha=alpha, rasterized=True)
         points.set(markersize=size, markeredgewidth=0)
@@ -238,7 +239,7 @@ def draw_stop(
     text = None
     if about is not None:
         text = f"stop, {equation(f'x={about.symbol}', about, clearance)}"
-    draw_line(clearance, color="black", linewidth=0.8, linestyle="--", label=text)
+    draw_line(clearance, color=ink(), linewidth=0.8, linestyle="--", label=text)
 
 
 def widen_if_constant(set_limits: Callable[..., object], low: float, high: float) -> None:
@@ -261,6 +262,7 @@ def mark_status(
     """
     kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
     kinds += [(name, MARKS[name], where) for name, where in masks.items()]
+    kinds = [(name, visible(colour), where) for name, colour, where in kinds]
     if np.isin(status, list(STATUS_COLOURS)).any():
         low, high = panel.get_ylim()
         panel.set_ylim(low - 0.04 * (high - low), high)

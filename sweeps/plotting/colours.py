@@ -42,6 +42,8 @@ from sweeps.plotting.style import (
     VERMILION,
     WHITE,
     Look,
+    ink,
+    visible,
 )
 from sweeps.store import DIRECTION
 from vibroimpact.points.regimes import NO_CLASS, Regime, has_result
@@ -89,7 +91,7 @@ class Cells(NamedTuple):
 
     def handle(self) -> Patch:
         """Return the patch for the legend."""
-        edge = HATCH if self.hatch else "black"
+        edge = HATCH if self.hatch else ink()
         look: dict[str, Any] = {"edgecolor": edge, "hatch": self.hatch, "linewidth": 0.4}
         return Patch(facecolor=self.colour, label=self.label, **look)
 
@@ -130,14 +132,15 @@ def period_cells(
 def look_of_class(m: int, q: int, grey: bool = False) -> Look:
     """Return the look of a class, or of all other classes."""
     if grey:
-        return GREY_CLASSES.get((m, q), GREY_OTHER)
+        return GREY_CLASSES.get((m, q), GREY_OTHER).on_ground()
     colour = CLASSES.get((m, q), OTHER_CLASS)
-    return Look(colour, colour)
+    return Look(colour, colour).on_ground()
 
 
 def look_of_regime(regime: Regime, grey: bool = False) -> Look:
     """Return the look of a regime other than periodic."""
-    return GREY_REGIMES[regime] if grey else Look(REGIMES[regime], REGIMES[regime])
+    look = GREY_REGIMES[regime] if grey else Look(REGIMES[regime], REGIMES[regime])
+    return look.on_ground()
 
 
 def class_numbers(cut: xr.Dataset) -> tuple[np.ndarray, dict[int, str]]:
@@ -195,10 +198,19 @@ class Paint(NamedTuple):
 def paint(cut: xr.Dataset, name: str, *, dots: bool = False, grey: bool = False) -> Paint:
     """Return the colours of a number at the points of a cut.
 
-    With `dots` no colour is as light as the paper; with `grey` classes are greys and hatches.
+    With `dots` no colour is that of the ground; with `grey` classes are greys and hatches.
     """
+    shown = _paint(cut, name, dots, grey)
+    if not dots:
+        return shown
+    cells = [cell._replace(colour=visible(cell.colour)) for cell in shown.cells]
+    return shown._replace(cells=cells)
+
+
+def _paint(cut: xr.Dataset, name: str, dots: bool, grey: bool) -> Paint:
+    """Return the colours of a number before those of dots are made visible."""
     variable = number_at(cut, name)
-    ramp = mpl.colormaps["cividis"]
+    ramp = mpl.colormaps[mpl.rcParams["image.cmap"]]
     nothing = np.ma.masked_all(variable.shape, float)
     if name == "period":
         cells = period_cells(*classes_of(cut), grey=grey)
@@ -272,7 +284,7 @@ def _paint_directions(points: xr.Dataset) -> Paint:
         for name, text, colour in looks
     ]
     nothing = np.ma.masked_all(status.shape, float)
-    return Paint(points[DIRECTION], cells, nothing, Normalize(), mpl.colormaps["cividis"])
+    return Paint(points[DIRECTION], cells, nothing, Normalize(), mpl.colormaps["gray"])
 
 
 def _cells_of_few(

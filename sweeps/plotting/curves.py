@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from sweeps.analysis.regimes import classes_of
+from sweeps.plotting.style import ground, ink
 from sweeps.text import shown_count
 
 #: If there are more curves, only those that bound a class with a colour of its own are drawn.
@@ -21,9 +22,7 @@ _FEW = 12
 _PER_CELL, _GAP = 3, 6
 #: Dashes of the curves of each kind.
 _CURVES: dict[str, Any] = {"flip": "-", "fold": (0, (4, 2)), "graze": (0, (1, 1.5))}
-#: Look of curves that bound a motion, with an edge that is visible on dark ground, and of others.
-_STRONG: dict[str, Any] = {"color": "black", "linewidth": 0.8}
-_EDGE = [withStroke(linewidth=1.8, foreground="white", alpha=0.9)]
+#: Look of curves that do not bound a motion.
 _THIN: dict[str, Any] = {"color": "#666666", "linewidth": 0.3}
 
 
@@ -104,12 +103,14 @@ def draw_curves(
     strong = [piece for piece in pieces if piece.bounds]
     bounding = {piece.number for piece in strong}
     shown = [piece for piece in pieces if not is_many or piece.number in bounding]
+    bold: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
+    edge = [withStroke(linewidth=1.8, foreground=ground(), alpha=0.9)]  # on cells of any colour
     for piece in shown:
-        look = {"path_effects": _EDGE, "zorder": 4, **_STRONG} if piece.bounds else _THIN
+        look = {"path_effects": edge, "zorder": 4, **bold} if piece.bounds else _THIN
         panel.plot(*piece.points.T, ls=_CURVES[kinds[piece.number]], **look)
     drawn = kinds[[piece.number for piece in shown]]
     handles = [
-        Line2D([], [], ls=dashes, label=kind, **_STRONG)
+        Line2D([], [], ls=dashes, label=kind, **bold)
         for kind, dashes in _CURVES.items()
         if kind in drawn
     ]
@@ -138,6 +139,6 @@ def _mark_special(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> l
     shown = special[np.array(away) < 0.01]
     if not len(shown):
         return []
-    (marks,) = panel.plot(*shown.T, "D", color="black", label="cusp or meeting")
-    marks.set(markersize=2.5, markerfacecolor="white", markeredgewidth=0.6, zorder=5)
+    (marks,) = panel.plot(*shown.T, "D", color=ink(), label="cusp or meeting")
+    marks.set(markersize=2.5, markerfacecolor=ground(), markeredgewidth=0.6, zorder=5)
     return [marks]

@@ -16,27 +16,20 @@ from sweeps.plotting import canvas
 from sweeps.plotting.pixels import cell_edges, pixels_of
 from sweeps.plotting.style import (
     BOTH_COLOUR,
-    DENSITY,
     DIRECTION_COLOURS,
     LEAST_SHARE,
     dots_per_inch,
+    ground,
+    ink,
+    plain,
+    shades,
+    visible,
 )
 from vibroimpact.points.regimes import has_result
 
 #: Number of values read at a time.
 _PART_SIZE = 1_000_000
 _NORM = LogNorm(LEAST_SHARE, 1.0, clip=True)
-_RAMP = LinearSegmentedColormap.from_list("density", DENSITY)
-# The ramps for up, down and both end at full colours: the darker ends would all look the same where
-# the motion is periodic.
-_DIRECTION_RAMPS = [
-    LinearSegmentedColormap.from_list("density", colours)
-    for colours in (
-        ["#A6CBE3", DIRECTION_COLOURS[0]],
-        ["#F5D79A", DIRECTION_COLOURS[1]],
-        ["#CCCCCC", BOTH_COLOUR],
-    )
-]
 
 
 def computed_parts(line: xr.Dataset, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -61,6 +54,19 @@ def value_range(lines: Sequence[xr.Dataset], coordinate: str) -> tuple[float, fl
     return float(low), float(high)
 
 
+def _ramps(both_ways: bool) -> list[LinearSegmentedColormap]:
+    """Return the colours of a share, from the least one to 1: of one way, or of up, down and both.
+
+    Those of directions end at full colours: the darker ends would all look the same where the
+    motion is periodic.
+    """
+    own = [*DIRECTION_COLOURS, visible(BOTH_COLOUR)] if both_ways else [plain()]
+    ends = [shades(colour, ground(), ink())[: 2 if both_ways else 3] for colour in own]
+    return [
+        LinearSegmentedColormap.from_list("density", [*map(visible, colours)]) for colours in ends
+    ]
+
+
 def draw_density(
     panel: Axes,
     values: np.ndarray,
@@ -76,7 +82,7 @@ def draw_density(
     If the colours of the points are given, shape (n, 4), a pixel has that of a point in it.
     """
     figure = canvas.figure_of(panel)
-    ramps = [_RAMP] if len(ways) == 1 else _DIRECTION_RAMPS
+    ramps = _ramps(len(ways) > 1)
     if tint is None:
         bar = figure.colorbar(ScalarMappable(_NORM, ramps[-1]), ax=panel, pad=0.01, aspect=40)
         bar.set_label("share of the points of a column")

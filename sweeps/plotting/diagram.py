@@ -24,7 +24,15 @@ from sweeps.plotting.labels import as_variable, label, label_axis, record_text
 from sweeps.plotting.lines import refuse_empty, select_line
 from sweeps.plotting.numbers import Wanted, with_number
 from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.style import APPROACHING, BOTH_COLOUR, DIRECTION_COLOURS, PARTIAL
+from sweeps.plotting.style import (
+    APPROACHING,
+    BOTH_COLOUR,
+    DIRECTION_COLOURS,
+    PARTIAL,
+    ink,
+    plain,
+    visible,
+)
 from sweeps.plotting.styled import styled
 from sweeps.store.variables import FLAGS
 from sweeps.text import listed
@@ -210,14 +218,15 @@ class _Drawn(NamedTuple):
     def _mark(self, panel: Axes, records: Sequence[np.ndarray], **look: float) -> None:
         """Draw values of each direction, shape (n, k); those of both have a colour of their own."""
         colours: Sequence[str | np.ndarray] = DIRECTION_COLOURS
-        if self.tint is not None:
-            colours = [self.tint]
+        if len(self.ways) == 1:
+            colours = [plain() if self.tint is None else self.tint]
         parts = [(y, np.isfinite(y), of) for y, of in zip(records, colours, strict=False)]
         if len(parts) == 2:
+            dark = visible(BOTH_COLOUR)
             look = {"most": 1.6} | look  # thin, so that both directions are seen
             both = agreeing(*records)
             apart = [(y, finite & ~b, of) for (y, finite, of), b in zip(parts, both, strict=True)]
-            parts = [(y, b, BOTH_COLOUR) for y, b in zip(records, both, strict=True)] + apart
+            parts = [(y, b, dark) for y, b in zip(records, both, strict=True)] + apart
         for y, where, colour in parts:
             x = np.broadcast_to(self.values[:, None], y.shape)[where]
             if not isinstance(colour, str):
@@ -227,7 +236,7 @@ class _Drawn(NamedTuple):
     def _name_directions(self, panel: Axes) -> None:
         """Add the colours of the directions to the legend, with the symbol of the axis."""
         texts = *direction_names(self.line), "both"
-        for text, colour in zip(texts, (*DIRECTION_COLOURS, BOTH_COLOUR), strict=True):
+        for text, colour in zip(texts, (*DIRECTION_COLOURS, visible(BOTH_COLOUR)), strict=True):
             marker = "s" if self.dense else "o"
             panel.plot([], [], marker, color=colour, markersize=4, label=text)
 
@@ -264,9 +273,9 @@ class _Drawn(NamedTuple):
         for exponent, alpha in zip(range(columns[0].shape[1]), _EXPONENTS, strict=False):
             self._mark(panel, [y[:, [exponent]] for y in columns], size=size, alpha=alpha)
         if name == "lyapunov":
-            panel.axhline(0.0, color="black", linewidth=0.6, zorder=1)
+            panel.axhline(0.0, color=ink(), linewidth=0.6, zorder=1)
             is_plain = len(self.ways) == 1 and self.tint is None
-            colour = DIRECTION_COLOURS[0] if is_plain else BOTH_COLOUR
+            colour = plain() if is_plain else visible(BOTH_COLOUR)
             for text, alpha in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
                 panel.plot([], [], "o", color=colour, alpha=alpha, markersize=4, label=text)
         panel.set_title(label(self.ways[0][name]), loc="left", wrap=True)

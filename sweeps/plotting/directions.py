@@ -20,7 +20,9 @@ def nearest(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
     """
     row = 5.0 * np.arange(len(one))[:, None]  # more than any distance
     low = np.fmin(*(np.min(each[np.isfinite(each)], initial=np.inf) for each in (one, other)))
-    keys, there = (row + (each - low) / size for each in (one, other))
+    # Without an exponent of -inf, that of a motion with rest.
+    finite = (np.where(np.isfinite(each), each, np.nan) for each in (one, other))
+    keys, there = (row + (each - low) / size for each in finite)
     there = np.concatenate([[-np.inf], np.sort(there[np.isfinite(there)]), [np.inf]])
     after = np.searchsorted(there, keys).clip(1, len(there) - 1)
     return np.minimum(np.minimum(keys - there[after - 1], there[after] - keys), 2.0)

@@ -37,7 +37,7 @@ from sweeps.plotting.looks import Looks
 from sweeps.plotting.maps import draw_cells
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.style import Look
+from sweeps.plotting.style import Look, ground, ink
 from sweeps.plotting.styled import styled
 from sweeps.reports.attractors import classes
 from sweeps.text import shown_count
@@ -48,8 +48,7 @@ _MEASURES = (
     ("integrity_factor", "factor_at_edge", "integrity factor, a radius"),
     ("local_integrity", "local_at_edge", "local integrity, a distance"),
 )
-#: Look of a lower bound, and its marker unless each attractor has one.
-_BOUND: dict[str, Any] = {"markersize": 4.0, "markerfacecolor": "white"}
+#: Marker of a lower bound unless each attractor has one.
 _BOUND_MARKER = "^"
 
 
@@ -105,7 +104,7 @@ def integrity(
         here = float(starts[along[0]])
         marks, lines = _draw_profile(profile, found, along[0], table, looks)
         for each in profile:
-            each.axvline(here, color="black", linewidth=0.6, linestyle=":")
+            each.axvline(here, color=ink(), linewidth=0.6, linestyle=":")
         label_axis(profile[-1].xaxis, axis)
         panel.set_title(f"basins at {equation(axis.symbol, axis, here)}", loc="left")
     drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
@@ -150,6 +149,11 @@ def _handles_of_profile(
     return handles
 
 
+def _bound() -> dict[str, Any]:
+    """Return the settings of matplotlib for a lower bound."""
+    return {"markersize": 4.0, "markerfacecolor": ground()}
+
+
 def _of_points(look: Look, grey: bool) -> dict[str, Any]:
     """Return the settings of matplotlib for the marks of a line; in grey, they have a shape."""
     return {"color": look.ink, "marker": look.marker, "markersize": 3.0 if grey else 2.5}
@@ -185,7 +189,7 @@ def _draw_profile(
             drawn[-1] += lines
             bounded |= bool(bound.any())
         panel.set_ylim(0.0, top)
-    look: dict[str, Any] = {"linestyle": "", "color": "black", "marker": _BOUND_MARKER, **_BOUND}
+    look: dict[str, Any] = {"linestyle": "", "color": ink(), "marker": _BOUND_MARKER, **_bound()}
     handle = Line2D([], [], label="hollow: lower bound" if looks.grey else "lower bound", **look)
     return [handle] if bounded else [], drawn
 
@@ -212,7 +216,7 @@ def _draw_lines(
         joined = np.where(to_next & (y <= top), y, np.nan)
         panel.plot(x, joined, linewidth=1.0, linestyle=look.dash, color=look.ink)
         panel.plot(x, np.where(here & ~bound, y, np.nan), linestyle="", **marks)
-        marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER, **_BOUND}
+        marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER, **_bound()}
         inside = np.where(y <= top, y, 0.95 * top)
         panel.plot(x, np.where(here & bound, inside, np.nan), linestyle="", **marks)
         named = classes([own[i] for i in places])
@@ -225,7 +229,7 @@ def _draw_disturbances(
 ) -> list[Artist]:
     """Draw discs, knocks and the attractors at the section; return their handles."""
     oscillator, section = oscillator_of(starts), config_of(starts).record.phase
-    line: dict[str, Any] = {"color": "black", "linewidth": 0.8}
+    line: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
     exact = config_of(starts).method.impact == "exact"
     own, others = looks.split(table)
     names = names_of([[row] for row in own], config_of(starts))
@@ -252,7 +256,7 @@ def _draw_disturbances(
                 at_section(oscillator, *at, one["knock_v"] + dv, section) for dv in (0.0, size)
             )
             look: dict[str, Any] = {"color": looks.look(row).ink, "linewidth": 1.2}
-            around = "white" if looks.grey else "black"
+            around = ground() if looks.grey else ink()
             outline = {"path_effects": [withStroke(linewidth=2.4, foreground=around)]}
             panel.annotate("", end, begin, arrowprops={"arrowstyle": "->", **look, **outline})
             place = places[row.number]

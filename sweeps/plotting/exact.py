@@ -13,17 +13,17 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 
 from sweeps.analysis.exact_branches import wide_branches
-from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION
+from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION, ground, ink
 
 #: Names of the lines in the legend, with their dashes.
 LINES: dict[str, Any] = {STABLE: "-", UNSTABLE: (0, (4, 2))}
 _THIN_LINES = "thin: chaotic, unknown, narrow"
 #: Markers of the bifurcations of a branch.
 MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
-#: Look of the lines over points of one colour and of several colours, which thin black lines leave
+#: Look of the lines over points of one colour and of several colours, which thin lines leave
 #: visible.
 _OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
-_OVER_COLOURS: dict[str, Any] = {"color": "black", "linewidth": 0.4}
+_OVER_COLOURS: dict[str, Any] = {"linewidth": 0.4}
 _THIN: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
 
 
@@ -93,10 +93,10 @@ def draw_branches(
 ) -> dict[str, list[Line2D]]:
     """Draw `sweeps.branches`, with solid lines where stable; return the lines by their names.
 
-    The lines are black and thin unless the ground `is_plain`, that is, in one colour. Unstable
-    orbits and bifurcations at values of the axis `in_chaos` are drawn thinly.
+    The lines are thin and have the colour of texts unless the ground `is_plain`, that is, in one
+    colour. Unstable orbits and bifurcations at values of the axis `in_chaos` are drawn thinly.
     """
-    look = _OVER_ONE if is_plain else _OVER_COLOURS
+    look = _OVER_ONE if is_plain else {"color": ink(), **_OVER_COLOURS}
     drawn: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
     for name, x, y, thin, _ in parts_of(found, coordinate):
         hidden = in_chaos(x)
@@ -115,7 +115,7 @@ def draw_branches(
             if seen.any():
                 places = np.broadcast_to(x[:, None], y.shape)[seen]
                 (marks,) = panel.plot(places, y[seen], MARKERS[name], label="_", zorder=5)
-                marks.set(color=look["color"], markerfacecolor="white", markersize=size)
+                marks.set(color=look["color"], markerfacecolor=ground(), markersize=size)
                 marks.set_markeredgewidth(0.2 * size)
                 drawn[name].append(marks)
     return drawn

@@ -50,7 +50,8 @@ class Looks(NamedTuple):
         index = self.further[key]
         if index is None:
             return look_of_class(0, 0, self.grey)
-        return GREY_FURTHER[index] if self.grey else Look(FURTHER[index], FURTHER[index])
+        look = GREY_FURTHER[index] if self.grey else Look(FURTHER[index], FURTHER[index])
+        return look.on_ground()
 
     def series(self, table: Sequence[AttractorRow]) -> list[list[int]]:
         """Return the places of the attractors with the same look, the most frequent ones first."""

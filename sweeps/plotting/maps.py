@@ -32,7 +32,7 @@ from sweeps.plotting.numbers import Wanted, with_number
 from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.pixels import cell_edges
 from sweeps.plotting.regions import draw_boundaries, name_regions
-from sweeps.plotting.style import CLASSES, HATCH
+from sweeps.plotting.style import CLASSES, HATCH, ground
 from sweeps.plotting.styled import styled
 from sweeps.text import listed
 from vibroimpact.points.regimes import ON_ITS_WAY, has_result
@@ -42,7 +42,7 @@ from vibroimpact.status import Status
 _COMMON = 0.1
 #: Look of points that are not computed yet.
 _PENDING: dict[str, Any] = {
-    "facecolor": "white", "edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0
+    "edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0
 }  # fmt: skip
 #: Look of the lines over points that are not on their orbit yet.
 _APPROACHING: dict[str, Any] = {"edgecolor": "white", "hatch": "////////", "linewidth": 0.0}
@@ -161,9 +161,10 @@ def draw_cells(panel: Axes, cut: xr.Dataset, cells: Iterable[Cells]) -> list[Art
     handles: list[Artist] = [cell.handle() for cell in cells]
     pending = np.count_nonzero(status == Status.PENDING)
     if pending:
-        panel.patch.set(**_PENDING)
+        look = {"facecolor": ground(), **_PENDING}
+        panel.patch.set(**look)
         text = f"{status_name(Status.PENDING)} ({pending:,} of {status.size:,})"
-        handles.append(Patch(label=text, **_PENDING))
+        handles.append(Patch(label=text, **look))
     return handles
 
 

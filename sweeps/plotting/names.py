@@ -10,6 +10,7 @@ from matplotlib.patheffects import withStroke
 
 from sweeps.plotting import canvas
 from sweeps.plotting.regions import PER_INCH, box_of
+from sweeps.plotting.style import ground, ink
 
 #: Greatest distance of a name from its line, in heights of the name.
 _NEAR = 1.0
@@ -36,8 +37,9 @@ def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
         if not own.any():
             continue
         text = panel.text(
-            0.0, 0.0, name, size="x-small", ha="center", va="center_baseline", zorder=6,
-            path_effects=[withStroke(linewidth=1.8, foreground="white")],
+            0.0, 0.0, name, size="x-small", color=ink(), zorder=6,
+            ha="center", va="center_baseline",
+            path_effects=[withStroke(linewidth=1.8, foreground=ground())],
         )  # fmt: skip
         height, width = box_of(text)
         edge = np.pad(taken, 1, constant_values=True)

@@ -12,6 +12,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
 from sweeps.plotting import canvas
+from sweeps.plotting.style import ground, ink
 
 #: Pixels per inch at which the room for a name is measured, and its least share of a name's box,
 #: because single cells of another class hide nothing.
@@ -46,8 +47,9 @@ def name_regions(
         if name is None:
             continue
         text = panel.text(
-            0.0, 0.0, name, size="x-small", ha="center", va="center_baseline", zorder=6,
-            clip_on=True, path_effects=[withStroke(linewidth=1.8, foreground="white")],
+            0.0, 0.0, name, size="x-small", color=ink(), zorder=6,
+            ha="center", va="center_baseline",
+            clip_on=True, path_effects=[withStroke(linewidth=1.8, foreground=ground())],
         )  # fmt: skip
         corner = rows.min(), columns.min()
         own = number[corner[0] : rows.max() + 1, corner[1] : columns.max() + 1] == region

@@ -17,7 +17,6 @@ from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.numbers import Wanted
 from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.style import BLUE
 from sweeps.plotting.styled import styled
 
 
@@ -26,7 +25,7 @@ class _Records(NamedTuple):
 
     points: xr.Dataset
     columns: list[np.ndarray]
-    colours: str | np.ndarray = BLUE
+    colours: np.ndarray | None = None
     shown: Paint | None = None
 
     @classmethod

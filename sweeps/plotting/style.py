@@ -1,13 +1,17 @@
 """The common style of the pictures: colours by their meaning, and matplotlib's settings.
 
 Any two colours of one picture can be told apart with normal colour vision, deuteranopia and
-protanopia: they differ by at least 10 in CIEDE2000.
+protanopia: they differ by at least 10 in CIEDE2000. A colour without a meaning comes from the
+settings of matplotlib: `ground`, `ink`, and `plain` for data of one kind.
 """
 
 import logging
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import matplotlib as mpl
+import numpy as np
+from cycler import cycler
+from matplotlib.colors import to_hex, to_rgb, to_rgba
 
 from vibroimpact.points.regimes import ON_ITS_WAY, Regime
 from vibroimpact.status import Evidence, Status
@@ -31,6 +35,10 @@ class Look(NamedTuple):
     hatch: str = ""
     marker: str = "o"
     dash: str | tuple[float, tuple[float, ...]] = "-"
+
+    def on_ground(self) -> Self:
+        """Return the look with lines and dots that are visible on the ground."""
+        return self._replace(ink=visible(self.ink))
 
 
 #: Names of exact orbits in a legend.
@@ -139,9 +147,6 @@ GREY_FURTHER = tuple(
 DIRECTION_COLOURS = (BLUE, ORANGE)
 BOTH_COLOUR = "#333333"
 
-#: Colours of the share of a column's points in a pixel, from the least share to 1. All ramps start
-#: well away from white, so that a pixel with a single point is visible.
-DENSITY = ("#A6CBE3", BLUE, "#00263D")
 LEAST_SHARE = 1e-3
 
 #: Settings of matplotlib. Text sizes follow ``font.size``. A picture is higher than
@@ -159,6 +164,8 @@ STYLE: dict[Any, Any] = {
     "legend.handletextpad": 0.5,
     "legend.columnspacing": 1.0,
     "axes.formatter.offset_threshold": 5,  # number of leading digits that all labels share
+    "axes.prop_cycle": cycler(color=[BLUE, ORANGE, "#009E73", VERMILION, "#56B4E9", "#CC79A7"]),
+    "image.cmap": "cividis",
     "hatch.linewidth": 0.7,
     "agg.path.chunksize": 10000,
     "pdf.fonttype": 42,
@@ -167,6 +174,66 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "vibroimpact",  # the same picture gives the same bytes
     "savefig.dpi": 300,
 }
+
+
+#: Least contrast of a text with its ground, and of dots and lines with a dark ground (WCAG 2).
+_LEGIBLE = 3.0
+
+
+def ground() -> str:
+    """Return the colour of the panels in the settings of the user."""
+    for name in ("axes.facecolor", "figure.facecolor"):
+        if to_rgba(mpl.rcParams[name])[3] > 0.0:
+            return to_hex(mpl.rcParams[name])
+    return WHITE
+
+
+def ink() -> str:
+    """Return the colour of texts, or black or white if texts are not legible on the ground."""
+    text = to_hex(mpl.rcParams["text.color"])
+    if _contrast(text, ground()) >= _LEGIBLE:
+        return text
+    return max(("#000000", WHITE), key=lambda colour: _contrast(colour, ground()))
+
+
+def plain(number: int = 0) -> str:
+    """Return the colour of data without a meaning, by their number in ``axes.prop_cycle``."""
+    return to_hex(f"C{number}")
+
+
+def visible(colour: str) -> str:
+    """Return the colour of dots or lines; a dark one on a dark ground is mixed with the ink."""
+    mixed, share = colour, 0.0
+    while _luminance(ink()) > 0.5 and share < 1.0 and _contrast(mixed, ground()) < _LEGIBLE:
+        share += 0.1
+        mixed = mix(ink(), colour, share)
+    return mixed
+
+
+def mix(colour: str, other: str, share: float) -> str:
+    """Return a mixture of two colours, with this share of the first."""
+    one, two = np.array(to_rgb(colour)), np.array(to_rgb(other))
+    return to_hex(tuple((share * one + (1.0 - share) * two).clip(0.0, 1.0)))
+
+
+def shades(colour: str, paper: str, dark: str) -> list[str]:
+    """Return the colours of the share of a column's points in a pixel, from the least share to 1.
+
+    They start well away from the paper, so that a pixel with a single point is visible.
+    """
+    return [mix(colour, paper, 0.35), colour, mix(dark, colour, 0.66)]
+
+
+def _contrast(colour: str, other: str) -> float:
+    """Return the contrast of two colours as WCAG 2 defines it, from 1 to 21."""
+    low, high = sorted(_luminance(each) for each in (colour, other))
+    return (high + 0.05) / (low + 0.05)
+
+
+def _luminance(colour: str) -> float:
+    """Return the relative luminance of a colour, from 0 to 1 (WCAG 2)."""
+    rgb = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
+    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
 
 
 def _told(record: logging.LogRecord) -> bool:

@@ -284,12 +284,16 @@ def test_pixels_are_the_shares_of_their_columns():
 
 
 def test_the_colours_are_those_of_the_files_pictures():
+    import matplotlib as mpl
     from matplotlib.colors import to_rgb
 
-    from sweeps.plotting.density import _RAMP
+    from sweeps.plotting.density import _ramps
+    from sweeps.plotting.style import user_style
 
     seen = np.array([to_rgb(colour) for colour in ramp()])
-    in_files = _RAMP(np.linspace(0.0, 1.0, 255))[:, :3]
+    with mpl.rc_context(user_style()):
+        (in_file,) = _ramps(both_ways=False)
+    in_files = in_file(np.linspace(0.0, 1.0, 255))[:, :3]
     np.testing.assert_allclose(seen, in_files, atol=2 / 255)
 
 
