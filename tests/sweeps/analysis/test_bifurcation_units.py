@@ -1,5 +1,6 @@
 """The table of bifurcations in other units: those of a rig, and units scaled by powers of two."""
 
+import itertools
 import math
 
 import numpy as np
@@ -61,10 +62,27 @@ def one_axis(axis, seed):
 def test_bifurcations_at_small_values_are_not_joined(tmp_path):
     """A gap in metres may be small: in such units many of them lie within 1e-9."""
     given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0}
-    given["clearance"] = np.linspace(0.05, 0.3, 100).tolist()
-    ours, scaled = table(tmp_path, given), table(tmp_path, given, length=2.0**-33)
+    given["clearance"] = np.linspace(0.05, 0.3, 50).tolist()
+    ours, scaled = (table(tmp_path, given, one, most=3) for one in (1.0, 2.0**-33))
     assert len(ours) > 20
-    pd.testing.assert_frame_equal(ours, scaled, check_exact=False, rtol=1e-9)
+    pd.testing.assert_frame_equal(ours, scaled, check_exact=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seeds", [[1], pytest.param([*range(2, 8)], marks=pytest.mark.campaign)])
+def test_tables_are_the_same_in_all_units(tmp_path, seeds):
+    """Bit for bit in units that differ by powers of two."""
+    rows = 0
+    for axis, seed in itertools.product(RANGES, seeds):
+        given, random = one_axis(axis, seed), np.random.default_rng(seed)
+        scaled = {
+            "length": 2.0 ** random.integers(-40, 40),
+            "time": 2.0 ** random.integers(-20, 20),
+        }
+        ours, theirs = table(tmp_path, given, most=3), table(tmp_path, given, most=3, **scaled)
+        pd.testing.assert_frame_equal(ours, theirs, check_exact=True)
+        rows += len(ours)
+    assert rows > 30
 
 
 @pytest.mark.slow
