@@ -22,12 +22,12 @@ def scaled(name, values, rate, length):
     return np.multiply(values, rate**of_rate * length**of_length) if name in UNITS else values
 
 
-def random_scene(random):
+def random_scene(random, step):
     """Return the parameters and starts of a random oscillator, at three values of omega."""
     clearance = random.choice([0.0, random.uniform(-0.5, 1.0)])
     return {
         "h": 10.0 ** random.uniform(-2.3, -0.5), "R": random.uniform(0.3, 0.95), "f": 1.0,
-        "omega": random.uniform(0.8, 3.5) * np.array([1.0, 1.01, 1.02]),
+        "omega": random.uniform(0.8, 3.5) * (1.0 + step * np.arange(3)),
         "p": random.uniform(0.8, 1.2), "clearance": clearance,
         "x0": clearance + np.linspace(-2.5, 0.0, 10), "v0": np.linspace(-2.0, 2.0, 11),
     }  # fmt: skip
@@ -57,7 +57,8 @@ SEEDS = [(9, 1), *(pytest.param(seed, 3, marks=pytest.mark.slow) for seed in ran
 @pytest.mark.parametrize(("seed", "units"), SEEDS)
 def test_units_of_a_power_of_two_change_no_bit(seed, units, tmp_path):
     random = np.random.default_rng(seed)
-    scene, phase = random_scene(random), random.choice([0.0, random.uniform(0.0, 6.0)])
+    step = (0.15, 0.01)[seed % 2]  # far enough that seeds are needed, or not
+    scene, phase = random_scene(random, step), random.choice([0.0, random.uniform(0.0, 6.0)])
     expected = found_in(scene, 1.0, 1.0, phase, tmp_path / "a.h5")
     assert expected["attractors"].all()
     for rate, length in OTHERS[:units]:
