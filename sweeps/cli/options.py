@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -260,9 +261,13 @@ def say(text: object, *, error: bool = False, end: bool = True) -> None:
     typer.echo(printable(str(text)), err=error, nl=end)
 
 
+#: Time after which a command says what it does [s].
+_PATIENCE = 1.5
+
+
 @contextmanager
-def progress_shown() -> Iterator[Callable[..., None]]:
-    """Show on a terminal how far the work in the block is, and while its code is compiled.
+def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
+    """Say on stderr what work takes long, and on a terminal how far it is and what is compiled.
 
     Call the result with the share that is done.
     """
@@ -271,29 +276,48 @@ def progress_shown() -> Iterator[Callable[..., None]]:
     from sweeps.text import shown_duration
     from vibroimpact.jit import watched
 
-    console = Console(stderr=True, quiet=not sys.stderr.isatty(), markup=False)
-    status = console.status("")
-    begin = time.perf_counter()
+    on_terminal = sys.stderr.isatty()
+    console = Console(stderr=True, quiet=not on_terminal, markup=False)
+    status, begin, done = console.status(""), time.perf_counter(), threading.Event()
+    share, compiling = 0.0, ""
 
-    def show(text: str) -> None:
-        status.update(text)
-        if text:
-            status.start()
-        else:
-            status.stop()
-
-    def report(share: float) -> None:
+    def show() -> None:
         seconds = time.perf_counter() - begin
-        text = f"following exact orbits: {shown_duration(seconds)}"
-        if share > 0.02:
+        text = compiling or f"{work}: {shown_duration(seconds)}"
+        if not compiling and 0.02 < share < 1.0:
             left = shown_duration(seconds * (1.0 - share) / share)
             text += f", {100.0 * share:.0f} %, about {left} left"
-        show(text)
+        status.update(text)
+        status.start()
 
+    def report(part: float) -> None:
+        nonlocal share
+        share = part
+        show()
+
+    def watch(text: str) -> None:
+        nonlocal compiling
+        compiling = text
+        show()
+
+    def wait() -> None:
+        if done.wait(_PATIENCE):
+            return
+        if not on_terminal:
+            say(f"{work} ...", error=True)
+            return
+        show()
+        while not done.wait(1.0):
+            show()
+
+    waiting = threading.Thread(target=wait, daemon=True)
+    waiting.start()
     try:
-        with watched(show):
+        with watched(watch):
             yield report
     finally:
+        done.set()
+        waiting.join()
         status.stop()
 
 

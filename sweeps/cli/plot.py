@@ -310,7 +310,8 @@ def draw(
     if "exact" in chosen:
         chosen["exact"], lines, table = _exact(dataset, kind, cut, chosen)
     command = shlex.join(["vibroimpact", *sys.argv[1:]])
-    written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **chosen)
+    with progress_shown("drawing"):
+        written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **chosen)
     say_moved(cuts, cut, "drawn")
     picks = chosen.get("axes", ()), chosen.get("color")
     for name, value in silent_cuts(dataset, kind, cut, *picks).items():
@@ -343,14 +344,14 @@ def _exact(
                 f"--most {chosen['most']} limits exact branches, and a map shows curves; expected: "
                 "--exact, with or without --classes"
             )
-        with progress_shown() as report:
+        with progress_shown("following exact orbits") as report:
             find = kept(curves, notes.append)
             found = find(dataset, map_axes(dataset, axes, cut), cut, report, **chosen)
         return found, [*found.attrs["summary"].split("\n"), *notes], tables.curve_table(found)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
-    with progress_shown() as report:
+    with progress_shown("following exact orbits") as report:
         found = kept(branches, notes.append)(dataset, axis, cut, report, **chosen)
     lines = [*found.attrs["summary"].split("\n"), *notes]
     return found, lines, tables.branch_table(found, coordinate)

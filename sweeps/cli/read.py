@@ -52,7 +52,7 @@ def attractors(
             refuse_points(dataset, csv)
         here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
-        with progress_shown():
+        with progress_shown("looking for attractors"):
             found = attractors(shown)
         say_moved(cuts, here, "shown")
         _show_attractors(shown, found, csv)
@@ -74,7 +74,7 @@ def integrity(
     with opened(file) as dataset, named(file):
         here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
-        with progress_shown():
+        with progress_shown("measuring the integrity of attractors"):
             found = integrity(shown)
             if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
                 found = knocks(shown, found)
@@ -174,7 +174,7 @@ def _show_bifurcations(
 
     here = on_grid(dataset, cuts)
     notes = list[str]()
-    with progress_shown() as report:
+    with progress_shown("following exact orbits") as report:
         find = kept(branches, notes.append)
         found = find_bifurcations(dataset, axis, here, report, find, **chosen)
     say_moved(cuts, here, "listed")

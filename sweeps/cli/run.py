@@ -19,6 +19,7 @@ from sweeps.cli.options import (
     Threads,
     existing_output,
     named,
+    progress_shown,
     resuming,
     say,
     targets,
@@ -141,7 +142,9 @@ def plan_of(
     from sweeps.reports.run import plan
 
     computer = computer_for(client, threads)
-    return plan(config, path, expected_cost(config.sweep, path, computer, resume))
+    with progress_shown(f"estimating the cost of {config.name}"):
+        cost = expected_cost(config.sweep, path, computer, resume)
+    return plan(config, path, cost)
 
 
 def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:

@@ -46,6 +46,14 @@ def own_results(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True, scope="session")
+def patient():
+    """Say nothing of work that is slow only because other tests run; test_progress.py tests it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sweeps.cli.options._PATIENCE", 1e6)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
 def parsed_once():
     """Let all pictures have one parser of formulas, which keeps the last 50 that it has read."""
     with pytest.MonkeyPatch.context() as patch:
