@@ -219,6 +219,7 @@ def _of_branches(
         if (np.abs(known - value) <= near).any():
             continue
         before, after = _classes_beside(exact, members)
+        value = float(np.clip(value, values[0], values[-1]))  # beyond them by rounding
         at = int(np.clip(np.searchsorted(values, value), 1, len(values) - 1))
         low, high = values[at - 1 : at + 1].tolist()
         rows.append(

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 import sweeps
+from sweeps.analysis.bifurcations import find_bifurcations
 from sweeps.analysis.rig import in_si
 
 #: The power of a unit of length and of a unit of time in the unit of each parameter.
@@ -101,6 +102,27 @@ def test_a_rig_has_the_bifurcations_of_its_model(tmp_path, axis, seed):
     model[PLACES] = RIG[axis][1](mass, model[PLACES])
     pd.testing.assert_frame_equal(found, model, check_exact=False, rtol=1e-12)
     assert set(found["low"]) | set(found["high"]) <= set(rig[RIG[axis][0]])
+
+
+@pytest.mark.parametrize("end", [0, -1])
+def test_a_bifurcation_at_an_end_of_the_axis_lies_on_it(tmp_path, end):
+    """Where an exact value is beyond the axis by rounding."""
+    omega = np.linspace(2.6, 2.7, 6)
+    scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega.tolist(), "f": 1.0}}
+    beyond = np.nextafter(omega[end], math.inf if end else 0.0)
+
+    def moved(*given, **chosen):
+        found = sweeps.branches(*given, **chosen)
+        special = np.isin(found["kind"], ["flip", "fold", "graze"])
+        return found.assign_coords(omega=found["omega"].where(~special, beyond))
+
+    with sweeps.open_sweep(sweeps.run_sweep(scene, tmp_path / "flip.h5")) as dataset:
+        found = find_bifurcations(dataset, find=moved, most=2)
+    (row,) = found[found["value"] == omega[end]].itertuples()
+    assert (row.kind, row.low, row.high) == (
+        "flip",
+        *(omega[[0, 1]] if end == 0 else omega[[4, 5]]),
+    )
 
 
 def test_every_value_lies_between_its_neighbours(tmp_path):
