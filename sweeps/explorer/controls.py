@@ -55,7 +55,7 @@ class Controls:
         self.axis = self._choice(
             "abscissa", [(name, meaning(name, view.seen)) for name in PARAMETERS]
         )
-        names = [(name, as_variable(name).attrs["long_name"]) for name in COORDINATES]
+        names = [(name, as_variable(name, view.seen).attrs["long_name"]) for name in COORDINATES]
         self.ordinate = self._choice("ordinate", names)
         connect(self.axis, "value", change, View.with_axis)
         connect(

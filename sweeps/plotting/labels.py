@@ -33,12 +33,11 @@ CLASSES_TITLE = "m/q: q impacts in m forcing periods"
 #: a thousandth of the greatest, and its factor.
 _PREFIXED = ("m", "m/s")
 _PREFIXES = ((1e-4, "m", 1e-3), (1e-7, "\N{MICRO SIGN}", 1e-6), (1e-10, "n", 1e-9))
-_OF_MODEL = Nomenclature()
 #: A space at which a title is not broken into lines.
 _JOINT = "\N{NO-BREAK SPACE}"
 
 
-def as_variable(name: str, seen: Nomenclature = _OF_MODEL) -> xr.DataArray:
+def as_variable(name: str, seen: Nomenclature) -> xr.DataArray:
     """Return a DataArray with the attributes of a parameter, variable or coordinate, no values.
 
     Those of a parameter are what a reader sees.

@@ -43,6 +43,7 @@ from tests.helpers.rigs import (
 )
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator
+from vibroimpact.oscillator import PARAMETERS
 
 SWEPT = ["stiffness", "damping", "force", "frequency", "gap", "base"]
 # The numbers of the model
@@ -84,6 +85,23 @@ def test_every_value_of_a_rig_comes_back_from_the_model_to_the_last_bit(spacing)
     halved = config.nomenclature.selection({"omega": further, "impulse": further})
     assert halved["frequency"] == pytest.approx(further / (2.0 * math.pi), rel=1e-15)
     assert halved["impulse"] == pytest.approx(VALUES["mass"] * further, rel=1e-15)
+
+
+def test_names_units_and_numbers_are_those_of_the_rig_or_of_the_model():
+    """One object has both, and leads back from what a reader types."""
+    model, of_rig = (load(text).nomenclature for text in (
+        "oscillator: {h: 0.05, R: 0.8, omega: 2.5, f: 1.0}\nunits: {length: mm, time: s}\n", rig(),
+    ))  # fmt: skip
+    assert model.parameters == PARAMETERS and model.unit("length/time^2") == "mm/s^2"
+    assert [*of_rig.parameters] == ["mass", *map(of_rig.name, PARAMETERS)]
+    assert {of_rig.name(own) for own in PARAMETERS} == {*SWEPT, "R", "x0", "v0"}
+    for seen in (model, of_rig):
+        for own in PARAMETERS:
+            name = seen.name(own)
+            assert seen.parameter(name) == own and seen.parameters[name] == seen.about(own)
+            assert seen.in_model(own, seen.value(own, 0.37)) == pytest.approx(0.37, rel=1e-15)
+    assert of_rig.unit(of_rig.about("h").unit) == "N s/m" and of_rig.unit("length") == "m"
+    assert of_rig.value("omega", math.tau * 50.0) == pytest.approx(50.0, rel=1e-15)
 
 
 def test_the_axes_are_in_the_order_of_the_keys_and_come_back_from_the_yaml():
