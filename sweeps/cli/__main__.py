@@ -8,6 +8,8 @@ import _signal  # type: ignore[import-not-found]
 import os
 import sys
 
+_OUTPUT = "the standard output cannot be written: {}"
+
 
 def main() -> None:
     """Run the command line and exit: 0 if done, 1 if failed or interrupted, 2 if refused."""
@@ -22,7 +24,7 @@ def main() -> None:
             sys.stdout.flush()
     except OSError as error:
         if code == 0:  # otherwise an error was reported already
-            _report(_reason(error))
+            _report(_OUTPUT.format(error.strerror or error))
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes it again
         code = code or 1
     import gc
@@ -68,14 +70,15 @@ def _run() -> int:
 
 def _reason(error: OSError) -> str:
     """Return the message of an error of a file, or of the standard output."""
-    if error.filename is not None:
+    if error.filename is not None or error.errno is None:  # it says all that is known
         return str(error)
-    reason = error.strerror or error
-    try:
-        if sys.stdout is not None:
-            sys.stdout.flush()  # what could not be written is still there, and fails again
-    except OSError:
-        return f"the standard output cannot be written: {reason}"
+    import typer
+
+    reason, called = error.strerror or error, error.__traceback__
+    while called is not None:
+        if called.tb_frame.f_code is typer.echo.__code__:
+            return _OUTPUT.format(reason)
+        called = called.tb_next
     return f"a file cannot be read or written: {reason}"
 
 

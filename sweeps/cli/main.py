@@ -20,7 +20,7 @@ from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
 from sweeps.cli.commands import Commands, add
 from sweeps.cli.options import say
-from sweeps.errors import Refused
+from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import nearest, shortened, suggestion
 from vibroimpact import __version__
@@ -67,6 +67,12 @@ def _check_numba() -> None:
             import vibroimpact.jit  # noqa: F401 - it needs the compiler
         except Exception as error:
             problem = str(error)
+            # A setting causes other errors than a library that cannot be loaded.
+            if isinstance(error, MemoryError | OSError) or getattr(error, "path", None):
+                raise Failed(
+                    "the compiler numba cannot be loaded, perhaps for lack of memory (ulimit -v): "
+                    f"{shortened(problem or 'MemoryError', 200)}"
+                ) from error
     for warning in unread:
         if "Environment variable" in str(warning.message):
             problem = problem or str(warning.message).partition("\n")[0]

@@ -99,12 +99,13 @@ def check_memory(sweep: Sweep, points: int, what: str, at_impacts: float = 0.0) 
     Return the memory in bytes that is available for them.
     """
     needed = _BLOCKS_HELD * points * _memory_per_point(sweep, at_impacts)
-    ready = cache_folder(WAY.name).exists()
-    available = max(0, available_memory() - (_OWN_MEMORY if ready else _COMPILING))
+    own = _OWN_MEMORY if cache_folder(WAY.name).exists() else _COMPILING
+    available = max(0, available_memory() - own)
     if needed > available:
         raise StoreError(
             f"{what} takes about {shown_bytes(needed)} of memory, and only "
-            f"{shown_bytes(available)} are available; record fewer periods, impacts or samples"
+            f"{shown_bytes(available)} are available, besides {shown_bytes(own)} for the program "
+            "itself; record fewer periods, impacts or samples, or raise the limit of memory"
         )
     return available
 

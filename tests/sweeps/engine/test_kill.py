@@ -259,6 +259,23 @@ def test_a_full_standard_output_is_one_line(forks, arguments):
     assert forks.ended() == (1, expected + "\n")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_full_standard_output_is_told_from_a_file_whatever_its_buffer_is(unbuffered):
+    """Also if the text is longer than the buffer."""
+    for arguments in (["--help"], ["schema"]):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                [sys.executable, "-m", "sweeps.cli", *arguments],
+                env={**environment(), "PYTHONUNBUFFERED": unbuffered},
+                stdout=full,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        said = "the standard output cannot be written: No space left on device\n"
+        assert (done.returncode, done.stderr) == (1, f"vibroimpact: error: {said}")
+
+
 def test_a_run_that_is_complete_is_not_interrupted_any_more(monkeypatch):
     """A signal after the last block does not affect a command, but reaches a Python caller."""
     complete = SweepWriter.finish
