@@ -11,6 +11,7 @@ from vibroimpact import Oscillator, integrate, one_impact_orbit, periodic_orbit
 from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.destinations import classified
+from vibroimpact.points.regimes import Regime, regimes_of
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps
@@ -28,9 +29,9 @@ def spec_of(points, impact="exact", transient=200, periods=100, phase=0.0):
     )  # fmt: skip
 
 
-def run(points, threads=None, **options):
+def run(points, impact="exact", threads=None, **options):
     """Compute points from their starts; return the specification and the results with classes."""
-    spec = spec_of(points, **options)
+    spec = spec_of(points, impact, **options)
     results = integrate(
         points, integrator=spec.integrator, impact=spec.impact,
         steps_per_period=spec.steps_per_period, transient=spec.transient, periods=spec.periods,
@@ -40,14 +41,14 @@ def run(points, threads=None, **options):
 
 
 def record_class(points, x, v, impacts_per_period):
-    """Return m and q of made-up records, for an impact rule that has nothing but the record."""
+    """Return m of made-up records, for an impact rule that has nothing but the record."""
     n = len(points)
     results = {
         "poincare_x": x, "poincare_v": v, "impacts_per_period": impacts_per_period,
         "rest_fraction": np.zeros(n), "chatters": np.zeros(n, int), "status": np.zeros(n, int),
     }  # fmt: skip
     out = classified(spec_of(points, "plain"), points, results, None, None)
-    return out["period"], out["period_impacts"]
+    return out["period"]
 
 
 def cycle(m, periods, seed=0):
@@ -58,24 +59,32 @@ def cycle(m, periods, seed=0):
 
 @pytest.mark.parametrize("m", [1, 2, 3, 8, 63, 64])
 def test_made_up_cycles(m):
-    """The least period, and the impacts in it."""
-    x, v = cycle(m, 3 * m)
-    found = record_class(FREE, x, v, np.array([3.0 / m]))
-    assert (found[0][0], found[1][0]) == (m, 3)
-    x, v = cycle(m, 2 * m + 3)
-    assert record_class(FREE, x, v, np.array([3.0 / m]))[0][0] == m
+    """The least period, in records of whole repetitions and of others."""
+    for periods in (3 * m, 2 * m + 3):
+        assert record_class(FREE, *cycle(m, periods), np.array([3.0 / m])) == m
 
 
 def test_what_is_no_cycle():
     """Noise, NaN, a period longer than half the record or than the bound."""
     noise = np.random.default_rng(0).normal(size=(2, 1, 200))
-    assert record_class(FREE, *noise, np.array([1.0])) == (0, 0)
+    assert record_class(FREE, *noise, np.array([1.0])) == 0
     lost = np.full((2, 1, 50), np.nan)
-    assert record_class(FREE, *lost, np.array([np.nan])) == (0, 0)
+    assert record_class(FREE, *lost, np.array([np.nan])) == 0
     x, v = cycle(10, 19)
-    assert record_class(FREE, x, v, np.array([1.0]))[0] == 0
+    x += 1e-12 * np.arange(19)
+    assert record_class(FREE, x, v, np.array([1.0])) == 0
     x, v = cycle(LONGEST_PERIOD + 1, 4 * LONGEST_PERIOD)
-    assert record_class(FREE, x, v, np.array([1.0]))[0] == 0
+    assert record_class(FREE, x, v, np.array([1.0])) == 0
+
+
+@pytest.mark.parametrize("m", [2, 10, 39, 64])
+def test_a_cycle_that_came_back_is_found_wherever_it_fits(m):
+    """Whatever was before it, and for every length of the record that is longer."""
+    x, v = cycle(m, m + 1)
+    assert record_class(FREE, x, v, np.array([1.0])) == m
+    before = np.random.default_rng(m).normal(size=(2, 1, 7))
+    x, v = np.concatenate([before, [x, v]], axis=2)
+    assert record_class(FREE, x, v, np.array([1.0])) == m
 
 
 def test_the_tolerance_is_a_share_of_the_greatest():
@@ -84,10 +93,10 @@ def test_the_tolerance_is_a_share_of_the_greatest():
         for factor, m in ((0.5, 1), (2.0, 2)):
             x = scale * np.array([[1.0, 1.0 + factor * TOLERANCE] * 10])
             other = np.full((1, 20), 100.0 * scale)
-            assert record_class(FREE, x, other, np.array([1.0]))[0] == m
-            assert record_class(FREE, other, x, np.array([1.0]))[0] == m
+            assert record_class(FREE, x, other, np.array([1.0])) == m
+            assert record_class(FREE, other, x, np.array([1.0])) == m
     zero = np.zeros((1, 20))
-    assert record_class(FREE, zero, zero, np.array([0.0])) == (1, 0)
+    assert record_class(FREE, zero, zero, np.array([0.0])) == 1
 
 
 @pytest.mark.parametrize("x0", [0.3, 0.0, -0.4])
@@ -106,9 +115,9 @@ def test_a_small_motion_under_a_large_clearance_is_no_rounding():
     points = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0, clearance=2.0).at()
     x, v = cycle(3, 30)
     ones = np.ones(1)
-    assert record_class(points, 2e-8 * x, 2e-8 * v, ones) == (3, 3)
+    assert record_class(points, 2e-8 * x, 2e-8 * v, ones) == 3
     noise = 2e-9 * np.random.default_rng(0).normal(size=(2, 1, 100))
-    assert record_class(points, *noise, ones) == (0, 0)
+    assert record_class(points, *noise, ones) == 0
 
 
 @pytest.mark.parametrize("multiplier", [-0.9999, 0.9999, -1.0001])
@@ -117,7 +126,7 @@ def test_a_motion_that_still_settles_repeats_nothing(multiplier):
     n = np.arange(100)
     x = (1.0 + 1e-3 * multiplier**n)[None]
     assert np.abs(x[:, 2:] - x[:, :-2]).max() < TOLERANCE
-    assert record_class(FREE, x, np.ones((1, 100)), np.array([1.0]))[0] == 0
+    assert record_class(FREE, x, np.ones((1, 100)), np.array([1.0])) == 0
 
 
 @pytest.mark.parametrize("turns", [2, 3])
@@ -126,7 +135,7 @@ def test_a_spiral_that_shrinks_is_not_a_cycle_of_its_turns(turns):
     n = np.arange(100)
     x = 1.0 + 0.75 * TOLERANCE * 0.97**n * np.cos(2.0 * np.pi * n / turns)
     assert np.abs(x - np.resize(x[:turns], 100)).max() < TOLERANCE < np.ptp(x)
-    assert record_class(FREE, x[None], np.ones((1, 100)), np.array([1.0]))[0] == 0
+    assert record_class(FREE, x[None], np.ones((1, 100)), np.array([1.0])) == 0
 
 
 def computed(osc, transient=2000, periods=128, x0=0.0, v0=0.0):
@@ -212,7 +221,7 @@ def test_a_section_beside_an_impact(after):
 def test_rounding_in_x_or_v_alone_is_no_cycle(x, v):
     """Sections on the stop, or at a turning point; rounding that repeats after 3 periods."""
     noise = np.resize([0.0, 2e-16, -1e-16], 99)
-    m, _ = record_class(FREE, np.minimum([x + noise], 0.0), v + noise[None, ::-1], np.ones(1))
+    m = record_class(FREE, np.minimum([x + noise], 0.0), v + noise[None, ::-1], np.ones(1))
     assert m == 1
 
 
@@ -431,3 +440,35 @@ def test_a_doubled_orbit_is_found_from_beside_its_half():
     assert not periodic_orbit(osc, *on_the_orbit(osc, 1), m=1).stable
     _, out = run(osc.at(*on_the_orbit(osc, 1, 1e-4)), transient=3000, periods=32)
     assert (out["period"], out["period_impacts"]) == (2, 2)
+
+
+def test_a_rest_at_the_start_of_a_record_decides_nothing():
+    """The start from rest is held for a moment; with one period of transient it is left out."""
+    points, phase = Oscillator(h=0.02, R=0.7, omega=1.8, f=1.0).at(), 4.0
+    steps = default_steps(points, "exact")
+    for transient in (0, 1):
+        results = integrate(
+            points, steps_per_period=steps, transient=transient, periods=100, phase=phase,
+            start=phase, impacts=0,
+        )  # fmt: skip
+        assert (results["rest_fraction"] > 0.0) == (transient == 0)
+        spec = spec_of(points, transient=transient, phase=phase)
+        out = classified(spec, points, results, None, None)
+        assert (out["period"], out["period_impacts"]) == (1, 1)
+        assert regimes_of(out, points["omega"], 100) == Regime.PERIODIC
+
+
+@pytest.mark.parametrize("impact", ["exact", "reduced-step"])
+def test_cycles_of_many_periods_are_found_without_a_transient(impact):
+    """A hundred periods hold the transient and a cycle of 21 to 64 periods, once."""
+    points = Oscillator(h=0.05, R=0.8, omega=2.0, f=1.0).at().repeat(400)
+    points["omega"] = np.linspace(2.7, 3.0, 400)
+    _, settled = run(points, impact, transient=4000, periods=200)
+    _, out = run(points, impact, transient=0, periods=100)
+    x, v = out["poincare_x"], out["poincare_v"]
+    returns = (x[:, -65:-1] == x[:, -1:]) & (v[:, -65:-1] == v[:, -1:])
+    long = returns.any(axis=1) & (1 + returns[:, ::-1].argmax(axis=1) > 20)
+    assert long.sum() > 5
+    for name in ("period", "period_impacts"):
+        np.testing.assert_array_equal(out[name][long], settled[name][long])
+    assert (out["period"][long] > 20).any()

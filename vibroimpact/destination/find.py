@@ -10,7 +10,11 @@ With exact impacts, the first of these that applies decides:
 4. The record repeats, and the last section is on an orbit whose multipliers are clearly inside the
    unit circle: ``REPEATS``.
 5. Newton's method finds a periodic orbit near the last section, the orbit is stable, and the motion
-   shows that it goes there: ``CAPTURED`` or ``FALLING``.
+   shows that it goes there: ``CAPTURED`` or ``FALLING``. The orbit has impacts, and no rest.
+
+An orbit whose multipliers say that it is unstable is no class: rounding alone kept the motion on
+it. A rest counts only if the motion rests again in the next repetition; one at the start of the
+record does not.
 
 With another impact rule, a record that repeats is all the evidence, to the same bits or nearly.
 """
@@ -23,12 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.destination.evidence import evidence
-from vibroimpact.destination.free_motion import (
-    excess,
-    free_multiplier,
-    stays_free,
-    steady_response,
-)
+from vibroimpact.destination.free_motion import excess, free_multiplier, stays_free, steady_response
 from vibroimpact.destination.nearby_orbit import (
     STABLE,
     Orbit,
@@ -41,16 +40,23 @@ from vibroimpact.destination.nearby_orbit import (
 from vibroimpact.destination.repetition import (
     TOLERANCE,
     TRIED,
+    last_return,
     near_repetitions,
     repetition,
     repetition_of_cycle,
     size_of,
 )
-from vibroimpact.destination.section_map import flow_of, follow, impacts_over
+from vibroimpact.destination.section_map import (
+    derivative_over,
+    flow_of,
+    follow,
+    replay,
+    section_state,
+)
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.contact import Scratch
-from vibroimpact.step.propagator import from_dimensionless, to_dimensionless
+from vibroimpact.step.propagator import from_dimensionless
 from vibroimpact.step.scheme import COS, SIN
 
 #: Where the motion of a point goes. Without a class, m and q are 0 and the other numbers NaN,
@@ -71,8 +77,11 @@ _UNSTABLE, _UNREACHED = int(Evidence.UNSTABLE), int(Evidence.UNREACHED)
 _UNRESOLVED = int(Status.UNRESOLVED)
 _REPEATS, _FREE = int(Evidence.REPEATS), int(Evidence.FREE)
 
-#: A multiplier below this shows without a proof of its own that a record is on a stable orbit.
-_CLEARLY_STABLE = 1.0 - 1e-4
+#: A multiplier below this shows without a proof of its own that a record is on a stable orbit, and
+#: one above the second number that the orbit is unstable, rounding included.
+_CLEARLY_STABLE, _CLEARLY_UNSTABLE = 1.0 - 1e-4, 1.0 + 1e-6
+#: A size below this share of the clearance has lost four of its digits; some roundings of it.
+_COARSE, _ROUNDINGS = 1e-4, 1e-15
 # Kinds of records. A record has a result, and it has no impact, impacts, or rests.
 _NO_RESULT, _NO_IMPACT, _IMPACTS, _RESTS = range(4)
 
@@ -113,22 +122,11 @@ def put_repetition(found, sections, m, off, multiplier, q):
 
 
 @jit
-def put_cycle(found, sections, sums, pt):
-    """Write the class of a motion that came back to the same bits; return whether it is known.
-
-    Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
-    """
-    m = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt)
-    if m == 0:
-        return False
-    q = sums.cycle_impacts * m // sums.cycle
-    put_repetition(found, sections, m, 0.0, math.nan, q)
-    return True
-
-
-@jit
 def judge(flow, y, w, m, size, found):
-    """Judge the orbit of m periods near a motion; return whether the motion goes there."""
+    """Judge the orbit of m periods near a motion; return whether the motion goes there.
+
+    To the free oscillation goes only a motion of which that is proved.
+    """
     orbit = nearby_orbit(flow, y, w, m, size)
     if orbit.m == 0:
         return False
@@ -137,7 +135,7 @@ def judge(flow, y, w, m, size, found):
         orbit = nearest(flow, doubled(flow, orbit, size), y, w, size)
         if orbit.m == 0:
             return False
-    proof = evidence(flow, orbit, y, w, size)
+    proof = evidence(flow, orbit, y, w, size) if orbit.q > 0 else _UNREACHED
     if proof > found.evidence:
         off = distance(y, w, orbit, size)
         put(found, orbit, flow.pt, multipliers(orbit.J)[0], off, proof)
@@ -158,6 +156,87 @@ def nearest(flow, orbit, y, w, size):
 
 
 @jit
+def put_cycle(found, sections, sums, pt):
+    """Write the class of a motion that came back to the same bits, if it needs no proof.
+
+    Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
+    """
+    m = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt)
+    sure = sums.cycle_rests if kind_of(sums) == _RESTS else not stayed(sections, pt)
+    if m == 0 or not sure or is_coarse(sections, pt):
+        return False
+    put_repetition(found, sections, m, 0.0, math.nan, sums.cycle_impacts * m // sums.cycle)
+    return True
+
+
+@inlined
+def stayed(sections, pt):
+    """Whether a motion is where it started, to ``TOLERANCE``: maybe on an unstable orbit."""
+    last, rate = sections.shape[0] - 1, max(pt.omega, pt.p)
+    x, v = sections[last, 0], sections[last, 1]
+    size = max(abs(x - pt.clearance), abs(v) / rate)
+    return max(abs(x - pt.x0), abs(v - pt.v0) / rate) <= TOLERANCE * size
+
+
+@inlined
+def is_coarse(sections, pt):
+    """Whether a displacement has few digits for the motion at the stop, which is far away."""
+    last, stop = sections.shape[0] - 1, pt.clearance
+    y, v = abs(sections[last, 0] - stop), abs(sections[last, 1])
+    size = max(max(y, v / max(pt.omega, pt.p)), pt.f / (pt.omega * pt.omega + pt.p * pt.p))
+    return size <= _COARSE * abs(stop)
+
+
+@jit
+def is_replayed(flow, y, w, m, size):
+    """Whether a motion repeats after m periods also if it is not rounded at the sections."""
+    end_y, end_w, _ = replay(flow, y, w, m, False)
+    tolerance = TOLERANCE + _ROUNDINGS * abs(flow.pt.clearance) / size[0]
+    return max(abs(end_y - y) / size[0], abs(end_w - w) / size[1]) <= tolerance
+
+
+@inlined
+def is_neutral(pt, kind):
+    """Whether a motion is without any dissipation."""
+    return pt.h == 0.0 and (pt.R == 1.0 or kind == _NO_IMPACT)
+
+
+@jit
+def judge_exact_repetition(flow, sections, sums, m, off, size, found):
+    """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back."""
+    pt, kind = flow.pt, kind_of(sums)
+    y, w = section_state(pt, sections, sections.shape[0] - 1)
+    J, smooth = derivative_over(flow, sections, m)
+    if smooth and not multipliers(J)[0] <= _CLEARLY_UNSTABLE:
+        found.evidence = _UNSTABLE
+        return
+    if not smooth and is_coarse(sections, pt) and not is_replayed(flow, y, w, m, size):
+        return
+    neutral = is_neutral(pt, kind)
+    if smooth and kind == _RESTS and judge(flow, y, w, m, size, found):
+        return
+    if off == 0.0:
+        q = sums.cycle_impacts * m // sums.cycle
+        put_repetition(found, sections, m, off, math.nan, q)
+    elif neutral or not smooth:
+        q = replay(flow, y, w, m, True)[2]
+        put_repetition(found, sections, m, off, 1.0 if neutral else 0.0, q)
+
+
+@jit
+def judge_repetition(flow, sections, kind, m, size, found):
+    """Judge a dissipative motion whose record repeats after m periods, without rests."""
+    y, w = section_state(flow.pt, sections, sections.shape[0] - 1)
+    dy, dw, J, q = correction(flow, y, w, m, size)
+    greatest, _ = multipliers(J)
+    off = max(abs(dy), abs(dw))
+    if kind == _IMPACTS and q > 0 and greatest < _CLEARLY_STABLE and off <= TOLERANCE:
+        put_repetition(found, sections, m, off, greatest, q)
+    else:
+        judge(flow, y, w, m, size, found)
+
+
+@jit
 def find_exact(pt, sections, sums, grid, memory, found):
     """Find the destination of one motion with exact impacts."""
     kind = kind_of(sums)
@@ -166,40 +245,36 @@ def find_exact(pt, sections, sums, grid, memory, found):
     last = sections.shape[0] - 1
     x, v = sections[last, 0], sections[last, 1]
     steady = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
-    free = excess(pt, x, v, steady) < 0.0
+    free = pt.h > 0.0 and excess(pt, x, v, steady) < 0.0
     if not free and put_cycle(found, sections, sums, pt):
         return
     size = size_of(sections, pt)
     flow = flow_of(pt, grid, memory.scratch, memory.passed)
-    free = free or (kind == _NO_IMPACT and stays_free(flow, x, v, steady))
-    if free and pt.h > 0.0:
+    if free or (pt.h > 0.0 and stays_free(flow, x, v, steady)):
         off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
         found.m, found.q, found.x, found.v = 1, 0, steady[0], steady[1]
         found.multiplier, found.distance, found.evidence = free_multiplier(pt), off, _FREE
         return
-    m, off = repetition(sections, size)
-    neutral = pt.h == 0.0 and (pt.R == 1.0 or kind == _NO_IMPACT)
-    y, w = to_dimensionless(x, v, pt.clearance, pt.omega)
-    if neutral or kind == _RESTS:
-        if m > 0:
-            q = impacts_over(flow, y, w, m)
-            put_repetition(found, sections, m, off, 1.0 if neutral else 0.0, q)
-        return
+    y, w = section_state(pt, sections, last)
+    if sums.cycle == 0:
+        sums.cycle = last_return(sections)
+        if sums.cycle > 0:
+            sums.cycle_impacts = replay(flow, y, w, sums.cycle, True)[2]
+    m, off = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt), 0.0
+    if m == 0:
+        m, off = repetition(sections, size)
     units = size[0], size[1] / pt.omega
-    if m > 0:
-        dy, dw, J, q = correction(flow, y, w, m, units)
-        greatest, _ = multipliers(J)
-        off = max(abs(dy), abs(dw))
-        if q >= 0 and greatest < _CLEARLY_STABLE and off <= TOLERANCE:
-            put_repetition(found, sections, m, off, greatest, q)
-            return
-        judge(flow, y, w, m, units, found)
-        return
-    near_repetitions(sections, size, memory.tried)
-    for k in range(TRIED):
-        m = memory.tried[k]
-        if m > 0 and judge(flow, y, w, m, units, found):
-            return
+    neutral = is_neutral(pt, kind)
+    if m > 0 and (off == 0.0 or kind == _RESTS or neutral):
+        judge_exact_repetition(flow, sections, sums, m, off, units, found)
+    elif m > 0:
+        judge_repetition(flow, sections, kind, m, units, found)
+    elif not neutral:
+        near_repetitions(sections, size, memory.tried)
+        for k in range(TRIED):
+            m = memory.tried[k]
+            if m > 0 and judge(flow, y, w, m, units, found):
+                return
 
 
 @jit
@@ -207,10 +282,17 @@ def find_repetition(pt, sections, sums, grid, memory, found):
     """Find after how many periods a record repeats, which is all that other rules show."""
     if kind_of(sums) == _NO_RESULT:
         return
-    if not put_cycle(found, sections, sums, pt):
+    cycle, impacts = sums.cycle, sums.cycle_impacts
+    counted = cycle > 0
+    if not counted:
+        cycle, impacts = last_return(sections), 0
+    m, off = repetition_of_cycle(sections, cycle, impacts, pt), 0.0
+    q = impacts * m // cycle if counted else -1
+    if m == 0:
         m, off = repetition(sections, size_of(sections, pt))
-        if m > 0:
-            put_repetition(found, sections, m, off, math.nan, -1)
+        q = -1
+    if m > 0:
+        put_repetition(found, sections, m, off, math.nan, q)
 
 
 def no_destinations(n: int) -> np.ndarray:

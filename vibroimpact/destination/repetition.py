@@ -93,6 +93,20 @@ def repetition(sections, size):
 
 
 @jit
+def last_return(sections):
+    """Return how many periods before the last section the motion was there to the same bits, or 0.
+
+    At most ``LONGEST_PERIOD`` are looked back.
+    """
+    last = sections.shape[0] - 1
+    x, v = sections[last, 0], sections[last, 1]
+    for k in range(1, min(LONGEST_PERIOD, last) + 1):
+        if sections[last - k, 0] == x and sections[last - k, 1] == v:
+            return k
+    return 0
+
+
+@jit
 def repetition_of_cycle(sections, cycle, impacts, pt):
     """Return after how many periods a motion repeats that came back to the same bits, or 0.
 

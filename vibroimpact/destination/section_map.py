@@ -6,16 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import jit, specialised, widest_vectors
-from vibroimpact.step.contact import IMPACT, KIND, Scratch
+from vibroimpact.jit import inlined, jit, specialised, widest_vectors
+from vibroimpact.step.contact import IMPACT, KIND, Scratch, is_held, pressing
 from vibroimpact.step.propagator import (
     Coefficients,
     Forcing,
     Propagator,
     coefficients_of,
+    from_dimensionless,
     propagator_of,
+    to_dimensionless,
 )
-from vibroimpact.step.scheme import THETA, PhaseGrid
+from vibroimpact.step.scheme import SIN, THETA, PhaseGrid
 from vibroimpact.step.stepper import take_exact_grid_step
 from vibroimpact.step.variational import carry_tangents
 
@@ -85,15 +87,47 @@ def follow(flow, y, w, periods, carrying):
     return Passage(y, w, pair, impacts, np.isfinite(y) and np.isfinite(w))
 
 
+@inlined
+def section_state(pt, sections, k):
+    """Return the state (y, w) at section `k` of a record."""
+    return to_dimensionless(sections[k, 0], sections[k, 1], pt.clearance, pt.omega)
+
+
 @jit
-def impacts_over(flow, y, w, periods):
-    """Count the impacts of a motion, which may rest, over some forcing periods."""
-    events, state, impacts = flow.scratch.events, (y, w, False), 0
+def derivative_over(flow, sections, periods):
+    """Return the derivative of the map of so many periods, and whether the mass does not rest.
+
+    The motion repeats them, so they begin at the last section. Each begins at its section in the
+    record, as in the run: an unstable motion would else leave it. The derivative is that of (y, w),
+    row after row.
+    """
+    a, b, c, d, last = 1.0, 0.0, 0.0, 1.0, sections.shape[0] - 1
+    for k in range(periods):
+        y, w = section_state(flow.pt, sections, last - periods + k if k > 0 else last)
+        end = follow(flow, y, w, 1, True)
+        if not end.smooth or (y == 0.0 and w == 0.0):
+            return (0.0, 0.0, 0.0, 0.0), False
+        yy, wy, yw, ww = end.tangents
+        a, b, c, d = yy * a + yw * c, yy * b + yw * d, wy * a + ww * c, wy * b + ww * d
+    return (a, b, c, d), True
+
+
+@jit
+def replay(flow, y, w, periods, rounding):
+    """Follow a motion, which may rest, for some forcing periods; return y, w and its impacts.
+
+    With `rounding` the state is rounded to (x, v) at the sections, as in a run.
+    """
+    pt, grid, events, impacts = flow.pt, flow.grid, flow.scratch.events, 0
+    resting = y == 0.0 and w == 0.0 and (pressing(grid.table[SIN, 0], pt) > 0.0 or is_held(pt))
     for _ in range(periods):
-        for n in range(flow.grid.size):
-            state, n_events, _ = take_exact_grid_step(
-                0, (flow.eq, flow.propagators), state, flow.grid, n, flow.pt, flow.scratch
+        for n in range(grid.size):
+            (y, w, resting), n_events, _ = take_exact_grid_step(
+                0, (flow.eq, flow.propagators), (y, w, resting), grid, n, pt, flow.scratch
             )
             for j in range(n_events):
                 impacts += events[j, KIND] == IMPACT
-    return impacts
+        if rounding:
+            x, v = from_dimensionless(y, w, pt.clearance, pt.omega)
+            y, w = to_dimensionless(x, v, pt.clearance, pt.omega)
+    return y, w, impacts

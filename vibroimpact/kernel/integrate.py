@@ -23,6 +23,9 @@ from vibroimpact.step.scheme import (
     scheme_of,
 )
 
+#: Significant digits that the motion of a certified point keeps at the sections.
+_FEWEST_DIGITS = 8
+
 
 class Length(NamedTuple):
     """How long a run is, and how much of it is kept."""
@@ -93,7 +96,8 @@ def integrate(
         summed instead of followed; ``max_penetration``; ``rest_fraction``; ``chatters``, the number
         of complete ones; ``near_grazes``; ``status``. The rule ``plain`` has no rests; only
         ``exact`` looks for near grazes. If ``status`` is a failure, the numbers are NaN and the
-        counts 0.
+        counts 0. With ``exact`` it is ``CERTIFIED``, or ``COMPUTED`` where the stop is so far from
+        the rest position that x keeps fewer than 8 digits of the motion at the sections.
 
         With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first. Both are -inf
         after a rest, which erases the past; the second is -inf after an impact with R = 0, because
@@ -164,9 +168,30 @@ def run_points(
         points, scheme, transient, periods, lyapunov, record, interrupt, found, only_find=False,
     )  # fmt: skip
     results = _results(points, periods, record)
+    if scheme.method[0] == EXACT:
+        results["status"][_loses_digits(points, results)] = Status.COMPUTED
     if not lyapunov:
         del results["lyapunov"]
     return results | ({"destination": found} if classes else {})
+
+
+def _loses_digits(points: np.ndarray, results: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Whether certified motions have fewer digits than ``_FEWEST_DIGITS`` after each section.
+
+    There x is rounded, which is coarse for a motion near a stop far from the rest position. The
+    size of the motion is its greatest distance from the stop, or that of a free oscillation if it
+    is larger.
+    """
+    rounding = 0.5 * np.spacing(np.abs(points["clearance"])) * 10.0**_FEWEST_DIGITS
+    with np.errstate(all="ignore"):  # extreme values, whose size is then 0, inf or NaN
+        omega, p = points["omega"], points["p"]
+        size = points["f"] / (omega * omega + 2.0 * points["h"] * omega + p * p)
+    lost = (rounding > size) & (results["status"] == Status.CERTIFIED)
+    rows = np.flatnonzero(lost & (results["rest_fraction"] == 0.0))
+    lost[:] = False
+    apart = np.abs(results["poincare_x"][rows] - points["clearance"][rows, None]).max(axis=1)
+    lost[rows] = rounding[rows] > apart
+    return lost
 
 
 def find_destinations(

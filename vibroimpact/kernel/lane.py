@@ -201,6 +201,7 @@ def skip_cycles(batch, i, periods, only_transient):
         return
     impacts = sums.impacts - marked.impacts
     sums.cycle, sums.cycle_impacts = cycle, impacts
+    sums.cycle_rests = sums.chatters > marked.chatters or sums.rested > marked.rested
     times = (periods - period) // cycle
     if times > 0 and not only_transient:
         sections = record.sections[row]

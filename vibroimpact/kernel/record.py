@@ -28,9 +28,10 @@ SUMS = np.dtype(
         ("growth_2", float),
         ("status", np.int64),
         # Periods after which the motion came back to the same bits, 0 if it did not while it was
-        # recorded, and the impacts in them.
+        # recorded; the impacts in them; and whether there is a rest.
         ("cycle", np.int64),
         ("cycle_impacts", np.int64),
+        ("cycle_rests", np.int64),
     ]
 )
 

@@ -71,31 +71,20 @@ def _destinations(
     found[np.isin(results["status"], _NOWHERE)] = no_destinations(1)
     uncounted = np.flatnonzero(found["q"] < 0)
     last = np.stack([results[f"poincare_{name}"][uncounted, -1] for name in "xv"], axis=1)
-    found["q"][uncounted] = _impacts(
-        spec, points[uncounted], last, found["m"][uncounted],
-        results["impacts_per_period"][uncounted], results["poincare_x"].shape[1], threads,
-    )  # fmt: skip
+    found["q"][uncounted] = _impacts(spec, points[uncounted], last, found["m"][uncounted], threads)
     return found
 
 
 def _impacts(
-    spec: RunSpec,
-    points: np.ndarray,
-    last: np.ndarray,
-    m: np.ndarray,
-    per_period: np.ndarray,
-    periods: int,
-    threads: int | None,
+    spec: RunSpec, points: np.ndarray, last: np.ndarray, m: np.ndarray, threads: int | None
 ) -> np.ndarray:
-    """Count the impacts of motions over one repetition of m periods, with other rules than exact.
+    """Count the impacts of motions over m periods from their `last` section on.
 
-    A record of whole repetitions shows them. Any other motion is followed on from its `last`
-    section.
+    The record may begin before the motion repeats.
     """
-    counted = per_period * m
-    followed = (periods % m != 0) & (per_period > 0.0)
-    for repetition in np.unique(m[followed]).tolist():
-        rows = np.flatnonzero(followed & (m == repetition))
+    counted = np.zeros(points.size)
+    for repetition in np.unique(m).tolist():
+        rows = np.flatnonzero(m == repetition)
         starts = points[rows]
         starts["x0"], starts["v0"] = last[rows].T
         once = integrate(

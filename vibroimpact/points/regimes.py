@@ -4,7 +4,7 @@ The record of a point determines its regime. The first of these rules that appli
 
 1. not computed, failed or unbounded: according to ``status``;
 2. rest: the mass rested on the stop during the record, after a complete chatter or, with R = 0,
-   after an impact, unless it is proved that it has no impact any more. Such a motion may be
+   after an impact, unless it was shown to go to an orbit without rest. Such a motion may be
    periodic, but its number of impacts depends on where a chatter is cut off;
 3. periodic: the periodic orbit is known to which the motion goes (`vibroimpact.destination`);
 4. chaotic: the larger Lyapunov exponent is recorded, and `is_chaotic`;
@@ -49,6 +49,8 @@ UNKNOWN = Regime.UNKNOWN.word
 NO_CLASS = (Regime.CHAOTIC, Regime.UNKNOWN)
 #: The results that determine a regime.
 OF_REGIMES = ("status", "rest_fraction", "period", "class_evidence", "lyapunov")
+#: What shows that a motion goes to an orbit without rest.
+_WITHOUT_REST = (Evidence.FREE, Evidence.CAPTURED, Evidence.FALLING)
 #: Regimes that are classes; of the others the attractor is not known.
 _CLASSIFIED = (Regime.UNBOUNDED, Regime.REST, Regime.PERIODIC, Regime.CHAOTIC)
 
@@ -83,10 +85,10 @@ def has_result(status: np.ndarray) -> np.ndarray:
 def rests(results: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the mask of motions with rest, given ``rest_fraction`` and ``class_evidence``.
 
-    A motion that is proved to have no impact any more does not rest again.
+    A motion that goes to an orbit without rest does not rest again.
     """
     mask: np.ndarray = results["rest_fraction"] > 0.0
-    return mask & (results["class_evidence"] != Evidence.FREE)
+    return mask & ~np.isin(results["class_evidence"], _WITHOUT_REST)
 
 
 def is_chaotic(lyapunov: np.ndarray, omega: np.ndarray, periods: int) -> np.ndarray:

@@ -47,9 +47,10 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
     def goes_on(going: np.ndarray, done: int, results: Results) -> np.ndarray:
         found = results["destination"]
         needed[going] = _needed(found, longest - done)
-        # Whether a motion grows without bound, only the record says.
+        # Whether a motion grows without bound, or loses digits, only the record says.
         status = results["status"]
-        worst[going] = np.maximum(worst[going], np.where(status == Status.UNBOUNDED, 0, status))
+        kept = (status > Status.CERTIFIED) & (status != Status.UNBOUNDED)
+        worst[going] = np.maximum(worst[going], np.where(kept, status, 0))
         on = without_class(found["evidence"], results["status"])
         if "lyapunov" in results:
             periods = results["poincare_x"].shape[1]

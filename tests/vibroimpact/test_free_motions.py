@@ -1,0 +1,112 @@
+"""Motions that have no impact any more: whether one has is decided exactly."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.helpers import naive
+from vibroimpact import integrate
+from vibroimpact.destination.free_motion import first_within
+from vibroimpact.oscillator import POINT
+from vibroimpact.points.compute import compute_points
+from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.status import Evidence
+from vibroimpact.step.scheme import default_steps
+
+
+def found_of(points, transient, periods, phase=0.0, start=0.0):
+    """Return the results of points with their classes, and the steps per period."""
+    steps = default_steps(points, "exact")
+    spec = RunSpec(
+        "exact", "exact", steps, transient, None, periods, phase, start, 0, False, True, None,
+        False, None, (),
+    )  # fmt: skip
+    return compute_points(spec, points, None), steps
+
+
+def weakly_damped(n, low, high, seed):
+    """Return points whose free oscillation has 1/2 to .99 of the clearance as amplitude."""
+    rng, points = np.random.default_rng(seed), np.zeros(n, POINT)
+    points["h"], points["R"] = 10.0 ** rng.uniform(low, high, n), rng.uniform(0.0, 1.0, n)
+    points["omega"], points["p"] = rng.uniform(0.2, 6.0, n), rng.uniform(0.5, 2.0, n)
+    points["f"] = rng.uniform(0.2, 2.0, n)
+    amplitude = points["f"] / np.hypot(
+        points["p"] ** 2 - points["omega"] ** 2, 2.0 * points["h"] * points["omega"]
+    )
+    points["clearance"] = amplitude * rng.uniform(1.01, 2.0, n)
+    points["x0"] = points["clearance"] - amplitude * rng.uniform(0.0, 2.0, n)
+    points["v0"] = rng.normal(size=n) * amplitude * points["omega"]
+    return points
+
+
+def greatest_x(point, phase, x, v):
+    """Return the greatest x of a flight from a section, without a stop, by dense sampling."""
+    osc = naive.oscillator(*(float(point[name]) for name in ("h", "R", "omega", "f", "p")))
+    form = naive.ClosedForm(osc, phase / osc.omega, x, v)
+    amplitude, wave = abs(form.weights[2]), np.abs(form.weights[:2]).sum()
+    spacing, greatest, t = 2.0 * math.pi / (osc.omega + osc.p) / 60.0, -math.inf, form.t0
+    while amplitude + wave * math.exp(-osc.h * (t - form.t0)) > max(greatest, point["clearance"]):
+        now, speed = form(t + spacing * np.arange(20_001))
+        t += 20_000 * spacing
+        k = int(now.argmax())  # a parabola about the highest sample
+        bend = np.gradient(speed, spacing)[k]
+        greatest = max(greatest, now[k] - 0.5 * min(speed[k] ** 2 / bend, 0.0))
+        if greatest > point["clearance"]:
+            break
+    return greatest
+
+
+@pytest.mark.parametrize(("transient", "phase"), [(0, 0.0), (40, 2.0), (1000, 5.0)])
+def test_a_class_without_impacts_is_given_where_no_impact_follows(transient, phase):
+    points = weakly_damped(150, -3.3, -1.0, transient)
+    points["h"][:10] = 1.5 * points["p"][:10]  # does not oscillate
+    out, _ = found_of(points, transient, 33, phase)
+    last = [out[f"poincare_{name}"][:, -1] for name in "xv"]
+    highest = np.array([greatest_x(*row) for row in zip(points, [phase] * 150, *last, strict=True)])
+    stays = highest < points["clearance"]
+    assert np.abs(highest / points["clearance"] - 1.0).min() > 1e-7  # else sampling may be wrong
+    assert 30 < stays.sum() < 120
+    free = (out["period"] == 1) & (out["period_impacts"] == 0)
+    np.testing.assert_array_equal(free, stays)
+    assert (out["class_evidence"][free] == Evidence.FREE).all()
+
+
+def test_motions_damped_over_a_hundred_thousand_periods():
+    """Those with the class 1/0 meet the stop no more, and some others do after a long time."""
+    points, transient, phase = weakly_damped(400, -6.0, -3.5, 3), 300, 1.0
+    out, steps = found_of(points, transient, 33, phase)
+    for name in "xv":
+        points[f"{name}0"] = out[f"poincare_{name}"][:, -1]
+    later = integrate(
+        points, transient=0, periods=20_000, phase=phase, at_section=True, impacts=0,
+        steps_per_period=steps,
+    )  # fmt: skip
+    free = (out["period"] == 1) & (out["period_impacts"] == 0)
+    assert free.sum() > 30 and (out["class_evidence"][free] == Evidence.FREE).all()
+    assert not later["impacts_per_period"][free].any()
+    assert later["impacts_per_period"][out["class_evidence"] <= Evidence.UNREACHED].all()
+
+
+def test_a_motion_that_keeps_meeting_the_stop_is_not_free():
+    """A beat of the weakly damped transient leads to the stop again and again."""
+    point = np.zeros(1, POINT)
+    point["h"], point["R"], point["omega"] = 2.0585597301148978e-05, 0.0, 4.989606812339067
+    point["f"], point["p"] = 0.7275900561147289, 1.226172184144561
+    point["clearance"], point["a"] = 0.06851556136636196, 0.029224972219523544
+    phase, start = 1.1375526169090153, 5.850149461978729
+    out, _ = found_of(point, 1000, 33, phase, start)
+    assert out["period"] == 0 and out["class_evidence"] == Evidence.UNREACHED
+
+
+def test_the_first_multiple_within_an_interval():
+    """Against counting, for steps near fractions and intervals of all sizes."""
+    rng, stack = np.random.default_rng(2), np.zeros((64, 4))
+    for _ in range(2000):
+        step = rng.random() if rng.random() < 0.5 else rng.integers(1, 9) / rng.integers(1, 9)
+        step += rng.choice([0.0, 1e-3, -1e-4]) * rng.random()
+        start, half = rng.uniform(-3.0, 3.0), 10.0 ** rng.uniform(-3.5, -0.2)
+        turns = start + step * np.arange(4000)
+        hits = np.flatnonzero(np.abs(turns - np.rint(turns)) <= half)
+        found = first_within(start, step, half, stack)
+        assert found == hits[0] if hits.size else found >= 4000
