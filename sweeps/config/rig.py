@@ -199,8 +199,12 @@ class RigConfig(ParameterConfig):
         given = Axis.of(typed).values()
         made = np.asarray(quantity.in_model(self.mass, given))
         order = np.argsort(made)
-        nearest = order[np.searchsorted(made[order], value).clip(max=len(made) - 1)]
-        return np.where(made[nearest] == value, given[nearest], converted)[()]
+        after = np.searchsorted(made[order], value).clip(1, max(len(made) - 1, 1))
+        below, above = order[after - 1], order[after.clip(max=len(made) - 1)]
+        nearest = np.where(made[above] - value < value - made[below], above, below)
+        # Ranges of earlier versions were rounded several times.
+        same = np.abs(made[nearest] - value) <= 4.0 * np.spacing(np.abs(value))
+        return np.where(same, given[nearest], converted)[()]
 
 
 def _in_model(name: str, axis: Axis, mass: float) -> Axis:

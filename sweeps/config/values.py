@@ -10,10 +10,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from decimal import Context, Decimal, localcontext
 from enum import Enum
-from itertools import accumulate, repeat
-from operator import mul
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -32,6 +29,7 @@ from pydantic import (
 )
 from pydantic.json_schema import SkipJsonSchema
 
+from sweeps.config.spacing import geometric, linear
 from sweeps.text import nearest, shortest, suggestion
 
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).
@@ -39,10 +37,6 @@ Key = tuple[str | int, ...]
 
 #: Most values along an axis; a longer one is surely a typing error.
 _MOST_VALUES = 10_000_000
-#: Computes the values of a geometric series; after all its products 30 digits are still right.
-_SERIES = Context(prec=40)
-#: Makes powers of ten exact: 1e23 lies halfway between two floating-point numbers.
-_ROUNDED = Context(prec=30)
 
 
 class Elsewhere(Enum):
@@ -167,25 +161,8 @@ class Range(Group):
 
     def values(self) -> np.ndarray:
         """Return the values, shape (num,); the first is exactly `start`, the last `stop`."""
-        if self.spacing == "log":
-            return _geometric(self.start, self.stop, self.num)
-        low, high = sorted((self.start, self.stop))
-        # Rounding may move a value near an end beyond that end.
-        return np.clip(np.linspace(self.start, self.stop, self.num), low, high)
-
-
-def _geometric(start: float, stop: float, num: int) -> np.ndarray:
-    """Return a geometric series between two positive numbers, each value rounded once.
-
-    The powers of NumPy have other bits on other machines; decimal numbers have the same.
-    """
-    with localcontext(_SERIES):
-        first, last = Decimal(str(start)), Decimal(str(stop))
-        ratio = ((last / first).ln() / max(num - 1, 1)).exp()
-        series = accumulate(repeat(ratio, num - 1), mul, initial=first)
-        values = np.fromiter((float(_ROUNDED.plus(value)) for value in series), float, num)
-    values[-1] = stop
-    return values
+        series = geometric if self.spacing == "log" else linear
+        return series(self.start, self.stop, self.num)
 
 
 Values = Annotated[

@@ -1,7 +1,9 @@
 """Configurations: valid ones, and the messages for invalid ones."""
 
+from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -67,6 +69,12 @@ FOLLOWED = {
 
 def configured(*changes, sweep=FOLLOWED):
     return load(sweep, *changes)
+
+
+def linear_values(start, stop, num):
+    """Return the numbers nearest to those of a linear axis of decimal numbers."""
+    first, last = Fraction(repr(start)), Fraction(repr(stop))
+    return np.array([float(first + (last - first) * i / (num - 1)) for i in range(num)])
 
 
 def full_block(config):

@@ -1,6 +1,7 @@
 """The configuration: reading, overriding, writing, and its JSON schema."""
 
 import math
+from decimal import Decimal, localcontext
 from fractions import Fraction
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from sweeps.config.json_schema import json_schema
 from sweeps.config.loading import load_config
 from sweeps.config.values import Range
 from sweeps.errors import ConfigError
-from tests.helpers.configurations import EXAMPLE, load, oscillator_yaml, refusal
+from tests.helpers.configurations import EXAMPLE, linear_values, load, oscillator_yaml, refusal
 from tests.helpers.places import CONFIGS
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.step.integrators import INTEGRATORS
@@ -91,7 +92,7 @@ def test_the_example_is_read_as_written():
     assert (config.method.integrator, config.method.impact) == ("exact", "exact")
     assert config.record.trajectory is False
     assert list(config.sweep.grid.axes) == ["omega"]
-    np.testing.assert_array_equal(config.sweep.grid.axes["omega"], np.linspace(0.8, 4.0, 4096))
+    np.testing.assert_array_equal(config.sweep.grid.axes["omega"], linear_values(0.8, 4.0, 4096))
     assert config.sweep.grid.fixed == {
         "h": 0.1, "R": 0.8, "f": 1.0, "p": 1.0, "clearance": 0.0, "a": 0.0, "x0": 0.0, "v0": 0.0,
     }  # fmt: skip
@@ -149,6 +150,50 @@ def test_a_log_axis_is_rounded_correctly():
             (Fraction(value) + Fraction(math.nextafter(value, end))) / 2 for end in (0.0, math.inf)
         )
         assert low**last <= start ** (last - i) * stop**i <= high**last
+
+
+def test_a_linear_axis_has_the_numbers_that_are_typed():
+    for start, stop, num in ((0.1, 1, 10), (2.4, 3.5, 111), (-0.3, 0.3, 7), (1e-3, 0.2, 200)):
+        text = f"{{start: {start}, stop: {stop}, num: {num}}}"
+        config = load(oscillator_yaml(clearance=text) + "start: {x0: -1}\n")
+        values = config.sweep.grid.axes["clearance"]
+        assert values.tolist() == [float(f"{value:.3g}") for value in values]
+
+
+ENDS = [
+    (-0.3, 0.7),
+    (1 / 3, math.pi),
+    (1e308, -1e308),
+    (0.0, 5e-324),
+    (-1e-300, 1.0),
+    (5.5e17, 2.5),
+]
+
+
+@pytest.mark.parametrize("num", [2, 10, 999, 40_000])
+@pytest.mark.parametrize(("start", "stop"), ENDS)
+def test_a_linear_axis_is_rounded_correctly(start, stop, num):
+    """Few values, and more than are computed one by one; by rational numbers."""
+    values = Range.model_construct(start=start, stop=stop, num=num, spacing="linear").values()
+    assert (values[0], values[-1]) == (start, stop)
+    first, rise = Fraction(repr(start)), Fraction(repr(stop)) - Fraction(repr(start))
+    for i in range(0, num, max(1, num // 97)):
+        assert values[i] == float(first + rise * i / (num - 1))
+
+
+@pytest.mark.parametrize(
+    ("start", "stop"), [(0.3, 7.1), (1e300, 1e-300), (5e-324, 1.0), (1.0, 2.0)]
+)
+def test_many_values_of_a_log_axis_are_rounded_correctly(start, stop):
+    """More values than are computed one by one, by 60 digits."""
+    num = 40_001
+    values = Range(start=start, stop=stop, num=num, spacing="log").values()
+    assert (values[0], values[-1]) == (start, stop)
+    with localcontext(prec=60):
+        first = Decimal(repr(start))
+        growth = (Decimal(repr(stop)) / first).ln() / (num - 1)
+        for i in range(0, num, 401):
+            assert values[i] == float(first * (i * growth).exp())
 
 
 @pytest.mark.parametrize("spacing", ["linear", "log"])

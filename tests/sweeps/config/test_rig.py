@@ -25,7 +25,7 @@ from sweeps.config.values import Range
 from sweeps.explorer.view import View
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import accepted, call, refused
-from tests.helpers.configurations import load, refusal
+from tests.helpers.configurations import linear_values, load, refusal
 from tests.helpers.rigs import (
     DAMPING,
     FORCE,
@@ -54,7 +54,7 @@ SWEPT = ["stiffness", "damping", "force", "frequency", "gap", "base"]
     ("given", "values"),
     [
         ("[0.37, 0.11, 0.9]", [0.37, 0.11, 0.9]),
-        ("{start: 0.1, stop: 0.7, num: 53}", np.linspace(0.1, 0.7, 53)),
+        ("{start: 0.1, stop: 0.7, num: 53}", linear_values(0.1, 0.7, 53)),
         (
             "{start: 0.1, stop: 0.7, num: 53, spacing: log}",
             Range(start=0.1, stop=0.7, num=53, spacing="log").values(),
@@ -104,6 +104,16 @@ def test_names_units_and_numbers_are_those_of_the_rig_or_of_the_model():
     assert of_rig.value("omega", math.tau * 50.0) == pytest.approx(50.0, rel=1e-15)
 
 
+def test_axes_of_earlier_versions_come_back_as_typed():
+    """Their ranges were those of `np.linspace`, an ulp or two beside the numbers typed."""
+    config = load(rig(frequency="{start: 0.1, stop: 2, num: 20}"))
+    old = 2.0 * math.pi * np.linspace(0.1, 2, 20)
+    assert (old != config.sweep.grid.axes["omega"]).any()
+    typed = linear_values(0.1, 2, 20)
+    assert config.rig.in_si("omega", old).tolist() == typed.tolist()
+    assert config.rig.in_si("omega", old[::-1]).tolist() == typed[::-1].tolist()
+
+
 def test_the_axes_are_in_the_order_of_the_keys_and_come_back_from_the_yaml():
     config = load(rig(R="[0.7, 0.8]", frequency=None)[:-2] + f", frequency: {FREQUENCY}}}\n"
                   "start: {x0: [-0.001, 0.0]}\n")  # fmt: skip
@@ -119,7 +129,7 @@ def test_the_axes_are_in_the_order_of_the_keys_and_come_back_from_the_yaml():
 def test_one_number_of_a_range_of_a_rig_is_replaced():
     config = load(rig(), "rig.frequency.num=500", "rig.R=0.5")
     grid = config.sweep.grid
-    assert grid.axes["omega"].tolist() == (2.0 * math.pi * np.linspace(2, 12, 500)).tolist()
+    assert grid.axes["omega"].tolist() == (2.0 * math.pi * linear_values(2, 12, 500)).tolist()
     assert grid.fixed["R"] == 0.5
 
 
@@ -250,7 +260,7 @@ def test_a_sweep_in_si_units_has_the_axes_of_the_rig_and_is_still_read_late(join
         late = "poincare_x", "impulse", "energy_lost"
         assert not any(si.variables[name]._in_memory for name in late)
         assert si["status"].dims == ("frequency",)
-        assert si["frequency"].values.tolist() == np.linspace(22, 41, 39).tolist()
+        assert si["frequency"].values.tolist() == linear_values(22, 41, 39).tolist()
         assert si["omega"].dims == ("frequency",)  # beside it
         assert si["omega"].values.tobytes() == ds["omega"].values.tobytes()
         assert [float(si[name]) for name in ("mass", "gap", "p")] == [MASS, GAP, float(ds["p"])]
@@ -288,7 +298,7 @@ def test_numbers_computed_in_python_are_drawn_over_the_axes_of_the_rig(joint):
         expected = [force.values, MASS * ds["impulse"].values]
     for panel, values in zip(figure.axes[1:], expected, strict=True):
         x, y = panel.lines[0].get_data()
-        assert x.tolist() == np.linspace(22, 41, 39).tolist() and y.tolist() == values.tolist()
+        assert x.tolist() == linear_values(22, 41, 39).tolist() and y.tolist() == values.tolist()
     assert coloured.axes[1].get_xlabel() == r"forcing frequency $\nu$ [Hz]"
 
 
@@ -312,7 +322,7 @@ def test_a_diagram_of_a_rig_is_in_hertz(joint):
     assert below.get_xlabel() == r"forcing frequency $\nu$ [Hz]"
     assert below.get_title(loc="left").endswith("per forcing period $J$ [N s]")
     x, y = panel.lines[0].get_data()
-    frequencies = np.linspace(22, 41, 39)
+    frequencies = linear_values(22, 41, 39)
     assert np.unique(x).tolist() == frequencies.tolist()
     free = x > 38.0  # beyond the fold the force alone moves the mass
     expected = -FORCE * np.imag(np.exp(1.5j) / stiffness_at(x[free]))
@@ -382,7 +392,7 @@ def test_tables_of_a_rig_are_in_si_units(joint):
         "out.csv", "frequency", "mass", "damping", "stiffness", "force", "impulse",
         "energy_lost", "fastest_impact", "impacts_per_period",
     )  # fmt: skip
-    assert nu.tolist() == np.linspace(22, 41, 39).tolist()
+    assert nu.tolist() == linear_values(22, 41, 39).tolist()
     assert [set(one) for one in (m, c, k, force)] == [{MASS}, {DAMPING}, {STIFFNESS}, {FORCE}]
     hits = impacts == 1.0
     assert impulse[hits] == pytest.approx(MASS * (1.0 + R) * speed[hits], rel=1e-9)
@@ -428,7 +438,7 @@ def test_cuts_and_limits_are_those_of_the_axes(joint, unpainted):
 def test_a_rig_is_zoomed_in_hertz(joint, unpainted):
     accepted("zoom", joint, "frequency=34:36")
     with open_sweep("joint-frequency-34-36.h5") as ds:
-        expected = 2.0 * math.pi * np.linspace(34, 36, 39)
+        expected = 2.0 * math.pi * linear_values(34, 36, 39)
         assert ds["omega"].values.tolist() == expected.tolist()
 
 
