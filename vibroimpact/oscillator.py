@@ -12,12 +12,13 @@ files and axis labels all use it.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from numbers import Real
 from typing import Any, Self
 
 import numpy as np
+
+from vibroimpact.inputs import real, refusal, shown
 
 
 @dataclass(frozen=True)
@@ -75,49 +76,18 @@ def checked(name: str, value: object) -> float:
 
 def _number(title: str, value: object, bounds: Parameter) -> float:
     """Return `value` as a float; messages call it by its `title`."""
-    if isinstance(value, bool) or not isinstance(value, Real):
+    given, number = f"{title} = {shown(value)}", real(value)
+    if number is None:
         hint = ""
         if isinstance(value, (np.ndarray, Sequence)) and not isinstance(value, (str, bytes)):
             hint = (
                 "; for many points at once use vibroimpact.integrate, or for a sweep over an axis "
                 "sweeps.run_sweep"
             )
-        raise TypeError(f"{title} must be {bounds.allowed}, not {_short(value)}{hint}")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
+        raise TypeError(refusal(given, bounds.allowed) + hint)
     if not bounds.accepts(number):
-        raise ValueError(f"{title} must be {bounds.allowed}, not {value}")
+        raise ValueError(refusal(given, bounds.allowed))
     return number
-
-
-def checked_integer(name: str, value: object, least: int, most: int) -> int:
-    """Return `value` as an int; ValueError if it is not an integer from `least` to `most`."""
-    if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
-        number = int(value)
-        if least <= number <= most:
-            return number
-    raise ValueError(f"{name} must be an integer from {least:,} to {most:,}, not {_short(value)}")
-
-
-def one_of(name: str, value: object, allowed: Collection[str]) -> str:
-    """Return `value`; ValueError if it is not one of the allowed words."""
-    if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(allowed)}, not {_short(value)}")
-    return value
-
-
-def refuse_other(name: str, value: object, kind: type) -> None:
-    """Raise a TypeError if an argument is not of type `kind`."""
-    if not isinstance(value, kind):
-        raise TypeError(f"{name} must be of the type {kind.__name__}, not {_short(value)}")
-
-
-def _short(value: object) -> str:
-    """Return the repr of a value on one line of at most 60 characters."""
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 @dataclass(frozen=True)
@@ -324,9 +294,9 @@ def refuse_invalid(points: object, beyond_stop: bool) -> None:
     valid.
     """
     if not isinstance(points, np.ndarray) or points.dtype != POINT:
-        raise TypeError(f"points must be an array of the dtype POINT, not {_short(points)}")
+        raise TypeError(refusal(f"points = {shown(points)}", "an array of the dtype POINT"))
     if points.ndim != 1:
-        raise ValueError(f"points must have the shape (n,), not {points.shape}")
+        raise ValueError(refusal(f"points of the shape {points.shape}", "the shape (n,)"))
     for name, parameter in PARAMETERS.items():
         values = points[name]
         wrong, allowed = ~parameter.accepts(values), parameter.allowed
@@ -334,10 +304,8 @@ def refuse_invalid(points: object, beyond_stop: bool) -> None:
             wrong, allowed = values > points["clearance"], "at most the clearance"
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise ValueError(
-                f"points[{row}]: {name} ({parameter.meaning}) must be {allowed}, "
-                f"not {float(values[row])!r}"
-            )
+            given = f"points[{row}]: {name} ({parameter.meaning}) = {float(values[row])!r}"
+            raise ValueError(refusal(given, allowed))
     if not (finite := np.isfinite(with_one_force(points)["f"])).all():
         row = int(np.argmin(finite))
         raise ValueError(f"points[{row}]: {_FORCE} must be a finite number, not inf")

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibroimpact.inputs import FLAG, integer, refuse_other
 from vibroimpact.oscillator import Oscillator
 
 
@@ -87,8 +88,10 @@ def paper_procedure(
     >>> with_procedure.max_penetration < without.max_penetration
     True
     """
-    if min(periods, steps_per_period) < 1:
-        raise ValueError(f"periods = {periods}, steps_per_period = {steps_per_period}: not >= 1")
+    refuse_other("oscillator", oscillator, Oscillator)
+    periods = integer(1).checked("periods", periods)
+    steps_per_period = integer(1).checked("steps_per_period", steps_per_period)
+    procedure = FLAG.checked("procedure", procedure)
     if oscillator.clearance != 0.0:
         raise ValueError(f"the paper's stop is at 0, not at {oscillator.clearance:g}")
     T = oscillator.forcing_period / steps_per_period

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibroimpact.inputs import integer, refuse_other
 from vibroimpact.kernel.integrate import Length, run_points
-from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other, with_one_force
+from vibroimpact.oscillator import Oscillator, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, RELEASE, REST, impulse_and_loss, time_to_release
 from vibroimpact.step.integrators import closed_form
@@ -123,8 +124,8 @@ def simulate(
     ('CERTIFIED', array([1.09758]))
     """
     refuse_other("oscillator", oscillator, Oscillator)
-    periods = checked_integer("periods", periods, 1, MOST_RECORDED)
-    transient = checked_integer("transient", transient, 0, MOST_PERIODS)
+    periods = integer(1, MOST_RECORDED).checked("periods", periods)
+    transient = integer(0, MOST_PERIODS).checked("transient", transient)
     points, interrupt = with_one_force(oscillator.at(x0, v0)), np.zeros(1, np.int64)
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section=True)
     before = Status.PENDING

@@ -11,12 +11,12 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import xarray as xr
 
 from sweeps.analysis.dataset import nomenclature_of
-from sweeps.arguments import Allowed, integer, is_number, require_all
+from sweeps.arguments import require_all
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store import DIRECTION, VARIABLES, open_sweep
-from sweeps.text import shortened
+from vibroimpact.inputs import Allowed, integer, is_number, number, plain, shown
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -62,7 +62,7 @@ ARGUMENTS: Mapping[str, Allowed] = {
     "classes": Allowed(_are_classes, "periods and impacts of classes, as [(1, 1), (3, 3)]"),
     "most": integer(1),
     "kinds": Allowed(_are_names, "names of kinds, as ['flip', 'fold', 'graze']"),
-    "tolerance": Allowed(lambda value: is_number(value) and value > 0.0, "a number > 0"),  # type: ignore[operator]
+    "tolerance": number(lambda value: value > 0.0, "a number > 0"),
     "extensions": integer(0),
     "found": Allowed(_is_found, "the result of sweeps.attractors or sweeps.integrity"),
     "numbers": Allowed(
@@ -95,6 +95,8 @@ def takes_sweep(
             given |= given.pop("options", {})  # of `plot`
             chosen = {name: one for name, one in given.items() if one is not defaults.get(name)}
             require_all(chosen, {**ARGUMENTS, **allowed})
+            if isinstance(at := bound.arguments.get("at"), Mapping):
+                bound.arguments["at"] = {name: plain(value) for name, value in at.items()}
             if not isinstance(sweep, str | Path):
                 _refuse_unfit(sweep)
                 return function(*bound.args, **bound.kwargs)
@@ -110,7 +112,7 @@ def takes_sweep(
 def _refuse_unfit(sweep: object) -> None:
     """Refuse what is no opened sweep, or a part of one that lacks what was in its file."""
     if not isinstance(sweep, xr.Dataset):
-        raise Refused(f"{shortened(repr(sweep))} is no sweep; expected: {_EXPECTED}")
+        raise Refused(f"{shown(sweep)} is no sweep; expected: {_EXPECTED}")
     problem = _problem(sweep)
     if problem:
         raise Refused(f"the Dataset {problem}; expected: {_EXPECTED}")

@@ -20,6 +20,8 @@ import typer
 
 from sweeps.errors import Refused
 from sweeps.text import printable, told_apart
+from vibroimpact import inputs
+from vibroimpact.inputs import is_number, refusal, typed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,13 +31,13 @@ if TYPE_CHECKING:
 
 def integer(option: str, least: int = 1, most: float = math.inf) -> Callable[[object], int]:
     """Return a function that reads the value of an option, and refuses all but such integers."""
+    allowed = inputs.integer(least, most)
 
     def read(value: object) -> int:
-        text = str(value)
-        if not re.fullmatch("-?[0-9]{1,18}", text) or not least <= int(text) <= most:
-            allowed = f">= {least}" if most == math.inf else f"from {least} to {most}"
-            raise Refused(f"{option} {text} is not allowed; expected: an integer {allowed}")
-        return int(text)
+        number = typed(str(value))
+        if not allowed.fits(number):
+            raise Refused(allowed.refusal(f"{option} {value}"))
+        return int(number or 0)
 
     return read
 
@@ -134,12 +136,10 @@ def inches(option: str, text: str | None) -> float | None:
 
 def interval(text: str) -> tuple[float, float] | None:
     """Read LOW:HIGH; return None unless both are finite and LOW is smaller."""
-    low, _, high = text.partition(":")
-    try:
-        ends = float(low), float(high)
-    except ValueError:
+    low, high = (typed(end) for end in text.partition(":")[::2])
+    if low is None or high is None or not low < high:
         return None
-    return ends if ends[0] < ends[1] and math.isfinite(ends[1] - ends[0]) else None
+    return (float(low), float(high)) if math.isfinite(high - low) else None
 
 
 def limits(option: str, text: str | None) -> tuple[float, float] | None:
@@ -190,15 +190,12 @@ def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
     cuts: dict[str, float | str] = {}
     for text in texts or ():
         name, _, value = map(str.strip, text.partition("="))
-        try:
-            cut = value if name == "direction" else float(value)
-        except ValueError:
-            raise Refused(
-                f"--at {text} is not allowed; expected: NAME=VALUE, for example omega=2.5"
-            ) from None
+        number = typed(value)
+        if name != "direction" and not is_number(number):
+            raise Refused(refusal(f"--at {text}", "NAME=VALUE, for example omega=2.5"))
         if name in cuts:
             raise Refused(f"--at {text} is not allowed; {name} was given before")
-        cuts[name] = cut
+        cuts[name] = value if name == "direction" else float(number or 0.0)
     return cuts
 
 
@@ -213,12 +210,10 @@ def several_of(texts: Sequence[str] | None) -> tuple[list[str], dict[str, list[f
             continue
         if name in lists:
             raise Refused(f"--at {text} is not allowed; {name} was given before")
-        try:
-            lists[name] = list(map(float, values.split(",")))
-        except ValueError:
-            raise Refused(
-                f"--at {text} is not allowed; expected: NAME=VALUE,VALUE, as omega=2.5,2.7"
-            ) from None
+        numbers = [typed(value) for value in values.split(",")]
+        if not all(map(is_number, numbers)):
+            raise Refused(refusal(f"--at {text}", "NAME=VALUE,VALUE, as omega=2.5,2.7"))
+        lists[name] = [float(number or 0.0) for number in numbers]
     for name in selection_of(single).keys() & lists.keys():
         raise Refused(f"--at {name} is not allowed twice; give its values in one list")
     return single, lists

@@ -12,6 +12,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Axis, Key, MisplacedError
 from sweeps.grid import TABLE
 from sweeps.text import shortest
+from vibroimpact.inputs import integer
 from vibroimpact.oscillator import POINT, mesh, with_one_force
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import MOST_STEPS, default_steps
@@ -125,7 +126,7 @@ def _chosen_steps(config: SweepConfig, points: np.ndarray) -> int:
         raise MisplacedError(
             ("method", "steps_per_period"),
             f"{steps} are not enough for exact impacts here; "
-            f"expected: an integer from {needed} to {MOST_STEPS}, or null",
+            f"expected: {integer(needed, MOST_STEPS).expected}, or null",
         )
     if not method.allow_unstable:
         _refuse_unstable(method.integrator, steps or needed, points)
@@ -147,7 +148,7 @@ def _refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
         ]
         need = "with no step"
         if least < math.inf:
-            need = f"only from {least:.3g} steps per period on, more than the {MOST_STEPS} allowed,"
+            need = f"only from {least:.3g} steps per period on, of {MOST_STEPS:,} at most,"
         raise MisplacedError(
             ("method", "integrator"),
             f"{integrator} is stable {need} at {there}; expected: {'h > 0, ' if h == 0.0 else ''}"
@@ -157,7 +158,7 @@ def _refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
     raise MisplacedError(
         ("method", "steps_per_period"),
         f"{steps} are not enough for {integrator} to be stable at {there}: p T = {phase:.4g} "
-        f"there must be below {limit:.4g}; expected: an integer from {least:.0f} to {MOST_STEPS}, "
+        f"there must be below {limit:.4g}; expected: {integer(int(least), MOST_STEPS).expected}, "
         "null, or method.allow_unstable: true",
     )
 

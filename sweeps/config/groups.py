@@ -9,7 +9,6 @@ import math
 import sys
 from collections.abc import Collection, Iterator
 from functools import partial
-from numbers import Real
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
@@ -32,13 +31,15 @@ from sweeps.config.values import (
     MisplacedError,
     Number,
     Values,
+    as_integer,
     form,
     integer,
     null,
     one_of,
-    plain_integer,
 )
 from sweeps.text import nearest, shortest, suggestion
+from vibroimpact import inputs
+from vibroimpact.inputs import real, typed
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
@@ -117,10 +118,7 @@ def _is_zero(value: object) -> bool:
         return _is_zero(value.get("start")) and _is_zero(value.get("stop"))
     if isinstance(value, list | tuple):
         return len(value) > 0 and all(map(_is_zero, value))
-    try:
-        return isinstance(value, str | Real) and float(value) == 0.0
-    except (ValueError, OverflowError):  # refused by the check of the value
-        return False
+    return (typed(value) if isinstance(value, str) else real(value)) == 0.0
 
 
 class ParameterConfig(Group):
@@ -195,11 +193,11 @@ class MethodConfig(Group):
     )
     impact: Annotated[str, one_of(IMPACT_RULES)] = choice("rule for impacts", IMPACT_RULES, "exact")
     steps_per_period: Annotated[
-        Annotated[int, Field(ge=4, le=MOST_STEPS), BeforeValidator(plain_integer)] | None,
+        Annotated[int, Field(ge=4, le=MOST_STEPS), BeforeValidator(as_integer)] | None,
         BeforeValidator(null),
     ] = Field(
         None,
-        description=f"time steps per forcing period: an integer from 4 to {MOST_STEPS}, "
+        description=f"time steps per forcing period: {inputs.integer(4, MOST_STEPS).expected}, "
         "or null for as many as the method needs",
     )
     allow_unstable: Annotated[bool, Strict(), BeforeValidator(_truth)] = Field(
@@ -257,23 +255,24 @@ class RecordConfig(Group):
     """Which results of each point are recorded."""
 
     transient: Annotated[
-        Annotated[int, Field(ge=0, le=MOST_PERIODS), BeforeValidator(plain_integer)] | None,
+        Annotated[int, Field(ge=0, le=MOST_PERIODS), BeforeValidator(as_integer)] | None,
         BeforeValidator(_auto),
     ] = Field(
         1000,
         json_schema_extra={
             "anyOf": [{"type": "integer", "minimum": 0, "maximum": MOST_PERIODS}, {"const": "auto"}]
         },
-        description="forcing periods computed before anything is kept: an integer from 0 to "
-        f"{MOST_PERIODS}, or auto for as many as each point needs to reach its orbit",
+        description="forcing periods computed before anything is kept: "
+        f"{inputs.integer(0, MOST_PERIODS).expected}, or auto for as many as each point needs to "
+        "reach its orbit",
     )
     longest: Annotated[
-        Annotated[int, Field(ge=1, le=MOST_PERIODS), BeforeValidator(plain_integer)] | None,
+        Annotated[int, Field(ge=1, le=MOST_PERIODS), BeforeValidator(as_integer)] | None,
         BeforeValidator(null),
     ] = Field(
         None,
-        description=f"with transient: auto, the longest transient: an integer from 1 to "
-        f"{MOST_PERIODS}; null for {LONGEST_TRANSIENT}",
+        description="with transient: auto, the longest transient: "
+        f"{inputs.integer(1, MOST_PERIODS).expected}; null for {LONGEST_TRANSIENT:,}",
     )
     periods: Integer = integer("forcing periods kept, with one section each", 1, MOST_RECORDED, 100)
     phase: Number = phase_field("of the section")
@@ -349,22 +348,39 @@ class FollowConfig(Group):
         return ("up", "down") if self.direction == "both" else (self.direction,)
 
 
+#: With one of these units, xarray converts numbers to differences of dates.
+TIME_UNITS = (
+    "nanoseconds", "microseconds", "milliseconds", "seconds", "minutes", "hours", "days",
+)  # fmt: skip
+
+
+def _no_date(unit: str) -> str:
+    """Refuse a unit with which other programs take numbers for differences of dates."""
+    if unit in TIME_UNITS:
+        raise ValueError("is a unit with which xarray reads numbers as dates")
+    return unit
+
+
 def _unit(quantity: str) -> Any:
     """Return the field of a unit's name."""
     return Field(
         quantity,
         pattern=r"^[^\W\d_]{1,12}$",
-        description=f"name of the unit of {quantity}: a word of at most 12 letters",
-        json_schema_extra={"type": ["string", "boolean", "null"]},  # the words true and null
+        description=f"name of the unit of {quantity}: a word of at most 12 letters, as s and not "
+        "seconds",
+        json_schema_extra={
+            "type": ["string", "boolean", "null"],  # the words true and null
+            "not": {"enum": [*TIME_UNITS]},
+        },
     )
 
 
 class UnitsConfig(Group):
     """Names of the units; no number is converted."""
 
-    length: str = _unit("length")
-    time: str = _unit("time")
-    mass: str = _unit("mass")
+    length: Annotated[str, AfterValidator(_no_date)] = _unit("length")
+    time: Annotated[str, AfterValidator(_no_date)] = _unit("time")
+    mass: Annotated[str, AfterValidator(_no_date)] = _unit("mass")
 
 
 def key_list(group: type[Group]) -> str:

@@ -15,7 +15,7 @@ import yaml
 from pydantic import ValidationError
 
 from sweeps.config.checks import completed
-from sweeps.config.groups import StartConfig, key_list
+from sweeps.config.groups import TIME_UNITS, StartConfig, key_list
 from sweeps.config.messages import (
     conflict_at,
     dotted,
@@ -27,7 +27,7 @@ from sweeps.config.messages import (
 from sweeps.config.points import read_points
 from sweeps.config.rig import made_of_rig
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import Key, MisplacedError, null
+from sweeps.config.values import MOST_VALUES, Key, MisplacedError, null
 from sweeps.errors import ConfigError
 from sweeps.text import shortened, shown_count
 
@@ -47,8 +47,9 @@ def load_config(
     Parameters
     ----------
     source : str, Path or mapping
-        A YAML file, or a mapping with the keys of such a file. In a mapping, NumPy arrays may
-        replace lists, and ``points`` may be a DataFrame or a structured array.
+        A YAML file, or a mapping with the keys of such a file. In a mapping, a list may also be a
+        range, a Series, an Index, a DataArray or an array of NumPy, a number an array without
+        dimensions, and ``points`` a DataFrame or a structured array.
     overrides : sequence of str
         Each is ``dotted.key=value``, with the value in YAML, and replaces or adds one key. The key
         may lie inside a range: ``oscillator.omega.start=2.71``.
@@ -105,10 +106,12 @@ def stored_config(
 
     Columns of the model that were made from those of a rig are left out. Files of earlier versions
     may name ``refine``, by which points were added to their grid, and may have a further column
-    ``phase`` in their table. Both are left out, too.
+    ``phase`` in their table. Both are left out, too, as are names of units that are refused now.
     """
     data, sources = _keys(text, origin)
     data.pop("refine", None)
+    if isinstance(units := data.get("units"), dict):
+        data["units"] = {key: name for key, name in units.items() if name not in TIME_UNITS}
     if points is not None:
         made = made_of_rig(points, data["rig"]) if "rig" in data else set()
         without = {*StartConfig.NUMBERS, *made}
@@ -159,10 +162,14 @@ def _plain(value: Any, level: int = 2) -> Any:
         raise ConfigError(f"the configuration: more than {_DEEPEST} levels are not allowed")
     if isinstance(value, Mapping):
         return {str(name): _plain(item, level + 1) for name, item in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, range) and len(value) > MOST_VALUES:
+        raise ConfigError(f"{value} has too many values; expected: at most {MOST_VALUES:,}")
+    if isinstance(value, (list, tuple, range)):
         return [_plain(item, level + 1) for item in value]
+    if hasattr(value, "dtype") and hasattr(value, "__array__"):  # also of pandas and xarray
+        array = value if isinstance(value, np.ndarray) else np.asarray(value)
+        dates = array.dtype.kind in "mM"  # whose items may be integers
+        return array.astype(str).tolist() if dates else array.tolist()
     return value
 
 

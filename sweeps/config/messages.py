@@ -11,17 +11,11 @@ from sweeps.config.groups import RecordConfig, TrajectoryConfig, key_list
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Group, Key, MisplacedError, Range
 from sweeps.text import nearest, shortened, suggestion
+from vibroimpact import inputs
 
-#: The wording of pydantic's error types for numbers and truth values.
+#: The wording of pydantic's error types.
 _PROBLEMS = {
-    "float_parsing": "is not a number",
-    "float_type": "is not a number",
-    "finite_number": "is not a finite number",
-    "int_type": "is not an integer",
-    "int_parsing": "is not an integer",
-    "int_from_float": "is not an integer",
     "bool_type": "is neither true nor false",
-    "bool_parsing": "is neither true nor false",
 }
 
 
@@ -124,7 +118,8 @@ def shown(value: object) -> str:
     elif isinstance(value, (list, tuple)):
         text = "[" + ", ".join(map(shown, value)) + "]"
     else:
-        text = str(value) or "(nothing)"
+        text = value if isinstance(value, str) else inputs.shown(value)
+        text = text or "(nothing)"
     return shortened(text)
 
 

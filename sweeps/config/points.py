@@ -14,9 +14,10 @@ import numpy as np
 
 from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name
-from sweeps.config.values import Elsewhere, MisplacedError, null, plain_number
+from sweeps.config.values import Elsewhere, MisplacedError, null
 from sweeps.grid import as_table
 from sweeps.text import nearest, printable, shortened, suggestion
+from vibroimpact.inputs import real, typed
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 #: Longest header of a table; a file without line breaks would be read as a whole.
@@ -272,7 +273,5 @@ def _is_plain(cell: Any) -> bool:
 
 def _number(cell: Any) -> float:
     """Return the number in a cell, or NaN if the cell is not a number."""
-    try:
-        return float(plain_number(cell)) if _is_plain(cell) else math.nan  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        return math.nan
+    number = typed(cell) if isinstance(cell, str) else real(cell)
+    return math.nan if number is None or not _is_plain(cell) else float(number)

@@ -29,7 +29,7 @@ from sweeps.config.values import (
     Number,
     Range,
     Values,
-    distinct,
+    ordered,
 )
 from sweeps.text import shortest
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -150,7 +150,7 @@ class RigConfig(ParameterConfig):
             raise ValueError(f"{contains}is not a finite number in the units of the model")
         refuse_out_of_bounds(made, PARAMETERS[name])
         if isinstance(value, tuple):
-            distinct(tuple(made.values().tolist()))
+            ordered(tuple(made.values().tolist()))
         return value
 
     def axes(self) -> dict[str, Axis]:

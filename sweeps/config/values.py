@@ -5,12 +5,12 @@ An `Axis` holds the values of a parameter that was given in any of the first thr
 
 from __future__ import annotations
 
-import contextlib
 import math
 import re
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from enum import Enum
+from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -31,12 +31,14 @@ from pydantic.json_schema import SkipJsonSchema
 
 from sweeps.config.spacing import geometric, linear
 from sweeps.text import nearest, shortest, suggestion
+from vibroimpact import inputs
+from vibroimpact.inputs import is_number, real, typed
 
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).
 Key = tuple[str | int, ...]
 
 #: Most values along an axis; a longer one is surely a typing error.
-_MOST_VALUES = 10_000_000
+MOST_VALUES = 10_000_000
 
 
 class Elsewhere(Enum):
@@ -54,32 +56,43 @@ class MisplacedError(ValueError):
         self.key = key
 
 
-def plain_number(value: object) -> object:
-    """Refuse values that Python accepts as numbers but YAML users do not mean: 1_0, ١, True."""
-    text = value if isinstance(value, str) else ""
-    if isinstance(value, bool) or "_" in text or not text.isascii():
-        raise ValueError("is not a number")
-    if re.fullmatch(r"[+-]?\d*,\d+", text):
+def _meant(value: object) -> float | None:
+    """Return the number that a value is or a text means, None if it is none."""
+    if isinstance(value, str) and re.fullmatch(r"[+-]?\d*,\d+", value):
         raise ValueError("has a decimal comma; a number has a decimal point, no comma")
-    return value
+    return typed(value) if isinstance(value, str) else real(value)
 
 
-def plain_integer(value: object) -> object:
-    """Refuse the same values as `plain_number`, and let pydantic accept 1e3 as an integer."""
-    value = plain_number(value)
-    with contextlib.suppress(ValueError):
-        return float(value) if isinstance(value, str) else value
-    return value
+def as_number(value: object) -> float:
+    """Return a value, or what a text means, as a float; ValueError if it is no finite number."""
+    number = _meant(value)
+    if number is None:
+        raise ValueError("is not a number")
+    if not is_number(number):
+        raise ValueError("is not a finite number")
+    return float(number)
 
 
-def distinct(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Refuse an empty list, and a list with a repeated value."""
+def as_integer(value: object) -> int:
+    """Return a value, or what a text means, as an integer; 1e3 is one, too."""
+    number = _meant(value)
+    if number is None or not float(number).is_integer():
+        raise ValueError("is not an integer")
+    return int(number)
+
+
+def ordered(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the values of an axis, sorted unless they decrease; refuse none, and repeated ones.
+
+    Pictures, and xarray's choice of the nearest value, need an axis in order.
+    """
     if not values:
         raise ValueError("is empty")
-    if len(set(values)) < len(values):
-        twice = next(value for value in values if values.count(value) > 1)
-        raise ValueError(f"has the value {shortest(twice)} twice")
-    return values
+    rising = sorted(values)
+    for low, high in pairwise(rising):
+        if low == high:
+            raise ValueError(f"has the value {shortest(low)} twice")
+    return values if list(values) == rising[::-1] else tuple(rising)
 
 
 def null(value: object) -> object:
@@ -109,7 +122,7 @@ def one_of(table: Collection[str]) -> AfterValidator:
 
 def integer(meaning: str, low: int, high: int, default: Any = ...) -> Any:
     """Return a field for an integer from `low` to `high`; without a default it is required."""
-    text = f"{meaning}: an integer from {low} to {high}"
+    text = f"{meaning}: {inputs.integer(low, high).expected}"
     return Field(default, ge=low, le=high, description=text)
 
 
@@ -135,8 +148,8 @@ class Group(BaseModel):
             yield name, getattr(self, name)
 
 
-Number = Annotated[float, Field(allow_inf_nan=False), BeforeValidator(plain_number)]
-Integer = Annotated[int, BeforeValidator(plain_integer)]
+Number = Annotated[float, BeforeValidator(as_number)]
+Integer = Annotated[int, BeforeValidator(as_integer)]
 
 
 class Range(Group):
@@ -144,7 +157,7 @@ class Range(Group):
 
     start: Number = Field(description="first value: a finite number")
     stop: Number = Field(description="last value, included: a finite number")
-    num: Integer = integer("number of values", 1, _MOST_VALUES)
+    num: Integer = integer("number of values", 1, MOST_VALUES)
     spacing: Literal["linear", "log"] = Field("linear", description="spacing: linear or log")
 
     @model_validator(mode="after")
@@ -170,7 +183,7 @@ Values = Annotated[
     | Annotated[
         tuple[Number, ...],
         # min_length would count only the valid items.
-        AfterValidator(distinct),
+        AfterValidator(ordered),
         Field(json_schema_extra={"minItems": 1}),
         Tag("<list>"),
     ]

@@ -13,7 +13,7 @@ import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from sweeps.arguments import FLAG, PATH, Allowed, integer, require_all
+from sweeps.arguments import PATH, require_all
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.cluster import computer_for, is_client
@@ -25,6 +25,7 @@ from sweeps.interrupts import check, raised_by_check
 from sweeps.reports.run import plan
 from sweeps.store import Schema, only_writer, sweep_writer
 from sweeps.text import printable
+from vibroimpact.inputs import FLAG, Allowed, integer
 from vibroimpact.jit import ALL_THREADS, NUMERICS, watched
 
 if TYPE_CHECKING:

@@ -52,10 +52,11 @@ def explore(
     True
     >>> page.close()
     """
-    from sweeps.arguments import Allowed, integer, is_path, require
+    from sweeps.arguments import is_path, require
     from sweeps.config.loading import load_config
     from sweeps.config.sweep import SweepConfig
     from sweeps.errors import Refused
+    from vibroimpact.inputs import Allowed, integer
 
     require("port", port, integer(0, 65535))
     existing = Allowed(lambda value: is_path(value) and Path(value).is_dir(), "an existing folder")  # type: ignore[arg-type]

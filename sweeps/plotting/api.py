@@ -14,7 +14,7 @@ from sweeps.analysis.attractor_table import parameter_axes
 from sweeps.analysis.cuts import Selection, swept_axes
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import START_AXES
-from sweeps.arguments import PATH, TEXT
+from sweeps.arguments import PATH
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.plotting.attractors import attractor_diagram, basins
@@ -30,6 +30,7 @@ from sweeps.plotting.styled import ARGUMENTS
 from sweeps.plotting.table import table_panels
 from sweeps.store import DIRECTION
 from sweeps.text import choice_of, listed, nearest, suggestion
+from vibroimpact.inputs import TEXT
 
 
 class Kind(NamedTuple):

@@ -84,7 +84,7 @@ class Picture(Figure):
         """Put a title above the panels; refuse one that matplotlib cannot draw."""
         try:
             self.make_room(self.suptitle(text, wrap=True))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, RecursionError):
             raise Refused(
                 f"title = {shortened(repr(text))} is not allowed; expected: a text with formulas "
                 f"between $ and $, and \\$ for the sign, but matplotlib cannot draw it"

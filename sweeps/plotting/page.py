@@ -9,9 +9,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
-from sweeps.arguments import FLAG, TEXT, Allowed, integer, is_number, require_all
+from sweeps.arguments import require_all
 from sweeps.errors import Refused
 from sweeps.plotting.pixels import widened
+from vibroimpact.inputs import FLAG, TEXT, Allowed, integer, is_number, number
 
 
 @dataclass(frozen=True)
@@ -106,10 +107,7 @@ class Page:
 
 #: Least and greatest width and height of a picture [inch].
 LEAST, MOST = 1.0, 40.0
-_LENGTH = Allowed(
-    lambda value: is_number(value) and LEAST <= value <= MOST,  # type: ignore[operator]
-    f"inches, from {LEAST:g} to {MOST:g}",
-)
+_LENGTH = number(lambda inches: LEAST <= inches <= MOST, f"inches, from {LEAST:g} to {MOST:g}")
 _LIMITS = Allowed(
     lambda value: (
         isinstance(value, Sequence)

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.rig import arguments_in_si
-from sweeps.arguments import TEXT, Allowed, integer
 from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import user_style
+from vibroimpact.inputs import TEXT, Allowed, integer
 from vibroimpact.step.scheme import MOST_RECORDED
 
 #: Docstring of the common parameters; `styled` appends it to the docstring of each picture.

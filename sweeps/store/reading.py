@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from sweeps.arguments import FLAG, PATH, require
+from sweeps.arguments import PATH, require
 from sweeps.errors import StoreError
 from sweeps.store.file import check_file, open_unchanged, opened
 from sweeps.store.parts import Parts
@@ -24,6 +24,7 @@ from sweeps.store.paths import (
     refuse_parts,
 )
 from sweeps.store.schema import schema_in
+from vibroimpact.inputs import FLAG
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:

@@ -361,8 +361,8 @@ def test_feigenbaums_ratio_after_seven_further_flips():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("x0", 0.0, 1.0), "parameter must be one of h, R"),
-        (("R", 0.5, 1.5), "R .coefficient of restitution. must be"),
+        (("x0", 0.0, 1.0), "parameter = 'x0' is not allowed; expected: one of h, R"),
+        (("R", 0.5, 1.5), "R .coefficient of restitution. = 1.5 is not"),
         (("omega", 3.0, 2.0), "must increase"),
         (("omega", 2.5, 3.0), "outside 2.5 to 3.0"),
     ],

@@ -37,14 +37,16 @@ def test_out_of_range_is_refused_with_key_value_and_range(name, value, allowed):
     message = str(refusal.value)
     assert message.startswith(f"{name} ({PARAMETERS[name].meaning})")
     assert allowed in message
-    assert str(value) in message
+    assert str(value)[:60] in message and len(message) < 200
 
 
 @pytest.mark.parametrize("name", GOOD)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_refused(name, value):
     """NaN and the infinities are valid nowhere."""
-    with pytest.raises(ValueError, match=rf"^{name} \(.*must be a .*number.* not {value}"):
+    with pytest.raises(
+        ValueError, match=rf"^{name} \(.* = {value} is not allowed; expected: a .*number"
+    ):
         Oscillator(**GOOD | {name: value})
 
 
@@ -146,7 +148,9 @@ def test_a_rig_and_back():
 )  # fmt: skip
 def test_a_rig_that_cannot_be(name, value):
     """The message has the word of the rig, with its unit, and not that of the oscillator."""
-    with pytest.raises(ValueError, match=rf"^{name} [\[(].*must be a .*, not {value}"):
+    with pytest.raises(
+        ValueError, match=rf"^{name} [\[(].* = {value} is not allowed; expected: a "
+    ):
         Oscillator.from_rig(**RIG | {name: value})
     with pytest.raises(TypeError, match=rf"^{name} "):
         Oscillator.from_rig(**RIG | {name: "1"})

@@ -257,10 +257,10 @@ def test_a_motion_of_endless_impacts_is_not_followed():
     [
         ((0.1, 0.0), "beyond the stop"),
         ((math.nan, 0.0), "finite"),
-        ((-0.1, 0.0, 0), "m must be an integer from 1 to 32,768, not 0"),
-        ((-0.1, 0.0, True), "m must be an integer from 1 to 32,768, not True"),
-        ((-0.1, 0.0, 10**12), "m must be an integer from 1 to 32,768"),
-        ((-0.1, 0.0, 1, "0"), "phase must be a number from 0 to below 2 pi, not '0'"),
+        ((-0.1, 0.0, 0), "m = 0 is not allowed; expected: an integer from 1 to 32,768"),
+        ((-0.1, 0.0, True), "m = True is not allowed; expected: an integer from 1 to 32,768"),
+        ((-0.1, 0.0, 10**12), "m = .* is not allowed; expected: an integer from 1 to 32,768"),
+        ((-0.1, 0.0, 1, "0"), "phase = '0' is not allowed; expected: a number >= 0 and < 2 pi"),
     ],
 )
 def test_bad_arguments_are_refused(arguments, said):

@@ -121,21 +121,42 @@ def test_an_approach_on_the_stop_at_the_start_is_an_impact_at_once(truth, rule):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"periods": 0}, "periods must be an integer from 1 to 1,000,000, not 0"),
-        ({"periods": 2.5}, "periods must be an integer from 1 to 1,000,000, not 2.5"),
-        ({"periods": True}, "periods must be an integer from 1 to 1,000,000, not True"),
-        ({"steps_per_period": 0}, "steps_per_period must be an integer from 1 to 1,000,000, not 0"),
-        ({"steps_per_period": "9"}, "steps_per_period must be an integer from 1 to .*, not '9'"),
-        ({"integrator": "rk5"}, f"integrator must be one of {', '.join(INTEGRATORS)}, not 'rk5'"),
-        ({"impact": "soft"}, "impact must be one of plain, reduced-step, cubic, exact, not 'soft'"),
+        ({"periods": 0}, "periods = 0 is not allowed; expected: an integer from 1 to 1,000,000"),
+        (
+            {"periods": 2.5},
+            "periods = 2.5 is not allowed; expected: an integer from 1 to 1,000,000",
+        ),
+        (
+            {"periods": True},
+            "periods = True is not allowed; expected: an integer from 1 to 1,000,000",
+        ),
+        (
+            {"steps_per_period": 0},
+            "steps_per_period = 0 is not allowed; expected: an integer from 1 to 1,000,000",
+        ),
+        (
+            {"steps_per_period": "9"},
+            "steps_per_period = '9' is not allowed; expected: an integer from 1 to .*",
+        ),
+        (
+            {"integrator": "rk5"},
+            f"integrator = 'rk5' is not allowed; expected: one of {', '.join(INTEGRATORS)}",
+        ),
+        (
+            {"impact": "soft"},
+            "impact = 'soft' is not allowed; expected: one of plain, reduced-step, cubic, exact",
+        ),
         ({"integrator": "rk4"}, "impact 'exact' needs the integrator 'exact', not 'rk4'"),
-        ({"steps_per_period": 14}, "must be >= 15 for exact impacts here, not 14"),
-        ({"phase": 7.0}, "phase must be a number from 0 to below 2 pi, not 7.0"),
-        ({"phase": -0.1}, "phase must be a number from 0 to below 2 pi, not -0.1"),
-        ({"transient": -1}, "transient must be an integer from 0 to .*, not -1"),
-        ({"transient": 1.5}, "transient must be an integer from 0 to .*, not 1.5"),
+        (
+            {"steps_per_period": 14},
+            "= 14 is not allowed; expected: an integer from 15 to 1,000,000 for exact",
+        ),
+        ({"phase": 7.0}, "phase = 7.0 is not allowed; expected: a number >= 0 and < 2 pi"),
+        ({"phase": -0.1}, "phase = -0.1 is not allowed; expected: a number >= 0 and < 2 pi"),
+        ({"transient": -1}, "transient = -1 is not allowed; expected: an integer from 0 to .*"),
+        ({"transient": 1.5}, "transient = 1.5 is not allowed; expected: an integer from 0 to .*"),
         ({"x0": 0.1}, "x0 = 0.1 lies beyond the stop"),
-        ({"v0": math.nan}, "v0 .* must be a finite number, not nan"),
+        ({"v0": math.nan}, "v0 .* = nan is not allowed; expected: a finite number"),
     ],
 )
 def test_a_wrong_argument_is_refused_with_its_name(change, words):

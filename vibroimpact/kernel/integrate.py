@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.destination.find import no_destinations
+from vibroimpact.inputs import FLAG, integer
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.growth import grows
 from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.run import KernelJob, lanes_per_thread, run_on_threads
-from vibroimpact.oscillator import checked_integer, refuse_invalid, with_one_force
+from vibroimpact.oscillator import refuse_invalid, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import impulse_and_loss
 from vibroimpact.step.scheme import (
@@ -125,12 +126,14 @@ def integrate(
            [-0.3891, -0.3891],
            [-0.1716, -0.4215]])
     """
+    at_section = FLAG.checked("at_section", at_section)
+    lyapunov = FLAG.checked("lyapunov", lyapunov)
     refuse_invalid(points, beyond_stop=at_section and impact == "plain")
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section, start)
     if lyapunov and scheme.method[0] != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
     length = Length(transient, periods, impacts)
-    results = run_points(points, scheme, length, bool(lyapunov), threads, np.zeros(1, np.int64))
+    results = run_points(points, scheme, length, lyapunov, threads, np.zeros(1, np.int64))
     del results["begun"]
     return results
 
@@ -152,11 +155,11 @@ def run_points(
     NaN and the status ``PENDING``.
     """
     points = with_one_force(points)
-    transient = checked_integer("transient", length.transient, 0, MOST_PERIODS)
-    periods = checked_integer("periods", length.periods, 1, MOST_RECORDED)
-    impacts = checked_integer("impacts", length.impacts, 0, MOST_RECORDED)
+    transient = integer(0, MOST_PERIODS).checked("transient", length.transient)
+    periods = integer(1, MOST_RECORDED).checked("periods", length.periods)
+    impacts = integer(0, MOST_RECORDED).checked("impacts", length.impacts)
     threads = (
-        ALL_THREADS if threads is None else checked_integer("threads", threads, 1, MOST_RECORDED)
+        ALL_THREADS if threads is None else integer(1, MOST_RECORDED).checked("threads", threads)
     )
     n, found = points.size, no_destinations(points.size if classes else 0)
     sums = np.zeros(n, dtype=SUMS)

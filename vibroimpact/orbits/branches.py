@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from vibroimpact.inputs import refuse_other
 from vibroimpact.orbits.family import (
     NEARBY_DISTANCE,
     ArclengthStep,
@@ -34,7 +35,7 @@ from vibroimpact.orbits.orbit import (
 )
 from vibroimpact.orbits.paths import Path, SpecialPoint, both_ways, one_way
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
-from vibroimpact.oscillator import PARAMETERS, Oscillator, refuse_other
+from vibroimpact.oscillator import PARAMETERS, Oscillator
 
 #: Number of values of the parameter at which the free oscillation is checked.
 _FREE_VALUES = 201
@@ -84,6 +85,18 @@ class Branch:
     speeds: np.ndarray
     special: list[SpecialPoint]
     oscillator: Oscillator
+
+    def __repr__(self) -> str:
+        ends = self.values[[0, -1]].reshape(2, -1).T
+        along = [
+            f"{name} {first:.6g} to {last:.6g}"
+            for name, (first, last) in zip(self.parameters, ends.tolist(), strict=True)
+        ]
+        what = f"{self.kind} of {self.m}/{self.q}" if self.kind else f"{self.m}/{self.q}"
+        special = [f"{one.kind} at {np.round(one.value, 6).tolist()}" for one in self.special[:6]]
+        more = len(self.special) - len(special)
+        parts = [f"{len(self.values)} points", *along, *special, *[f"{more} more"] * (more > 0)]
+        return f"<Branch {what}: {', '.join(parts)}>"
 
     def oscillator_at(self, value: Any) -> Oscillator:
         """Return the oscillator at a value of the parameter, or at two values of a curve.

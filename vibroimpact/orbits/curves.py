@@ -10,13 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vibroimpact.inputs import one_of, refuse_other
 from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of
 from vibroimpact.orbits.paths import both_ways
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.orbits.unknowns import speeds
-from vibroimpact.oscillator import one_of, refuse_other
 
 #: The kinds of curves.
 KINDS = tuple(filter(None, CONDITIONS))
@@ -75,7 +75,7 @@ def bifurcation_curve(
     """
     refuse_other("orbit", orbit, PeriodicOrbit)
     refuse_long(orbit.oscillator, orbit.m, orbit.q)
-    one_of("kind", kind, KINDS)
+    one_of(KINDS).checked("kind", kind)
     ranges: tuple[object, object] = (first, second)
     for bounds in ranges:
         if not isinstance(bounds, (tuple, list)) or len(bounds) != 3:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibroimpact.inputs import one_of
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, System, determinant
@@ -25,7 +26,7 @@ from vibroimpact.orbits.orbit import (
     units_over,
 )
 from vibroimpact.orbits.unknowns import free, inner, phases, speeds, unknowns
-from vibroimpact.oscillator import PARAMETERS, Oscillator, one_of
+from vibroimpact.oscillator import PARAMETERS, Oscillator
 
 #: The condition that all orbits of a family meet: none, or a bifurcation.
 CONDITIONS = {"": NONE, "flip": FLIP, "fold": FOLD, "graze": GRAZE}
@@ -61,7 +62,7 @@ class ContinuationParameter:
     @classmethod
     def of(cls, osc: Oscillator, name: str, low: float, high: float) -> ContinuationParameter:
         """Check a range; TypeError or ValueError if the parameter or the range is not valid."""
-        one_of("parameter", name, NAMES)
+        one_of(NAMES).checked("parameter", name)
         for value in (low, high):
             replace(osc, **{name: value})
         if not low < high:

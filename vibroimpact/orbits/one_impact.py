@@ -40,10 +40,11 @@ from fractions import Fraction
 
 import numpy as np
 
+from vibroimpact.inputs import integer, refuse_other
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
-from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other, with_one_force
+from vibroimpact.oscillator import Oscillator, with_one_force
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
 
 _EPS = float(np.finfo(float).eps)
@@ -159,7 +160,7 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[PeriodicOrbit, ...]:
     [([1.09758], True)]
     """
     refuse_other("osc", osc, Oscillator)
-    n = checked_integer("n", n, 1, MOST_ORBIT_STEPS)
+    n = integer(1, MOST_ORBIT_STEPS).checked("n", n)
     refuse_long(osc, n, 1)
     try:
         with np.errstate(divide="raise", over="raise", invalid="raise"):

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from vibroimpact.inputs import integer, refuse_other
 from vibroimpact.orbits.calls import correct
 from vibroimpact.orbits.ends import is_orbit
 from vibroimpact.orbits.family import Inadmissible, OrbitFamily
@@ -21,7 +22,7 @@ from vibroimpact.orbits.orbit import (
     linearised,
 )
 from vibroimpact.orbits.unknowns import impacts
-from vibroimpact.oscillator import Oscillator, checked, checked_integer, refuse_other
+from vibroimpact.oscillator import Oscillator, checked
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, REST
 from vibroimpact.step.recorder import trace
@@ -106,7 +107,7 @@ def periodic_orbit(
     (1, 1, array([1.09758]), True)
     """
     refuse_other("osc", osc, Oscillator)
-    m = checked_integer("m", m, 1, MOST_ORBIT_STEPS)
+    m = integer(1, MOST_ORBIT_STEPS).checked("m", m)
     refuse_long(osc, m, 0)
     state = checked("x0", x), checked("v0", v)
     if state[0] > osc.clearance:

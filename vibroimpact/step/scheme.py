@@ -15,13 +15,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
 
+from vibroimpact.inputs import PHASE, integer, one_of, refusal
 from vibroimpact.jit import compiled, jit
-from vibroimpact.oscillator import checked_integer, one_of
 from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
@@ -127,7 +126,7 @@ def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") ->
     if not steps <= MOST_STEPS:
         raise ValueError(
             f"exact impacts would need {steps:.3g} steps per forcing period here, expected: "
-            f"at most {MOST_STEPS}; omega is too small against p and h"
+            f"at most {MOST_STEPS:,}; omega is too small against p and h"
         )
     return int(steps)
 
@@ -154,31 +153,22 @@ def scheme_of(
     A ValueError says which name is unknown, which number is out of range, that the impact rule does
     not work with the integrator, or that the rule ``exact`` needs more steps.
     """
-    first, start = _phase("phase", phase), _phase("start", start)
-    one_of("integrator", integrator, INTEGRATORS)
-    one_of("impact", impact, IMPACT_RULES)
+    first, start = (float(PHASE.checked(*item)) for item in (("phase", phase), ("start", start)))
+    one_of(INTEGRATORS).checked("integrator", integrator)
+    one_of(IMPACT_RULES).checked("impact", impact)
     if impact == "exact" and integrator != "exact":
         raise ValueError(f"impact 'exact' needs the integrator 'exact', not {integrator!r}")
     steps = steps_per_period
     if steps is not None:
-        steps = checked_integer("steps_per_period", steps, 1, MOST_STEPS)
+        steps = integer(1, MOST_STEPS).checked("steps_per_period", steps)
     if steps is None or impact == "exact":
         least = default_steps(points, impact, integrator)
         steps = least if steps is None else steps
         if impact == "exact" and steps < least:
-            raise ValueError(
-                f"steps_per_period must be >= {least} for exact impacts here, not {steps}"
-            )
+            allowed = integer(least, MOST_STEPS).expected
+            raise ValueError(refusal(f"steps_per_period = {steps}", f"{allowed} for exact impacts"))
     return Scheme(
         (IMPACT_RULES[impact].code, INTEGRATORS[integrator].code),
         lead_in(first if at_section else start, first, steps),
         one_period(first, steps),
     )
-
-
-def _phase(name: str, phase: object) -> float:
-    """Return a phase as a float; ValueError if it is not valid."""
-    if not isinstance(phase, bool) and isinstance(phase, Real):
-        if phase < 2.0 * math.pi and not phase < 0.0:
-            return float(phase)
-    raise ValueError(f"{name} must be a number from 0 to below 2 pi, not {phase!r}")

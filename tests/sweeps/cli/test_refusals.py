@@ -100,7 +100,7 @@ def test_more_than_the_disk_holds(monkeypatch, dry):
         ("plot a.h5 --exact --most 1.5", "--most 1.5 is not allowed; expected: an integer >= 1"),
         (
             "explore --port 65536",
-            "--port 65536 is not allowed; expected: an integer from 0 to 65535",
+            "--port 65536 is not allowed; expected: an integer from 0 to 65,535",
         ),
         ("export a.h5", "missing option '-o' / '--output'; vibroimpact export --help"),
         ("init a b", "(b); vibroimpact init --help shows what is allowed"),

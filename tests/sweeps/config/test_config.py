@@ -209,7 +209,8 @@ def test_no_value_of_a_range_is_rounded_out_of_it(spacing):
     [
         ("0.3", (0.3, 0.3, 0.3), False, [0.3]),
         ("[0.3]", (0.3, 0.3, 0.3), True, [0.3]),
-        ("[0.5, 0.7, 0.25]", (0.5, 0.25, 0.7), True, [0.5, 0.7, 0.25]),
+        ("[0.5, 0.7, 0.25]", (0.25, 0.25, 0.7), True, [0.25, 0.5, 0.7]),
+        ("[0.7, 0.5, 0.25]", (0.7, 0.25, 0.7), True, [0.7, 0.5, 0.25]),
         ("{start: 1, stop: 0, num: 3}", (1.0, 0.0, 1.0), True, [1.0, 0.5, 0.0]),
         ("{start: 1, stop: 1, num: 1}", (1.0, 1.0, 1.0), True, [1.0]),
     ],
@@ -292,7 +293,7 @@ def test_the_steps_are_those_of_the_worst_point(values, method, steps):
           "expected: integrator exact, or one of the impact rules plain, reduced-step, cubic"]),
         ("method: {steps_per_period: 7}",
          ["line 2: method.steps_per_period: 7 are not enough for exact impacts here",
-          "an integer from 8 to 1000000, or null"]),
+          "an integer from 8 to 1,000,000, or null"]),
         ("method: {impact: cubic}\nrecord: {diagnostics: [period, lyapunov]}",
          ["line 3: record.diagnostics: lyapunov needs the impact rule exact, not cubic"]),
         ("record: {diagnostics: [perod]}",
@@ -319,7 +320,7 @@ def test_settings_that_do_not_go_together(lines, parts):
         ({"h": "0.5", "omega": "0.5"}, "integrator: rk4, steps_per_period: 4",
          ["line 3: method.steps_per_period: 4 are not enough for rk4 to be stable at "
           "h = 0.5, p = 1, omega = 0.5: p T = 3.142 there must be below 2.623",
-          "an integer from 5 to 1000000, null, or method.allow_unstable: true"]),
+          "an integer from 5 to 1,000,000, null, or method.allow_unstable: true"]),
         # At neither end of h; the longest step is that of the least omega.
         ({"h": "[0, 0.54, 1]", "omega": "[1, 0.05]"}, "integrator: rk4, steps_per_period: 47",
          ["h = 0.54, p = 1, omega = 0.05: p T = 2.674 there must be below 2.616", "from 49 to"]),
@@ -334,7 +335,7 @@ def test_settings_that_do_not_go_together(lines, parts):
         ({"h": "[1, 0]"}, "integrator: euler",
          ["line 3: method.integrator: euler is stable with no step"]),
         ({"h": "1e-7"}, "integrator: euler",
-         ["euler is stable only from 1.57e+07 steps per period on, more than the 1000000 allowed, "
+         ["euler is stable only from 1.57e+07 steps per period on, of 1,000,000 at most, "
           "at h = 1e-07, p = 1, omega = 2; expected: one of semi-implicit-euler, verlet"]),
         ({"p": "1e9"}, "integrator: rk4",
          ["rk4 is stable only from 1.11e+09 steps", "expected: one of newmark, exact, or method."]),
@@ -369,14 +370,14 @@ def test_the_steps_are_stable_all_over_the_grid_and_no_more_than_needed(integrat
         if 4 < least <= 1e6:
             load(text, f"method.steps_per_period={least:.0f}")
             message = refusal(text, [f"method.steps_per_period={least - 1:.0f}"])
-            assert f"expected: an integer from {least:.0f} to" in message
+            assert f"expected: an integer from {least:,.0f} to" in message
 
 
 @pytest.mark.parametrize("values", [{"omega": "1e-9"}, {"omega": "1e-300"}, {"h": "1e308"}])
 def test_more_steps_than_can_be_computed(values):
     message = refusal("# a comment\n" + oscillator_yaml(**values))
     assert "line 2: oscillator.omega: exact impacts would need" in message
-    assert "at most 1000000" in message and message.count("\n") == 0
+    assert "at most 1,000,000" in message and message.count("\n") == 0
 
 
 def test_a_grid_that_is_too_large():

@@ -119,7 +119,11 @@ class Documents:
                 (None, {"axis": axis, "direction": "both"}, {"axis": axis})
             )
         if self.chance(0.3):
-            units = {"length": self.pick(("m", "mm")), "time": "s", "mass": self.pick(("kg", "g"))}
+            units = {
+                "length": self.pick(("m", "mm")),
+                "time": self.pick(("s", "s", "seconds")),
+                "mass": self.pick(("kg", "g")),
+            }
             document["units"] = {key: value for key, value in units.items() if self.chance(0.5)}
         if self.chance(0.3):
             document |= {"name": self.pick(("a", 2024, True, "Versuch é")), "output": "a.h5"}

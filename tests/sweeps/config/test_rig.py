@@ -53,7 +53,7 @@ SWEPT = ["stiffness", "damping", "force", "frequency", "gap", "base"]
 @pytest.mark.parametrize(
     ("given", "values"),
     [
-        ("[0.37, 0.11, 0.9]", [0.37, 0.11, 0.9]),
+        ("[0.37, 0.11, 0.9]", [0.11, 0.37, 0.9]),
         ("{start: 0.1, stop: 0.7, num: 53}", linear_values(0.1, 0.7, 53)),
         (
             "{start: 0.1, stop: 0.7, num: 53, spacing: log}",

@@ -172,13 +172,13 @@ def test_only_the_chain_that_failed_begins_anew(status):
     box = config.sweep.grid.points(full_block(config)[-2:]).reshape(config.sweep.grid.shape)
     results = follow_chains(box, 1, "omega", ["up"], run, counted.append)
     assert counted == [3] * 5
-    assert calls[0] == (False, [(R, 0.6, -1.0, 0.0) for R in (0.8, 0.5, 0.6)])
-    assert calls[1] == (True, [(R, 1.3, -0.6, R) for R in (0.8, 0.5, 0.6)])
-    assert calls[2] == (True, [(R, 2.4, -1.3, R) for R in (0.8, 0.6)])
+    assert calls[0] == (False, [(R, 0.6, -1.0, 0.0) for R in (0.5, 0.6, 0.8)])
+    assert calls[1] == (True, [(R, 1.3, -0.6, R) for R in (0.5, 0.6, 0.8)])
+    assert calls[2] == (True, [(R, 2.4, -1.3, R) for R in (0.6, 0.8)])
     assert calls[3] == (False, [(0.5, 2.4, -1.0, 0.0)])
-    assert calls[4] == (True, [(R, 2.65, -2.4, R) for R in (0.8, 0.5, 0.6)])
+    assert calls[4] == (True, [(R, 2.65, -2.4, R) for R in (0.5, 0.6, 0.8)])
     found = results["poincare_v"].reshape(3, 5, 2)[:, :, 1]
-    np.testing.assert_array_equal(found, np.broadcast_to([[0.8], [0.5], [0.6]], (3, 5)))
+    np.testing.assert_array_equal(found, np.broadcast_to([[0.5], [0.6], [0.8]], (3, 5)))
 
 
 # Other options of a sweep

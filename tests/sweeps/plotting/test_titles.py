@@ -40,6 +40,12 @@ def test_a_title_with_a_loose_sign_is_drawn_or_refused():
                 height_within(figure)
 
 
+def test_a_title_of_too_many_levels_is_refused():
+    for braces in ("{" * 300, "{" * 300 + "x" + "}" * 300):
+        with pytest.raises(Refused, match=r"^title = .* but matplotlib cannot draw it"):
+            Picture(Page(width=6.0)).add_title(f"${braces}$")
+
+
 @pytest.mark.slow
 def test_a_title_that_cannot_be_drawn_is_refused(random_sweep, unpainted):
     file = random_sweep({"omega": OMEGA}).encoding["source"]

@@ -1,0 +1,128 @@
+"""What may be given: the same answer and the same words at every door of both packages."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import sweeps
+from sweeps.cli import options
+from sweeps.errors import Refused
+from sweeps.plotting import Page
+from tests.helpers.configurations import refusal
+from vibroimpact import (
+    Oscillator,
+    branch,
+    inputs,
+    integrate,
+    one_impact_orbit,
+    periodic_orbit,
+    simulate,
+)
+
+OSC = Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0)
+ORBIT = one_impact_orbit(OSC)
+HUGE = 10**400
+UNPRINTABLE = 10**5000
+
+
+@pytest.mark.parametrize(
+    ("value", "number"),
+    [
+        (1, 1.0), (0.5, 0.5), (Fraction(1, 2), 0.5), (np.float32(0.5), 0.5), (np.int8(-3), -3.0),
+        (np.array(0.5), 0.5), (xr.DataArray(0.5), 0.5), (HUGE, math.inf), (-HUGE, -math.inf),
+        (True, None), (np.True_, None), ("1", None), (1j, None), (None, None), ([1.0], None),
+        (np.array([0.5]), None), (np.timedelta64(5, "ns"), None), (np.array(5, "m8[ns]"), None),
+        (np.ma.masked, None),
+    ],
+)  # fmt: skip
+def test_what_is_a_number(value, number):
+    assert inputs.real(value) == number
+    assert inputs.is_number(value) == (number is not None and math.isfinite(number))
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("7", 7), ("-7", -7), ("1e3", 1000), (" 0.5 ", 0.5), ("1_0", None), ("١", None),
+        ("0x10", None), ("", None), ("1,5", None), ("1e999", math.inf),
+    ],
+)  # fmt: skip
+def test_what_a_text_means(text, number):
+    assert inputs.typed(text) == number
+    assert isinstance(inputs.typed(text), type(number))
+    assert math.copysign(1.0, inputs.typed("-0.0")) == -1.0
+
+
+DOORS = {
+    "periods of simulate": lambda value: simulate(OSC, periods=value),
+    "periods of integrate": lambda value: integrate(OSC.at(), periods=value),
+    "m of an orbit": lambda value: periodic_orbit(OSC, 0.0, 1.0, m=value),
+    "threads of a run": lambda value: sweeps.run_sweep("sweep.yaml", threads=value),
+    "dpi": lambda value: Page(dpi=value),
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(np.int64(-1), "-1"), (np.array(-1), "-1"), (-HUGE, "-1000"), (1.5, "1.5"), (True, "True"),
+     (np.float64(0.5), "0.5"), ("7", "'7'"), (UNPRINTABLE, "an integer of 16,610 bits"),
+     ([np.int64(1)], "[1]")],
+    ids=lambda value: type(value).__name__,
+)  # fmt: skip
+def test_every_door_refuses_the_same_integers_in_the_same_words(door, value, shown):
+    if value is UNPRINTABLE and door == "dpi":
+        value = -UNPRINTABLE  # there is no greatest one
+    with pytest.raises((ValueError, Refused)) as refused:
+        DOORS[door](value)
+    message = str(refused.value)
+    assert f" = {shown}" in message and " is not allowed; expected: an integer " in message
+    assert len(message) < 200
+
+
+def test_the_words_of_a_configuration_and_of_an_option_are_the_same():
+    allowed = "an integer from 1 to 1,000,000"
+    text = "oscillator: {h: 0.1, R: 0.8, omega: 2, f: 1}\nrecord: {periods: 0}\n"
+    assert refusal(text).endswith(allowed)
+    with pytest.raises(Refused, match=f"^--most 0 is not allowed; expected: {allowed}$"):
+        options.integer("--most", 1, 1_000_000)("0")
+    with pytest.raises(ValueError, match=f"^periods = 0 is not allowed; expected: {allowed}$"):
+        simulate(OSC, periods=0)
+    assert options.integer("--most")("1e3") == 1000
+
+
+@pytest.mark.parametrize("text", ["omega=1_0", "omega=nan", "omega=1e999", "omega=١", "omega="])
+def test_a_value_of_an_option_is_a_finite_number(text):
+    with pytest.raises(Refused, match="is not allowed; expected: NAME=VALUE"):
+        options.selection_of([text])
+    with pytest.raises(Refused, match="is not allowed; expected: NAME=VALUE"):
+        options.several_of([f"{text},2"])
+
+
+@pytest.mark.parametrize("flag", ["at_section", "lyapunov"])
+@pytest.mark.parametrize("value", ["False", "no", 1, None])
+def test_a_truth_value_is_true_or_false(flag, value):
+    with pytest.raises(ValueError, match=rf"^{flag} = .* expected: True or False$"):
+        integrate(OSC.at(), **{flag: value})
+    short = {"transient": 0, "periods": 1}
+    assert ("lyapunov" in integrate(OSC.at(), **short, lyapunov=np.True_)) is True
+
+
+def test_numbers_without_dimensions_are_numbers():
+    of_arrays = Oscillator(h=np.array(0.1), R=xr.DataArray(0.8), omega=np.float64(2.3), f=1)
+    assert of_arrays == OSC and type(of_arrays.h) is float
+    assert simulate(OSC, periods=np.array(2)).t[-1] == simulate(OSC, periods=2).t[-1]
+    with pytest.raises(TypeError, match=r"h .* = array\(\[0.1\]\) is not allowed"):
+        Oscillator(h=np.array([0.1]), R=0.8, omega=2.3, f=1.0)
+
+
+def test_a_branch_is_shown_on_one_line():
+    found = branch(ORBIT, "omega", 2.2, 3.2)
+    (flip,) = (point.value for point in found.special if point.kind == "flip")
+    assert repr(found) == (
+        f"<Branch 1/1: {len(found.values)} points, omega 2.2 to 3.2, edge at 2.2, flip at "
+        f"{round(flip, 6)}, edge at 3.2>"
+    )

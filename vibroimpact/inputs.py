@@ -1,0 +1,133 @@
+"""What may be given to a public function, a command or a configuration, in the words of its user.
+
+Every door of both packages asks here whether a value is a number, an integer, a truth value or one
+of several names, and says with the same words what is allowed.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Collection
+from numbers import Integral, Real
+from typing import Any, NamedTuple
+
+#: How NumPy writes a number in a list: np.int64(-1).
+_OF_NUMPY = re.compile(r"\bnp\.[a-z]+[0-9]*\(([^()]*)\)")
+
+
+class Allowed(NamedTuple):
+    """What a value may be."""
+
+    fits: Callable[[object], bool]
+    expected: str
+
+    def refusal(self, given: str) -> str:
+        """Say that what was given is not allowed, and what is."""
+        return refusal(given, self.expected)
+
+    def checked(self, name: str, value: object) -> Any:
+        """Return a value, of Python if it is a number of NumPy; ValueError if it does not fit."""
+        if not self.fits(value):
+            raise ValueError(self.refusal(f"{name} = {shown(value)}"))
+        return plain(value)
+
+
+def refusal(given: str, expected: str) -> str:
+    """Say that what was given is not allowed, and what is."""
+    return f"{given} is not allowed; expected: {expected}"
+
+
+def plain(value: object) -> object:
+    """Return a number of NumPy, or an array without dimensions, as Python has it."""
+    if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
+        hidden = _is_date(value) or bool(getattr(value, "mask", False))
+        return value if hidden else value.item()
+    return value
+
+
+def _is_date(value: object) -> bool:
+    """Whether a value is a date of NumPy or a difference of dates, which it has as integers."""
+    return getattr(getattr(value, "dtype", None), "kind", "") in ("m", "M")
+
+
+def real(value: object) -> float | None:
+    """Return a real number as a float, infinite if it is too large for one; None if it is none."""
+    value = plain(value)
+    if isinstance(value, bool) or _is_date(value) or not isinstance(value, Real):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf  # type: ignore[operator]
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a finite real number."""
+    number = real(value)
+    return number is not None and math.isfinite(number)
+
+
+def typed(text: str) -> int | float | None:
+    """Return the number that a text means, None if it means none: 1_0 and other digits do not."""
+    if "_" in text or not text.isascii():
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    whole = number.is_integer() and abs(number) < 2**53 and str(number) != "-0.0"
+    return int(number) if whole else number
+
+
+def number(fits: Callable[[float], Any], expected: str) -> Allowed:
+    """Allow finite numbers for which `fits` holds."""
+
+    def fits_number(value: object) -> bool:
+        given = real(value)
+        return given is not None and math.isfinite(given) and bool(fits(given))
+
+    return Allowed(fits_number, expected)
+
+
+def integer(least: int, most: float = math.inf) -> Allowed:
+    """Allow integers from `least` to `most`."""
+
+    def fits(value: object) -> bool:
+        whole = plain(value)
+        if isinstance(whole, bool) or not isinstance(whole, Integral):
+            return False
+        return least <= int(whole) <= most
+
+    named = f">= {least:,}" if most == math.inf else f"from {least:,} to {most:,}"
+    return Allowed(fits, f"an integer {named}")
+
+
+def one_of(names: Collection[str]) -> Allowed:
+    """Allow one of several words."""
+    expected = f"one of {', '.join(names)}"
+    return Allowed(lambda value: isinstance(value, str) and value in names, expected)
+
+
+def refuse_other(name: str, value: object, kind: type) -> None:
+    """Raise a TypeError if an argument is not of type `kind`."""
+    if not isinstance(value, kind):
+        raise TypeError(refusal(f"{name} = {shown(value)}", f"the type {kind.__name__}"))
+
+
+#: omega t, at a section or a start.
+PHASE = number(lambda phase: 0.0 <= phase < 2.0 * math.pi, "a number >= 0 and < 2 pi")
+FLAG = Allowed(lambda value: isinstance(plain(value), bool), "True or False")
+TEXT = Allowed(lambda value: isinstance(value, str), "a text")
+
+
+def shown(value: object, most: int = 80) -> str:
+    """Return the repr of a value on one line of at most `most` characters: -1, not np.int64(-1)."""
+    try:
+        text = _OF_NUMPY.sub(r"\1", repr(plain(value)))
+    except ValueError:  # Python writes no integer of more than 4,300 digits
+        text = f"an integer of {value.bit_length():,} bits" if isinstance(value, int) else "a value"
+    except RecursionError:
+        text = f"a {type(value).__name__} of too many levels"
+    line = " ".join(text.split())
+    return line if len(line) <= most else line[: most - 3] + "..."
