@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 import sweeps
 from sweeps.analysis.bifurcations import find_bifurcations
@@ -30,6 +31,13 @@ RIG = {
     "clearance": ("gap", lambda mass, gap: gap),
     "R": ("R", lambda mass, R: R),
 }
+#: The units of what is drawn of an orbit.
+OF_ORBITS = {
+    "poincare_x": lambda length, time: length,
+    "poincare_height": lambda length, time: length,
+    "poincare_v": lambda length, time: length / time,
+    "impact_v": lambda length, time: length / time,
+}
 PLACES = ["low", "value", "high"]
 
 
@@ -38,16 +46,20 @@ def unit(name, length, time):
     return length**of_length * time**of_time
 
 
-def table(tmp_path, given, length=1.0, time=1.0, transient=100, most=8):
-    """Return the table of a sweep in scaled units, its places in the units of `given`."""
+def in_units(tmp_path, given, length=1.0, time=1.0, transient=100):
+    """Run a sweep in scaled units; return the path of its file."""
     scaled = {name: (np.array(one) * unit(name, length, time)).tolist()
               for name, one in given.items()}  # fmt: skip
     start = {"start": {"x0": scaled.pop("x0")}} if "x0" in given else {}
     record = {"transient": transient, "periods": 64, "diagnostics": ["period"]}
+    scene = {"oscillator": scaled, "record": record, **start}
+    return sweeps.run_sweep(scene, tmp_path / "scaled.h5", overwrite=True)
+
+
+def table(tmp_path, given, length=1.0, time=1.0, transient=100, most=8):
+    """Return the table of a sweep in scaled units, its places in the units of `given`."""
     (axis,) = (name for name, one in given.items() if isinstance(one, list))
-    path = sweeps.run_sweep(
-        {"oscillator": scaled, "record": record, **start}, tmp_path / "scaled.h5", overwrite=True
-    )
+    path = in_units(tmp_path, given, length, time, transient)
     found = sweeps.bifurcations(path, axis, most=most)
     found[PLACES] /= unit(axis, length, time)
     return found
@@ -60,6 +72,7 @@ def one_axis(axis, seed):
     return {**given, axis: np.linspace(*RANGES[axis], int(random.integers(30, 60))).tolist()}
 
 
+@pytest.mark.slow
 def test_bifurcations_at_small_values_are_not_joined(tmp_path):
     """A gap in metres may be small: in such units many of them lie within 1e-9."""
     given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0}
@@ -70,11 +83,17 @@ def test_bifurcations_at_small_values_are_not_joined(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seeds", [[1], pytest.param([*range(2, 8)], marks=pytest.mark.campaign)])
-def test_tables_are_the_same_in_all_units(tmp_path, seeds):
+@pytest.mark.parametrize(
+    ("axes", "seeds"),
+    [
+        (["omega", "f", "clearance"], [1]),
+        pytest.param(RANGES, range(1, 8), marks=pytest.mark.campaign),
+    ],
+)
+def test_tables_are_the_same_in_all_units(tmp_path, axes, seeds):
     """Bit for bit in units that differ by powers of two."""
     rows = 0
-    for axis, seed in itertools.product(RANGES, seeds):
+    for axis, seed in itertools.product(axes, seeds):
         given, random = one_axis(axis, seed), np.random.default_rng(seed)
         scaled = {
             "length": 2.0 ** random.integers(-40, 40),
@@ -84,6 +103,26 @@ def test_tables_are_the_same_in_all_units(tmp_path, seeds):
         pd.testing.assert_frame_equal(ours, theirs, check_exact=True)
         rows += len(ours)
     assert rows > 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("over", [["clearance"], ["clearance", "omega"]])
+def test_branches_and_curves_are_the_same_in_all_units(tmp_path, over):
+    """With all that is drawn of them, bit for bit."""
+    length, time = 2.0**-21, 2.0**9
+    given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0, "p": 1.0}
+    given |= {name: np.linspace(*RANGES[name], 12).tolist() for name in over}
+
+    def found(*scales):
+        path = in_units(tmp_path, given, *scales)
+        return sweeps.branches(path, *over, most=4) if len(over) == 1 else sweeps.curves(path, over)
+
+    ours, scaled = found(), found(length, time)
+    assert ours.sizes["point"] > 100 and ours.attrs["summary"] == scaled.attrs["summary"]
+    back = {name: ("point", scaled[name].values / unit(name, length, time)) for name in over}
+    drawn = {name: scaled[name] / of(length, time) for name, of in OF_ORBITS.items()
+             if name in scaled}  # fmt: skip
+    xr.testing.assert_equal(ours, scaled.assign_coords(back).assign(drawn))
 
 
 @pytest.mark.slow
