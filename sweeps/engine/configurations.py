@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -30,6 +31,12 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
             return load_config(path, overrides)
     with open_sweep(path, verify=False) as dataset:
         text, table = dataset.attrs["configuration"], columns_of(dataset) or None
+        if "refine" in yaml.safe_load(text):
+            warnings.warn(
+                f"an earlier version added points to those of the configuration of {path}, which "
+                f"has {dataset['status'].size:,}; the added points are not computed again",
+                stacklevel=2,
+            )
     config = stored_config(text, f"{path}, its configuration", path.stem, table, overrides)
     if any(override.partition("=")[0].strip() == "output" for override in overrides):
         return config
