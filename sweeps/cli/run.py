@@ -137,11 +137,12 @@ def plan_of(
     config: SweepConfig, path: Path, threads: int | None, client: Client | None, resume: bool
 ) -> str:
     """Return the plan of a sweep in words; refuse the sweep if it takes too much."""
-    from sweeps.engine.cluster import computer_for
+    from sweeps.engine.cluster import ClusterComputer
     from sweeps.engine.estimate import expected_cost
+    from sweeps.engine.executors import LocalComputer
     from sweeps.reports.run import plan
 
-    computer = computer_for(client, threads)
+    computer = LocalComputer(threads) if client is None else ClusterComputer(client)
     with progress_shown(f"estimating the cost of {config.name}"):
         cost = expected_cost(config.sweep, path, computer, resume)
     return plan(config, path, cost)

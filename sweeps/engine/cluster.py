@@ -28,7 +28,7 @@ import numba
 import numpy as np
 
 from sweeps.engine.compute import Results, compute_block
-from sweeps.engine.executors import Computer, LocalComputer, completed
+from sweeps.engine.executors import completed
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block, Sweep, block_points
 from sweeps.interrupts import raised_at_once
@@ -63,11 +63,6 @@ def is_client(value: object) -> bool:
     except ImportError:
         return False
     return isinstance(value, Client)
-
-
-def computer_for(client: Client | None, threads: int | None) -> Computer:
-    """Return the computer of blocks: the workers of a client, or threads of this machine."""
-    return LocalComputer(threads) if client is None else ClusterComputer(client)
 
 
 class ClusterComputer:

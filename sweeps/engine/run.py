@@ -16,9 +16,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sweeps.arguments import PATH, require_all
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.cluster import computer_for, is_client
+from sweeps.engine.cluster import ClusterComputer, is_client
 from sweeps.engine.estimate import expected_cost
-from sweeps.engine.executors import Computer
+from sweeps.engine.executors import Computer, LocalComputer
 from sweeps.errors import Refused
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
@@ -122,7 +122,7 @@ def run_sweep(
     )
     existing = {"overwrite": overwrite, "resume": resume}
     with raised_by_check(), only_writer(path, **existing) as (real, before):
-        computer = computer_for(client, threads)
+        computer = LocalComputer(threads) if client is None else ClusterComputer(client)
         with (
             console.status("preparing") as status,
             watched(lambda text: status.update(text or "preparing")),

@@ -86,7 +86,7 @@ def create(folder: Path, schema: Schema) -> None:
 def remove(folder: Path) -> None:
     """Remove the files of a sweep from its folder, and the folder if empty.
 
-    The schema becomes a draft, which goes last: so `refuse_incomplete_copy` knows what a kill left.
+    The schema becomes a draft, which goes last: so `check_output` knows what a kill left.
     """
     with suppress(OSError):  # on Windows, another process is reading it; there are other files
         with suppress(FileNotFoundError):
@@ -105,12 +105,8 @@ def remove_drafts(folder: Path) -> None:
 
 def _remove(folder: Path, names: str) -> None:
     for path in folder.iterdir():
-        if re.fullmatch(names, path.name) and not _is_folder(path):
+        if re.fullmatch(names, path.name) and not stat.S_ISDIR(path.lstat().st_mode):
             path.unlink()
-
-
-def _is_folder(path: Path) -> bool:
-    return stat.S_ISDIR(path.lstat().st_mode)
 
 
 class Parts:
@@ -118,21 +114,19 @@ class Parts:
 
     `entries` maps the number of a block to its entry; `damaged` counts the blocks that are damaged
     or belong to another sweep. With `verify`, all data are compared with their checksums. Raises
-    StoreError if the schema is missing, damaged or of another format version, and its subclass
-    UnreadableError if it or a block cannot be read now.
+    UnreadableError if the schema or a block cannot be read now.
     """
 
-    def __init__(self, folder: Path, *, verify: bool = True) -> None:
-        self.folder = folder
-        self.schema = schema_of(folder / SCHEMA)
+    def __init__(self, folder: Path, schema: Schema, *, verify: bool = True) -> None:
+        self.folder, self.schema = folder, schema
         self._identity = identity(folder / SCHEMA)
         try:
             self._sweep = zlib.crc32((folder / SCHEMA).read_bytes())
             files = set(os.listdir(folder))
         except OSError as error:
             raise UnreadableError(folder, error) from error
-        self._singles = [name for name in self.schema.variables if _is_single(name)]
-        self._points = np.dtype([(name, VARIABLES[name].dtype) for name in self._singles])
+        single = [name for name in schema.variables if VARIABLES[name].dimension is None]
+        self._points = np.dtype([(name, VARIABLES[name].dtype) for name in single])
         self._synced = time.monotonic()
         self.entries: dict[int, Entry] = {}
         self.damaged = 0
@@ -176,7 +170,7 @@ class Parts:
 
         Raises StoreError if they are damaged, or if the file is gone or another one.
         """
-        block, single, found = self.schema.blocks[number], set(self._singles), {}
+        block, single, found = self.schema.blocks[number], set(self._points.names or ()), {}
         with self._same(number) as file:
             if single.intersection(names):
                 points = _array(file, "points", self._points, box_shape(block))
@@ -207,12 +201,12 @@ class Parts:
         """
         self.refuse_loss()
         points = np.empty(box_shape(self.schema.blocks[number]), self._points)
-        for name in self._singles:
+        for name in self._points.names or ():
             points[name] = arrays[name]
         records = {
             name: array if is_sampled(name) else [array]
             for name, array in arrays.items()
-            if not _is_single(name)
+            if name not in (self._points.names or ())
         }
         longest = 0
         for name in [name for name in records if is_sampled(name)][:1]:
@@ -333,17 +327,14 @@ def _array(file: zipfile.ZipFile, name: str, dtype: Any, shape: tuple[int, ...])
     return np.ndarray(shape, dtype, data, start)
 
 
-def _is_single(name: str) -> bool:
-    return VARIABLES[name].dimension is None
-
-
 def kept_points(path: Path) -> tuple[int, int] | None:
     """Return the number of finished points and of all points; None without an incomplete sweep.
 
     Raises UnreadableError as `Parts` does.
     """
     try:
-        parts = Parts(parts_path(path), verify=False)
+        folder = parts_path(path)
+        parts = Parts(folder, schema_of(folder / SCHEMA), verify=False)
     except UnreadableError:
         raise
     except StoreError:

@@ -165,9 +165,9 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
         ) from None
     if status is not None:
         _refuse_foreign(parts, status)
-    _refuse_folders(parts)
-    if not overwrite:
-        refuse_incomplete_copy(parts)
+        _refuse_folders(parts)
+        if not overwrite:
+            _refuse_incomplete_copy(parts)
     for file, named in ((path, path), (parts / SCHEMA, parts)):
         found = content(file)
         if found is None:
@@ -216,7 +216,7 @@ def _refuse_folders(parts: Path) -> None:
             )
 
 
-def refuse_incomplete_copy(parts: Path) -> None:
+def _refuse_incomplete_copy(parts: Path) -> None:
     """Refuse a folder with blocks but without their schema, unless a killed removal left it.
 
     A removal first turns the schema into a draft, which it removes last.

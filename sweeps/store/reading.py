@@ -12,7 +12,7 @@ import numpy as np
 
 from sweeps.arguments import PATH, require
 from sweeps.errors import StoreError
-from sweeps.store.file import check_file, open_unchanged, opened
+from sweeps.store.file import check_file, open_unchanged, opened, schema_of
 from sweeps.store.parts import Parts
 from sweeps.store.paths import (
     SCHEMA,
@@ -75,7 +75,8 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
             from sweeps.store.partial import open_parts
 
             try:
-                parts = Parts(parts_path(path), verify=verify)
+                folder = parts_path(path)
+                parts = Parts(folder, schema_of(folder / SCHEMA), verify=verify)
                 if _is_missing(path):  # otherwise a run has just completed the file
                     return open_parts(parts)
             except StoreError:

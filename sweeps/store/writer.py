@@ -22,7 +22,6 @@ from sweeps.store.paths import (
     identity,
     parts_path,
     reason,
-    refuse_incomplete_copy,
 )
 from sweeps.store.replacing import remove_leftovers, replacing
 from sweeps.store.schema import Schema
@@ -47,23 +46,22 @@ def sweep_writer(
     with _failure(path, "written"):
         remove_leftovers(path)  # drafts may be large
     schema_file = identity(folder / SCHEMA)
-    if schema_file is None:
-        if resume:
-            refuse_incomplete_copy(folder)
-        remove(folder)  # a run was killed while it did so
     if resume and schema_file is not None:
         with _failure(path, "written"):
             remove_drafts(folder)
-        _refuse_other(folder, schema_of(folder / SCHEMA), schema)
+        old = schema_of(folder / SCHEMA)
+        _refuse_other(folder, old, schema)
+        schema = old  # its blocks may be others
     elif resume and content(path) not in (None, Content.NOTHING):
         _refuse_other(path, schema_of(path), schema)
+        remove(folder)  # a run was killed while it did so
         yield None
         return
     else:
         with _failure(path, "created"):
             create(folder, schema)
     with _failure(path, "written"):
-        parts = Parts(folder)
+        parts = Parts(folder, schema)
     try:
         yield SweepWriter(path, parts, before)
     except StoreError as error:  # a block has changed since it passed its checks
