@@ -118,8 +118,9 @@ class CurveSearch:
 
     def _share(self, reasons: Collection[int]) -> float:
         """Return the share of the counted changes that have a curve or a reason."""
-        explained = int((self.counted & self.explained).sum())
-        return (explained + len(reasons)) / max(1, int(self.counted.sum()))
+        done = self.explained.copy()
+        done[[*reasons]] = True
+        return int((self.counted & done).sum()) / max(1, int(self.counted.sum()))
 
     def _borders(self, cell: np.ndarray, axis: int) -> Iterator[SpecialPoint]:
         """Yield the bifurcations to which the orbit of a cell leads on both sides."""

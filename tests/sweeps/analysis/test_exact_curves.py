@@ -289,3 +289,13 @@ def test_the_kinds_of_the_curves_can_be_chosen(tmp_path, unpainted):
     assert "of grazes" in drawn and "of folds" not in drawn
     told = refused("plot", "out.h5", "--kind", "bifurcation", "--exact", "--kinds", "graze")
     assert "--kinds chooses curves over a map, and a diagram shows branches" in told
+
+
+def test_a_change_with_a_reason_and_a_curve_counts_once_in_the_share_of_the_work():
+    """A curve found later may explain a change that already had a reason."""
+    search = object.__new__(curve_search.CurveSearch)
+    search.explained = np.array([True, True, False, False])
+    search.counted = np.array([True, True, True, False])
+    assert search._share({0: "lost", 3: "of other classes"}) == pytest.approx(2 / 3)
+    assert search._share({0: "lost", 2: "lost"}) == 1.0
+    assert search._share(()) == pytest.approx(2 / 3)
