@@ -1,12 +1,15 @@
 """The words of legends and reports are those of the glossary in sweeps/README.md."""
 
+import json
 import re
 
 import pytest
+import yaml
 
 from sweeps import bifurcations, branches, curves, open_sweep, plotting
 from sweeps.plotting.numbers import number_at
 from sweeps.plotting.style import EVIDENCE, REGIMES, STATUS_COLOURS
+from tests.helpers import gallery
 from tests.helpers.commands import accepted
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import run_in
@@ -36,7 +39,8 @@ def phrases(text):
     """Split a text into the phrases that the glossary has, without numbers, units and symbols."""
     text = re.sub(r"\([^)]*\)|\$[^$]*\$", "", text)
     text = re.sub(r"\b\d+/\d+\b", "m/q", text)
-    parts = re.split(r"[,;:→\n]| or | for | at |\d[\d.,e+-]*", text.replace("attractors at", "@"))
+    text = text.replace("attractors at", "@").replace(" not shown", ",not shown")
+    parts = re.split(r"[,;:→\n]| or | for | at |\d[\d.,e+-]*", text)
     return {part.strip().replace("@", "attractors at") for part in parts} - {"", "?", "%", "to"}
 
 
@@ -112,3 +116,45 @@ def test_the_words_of_the_reports(files, tmp_path):
             assert not unexplained(re.sub(r" ?\d+/\d+", "", word) for word in found[column])
     said = accepted("attractors", files["starts"], "--csv", tmp_path / "a.csv").splitlines()
     assert not unexplained(line.split()[1] for line in said[1:3])
+
+
+IN_GALLERY = json.loads(gallery.WORDS.read_text())
+
+
+def coarser(name):
+    """Return overrides of a scene of configs/ with at most nine values of each range."""
+
+    def ranges(key, value):
+        if isinstance(value, dict):
+            if "num" in value:
+                yield f"{key}.num={min(value['num'], 9)}"
+            for part, inner in value.items():
+                yield from ranges(f"{key}.{part}" if key else part, inner)
+
+    return list(ranges("", yaml.safe_load((gallery.CONFIGS / f"{name}.yaml").read_text())))
+
+
+def comparable(words):
+    """Return title, labels and legend title without numbers, which depend on the points."""
+    parts = [part for part in re.split(", |\\n", words["title"]) if "impacts" not in part]
+    texts = [*parts, *words["labels"], words["legend"][0] if words["legend"] else ""]
+    return {gallery.plain(text) for text in texts} - {""}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", gallery.ARGUMENTS)
+def test_a_picture_of_the_gallery_has_the_words_of_today(name, unpainted):
+    """If not: python -m tests.helpers.gallery. Title and axes do not depend on the grid."""
+    stored = IN_GALLERY[name]
+    drawn = gallery.drawn(name, *coarser(name), exact=False)
+    new, old = comparable(drawn), comparable(stored)
+    legend = {gallery.plain(stored["legend"][0])} if stored["legend"] else set()
+    assert new - legend <= old and old - legend <= new
+    assert unexplained(stored["legend"][1:]) == set()
+
+
+def test_words_are_kept_of_every_picture_as_it_is():
+    pictures = {path.stem for path in gallery.PICTURES.glob("*.png")} - {"accuracy-speed"}
+    assert pictures == IN_GALLERY.keys()
+    for name, words in IN_GALLERY.items():
+        assert words["sha256"] == gallery.digest(gallery.PICTURES / f"{name}.png"), name
