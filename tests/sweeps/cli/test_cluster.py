@@ -179,7 +179,7 @@ def test_an_interrupt_ends_the_processes_in_the_middle_of_a_long_block():
     endless = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2", *undamped]
     process = command("--dask", "local:1", "--quiet", *endless)
     deadline = time.monotonic() + 300
-    while not Path("out.h5.parts").exists() and time.monotonic() < deadline:
+    while not Path("out.h5.parts/schema.h5").exists() and time.monotonic() < deadline:
         time.sleep(0.05)
     time.sleep(0.5)
     os.killpg(process.pid, signal.SIGINT)

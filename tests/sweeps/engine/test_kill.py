@@ -107,7 +107,7 @@ def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(forks, chan
 def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(forks, number):
     pid = forks.start("run", "sweep.yaml", "-o", "long one.h5", *LONG, folder=Path.cwd())
     deadline = time.monotonic() + 300
-    while not Path("long one.h5.parts").exists() and time.monotonic() < deadline:
+    while not Path("long one.h5.parts/schema.h5").exists() and time.monotonic() < deadline:
         time.sleep(0.05)
     time.sleep(0.5)
     os.kill(pid, number)
