@@ -5,6 +5,8 @@ import pytest
 
 from tests.helpers.kernel_cases import random_points
 from tests.helpers.oscillators import random_oscillators
+from tests.vibroimpact.test_far_stop import balls
+from tests.vibroimpact.test_free_motions import weakly_damped
 from vibroimpact import (
     Oscillator,
     bifurcation_curve,
@@ -45,13 +47,17 @@ def run(points, integrator, rule):
     return results | {name: found[name] for name in found.dtype.names}
 
 
-@pytest.mark.parametrize("rate", [2.0**10, 2.0**-7])
+@pytest.mark.parametrize(("rate", "length"), [(2.0**10, 2.0**5), (2.0**-20, 2.0**40)])
 @pytest.mark.parametrize(
     ("integrator", "rule"), [("exact", "exact"), ("newmark", "reduced-step"), ("rk4", "plain")]
 )
-def test_units_change_no_bit(integrator, rule, rate):
-    """Of random motions: sections, impacts, exponents, classes, evidence and status."""
-    length, points = 2.0**5, random_points(300)
+def test_units_change_no_bit(integrator, rule, rate, length):
+    """Of random motions: sections, impacts, exponents, classes, evidence and status.
+
+    Among them are motions that are damped weakly, and motions near a stop that is far away.
+    """
+    far, weak = balls(1e-7, 0.6, np.linspace(2.0, 20.0, 50)), weakly_damped(100, -5.0, -2.0, 1)
+    points = np.concatenate([random_points(300), weak, far])
     results = run(points, integrator, rule)
     for name in POINT.names:
         points[name] = in_units(points[name], name, rate, length)
