@@ -9,7 +9,7 @@ import pytest
 from vibroimpact import Oscillator
 from vibroimpact.step.chatter import is_first
 from vibroimpact.step.exact import stays_below
-from vibroimpact.step.impact import FIRST, ONLY, FreeEnd, Waves, single_impact
+from vibroimpact.step.impact import FIRST, FREE, ONLY, Flight, FreeEnd, launch_after, meet_stop
 from vibroimpact.step.propagator import (
     SLACK,
     coefficients_of,
@@ -184,42 +184,62 @@ def test_the_bounds_are_bounds():
     assert passed > 400 and met > 400 and tightest < 3.0
 
 
+def noise_of(c, scale, slope, step):
+    """Return what rounding leaves open of a root, of the speed there, and of what comes after.
+
+    `c` is the flight, and `scale` the size of its step.
+    """
+    u = np.linspace(0.0, 1.0, 101)
+    late = 4e-16 * step + 4e-16 * scale / slope
+    bent = np.abs(np.polynomial.Polynomial(c).deriv(2)(u)).max() / step**2
+    faster = 4e-15 * scale / step + 4 * bent * late
+    return 4 * late, faster, 16e-15 * scale + 16 * (bent * step + slope) * late
+
+
 @pytest.mark.slow
-def test_what_is_proved_of_a_single_impact_holds():
-    """2000 random steps: it is the first root of the flight, and the rebound does not return."""
+def test_what_is_proved_of_a_flight_holds():
+    """2000 random steps: of their flights, one after the other, the first root or that none is."""
     rng = np.random.default_rng(5)
-    only, first, crossings, u = 0, 0, 0, np.linspace(0.0, 1.0, 101)
+    ends, crossings, u = {FREE: 0, ONLY: 0, FIRST: 0}, 0, np.linspace(0.0, 1.0, 101)
     for _ in range(2000):
         eq, flow, step, (y, w), theta, c = random_step(rng)
         end = evaluate(c, 0, 1.0)
         added = forced(flow[1], math.sin(theta), math.cos(theta))
         free = FreeEnd(end[0], end[1] / step, propagate(flow[0], y, w, added, step)[2])
-        waves = Waves(*(q(theta + d) for d in (0.0, step) for q in (math.sin, math.cos)))
-        y_1, w_1, t, w_i, proved = single_impact(eq, (y, w), free, waves, step, 1)
-        root, _ = first_crossing(c, 0, 1.0)
-        crossings += root > 0.0
-        if proved < FIRST:
-            continue
-        first += 1
-        scale = np.abs(c).sum()
-        slope = evaluate(c, 0, root)[1] / step
-        late = 4e-16 * step + 4e-16 * scale / slope
-        bent = np.abs(np.polynomial.Polynomial(c).deriv(2)(u)).max() / step**2
-        assert abs(t - root * step) <= 4 * late
-        assert w_i == pytest.approx(slope, abs=4e-15 * scale / step + 4 * bent * late)
-        if proved < ONLY:
-            continue
-        only += 1
-        after = np.empty(TERMS)
-        expand(eq, 0.0, -eq.R * w_i, math.sin(theta + t), math.cos(theta + t), step, after)
-        left = (step - t) / step
-        assert np.polynomial.Polynomial(after)(u[1:] * left).max() < 0.0
-        y_T, slope_T = evaluate(after, 0, left)
-        noise = 4e-15 * scale + 4 * (bent * step + slope) * late
-        assert y_1 == pytest.approx(y_T, abs=4 * noise)
-        assert w_1 == pytest.approx(slope_T / step, abs=4 * noise / step)
-    assert only > 360 and crossings > 2 * only  # the others are not ordinary steps
-    assert first >= only
+        wave, end_wave = ((math.sin(q), math.cos(q)) for q in (theta, theta + step))
+        flight, m, scale = Flight(y, w, *wave, 0.0), 0, 0.0
+        for _ in range(6):
+            end, scale = meet_stop(eq, flight, free, end_wave, step), max(scale, np.abs(c).sum())
+            left = (step - flight.begin) / step
+            root, _ = first_crossing(c, m, left)
+            crossings += root > 0.0
+            if end.proved not in ends:
+                break
+            ends[end.proved] += 1
+            if end.proved == FREE:
+                assert root == NONE
+                y_T, slope_T = evaluate(c, 0, left)
+                assert end.y == pytest.approx(y_T, abs=4e-15 * scale)
+                assert end.w == pytest.approx(slope_T / step, abs=4e-15 * scale / step)
+                break
+            slope = root**m * evaluate(c, m, root)[1] / step
+            late, faster, noise = noise_of(c, scale, slope, step)
+            assert abs(end.at - flight.begin - root * step) <= late
+            assert end.w_i == pytest.approx(slope, abs=faster)
+            c, m = np.empty(TERMS), 1
+            flight = launch_after(eq, wave, end.at, end.w_i)
+            assert (flight.y, flight.w) == (0.0, -eq.R * end.w_i)
+            expand(eq, 0.0, flight.w, math.sin(theta + end.at), math.cos(theta + end.at), step, c)
+            left = (step - end.at) / step
+            y_T, slope_T = evaluate(c, 0, left)
+            assert end.y == pytest.approx(y_T, abs=noise)
+            assert end.w == pytest.approx(slope_T / step, abs=noise / step)
+            if end.proved == ONLY:
+                assert np.polynomial.Polynomial(c)(u[1:] * left).max() < 0.0
+                break
+            free = FreeEnd(end.y, end.w, free.bound)
+    assert min(ends.values()) > 30 and ends[ONLY] > 400
+    assert crossings > 1.2 * ends[ONLY]  # the others are not ordinary steps
 
 
 def test_no_impact_is_proved_from_what_is_no_number():
@@ -227,8 +247,9 @@ def test_no_impact_is_proved_from_what_is_no_number():
     eq = coefficients_of(Oscillator(0.1, 0.8, 2.0, 1.0).at()[0])
     for start in ((-math.inf, 1.0), (math.nan, 1.0), (0.0, 0.0), (-1.0, math.inf), (-1e308, 1e308)):
         for end in ((1.0, 1.0), (math.inf, 1.0), (math.nan, 0.0)):
-            free, waves = FreeEnd(*end, 0.1), Waves(0.0, 1.0, 0.5, 0.9)
-            assert single_impact(eq, start, free, waves, 0.5, 1).proved < ONLY
+            for begin in (0.0, 0.1):
+                flight, free = Flight(*start, 0.0, 1.0, begin), FreeEnd(*end, 0.1)
+                assert meet_stop(eq, flight, free, (0.5, 0.9), 0.5).proved < ONLY
 
 
 def test_a_rebound_that_ends_falling_is_not_proved_to_be_the_first():

@@ -80,7 +80,7 @@ def follow(flow, y, w, periods, carrying):
             if carrying:
                 prepared, theta = (flow.eq, flow.propagators[0]), grid.table[THETA, n]
                 pair = carry_tangents(
-                    prepared, pair, events, n_events, theta, grid.phase_step, flow.pt.omega
+                    prepared, pair, events, n_events, 0.0, theta, grid.phase_step, flow.pt.omega
                 )
         if k < MOST_SECTIONS:
             flow.passed[k, 0], flow.passed[k, 1] = y, w

@@ -1,28 +1,34 @@
 """The loop of exact impacts: all lanes take a step, and lanes that met the stop are corrected.
 
 All lanes take a step as if there were no stop; the results go to their second rows. Lanes that may
-have met the stop are listed and corrected side by side, in columns. A lane for which this proves
-nothing goes through ``exact_step`` alone, as a single orbit does.
+have met the stop are listed, and their flights are followed side by side, in columns. A flight for
+which this proves nothing goes through ``exact_step`` alone, as that of a single orbit does.
 """
 
 from __future__ import annotations
 
-from vibroimpact.jit import jit, lowest_bit, not_negative, select, specialised, widest_vectors
+from vibroimpact.jit import jit, lowest_bit, not_negative, widest_vectors
 from vibroimpact.kernel.exact_impacts import (
+    AT,
+    BEGIN,
     BOUND,
     COLUMN_COEFFICIENTS,
     COLUMN_ROW,
+    PAIR_0,
+    PAIR_1,
     PROVED,
-    W_0,
+    W_1,
     W_I,
-    W_T,
-    Y_0,
-    Y_T,
-    U,
+    Y_1,
+    begin_next_flight,
+    carry_columns,
     coefficients_in,
-    correct_exact_lanes,
+    fill_columns,
+    flight_in,
+    follow_flights,
 )
 from vibroimpact.kernel.record import list_impact, record_step
+from vibroimpact.kernel.tangents import CHECKED_EVERY, propagate_all_tangents, stretch_lanes
 from vibroimpact.kernel.workspace import (
     AT_REST,
     CLEARANCE,
@@ -41,21 +47,23 @@ from vibroimpact.kernel.workspace import (
     ROW,
     SLEPT,
     TANGENTS,
+    VECTOR,
     VELOCITY,
     W,
     Y,
     list_lanes,
     pair_in,
+    propagator_in,
     put_pair,
     set_rest,
     sleeps_until,
     whole_vectors,
 )
+from vibroimpact.step.contact import SIDE_BY_SIDE
 from vibroimpact.step.exact import exact_step
-from vibroimpact.step.impact import ONLY, FreeEnd, Impact
+from vibroimpact.step.impact import FIRST, FREE, ONLY
 from vibroimpact.step.propagator import (
     Forcing,
-    Propagator,
     coefficients_of,
     forced,
     from_dimensionless,
@@ -64,20 +72,7 @@ from vibroimpact.step.propagator import (
     to_dimensionless,
 )
 from vibroimpact.step.scheme import COS, SIN, THETA
-from vibroimpact.step.variational import carry_tangents, orthonormalise, propagate_tangents
-
-# Steps between two checks of the tangent vectors.
-_CHECKED_EVERY = 4
-
-
-@specialised
-def propagator_in(lanes, i):
-    """Return the ``Propagator`` of lane `i`."""
-    f = PROPAGATOR + i
-    return Propagator(
-        lanes[f], lanes[f + ROW], lanes[f + 2 * ROW], lanes[f + 3 * ROW], lanes[f + 4 * ROW],
-        lanes[f + 5 * ROW], lanes[f + 6 * ROW],
-    )  # fmt: skip
+from vibroimpact.step.variational import carry_tangents
 
 
 @jit
@@ -142,57 +137,54 @@ def propagate_lanes(lanes, size, added, phase_step, n):
 
 
 @jit
-def propagate_all_tangents(lanes, size, n):
-    """Take the tangent vectors of the first lanes over step `n`."""
-    widest_vectors()
-    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
-    for i in range(whole_vectors(size)):
-        pair = propagate_tangents(
-            propagator_in(lanes, i), pair_in(lanes, TANGENTS + old_row + i, 2 * ROW)
-        )
-        put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+def end_flights(batch, lo, count, grid, n, carrying, last):
+    """List the impacts that end the flights of these columns, and end or go on with their steps.
 
-
-@jit
-def list_exact_impacts(batch, lo, count, grid, n, carrying):
-    """List the impacts of these columns; a lane whose single impact is not proved goes alone."""
+    Return the number of flights that begin now, with rebounds, in the first columns; their lanes
+    are listed from index `lo` on. If these are the `last` columns, they go alone.
+    """
     workspace, record, _ = batch
-    lanes, columns = workspace.lanes, workspace.columns
-    theta, new_row = grid.table[THETA, n], (~n & 1) * ROW
+    lanes, c, met = workspace.lanes, workspace.columns, workspace.met
+    table, new_row = grid.table, (~n & 1) * ROW
+    theta, wave = table[THETA, n], (table[SIN, n], table[COS, n])
     for j in range(count):
-        if columns[PROVED + j] == ONLY:
-            i = workspace.met[lo + j] & (LANES - 1)
-            if lanes[PERIOD + i] >= 0.0:
-                ring, speed = record.impacts[workspace.rows[i]], columns[W_I + j] * lanes[OMEGA + i]
-                list_impact(ring, workspace.sums[i], theta + columns[U + j], speed)
-    bits = ~not_negative(columns, PROVED) & ((1 << count) - 1)
+        i, proved = met[lo + j] & (LANES - 1), c[PROVED + j]
+        lanes[Y + new_row + i], lanes[W + new_row + i] = c[Y_1 + j], c[W_1 + j]
+        if (proved == ONLY or proved == FIRST) and lanes[PERIOD + i] >= 0.0:
+            ring, speed = record.impacts[workspace.rows[i]], c[W_I + j] * lanes[OMEGA + i]
+            list_impact(ring, workspace.sums[i], theta + c[AT + j], speed)
+        if carrying and (proved == ONLY or (proved == FREE and c[BEGIN + j] > 0.0)):
+            pair = pair_in(c, PAIR_1 + j, COLUMN_ROW)
+            put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+    bits, begun = ~not_negative(c, PROVED) & ((1 << count) - 1), 0
     while bits != 0:  # terminates: one bit less each time
         j = lowest_bit(bits)
         bits &= bits - 1
-        i = workspace.met[lo + j] & (LANES - 1)
-        if sleeps_until(lanes, i, theta + grid.phase_step):
-            lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
-            lanes[SLEPT + i] += 1.0
-        else:
-            resolve_exact_lane(batch, i, j, grid, n, carrying)
+        i = met[lo + j] & (LANES - 1)
+        if c[PROVED + j] == FIRST:
+            slow = begin_next_flight(c, j, begun, wave)
+            if not (slow or last):
+                met[lo + begun] = i
+                begun += 1
+                continue
+            j = begun
+        resolve_exact_lane(batch, i, j, grid, n, carrying)
+    return begun
 
 
 @jit
 def resolve_exact_lane(batch, i, j, grid, n, carrying):
-    """Take lane `i`, which is in column `j`, over step `n` with every impact in it."""
+    """Take lane `i` from the start of the flight in column `j` to the end of step `n`, alone."""
     workspace, record, _ = batch
     lanes, c, scratch = workspace.lanes, workspace.columns, workspace.scratch
-    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
-    pt, sums, table = workspace.points[i], workspace.sums[i], grid.table
-    theta, phase_step = table[THETA, n], grid.phase_step
+    new_row = (~n & 1) * ROW
+    pt, sums = workspace.points[i], workspace.sums[i]
+    theta, phase_step, begin = grid.table[THETA, n], grid.phase_step, c[BEGIN + j]
     was_resting = lanes[LEVEL + i] == AT_REST
     eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
     y, w, resting, n_events, rested, status, grazes = exact_step(
-        eq, pt, (c[Y_0 + j], c[W_0 + j], was_resting),
-        FreeEnd(c[Y_T + j], c[W_T + j], c[BOUND + j]),
-        Impact(0.0, 0.0, c[U + j], c[W_I + j], c[PROVED + j]),
-        (theta, table[SIN, n], table[COS, n]), phase_step, scratch,
-    )  # fmt: skip
+        eq, pt, flight_in(c, j), was_resting, c[BOUND + j], theta, phase_step, scratch, 0
+    )
     lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
     set_rest(lanes, i, resting, theta + phase_step, pt)
     sums.status = max(sums.status, status)
@@ -201,54 +193,47 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying):
         record_step(scratch.events, n_events, rested / pt.omega, theta, pt, ring, sums)
         sums.near_grazes += grazes
     if carrying:
-        pair = pair_in(lanes, TANGENTS + old_row + i, 2 * ROW)
+        pair = pair_in(c, PAIR_0 + j, COLUMN_ROW)
         if was_resting:
             pair = 0.0, 0.0, 0.0, 0.0
         pair = carry_tangents(
-            (eq, propagator_in(lanes, i)),
-            pair,
-            scratch.events,
-            n_events,
-            theta,
-            phase_step,
-            pt.omega,
-        )
+            (eq, propagator_in(lanes, i)), pair, scratch.events, n_events, begin, theta,
+            phase_step, pt.omega,
+        )  # fmt: skip
         put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
 
 
 @jit
-def stretch(pair, sums):
-    """Orthonormalise two tangent vectors, and add up their growth."""
-    pair, growth_1, growth_2 = orthonormalise(pair)
-    sums.growth_1 += growth_1
-    sums.growth_2 += growth_2
-    return pair
+def take_flights(batch, lo, count, grid, n, carrying):
+    """Take `count` listed lanes, from index `lo` on, over step `n`, flight after flight."""
+    workspace, table = batch.workspace, grid.table
+    c, phase_step = workspace.columns, grid.phase_step
+    wave, end_wave = (table[SIN, n], table[COS, n]), (table[SIN, n + 1], table[COS, n + 1])
+    fill_columns(workspace, lo, count, n, carrying)
+    for k in range(SIDE_BY_SIDE):
+        vectors = (count + VECTOR - 1) // VECTOR
+        follow_flights(c, vectors, (wave, end_wave), phase_step, k > 0)
+        if carrying:
+            carry_columns(c, vectors, wave)
+        count = end_flights(batch, lo, count, grid, n, carrying, k + 1 == SIDE_BY_SIDE)
+        if count == 0:
+            break
 
 
 @jit
-def judge_tangents(lanes, size, row):
-    """Find tangent vectors that would soon be too short, too long or too parallel.
-
-    The GUARD of a lane with such vectors is not negative.
-    """
-    widest_vectors()
-    for i in range(whole_vectors(size)):
-        ay, aw, by, bw = pair_in(lanes, row + i, 2 * ROW)
-        size_2 = ay * ay + aw * aw + by * by + bw * bw
-        fit = (abs(ay * bw - aw * by) >= 1e-4 * size_2) & (size_2 > 1e-100) & (size_2 < 1e100)
-        lanes[GUARD + i] = select(fit, -1.0, 1.0)
-
-
-@jit
-def stretch_lanes(batch, n):
-    """Orthonormalise the tangent vectors that need it, before step `n`."""
-    workspace, _, size = batch
-    lanes, met = workspace.lanes, workspace.met
-    row = TANGENTS + (n & 1) * ROW
-    judge_tangents(lanes, size, row)
+def list_awake(workspace, size, theta, n):
+    """List the lanes that may have met the stop; those that rest until after `theta` stay there."""
+    lanes, met, new_row = workspace.lanes, workspace.met, (~n & 1) * ROW
+    awake = 0
     for j in range(list_lanes(lanes, met, size)):
-        a = row + met[j]
-        put_pair(lanes, a, 2 * ROW, stretch(pair_in(lanes, a, 2 * ROW), workspace.sums[met[j]]))
+        i = met[j] & (LANES - 1)
+        if sleeps_until(lanes, i, theta):
+            lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
+            lanes[SLEPT + i] += 1.0
+        else:
+            met[awake] = i
+            awake += 1
+    return awake
 
 
 @jit
@@ -259,14 +244,12 @@ def take_exact_steps(batch, grid, carrying):
     for n in range(grid.size):
         added = workspace.added[place_of_added(workspace, grid, n)]
         propagate_lanes(lanes, size, added, grid.phase_step, n)
-        listed = list_lanes(lanes, workspace.met, size)
+        listed = list_awake(workspace, size, grid.table[THETA, n] + grid.phase_step, n)
         if carrying:
             propagate_all_tangents(lanes, size, n)
         for lo in range(0, listed, COLUMNS):
-            count = min(COLUMNS, listed - lo)
-            correct_exact_lanes(workspace, lo, count, grid, n, carrying)
-            list_exact_impacts(batch, lo, count, grid, n, carrying)
-        if carrying and ((n + 1) % _CHECKED_EVERY == 0 or n + 1 == grid.size):
+            take_flights(batch, lo, min(COLUMNS, listed - lo), grid, n, carrying)
+        if carrying and ((n + 1) % CHECKED_EVERY == 0 or n + 1 == grid.size):
             stretch_lanes(batch, n + 1)
     if grid.size & 1:
         for a in range(0, GUARD if carrying else TANGENTS, 2 * ROW):  # the next step has number 0
@@ -283,11 +266,3 @@ def round_states(lanes, size):
         x, v = from_dimensionless(lanes[Y + i], lanes[W + i], clearance, omega)
         lanes[POSITION + ROW + i], lanes[VELOCITY + ROW + i] = x, v
         lanes[Y + i], lanes[W + i] = to_dimensionless(x, v, clearance, omega)
-
-
-@jit
-def sum_up_tangents(workspace, i):
-    """Add up the growth that remains in the tangent vectors of lane `i`, in dx^2 + (dv / p)^2."""
-    ay, aw, by, bw = pair_in(workspace.lanes, TANGENTS + i, 2 * ROW)
-    unit = workspace.points[i].omega / workspace.points[i].p
-    stretch((ay, aw * unit, by, bw * unit), workspace.sums[i])

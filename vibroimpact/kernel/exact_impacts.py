@@ -1,14 +1,19 @@
-"""Exact impacts side by side: the stages of ``single_impact``, each for many columns at once.
+"""Exact impacts side by side: the stages of ``meet_stop``, each for many columns at once.
 
-A column is a copy of a lane that may have met the stop. LLVM vectorises the loop of each stage.
-All stages in one loop would be a long chain of operations, each of which waits for the previous
-one. The chain of a single stage is so short that a processor computes several vectors at the same
-time.
+A column is a flight: what happens in a lane from the start of a step, or from a rebound in it, to
+the next impact or to the end of the step. At first the columns hold the lanes that may have met the
+stop in this step. A flight that ends with an impact from which the mass returns within the step
+begins the next one, in one of the first columns, until no flight is left. Flights that this does
+not settle are followed alone, by ``exact_step``, to the end of the step.
+
+LLVM vectorises the loop of each stage. All stages in one loop would be a long chain of operations,
+each of which waits for the previous one. The chain of a single stage is so short that a processor
+computes several vectors at the same time.
 """
 
 from __future__ import annotations
 
-from vibroimpact.jit import inlined, jit, transpose, widest_vectors
+from vibroimpact.jit import inlined, jit, select, transpose, widest_vectors
 from vibroimpact.kernel.workspace import (
     COEFFICIENTS,
     COLUMN_ROW,
@@ -23,37 +28,43 @@ from vibroimpact.kernel.workspace import (
     pair_in,
     put_pair,
 )
+from vibroimpact.step.chatter import may_rest
 from vibroimpact.step.impact import (
-    ONLY,
+    FREE,
+    Flight,
     FreeEnd,
     Guess,
-    Waves,
     all_terms,
     approach,
+    end_flight,
     expand_near,
-    first_impact,
     guess,
+    guess_return,
+    launch_after,
+    own_end,
     rebound,
 )
 from vibroimpact.step.propagator import Coefficients, remainder_bound
-from vibroimpact.step.scheme import COS, SIN
-from vibroimpact.step.variational import tangents_through_impact
+from vibroimpact.step.variational import fly_tangents, tangents_after_impact
 
 _rows = Rows(COLUMN_ROW)
 COLUMN_COEFFICIENTS = _rows.take(5)  #: The coefficients of (P).
 _FACTORS = _rows.take(3)  # of the remainder bound
-# The states at the start of the step, and at its end without and with the impact.
-Y_0, W_0 = _rows.take(), _rows.take()
+# The flight: its state at the start, sine and cosine of the phase there, and this phase since the
+# start of the step.
+Y_0, W_0, S_0, C_0, BEGIN = (_rows.take() for _ in range(5))
+# The state at the end of the step, without and with the impact.
 Y_T, W_T = _rows.take(), _rows.take()
 Y_1, W_1 = _rows.take(), _rows.take()
 BOUND = _rows.take()  #: The remainder bound of the step.
-PAIR = _rows.take(4)  #: The tangent vectors.
+# The tangent vectors at the start of the flight, after its impact, and at the end of the step.
+PAIR_0, _PAIR_I, PAIR_1 = _rows.take(4), _rows.take(4), _rows.take(4)
 # The phase of the impact since the start of the step, its speed, and what is proved of it.
-U, W_I, PROVED = _rows.take(), _rows.take(), _rows.take()
-# Handed from one stage to the next: the guess, the time left after the impact, the value of the
-# series with its derivatives, and the series.
-_LATE, _T = _rows.take(), _rows.take()
-_R = _rows.take()
+AT, W_I, PROVED = _rows.take(), _rows.take(), _rows.take()
+# Handed from one stage to the next: the guess, the length of the flight and the time left after it,
+# the value of the series with its derivatives, and the series.
+_LATE, _T, _NONE = _rows.take(), _rows.take(), _rows.take()
+_LENGTH, _R = _rows.take(), _rows.take()
 _VALUES = _rows.take(3)
 _SERIES = _rows.take(17)
 #: Numbers in the rows of the columns together.
@@ -67,6 +78,18 @@ def coefficients_in(rows, e, distance):
         rows[e], rows[e + distance], rows[e + 2 * distance], rows[e + 3 * distance],
         rows[e + 4 * distance],
     )  # fmt: skip
+
+
+@inlined
+def flight_in(c, j):
+    """Return the ``Flight`` of column `j`."""
+    return Flight(c[Y_0 + j], c[W_0 + j], c[S_0 + j], c[C_0 + j], c[BEGIN + j])
+
+
+@inlined
+def _guess_in(c, j):
+    """Return the ``Guess`` of column `j`."""
+    return Guess(c[_LATE + j], c[_T + j], c[_NONE + j])
 
 
 @inlined
@@ -98,57 +121,78 @@ def _put_series(c, j, terms):
 
 
 @jit
-def correct_columns(c, vectors, waves, phase_step):
-    """Correct the columns of `vectors` vectors as ``single_impact`` does, stage by stage."""
+def follow_flights(c, vectors, waves, phase_step, launched):
+    """Follow the flights of `vectors` vectors as ``meet_stop`` does, stage by stage.
+
+    `waves` holds sine and cosine of the phase at the start of the step, and at its end; `launched`
+    says whether the flights begin with rebounds, or with the step.
+    """
     widest_vectors()
     count = VECTOR * vectors  # shows LLVM that no column is left over
-    for j in range(count):
-        f, start = _FACTORS + j, (c[Y_0 + j], c[W_0 + j])
-        factors = c[f], c[f + COLUMN_ROW], c[f + 2 * COLUMN_ROW]
-        c[BOUND + j] = remainder_bound(factors, start[0], start[1])
-        c[_LATE + j], c[_T + j] = guess(start, _free_end_in(c, j), phase_step)
+    wave, end_wave = waves
+    if launched:
+        for j in range(count):
+            eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
+            c[_LATE + j], c[_T + j], c[_NONE + j] = guess_return(eq, flight_in(c, j), phase_step)
+    else:
+        for j in range(count):
+            c[S_0 + j], c[C_0 + j], c[BEGIN + j] = wave[0], wave[1], 0.0
+            f, flight = _FACTORS + j, flight_in(c, j)
+            factors = c[f], c[f + COLUMN_ROW], c[f + 2 * COLUMN_ROW]
+            c[BOUND + j] = remainder_bound(factors, flight.y, flight.w)
+            c[_LATE + j], c[_T + j], c[_NONE + j] = guess(flight, _free_end_in(c, j), phase_step)
     for j in range(count):
         eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
-        start, free = (c[Y_0 + j], c[W_0 + j]), _free_end_in(c, j)
-        _put_series(c, j, expand_near(eq, start, free, waves, c[_LATE + j]))
+        free = _free_end_in(c, j)
+        _put_series(c, j, expand_near(eq, flight_in(c, j), free, end_wave, c[_LATE + j]))
+    if launched:
+        for j in range(count):
+            k, free = _series_in(c, j), _free_end_in(c, j)
+            c[Y_T + j], c[W_T + j], _ = own_end(k, flight_in(c, j), free, c[_LATE + j], phase_step)
     for j in range(count):
-        c[_T + j] = approach(_series_in(c, j), c[_T + j], phase_step)
+        c[_T + j] = approach(_series_in(c, j), _guess_in(c, j), phase_step)
     for j in range(count):
         v = _VALUES + j
         c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW] = all_terms(_series_in(c, j), c[_T + j])
     for j in range(count):
-        v, start, guessed = _VALUES + j, (c[Y_0 + j], c[W_0 + j]), Guess(c[_LATE + j], c[_T + j])
-        c[U + j], c[_R + j], c[W_I + j], c[PROVED + j] = first_impact(
-            start, _free_end_in(c, j), guessed, _series_in(c, j),
+        v = _VALUES + j
+        c[_LENGTH + j], c[_R + j], c[W_I + j], c[PROVED + j] = end_flight(
+            flight_in(c, j), _free_end_in(c, j), _guess_in(c, j), _series_in(c, j),
             (c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW]), phase_step,
         )  # fmt: skip
     for j in range(count):
         eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
+        c[AT + j] = c[BEGIN + j] + c[_LENGTH + j]
         c[Y_1 + j], c[W_1 + j], c[PROVED + j] = rebound(
             eq, _free_end_in(c, j), c[_R + j], c[W_I + j], c[PROVED + j], phase_step
         )
 
 
 @jit
-def carry_columns(c, vectors, wave, phase_step):
-    """Carry the tangent vectors of the columns of `vectors` vectors through their impacts."""
+def carry_columns(c, vectors, wave):
+    """Carry the tangent vectors of the columns of `vectors` vectors through their flights."""
     widest_vectors()
     for j in range(VECTOR * vectors):
-        eq, pair = (
-            coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW),
-            pair_in(c, PAIR + j, COLUMN_ROW),
-        )
-        pair = tangents_through_impact(eq, pair, c[U + j], c[W_I + j], wave, phase_step)
-        put_pair(c, PAIR + j, COLUMN_ROW, pair)
+        eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
+        pair, met = pair_in(c, PAIR_0 + j, COLUMN_ROW), c[PROVED + j] < FREE
+        flight = c[_LENGTH + j], c[AT + j], c[W_I + j]
+        after = tangents_after_impact(eq, pair, flight, wave)
+        put_pair(c, _PAIR_I + j, COLUMN_ROW, after)
+        # Without an impact the flight itself goes on to the end of the step.
+        left = select(met, c[_R + j], c[_R + j] + c[_LENGTH + j])
+        pair = (
+            select(met, after[0], pair[0]), select(met, after[1], pair[1]),
+            select(met, after[2], pair[2]), select(met, after[3], pair[3]),
+        )  # fmt: skip
+        put_pair(c, PAIR_1 + j, COLUMN_ROW, fly_tangents(eq, pair, left))
 
 
 @jit
-def correct_exact_lanes(workspace, lo, count, grid, n, carrying):
-    """Correct step `n` of `count` listed lanes, from index `lo` on, in columns."""
+def fill_columns(workspace, lo, count, n, carrying):
+    """Copy `count` listed lanes, from index `lo` on, to the columns: their flights in step `n`."""
     lanes, met, c = workspace.lanes, workspace.met, workspace.columns
-    table, old_row, new_row = grid.table, (n & 1) * ROW, (~n & 1) * ROW
-    wave, vectors = (table[SIN, n], table[COS, n]), (count + VECTOR - 1) // VECTOR
-    for vector in range(vectors):
+    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
+    for vector in range((count + VECTOR - 1) // VECTOR):
         j = VECTOR * vector & (COLUMNS - 1)  # the mask shows LLVM that it is not negative
         transpose(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW, lanes, COEFFICIENTS, met, lo + j)
     for j in range(count):
@@ -156,14 +200,18 @@ def correct_exact_lanes(workspace, lo, count, grid, n, carrying):
         c[Y_0 + j], c[W_0 + j] = lanes[Y + old_row + i], lanes[W + old_row + i]
         c[Y_T + j], c[W_T + j] = lanes[Y + new_row + i], lanes[W + new_row + i]
         if carrying:
-            put_pair(c, PAIR + j, COLUMN_ROW, pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
-    waves = Waves(wave[0], wave[1], table[SIN, n + 1], table[COS, n + 1])
-    correct_columns(c, vectors, waves, grid.phase_step)
-    if carrying:
-        carry_columns(c, vectors, wave, grid.phase_step)
-    for j in range(count):
-        i = met[lo + j] & (LANES - 1)
-        lanes[Y + new_row + i], lanes[W + new_row + i] = c[Y_1 + j], c[W_1 + j]
-        if carrying and c[PROVED + j] == ONLY:  # those of a lane at rest must stay finite
-            pair = pair_in(c, PAIR + j, COLUMN_ROW)
-            put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+            put_pair(c, PAIR_0 + j, COLUMN_ROW, pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
+
+
+@jit
+def begin_next_flight(c, j, k, wave):
+    """Begin in column `k` the flight after the impact of column `j`; `k` is not after `j`."""
+    for q in range(5):
+        a = COLUMN_COEFFICIENTS + q * COLUMN_ROW
+        c[a + k] = c[a + j]
+    eq = coefficients_in(c, COLUMN_COEFFICIENTS + k, COLUMN_ROW)
+    launch = launch_after(eq, wave, c[AT + j], c[W_I + j])
+    c[Y_0 + k], c[W_0 + k], c[S_0 + k], c[C_0 + k], c[BEGIN + k] = launch
+    c[Y_T + k], c[W_T + k], c[BOUND + k] = c[Y_1 + j], c[W_1 + j], c[BOUND + j]
+    put_pair(c, PAIR_0 + k, COLUMN_ROW, pair_in(c, _PAIR_I + j, COLUMN_ROW))
+    return may_rest(eq, launch)

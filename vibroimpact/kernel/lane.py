@@ -20,6 +20,7 @@ from vibroimpact.kernel.record import (
     record_section,
     repeat_impacts,
 )
+from vibroimpact.kernel.tangents import sum_up_tangents
 from vibroimpact.kernel.workspace import (
     AT_REST,
     AWAKE,
@@ -240,7 +241,7 @@ def close_lane(workspace, job, i, exactly, plain):
     """End the record of lane `i`."""
     row, sums, lanes = workspace.rows[i], workspace.sums[i], workspace.lanes
     if exactly and job.lyapunov:
-        exact.sum_up_tangents(workspace, i)
+        sum_up_tangents(workspace, i)
     if plain:
         sums.max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
     put_in_order(job.record.impacts[row], sums.listed)

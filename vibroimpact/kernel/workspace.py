@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import inlined, jit, lowest_bit, not_negative
+from vibroimpact.jit import inlined, jit, lowest_bit, not_negative, specialised
 from vibroimpact.kernel.record import Record
 from vibroimpact.step.contact import Scratch, time_to_release
+from vibroimpact.step.propagator import Propagator
 
 #: Most lanes, a power of 2; and impacts corrected at a time.
 LANES, COLUMNS = 128, 32
@@ -116,6 +117,16 @@ def whole_vectors(size):
     Without the bounds, the LLVM of numba 0.61 does not vectorise a loop over them.
     """
     return min(LANES, (size + VECTOR - 1) & -VECTOR)
+
+
+@specialised
+def propagator_in(lanes, i):
+    """Return the ``Propagator`` of lane `i`."""
+    f = PROPAGATOR + i
+    return Propagator(
+        lanes[f], lanes[f + ROW], lanes[f + 2 * ROW], lanes[f + 3 * ROW], lanes[f + 4 * ROW],
+        lanes[f + 5 * ROW], lanes[f + 6 * ROW],
+    )  # fmt: skip
 
 
 @inlined

@@ -168,11 +168,17 @@ def time_to_rest(v, theta, s, c, left, pt):
 
 
 @inlined
+def may_rest(eq, launch):
+    """Whether a rebound is so slow that the mass may come to rest; a fast one clearly does not."""
+    press = fma(eq.of_sin, launch.s, eq.of_1)
+    shortest = _SHORTEST_TAIL * (1.0 - eq.R) if eq.R <= _ENDLESS else 2.0 * _SHORTEST_BOUNCE
+    return -launch.w * rates_of(eq) <= shortest * press
+
+
+@inlined
 def phase_to_rest(eq, launch, theta, left, pt):
     """As ``time_to_rest``, but as a phase, and infinite for impacts that are clearly too fast."""
-    press = fma(eq.of_sin, launch.s, eq.of_1)
-    slow = -launch.w * rates_of(eq) <= _SHORTEST_TAIL * (1.0 - pt.R) * press
-    if not (slow or pt.R > _ENDLESS):
+    if not may_rest(eq, launch):
         return math.inf, _CERTIFIED
     speed, per_time = -launch.w * pt.omega, 1.0 / pt.omega
     wait, status = time_to_rest(speed, theta, launch.s, launch.c, left * per_time, pt)

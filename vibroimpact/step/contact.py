@@ -16,8 +16,8 @@ from vibroimpact.jit import inlined, jit
 from vibroimpact.step.elementary import asin, sin_cos
 from vibroimpact.step.series import TERMS
 
-#: Most flights followed in one step.
-MAX_FLIGHTS = 16384
+#: Most flights of a step that are followed side by side with those of other lanes; and then alone.
+SIDE_BY_SIDE, MAX_FLIGHTS = 6, 16384
 #: A release this close in phase to the end of a step is left to the next step, because rounding
 #: decides the sign of the force. The displacement is then of the order of the cube of this phase.
 RELEASE_MARGIN = 1e-12
@@ -31,7 +31,7 @@ _ROUNDING_OF_LEVEL = 4.5e-16
 # events.
 IMPACT, REST, RELEASE = 0, 1, 2
 KIND, TIME, SPEED, DISPLACEMENT = 0, 1, 2, 3
-EVENTS_SHAPE = (3 * MAX_FLIGHTS + 3, 4)
+EVENTS_SHAPE = (SIDE_BY_SIDE + 3 * MAX_FLIGHTS + 3, 4)
 
 
 class Scratch(NamedTuple):

@@ -1,8 +1,9 @@
 """The impact rule ``exact``: every impact on the closed-form flow, to rounding, and none missed.
 
 A step of ``propagator.py`` whose guard proves it safe needs no correction. Of the others, nearly
-all have a single impact, which ``impact.py`` finds and proves. The remaining steps come here and
-are followed flight by flight:
+all are settled by ``impact.py``. The remaining ones come here: the start and the end of a rest, the
+sum of a chatter, long rows of bounces, and near grazes. They are followed flight by flight, from
+the flight on that is not settled:
 
 - A flight that is proved to stay below the stop, in two or four pieces, has no impact.
 - ``chatter.py`` finds the end of a short rebound, and the sum of a chatter.
@@ -44,7 +45,6 @@ from vibroimpact.step.contact import (
     time_to_release,
 )
 from vibroimpact.step.elementary import sin_cos
-from vibroimpact.step.impact import FIRST, ONLY, Waves, single_impact
 from vibroimpact.step.propagator import extent
 from vibroimpact.step.series import (
     LONGEST_STEP,
@@ -59,8 +59,6 @@ from vibroimpact.step.series import (
 #: is a near graze. It is missed if it comes after an impact in its step and within about this share
 #: of the step before its end.
 NEAR_GRAZE = 1e-9
-# Improvements of the guess for an impact that is not found to rounding after one.
-_POLISH = 4
 
 _CERTIFIED, _CUT_SHORT = int(Status.CERTIFIED), int(Status.CUT_SHORT)
 
@@ -124,19 +122,6 @@ def is_near_graze(eq, turn):
 
 
 @inlined
-def polished(eq, start, free, impact, phase, phase_step):
-    """Search again, with more iterations, for an impact that is not proved; as ``single_impact``.
-
-    Most of these impacts are slow.
-    """
-    if not (start[0] < 0.0 < free.y and impact.proved < FIRST):
-        return impact
-    s_T, c_T = sin_cos(phase[0] + phase_step)
-    waves = Waves(phase[1], phase[2], s_T, c_T)
-    return single_impact(eq, start, free, waves, phase_step, _POLISH)
-
-
-@inlined
 def end_of_step(flight, m, dtheta, left, phase_step):
     """Return the state after the time `left` of a flight that does not meet the stop.
 
@@ -185,66 +170,55 @@ def exact_flight(eq, launch, released, bound, left, phase_step, flight):
     return u * phase_step if u > 0.0 else u, w_i, m, turn
 
 
-@inlined
-def log_impact(events, impact, pt):
-    """Write the impact of a step that has only this event; return the number of rows."""
-    return log_event(events, 0, IMPACT, impact.u / pt.omega, impact.w_i * pt.omega, pt.clearance)
-
-
 @jit
-def exact_step(eq, pt, start, free, impact, phase, phase_step, scratch):
-    """Take one step with every impact in it.
+def exact_step(eq, pt, flight, resting, bound, phase, phase_step, scratch, n):
+    """Take one step, or what is left of it from a flight on, with every impact in it.
 
-    `start` is (y, w, resting); `impact` is from ``single_impact``, not proved to be ``ONLY``;
-    `phase` is the phase at the start, its sine and its cosine. Returns y, w, resting, the number of
-    events in `scratch` (in the units of (x, v)), the phase spent at rest, the status, and the
-    number of near grazes.
+    `flight` is a ``Flight`` that begins with the step, or else with a rebound; `resting` says
+    whether the step begins at rest; `bound` is the remainder bound of the step, `phase` the phase
+    at its start, and `n` the number of events so far in `scratch` (in the units of (x, v)). Returns
+    y, w, resting, the number of events, the phase spent at rest, the status, and the number of near
+    grazes.
     """
-    events, flight = scratch
-    (y, w, resting), (theta_0, s, c) = start, phase
-    stop, per_time = pt.clearance, 1.0 / pt.omega
-    passed, n, grazes, rested, status = 0.0, 0, 0, 0.0, _CERTIFIED
-    impact = polished(eq, (y, w), free, impact, phase, phase_step)
-    if impact.proved == ONLY:
-        return impact.y, impact.w, False, log_impact(events, impact, pt), 0.0, status, 0
-    dtheta, w_i = impact.u if impact.proved >= FIRST else -1.0, impact.w_i
+    events, coefficients = scratch
+    y, w, s, c, passed = flight
+    stop, per_time, rebounds = pt.clearance, 1.0 / pt.omega, passed > 0.0
+    grazes, rested, status = 0, 0.0, _CERTIFIED
     for _ in range(MAX_FLIGHTS):  # limits the loop even where `passed` does not rise
-        released = resting
+        left = phase_step - passed
+        if rebounds:
+            wait, outcome = phase_to_rest(eq, Launch(y, w, s, c), phase + passed, left, pt)
+            status = max(status, outcome)
+            if wait < math.inf:
+                speeds = speeds_until_rest(-w * pt.omega, wait * per_time, s, c, pt)
+                passed += wait
+                resting = True
+                n = log_event(events, n, REST, passed * per_time, speeds, stop)
+        released, rebounds = resting, False
         if resting:
-            wait = pt.omega * time_to_release(theta_0 + passed, pt)
+            wait = pt.omega * time_to_release(phase + passed, pt)
             if phase_step - passed - wait <= RELEASE_MARGIN:
                 return 0.0, 0.0, True, n, rested + (phase_step - passed), status, grazes
             passed += wait
             rested += wait
-            s, c = sin_cos(theta_0 + passed)
+            s, c = sin_cos(phase + passed)
             n = log_event(events, n, RELEASE, passed * per_time, 0.0, stop)
             y, w, resting = 0.0, 0.0, False
         left = phase_step - passed
-        if not dtheta >= 0.0:
-            dtheta, w_i, m, turn = exact_flight(
-                eq, Launch(y, w, s, c), released, free.bound, left, phase_step, flight
-            )
-            grazes += is_near_graze(eq, turn)
-            if dtheta == 0.0 and m > 1:  # the flight starts on the stop and is pressed against it
-                resting = True
-                n = log_event(events, n, REST, passed * per_time, 0.0, stop)
-                dtheta = -1.0
-                continue
-            if not dtheta >= 0.0:
-                y, w = end_of_step(flight, m, dtheta, left, phase_step)
-                return y, w, False, n, rested, status, grazes
-        passed += dtheta
-        left -= dtheta
-        n = log_event(events, n, IMPACT, passed * per_time, w_i * pt.omega, stop)
-        y, w = 0.0, -pt.R * w_i
-        s, c = wave_after(s, c, dtheta, theta_0 + passed)
-        dtheta = -1.0
-        wait, outcome = phase_to_rest(eq, Launch(y, w, s, c), theta_0 + passed, left, pt)
-        status = max(status, outcome)
-        if wait < math.inf:
-            speeds = speeds_until_rest(-w * pt.omega, wait * per_time, s, c, pt)
-            passed += wait
+        dtheta, w_i, m, turn = exact_flight(
+            eq, Launch(y, w, s, c), released, bound, left, phase_step, coefficients
+        )
+        grazes += is_near_graze(eq, turn)
+        if dtheta == 0.0 and m > 1:  # the flight starts on the stop and is pressed against it
             resting = True
-            n = log_event(events, n, REST, passed * per_time, speeds, stop)
+            n = log_event(events, n, REST, passed * per_time, 0.0, stop)
+            continue
+        if not dtheta >= 0.0:
+            y, w = end_of_step(coefficients, m, dtheta, left, phase_step)
+            return y, w, False, n, rested, status, grazes
+        passed += dtheta
+        n = log_event(events, n, IMPACT, passed * per_time, w_i * pt.omega, stop)
+        y, w, rebounds = 0.0, -pt.R * w_i, True
+        s, c = wave_after(s, c, dtheta, phase + passed)
     n = log_event(events, n, REST, passed * per_time, 0.0, stop) - resting  # no second REST
     return 0.0, 0.0, True, n, rested + (phase_step - passed), _CUT_SHORT, grazes

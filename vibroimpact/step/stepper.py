@@ -11,8 +11,18 @@ import numpy as np
 
 from vibroimpact.jit import jit, specialised, widest_vectors
 from vibroimpact.status import Status
-from vibroimpact.step.exact import exact_step, log_impact
-from vibroimpact.step.impact import ONLY, FreeEnd, Waves, single_impact
+from vibroimpact.step.chatter import may_rest
+from vibroimpact.step.contact import IMPACT, SIDE_BY_SIDE, log_event
+from vibroimpact.step.exact import exact_step
+from vibroimpact.step.impact import (
+    FIRST,
+    NOTHING,
+    ONLY,
+    Flight,
+    FreeEnd,
+    launch_after,
+    meet_stop,
+)
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.propagator import (
     coefficients_of,
@@ -87,17 +97,26 @@ def take_exact_step(eq, propagators, state, phase, end_wave, phase_step, pt, scr
     `phase` is the phase at the start, its sine and its cosine; `end_wave` is sine and cosine at the
     end. Returns the same as ``exact_step``.
     """
-    (y, w, _), (_, s, c) = state, phase
+    (y, w, resting), (theta, s, c) = state, phase
     propagator, forcing = propagators
     y_T, w_T, bound, guard = propagate(propagator, y, w, forced(forcing, s, c), phase_step)
     if guard < 0.0:
         return y_T, w_T, False, 0, 0.0, 0, 0
-    free, waves = FreeEnd(y_T, w_T, bound), Waves(s, c, end_wave[0], end_wave[1])
-    impact = single_impact(eq, (y, w), free, waves, phase_step, 1)
-    if impact.proved == ONLY:
-        n = log_impact(scratch.events, impact, pt)
-        return impact.y, impact.w, False, n, 0.0, 0, 0
-    return exact_step(eq, pt, state, free, impact, phase, phase_step, scratch)
+    flight, free, n = Flight(y, w, s, c, 0.0), FreeEnd(y_T, w_T, bound), 0
+    for _ in range(SIDE_BY_SIDE):
+        end = meet_stop(eq, flight, free, end_wave, phase_step)
+        if end.proved == FIRST or end.proved == ONLY:
+            time, speed = end.at / pt.omega, end.w_i * pt.omega
+            n = log_event(scratch.events, n, IMPACT, time, speed, pt.clearance)
+        if end.proved >= ONLY:
+            return end.y, end.w, False, n, 0.0, 0, 0
+        if end.proved == NOTHING:
+            break
+        flight = launch_after(eq, (s, c), end.at, end.w_i)
+        free = FreeEnd(end.y, end.w, bound)
+        if may_rest(eq, flight):
+            break
+    return exact_step(eq, pt, flight, resting, bound, theta, phase_step, scratch, n)
 
 
 @jit

@@ -59,24 +59,28 @@ def apply_saltation(eq, pair, w_i, s):
 
 
 @inlined
-def tangents_through_impact(eq, pair, u, w_i, wave, phase_step):
-    """Carry two tangent vectors through a step whose only impact comes after the time `u`.
+def tangents_after_impact(eq, pair, flight, wave):
+    """Carry two tangent vectors through a flight and the impact that ends it.
 
-    `wave` is sine and cosine of the phase at the start of the step.
+    `flight` is its length, the phase since the start of the step at its end, and w there; `wave` is
+    sine and cosine of the phase at the start of the step.
     """
-    sin, cos = sin_cos(u)
-    pair = fly_tangents(eq, pair, u)
-    pair = apply_saltation(eq, pair, w_i, wave[0] * cos + wave[1] * sin)
-    return fly_tangents(eq, pair, phase_step - u)
+    length, at, w_i = flight
+    sin, cos = sin_cos(at)
+    pair = fly_tangents(eq, pair, length)
+    return apply_saltation(eq, pair, w_i, wave[0] * cos + wave[1] * sin)
 
 
 @jit
-def carry_tangents(prepared, pair, events, n, theta, phase_step, omega):
-    """Carry two tangent vectors (y, w) through a step with `n` events, from the phase `theta`."""
+def carry_tangents(prepared, pair, events, n, begin, theta, phase_step, omega):
+    """Carry two tangent vectors (y, w) through a step with `n` events, from the phase `theta`.
+
+    They are those at the time `begin` of the step, as a phase; the events come after it.
+    """
     eq, propagator = prepared
-    if n == 0:
+    if n == 0 and begin == 0.0:
         return propagate_tangents(propagator, pair)
-    at = 0.0
+    at = begin
     for k in range(n):
         u = events[k, TIME] * omega
         pair, at = fly_tangents(eq, pair, u - at), u
