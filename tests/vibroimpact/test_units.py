@@ -5,6 +5,7 @@ import pytest
 
 from tests.helpers.kernel_cases import random_points
 from tests.helpers.oscillators import random_oscillators
+from tests.helpers.other_units import in_units
 from tests.vibroimpact.test_far_stop import balls
 from tests.vibroimpact.test_free_motions import weakly_damped
 from vibroimpact import (
@@ -21,20 +22,6 @@ from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.step.scheme import scheme_of
-
-#: The powers of 1 / time and of length in the unit of each quantity; the others have none.
-UNITS = {
-    "h": (1, 0), "omega": (1, 0), "p": (1, 0), "f": (2, 1), "clearance": (0, 1), "x0": (0, 1),
-    "v0": (1, 1), "poincare_x": (0, 1), "poincare_v": (1, 1), "impact_v": (1, 1),
-    "slowest_impact": (1, 1), "fastest_impact": (1, 1), "impulse": (1, 1), "energy_lost": (2, 2),
-    "max_penetration": (0, 1), "lyapunov": (1, 0), "x": (0, 1), "v": (1, 1),
-}  # fmt: skip
-
-
-def in_units(values, name, rate, length):
-    """Return a quantity in units in which 1 / time and length have other numbers."""
-    of_rate, of_length = UNITS.get(name, (0, 0))
-    return values * (rate**of_rate * length**of_length) if name in UNITS else values
 
 
 def run(points, integrator, rule):
@@ -60,9 +47,9 @@ def test_units_change_no_bit(integrator, rule, rate, length):
     points = np.concatenate([random_points(300), weak, far])
     results = run(points, integrator, rule)
     for name in POINT.names:
-        points[name] = in_units(points[name], name, rate, length)
+        points[name] = in_units(name, points[name], rate, length)
     for name, values in run(points, integrator, rule).items():
-        expected = in_units(results[name], name, rate, length)
+        expected = in_units(name, results[name], rate, length)
         np.testing.assert_array_equal(values, expected, err_msg=name)
 
 

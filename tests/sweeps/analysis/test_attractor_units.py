@@ -5,21 +5,10 @@ import pytest
 
 from sweeps import integrity, knocks, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import attractor_rows
+from tests.helpers.other_units import in_units
 
-#: The powers of 1 / time and of length in the unit of each quantity; the others have none.
-UNITS = {
-    "h": (1, 0), "omega": (1, 0), "p": (1, 0), "f": (2, 1), "clearance": (0, 1), "x0": (0, 1),
-    "v0": (1, 1), "section_x": (0, 1), "section_v": (1, 1), "speeds": (1, 1),
-    "integrity_factor": (0, 1), "disc_x": (0, 1), "disc_v": (1, 1), "local_integrity": (0, 1),
-    "knock_x": (0, 1), "knock_v": (1, 1), "knock_harmless": (1, 1), "knock_harmful": (1, 1),
-}  # fmt: skip
 #: 1 / time and length of the other units.
 OTHERS = [(2.0**-20, 2.0**-40), (2.0**10, 2.0**5), (1.0, 2.0**30)]
-
-
-def scaled(name, values, rate, length):
-    of_rate, of_length = UNITS.get(name, (0, 0))
-    return np.multiply(values, rate**of_rate * length**of_length) if name in UNITS else values
 
 
 def random_scene(random, step):
@@ -35,7 +24,7 @@ def random_scene(random, step):
 
 def found_in(scene, rate, length, phase, path):
     """Return what is found, by name, with rate and length as the units of 1 / time and length."""
-    values = {name: scaled(name, value, rate, length) for name, value in scene.items()}
+    values = {name: in_units(name, value, rate, length) for name, value in scene.items()}
     config = {
         "start": {"x0": values.pop("x0"), "v0": values.pop("v0"), "phase": phase},
         "oscillator": values,
@@ -64,5 +53,5 @@ def test_units_of_a_power_of_two_change_no_bit(seed, units, tmp_path):
     for rate, length in OTHERS[:units]:
         found = found_in(scene, rate, length, phase, tmp_path / "b.h5")
         for name, values in expected.items():
-            wanted = scaled(name, values, rate, length)
+            wanted = in_units(name, values, rate, length)
             np.testing.assert_array_equal(found[name], wanted, err_msg=name)

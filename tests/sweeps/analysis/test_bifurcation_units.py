@@ -11,12 +11,8 @@ import xarray as xr
 import sweeps
 from sweeps.analysis.bifurcations import find_bifurcations
 from sweeps.analysis.rig import in_si
+from tests.helpers.other_units import in_units
 
-#: The power of a unit of length and of a unit of time in the unit of each parameter.
-UNITS = {
-    "h": (0, -1), "p": (0, -1), "omega": (0, -1), "f": (1, -2), "clearance": (1, 0), "a": (1, 0),
-    "R": (0, 0), "x0": (1, 0),
-}  # fmt: skip
 #: Ranges of the parameters in which most motions have impacts.
 RANGES = {
     "h": (0.01, 0.1), "R": (0.5, 0.9), "omega": (2.4, 3.3), "f": (0.7, 1.3),
@@ -31,24 +27,12 @@ RIG = {
     "clearance": ("gap", lambda mass, gap: gap),
     "R": ("R", lambda mass, R: R),
 }
-#: The units of what is drawn of an orbit.
-OF_ORBITS = {
-    "poincare_x": lambda length, time: length,
-    "poincare_height": lambda length, time: length,
-    "poincare_v": lambda length, time: length / time,
-    "impact_v": lambda length, time: length / time,
-}
 PLACES = ["low", "value", "high"]
 
 
-def unit(name, length, time):
-    of_length, of_time = UNITS[name]
-    return length**of_length * time**of_time
-
-
-def in_units(tmp_path, given, length=1.0, time=1.0, transient=100):
-    """Run a sweep in scaled units; return the path of its file."""
-    scaled = {name: (np.array(one) * unit(name, length, time)).tolist()
+def run(tmp_path, given, rate=1.0, length=1.0, transient=100):
+    """Run a sweep in other units of 1 / time and length; return the path of its file."""
+    scaled = {name: np.array(in_units(name, one, rate, length)).tolist()
               for name, one in given.items()}  # fmt: skip
     start = {"start": {"x0": scaled.pop("x0")}} if "x0" in given else {}
     record = {"transient": transient, "periods": 64, "diagnostics": ["period"]}
@@ -56,12 +40,11 @@ def in_units(tmp_path, given, length=1.0, time=1.0, transient=100):
     return sweeps.run_sweep(scene, tmp_path / "scaled.h5", overwrite=True)
 
 
-def table(tmp_path, given, length=1.0, time=1.0, transient=100, most=8):
-    """Return the table of a sweep in scaled units, its places in the units of `given`."""
+def table(tmp_path, given, rate=1.0, length=1.0, transient=100, most=8):
+    """Return the table of a sweep in other units, its places in the units of `given`."""
     (axis,) = (name for name, one in given.items() if isinstance(one, list))
-    path = in_units(tmp_path, given, length, time, transient)
-    found = sweeps.bifurcations(path, axis, most=most)
-    found[PLACES] /= unit(axis, length, time)
+    found = sweeps.bifurcations(run(tmp_path, given, rate, length, transient), axis, most=most)
+    found[PLACES] = in_units(axis, found[PLACES], 1.0 / rate, 1.0 / length)
     return found
 
 
@@ -77,7 +60,7 @@ def test_bifurcations_at_small_values_are_not_joined(tmp_path):
     """A gap in metres may be small: in such units many of them lie within 1e-9."""
     given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0}
     given["clearance"] = np.linspace(0.05, 0.3, 50).tolist()
-    ours, scaled = (table(tmp_path, given, one, most=3) for one in (1.0, 2.0**-33))
+    ours, scaled = (table(tmp_path, given, 1.0, one, most=3) for one in (1.0, 2.0**-33))
     assert len(ours) > 20
     pd.testing.assert_frame_equal(ours, scaled, check_exact=True)
 
@@ -97,7 +80,7 @@ def test_tables_are_the_same_in_all_units(tmp_path, axes, seeds):
         given, random = one_axis(axis, seed), np.random.default_rng(seed)
         scaled = {
             "length": 2.0 ** random.integers(-40, 40),
-            "time": 2.0 ** random.integers(-20, 20),
+            "rate": 2.0 ** random.integers(-20, 20),
         }
         ours, theirs = table(tmp_path, given, most=3), table(tmp_path, given, most=3, **scaled)
         pd.testing.assert_frame_equal(ours, theirs, check_exact=True)
@@ -109,20 +92,22 @@ def test_tables_are_the_same_in_all_units(tmp_path, axes, seeds):
 @pytest.mark.parametrize("over", [["clearance"], ["clearance", "omega"]])
 def test_branches_and_curves_are_the_same_in_all_units(tmp_path, over):
     """With all that is drawn of them, bit for bit."""
-    length, time = 2.0**-21, 2.0**9
+    rate, length = 2.0**-9, 2.0**-21
     given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0, "p": 1.0}
     given |= {name: np.linspace(*RANGES[name], 12).tolist() for name in over}
 
     def found(*scales):
-        path = in_units(tmp_path, given, *scales)
+        path = run(tmp_path, given, *scales)
         return sweeps.branches(path, *over, most=4) if len(over) == 1 else sweeps.curves(path, over)
 
-    ours, scaled = found(), found(length, time)
+    ours, scaled = found(), found(rate, length)
     assert ours.sizes["point"] > 100 and ours.attrs["summary"] == scaled.attrs["summary"]
-    back = {name: ("point", scaled[name].values / unit(name, length, time)) for name in over}
-    drawn = {name: scaled[name] / of(length, time) for name, of in OF_ORBITS.items()
-             if name in scaled}  # fmt: skip
-    xr.testing.assert_equal(ours, scaled.assign_coords(back).assign(drawn))
+    back = {
+        name: (scaled[name].dims, in_units(name, scaled[name].values, 1.0 / rate, 1.0 / length))
+        for name in scaled.variables
+    }
+    axes = {name: back.pop(name) for name in over}
+    xr.testing.assert_equal(ours, scaled.assign_coords(axes).assign(back))
 
 
 @pytest.mark.slow
