@@ -12,8 +12,10 @@ from collections.abc import Callable, Collection
 from numbers import Integral, Real
 from typing import Any, NamedTuple
 
-#: How NumPy writes a number in a list: np.int64(-1).
-_OF_NUMPY = re.compile(r"\bnp\.[a-z]+[0-9]*\(([^()]*)\)")
+#: How NumPy writes what is in a list: np.int64(-1), np.str_('a'), np.True_.
+_OF_NUMPY = re.compile(
+    r"\bnp\.(?:(?!datetime|timedelta)[a-z]+[0-9_]*\((?P<value>[^()]*)\)|(?P<truth>True|False)_)"
+)
 
 
 class Allowed(NamedTuple):
@@ -124,7 +126,9 @@ TEXT = Allowed(lambda value: isinstance(value, str), "a text")
 def shown(value: object, most: int = 80) -> str:
     """Return the repr of a value on one line of at most `most` characters: -1, not np.int64(-1)."""
     try:
-        text = _OF_NUMPY.sub(r"\1", repr(plain(value)))
+        text = _OF_NUMPY.sub(
+            lambda found: found["value"] or found["truth"] or "", repr(plain(value))
+        )
     except ValueError:  # Python writes no integer of more than 4,300 digits
         text = f"an integer of {value.bit_length():,} bits" if isinstance(value, int) else "a value"
     except RecursionError:

@@ -18,6 +18,9 @@ import numpy as np
 from vibroimpact.inputs import FLAG, integer, refuse_other
 from vibroimpact.oscillator import Oscillator
 
+#: Most forcing periods, and most steps in each.
+_MOST = 1_000_000
+
 
 @dataclass(frozen=True)
 class PaperRun:
@@ -65,9 +68,9 @@ def paper_procedure(
     oscillator : Oscillator
         Its clearance must be 0, as in the paper.
     periods : int
-        Forcing periods to run.
+        Forcing periods to run, at most 1,000,000.
     steps_per_period : int
-        T = 2 pi / (omega steps_per_period); the paper has 100.
+        T = 2 pi / (omega steps_per_period), at most 1,000,000; the paper has 100.
     procedure : bool
         Whether to take the reduced time step, eqs (6)-(10).
 
@@ -78,8 +81,8 @@ def paper_procedure(
 
     Raises
     ------
-    ValueError
-        If the clearance is not 0, or if `periods` or `steps_per_period` is less than 1.
+    TypeError, ValueError
+        If an argument has the wrong type or is out of its range, or if the clearance is not 0.
 
     Examples
     --------
@@ -89,8 +92,8 @@ def paper_procedure(
     True
     """
     refuse_other("oscillator", oscillator, Oscillator)
-    periods = integer(1).checked("periods", periods)
-    steps_per_period = integer(1).checked("steps_per_period", steps_per_period)
+    periods = integer(1, _MOST).checked("periods", periods)
+    steps_per_period = integer(1, _MOST).checked("steps_per_period", steps_per_period)
     procedure = FLAG.checked("procedure", procedure)
     if oscillator.clearance != 0.0:
         raise ValueError(f"the paper's stop is at 0, not at {oscillator.clearance:g}")

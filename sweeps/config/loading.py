@@ -30,6 +30,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import MOST_VALUES, Key, MisplacedError, null
 from sweeps.errors import ConfigError
 from sweeps.text import shortened, shown_count
+from vibroimpact import inputs
 
 #: Longest file accepted, in bytes: long axes should be ranges.
 _MOST_BYTES = 250_000
@@ -80,7 +81,7 @@ def load_config(
     try:
         path = Path(source)
     except TypeError:
-        typed, expected = shortened(repr(source)), f"a YAML file, or {key_list(SweepConfig)}"
+        typed, expected = inputs.shown(source), f"a YAML file, or {key_list(SweepConfig)}"
         raise ConfigError(f"the configuration is {typed}; expected: {expected}") from None
     return parse_config(_text(path), str(path), path.stem, overrides)
 
@@ -134,7 +135,9 @@ def _checked(
 ) -> SweepConfig:
     """Return the configuration of `data` with `overrides`; raise ConfigError if it is not valid."""
     if isinstance(overrides, str) or not isinstance(overrides, Iterable):
-        raise ConfigError(f"overrides = {overrides!r}; expected: a list of texts key=value")
+        raise ConfigError(
+            f"overrides = {inputs.shown(overrides)}; expected: a list of texts key=value"
+        )
     overridden = [_override(data, override, sources) for override in overrides]
     if null(data.get("points")) is not None:
         source = source_of(("points",), sources, origin)

@@ -121,7 +121,7 @@ class SweepConfig(Group):
                 "of class, with exact values of flips, folds and grazes, and `vibroimpact zoom "
                 "OUT.h5` computes the interval of another change; expected: no refine",
             )
-        if "name" in data and "output" not in data:
+        if isinstance(data.get("name"), str) and "output" not in data:
             data = {**data, "output": f"{data['name']}.h5"}
         data = data if null(data.get("rig")) is None else with_rig(data)
         return with_columns(data) if isinstance(data.get("points"), np.ndarray) else data

@@ -1,5 +1,6 @@
 """What may be given: the same answer and the same words at every door of both packages."""
 
+import itertools
 import math
 from fractions import Fraction
 
@@ -14,10 +15,12 @@ from sweeps.plotting import Page
 from tests.helpers.configurations import refusal
 from vibroimpact import (
     Oscillator,
+    bifurcation_curve,
     branch,
     inputs,
     integrate,
     one_impact_orbit,
+    paper_procedure,
     periodic_orbit,
     simulate,
 )
@@ -62,6 +65,7 @@ DOORS = {
     "m of an orbit": lambda value: periodic_orbit(OSC, 0.0, 1.0, m=value),
     "threads of a run": lambda value: sweeps.run_sweep("sweep.yaml", threads=value),
     "dpi": lambda value: Page(dpi=value),
+    "periods of the paper's procedure": lambda value: paper_procedure(OSC, periods=value),
 }
 
 
@@ -70,7 +74,7 @@ DOORS = {
     ("value", "shown"),
     [(np.int64(-1), "-1"), (np.array(-1), "-1"), (-HUGE, "-1000"), (1.5, "1.5"), (True, "True"),
      (np.float64(0.5), "0.5"), ("7", "'7'"), (UNPRINTABLE, "an integer of 16,610 bits"),
-     ([np.int64(1)], "[1]")],
+     ([np.int64(1)], "[1]"), ([np.True_, np.str_("a"), np.float64(0.5)], "[True, 'a', 0.5]")],
     ids=lambda value: type(value).__name__,
 )  # fmt: skip
 def test_every_door_refuses_the_same_integers_in_the_same_words(door, value, shown):
@@ -126,3 +130,56 @@ def test_a_branch_is_shown_on_one_line():
         f"<Branch 1/1: {len(found.values)} points, omega 2.2 to 3.2, edge at 2.2, flip at "
         f"{round(flip, 6)}, edge at 3.2>"
     )
+
+
+SCENE = {"oscillator": {"h": 0.1, "R": 0.8, "omega": [2.5, 2.6], "f": 1.0}}
+RIG = {"mass": 1, "stiffness": 1, "damping": 0.1, "frequency": 0.4, "gap": 0, "R": 0.5, "force": 1}
+#: Public functions with right arguments, and the names of those that are replaced by wrong ones.
+FUNCTIONS = [
+    (Oscillator, {"h": 0.1, "R": 0.8, "omega": 2.3, "f": 1.0}, "h R omega f p clearance a"),
+    (Oscillator.from_rig, RIG, " ".join([*RIG, "base"])),
+    (OSC.to_rig, {}, "mass"),
+    (OSC.at, {}, "x0 v0"),
+    (simulate, {"oscillator": OSC, "periods": 1},
+     "oscillator periods integrator impact steps_per_period x0 v0 phase transient"),
+    (integrate, {"points": OSC.at(), "periods": 1, "transient": 0},
+     "points integrator impact steps_per_period transient periods phase start at_section impacts "
+     "lyapunov threads"),
+    (one_impact_orbit, {"osc": OSC}, "osc n"),
+    (periodic_orbit, {"osc": OSC, "x": 0.0, "v": 1.0}, "osc x v m phase"),
+    (branch, {"orbit": ORBIT, "parameter": "omega", "low": 2.2, "high": 2.4},
+     "orbit parameter low high"),
+    (bifurcation_curve,
+     {"orbit": ORBIT, "kind": "flip", "first": ("omega", 2, 3), "second": ("R", 0.5, 0.6)},
+     "orbit kind first second"),
+    (paper_procedure, {"oscillator": OSC, "periods": 1},
+     "oscillator periods steps_per_period procedure"),
+    (sweeps.run_sweep, {"config": "sweep.yaml"}, "threads overwrite resume progress client"),
+    (Page, {}, "width height dpi title xlim ylim legend marks grey"),
+    *((lambda group=group, **given: sweeps.load_config({**SCENE, group: given}), {}, names)
+      for group, names in (
+          ("record", "transient longest periods phase impacts trajectory diagnostics"),
+          ("method", "integrator impact steps_per_period allow_unstable"),
+          ("start", "x0 v0 phase"), ("units", "time length"), ("follow", "axis direction"))),
+]  # fmt: skip
+WRONG = [
+    np.int64(-1), np.float64(np.nan), np.float64(-np.inf), -HUGE, HUGE, UNPRINTABLE, np.bool_(True),
+    np.str_("x"), [np.int64(-1)], (np.float64(1.5),), {"a": np.int64(1)}, np.array([1, 2]), 1j,
+    np.ma.masked, b"x", {1}, "x",
+]  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("function", "given", "names"), FUNCTIONS, ids=lambda one: "")
+def test_no_door_crashes_or_shows_a_type_of_numpy(function, given, names):
+    """Every wrong value is refused by an error of the package, or of the argument."""
+    refusals = 0
+    for name, wrong in itertools.product(names.split(), WRONG):
+        try:
+            function(**{**given, name: wrong})
+        except (ValueError, TypeError, Refused) as error:
+            refusals += 1
+            message = str(error)
+            assert "np." not in message and "Exceeds the limit" not in message
+            assert len(message) < 900
+    assert refusals >= 0.6 * len(names.split()) * len(WRONG)

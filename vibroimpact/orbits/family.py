@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.inputs import one_of
+from vibroimpact.inputs import one_of, shown
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, System, determinant
@@ -66,7 +66,8 @@ class ContinuationParameter:
         for value in (low, high):
             replace(osc, **{name: value})
         if not low < high:
-            raise ValueError(f"the range of {name} must increase, not {low!r} to {high!r}")
+            given = f"{shown(low)} to {shown(high)}"
+            raise ValueError(f"the range of {name} must increase, not {given}")
         return cls(name, float(low), float(high))
 
     @property
