@@ -29,7 +29,7 @@ from sweeps.store.replacing import check_place
 _LOCK_TEXT = re.compile(rb"vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?|\0{,99}")
 
 
-class Output(NamedTuple):
+class HeldOutput(NamedTuple):
     """An output that this process alone may write."""
 
     path: Path  #: Without links, so that everything works on the file that was checked.
@@ -37,7 +37,9 @@ class Output(NamedTuple):
 
 
 @contextmanager
-def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) -> Iterator[Output]:
+def only_writer(
+    path: Path, *, overwrite: bool = False, resume: bool = False
+) -> Iterator[HeldOutput]:
     """Hold the lock ``<path>.lock``, a file that names this process, and remove it at the end.
 
     However the process dies, the system releases the lock. The file left behind is then unlocked,
@@ -68,7 +70,7 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
         except OSError as error:
             raise Failed(f"{path} cannot be created: {reason(error)}") from error
         try:
-            yield Output(real, before)
+            yield HeldOutput(real, before)
         finally:
             with suppress(OSError):  # it has blocks, or the file is complete
                 parts_path(real).rmdir()
