@@ -98,7 +98,8 @@ Color = Annotated[
     typer.Option(
         metavar="NAME",
         help="What colours the points of a diagram or a table, or the sections, impacts or motions "
-        "of several points: a number per point, e.g. period or lyapunov.",
+        "of several points: a number per point, e.g. period or lyapunov, or direction for a sweep "
+        "that was followed both ways.",
     ),
 ]
 Exact = Annotated[

@@ -106,6 +106,9 @@ def _fitted(
         legend.remove()
         return bool(fit)
 
-    legend = without(bisect_left(range(len(spare)), True, key=fits))
+    legend = without(0)
+    if spare and legend.get_window_extent().height > height:
+        legend.remove()
+        legend = without(bisect_left(range(len(spare)), True, lo=1, key=fits))
     legend.get_title().set_multialignment("center")
     return legend
