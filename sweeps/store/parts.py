@@ -10,17 +10,14 @@ later; it counts as not computed, like a block that belongs to another sweep.
 
 from __future__ import annotations
 
-import errno
 import io
-import math
 import os
 import re
 import stat
-import sys
 import time
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +28,7 @@ import numpy as np
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.interrupts import check
+from sweeps.store.archive import GONE, array_in, opened_archive, padded, write_arrays
 from sweeps.store.file import add_table, schema_of
 from sweeps.store.paths import (
     BLOCK,
@@ -38,8 +36,6 @@ from sweeps.store.paths import (
     SCHEMA,
     UnreadableError,
     identity,
-    identity_of,
-    open_regular,
     parts_path,
 )
 from sweeps.store.replacing import draft_of, drafted, replacing, sync_names
@@ -55,8 +51,6 @@ _SYNC = 1.0
 _SAMPLES = "samples"
 #: Most bytes of trajectories that are filled up with NaN at a time, besides the first point.
 _PIECE = 1 << 26
-#: What else may have happened to a block that a reader does not find.
-_ELSE = "its sweep was completed or begun anew; open the sweep again"
 #: What to do with a block that the disk cannot read any more.
 _LOST = "delete that file, and the run computes its points again"
 
@@ -173,14 +167,14 @@ class Parts:
         block, single, found = self.schema.blocks[number], set(self._points.names or ()), {}
         with self._same(number) as file:
             if single.intersection(names):
-                points = _array(file, "points", self._points, box_shape(block))
+                points = array_in(file, "points", self._points, box_shape(block))
                 found = {name: points[name] for name in single.intersection(names)}
             for name in set(names) - single:
                 if is_sampled(name):
-                    ((_, found[name]),) = _padded(block, *self._samples(file, number, name))
+                    ((_, found[name]),) = padded(block, *self._samples(file, number, name))
                 else:
                     shape = self.schema.shape_of(name, box_shape(block))
-                    found[name] = _array(file, name, VARIABLES[name].dtype, shape)
+                    found[name] = array_in(file, name, VARIABLES[name].dtype, shape)
         return found
 
     def pieces(self, number: int, name: str) -> Iterator[tuple[str, Block, np.ndarray]]:
@@ -191,7 +185,7 @@ class Parts:
         with self._same(number) as file:
             lengths, samples = self._samples(file, number, name)
         room = 1 + _PIECE // (samples.itemsize * max(1, self.entries[number].samples))
-        for box, array in _padded(self.schema.blocks[number], lengths, samples, room):
+        for box, array in padded(self.schema.blocks[number], lengths, samples, room):
             yield name, box, array
 
     def write(self, number: int, arrays: Mapping[str, Any], seconds: float) -> None:
@@ -216,7 +210,7 @@ class Parts:
         with drafted(self._file(number)) as new:
             with zipfile.ZipFile(new, "w") as file:
                 for name, some in {"about": [about], "points": [points], **records}.items():
-                    _write_arrays(file, name, some)
+                    write_arrays(file, name, some)
         self.entries[number] = Entry(longest, seconds, identity(self._file(number)))
         if time.monotonic() > self._synced + _SYNC:
             self.sync()
@@ -240,19 +234,17 @@ class Parts:
     @contextmanager
     def _same(self, number: int) -> Iterator[zipfile.ZipFile]:
         """Open the file of a block, if it is that of its entry."""
-        with _opened(self._file(number)) as (file, now):
+        with opened_archive(self._file(number)) as (file, now):
             if now != self.entries[number].file:
-                raise StoreError(
-                    f"{self._file(number)} was replaced by another program, or {_ELSE}"
-                )
+                raise StoreError(f"{self._file(number)} was replaced by another program, or {GONE}")
             yield file
 
     def _samples(
         self, file: zipfile.ZipFile, number: int, name: str
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the lengths of the trajectories of a block, and a column of all of them."""
-        lengths = _array(file, _SAMPLES, np.int64, (block_points(self.schema.blocks[number]),))
-        return lengths, _array(file, name, VARIABLES[name].dtype, (int(lengths.sum()),))
+        lengths = array_in(file, _SAMPLES, np.int64, (block_points(self.schema.blocks[number]),))
+        return lengths, array_in(file, name, VARIABLES[name].dtype, (int(lengths.sum()),))
 
     def _verify(self, number: int) -> None:
         """Compare a block with its checksums; raise StoreError as `read` does."""
@@ -263,68 +255,11 @@ class Parts:
 
     def _entry(self, number: int) -> Entry:
         """Return the entry of a block; refuse the block of another sweep."""
-        with _opened(self._file(number)) as (file, now):
-            about = _array(file, "about", _ABOUT, ())
+        with opened_archive(self._file(number)) as (file, now):
+            about = array_in(file, "about", _ABOUT, ())
         if (about["sweep"], about["number"]) != (self._sweep, number):
             raise StoreError(f"{self._file(number)} belongs to another sweep")
         return Entry(int(about["samples"]), float(about["seconds"]), now)
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, object]]:
-    """Open the file of a block, and return it with its `identity`; any error is a StoreError.
-
-    An OSError is no damage, unless damage led to a place that no file has (EINVAL).
-    """
-    try:
-        with open_regular(path) as file, zipfile.ZipFile(file) as held:
-            yield held, identity_of(os.fstat(file.fileno()))
-    except StoreError:
-        raise
-    except FileNotFoundError:
-        raise StoreError(f"{path} was removed by another program, or {_ELSE}") from None
-    except Exception as error:  # zipfile has many for damaged files
-        if isinstance(error, OSError) and error.errno != errno.EINVAL:
-            raise UnreadableError(path, error) from error
-        raise StoreError(f"{path} is damaged, or cannot be read: {error}") from error
-
-
-def _write_arrays(file: zipfile.ZipFile, name: str, arrays: Sequence[np.ndarray]) -> None:
-    """Write an array, or several one after the other, as `numpy.savez` does, but without a copy."""
-    header = np.lib.format.header_data_from_array_1_0(arrays[0])
-    if len(arrays) > 1:
-        header["shape"] = (sum(map(len, arrays)),)
-    with file.open(f"{name}.npy", "w", force_zip64=True) as member:
-        np.lib.format.write_array_header_1_0(member, header)
-        for array in arrays:
-            member.write(array.reshape(-1).view(np.uint8).data)
-
-
-def _padded(
-    box: Block, lengths: np.ndarray, samples: np.ndarray, most: int = sys.maxsize
-) -> Iterator[tuple[Block, np.ndarray]]:
-    """Yield boxes of at most `most` points and their samples; shorter trajectories end in NaN."""
-    if len(lengths) > most:
-        axis = next(axis for axis, n in enumerate(box_shape(box)) if n > 1)
-        middle = (box[axis].start + box[axis].stop) // 2
-        for cut in (slice(box[axis].start, middle), slice(middle, box[axis].stop)):
-            half = (*box[:axis], cut, *box[axis + 1 :])
-            here, lengths = np.split(lengths, [block_points(half)])
-            own, samples = np.split(samples, [here.sum()])
-            yield from _padded(half, here, own, most)
-    else:
-        array = np.full((len(lengths), lengths.max(initial=0)), np.nan)
-        array[np.arange(array.shape[1]) < lengths[:, None]] = samples
-        yield box, array.reshape(*box_shape(box), -1)
-
-
-def _array(file: zipfile.ZipFile, name: str, dtype: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of a block file; its header only repeats what the schema says."""
-    data = file.read(f"{name}.npy")  # ZIP compares the checksum
-    start = len(data) - math.prod(shape) * np.dtype(dtype).itemsize
-    if start < 0:  # zeros are the checksum of nothing
-        raise ValueError(f"{name} is incomplete")
-    return np.ndarray(shape, dtype, data, start)
 
 
 def kept_points(path: Path) -> tuple[int, int] | None:
