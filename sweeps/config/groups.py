@@ -348,16 +348,18 @@ class FollowConfig(Group):
         return ("up", "down") if self.direction == "both" else (self.direction,)
 
 
-#: With one of these units, xarray converts numbers to differences of dates.
-TIME_UNITS = (
-    "nanoseconds", "microseconds", "milliseconds", "seconds", "minutes", "hours", "days",
-)  # fmt: skip
+#: Units with which xarray converts numbers to differences of dates, and what to write instead.
+DATE_UNITS = {
+    "nanoseconds": "ns", "microseconds": "us", "milliseconds": "ms", "seconds": "s",
+    "minutes": "min", "hours": "h", "days": "d",
+}  # fmt: skip
 
 
 def _no_date(unit: str) -> str:
     """Refuse a unit with which other programs take numbers for differences of dates."""
-    if unit in TIME_UNITS:
-        raise ValueError("is a unit with which xarray reads numbers as dates")
+    if unit in DATE_UNITS:
+        hint = suggestion(DATE_UNITS[unit])
+        raise ValueError(f"is a unit with which xarray reads numbers as dates{hint}")
     return unit
 
 
@@ -366,11 +368,10 @@ def _unit(quantity: str) -> Any:
     return Field(
         quantity,
         pattern=r"^[^\W\d_]{1,12}$",
-        description=f"name of the unit of {quantity}: a word of at most 12 letters, as s and not "
-        "seconds",
+        description=f"name of the unit of {quantity}: a word of at most 12 letters",
         json_schema_extra={
             "type": ["string", "boolean", "null"],  # the words true and null
-            "not": {"enum": [*TIME_UNITS]},
+            "not": {"enum": [*DATE_UNITS]},
         },
     )
 

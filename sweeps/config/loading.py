@@ -15,7 +15,7 @@ import yaml
 from pydantic import ValidationError
 
 from sweeps.config.checks import completed
-from sweeps.config.groups import TIME_UNITS, StartConfig, key_list
+from sweeps.config.groups import DATE_UNITS, StartConfig, key_list
 from sweeps.config.messages import (
     conflict_at,
     dotted,
@@ -107,12 +107,12 @@ def stored_config(
 
     Columns of the model that were made from those of a rig are left out. Files of earlier versions
     may name ``refine``, by which points were added to their grid, and may have a further column
-    ``phase`` in their table. Both are left out, too, as are names of units that are refused now.
+    ``phase`` in their table. Both are left out, too; units of dates become their short names.
     """
     data, sources = _keys(text, origin)
     data.pop("refine", None)
     if isinstance(units := data.get("units"), dict):
-        data["units"] = {key: name for key, name in units.items() if name not in TIME_UNITS}
+        data["units"] = {key: DATE_UNITS.get(str(name), name) for key, name in units.items()}
     if points is not None:
         made = made_of_rig(points, data["rig"]) if "rig" in data else set()
         without = {*StartConfig.NUMBERS, *made}
