@@ -10,6 +10,7 @@ from tests.helpers.oscillators import bifurcation
 from vibroimpact import Oscillator, integrate, one_impact_orbit, periodic_orbit
 from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
 from vibroimpact.oscillator import POINT
+from vibroimpact.points.compute import compute_points
 from vibroimpact.points.destinations import classified
 from vibroimpact.points.regimes import Regime, regimes_of
 from vibroimpact.points.run_spec import RunSpec
@@ -472,3 +473,23 @@ def test_cycles_of_many_periods_are_found_without_a_transient(impact):
     for name in ("period", "period_impacts"):
         np.testing.assert_array_equal(out[name][long], settled[name][long])
     assert (out["period"][long] > 20).any()
+
+
+@pytest.mark.parametrize("impact", ["exact", "reduced-step"])
+def test_a_cycle_as_long_as_the_record_is_found(impact):
+    """After a transient, and from a section on; its impacts are those of the record."""
+    points = Oscillator(h=0.05, R=0.8, omega=2.0, f=1.0).at().repeat(300)
+    points["omega"] = np.linspace(2.7, 3.0, 300)
+    spec, settled = run(points, impact, transient=4000, periods=200)
+    x, v, m = settled["poincare_x"], settled["poincare_v"], settled["period"]
+    rows = np.arange(300)  # those that come back to the same bits after m periods from the start on
+    same = (x[:, 0] == x[rows, m]) & (v[:, 0] == v[rows, m])
+    long = np.flatnonzero(same & (m > 20))
+    assert long.size > 5
+    for i in long:
+        m, point = int(settled["period"][i]), points[i : i + 1].copy()
+        for transient in (4001, 0):  # the phase of a cycle does not matter
+            one = replace(spec, transient=transient, periods=m)
+            out = compute_points(one, point, None, at_section=transient == 0)
+            assert (out["period"], out["period_impacts"]) == (m, settled["period_impacts"][i])
+            point["x0"], point["v0"] = out["poincare_x"][:, -1], out["poincare_v"][:, -1]

@@ -236,10 +236,25 @@ def attend_lane(batch, i, offset, transient, periods, only_transient):
     lanes[DUE + i] = min(period + 1.0 + math.floor(0.25 * (period + transient)), end)
 
 
+@jit
+def compare_ends(x, v, sections, sums):
+    """Note in the sums whether a record is one cycle that ends where it began, at (x, v)."""
+    last = sections.shape[0] - 1
+    if sums.cycle == 0 and x == sections[last, 0] and v == sections[last, 1]:
+        sums.cycle, sums.cycle_impacts = last + 1, sums.impacts
+        sums.cycle_rests = sums.chatters > 0 or sums.rested > 0.0
+
+
 @specialised
 def close_lane(workspace, job, i, exactly, plain):
     """End the record of lane `i`."""
     row, sums, lanes = workspace.rows[i], workspace.sums[i], workspace.lanes
+    if job.transient > 0:
+        begun = job.record.begun[row]
+        compare_ends(begun[0], begun[1], job.record.sections[row], sums)
+    elif job.scheme.lead.size == 0:  # else the record does not begin at the start
+        pt = workspace.points[i]
+        compare_ends(pt.x0, pt.v0, job.record.sections[row], sums)
     if exactly and job.lyapunov:
         sum_up_tangents(workspace, i)
     if plain:
