@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -99,7 +100,7 @@ def check_memory(sweep: Sweep, points: int, what: str, at_impacts: float = 0.0) 
     Return the memory in bytes that is available for them.
     """
     needed = _BLOCKS_HELD * points * _memory_per_point(sweep, at_impacts)
-    own = _OWN_MEMORY if cache_folder(WAY.name).exists() else _COMPILING
+    own = _OWN_MEMORY if os.path.exists(cache_folder(WAY.name)) else _COMPILING
     available = max(0, available_memory() - own)
     if needed > available:
         raise StoreError(
