@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sweeps.cli.options import integer, say
+from sweeps.cli.options import integer_option, say
 from sweeps.interrupts import signal_came
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def explore(
         int,
         typer.Option(
             metavar="N",
-            parser=integer("--port", 0, 65535),
+            parser=integer_option("--port", 0, 65535),
             help="Port on this machine; a free one if not given.",
         ),
     ] = 0,

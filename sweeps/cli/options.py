@@ -20,8 +20,7 @@ import typer
 
 from sweeps.errors import Refused
 from sweeps.text import printable, told_apart
-from vibroimpact import inputs
-from vibroimpact.inputs import is_number, refusal, typed
+from vibroimpact.inputs import integer, is_number, refusal, typed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,9 +28,9 @@ if TYPE_CHECKING:
     from sweeps.analysis.cuts import Selection
 
 
-def integer(option: str, least: int = 1, most: float = math.inf) -> Callable[[object], int]:
+def integer_option(option: str, least: int = 1, most: float = math.inf) -> Callable[[object], int]:
     """Return a function that reads the value of an option, and refuses all but such integers."""
-    allowed = inputs.integer(least, most)
+    allowed = integer(least, most)
 
     def read(value: object) -> int:
         number = typed(str(value))
@@ -47,7 +46,7 @@ def read_threads(value: object) -> int:
     import numba
 
     cores: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    return integer("--threads", 1, cores)(value)
+    return integer_option("--threads", 1, cores)(value)
 
 
 def _check_csv(path: Path | None) -> Path | None:
@@ -80,7 +79,10 @@ Classes = Annotated[
 MostBranches = Annotated[
     int | None,
     typer.Option(
-        "--most", metavar="N", parser=integer("--most"), help="Follow at most N exact branches."
+        "--most",
+        metavar="N",
+        parser=integer_option("--most"),
+        help="Follow at most N exact branches.",
     ),
 ]
 At = Annotated[

@@ -21,7 +21,7 @@ from sweeps.cli.options import (
     MostBranches,
     branch_options,
     inches,
-    integer,
+    integer_option,
     limits,
     named,
     opened,
@@ -126,7 +126,7 @@ Periods = Annotated[
     int | None,
     typer.Option(
         metavar="N",
-        parser=integer("--periods"),
+        parser=integer_option("--periods"),
         help="For a trajectory, compute N periods from the last stored state.",
     ),
 ]
@@ -139,7 +139,9 @@ Height = Annotated[
 ]
 Resolution = Annotated[
     int | None,
-    typer.Option(metavar="N", parser=integer("--dpi"), help="Pixels per inch, 300 if not given."),
+    typer.Option(
+        metavar="N", parser=integer_option("--dpi"), help="Pixels per inch, 300 if not given."
+    ),
 ]
 Title = Annotated[
     str | None, typer.Option(metavar="TEXT", help="Title instead of the sweep's; may be empty.")

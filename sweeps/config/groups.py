@@ -33,13 +33,12 @@ from sweeps.config.values import (
     Values,
     as_integer,
     form,
-    integer,
+    integer_field,
+    known_word,
     null,
-    one_of,
 )
 from sweeps.text import nearest, shortest, suggestion
-from vibroimpact import inputs
-from vibroimpact.inputs import real, typed
+from vibroimpact.inputs import integer, real, typed
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
@@ -188,16 +187,18 @@ def _truth(value: object) -> object:
 class MethodConfig(Group):
     """How the motion is computed."""
 
-    integrator: Annotated[str, one_of(INTEGRATORS)] = choice(
+    integrator: Annotated[str, known_word(INTEGRATORS)] = choice(
         "integrator between impacts", INTEGRATORS, "exact"
     )
-    impact: Annotated[str, one_of(IMPACT_RULES)] = choice("rule for impacts", IMPACT_RULES, "exact")
+    impact: Annotated[str, known_word(IMPACT_RULES)] = choice(
+        "rule for impacts", IMPACT_RULES, "exact"
+    )
     steps_per_period: Annotated[
         Annotated[int, Field(ge=4, le=MOST_STEPS), BeforeValidator(as_integer)] | None,
         BeforeValidator(null),
     ] = Field(
         None,
-        description=f"time steps per forcing period: {inputs.integer(4, MOST_STEPS).expected}, "
+        description=f"time steps per forcing period: {integer(4, MOST_STEPS).expected}, "
         "or null for as many as the method needs",
     )
     allow_unstable: Annotated[bool, Strict(), BeforeValidator(_truth)] = Field(
@@ -241,7 +242,7 @@ class MethodConfig(Group):
 class TrajectoryConfig(Group):
     """Which samples of the trajectory are recorded."""
 
-    every: Integer = integer("time steps from one sample to the next", 1, MOST_PERIODS)
+    every: Integer = integer_field("time steps from one sample to the next", 1, MOST_PERIODS)
 
 
 def _auto(value: object) -> object:
@@ -263,7 +264,7 @@ class RecordConfig(Group):
             "anyOf": [{"type": "integer", "minimum": 0, "maximum": MOST_PERIODS}, {"const": "auto"}]
         },
         description="forcing periods computed before anything is kept: "
-        f"{inputs.integer(0, MOST_PERIODS).expected}, or auto for as many as each point needs to "
+        f"{integer(0, MOST_PERIODS).expected}, or auto for as many as each point needs to "
         "reach its orbit",
     )
     longest: Annotated[
@@ -272,11 +273,13 @@ class RecordConfig(Group):
     ] = Field(
         None,
         description="with transient: auto, the longest transient: "
-        f"{inputs.integer(1, MOST_PERIODS).expected}; null for {LONGEST_TRANSIENT:,}",
+        f"{integer(1, MOST_PERIODS).expected}; null for {LONGEST_TRANSIENT:,}",
     )
-    periods: Integer = integer("forcing periods kept, with one section each", 1, MOST_RECORDED, 100)
+    periods: Integer = integer_field(
+        "forcing periods kept, with one section each", 1, MOST_RECORDED, 100
+    )
     phase: Number = phase_field("of the section")
-    impacts: Integer = integer("how many of the last impacts are kept", 0, MOST_RECORDED, 64)
+    impacts: Integer = integer_field("how many of the last impacts are kept", 0, MOST_RECORDED, 64)
     trajectory: Annotated[
         Annotated[Literal[False], BeforeValidator(_truth), Tag("<scalar>")]
         | Annotated[TrajectoryConfig, Tag("<mapping>")],
@@ -286,7 +289,8 @@ class RecordConfig(Group):
         description="samples of the motion: false, or {every: k} to keep each k-th time step",
     )
     diagnostics: tuple[
-        Annotated[str, one_of(DIAGNOSTICS), Field(json_schema_extra={"enum": [*DIAGNOSTICS]})], ...
+        Annotated[str, known_word(DIAGNOSTICS), Field(json_schema_extra={"enum": [*DIAGNOSTICS]})],
+        ...,
     ] = Field(
         ("period",),
         json_schema_extra={"uniqueItems": True},
@@ -336,7 +340,7 @@ class FollowConfig(Group):
         f"parameter out of {', '.join(OscillatorConfig.model_fields)}, or what the rig calls it",
         json_schema_extra={"enum": [*OscillatorConfig.model_fields]},
     )
-    direction: Annotated[str, one_of(DIRECTIONS)] = choice(
+    direction: Annotated[str, known_word(DIRECTIONS)] = choice(
         "values of the axis increasing (up), decreasing (down), or once each way",
         DIRECTIONS,
         "up",

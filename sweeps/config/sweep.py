@@ -29,7 +29,7 @@ from sweeps.config.groups import (
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.points import in_model, with_columns
 from sweeps.config.rig import RIG_PARAMETERS, RigConfig, with_rig
-from sweeps.config.values import Axis, Group, MisplacedError, Table, null, one_of
+from sweeps.config.values import Axis, Group, MisplacedError, Table, known_word, null
 from sweeps.grid import TABLE, Grid, Sweep
 from sweeps.text import printable
 from vibroimpact.points.run_spec import RunSpec
@@ -104,7 +104,7 @@ class SweepConfig(Group):
     output: Path = Field(
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
     )
-    compression: Annotated[str, one_of(COMPRESSIONS)] = choice(
+    compression: Annotated[str, known_word(COMPRESSIONS)] = choice(
         "compression of the complete file", COMPRESSIONS, "none"
     )
 

@@ -31,8 +31,7 @@ from pydantic.json_schema import SkipJsonSchema
 
 from sweeps.config.spacing import geometric, linear
 from sweeps.text import nearest, shortest, suggestion
-from vibroimpact import inputs
-from vibroimpact.inputs import is_number, real, typed
+from vibroimpact.inputs import integer, is_number, real, typed
 
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).
 Key = tuple[str | int, ...]
@@ -109,7 +108,7 @@ def form(value: object) -> str:
     return "<list>" if isinstance(value, (list, tuple)) else "<scalar>"
 
 
-def one_of(table: Collection[str]) -> AfterValidator:
+def known_word(table: Collection[str]) -> AfterValidator:
     """Return a validator that refuses names outside a table and suggests a similar one."""
 
     def _check(name: str) -> str:
@@ -120,9 +119,9 @@ def one_of(table: Collection[str]) -> AfterValidator:
     return AfterValidator(_check)
 
 
-def integer(meaning: str, low: int, high: int, default: Any = ...) -> Any:
+def integer_field(meaning: str, low: int, high: int, default: Any = ...) -> Any:
     """Return a field for an integer from `low` to `high`; without a default it is required."""
-    text = f"{meaning}: {inputs.integer(low, high).expected}"
+    text = f"{meaning}: {integer(low, high).expected}"
     return Field(default, ge=low, le=high, description=text)
 
 
@@ -157,7 +156,7 @@ class Range(Group):
 
     start: Number = Field(description="first value: a finite number")
     stop: Number = Field(description="last value, included: a finite number")
-    num: Integer = integer("number of values", 1, MOST_VALUES)
+    num: Integer = integer_field("number of values", 1, MOST_VALUES)
     spacing: Literal["linear", "log"] = Field("linear", description="spacing: linear or log")
 
     @model_validator(mode="after")
