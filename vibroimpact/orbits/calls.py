@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from vibroimpact.jit import compiled, jit
-from vibroimpact.orbits import corrector, detection, flights, linear
+from vibroimpact.orbits import corrector, flights, linear, unknowns
 from vibroimpact.orbits.corrector import System
 
 # The tasks of ``_do``.
@@ -35,11 +35,11 @@ def _do(task, system, here, there, rows, count, number, results):
     elif task == _TANGENT:
         corrector.tangent(system, X, results)
     elif task == _TESTS:
-        detection.test_functions(system, X, along, rows, tests)
+        corrector.test_functions(system, X, along, rows, tests)
     elif task == _MAY_MISS:
-        results[0] = detection.may_miss(system, here, there, number)
+        results[0] = corrector.may_miss(system, here, there, number)
     elif task == _HALVES:
-        results[0] = detection.halves_apart(X, system.m, system.q)
+        results[0] = unknowns.halves_apart(X, system.m, system.q)
     elif task == _PENETRATION or task == _TURNING:
         _follow(task, system, X, count, number, results)
     elif task >= _CORRECT_EACH:
@@ -138,19 +138,19 @@ def tangent(system: System, X: np.ndarray) -> np.ndarray:
 def test_functions(
     system: System, X: np.ndarray, tangent: np.ndarray, bounds: np.ndarray
 ) -> np.ndarray:
-    """Return the test functions, as ``detection.test_functions`` sets them, (2, 2 k + 2)."""
+    """Return the test functions, as ``corrector.test_functions`` sets them, (2, 2 k + 2)."""
     tests = np.empty((2, 2 * len(bounds) + 2))
     _done(_TESTS, system, (X, tangent, tests), rows=bounds)
     return tests
 
 
 def may_miss(system: System, here: Place, there: Place, length: float) -> bool:
-    """Do what ``detection.may_miss`` does."""
+    """Do what ``corrector.may_miss`` does."""
     return bool(_done(_MAY_MISS, system, here, there=there, number=length)[0])
 
 
 def halves_apart(system: System, X: np.ndarray) -> float:
-    """Do what ``detection.halves_apart`` does."""
+    """Do what ``unknowns.halves_apart`` does."""
     return float(_done(_HALVES, system, _at(X))[0])
 
 

@@ -3,19 +3,32 @@
 A step goes along the tangent and is corrected in the plane normal to it (Keller 1977), so folds are
 passed like any other point. The step is shortened if Newton's method fails, if the tangent turns
 too far, or if the step may miss something. The path ends, to rounding, at the last point that is an
-orbit (``ends.py``).
+orbit.
+
+Each reason why the next point is none has a margin, which is zero where it begins, and the last
+orbit is where it is zero. At a graze the speed of an impact is zero, or a flight between two
+impacts touches the stop. Both count as an impact of speed zero, so one condition finds them. Curves
+of flips and folds end wherever their orbit grazes.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from vibroimpact.orbits.ends import ENDS, to_last_orbit
-from vibroimpact.orbits.family import ArclengthStep, OrbitFamily, Point
-from vibroimpact.orbits.unknowns import speeds
+from vibroimpact.orbits import calls
+from vibroimpact.orbits.family import (
+    NEARBY_DISTANCE,
+    ArclengthStep,
+    Inadmissible,
+    OrbitFamily,
+    Point,
+)
+from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.unknowns import ROUNDING, free, impacts, phases, speeds, unknowns
 
 #: Lengths of steps in scaled unknowns: the first, the longest, and one below which the path is
 #: given up.
@@ -24,6 +37,20 @@ _FIRST, _LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
 _RESOLVED = 1e-6
 #: Most points of a path; least cosine of the angle by which the tangent turns in one step.
 MOST_POINTS, _LEAST_COSINE = 2000, 0.985
+#: Where orbits vanish with the force, a force below this share of its range counts as zero: the
+#: equations of the orbits are singular there.
+_VANISHES = 1e-9
+#: At the end of a path, an impact slower than this grazes; so does a flight that turns as near
+#: to the stop. The value is not smaller because Newton's method fails at 1e-6 where all impacts of
+#: a long orbit graze at once.
+_GRAZES = 1e-5
+#: A path ends where the margin of an inadmissible point is below this. If it is not, the last orbit
+#: is sought with a shorter step.
+ENDS = 1e-9
+#: Most trials to find the last orbit of a path; a margin below the second is zero to rounding.
+_MOST_TRIALS, _AT_END = 80, 1e-15
+#: Most iterations at the end of a path, where each may only halve the error.
+_PATIENT = 60
 
 
 def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep]:
@@ -96,3 +123,220 @@ def _returns(step: ArclengthStep, start: Point) -> bool:
         return False
     offset = step.begin.X + place * step.length * along - start.X
     return family.inner(offset, offset) < step.length**2
+
+
+def margin(family: OrbitFamily, point: Point, reason: Inadmissible) -> float:
+    """Return a number that is 0 where a reason begins, negative beyond; NaN if unknown."""
+    if reason.kind == "speed":
+        return float(speeds(point.X, family.q)[reason.at])
+    if reason.kind == "edge":
+        parameter = family.parameters[reason.at]
+        inside = (reason.where - float(family.kept(point.X)[reason.at])) / parameter.span
+        return inside if reason.where == parameter.high else -inside
+    seen = math.isfinite(point.maximum) and (point.maximum > 0.0) == (
+        point.inadmissible is not None
+    )
+    return -point.maximum if reason.kind == "penetration" and seen else math.nan
+
+
+def is_orbit(family: OrbitFamily, point: Point) -> bool:
+    """Whether a point is an orbit, or fails to be one only by rounding."""
+    return point.inadmissible is None or margin(family, point, point.inadmissible) > -ROUNDING
+
+
+def to_last_orbit(step: ArclengthStep, reason: Inadmissible) -> ArclengthStep:
+    """Return the part of a step up to its last point that is an orbit."""
+    family = step.family
+    X, reason = _last_orbit(step, reason)
+    end = family.point(X, family.tangent(X, step.begin.tangent))
+    end.tests[0, np.abs(end.tests[0]) < ROUNDING] = math.nan  # a zero there is not within the step
+    length = step.place(X) * step.length
+    return ArclengthStep(
+        family, step.begin, end, length,
+        last=True, inadmissible=reason, margin=margin(family, end, reason),
+    )  # fmt: skip
+
+
+def _last_orbit(step: ArclengthStep, reason: Inadmissible) -> tuple[np.ndarray, Inadmissible]:
+    """Return the last point of a step that is an orbit, and why the next is none.
+
+    The margin of the reason is zero there. It is found by regula falsi with the Illinois rule
+    (Dowell & Jarratt 1971), with bisection in every third trial and where the margin is unknown.
+    """
+    family, along, last, beyond = step.family, step.begin.tangent, step.begin, step.end
+    low, high, far, moved = 0.0, step.length, step.length, 0
+    above, below = (margin(family, point, reason) for point in (last, beyond))
+    for trial in range(_MOST_TRIALS):
+        if reason.kind == "edge":
+            edge = _edge(step, reason, last.X, beyond.X)
+            if edge is not None:
+                return edge, reason
+        known = high == far and trial % 3 < 2 and above >= 0.0 > below
+        share = above / (above - below) if known else 0.5
+        middle = low + share * (high - low)
+        if middle in (low, high):
+            middle = 0.5 * (low + high)
+        if middle in (low, high) or 0.0 <= above < _AT_END:
+            break
+        guess = last.X + (middle - low) / (far - low) * (beyond.X - last.X)
+        X = family.corrected(guess, along[None, :], most=_PATIENT)
+        if X is None:  # for example near a point of codimension two, where the orbits end
+            high = middle
+            continue
+        point = family.point(X, along)
+        if point.inadmissible is None:
+            low, last, above = middle, point, margin(family, point, reason)
+            below, moved = (0.5 * below if moved < 0 else below), -1
+        else:
+            high, far, beyond, before, reason = middle, middle, point, reason, point.inadmissible
+            below = margin(family, point, reason)
+            if (reason.kind, reason.at) != (before.kind, before.at):
+                above = margin(family, last, reason)
+            elif moved > 0:
+                above *= 0.5
+            moved = 1
+    return last.X, reason
+
+
+def _edge(
+    step: ArclengthStep, reason: Inadmissible, X: np.ndarray, Y: np.ndarray
+) -> np.ndarray | None:
+    """Return the orbit at the edge between X and a point Y beyond it; None if there is none."""
+    family, axis = step.family, reason.at
+    inside, beyond = family.values(X)[axis], family.values(Y)[axis]
+    share = (reason.where - inside) / (beyond - inside)
+    edge = family.at(X + share * (Y - X), reason.where, axis)
+    if edge is None or not is_orbit(family, family.point(edge, step.begin.tangent)):
+        return None
+    return edge if step.place(X) <= step.place(edge) <= step.place(Y) else None
+
+
+def ending(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
+    """Return how a path that is not closed ends, its last point, and the orbit there.
+
+    It ends at an ``edge``, in a ``graze``, in ``rest`` if the mass cannot leave the stop, as at
+    R = 0, in ``penetration``, or is ``lost``. At the graze of a branch the orbit has the impact of
+    speed zero.
+    """
+    family, X, reason = step.family, step.end.X, step.inadmissible
+    if reason is None and _leaves(family, step.end):  # as at R = 0, where two impacts may meet
+        return "edge", X, family.orbit(X)
+    kind = "lost" if reason is None or reason.kind == "speed" else "penetration"
+    if reason is not None:
+        limit = _without_force(family, X)
+        if limit is not None:
+            return "edge", limit, family.orbit(limit)
+        if reason.kind in ("edge", "rest"):
+            X = _at_edges(step, reason) if reason.kind == "edge" else X
+            return reason.kind, X, family.orbit(X)
+        found = _graze(step, reason) if family.kind == "" else None
+        if found is not None:
+            return found
+    if kind == "lost" and _cannot_leave(family, X):
+        return "rest", X, family.orbit(X)
+    if not step.margin < _GRAZES:
+        return kind, X, family.orbit(X)
+    X = _without_speed(step) if family.kind == "" and kind == "lost" else X
+    return "graze", X, family.orbit(X)
+
+
+def _leaves(family: OrbitFamily, point: Point) -> bool:
+    """Whether a path is on an edge of a range and goes on beyond it."""
+    ways = zip(family.parameters, family.kept(point.X), free(point.tangent, family.q), strict=True)
+    return any(
+        value == (axis.low if along < 0.0 else axis.high) and along != 0.0
+        for axis, value, along in ways
+    )
+
+
+def _cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
+    """Whether the mass leaves the stop without speed and acceleration: the next impact meets it."""
+    _, R, omega, f, p, clearance, a = family.natural(X)
+    pushed = -(f + a * omega * omega) * np.sin(phases(X, family.q)) - p * p * clearance
+    return bool(((R * speeds(X, family.q) < _GRAZES) & (np.abs(pushed) < _GRAZES)).any())
+
+
+def _without_force(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
+    """Return the limit at which orbits vanish with the force; None if X is not near it.
+
+    They vanish if the clearance is 0, since x and v are then proportional to the force.
+    """
+    for j, parameter in enumerate(family.parameters):
+        near = free(X, family.q)[j] < _VANISHES
+        if parameter.name in ("f", "a") and parameter.low == 0.0 and near:
+            osc = replace(family.oscillator(X), **{parameter.name: 0.0})
+            if osc.clearance == osc.force == 0.0:
+                X = X.copy()
+                speeds(X, family.q)[:] = free(X, family.q)[j] = 0.0
+                return X
+    return None
+
+
+def _at_edges(step: ArclengthStep, reason: Inadmissible) -> np.ndarray:
+    """Return the end of a path at an edge, extrapolated along its last step to the edge itself.
+
+    The equations of folds may be singular there, as at R = 1 and f = 0, where two edges meet.
+    """
+    family, X, begin = step.family, step.end.X, step.begin.X
+    value, before = (float(family.kept(Y)[reason.at]) for Y in (X, begin))
+    if value == reason.where or value == before:
+        return X
+    X = X + (reason.where - value) / (value - before) * (X - begin)
+    values = free(X, family.q)
+    for j, axis in enumerate(family.parameters):
+        for edge in (axis.low, axis.high):
+            if abs(values[j] - edge / axis.span) < ENDS:
+                values[j] = edge / axis.span
+    return X
+
+
+def _without_speed(step: ArclengthStep) -> np.ndarray:
+    """Return the end of a branch, on which an impact is slow, along its tangent to speed zero.
+
+    Newton's method fails there where any natural vibration closes the orbit, as at h = 0 and
+    omega = n p.
+    """
+    X, tangent, q = step.end.X, step.end.tangent, step.family.q
+    slowest = int(np.argmin(speeds(X, q)))
+    speed, slope = speeds(X, q)[slowest], speeds(tangent, q)[slowest]
+    if not -speed / NEARBY_DISTANCE > slope:  # it becomes no slower
+        return X
+    X = X - speed / slope * tangent
+    speeds(X, q)[slowest] = 0.0
+    return X
+
+
+def _graze(
+    step: ArclengthStep, reason: Inadmissible
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return the graze near the end of a branch, as `ending` does; None if there is none.
+
+    Where Newton's method misses it, a flight touches the stop at its highest point.
+    """
+    family, X = step.family, step.end.X
+    grazing, Y, index = family, X, reason.at
+    if reason.kind == "penetration":
+        grazing, Y = _with_touch(family, X, reason)
+        index += 1
+    Z = grazing.bifurcation(Y, "graze", index)
+    if Z is None or not grazing.distance(Z, Y) < NEARBY_DISTANCE:
+        touches = reason.kind == "penetration" and step.margin < _GRAZES
+        return ("graze", X, grazing.orbit(Y)) if touches else None
+    last = Z
+    if grazing is not family:  # without the touch
+        z = np.delete(impacts(Z, grazing.q), index, axis=0)
+        last = unknowns(z, free(Z, grazing.q))
+    return "graze", last, grazing.orbit(Z)
+
+
+def _with_touch(
+    family: OrbitFamily, X: np.ndarray, reason: Inadmissible
+) -> tuple[OrbitFamily, np.ndarray]:
+    """Return the family and the point with one more impact, of speed zero.
+
+    This impact is at the highest point of the flight that crosses the stop.
+    """
+    at, z = reason.at, impacts(X, family.q)
+    phase, _ = calls.turning_point(family.system, X, at, reason.where)
+    z = np.insert(z, at + 1, (phase, 0.0), axis=0)
+    return family.related(z, family.m), unknowns(z, free(X, family.q))

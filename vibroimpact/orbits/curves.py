@@ -11,10 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibroimpact.inputs import one_of, refuse_other, shown
-from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
+from vibroimpact.orbits.branches import Branch, as_branch, both_ways, branch, without_touch
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of
-from vibroimpact.orbits.paths import both_ways
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.orbits.unknowns import speeds
 

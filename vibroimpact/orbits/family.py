@@ -113,7 +113,7 @@ class Point(NamedTuple):
 
     X: np.ndarray  # (2 q + k,)
     tangent: np.ndarray  # the direction of the path, (2 q + k,)
-    tests: np.ndarray  # the test functions and their slopes along it (``detection.py``), (2, n)
+    tests: np.ndarray  # the test functions and their slopes along it (``corrector.py``), (2, n)
     maximum: float  # greatest local maximum near the stop (``first_penetration``)
     inadmissible: Inadmissible | None
 
@@ -170,6 +170,12 @@ class OrbitFamily:
     def values(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at a point."""
         return free(X, self.q) * self.spans
+
+    def natural(self, X: np.ndarray) -> np.ndarray:
+        """Return the parameters of the oscillator at a point in natural units, shape (7,)."""
+        values = self.system.values.copy()
+        values[self.system.free] = free(X, self.q) * self.system.spans
+        return values
 
     def kept(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at points; a value within rounding of an edge becomes it."""
@@ -259,9 +265,7 @@ class OrbitFamily:
 
     def stable(self, point: Point) -> bool:
         """Whether both multipliers are inside the unit circle (Jury); False at a bifurcation."""
-        values = self.system.values.copy()
-        values[self.system.free] = free(point.X, self.q) * self.system.spans
-        h, R, omega, *_ = values
+        h, R, omega, *_ = self.natural(point.X)
         flip, fold = point.tests[0, -2:]
         product = determinant.py_func(h, R, omega, self.m, self.q)  # not worth compiling
         return bool(flip * fold > 0.0 and product < 1.0)

@@ -33,8 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import inlined, jit
-from vibroimpact.orbits.arrays import filled, pairs, zero_rows
-from vibroimpact.orbits.unknowns import phase_at, speed_at
+from vibroimpact.orbits.unknowns import filled, pairs, phase_at, speed_at, zero_rows
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.elementary import larger, sin_cos, smaller
 from vibroimpact.step.integrators import Parameters

@@ -30,8 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import jit
-from vibroimpact.orbits.arrays import filled, pairs, zero_rows
-from vibroimpact.orbits.unknowns import free_at, phase_at, speed_at
+from vibroimpact.orbits.unknowns import filled, free_at, pairs, phase_at, speed_at, zero_rows
 
 #: Equations count as dependent if only the root of this share of a row is orthogonal to the rows
 #: before it.

@@ -12,7 +12,7 @@ import numpy as np
 
 from vibroimpact.inputs import integer, refuse_other
 from vibroimpact.orbits.calls import correct
-from vibroimpact.orbits.ends import is_orbit
+from vibroimpact.orbits.continuation import is_orbit
 from vibroimpact.orbits.family import Inadmissible, OrbitFamily
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps
 from vibroimpact.orbits.orbit import (

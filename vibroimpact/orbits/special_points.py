@@ -1,29 +1,43 @@
-"""The special points of a step, located to rounding: flips, folds, cusps and meetings.
+"""The special points of a step, located to rounding, and the ends of curves that are singular.
 
 The test functions of flip and fold are det J(mu) at mu = -1 and +1 (``linear.py``). Cusps are
 points on a curve of folds where both parameters turn back together. A curve of grazes meets curves
 of flips and folds where the middle coefficient of det J(mu) vanishes.
+
+A branch of orbits of twice the period ends at a flip of the half, where its halves change places.
+A curve of folds of such orbits ends where this flip is degenerate (Kuznetsov, *Elements of Applied
+Bifurcation Theory*, sec. 9.3). Its equations are singular there, and so are those of a curve on
+which all impacts lose their speed at once: it ends in an orbit that touches the stop without speed,
+as without damping where omega is a fraction of p.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
 
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.detection import HEADING, ROUNDING
-from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
-from vibroimpact.orbits.halves import difference_of_halves
-from vibroimpact.orbits.unknowns import free
+from vibroimpact.orbits.continuation import is_orbit
+from vibroimpact.orbits.corrector import HEADING
+from vibroimpact.orbits.family import NEARBY_DISTANCE, ArclengthStep, OrbitFamily
+from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.unknowns import ROUNDING, free, impacts, speeds, unknowns
 
 #: Greatest difference of the halves of an orbit at which the test of a fold, divided by the square
 #: of it, may be rounding.
 _ALIKE = 1e-4
 #: A bifurcation at an end of a step may lie beyond it by this share of the step, by rounding.
 _AT_END = 1e-6
+#: A curve of folds ends where the mean square difference of its halves is below this, and a curve
+#: on which Newton's method fails where it is below the second, or all impacts are slower than that.
+_MEETS, _MAY_MEET = 4e-4, 0.1
+#: Its end is where it leads from at most so many of its last points, at which this difference or
+#: speed is at least so many times that of the next one. It is known if with one point less it is
+#: the same to this share of the ranges.
+_POINTS, _APART, _PRECISE = 5, 1.5, 1e-8
 
 
 def special_points(
@@ -109,3 +123,131 @@ def _is_twice_its_half(family: OrbitFamily, X: np.ndarray) -> bool:
     if family.m % 2 or family.q % 2:
         return False
     return float(np.abs(difference_of_halves(family, X)).max()) < _ALIKE
+
+
+def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
+    """Return where in a step a branch meets the flip of its parent, of half its period; or None.
+
+    The result is the point of the step and the parent.
+    """
+    family = step.family
+    if family.kind or family.m % 2 or family.q % 2:
+        return None
+    differences = [difference_of_halves(family, X) for X in (step.begin.X, step.end.X)]
+    sizes = [float(np.abs(part).max()) for part in differences]
+    if sizes[0] < ROUNDING:
+        return None
+    if np.sum(differences[0] * differences[1]) >= 0.0 and sizes[1] ** 2 >= ROUNDING:
+        return None
+    halves, X = _half(family, step.between(sizes[0] / sum(sizes)))
+    Y = halves.bifurcation(X, "flip")
+    if Y is None or not is_orbit(halves, halves.point(Y, np.zeros(Y.size))):
+        return None
+    return doubling(halves, Y)[0], halves.orbit(Y)
+
+
+def degenerate_flip(
+    family: OrbitFamily, points: Sequence[np.ndarray], lost: bool
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return how a curve of folds ends beyond some points, where, and the orbit; None if not near.
+
+    It ends in a ``flip`` of the half, or at an ``edge`` just before it if it is `lost` there. The
+    mean of the halves is a smooth function of the square of their difference.
+    """
+    if family.kind != "fold" or family.m % 2 or family.q % 2:
+        return None
+    squares = np.array([calls.halves_apart(family.system, X) for X in points])
+    if not squares[-1] < (_MAY_MEET if lost else _MEETS):
+        return None
+    means = np.array([mean_of_halves(family, X) for X in points])
+    halves, _ = _half(family, points[-1], "flip")
+    guess, error = _where_zero(squares, means)
+    if not error < (NEARBY_DISTANCE if lost else _PRECISE):
+        return None
+    Y = halves.corrected(guess, halves.tangent(guess)[None, :])
+    if Y is None or not halves.distance(Y, guess) < NEARBY_DISTANCE:
+        return None
+    if not lost and not speeds(Y, halves.q).max() > NEARBY_DISTANCE:  # it may stand still
+        return None
+    reason, _ = halves.inadmissible(Y)
+    if reason is None:
+        return "flip", doubling(halves, Y)[0], halves.orbit(Y)
+    if not (lost and reason.kind == "edge"):
+        return None
+    chord = doubling(halves, Y)[0] - points[-1]
+    inside, edge = free(points[-1], family.q)[reason.at], reason.where / family.spans[reason.at]
+    X, axis = points[-1] + (edge - inside) / free(chord, family.q)[reason.at] * chord, 0.0 * chord
+    free(X, family.q)[reason.at], free(axis, family.q)[reason.at] = edge, 1.0
+    X = family.corrected(X, np.array([axis, chord]))
+    return None if X is None else ("edge", X, family.orbit(X))
+
+
+def standstill(
+    family: OrbitFamily, points: Sequence[np.ndarray]
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return the ``graze`` in which all impacts of a lost curve lose their speed, as above."""
+    if family.kind not in ("flip", "fold") or family.q == 1:
+        return None
+    fastest = np.array([speeds(X, family.q).max() for X in points])
+    X, error = _where_zero(fastest, np.array(points))
+    if not fastest[-1] < _MAY_MEET or not error < NEARBY_DISTANCE:
+        return None
+    speeds(X, family.q)[:] = 0.0
+    missed = float(np.abs(calls.linearised(family.system, X)[0]).max())
+    if not missed < NEARBY_DISTANCE or family.inadmissible(X)[0] is not None:
+        return None
+    return "graze", X, family.orbit(X)
+
+
+def _where_zero(places: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the limit at the place 0 of values, shape (n, k), at decreasing places, and its error.
+
+    It is that of the polynomial through some of the last values that changes least by one value
+    more. The nearest values are less accurate.
+    """
+    kept = [len(places) - 1]
+    for i in range(len(places) - 2, -1, -1):
+        if _APART * places[kept[-1]] <= places[i] < _MAY_MEET:
+            kept.append(i)
+    best, least = values[-1], math.inf
+    for first in range(len(kept)):
+        before = None
+        for last in range(first + 1, min(first + _POINTS, len(kept)) + 1):
+            at = places[kept[first:last]]
+            weights = np.prod(at / (at - at[:, None] + np.diag(at)), axis=1)
+            limit = weights @ values[kept[first:last]]
+            if before is not None and np.abs(limit - before).max() < least:
+                best, least = limit, float(np.abs(limit - before).max())
+            before = limit
+    return best, least
+
+
+def _half(
+    family: OrbitFamily, X: np.ndarray, kind: str = "", graze: int = 0
+) -> tuple[OrbitFamily, np.ndarray]:
+    """Return the family of orbits of half the period, and the mean of the halves of a point."""
+    mean = mean_of_halves(family, X)
+    return family.related(impacts(mean, family.q // 2), family.m // 2, kind, graze), mean
+
+
+def difference_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
+    """Return the difference of the second half of an orbit from the first, shape (q / 2, 2)."""
+    z, q = impacts(X, family.q), family.q // 2
+    return z[q:] - z[:q] - np.array([math.pi * family.m, 0.0])
+
+
+def mean_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
+    """Return the mean of the halves of an orbit as a point of the orbits of half the period."""
+    first = impacts(X, family.q)[: family.q // 2]
+    return unknowns(first + 0.5 * difference_of_halves(family, X), free(X, family.q))
+
+
+def doubling(family: OrbitFamily, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a flip X as a point of the orbits of twice the period, and their direction there."""
+    q, z = family.q, impacts(X, family.q)
+    vector = impacts(calls.null_vector(family.system, X, -1.0), q)
+    vector /= math.sqrt(np.sum(vector**2) / q)
+    second = z + np.array([2.0 * math.pi * family.m, 0.0])
+    doubled = unknowns(np.concatenate([z, second]), free(X, q))
+    along = unknowns(np.concatenate([vector, -vector]), np.zeros(len(family.parameters)))
+    return doubled, along

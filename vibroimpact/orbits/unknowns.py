@@ -8,10 +8,17 @@ elements have no free parameters.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from vibroimpact.jit import inlined, jit
-from vibroimpact.orbits.arrays import filled
+
+#: Values of test functions below this are rounding.
+ROUNDING = 1e-12
+#: The difference of the halves of an orbit falls in a step along a curve of folds to no less than
+#: this share. The curve ends where it vanishes (``special_points.py``).
+_LEAST_SHARE = 0.25
 
 
 @inlined
@@ -76,3 +83,72 @@ def moved(X, share, step):
     for i in range(X.size):
         Y[i] = X[i] + share * step[i]
     return Y
+
+
+# New arrays of compiled code. Numba compiles ``np.empty`` and the like anew for every type of
+# shape, each with machine code of its own, so each kind has one function, which is compiled once.
+
+
+@jit
+def filled(n, value):
+    """Return a vector of n times a value."""
+    vector = np.empty(n)
+    for i in range(n):
+        vector[i] = value
+    return vector
+
+
+@jit
+def zero_rows(n, k):
+    """Return n rows of k zeros."""
+    rows = np.empty((n, k))
+    for i in range(n):
+        for j in range(k):
+            rows[i, j] = 0.0
+    return rows
+
+
+@jit
+def pairs(n, k):
+    """Return n pairs of rows of k numbers, shape (n, 2, k), not yet set."""
+    return np.empty((n, 2, k))
+
+
+@jit
+def _apart(X, m, q, i):
+    """Return how far impact i of the second half is from that of the first: phase and speed."""
+    j = i + q // 2
+    phase = X[phase_at(j)] - X[phase_at(i)] - math.pi * m
+    return phase, X[speed_at(j)] - X[speed_at(i)]
+
+
+@jit
+def halves_apart(X, m, q):
+    """Return the mean square difference of the two halves of an orbit; 1 if it has no halves.
+
+    NaN if they are equal to rounding.
+    """
+    if m % 2 or q % 2:
+        return 1.0
+    square = 0.0
+    for i in range(q // 2):
+        phase, speed = _apart(X, m, q, i)
+        square += phase * phase / q
+        square += speed * speed / q
+    return square if square > ROUNDING else math.nan
+
+
+@jit
+def halves_may_meet(X, Y, m, q):
+    """Whether the difference of the halves of an orbit falls so far that they may change places."""
+    if m % 2 or q % 2:
+        return False
+    product, square = 0.0, 0.0
+    for i in range(q // 2):
+        phase, speed = _apart(X, m, q, i)
+        phase_Y, speed_Y = _apart(Y, m, q, i)
+        product += phase * phase_Y
+        product += speed * speed_Y
+        square += phase * phase
+        square += speed * speed
+    return product < _LEAST_SHARE * square
