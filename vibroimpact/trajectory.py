@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibroimpact.inputs import integer, refuse_other
-from vibroimpact.kernel.integrate import Length, run_points
+from vibroimpact.kernel.integrate import Length, loses_digits, run_points
 from vibroimpact.oscillator import Oscillator, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, RELEASE, REST, impulse_and_loss, time_to_release
@@ -146,6 +146,9 @@ def simulate(
         sums = np.sum(speeds), np.sum(speeds * speeds)
     if not status.failed and np.isinf(impulse_and_loss(points["R"], *sums)).any():
         status = Status.NON_FINITE
+    rests = _rests(kind, t, points)
+    if status is Status.CERTIFIED and not len(rests) and loses_digits(points, x[section][None])[0]:
+        status = Status.COMPUTED
     depth = x[np.isfinite(x)] - oscillator.clearance
     return Trajectory(
         t=t,
@@ -153,7 +156,7 @@ def simulate(
         v=v,
         impact_t=t[hit],
         impact_v=v[hit],
-        rests=_rests(kind, t, points),
+        rests=rests,
         section_x=x[section],
         section_v=v[section],
         max_penetration=float(depth.max(initial=0.0)),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.vibroimpact.test_free_motions import found_of
-from vibroimpact import Oscillator, Status, integrate, one_impact_orbits
+from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, simulate
 from vibroimpact.points.regimes import is_chaotic
 from vibroimpact.status import Evidence
 
@@ -45,5 +45,6 @@ def test_orbits_keep_their_class(p, status):
     x, v = stable.sections(0.0)[0]
     out, _ = found_of(osc.at(x - 0.1, v), 2000, 100)
     assert (out["period"], out["period_impacts"], out["status"]) == (1, 1, status)
+    assert simulate(osc, 5, x0=x - 0.1, v0=v).status == status
     out, _ = found_of(osc.at(*unstable.sections(0.0)[0]), 0, 2)
     assert (out["period"], out["period_impacts"]) != (1, 1)

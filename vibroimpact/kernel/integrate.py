@@ -172,14 +172,15 @@ def run_points(
     )  # fmt: skip
     results = _results(points, periods, record)
     if scheme.method[0] == EXACT:
-        results["status"][_loses_digits(points, results)] = Status.COMPUTED
+        moves = (results["status"] == Status.CERTIFIED) & (results["rest_fraction"] == 0.0)
+        results["status"][moves & loses_digits(points, results["poincare_x"])] = Status.COMPUTED
     if not lyapunov:
         del results["lyapunov"]
     return results | ({"destination": found} if classes else {})
 
 
-def _loses_digits(points: np.ndarray, results: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Whether certified motions have fewer digits than ``_FEWEST_DIGITS`` after each section.
+def loses_digits(points: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Whether motions have fewer than ``_FEWEST_DIGITS`` at their sections `x`, (n, periods).
 
     There x is rounded, which is coarse for a motion near a stop far from the rest position. The
     size of the motion is its greatest distance from the stop, or that of a free oscillation if it
@@ -188,12 +189,9 @@ def _loses_digits(points: np.ndarray, results: Mapping[str, np.ndarray]) -> np.n
     rounding = 0.5 * np.spacing(np.abs(points["clearance"])) * 10.0**_FEWEST_DIGITS
     with np.errstate(all="ignore"):  # extreme values, whose size is then 0, inf or NaN
         omega, p = points["omega"], points["p"]
-        size = points["f"] / (omega * omega + 2.0 * points["h"] * omega + p * p)
-    lost = (rounding > size) & (results["status"] == Status.CERTIFIED)
-    rows = np.flatnonzero(lost & (results["rest_fraction"] == 0.0))
-    lost[:] = False
-    apart = np.abs(results["poincare_x"][rows] - points["clearance"][rows, None]).max(axis=1)
-    lost[rows] = rounding[rows] > apart
+        lost: np.ndarray = rounding > points["f"] / (omega * omega + p * p)
+    rows = np.flatnonzero(lost)
+    lost[rows] = rounding[rows] > np.abs(x[rows] - points["clearance"][rows, None]).max(axis=1)
     return lost
 
 
