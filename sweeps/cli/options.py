@@ -259,7 +259,7 @@ def say(text: object, *, error: bool = False, end: bool = True) -> None:
 
 
 #: Time after which a command says what it does [s].
-_PATIENCE = 1.5
+_PATIENCE = 2.0
 
 
 @contextmanager
