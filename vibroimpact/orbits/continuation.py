@@ -250,10 +250,13 @@ def _leaves(family: OrbitFamily, point: Point) -> bool:
 
 
 def _cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
-    """Whether the mass leaves the stop without speed and acceleration: the next impact meets it."""
+    """Whether an impact is left without speed and acceleration, so that the next one meets it."""
     _, R, omega, f, p, clearance, a = family.natural(X)
-    pushed = -(f + a * omega * omega) * np.sin(phases(X, family.q)) - p * p * clearance
-    return bool(((R * speeds(X, family.q) < _GRAZES) & (np.abs(pushed) < _GRAZES)).any())
+    theta = phases(X, family.q)
+    pushed = -(f + a * omega * omega) * np.sin(theta) - p * p * clearance
+    short = np.diff(theta, append=theta[0] + 2.0 * math.pi * family.m) < NEARBY_DISTANCE
+    still = (R * speeds(X, family.q) < _GRAZES) & (np.abs(pushed) < _GRAZES)
+    return bool((short & still).any())
 
 
 def _without_force(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
