@@ -32,7 +32,7 @@ class Allowed(NamedTuple):
         """Return a value, of Python if it is a number of NumPy; ValueError if it does not fit."""
         if not self.fits(value):
             raise ValueError(self.refusal(f"{name} = {shown(value)}"))
-        return plain(value)
+        return of_python(value)
 
 
 def refusal(given: str, expected: str) -> str:
@@ -40,7 +40,7 @@ def refusal(given: str, expected: str) -> str:
     return f"{given} is not allowed; expected: {expected}"
 
 
-def plain(value: object) -> object:
+def of_python(value: object) -> object:
     """Return a number of NumPy, or an array without dimensions, as Python has it."""
     if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
         hidden = _is_date(value) or bool(getattr(value, "mask", False))
@@ -55,7 +55,7 @@ def _is_date(value: object) -> bool:
 
 def real(value: object) -> float | None:
     """Return a real number as a float, infinite if it is too large for one; None if it is none."""
-    value = plain(value)
+    value = of_python(value)
     if isinstance(value, bool) or _is_date(value) or not isinstance(value, Real):
         return None
     try:
@@ -96,7 +96,7 @@ def integer(least: int, most: float = math.inf) -> Allowed:
     """Allow integers from `least` to `most`."""
 
     def fits(value: object) -> bool:
-        whole = plain(value)
+        whole = of_python(value)
         if isinstance(whole, bool) or not isinstance(whole, Integral):
             return False
         return least <= int(whole) <= most
@@ -119,7 +119,7 @@ def refuse_other(name: str, value: object, kind: type) -> None:
 
 #: omega t, at a section or a start.
 PHASE = number(lambda phase: 0.0 <= phase < 2.0 * math.pi, "a number >= 0 and < 2 pi")
-FLAG = Allowed(lambda value: isinstance(plain(value), bool), "True or False")
+FLAG = Allowed(lambda value: isinstance(of_python(value), bool), "True or False")
 TEXT = Allowed(lambda value: isinstance(value, str), "a text")
 
 
@@ -127,7 +127,7 @@ def shown(value: object, most: int = 80) -> str:
     """Return the repr of a value on one line of at most `most` characters: -1, not np.int64(-1)."""
     try:
         text = _OF_NUMPY.sub(
-            lambda found: found["value"] or found["truth"] or "", repr(plain(value))
+            lambda found: found["value"] or found["truth"] or "", repr(of_python(value))
         )
     except ValueError:  # Python writes no integer of more than 4,300 digits
         text = f"an integer of {value.bit_length():,} bits" if isinstance(value, int) else "a value"

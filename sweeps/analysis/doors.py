@@ -16,7 +16,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store import DIRECTION, VARIABLES, open_sweep
-from vibroimpact.inputs import Allowed, integer, is_number, number, plain, shown
+from vibroimpact.inputs import Allowed, integer, is_number, number, of_python, shown
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -96,7 +96,7 @@ def takes_sweep(
             chosen = {name: one for name, one in given.items() if one is not defaults.get(name)}
             require_all(chosen, {**ARGUMENTS, **allowed})
             if isinstance(at := bound.arguments.get("at"), Mapping):
-                bound.arguments["at"] = {name: plain(value) for name, value in at.items()}
+                bound.arguments["at"] = {name: of_python(value) for name, value in at.items()}
             if not isinstance(sweep, str | Path):
                 _refuse_unfit(sweep)
                 return function(*bound.args, **bound.kwargs)

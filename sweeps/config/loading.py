@@ -17,10 +17,10 @@ from pydantic import ValidationError
 from sweeps.config.checks import completed
 from sweeps.config.groups import DATE_UNITS, StartConfig, key_list
 from sweeps.config.messages import (
+    as_typed,
     conflict_at,
     dotted,
     explained,
-    shown,
     source_of,
     without_misspelt,
 )
@@ -125,7 +125,7 @@ def _keys(text: str, origin: str) -> tuple[dict[str, Any], dict[Key, str]]:
     sources: dict[Key, str] = {}
     data = _parse(text, origin, (), sources)
     if not isinstance(data, dict):
-        content = shown(data) if data else "empty"
+        content = as_typed(data) if data else "empty"
         raise ConfigError(f"{origin}: the file is {content}; expected: {key_list(SweepConfig)}")
     return data, sources
 
@@ -282,7 +282,7 @@ def _override(data: dict[str, Any], override: object, sources: dict[Key, str]) -
         target = target.setdefault(part, {})
         if not isinstance(target, dict):
             raise ConfigError(
-                f"{origin}: {dotted(key[:depth])} = {shown(target)} has no keys; "
+                f"{origin}: {dotted(key[:depth])} = {as_typed(target)} has no keys; "
                 f"set {dotted(key[:depth])} as a whole"
             )
     for replaced in [old for old in sources if old[: len(key)] == key]:

@@ -52,7 +52,7 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
         if name.isdecimal():  # {h: 0,1} is read as {h: 0, 1: }
             hint = " (a number has a decimal point, no comma)"
         return f"{where}unknown key {dotted(key)}{hint}; expected: {key_list(group)}"
-    typed = f"{dotted(key)} = {shown(_typed(data, key, error['input']))}"
+    typed = f"{dotted(key)} = {as_typed(_typed(data, key, error['input']))}"
     problem = reason or _PROBLEMS.get(error["type"], "is not allowed")
     return f"{where}{typed} {problem}; expected: {expected}"
 
@@ -111,12 +111,12 @@ def dotted(key: Key) -> str:
     return shortened("".join(parts)[1:])
 
 
-def shown(value: object) -> str:
+def as_typed(value: object) -> str:
     """Write a value as it was typed; a long one is shortened."""
     if isinstance(value, dict):
-        text = "{" + ", ".join(f"{name}: {shown(item)}" for name, item in value.items()) + "}"
+        text = "{" + ", ".join(f"{name}: {as_typed(item)}" for name, item in value.items()) + "}"
     elif isinstance(value, (list, tuple)):
-        text = "[" + ", ".join(map(shown, value)) + "]"
+        text = "[" + ", ".join(map(as_typed, value)) + "]"
     else:
         text = value if isinstance(value, str) else inputs.shown(value)
         text = text or "(nothing)"
