@@ -24,7 +24,7 @@ from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.legend import SHARE, legend_below, legend_within
 from sweeps.plotting.page import Page
 from sweeps.plotting.pixels import widened
-from sweeps.plotting.style import MARKS, STATUS_COLOURS, ink, plain, user_style, visible
+from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, ink, user_style, visible
 from sweeps.text import shortened
 
 #: Least height of the panels, as a share of the usual one.
@@ -215,7 +215,7 @@ def draw_points(
         return
     size = marker_size(x, y, 0.5, most) if size is None else size
     alpha = float(np.clip(1e5 / len(y), 0.15, 1.0)) if alpha is None else alpha
-    colour = plain() if colour is None else colour
+    colour = data_colour() if colour is None else colour
     if isinstance(colour, str):
         (points,) = panel.plot(x, y, "o", color=colour, alpha=alpha, rasterized=True)
         points.set(markersize=size, markeredgewidth=0)

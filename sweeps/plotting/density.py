@@ -18,10 +18,10 @@ from sweeps.plotting.style import (
     BOTH_COLOUR,
     DIRECTION_COLOURS,
     LEAST_SHARE,
+    data_colour,
     dots_per_inch,
     ground,
     ink,
-    plain,
     shades,
     visible,
 )
@@ -60,7 +60,7 @@ def _ramps(both_ways: bool) -> list[LinearSegmentedColormap]:
     Those of directions end at full colours: the darker ends would all look the same where the
     motion is periodic.
     """
-    own = [*DIRECTION_COLOURS, visible(BOTH_COLOUR)] if both_ways else [plain()]
+    own = [*DIRECTION_COLOURS, visible(BOTH_COLOUR)] if both_ways else [data_colour()]
     ends = [shades(colour, ground(), ink())[: 2 if both_ways else 3] for colour in own]
     return [
         LinearSegmentedColormap.from_list("density", [*map(visible, colours)]) for colours in ends

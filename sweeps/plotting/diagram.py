@@ -29,8 +29,8 @@ from sweeps.plotting.style import (
     BOTH_COLOUR,
     DIRECTION_COLOURS,
     PARTIAL,
+    data_colour,
     ink,
-    plain,
     visible,
 )
 from sweeps.plotting.styled import styled
@@ -219,7 +219,7 @@ class _Drawn(NamedTuple):
         """Draw values of each direction, shape (n, k); those of both have a colour of their own."""
         colours: Sequence[str | np.ndarray] = DIRECTION_COLOURS
         if len(self.ways) == 1:
-            colours = [plain() if self.tint is None else self.tint]
+            colours = [data_colour() if self.tint is None else self.tint]
         parts = [(y, np.isfinite(y), of) for y, of in zip(records, colours, strict=False)]
         if len(parts) == 2:
             dark = visible(BOTH_COLOUR)
@@ -275,7 +275,7 @@ class _Drawn(NamedTuple):
         if name == "lyapunov":
             panel.axhline(0.0, color=ink(), linewidth=0.6, zorder=1)
             is_plain = len(self.ways) == 1 and self.tint is None
-            colour = plain() if is_plain else visible(BOTH_COLOUR)
+            colour = data_colour() if is_plain else visible(BOTH_COLOUR)
             for text, alpha in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
                 panel.plot([], [], "o", color=colour, alpha=alpha, markersize=4, label=text)
         panel.set_title(label(self.ways[0][name]), loc="left", wrap=True)

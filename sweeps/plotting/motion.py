@@ -28,7 +28,7 @@ from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit
 from sweeps.plotting.numbers import Wanted
 from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.style import VERMILION, plain
+from sweeps.plotting.style import VERMILION, data_colour
 from sweeps.plotting.styled import styled
 from vibroimpact.points.regimes import Label, has_result
 
@@ -186,7 +186,7 @@ def _draw_curves(
     panels: Sequence[Axes], motion: PointMotion, colour: str | np.ndarray | None = None
 ) -> None:
     """Draw the motion in each panel, by default in the plain colour."""
-    colour = plain() if colour is None else colour
+    colour = data_colour() if colour is None else colour
     t, x, v = motion.flow(per_period=200)
     t = t - motion.rows[0, 0]
     width = 0.9 if motion.rows.shape[1] < 5000 else 0.4
@@ -199,7 +199,7 @@ def _mark_impacts(panels: Sequence[Axes], motion: PointMotion) -> None:
     """Mark the impacts of the motion, and its samples beyond the stop."""
     rows = motion.rows
     marks = (
-        (motion.impacts, plain(1), "impacts"),
+        (motion.impacts, data_colour(1), "impacts"),
         (rows[:, rows[1] > motion.oscillator.clearance], VERMILION, "samples beyond the stop"),
     )
     for (t, x, v), colour, text in marks:

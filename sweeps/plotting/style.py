@@ -2,7 +2,7 @@
 
 Any two colours of one picture can be told apart with normal colour vision, deuteranopia and
 protanopia: they differ by at least 10 in CIEDE2000. A colour without a meaning comes from the
-settings of matplotlib: `ground`, `ink`, and `plain` for data of one kind.
+settings of matplotlib: `ground`, `ink`, and `data_colour` for data of one kind.
 """
 
 import logging
@@ -196,7 +196,7 @@ def ink() -> str:
     return max(("#000000", WHITE), key=lambda colour: _contrast(colour, ground()))
 
 
-def plain(number: int = 0) -> str:
+def data_colour(number: int = 0) -> str:
     """Return the colour of data without a meaning, by their number in ``axes.prop_cycle``."""
     return to_hex(f"C{number}")
 

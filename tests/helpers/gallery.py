@@ -105,7 +105,7 @@ def digest(path):
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def plain(text):
+def without_numbers(text):
     """Return a text without its numbers, and without the prefixes of metres."""
     text = re.sub("\\[[mn\N{MICRO SIGN}](?=m)", "[", text)
     return re.sub(r"[-+]?\d[\d.,]*(\^\{?-?\d+\}?)?", "#", text)
