@@ -1,4 +1,4 @@
-"""Forcing periods per second on this machine, and their share of its peak.
+"""Forcing periods per second on this machine, by method and by scene, and their share of its peak.
 
 The peak is the measured rate of fused multiply-adds in a loop that does nothing else. A step of the
 affine map takes eight of them; the share counts only these. All runs are
@@ -7,9 +7,9 @@ interleaved, and the best round of each counts, in wall time.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,7 +21,8 @@ from rich.progress import track
 from sweeps.text import table
 from vibroimpact import Oscillator, integrate
 from vibroimpact.jit import ALL_THREADS, WAY, fma, jit, widest_vectors
-from vibroimpact.step.scheme import default_steps
+from vibroimpact.kernel.integrate import Effort, Length, effort
+from vibroimpact.step.scheme import scheme_of
 
 #: Multiply-adds in a step of the affine map.
 PER_STEP = 8
@@ -29,40 +30,65 @@ PER_STEP = 8
 #: Sums side by side in vector registers; multiply-adds on a sum at a time; repetitions of both.
 _SUMS, _CHAIN, _TIMES = 64, 8, 40_000
 
-#: Where most motions come back to the same bits, after which their periods are copied.
-_ANSWERED = "exact, chatter", "exact, settling"
 
-#: What is timed, by name: the arguments of `integrate`.
-WORKS: Mapping[str, Mapping[str, Any]] = {
-    "plain": {"integrator": "newmark", "impact": "plain"},
-    "reduced-step": {"integrator": "newmark", "impact": "reduced-step"},
-    "cubic": {"integrator": "rk4", "impact": "cubic"},
-    "exact": {},
-    "exact, Lyapunov": {"lyapunov": True},
-    "exact, chatter": {},
-    "exact, settling": {},
+class OmegaRange(NamedTuple):
+    """An oscillator with f = 1 over a range of omega."""
+
+    h: float
+    R: float
+    low: float
+    high: float
+    fewer: int = 1  # of so many points one is taken, where a period takes longer
+
+
+#: Ranges of omega whose motions differ: where impacts are many or rests are long, other parts of
+#: the kernel take the time. In chaos every period is computed.
+RANGES: Mapping[str, OmegaRange] = {
+    "quickstart": OmegaRange(0.05, 0.8, 2.4, 3.5),
+    "chaos": OmegaRange(0.02, 0.9, 2.75, 2.95),
+    "one impact": OmegaRange(0.1, 0.8, 0.8, 4.0),
+    "rattling": OmegaRange(0.02, 0.9, 0.2, 0.4, 8),
+    "chatter": OmegaRange(0.05, 0.8, 0.2, 0.4, 8),
+    "rests": OmegaRange(0.3, 0.5, 0.3, 4.0, 2),
+    "fast forcing": OmegaRange(0.05, 0.8, 6.0, 12.0),
+}
+
+#: What is timed, by name: the scene, and the arguments of `integrate`.
+WORKS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "plain": ("chaos", {"integrator": "newmark", "impact": "plain"}),
+    "reduced-step": ("chaos", {"integrator": "newmark", "impact": "reduced-step"}),
+    "cubic": ("chaos", {"integrator": "rk4", "impact": "cubic"}),
+    "exact, Lyapunov": ("chaos", {"lyapunov": True}),
+    **{f"exact, {name}": (name, {}) for name in RANGES},
 }
 _ROUNDS = 10
 
 
 class Speed(NamedTuple):
-    """The measurement of one work."""
+    """The measurement of one work; per second of one thread where nothing else is said."""
 
     steps: int  # steps per forcing period
-    periods: dict[int, float]  # forcing periods per second, by number of threads
-    share: float  # share of the peak of one thread that the multiply-adds of the steps reach
+    periods: dict[int, float]  # forcing periods answered per second, by number of threads
+    computed: float  # forcing periods computed; the others were copied
+    impacts: float
+    share: float  # share of the peak that the multiply-adds of the computed steps reach
+    alone: float  # share of the computed steps that left the vector; NaN unless impacts are exact
 
 
-def _points(name: str, count: int) -> np.ndarray:
-    """Return the points of a work; in the chaos of most of them every period is computed."""
-    osc, low, high = Oscillator(h=0.02, R=0.9, omega=1.0, f=1.0), 2.8, 2.95
-    if name == "exact, chatter":  # takes longer, so only a sixteenth of the points
-        osc, low, high, count = replace(osc, h=0.05, R=0.5), 0.1, 0.6, count // 16
-    elif name == "exact, settling":
-        osc, low, high = replace(osc, h=0.1, R=0.8), 0.8, 4.0
-    points = osc.at().repeat(count)
-    points["omega"] = np.linspace(low, high, count)
+def points_over(scene: OmegaRange, count: int) -> np.ndarray:
+    """Return the points of a scene; the cheapest scenes have `count`."""
+    points = Oscillator(scene.h, scene.R, 1.0, 1.0).at().repeat(max(1, count // scene.fewer))
+    points["omega"] = np.linspace(scene.low, scene.high, points.size)
     return points
+
+
+def effort_of(
+    points: np.ndarray, work: Mapping[str, Any], transient: int, periods: int
+) -> tuple[Effort, int]:
+    """Return what a run of a work computes, and its steps per forcing period."""
+    scheme = scheme_of(points, work.get("integrator", "exact"), work.get("impact", "exact"), None)
+    length = Length(transient, periods, 0)
+    return effort(points, scheme, length, work.get("lyapunov", False)), scheme.grid.size
 
 
 def measure(
@@ -74,11 +100,11 @@ def measure(
     second on one thread.
     """
     threads = sorted({1, ALL_THREADS})
-    scenes = {name: _points(name, count) for name in WORKS}
+    scenes = {name: points_over(RANGES[scene], count) for name, (scene, _) in WORKS.items()}
     record: dict[str, Any] = {"transient": periods - periods // 3, "periods": periods // 3}
     sums = np.ones(_SUMS)
     runs: dict[tuple[str, int], Callable[[], object]] = {
-        (name, n): partial(integrate, scenes[name], **WORKS[name], **record, threads=n)
+        (name, n): partial(integrate, scenes[name], **WORKS[name][1], **record, threads=n)
         for name in WORKS
         for n in threads
     }
@@ -98,9 +124,13 @@ def measure(
     peak = _SUMS * _CHAIN * _TIMES / best["peak", 1]
     speeds = {}
     for name, points in scenes.items():
-        steps = default_steps(points, WORKS[name].get("impact", "exact"))
+        work = WORKS[name][1]
         rates = {n: float(points.size * periods / best[name, n]) for n in threads}
-        speeds[name] = Speed(steps, rates, rates[1] * steps * PER_STEP / peak)
+        done, steps = effort_of(points, work, **record)
+        computed, impacts = done.periods / best[name, 1], done.impacts / best[name, 1]
+        alone = math.nan if "impact" in work else done.alone / (done.periods * steps)
+        share = computed * steps * PER_STEP / peak
+        speeds[name] = Speed(steps, rates, computed, impacts, share, alone)
     return peak, speeds
 
 
@@ -109,19 +139,20 @@ def shown(peak: float, speeds: Mapping[str, Speed]) -> str:
     threads = list(next(iter(speeds.values())).periods)
     speed_up = ["speed-up"] if len(threads) > 1 else []
     names = ["one thread" if n == 1 else f"{n} threads" for n in threads]
-    rows = [["impact rule", "steps", *names, *speed_up, "of peak"]]
+    rows = [["impact rule", "steps", *names, *speed_up, "computed", "impacts", "alone", "of peak"]]
     for name, speed in speeds.items():
         rates = [speed.periods[n] for n in threads]
         ratio = [f"{rates[-1] / rates[0]:.2f}" for _ in speed_up]
         cells = [f"{rate / 1e6:.3g}" for rate in rates]
-        # Of periods that are not computed there is no share.
-        share = "" if name in _ANSWERED else f"{speed.share:.1%}"
-        rows.append([name, f"{speed.steps}", *cells, *ratio, share])
+        work = [f"{rate / 1e6:.3g}" for rate in (speed.computed, speed.impacts)]
+        alone = "" if math.isnan(speed.alone) else f"{speed.alone:.2%}"
+        rows.append([name, f"{speed.steps}", *cells, *ratio, *work, alone, f"{speed.share:.1%}"])
     return (
-        "Million forcing periods per second. In chaos no motion comes back to the same bits, and\n"
-        f"all are computed; where most motions do ({', '.join(map(repr, _ANSWERED))}),\n"
-        "most are copied. Steps per period; share of one thread's peak,\n"
-        f"{peak / 1e9:.3g}e9 multiply-adds per second, of which a step takes {PER_STEP}.\n"
+        "Million forcing periods per second. Once a motion has come back to the same bits, its\n"
+        "periods are copied; on one thread, this many are computed, with so many million impacts\n"
+        "per second. Share of the steps that left the vector, because of a rest for example.\n"
+        f"Steps per period; share of one thread's peak, {peak / 1e9:.3g}e9 multiply-adds per\n"
+        f"second, of which a step takes {PER_STEP}. All methods run in the scene 'chaos'.\n"
         f"numba {numba.__version__} is used {WAY}\n\n"
         f"{table(rows, words=1)}\n"
     )

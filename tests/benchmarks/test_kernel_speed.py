@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 
+from sweeps.bench.speed import RANGES, effort_of, points_over
 from tests.benchmarks.limits import cpu_seconds
 from tests.helpers.kernel_cases import EVERY_METHOD
 from vibroimpact import Oscillator, integrate, simulate
@@ -56,6 +57,33 @@ def test_methods(race, rule, integrator):
         orbit = simulate(OSCILLATORS[i], PERIODS, integrator, rule, steps)
         assert (found["poincare_x"][i, 0], found["poincare_v"][i, 0]) == (orbit.x[-1], orbit.v[-1])
         assert (found["impacts_per_period"][i] > 0.0) == (orbit.impact_t[-1] > orbit.t[-1 - steps])
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_scenes(race, benchmark, name):
+    """Exact impacts against the rule ``plain`` on the same points: chaos, rattling, rests, ...
+
+    What they compute in a second is kept with the record of the benchmark.
+    """
+    points, record = points_over(RANGES[name], 1024), {"transient": 200, "periods": 100}
+
+    def run(integrator="exact", rule="exact"):
+        return integrate(points, integrator=integrator, impact=rule, **record, threads=1)
+
+    done, steps = effort_of(points, {}, **record)
+    plainly, _ = effort_of(points, {"impact": "plain"}, **record)
+    found = race.run(
+        f"exact / plain, {name}", run, lambda: run("newmark", "plain"),
+        amount=done.periods, of_reference=plainly.periods,
+    )  # fmt: skip
+    best = benchmark.stats.stats.min
+    benchmark.extra_info.update(
+        periods_per_second=done.periods / best,
+        impacts_per_second=done.impacts / best,
+        steps_alone=done.alone / (done.periods * steps),
+    )
+    assert np.isin(found["status"], [Status.CERTIFIED, Status.COMPUTED]).all()
+    assert done.alone / (done.periods * steps) < 0.03
 
 
 def test_everything_recorded(race):

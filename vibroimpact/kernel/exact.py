@@ -188,6 +188,7 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying):
     lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
     set_rest(lanes, i, resting, theta + phase_step, pt)
     sums.status = max(sums.status, status)
+    sums.alone += 1
     if lanes[PERIOD + i] >= 0.0:
         ring = record.impacts[workspace.rows[i]]
         record_step(scratch.events, n_events, rested / pt.omega, theta, pt, ring, sums)

@@ -155,6 +155,26 @@ def run_points(
     NaN and the status ``PENDING``.
     """
     points = with_one_force(points)
+    record, found = _record(points, scheme, length, lyapunov, threads, interrupt, classes)
+    results = _results(points, record.sections.shape[1], record)
+    if scheme.method[0] == EXACT:
+        moves = (results["status"] == Status.CERTIFIED) & (results["rest_fraction"] == 0.0)
+        results["status"][moves & loses_digits(points, results["poincare_x"])] = Status.COMPUTED
+    if not lyapunov:
+        del results["lyapunov"]
+    return results | ({"destination": found} if classes else {})
+
+
+def _record(
+    points: np.ndarray,
+    scheme: Scheme,
+    length: Length,
+    lyapunov: bool,
+    threads: int | None,
+    interrupt: np.ndarray,
+    classes: bool,
+) -> tuple[Record, np.ndarray]:
+    """Run points with one force; return their record, and their destinations if `classes`."""
     transient = integer(0, MOST_PERIODS).checked("transient", length.transient)
     periods = integer(1, MOST_RECORDED).checked("periods", length.periods)
     impacts = integer(0, MOST_RECORDED).checked("impacts", length.impacts)
@@ -170,13 +190,25 @@ def run_points(
         threads,
         points, scheme, transient, periods, lyapunov, record, interrupt, found, only_find=False,
     )  # fmt: skip
-    results = _results(points, periods, record)
-    if scheme.method[0] == EXACT:
-        moves = (results["status"] == Status.CERTIFIED) & (results["rest_fraction"] == 0.0)
-        results["status"][moves & loses_digits(points, results["poincare_x"])] = Status.COMPUTED
-    if not lyapunov:
-        del results["lyapunov"]
-    return results | ({"destination": found} if classes else {})
+    return record, found
+
+
+class Effort(NamedTuple):
+    """What a run computed, with its transient; what it copied does not count."""
+
+    periods: int
+    impacts: float  #: As many in every period as in those that were recorded.
+    alone: int  #: Steps that left the vector, with the rule ``exact``.
+
+
+def effort(points: np.ndarray, scheme: Scheme, length: Length, lyapunov: bool = False) -> Effort:
+    """Run valid points on one thread, and count what the run computed."""
+    points, interrupt = with_one_force(points), np.zeros(1, np.int64)
+    record, _ = _record(points, scheme, length, lyapunov, 1, interrupt, False)
+    sums, all_periods = record.sums, length.transient + length.periods
+    computed = all_periods - sums["skipped"]
+    impacts = (sums["impacts"] * computed).sum() / length.periods
+    return Effort(int(computed.sum()), float(impacts), int(sums["alone"].sum()))
 
 
 def loses_digits(points: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -89,6 +89,7 @@ def fill_lane(workspace, job, i, exactly):
         return False
     lanes, grid = workspace.lanes, job.scheme.grid
     workspace.rows[i], workspace.points[i] = row, job.points[row]
+    workspace.sums[i].skipped = workspace.sums[i].alone = 0
     pt = workspace.points[i]
     # With exact impacts these rows are Y and W.
     (lanes[POSITION + i], lanes[VELOCITY + i], resting), workspace.sums[i].status = first_section(
@@ -197,6 +198,7 @@ def skip_cycles(batch, i, periods, only_transient):
     cycle = period - int(lanes[MARK_PERIOD + i])
     if period <= 0:
         lanes[PERIOD + i] += -period // cycle * cycle
+        sums.skipped += -period // cycle * cycle
         return
     if sums.cycle > 0:  # with exponents, no cycle is skipped, and the motion comes back again
         return
@@ -211,6 +213,7 @@ def skip_cycles(batch, i, periods, only_transient):
         repeat_impacts(record.impacts[row], sums, impacts, times)
         add_cycles(sums, marked, times)
         lanes[PERIOD + i] += times * cycle
+        sums.skipped += times * cycle
 
 
 @jit

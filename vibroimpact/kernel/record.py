@@ -32,6 +32,10 @@ SUMS = np.dtype(
         ("cycle", np.int64),
         ("cycle_impacts", np.int64),
         ("cycle_rests", np.int64),
+        # Of the whole run, with its transient: periods that were skipped or copied, and steps that
+        # were followed alone.
+        ("skipped", np.int64),
+        ("alone", np.int64),
     ]
 )
 

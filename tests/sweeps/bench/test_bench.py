@@ -44,24 +44,37 @@ def test_a_wrong_request_is_refused_before_anything_is_measured(monkeypatch, arg
 # Speed
 
 SPEEDS = {
-    "plain": speed.Speed(100, {1: 30e6, 2: 57e6}, 0.4),
-    "exact, chatter": speed.Speed(116, {1: 0.3e6, 2: 0.6e6}, 0.0048),
+    "plain": speed.Speed(100, {1: 30e6, 2: 57e6}, 28e6, 31e6, 0.4, math.nan),
+    "exact, chatter": speed.Speed(116, {1: 0.3e6, 2: 0.6e6}, 0.2e6, 4e6, 0.0048, 0.07),
 }
 
 
 @pytest.fixture
 def small(monkeypatch):
     """One work of one block, and a peak that takes no time."""
-    monkeypatch.setattr(speed, "WORKS", {"exact": {}})
+    monkeypatch.setattr(speed, "WORKS", {"exact": ("chaos", {})})
     monkeypatch.setattr(speed, "_TIMES", 500)
 
 
 def test_the_share_follows_from_rate_steps_and_peak(small):
+    """In chaos most periods are computed, with 1.6 impacts each; few steps are followed alone."""
     peak, speeds = speed.measure(count=30, periods=150)
     (exact,) = speeds.values()
     assert exact.steps == 7
-    assert exact.share == pytest.approx(exact.periods[1] * 7 * 8 / peak)
+    assert 0.9 * exact.periods[1] < exact.computed <= exact.periods[1]
+    assert exact.share == pytest.approx(exact.computed * 7 * 8 / peak)
     assert 0.0 < exact.share < 1.0
+    assert exact.impacts == pytest.approx(1.6 * exact.computed, rel=0.15)
+    assert 0.0 < exact.alone < 0.01
+
+
+def test_copied_periods_are_not_computed():
+    """The paper's dissipative case comes back to the same bits soon; it has 4 impacts a period."""
+    points = speed.points_over(speed.OmegaRange(0.5, 0.5, 1.0, 1.0), 3)
+    done, steps = speed.effort_of(points, {}, 200, 100)
+    assert 3 < done.periods < 3 * 60 and steps == 15
+    assert done.impacts == 4 * done.periods
+    assert done.alone == 3  # the first step of each, which begins on the stop
 
 
 def test_the_peak_loop_adds_and_multiplies():
@@ -79,13 +92,16 @@ def test_the_command_shows_the_speeds(monkeypatch):
     assert done.exit_code == 0, done.stderr
     assert "58e9 multiply-adds" in done.stdout
     (row,) = [line.split() for line in done.stdout.splitlines() if "plain" in line]
-    assert row == ["plain", "100", "30", "57", "1.90", "40.0%"]
+    assert row == ["plain", "100", "30", "57", "1.90", "28", "31", "40.0%"]
+    (row,) = [line.split() for line in done.stdout.splitlines() if "exact, chatter" in line]
+    assert row[2:] == ["116", "0.3", "0.6", "2.00", "0.2", "4", "7.00%", "0.5%"]
 
 
 def test_one_core_has_no_speed_up():
-    text = speed.shown(58e9, {"plain": speed.Speed(100, {1: 30e6}, 0.4)})
+    text = speed.shown(58e9, {"plain": SPEEDS["plain"]._replace(periods={1: 30e6})})
     (header,) = [line for line in text.splitlines() if line.startswith("impact rule")]
-    assert header.split("  ") == ["impact rule", "steps", "one thread", "of peak"]
+    shown = ["impact rule", "steps", "one thread", "computed", "impacts", "alone", "of peak"]
+    assert header.split("  ") == shown
 
 
 # The paper
