@@ -33,6 +33,33 @@ def test_random_points_end_decided():
         assert not (out["status"] == Status.UNBOUNDED).any()
 
 
+@pytest.mark.slow
+def test_no_impact_depends_on_how_many_share_a_step():
+    """4000 points, 4 periods, with long steps and short ones: the same impacts, speeds, sections.
+
+    In long steps flights follow one another. Where a chatter was summed up or R is nearly 1, the
+    number of impacts, or what becomes of a rounding, depends on the steps.
+    """
+    points, alike = wide_points(4000, 31), 0
+    points["h"] *= 0.3
+    points["omega"] = np.geomspace(0.3, 6.0, points.size)
+    for part in np.array_split(points, 20):
+        most = default_steps(part, "exact")
+        few, many = (
+            integrate(part, transient=0, periods=4, steps_per_period=n)
+            for n in (most, 4 * most + 1)
+        )
+        np.testing.assert_array_equal(few["status"], many["status"])
+        same = (few["chatters"] == 0) & (part["R"] < 0.99) & (few["slowest_impact"] > 1e-4)
+        np.testing.assert_array_equal(few["chatters"][same], many["chatters"][same])
+        impacts = few["impacts_per_period"][same]
+        np.testing.assert_array_equal(impacts, many["impacts_per_period"][same])
+        for name in ("poincare_x", "poincare_v", "slowest_impact", "fastest_impact"):
+            np.testing.assert_allclose(few[name][same], many[name][same], atol=1e-7)
+        alike += (impacts > 1.0).sum()
+    assert alike > 500
+
+
 @pytest.mark.parametrize(
     "every",
     [pytest.param(400, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.campaign)],

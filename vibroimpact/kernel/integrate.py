@@ -218,8 +218,8 @@ def loses_digits(points: np.ndarray, x: np.ndarray) -> np.ndarray:
     size of the motion is its greatest distance from the stop, or that of a free oscillation if it
     is larger.
     """
-    rounding = 0.5 * np.spacing(np.abs(points["clearance"])) * 10.0**_FEWEST_DIGITS
     with np.errstate(all="ignore"):  # extreme values, whose size is then 0, inf or NaN
+        rounding = 0.5 * np.spacing(np.abs(points["clearance"])) * 10.0**_FEWEST_DIGITS
         omega, p = points["omega"], points["p"]
         lost: np.ndarray = rounding > points["f"] / (omega * omega + p * p)
     rows = np.flatnonzero(lost)
