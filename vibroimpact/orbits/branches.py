@@ -59,10 +59,12 @@ class SpecialPoint(NamedTuple):
         On a branch ``flip`` or ``fold``. On a curve of folds ``cusp``; on a curve of grazes
         ``flip`` and ``fold``, where curves of these kinds meet it. The end of a curve of folds is a
         ``flip`` where the orbit of half the period has a degenerate one. The other ends are
-        ``graze``: an impact has speed zero (on a curve another impact, to 1e-5 of the unit of
-        speed), or a flight touches the stop; ``penetration``: a flight crosses the stop, and no
+        ``graze``: an impact has speed zero (on a curve another impact, to 1e-5 of the natural
+        unit), or a flight touches the stop; ``penetration``: a flight crosses the stop, and no
         touch is found; ``rest``: the mass cannot leave the stop; ``edge`` of a range; and ``lost``:
-        Newton's method fails or the path is too long.
+        Newton's method fails or the path is too long. Where the equations of a curve are singular,
+        at a degenerate flip, where several impacts graze together, and at a rest, its end is right
+        to 1e-6 of the ranges.
     value : float, or ndarray of shape (2,)
         Value of the parameter, or of the two parameters of a curve.
     orbit : PeriodicOrbit
