@@ -48,6 +48,8 @@ from vibroimpact.oscillator import PARAMETERS, Oscillator
 
 #: Points of a path that are closer than this, in scaled unknowns, may be in a wrong order.
 _SAME_POINT = 1e-7
+#: A curve ends at this share of its ranges from where its equations are singular, or nearer.
+_SAME_END = 1e-6
 
 
 class SpecialPoint(NamedTuple):
@@ -96,6 +98,15 @@ class Path:
         """Whether a point is the last one, to rounding."""
         return self.family.distance(self.points[-1][0], X) < _SAME_POINT
 
+    def drop_near(self, X: np.ndarray) -> None:
+        """Drop the last special points that are at a point, as far as an end is known."""
+        family = self.family
+        while self.special:
+            off = (self.special[-1].value - family.kept(X)) / family.spans
+            if not np.abs(off).max() < _SAME_END:
+                return
+            self.special.pop()
+
     def note(self, kind: str, orbit: PeriodicOrbit) -> None:
         """Note what is special at an orbit."""
         value = np.array([getattr(orbit.oscillator, name) for name in self.family.names])
@@ -133,6 +144,8 @@ def one_way(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
             else:
                 path.points.pop()
             kind, X, orbit = end
+            if family.kind == kind == "graze":  # the test of a meeting is rounding at this end
+                path.drop_near(X)
             # At an impact of speed zero the multipliers are infinite.
             moves = family.slowest(X) > 0.0
             path.add(X, moves and family.stable(family.point(X, tangent)))

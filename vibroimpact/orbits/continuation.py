@@ -49,6 +49,8 @@ _GRAZES = 1e-5
 ENDS = 1e-9
 #: Most trials to find the last orbit of a path; a margin below the second is zero to rounding.
 _MOST_TRIALS, _AT_END = 80, 1e-15
+#: Where Newton's method fails this near to the last orbit of a curve, its equations are singular.
+_SINGULAR = 1e-8
 #: Most iterations at the end of a path, where each may only halve the error.
 _PATIENT = 60
 
@@ -108,6 +110,9 @@ def _step(family: OrbitFamily, begin: Point, length: float) -> ArclengthStep:
                 ends = not step.last or step.margin < ENDS
                 if length < _RESOLVED or (ends and not step.may_miss()):
                     return step
+                if not ends:  # the equations may be singular at the end
+                    length *= 0.25
+                    continue
         length *= 0.5
     margin = family.slowest(X)
     if family.kind:  # on a branch, a flight that touches the stop becomes inadmissible first
@@ -182,6 +187,8 @@ def _last_orbit(step: ArclengthStep, reason: Inadmissible) -> tuple[np.ndarray, 
         X = family.corrected(guess, along[None, :], most=_PATIENT)
         if X is None:  # for example near a point of codimension two, where the orbits end
             high = middle
+            if family.kind and high - low < _SINGULAR:
+                break
             continue
         point = family.point(X, along)
         if point.inadmissible is None:
