@@ -5,7 +5,7 @@ import numpy as np
 from scipy import stats
 
 from sweeps import open_sweep
-from sweeps.analysis.regimes import labels
+from sweeps.opened.motions import labels
 
 MASS = 0.5  # kg
 PARTS = ["gap", "restitution", "stiffness", "force"]

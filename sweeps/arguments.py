@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sweeps.errors import Refused
-from vibroimpact.inputs import Allowed, shown
+from vibroimpact.inputs import Allowed, input_text
 
 
 def require(name: str, value: object, allowed: Allowed) -> None:
     """Raise Refused, with the value and what is allowed, if an argument does not fit."""
     if not allowed.fits(value):
-        raise Refused(allowed.refusal(f"{name} = {shown(value)}"))
+        raise Refused(allowed.refusal(f"{name} = {input_text(value)}"))
 
 
 def require_all(arguments: Mapping[str, object], allowed: Mapping[str, Allowed]) -> None:

@@ -28,7 +28,7 @@ def block_points(block: Block) -> int:
     return math.prod(box_shape(block))
 
 
-def as_table(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+def table_values(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """Combine columns of equal length into a structured array: the values of axis ``TABLE``."""
     length = len(next(iter(columns.values())))
     table = np.empty(length, [(name, values.dtype) for name, values in columns.items()])

@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 
-def nearest(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
+def near_miss(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
     """Return the valid word most similar to `name`, ignoring case; None if none is similar.
 
     `least` is the smallest similarity accepted, from 0 to 1, as defined by `difflib`.
@@ -49,7 +49,7 @@ def table(rows: Sequence[Sequence[str]], words: int | None = None) -> str:
     return "\n".join("  ".join(line).rstrip() for line in lines)
 
 
-def shortest(value: float) -> str:
+def fewest_digits(value: float) -> str:
     """Write a number with the fewest digits that identify it: 7, not 7.0."""
     return repr(float(value)).removesuffix(".0")
 

@@ -30,10 +30,10 @@ EARLY = [
         "sweeps/explorer/test_page.py",
         "vibroimpact/test_jit.py",
         "sweeps/plotting/test_pictures.py",
-        "sweeps/analysis/test_bifurcations.py",
+        "sweeps/bifurcation/test_bifurcations.py",
         "sweeps/engine/test_kill.py",
         "sweeps/cli/test_cluster.py",
-        "sweeps/analysis/test_integrity.py",
+        "sweeps/attractor/test_integrity.py",
         "sweeps/engine/test_cluster.py",
         "sweeps/cli/test_commands.py",
         "sweeps/cli/test_systems.py",
@@ -60,9 +60,9 @@ def pytest_collection_modifyitems(config, items):
 
 @pytest.fixture(autouse=True, scope="session")
 def few_knocks():
-    """Try a tenth of the usual knocks; sweeps/analysis/test_integrity.py tests their number."""
+    """Try a tenth of the usual knocks; sweeps/attractor/test_integrity.py tests their number."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sweeps.analysis.knocks._MOMENTS", 12)
-        patch.setattr("sweeps.analysis.knocks._SIZES", 64)
-        patch.setattr("sweeps.analysis.knocks._CLOSER", 2)
+        patch.setattr("sweeps.attractor.knocks._MOMENTS", 12)
+        patch.setattr("sweeps.attractor.knocks._SIZES", 64)
+        patch.setattr("sweeps.attractor.knocks._CLOSER", 2)
         yield

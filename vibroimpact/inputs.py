@@ -31,7 +31,7 @@ class Allowed(NamedTuple):
     def checked(self, name: str, value: object) -> Any:
         """Return a value, of Python if it is a number of NumPy; ValueError if it does not fit."""
         if not self.fits(value):
-            raise ValueError(self.refusal(f"{name} = {shown(value)}"))
+            raise ValueError(self.refusal(f"{name} = {input_text(value)}"))
         return of_python(value)
 
 
@@ -114,7 +114,7 @@ def one_of(names: Collection[str]) -> Allowed:
 def refuse_other(name: str, value: object, kind: type) -> None:
     """Raise a TypeError if an argument is not of type `kind`."""
     if not isinstance(value, kind):
-        raise TypeError(refusal(f"{name} = {shown(value)}", f"the type {kind.__name__}"))
+        raise TypeError(refusal(f"{name} = {input_text(value)}", f"the type {kind.__name__}"))
 
 
 #: omega t, at a section or a start.
@@ -123,7 +123,7 @@ FLAG = Allowed(lambda value: isinstance(of_python(value), bool), "True or False"
 TEXT = Allowed(lambda value: isinstance(value, str), "a text")
 
 
-def shown(value: object, most: int = 80) -> str:
+def input_text(value: object, most: int = 80) -> str:
     """Return the repr of a value on one line of at most `most` characters: -1, not np.int64(-1)."""
     try:
         text = _OF_NUMPY.sub(

@@ -18,7 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from vibroimpact.inputs import real, refusal, shown
+from vibroimpact.inputs import input_text, real, refusal
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def checked(name: str, value: object) -> float:
 
 def _number(title: str, value: object, bounds: Parameter) -> float:
     """Return `value` as a float; messages call it by its `title`."""
-    given, number = f"{title} = {shown(value)}", real(value)
+    given, number = f"{title} = {input_text(value)}", real(value)
     if number is None:
         hint = ""
         if isinstance(value, (np.ndarray, Sequence)) and not isinstance(value, (str, bytes)):
@@ -294,7 +294,7 @@ def refuse_invalid(points: object, beyond_stop: bool) -> None:
     valid.
     """
     if not isinstance(points, np.ndarray) or points.dtype != POINT:
-        raise TypeError(refusal(f"points = {shown(points)}", "an array of the dtype POINT"))
+        raise TypeError(refusal(f"points = {input_text(points)}", "an array of the dtype POINT"))
     if points.ndim != 1:
         raise ValueError(refusal(f"points of the shape {points.shape}", "the shape (n,)"))
     for name, parameter in PARAMETERS.items():

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from sweeps.bench.scenes import CHATTER, GRAZING, ORBIT_ERRORS, Method
+from sweeps.bench.method_scenes import CHATTER, GRAZING, ORBIT_ERRORS, Method
 from sweeps.bench.work_precision import MEAN, METHOD, NO_DIGIT, efficient_frontier, main_scene
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from vibroimpact.step.integrators import INTEGRATORS
@@ -43,7 +43,7 @@ _THIN = {"linewidth": 0.7, "markersize": 3.0, "markerfacecolor": "none", "marker
 _BAND: dict[str, Any] = {"color": _YELLOW, "linewidth": 6.0, "alpha": 0.6}
 
 
-def picture(measured: pd.DataFrame) -> Figure:
+def accuracy_picture(measured: pd.DataFrame) -> Figure:
     """Draw a panel per kind of error, with its lines, their orders and the efficient frontier.
 
     `measured` is from `work_precision.with_orders`. For a single scene, such as a sweep, only the

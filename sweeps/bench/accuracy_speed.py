@@ -25,7 +25,7 @@ from rich.progress import (
 )
 
 from sweeps.bench.event_solvers import PEERS
-from sweeps.bench.scenes import (
+from sweeps.bench.method_scenes import (
     CHATTER,
     EXACT,
     METHODS,
@@ -81,14 +81,16 @@ QUICK = Plan(
 )
 
 
-def plan_of(config: SweepConfig, plan: Plan) -> Plan:
+def plan_for_sweep(config: SweepConfig, plan: Plan) -> Plan:
     """Return a plan for a sweep: without peers, and also with the fewest steps of exact impacts."""
     scene = of_sweep(config)
     ladder = {*plan.ladder, least_steps(EXACT, scene.points)}
     return replace(plan, scenes=(scene,), ladder=tuple(sorted(ladder)), peers=())
 
 
-def measure(plan: Plan = FULL, threads: int | None = None, progress: bool = False) -> pd.DataFrame:
+def measure_methods(
+    plan: Plan = FULL, threads: int | None = None, progress: bool = False
+) -> pd.DataFrame:
     """Measure the errors and the cost of every method, a row for each error.
 
     The columns are ``scene``; ``error_kind``, as in `Scene.errors`; ``integrator`` and ``impact``,

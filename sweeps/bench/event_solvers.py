@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sweeps.bench.scenes import EXACT, Scene, least_steps
+from sweeps.bench.method_scenes import EXACT, Scene, least_steps
 from vibroimpact import integrate
 from vibroimpact.oscillator import with_one_force
 
@@ -23,7 +23,7 @@ from vibroimpact.oscillator import with_one_force
 _LEAST_SECONDS = 0.1
 
 
-class Flight(NamedTuple):
+class SolverFlight(NamedTuple):
     """A motion computed by a solver: its last state, and times and speeds of its impacts."""
 
     x: float
@@ -33,14 +33,14 @@ class Flight(NamedTuple):
 
 
 #: (point, x, v, t, end) -> Flight: follows one oscillator from the state (x, v) at t.
-Follow = Callable[[Any, float, float, float, float], Flight]
+Follow = Callable[[Any, float, float, float, float], SolverFlight]
 
 
 def solve_ivp(method: str, tolerance: float) -> Follow:
     """Return SciPy's `solve_ivp` with a terminal event, restarted after every impact."""
     from scipy.integrate import solve_ivp
 
-    def follow(point: Any, x: float, v: float, t: float, end: float) -> Flight:
+    def follow(point: Any, x: float, v: float, t: float, end: float) -> SolverFlight:
         h, R, omega, f, p, stop = (float(point[name]) for name in list(point.dtype.names)[:6])
         impact_t: list[float] = []
         impact_v: list[float] = []
@@ -68,7 +68,7 @@ def solve_ivp(method: str, tolerance: float) -> Follow:
                 impact_v.append(v)
                 # Start below the stop, so that the root at the launch is not found again.
                 x, v = stop - 1e-13, -R * v
-        return Flight(x, v, impact_t, impact_v)
+        return SolverFlight(x, v, impact_t, impact_v)
 
     return follow
 
@@ -96,7 +96,7 @@ def heyoka(tolerance: float) -> Follow:
         pars=[0.0] * 5,
     )
 
-    def follow(point: Any, x: float, v: float, t: float, end: float) -> Flight:
+    def follow(point: Any, x: float, v: float, t: float, end: float) -> SolverFlight:
         nonlocal restitution
         restitution = float(point["R"])
         impacts.clear()
@@ -106,7 +106,7 @@ def heyoka(tolerance: float) -> Follow:
         integrator.state[:] = x, v
         integrator.propagate_until(end)
         x, v = integrator.state
-        return Flight(x, v, [time for time, _ in impacts], [speed for _, speed in impacts])
+        return SolverFlight(x, v, [time for time, _ in impacts], [speed for _, speed in impacts])
 
     return follow
 
@@ -145,7 +145,7 @@ class Peer:
         arguments = list(zip(points, x, v, begin, end, strict=True))
         follow = self.prepare(tolerance)
         spent, best = 0.0, math.inf
-        flights: list[Flight] = []
+        flights: list[SolverFlight] = []
         while spent < _LEAST_SECONDS:
             began = time.perf_counter()
             flights = [follow(*start) for start in arguments]
@@ -154,7 +154,7 @@ class Peer:
         return _results(points, flights), best / (len(points) * periods)
 
 
-def _results(points: np.ndarray, flights: list[Flight]) -> dict[str, np.ndarray]:
+def _results(points: np.ndarray, flights: list[SolverFlight]) -> dict[str, np.ndarray]:
     """Name the results as `vibroimpact.integrate` does, with the last eight impacts."""
     last = np.full((len(points), 8, 2), np.nan)
     for row, omega, flight in zip(last, points["omega"], flights, strict=True):

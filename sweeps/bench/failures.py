@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sweeps.bench.scenes import EXACT, Method
+from sweeps.bench.method_scenes import EXACT, Method
 from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
 
@@ -81,7 +81,7 @@ def _failure(
     )
 
 
-def measure(methods: Sequence[Method] = METHODS) -> Figures:
+def measure_failures(methods: Sequence[Method] = METHODS) -> Figures:
     """Return every figure, by method and name of the failure."""
     return {
         (method, failure.name): failure.measure(method)
@@ -92,7 +92,7 @@ def measure(methods: Sequence[Method] = METHODS) -> Figures:
     }
 
 
-def tables(figures: Figures) -> Iterator[str]:
+def failure_tables(figures: Figures) -> Iterator[str]:
     """Yield the figures in tables that fit a terminal, a row per method, with their scenes."""
     yield f"Where methods fail ({MARK}), at {STEPS} steps per period unless said otherwise\n"
     methods = dict.fromkeys(method for method, _ in figures)
@@ -100,13 +100,13 @@ def tables(figures: Figures) -> Iterator[str]:
         columns = FAILURES[start : start + _PER_TABLE]
         rows = [("method", *(f"{failure.name} " for failure in columns))]
         for method in methods:
-            cells = (shown(failure, figures[method, failure.name]) for failure in columns)
+            cells = (failure_text(failure, figures[method, failure.name]) for failure in columns)
             rows.append((" ".join(method), *cells))
         scenes = "\n".join(f"  {failure.name}: {failure.scene}" for failure in columns)
         yield f"{table(rows, words=1)}\n\n{scenes}\n"
 
 
-def shown(failure: Failure, figure: float) -> str:
+def failure_text(failure: Failure, figure: float) -> str:
     """Return a figure as text, marked if it is a failure."""
     if math.isnan(figure):
         return ""
@@ -115,7 +115,7 @@ def shown(failure: Failure, figure: float) -> str:
     return f"{figure:{failure.digits}}{MARK if failure.fails(figure) else ' '}"
 
 
-def rows(figures: Figures) -> Iterator[tuple[str, str, str, float]]:
+def failure_rows(figures: Figures) -> Iterator[tuple[str, str, str, float]]:
     """Yield every figure as a row of ``COLUMNS``."""
     scenes = {failure.name: failure.scene for failure in FAILURES}
     for (method, name), figure in figures.items():

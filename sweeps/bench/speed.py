@@ -91,7 +91,7 @@ def effort_of(
     return effort(points, scheme, length, work.get("lyapunov", False)), scheme.grid.size
 
 
-def measure(
+def measure_speed(
     count: int = 4096, periods: int = 300, progress: bool = False
 ) -> tuple[float, dict[str, Speed]]:
     """Time every work on one thread and on all threads; return the peak, and the speeds by work.
@@ -134,8 +134,8 @@ def measure(
     return peak, speeds
 
 
-def shown(peak: float, speeds: Mapping[str, Speed]) -> str:
-    """Return the results of `measure` as a table."""
+def speed_text(peak: float, speeds: Mapping[str, Speed]) -> str:
+    """Return the results of `measure_speed` as a table."""
     threads = list(next(iter(speeds.values())).periods)
     speed_up = ["speed-up"] if len(threads) > 1 else []
     names = ["one thread" if n == 1 else f"{n} threads" for n in threads]

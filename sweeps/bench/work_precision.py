@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from sweeps.bench.scenes import CHATTER, EXACT, GRAZING, ORBIT_ERRORS, REGULAR
+from sweeps.bench.method_scenes import CHATTER, EXACT, GRAZING, ORBIT_ERRORS, REGULAR
 from sweeps.text import table
 
 #: Name of the scene that stands for the mean of all regular scenes.

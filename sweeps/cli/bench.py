@@ -60,21 +60,21 @@ def accuracy_speed(
     """Chart the accuracy of every method against its speed."""
     import pandas as pd
 
-    from sweeps.analysis.tables import write_csv
     from sweeps.bench import work_precision
-    from sweeps.bench.accuracy_picture import picture
-    from sweeps.bench.accuracy_speed import FULL, QUICK, measure, plan_of
+    from sweeps.bench.accuracy_picture import accuracy_picture
+    from sweeps.bench.accuracy_speed import FULL, QUICK, measure_methods, plan_for_sweep
     from sweeps.bench.event_solvers import PEERS
     from sweeps.engine.configurations import read_config
-    from sweeps.plotting.saving import draw
+    from sweeps.opened.csv_tables import write_csv
+    from sweeps.plotting.saving import save_chart
 
     with _files(output, csv):
         plan = QUICK if quick else FULL
         if config is not None:
-            plan = plan_of(read_config(config), plan)
+            plan = plan_for_sweep(read_config(config), plan)
             (scene,) = plan.scenes
             say(f"{len(scene.points)} points of the {scene.name}, each after one forcing period\n")
-        measured = measure(plan, threads, progress=True)
+        measured = measure_methods(plan, threads, progress=True)
         if config is None:
             measured = pd.concat([measured, work_precision.means(measured)])
         measured = work_precision.with_orders(measured)
@@ -83,7 +83,7 @@ def accuracy_speed(
                 say(f"{name} is not installed, so it is not on the chart", error=True)
         say(work_precision.of_methods(measured))
         say(work_precision.of_targets(measured))
-        draw(output, picture, measured)
+        save_chart(output, accuracy_picture, measured)
         if csv is not None:
             write_csv(csv, measured)
 
@@ -94,30 +94,30 @@ def stability(
     """Show how long a step may be, and where each method fails."""
     import pandas as pd
 
-    from sweeps.analysis.tables import write_csv
-    from sweeps.bench import failures, stability
-    from sweeps.plotting.saving import draw
+    from sweeps.bench import failures, longest_step
+    from sweeps.opened.csv_tables import write_csv
+    from sweeps.plotting.saving import save_chart
 
     with _files(output, csv):
-        limits, figures = stability.limits(quick), failures.measure()
-        for part in (stability.table_of(limits), *failures.tables(figures)):
+        limits, figures = longest_step.longest_steps(quick), failures.measure_failures()
+        for part in (longest_step.table_of(limits), *failures.failure_tables(figures)):
             say(part)
-        draw(output, stability.picture, quick)
+        save_chart(output, longest_step.stability_chart, quick)
         if csv is not None:
-            rows = [*stability.rows(limits), *failures.rows(figures)]
+            rows = [*longest_step.stability_rows(limits), *failures.failure_rows(figures)]
             write_csv(csv, pd.DataFrame(rows, columns=failures.COLUMNS))
 
 
 def paper(output: Figure = Path("paper.png")) -> None:
     """Compute the three cases of the paper, without and with its procedure."""
-    from sweeps.bench import paper
-    from sweeps.bench.paper_picture import picture
-    from sweeps.plotting.saving import draw
+    from sweeps.bench import paper_cases
+    from sweeps.bench.paper_picture import paper_picture
+    from sweeps.plotting.saving import save_chart
 
     with _files(output):
-        measured = paper.measure()
-        say(paper.tables(measured))
-        draw(output, picture, measured)
+        measured = paper_cases.measure_cases()
+        say(paper_cases.case_tables(measured))
+        save_chart(output, paper_picture, measured)
 
 
 def speed(quick: Quick = False) -> None:
@@ -125,7 +125,7 @@ def speed(quick: Quick = False) -> None:
     from sweeps.bench import speed
 
     count, periods = (1024, 150) if quick else (4096, 300)
-    say(speed.shown(*speed.measure(count, periods, progress=True)))
+    say(speed.speed_text(*speed.measure_speed(count, periods, progress=True)))
 
 
 add(app, accuracy_speed, stability, paper, speed)

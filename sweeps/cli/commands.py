@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 from sweeps.cli.options import say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled
-from sweeps.text import nearest, shortened, suggestion
+from sweeps.text import near_miss, shortened, suggestion
 
 #: Raised by typer for arguments that it cannot read. It exports only a subclass of it.
 _Unreadable = cast("type[Exception]", typer.BadParameter.__mro__[1])
@@ -32,7 +32,7 @@ class Commands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command with this name; refuse a name that no command has."""
         if (command := super().get_command(ctx, cmd_name)) is None:
-            meant = suggestion(nearest(cmd_name, self.commands))
+            meant = suggestion(near_miss(cmd_name, self.commands))
             raise Refused(
                 f"there is no command {cmd_name}{meant}; expected: {', '.join(self.commands)}"
             )
@@ -45,9 +45,10 @@ class Commands(TyperGroup):
 
 
 def add(app: typer.Typer, *commands: Callable[..., None]) -> None:
-    """Add commands, with their whole first lines in the list of commands."""
+    """Add the command ``run`` for ``run_command``, with its whole first line in the list."""
     for command in commands:
-        app.command(short_help=command.__doc__)(command)
+        name = command.__name__.removesuffix("_command").replace("_", "-")
+        app.command(name, short_help=command.__doc__)(command)
 
 
 @contextmanager

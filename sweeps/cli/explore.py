@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _WAIT = 0.05
 
 
-def explore(
+def explore_command(
     source: Annotated[
         Path | None,
         typer.Argument(

@@ -22,7 +22,7 @@ from sweeps.cli.commands import Commands, add
 from sweeps.cli.options import say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.text import nearest, shortened, suggestion
+from sweeps.text import near_miss, shortened, suggestion
 from vibroimpact import __version__
 
 app = typer.Typer(
@@ -100,7 +100,7 @@ def _common(
         context.with_resource(raised_at_once())
 
 
-def init(
+def init_command(
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="The name of a scene of the gallery.")
     ] = "quickstart",
@@ -112,7 +112,7 @@ def init(
     texts = scenes()
     if scene not in texts:
         raise Refused(
-            f"there is no scene {scene!r}{suggestion(nearest(scene, texts))}; "
+            f"there is no scene {scene!r}{suggestion(near_miss(scene, texts))}; "
             f"expected: {', '.join(texts)}"
         )
     tables = scenes(".csv")
@@ -128,7 +128,7 @@ def init(
     say(f"next: vibroimpact run {scene}.yaml")
 
 
-def schema() -> None:
+def schema_command() -> None:
     """Show the JSON schema of a sweep's configuration, for editors."""
     import json
 
@@ -139,14 +139,14 @@ def schema() -> None:
 
 add(
     app,
-    init,
-    cli_run.run,
-    cli_zoom.zoom,
-    cli_explore.explore,
-    cli_plot.plot,
-    cli_read.attractors,
-    cli_read.integrity,
-    cli_read.info,
-    cli_read.export,
-    schema,
+    init_command,
+    cli_run.run_command,
+    cli_zoom.zoom_command,
+    cli_explore.explore_command,
+    cli_plot.plot_command,
+    cli_read.attractors_command,
+    cli_read.integrity_command,
+    cli_read.info_command,
+    cli_read.export_command,
+    schema_command,
 )

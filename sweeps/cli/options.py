@@ -25,7 +25,7 @@ from vibroimpact.inputs import integer, is_number, refusal, typed
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sweeps.analysis.cuts import Selection
+    from sweeps.opened.cuts import Selection
 
 
 def integer_option(option: str, least: int = 1, most: float = math.inf) -> Callable[[object], int]:
@@ -144,7 +144,7 @@ def interval(text: str) -> tuple[float, float] | None:
     return (float(low), float(high)) if math.isfinite(high - low) else None
 
 
-def limits(option: str, text: str | None) -> tuple[float, float] | None:
+def limits_option(option: str, text: str | None) -> tuple[float, float] | None:
     """Read the limits of an axis, if given."""
     ends = None if text is None else interval(text)
     if text is not None and ends is None:
@@ -222,9 +222,9 @@ def several_of(texts: Sequence[str] | None) -> tuple[list[str], dict[str, list[f
 
 
 @contextmanager
-def opened(file: Path, *, verify: bool = True) -> Iterator[xr.Dataset]:
+def opened_in_si(file: Path, *, verify: bool = True) -> Iterator[xr.Dataset]:
     """Open the file of a sweep, that of a rig in SI units; close it at the end of the block."""
-    from sweeps.analysis.rig import in_si
+    from sweeps.opened.in_si import in_si
     from sweeps.store import open_sweep
 
     with open_sweep(file, verify=verify) as dataset:

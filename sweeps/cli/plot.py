@@ -1,4 +1,4 @@
-"""The command ``plot``: arguments and exit codes only.
+"""The command ``plot_command``: arguments and exit codes only.
 
 As in ``main.py``, modules are imported inside the command.
 """
@@ -22,9 +22,9 @@ from sweeps.cli.options import (
     branch_options,
     inches,
     integer_option,
-    limits,
+    limits_option,
     named,
-    opened,
+    opened_in_si,
     progress_shown,
     say,
     say_moved,
@@ -33,13 +33,13 @@ from sweeps.cli.options import (
     targets,
 )
 from sweeps.errors import Refused
-from sweeps.text import shortest
+from sweeps.text import fewest_digits
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from sweeps.analysis.cuts import Selection
+    from sweeps.opened.cuts import Selection
 
 
 Files = Annotated[list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")]
@@ -173,7 +173,7 @@ NoMarks = Annotated[
 _OF_MOTIONS = ("section", "impacts", "trajectory")
 
 
-def plot(
+def plot_command(
     files: Files,
     output: FigureFile = None,
     kind: Kind = None,
@@ -200,7 +200,7 @@ def plot(
     no_marks: NoMarks = False,
 ) -> None:
     """Draw a picture from the file of each sweep."""
-    from sweeps.analysis.cuts import on_grid, several
+    from sweeps.opened.cuts import on_grid, several
     from sweeps.plotting.api import check_kind
     from sweeps.plotting.saving import check_picture
 
@@ -219,8 +219,8 @@ def plot(
         "height": inches("--height", height),
         "dpi": dpi,
         "title": title,
-        "xlim": limits("--xlim", xlim),
-        "ylim": limits("--ylim", ylim),
+        "xlim": limits_option("--xlim", xlim),
+        "ylim": limits_option("--ylim", ylim),
         "legend": not no_legend,
         "marks": not no_marks,
         "grey": grey,
@@ -234,7 +234,7 @@ def plot(
         "color": color,
         "periods": periods,
     }
-    values = {name: "-".join(map(shortest, given)) for name, given in lists.items()}
+    values = {name: "-".join(map(fewest_digits, given)) for name, given in lists.items()}
     names = [_name(file, kind, cuts | values, options) for file in files]
     figures = targets(files, output, names)
     options["color"] = color or next(iter(lists), None)
@@ -242,18 +242,18 @@ def plot(
         datasets = []
         for file, figure in zip(files, figures, strict=True):  # check all before drawing any
             check_picture(figure, file)
-            datasets.append(stack.enter_context(opened(file)))
+            datasets.append(stack.enter_context(opened_in_si(file)))
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with named(file):
                 shown = several(dataset, lists)
-                draw(shown, figure, kind, cuts, page, csv, **options)
+                draw_picture(shown, figure, kind, cuts, page, csv, **options)
                 for name, value in ((axis, one) for axis in lists for one in lists[axis]):
                     say_moved({name: value}, on_grid(dataset, {name: value}), "drawn")
 
 
 def _check_several(lists: Mapping[str, list[float]], kind: str | None, color: str | None) -> None:
     """Refuse several values of an axis in a picture that does not show single motions."""
-    given = " ".join(f"--at {name}={','.join(map(shortest, lists[name]))}" for name in lists)
+    given = " ".join(f"--at {name}={','.join(map(fewest_digits, lists[name]))}" for name in lists)
     if kind not in _OF_MOTIONS:
         raise Refused(
             f"{given} is not allowed here; expected: with --kind {' or '.join(_OF_MOTIONS)}"
@@ -285,12 +285,12 @@ def _name(file: Path, kind: str | None, cuts: Selection, options: Mapping[str, A
         else:
             words += [value] if isinstance(value, str) else value
     for name, value in cuts.items():
-        words += [name, value if isinstance(value, str) else shortest(value)]
+        words += [name, value if isinstance(value, str) else fewest_digits(value)]
     asked = re.sub(r"[^\w.+-]", "_", "-".join(words))  # valid in a name on every system
     return file.parent / (f"{file.stem}-{asked}.png" if asked else f"{file.stem}.png")
 
 
-def draw(
+def draw_picture(
     dataset: xr.Dataset,
     figure: Path,
     kind: str | None,
@@ -300,7 +300,7 @@ def draw(
     **options: Any,
 ) -> None:
     """Write a picture of an opened sweep; report its file and the choices made for it."""
-    from sweeps.analysis.cuts import on_grid
+    from sweeps.opened.cuts import on_grid
     from sweeps.plotting import Page, plot
     from sweeps.plotting.api import check_options, default_kind, silent_cuts
 
@@ -323,7 +323,7 @@ def draw(
     for line in lines:
         say(line)
     if csv is not None and table is not None:
-        from sweeps.analysis.tables import write_csv
+        from sweeps.opened.csv_tables import write_csv
 
         write_csv(csv, table)
         say(csv)
@@ -334,10 +334,10 @@ def _exact(
     dataset: xr.Dataset, kind: str, cut: Selection, options: Mapping[str, Any]
 ) -> tuple[xr.Dataset, list[str], pd.DataFrame]:
     """Find the exact branches, or the curves of a map; return them, lines to print and a table."""
-    from sweeps.analysis import tables
-    from sweeps.analysis.exact_branches import branches
-    from sweeps.analysis.exact_curves import curves, map_axes
-    from sweeps.analysis.kept import kept
+    from sweeps.bifurcation.exact_branches import branches
+    from sweeps.bifurcation.exact_curves import curves, map_axes
+    from sweeps.bifurcation.kept import with_cache
+    from sweeps.opened import csv_tables
     from sweeps.plotting.lines import select_line
 
     axes, chosen, notes = options.get("axes", ()), options["exact"], list[str]()
@@ -348,13 +348,13 @@ def _exact(
                 "--exact, with or without --classes"
             )
         with progress_shown("following exact orbits") as report:
-            find = kept(curves, notes.append)
+            find = with_cache(curves, notes.append)
             found = find(dataset, map_axes(dataset, axes, cut), cut, report, **chosen)
-        return found, [*found.attrs["summary"].split("\n"), *notes], tables.curve_table(found)
+        return found, [*found.attrs["summary"].split("\n"), *notes], csv_tables.curve_table(found)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
     with progress_shown("following exact orbits") as report:
-        found = kept(branches, notes.append)(dataset, axis, cut, report, **chosen)
+        found = with_cache(branches, notes.append)(dataset, axis, cut, report, **chosen)
     lines = [*found.attrs["summary"].split("\n"), *notes]
-    return found, lines, tables.branch_table(found, coordinate)
+    return found, lines, csv_tables.branch_table(found, coordinate)

@@ -21,7 +21,7 @@ from sweeps.cli.options import (
     SweepFile,
     branch_options,
     named,
-    opened,
+    opened_in_si,
     progress_shown,
     say,
     say_moved,
@@ -32,22 +32,22 @@ from sweeps.errors import Refused
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sweeps.analysis.cuts import Selection
+    from sweeps.opened.cuts import Selection
 
 
-def attractors(
+def attractors_command(
     file: SweepFile,
     at: At = None,
     csv: Csv = None,
 ) -> None:
     """List the attractors of a sweep, their impact speeds, and how many starts reach each."""
-    from sweeps.analysis.attractor_table import cut
-    from sweeps.analysis.attractors import attractors
-    from sweeps.analysis.cuts import on_grid
-    from sweeps.analysis.tables import refuse_points
+    from sweeps.attractor.attractor_table import cut
+    from sweeps.attractor.partition import attractors
+    from sweeps.opened.csv_tables import refuse_points
+    from sweeps.opened.cuts import on_grid
 
     cuts = selection_of(at)
-    with opened(file) as dataset, named(file):
+    with opened_in_si(file) as dataset, named(file):
         if csv is not None:
             refuse_points(dataset, csv)
         here = on_grid(dataset, cuts)
@@ -58,20 +58,20 @@ def attractors(
         _show_attractors(shown, found, csv)
 
 
-def integrity(
+def integrity_command(
     file: SweepFile,
     at: At = None,
     csv: Csv = None,
 ) -> None:
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
-    from sweeps.analysis.attractor_table import cut
-    from sweeps.analysis.cuts import on_grid
-    from sweeps.analysis.dataset import config_of
-    from sweeps.analysis.integrity import integrity
-    from sweeps.analysis.knocks import knocks
+    from sweeps.attractor.attractor_table import cut
+    from sweeps.attractor.integrity import integrity
+    from sweeps.attractor.knocks import knocks
+    from sweeps.opened.cuts import on_grid
+    from sweeps.opened.dataset import config_of
 
     cuts = selection_of(at)
-    with opened(file) as dataset, named(file):
+    with opened_in_si(file) as dataset, named(file):
         here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
         with progress_shown("measuring the integrity of attractors"):
@@ -84,18 +84,18 @@ def integrity(
 
 def _show_attractors(shown: xr.Dataset, found: xr.Dataset, csv: Path | None) -> None:
     """Show the attractors found in a part of a sweep, and write them to a CSV file if given."""
-    from sweeps.analysis.attractor_table import attractor_frame, attractor_rows
-    from sweeps.analysis.tables import write_csv
-    from sweeps.reports.attractors import describe
+    from sweeps.attractor.attractor_report import attractor_report
+    from sweeps.attractor.attractor_table import attractor_frame, attractor_rows
+    from sweeps.opened.csv_tables import write_csv
 
     table = attractor_rows(shown, found)
-    say(describe(shown, found, table))
+    say(attractor_report(shown, found, table))
     if csv is not None:
         write_csv(csv, attractor_frame(table))
         say(csv)
 
 
-def info(
+def info_command(
     file: SweepFile,
     bifurcations: Annotated[
         bool,
@@ -129,13 +129,13 @@ def info(
         if value and not bifurcations:
             raise Refused(f"--{option} {value} is not allowed here; expected: with --bifurcations")
     cuts = selection_of(at)
-    with opened(file) as dataset, named(file):
+    with opened_in_si(file) as dataset, named(file):
         if bifurcations:
             _show_bifurcations(dataset, file, axis, cuts, csv, branch_options(classes, most))
         elif config:
             _show_configuration(dataset)
         else:
-            from sweeps.reports.file import contents
+            from sweeps.reports.file_report import contents
 
             say(contents(dataset), end=False)
 
@@ -146,7 +146,7 @@ def _show_configuration(dataset: xr.Dataset) -> None:
     If the output is not in UTF-8, it is in ASCII, so that `run` reads it also if PowerShell has
     written it to a file.
     """
-    from sweeps.analysis.dataset import config_of
+    from sweeps.opened.dataset import config_of
 
     rows = dataset.sizes.get("point", 0)
     if rows > 1000:
@@ -165,28 +165,28 @@ def _show_bifurcations(
     chosen: Mapping[str, Any],
 ) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
-    from sweeps.analysis.bifurcations import as_table, find_bifurcations
-    from sweeps.analysis.cuts import on_grid
-    from sweeps.analysis.exact_branches import branches
-    from sweeps.analysis.kept import kept
-    from sweeps.analysis.tables import write_csv
-    from sweeps.reports.bifurcations import describe
+    from sweeps.bifurcation.bifurcation_report import bifurcation_report
+    from sweeps.bifurcation.bifurcation_table import find_bifurcations, public_table
+    from sweeps.bifurcation.exact_branches import branches
+    from sweeps.bifurcation.kept import with_cache
+    from sweeps.opened.csv_tables import write_csv
+    from sweeps.opened.cuts import on_grid
 
     here = on_grid(dataset, cuts)
     notes = list[str]()
     with progress_shown("following exact orbits") as report:
-        find = kept(branches, notes.append)
+        find = with_cache(branches, notes.append)
         found = find_bifurcations(dataset, axis, here, report, find, **chosen)
     say_moved(cuts, here, "listed")
-    say(describe(dataset, file, found))
+    say(bifurcation_report(dataset, file, found))
     for note in notes:
         say(note)
     if csv is not None:
-        write_csv(csv, as_table(found))
+        write_csv(csv, public_table(found))
         say(csv)
 
 
-def export(
+def export_command(
     file: SweepFile,
     output: Annotated[
         Path,
@@ -199,15 +199,15 @@ def export(
     at: At = None,
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
-    from sweeps.analysis.coordinates import impacts_left_out
-    from sweeps.analysis.cuts import on_grid, part
-    from sweeps.analysis.tables import ROWS, check_table, write_rows
+    from sweeps.opened.coordinates import impacts_left_out
+    from sweeps.opened.csv_tables import ROWS, check_table, write_rows
+    from sweeps.opened.cuts import on_grid, part
 
     if rows not in ROWS:
         raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")
     cuts = selection_of(at)
     check_table(output)
-    with opened(file) as dataset, named(file):
+    with opened_in_si(file) as dataset, named(file):
         here = on_grid(dataset, cuts)
         cut = part(dataset, here)
         written = write_rows(cut, output, rows)

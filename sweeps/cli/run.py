@@ -1,4 +1,4 @@
-"""The command ``run``: arguments and exit codes only.
+"""The command ``run_command``: arguments and exit codes only.
 
 As in ``main.py``, modules are imported inside the command.
 """
@@ -72,7 +72,7 @@ DryRun = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 
 
-def run(
+def run_command(
     configs: Configs,
     output: Output = None,
     overrides: Overrides = None,
@@ -101,7 +101,7 @@ def run(
     with _client(dask, threads, quiet) as client:
         if dry_run:
             texts = [
-                plan_of(config, path, threads, client, resume)
+                planned_text(config, path, threads, client, resume)
                 for config, path in zip(loaded, paths, strict=True)
             ]
             say("\n\n".join(texts))
@@ -133,14 +133,14 @@ def _client(address: str | None, threads: int | None, quiet: bool) -> Iterator[C
         yield client
 
 
-def plan_of(
+def planned_text(
     config: SweepConfig, path: Path, threads: int | None, client: Client | None, resume: bool
 ) -> str:
     """Return the plan of a sweep in words; refuse the sweep if it takes too much."""
     from sweeps.engine.cluster import ClusterComputer
     from sweeps.engine.estimate import expected_cost
     from sweeps.engine.executors import LocalComputer
-    from sweeps.reports.run import plan
+    from sweeps.reports.run_report import plan
 
     computer = LocalComputer(threads) if client is None else ClusterComputer(client)
     with progress_shown(f"estimating the cost of {config.name}"):
@@ -150,19 +150,21 @@ def plan_of(
 
 def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:
     """Run a sweep and print its summary; on failure, name the command that resumes the run."""
-    from sweeps.reports import run as reports
+    from sweeps.reports import run_report
 
-    old = reports.identities(path) if options["overwrite"] else (None, None)
+    old = run_report.identities(path) if options["overwrite"] else (None, None)
     try:
-        from sweeps.engine.run import run_sweep
+        from sweeps.engine.sweep_run import run_sweep
 
         check()
         path = run_sweep(config, path, progress=not quiet, **options)
-        summary = reports.summary(path, config.sweep)
+        summary = run_report.run_summary(path, config.sweep)
     except (Cancelled, KeyboardInterrupt):
-        raise Failed(f"interrupted; {reports.kept(path, resuming(), old)}") from None
+        raise Failed(f"interrupted; {run_report.kept_text(path, resuming(), old)}") from None
     except (Failed, OSError, MemoryError) as error:
         reason = str(error) or type(error).__name__
-        raise Failed(f"the run failed: {reason}; {reports.kept(path, resuming(), old)}") from error
+        raise Failed(
+            f"the run failed: {reason}; {run_report.kept_text(path, resuming(), old)}"
+        ) from error
     if not quiet:
         say(summary)

@@ -1,4 +1,4 @@
-"""The command ``zoom``: arguments and exit codes only.
+"""The command ``zoom_command``: arguments and exit codes only.
 
 As in ``main.py``, modules are imported inside the command.
 """
@@ -21,14 +21,14 @@ from sweeps.cli.options import (
     existing_output,
     inches,
     interval,
-    opened,
+    opened_in_si,
     say,
 )
-from sweeps.cli.plot import Coordinate, Width, draw
-from sweeps.cli.run import DryRun, Overrides, plan_of, run_and_report
+from sweeps.cli.plot import Coordinate, Width, draw_picture
+from sweeps.cli.run import DryRun, Overrides, planned_text, run_and_report
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.text import shortest
+from sweeps.text import fewest_digits
 
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
@@ -56,7 +56,7 @@ Output = Annotated[
 ]
 
 
-def zoom(
+def zoom_command(
     file: SweepFile,
     pieces: Pieces,
     output: Output = None,
@@ -69,8 +69,8 @@ def zoom(
     overwrite: Overwrite = False,
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
-    from sweeps.analysis.coordinates import COORDINATES
     from sweeps.engine.configurations import zoomed
+    from sweeps.opened.coordinates import COORDINATES
     from sweeps.plotting.lines import choose_coordinate
     from sweeps.plotting.saving import check_picture
     from sweeps.store import check_output
@@ -88,7 +88,7 @@ def zoom(
     coordinate = drawn[0] if drawn else coordinate
     page = {"ylim": limits[drawn[0]] if drawn else None, "width": inches("--width", width)}
     axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
-    with opened(file, verify=False) as dataset:  # refuses a configuration
+    with opened_in_si(file, verify=False) as dataset:  # refuses a configuration
         if coordinate not in COORDINATES:
             choose_coordinate(dataset, coordinate)
     whole = _overridden(file, overrides or (), axes)
@@ -102,11 +102,11 @@ def zoom(
     check_output(path, **existing)
     check_picture(figure)
     if dry_run:
-        say(plan_of(config, path, threads, None, resume))
+        say(planned_text(config, path, threads, None, resume))
         return
     run_and_report(config, path, quiet=False, threads=threads, **existing)
-    with opened(path, verify=False) as dataset, raised_at_once():
-        draw(dataset, figure, None, {}, page, coordinate=coordinate)
+    with opened_in_si(path, verify=False) as dataset, raised_at_once():
+        draw_picture(dataset, figure, None, {}, page, coordinate=coordinate)
 
 
 def _overridden(file: Path, overrides: Sequence[str], axes: Iterable[str]) -> SweepConfig:
@@ -123,7 +123,7 @@ def _overridden(file: Path, overrides: Sequence[str], axes: Iterable[str]) -> Sw
 
 def _check_recorded(coordinate: str, config: SweepConfig) -> None:
     """Refuse a coordinate that a sweep does not record."""
-    from sweeps.analysis.coordinates import COORDINATES
+    from sweeps.opened.coordinates import COORDINATES
 
     if COORDINATES[coordinate].dimension == "impact" and not config.record.impacts:
         raise Refused(f"the piece has no {coordinate} to draw: record.impacts is 0")
@@ -150,7 +150,9 @@ def _name(file: Path, axes: dict[str, tuple[float, float]], overrides: Sequence[
     stem, chosen = file.stem, {}
     for name in axes:
         stem = re.sub(rf"-{name}-{_NUMBER}-{_NUMBER}(?=-|$)", "", stem)
-    words = [f"{name}-{shortest(low)}-{shortest(high)}" for name, (low, high) in axes.items()]
+    words = [
+        f"{name}-{fewest_digits(low)}-{fewest_digits(high)}" for name, (low, high) in axes.items()
+    ]
     for text in overrides:
         key, _, value = text.partition("=")
         stem = re.sub(rf"-{re.escape(key.strip())}-.+?(?=-[A-Za-z]|$)", "", stem)

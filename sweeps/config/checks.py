@@ -11,7 +11,7 @@ from sweeps.config.rig import SI_UNITS
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Axis, Key, MisplacedError
 from sweeps.grid import TABLE
-from sweeps.text import shortest
+from sweeps.text import fewest_digits
 from vibroimpact.inputs import integer
 from vibroimpact.oscillator import POINT, mesh, with_one_force
 from vibroimpact.step.integrators import INTEGRATORS
@@ -26,7 +26,7 @@ _MOST_SAMPLES = 10_000_000
 _CHUNK = 1 << 16
 
 
-def completed(config: SweepConfig) -> SweepConfig:
+def with_defaults(config: SweepConfig) -> SweepConfig:
     """Return a configuration with the steps per period and the units that its groups determine.
 
     Raises MisplacedError if the groups do not go together.
@@ -89,8 +89,8 @@ def _refuse_start(config: SweepConfig, points: np.ndarray) -> None:
     typed, stop = "x0" in config.start.model_fields_set, config.nomenclature.name("clearance")
     raise MisplacedError(
         _key_of(config, "x0" if typed else "clearance"),
-        f"{where}x0 = {shortest(x0)} lies beyond the stop at {stop} = "
-        f"{shortest(clearance)}; every x0 must be <= every {stop}",
+        f"{where}x0 = {fewest_digits(x0)} lies beyond the stop at {stop} = "
+        f"{fewest_digits(clearance)}; every x0 must be <= every {stop}",
     )
 
 

@@ -37,7 +37,7 @@ from sweeps.config.values import (
     known_word,
     null,
 )
-from sweeps.text import nearest, shortest, suggestion
+from sweeps.text import fewest_digits, near_miss, suggestion
 from vibroimpact.inputs import integer, real, typed
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
@@ -107,7 +107,7 @@ def refuse_out_of_bounds(axis: Axis, parameter: Parameter) -> None:
     """Refuse values outside the bounds of a parameter."""
     for value in sorted({axis.low, axis.high}):
         if not parameter.accepts(value):
-            contains = f"contains {shortest(value)}, which " if axis.swept else ""
+            contains = f"contains {fewest_digits(value)}, which " if axis.swept else ""
             raise ValueError(f"{contains}is not allowed")
 
 
@@ -328,7 +328,7 @@ def _followable(name: str) -> str:
     if name in STARTS:
         raise ValueError("is a start, but only the first point starts there")
     if name not in OscillatorConfig.model_fields:
-        raise ValueError("is unknown" + suggestion(nearest(name, OscillatorConfig.model_fields)))
+        raise ValueError("is unknown" + suggestion(near_miss(name, OscillatorConfig.model_fields)))
     return name
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
-from sweeps.config.checks import completed
+from sweeps.config.checks import with_defaults
 from sweeps.config.groups import DATE_UNITS, StartConfig, key_list
 from sweeps.config.messages import (
     as_typed,
@@ -81,7 +81,7 @@ def load_config(
     try:
         path = Path(source)
     except TypeError:
-        typed, expected = inputs.shown(source), f"a YAML file, or {key_list(SweepConfig)}"
+        typed, expected = inputs.input_text(source), f"a YAML file, or {key_list(SweepConfig)}"
         raise ConfigError(f"the configuration is {typed}; expected: {expected}") from None
     return parse_config(_text(path), str(path), path.stem, overrides)
 
@@ -136,7 +136,7 @@ def _checked(
     """Return the configuration of `data` with `overrides`; raise ConfigError if it is not valid."""
     if isinstance(overrides, str) or not isinstance(overrides, Iterable):
         raise ConfigError(
-            f"overrides = {inputs.shown(overrides)}; expected: a list of texts key=value"
+            f"overrides = {inputs.input_text(overrides)}; expected: a list of texts key=value"
         )
     overridden = [_override(data, override, sources) for override in overrides]
     if null(data.get("points")) is not None:
@@ -148,7 +148,7 @@ def _checked(
         except ValueError as error:
             raise ConfigError(f"{source}: points: {error}") from None
     try:
-        return completed(SweepConfig.model_validate(data))
+        return with_defaults(SweepConfig.model_validate(data))
     except MisplacedError as conflict:
         raise ConfigError(conflict_at(conflict, sources, origin)) from None
     except ValidationError as refusal:

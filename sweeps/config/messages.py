@@ -10,7 +10,7 @@ from pydantic_core import ErrorDetails
 from sweeps.config.groups import RecordConfig, TrajectoryConfig, key_list
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Group, Key, MisplacedError, Range
-from sweeps.text import nearest, shortened, suggestion
+from sweeps.text import near_miss, shortened, suggestion
 from vibroimpact import inputs
 
 #: The wording of pydantic's error types.
@@ -118,7 +118,7 @@ def as_typed(value: object) -> str:
     elif isinstance(value, (list, tuple)):
         text = "[" + ", ".join(map(as_typed, value)) + "]"
     else:
-        text = value if isinstance(value, str) else inputs.shown(value)
+        text = value if isinstance(value, str) else inputs.input_text(value)
         text = text or "(nothing)"
     return shortened(text)
 
@@ -187,7 +187,7 @@ def meant(name: str, valid: Collection[str], elsewhere: Iterable[str] = ()) -> s
     }
     return (
         here.get(folded)
-        or nearest(name, valid, least=0.85)
+        or near_miss(name, valid, least=0.85)
         or anywhere.get(folded)
-        or nearest(name, valid)
+        or near_miss(name, valid)
     )

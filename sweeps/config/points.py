@@ -15,8 +15,8 @@ import numpy as np
 from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name
 from sweeps.config.values import Elsewhere, MisplacedError, null
-from sweeps.grid import as_table
-from sweeps.text import nearest, printable, shortened, suggestion
+from sweeps.grid import table_values
+from sweeps.text import near_miss, printable, shortened, suggestion
 from vibroimpact.inputs import real, typed
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
@@ -44,7 +44,7 @@ def read_points(given: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
     try:
         columns = _columns(given, known) if path is None else _read_csv(path, known)
         checked = {name: _checked(name, column, known) for name, column in columns.items()}
-        table = as_table(checked)
+        table = table_values(checked)
         if len(table):
             return table
         reason = "the table has no row"
@@ -115,7 +115,7 @@ def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
             allowed = PARAMETERS[own].allowed
             raise MisplacedError(("points", key), f"{problem}; expected: {allowed}")
         columns[own] = values
-    return as_table(columns)
+    return table_values(columns)
 
 
 def _read_csv(path: Path, known: Mapping[str, Parameter]) -> dict[str, np.ndarray]:
@@ -229,7 +229,7 @@ def _check_names(names: list[str], known: Mapping[str, Parameter]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"column {name} is given twice; expected: once")
-        word = nearest(name, missing, least=0.8) if name not in known else None
+        word = near_miss(name, missing, least=0.8) if name not in known else None
         # A further column becomes a coordinate of the file, whose name other programs must accept.
         if word or not re.search(COLUMN_NAME, name):
             raise ValueError(

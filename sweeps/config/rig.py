@@ -31,7 +31,7 @@ from sweeps.config.values import (
     Values,
     ordered,
 )
-from sweeps.text import shortest
+from sweeps.text import fewest_digits
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 
@@ -146,7 +146,7 @@ class RigConfig(ParameterConfig):
             problem = f"is not a range in the units of the model: {made.low!r} to {made.high!r}"
             raise MisplacedError(("rig", title), f"{problem}; expected: other values")
         if not math.isfinite(made.high):
-            contains = f"contains {shortest(given.high)}, which " if given.swept else ""
+            contains = f"contains {fewest_digits(given.high)}, which " if given.swept else ""
             raise ValueError(f"{contains}is not a finite number in the units of the model")
         refuse_out_of_bounds(made, PARAMETERS[name])
         if isinstance(value, tuple):

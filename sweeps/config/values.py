@@ -30,7 +30,7 @@ from pydantic import (
 from pydantic.json_schema import SkipJsonSchema
 
 from sweeps.config.spacing import geometric, linear
-from sweeps.text import nearest, shortest, suggestion
+from sweeps.text import fewest_digits, near_miss, suggestion
 from vibroimpact.inputs import integer, is_number, real, typed
 
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).
@@ -90,7 +90,7 @@ def ordered(values: tuple[float, ...]) -> tuple[float, ...]:
     rising = sorted(values)
     for low, high in pairwise(rising):
         if low == high:
-            raise ValueError(f"has the value {shortest(low)} twice")
+            raise ValueError(f"has the value {fewest_digits(low)} twice")
     return values if list(values) == rising[::-1] else tuple(rising)
 
 
@@ -113,7 +113,7 @@ def known_word(table: Collection[str]) -> AfterValidator:
 
     def _check(name: str) -> str:
         if name not in table:
-            raise ValueError("is unknown" + suggestion(nearest(name, table)))
+            raise ValueError("is unknown" + suggestion(near_miss(name, table)))
         return name
 
     return AfterValidator(_check)

@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from sweeps.engine.compute import Results, compute_block
-from sweeps.engine.executors import completed
+from sweeps.engine.block_results import Results, compute_block
+from sweeps.engine.executors import as_completed
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block, Sweep, block_points
 from sweeps.interrupts import raised_at_once
@@ -120,7 +120,7 @@ class ClusterComputer:
                 return executor.submit(_compute, shared, block, numerics)
 
             try:
-                for block, future in completed(submit, blocks, self._most):
+                for block, future in as_completed(submit, blocks, self._most):
                     results = self._result(future)
                     advance(block_points(block))
                     yield block, results

@@ -13,7 +13,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.store import columns_of, is_sweep, open_sweep
-from sweeps.text import nearest, suggestion
+from sweeps.text import near_miss, suggestion
 
 
 def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
@@ -58,7 +58,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
     for name, (low, high) in pieces.items():
         if name not in axes:
             raise Refused(
-                f"{name} is not a swept axis{suggestion(nearest(name, axes))}; "
+                f"{name} is not a swept axis{suggestion(near_miss(name, axes))}; "
                 f"expected: {' or '.join(axes) or 'none, since this is a single point'}"
             )
         group = data[seen.group if name in data[seen.group] else "start"]

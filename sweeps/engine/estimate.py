@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sweeps.engine.compute import compute
+from sweeps.engine.block_results import compute
 from sweeps.engine.executors import Computer, in_thread
 from sweeps.engine.memory import available_memory
 from sweeps.errors import StoreError
@@ -19,7 +19,7 @@ from sweeps.store import bytes_per_point, check_room, widths_of
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS, WAY
 from vibroimpact.jit.cache import cache_folder
-from vibroimpact.kernel.run import lanes_per_thread
+from vibroimpact.kernel.threads import lanes_per_thread
 from vibroimpact.points.run_spec import RunSpec
 
 #: Memory for the results of one block [bytes]; more is used only to fill the lanes.

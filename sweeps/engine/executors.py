@@ -13,11 +13,11 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from sweeps.engine.compute import Results, compute_block
+from sweeps.engine.block_results import Results, compute_block
 from sweeps.grid import Block, Sweep
 from sweeps.interrupts import check, set_thread_flag
 from vibroimpact.jit import ALL_THREADS, called_before_passes
-from vibroimpact.kernel.run import FEWEST_LANES
+from vibroimpact.kernel.threads import FEWEST_LANES
 
 T = TypeVar("T")
 #: Interval of the checks for signals [s]: a signal caught by another thread does not wake the main.
@@ -67,7 +67,7 @@ def in_thread(function: Callable[..., T], *arguments: Any) -> T:
         return future.result()
 
 
-def completed(
+def as_completed(
     submit: Callable[[Block], Future[Results]], blocks: Iterable[Block], most: Callable[[], int]
 ) -> Iterator[tuple[Block, Future[Results]]]:
     """Submit blocks, with at most `most` of them pending at a time, and yield each when done."""
@@ -134,5 +134,5 @@ class LocalComputer:
             def submit(block: Block) -> Future[Results]:
                 return executor.submit(compute_block, sweep, block, self.threads, advance)
 
-            for block, future in completed(submit, blocks, lambda: 2):
+            for block, future in as_completed(submit, blocks, lambda: 2):
                 yield block, future.result()

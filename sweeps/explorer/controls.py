@@ -20,10 +20,10 @@ from bokeh.models import (
     Toggle,
 )
 
-from sweeps.analysis.coordinates import COORDINATES
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.explorer.figures import symbol
 from sweeps.explorer.view import View, window_around
+from sweeps.opened.coordinates import COORDINATES
 from sweeps.plotting.labels import as_variable, named_unit
 from vibroimpact.oscillator import PARAMETERS
 

@@ -57,7 +57,7 @@ return value.toFixed(Math.min(Math.max(digits, 0), 15)).replace("-", "\u2212");
 """
 
 
-def plain(text: str) -> str:
+def without_tex(text: str) -> str:
     """Replace the TeX formulas in a text by Unicode letters."""
     for formula, letters in _LETTERS.items():
         text = text.replace(formula, letters)
@@ -66,7 +66,7 @@ def plain(text: str) -> str:
 
 def symbol(name: str, seen: Nomenclature) -> str:
     """Return the symbol of a parameter or of a result as Unicode text."""
-    return plain(as_variable(name, seen).attrs["symbol"])
+    return without_tex(as_variable(name, seen).attrs["symbol"])
 
 
 def value_text(name: str, view: View) -> str:
@@ -74,10 +74,12 @@ def value_text(name: str, view: View) -> str:
     variable, value = as_variable(name, view.seen), view.values[name]
     prefix, factor = prefix_of(variable, value)
     unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
-    return plain(f"{variable.symbol} = {value / factor:.6g}{unit}")
+    return without_tex(f"{variable.symbol} = {value / factor:.6g}{unit}")
 
 
-def label_axis(axis: Any, name: str, view: View, size: float, pixels: float = math.inf) -> None:
+def label_live_axis(
+    axis: Any, name: str, view: View, size: float, pixels: float = math.inf
+) -> None:
     """Label an axis and its ticks, with the prefix that `plot` gives to numbers of this size.
 
     The label has the meaning, the symbol and the unit of a parameter or of a result. If it needs
@@ -85,7 +87,7 @@ def label_axis(axis: Any, name: str, view: View, size: float, pixels: float = ma
     """
     variable = as_variable(name, view.seen)
     prefix, factor = prefix_of(variable, size)
-    text = plain(label(variable, prefix))
+    text = without_tex(label(variable, prefix))
     fits = 7.0 * len(text) < pixels
     axis.axis_label = text if fits else text.removeprefix(variable.long_name).strip()
     log = isinstance(axis.ticker, LogTicker)
@@ -172,7 +174,7 @@ class PixelFigure:
     def label(self, side: str, name: str, view: View, window: Window) -> None:
         """Set the label and the ticks of axis x or y for a window."""
         axis, pixels = getattr(self.figure, f"{side}axis"), self.size[side == "y"] + _BESIDE
-        label_axis(axis, name, view, max(map(abs, window)), pixels)
+        label_live_axis(axis, name, view, max(map(abs, window)), pixels)
 
     def move(self, across: float, upwards: float, size: float) -> None:
         """Move the window by fractions of its width and height, and scale it about its centre."""

@@ -31,7 +31,7 @@ from tornado.web import ErrorHandler, OutputTransform
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.explorer.page import SECRET, LivePage
+from sweeps.explorer.live_page import SECRET, LivePage
 from sweeps.explorer.view import View
 
 HOST = "127.0.0.1"

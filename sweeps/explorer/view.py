@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 from urllib.parse import parse_qsl, urlencode
 
-from sweeps.analysis.coordinates import COORDINATES
-from sweeps.analysis.dataset import oscillator_of
 from sweeps.config.groups import OscillatorConfig, RecordConfig
 from sweeps.config.loading import load_config
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError
+from sweeps.opened.coordinates import COORDINATES
+from sweeps.opened.dataset import oscillator_of
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 Window = tuple[float, float]

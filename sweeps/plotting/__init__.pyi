@@ -1,7 +1,7 @@
 from .api import KINDS as KINDS
 from .api import plot as plot
-from .attractors import attractor_diagram as attractor_diagram
-from .attractors import basins as basins
+from .basin_pictures import attractor_diagram as attractor_diagram
+from .basin_pictures import basins as basins
 from .diagram import bifurcation as bifurcation
 from .erosion import integrity as integrity
 from .maps import parameter_map as parameter_map
@@ -9,4 +9,4 @@ from .motion import trajectory as trajectory
 from .page import Page as Page
 from .sections import impacts as impacts
 from .sections import section as section
-from .table import table_panels as table_panels
+from .table_picture import table_panels as table_panels

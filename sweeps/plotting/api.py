@@ -10,14 +10,14 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
-from sweeps.analysis.attractor_table import parameter_axes
-from sweeps.analysis.cuts import Selection, swept_axes
-from sweeps.analysis.doors import takes_sweep
-from sweeps.analysis.grouping import START_AXES
 from sweeps.arguments import PATH
+from sweeps.attractor.attractor_table import parameter_axes
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
-from sweeps.plotting.attractors import attractor_diagram, basins
+from sweeps.opened.cuts import Selection, swept_axes
+from sweeps.opened.doors import takes_sweep
+from sweeps.opened.grouping import START_AXES
+from sweeps.plotting.basin_pictures import attractor_diagram, basins
 from sweeps.plotting.diagram import bifurcation
 from sweeps.plotting.erosion import integrity
 from sweeps.plotting.maps import parameter_map
@@ -27,9 +27,9 @@ from sweeps.plotting.saving import check_picture, description, save
 from sweeps.plotting.sections import impacts, section
 from sweeps.plotting.style import user_style
 from sweeps.plotting.styled import ARGUMENTS
-from sweeps.plotting.table import table_panels
+from sweeps.plotting.table_picture import table_panels
 from sweeps.store import DIRECTION
-from sweeps.text import choice_of, listed, nearest, suggestion
+from sweeps.text import choice_of, listed, near_miss, suggestion
 from vibroimpact.inputs import TEXT
 
 
@@ -136,7 +136,7 @@ def check_options(kind: str, options: Iterable[str]) -> None:
         kinds = [name for name, taker in KINDS.items() if option in taker.options]
         if not kinds:
             every = dict.fromkeys(name for taker in KINDS.values() for name in taker.options)
-            meant = suggestion(nearest(option, every))
+            meant = suggestion(near_miss(option, every))
             raise Refused(f"there is no option {option}{meant}; {choice_of(every)}")
         if kind not in kinds:
             other = "; a diagram shows it as color or below" if option == "quantity" else ""
@@ -148,7 +148,7 @@ def check_options(kind: str, options: Iterable[str]) -> None:
 def check_kind(kind: str) -> None:
     """Refuse a name that is not a kind of picture."""
     if kind not in KINDS:
-        meant = suggestion(nearest(kind, KINDS))
+        meant = suggestion(near_miss(kind, KINDS))
         raise Refused(f"there is no picture {kind!r}{meant}; choose one of {listed(KINDS)}")
 
 

@@ -14,10 +14,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_hex, to_rgba
 from matplotlib.patches import Patch
 
-from sweeps.analysis.cuts import Selection, directions, select
-from sweeps.analysis.dataset import config_of
-from sweeps.analysis.regimes import classes_of
 from sweeps.errors import Refused
+from sweeps.opened.cuts import Selection, cut_at, directions
+from sweeps.opened.dataset import config_of
+from sweeps.opened.motions import classes_of
 from sweeps.plotting import canvas
 from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
 from sweeps.plotting.lines import refuse_without_result
@@ -252,7 +252,7 @@ def coloured_points(
     if not of_directions:
         dataset, color = with_number(dataset, color)
     left = {*dataset["status"].dims} - {*(at or {}), *(() if of_directions else (DIRECTION,))}
-    points = select(dataset, at, free=[*map(str, left)])
+    points = cut_at(dataset, at, free=[*map(str, left)])
     if points["status"].size == 1:
         both = f"; color = {DIRECTION} shows both directions" if directions(dataset) else ""
         raise Refused(f"a color tells several motions apart, and only one point is left{both}")

@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
-from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
-from sweeps.analysis.parts import in_parts
+from sweeps.opened.coordinates import COORDINATES, in_parts, recorded_coordinate
 from sweeps.plotting import canvas
 from sweeps.plotting.pixels import cell_edges, pixels_of
 from sweeps.plotting.style import (

@@ -10,16 +10,16 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate, shows_part
-from sweeps.analysis.cuts import Selection, split_directions
-from sweeps.analysis.dataset import config_of
-from sweeps.analysis.regimes import approaching, classify
 from sweeps.errors import Refused
+from sweeps.opened.coordinates import COORDINATES, recorded_coordinate, shows_part
+from sweeps.opened.cuts import Selection, split_directions
+from sweeps.opened.dataset import config_of
+from sweeps.opened.motions import approaching, classify
 from sweeps.plotting import canvas
+from sweeps.plotting.branch_lines import draw_branches, name_parts
 from sweeps.plotting.colours import Paint, colours_directions, direction_names, paint
 from sweeps.plotting.density import draw_density, value_range
 from sweeps.plotting.directions import agreeing, draw_jumps
-from sweeps.plotting.exact import draw_branches, name_parts
 from sweeps.plotting.labels import as_variable, label, label_axis, record_text
 from sweeps.plotting.lines import refuse_empty, select_line
 from sweeps.plotting.numbers import Wanted, with_number

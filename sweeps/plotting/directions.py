@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 _SAME, _APART, _JUMP = 0.004, 0.01, 0.04
 
 
-def nearest(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
+def nearest_distances(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
     """Return the distance of each value from the nearest in the same row of the other, in `size`.
 
     The arrays have the shapes (n, k) and (n, l), with NaN for no value; the result has the shape of
@@ -37,12 +37,12 @@ def _extent(*values: np.ndarray) -> float:
 def agreeing(up: np.ndarray, down: np.ndarray) -> list[np.ndarray]:
     """Return the masks of the values of each direction that the other has, too."""
     size = _extent(up, down) or 1.0
-    return [nearest(up, down, size) < _SAME, nearest(down, up, size) < _SAME]
+    return [nearest_distances(up, down, size) < _SAME, nearest_distances(down, up, size) < _SAME]
 
 
 def _apart(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
     """Whether the motions in each row differ, shape (n,)."""
-    away = [nearest(a, b, size) for a, b in ((one, other), (other, one))]
+    away = [nearest_distances(a, b, size) for a, b in ((one, other), (other, one))]
     means = [
         np.nan_to_num(each).sum(axis=1) / np.maximum(np.isfinite(each).sum(axis=1), 1)
         for each in away
@@ -66,7 +66,7 @@ def draw_jumps(
         ):
             if not 0 <= j < len(x):
                 continue
-            away = nearest(motion[[i]], motion[[j]], size)[0]
+            away = nearest_distances(motion[[i]], motion[[j]], size)[0]
             if not _JUMP < np.nanmax(away, initial=0.0) < 2.0:
                 continue
             begin = motion[i, int(np.nanargmax(away))]

@@ -16,14 +16,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
-from sweeps.analysis.attractor_table import AttractorRow, attractor_rows
-from sweeps.analysis.cuts import Selection, select, swept_axes
-from sweeps.analysis.dataset import config_of, oscillator_of
-from sweeps.analysis.integrity import refuse_unfit, with_measures
-from sweeps.analysis.knocks import at_section, knocks
+from sweeps.attractor.attractor_report import classes_text
+from sweeps.attractor.attractor_table import AttractorRow, attractor_rows
+from sweeps.attractor.integrity import refuse_unfit, with_measures
+from sweeps.attractor.knocks import at_section, knocks
 from sweeps.errors import Refused
+from sweeps.opened.cuts import Selection, cut_at, swept_axes
+from sweeps.opened.dataset import config_of, oscillator_of
 from sweeps.plotting import canvas
-from sweeps.plotting.attractors import (
+from sweeps.plotting.basin_pictures import (
     attractors_in,
     basin_cells,
     mark_attractors,
@@ -39,7 +40,6 @@ from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import Look, ground, ink
 from sweeps.plotting.styled import styled
-from sweeps.reports.attractors import classes
 from sweeps.text import shown_count
 
 #: The panels of the profile: the measure, the flag that the edge decided it, and the title.
@@ -85,11 +85,11 @@ def integrity(
     others = [name for name in swept_axes(dataset) if name not in ("x0", "v0")]
     along = sorted(others, key=lambda name: -dataset.sizes[name])[:1]
     cuts = {name: value for name, value in (at or {}).items() if name not in along}
-    line = select(dataset, cuts, free=[*along, "x0", "v0"])
+    line = cut_at(dataset, cuts, free=[*along, "x0", "v0"])
     refuse_unfit(line)
     found, looks = attractors_in(line, dataset, page.grey)
     found = with_measures(line, found)
-    starts = select(line, {name: at[name] for name in along if at and name in at}, ["x0", "v0"])
+    starts = cut_at(line, {name: at[name] for name in along if at and name in at}, ["x0", "v0"])
     there = found.sel({name: float(starts[name]) for name in along})
     table = attractor_rows(line, found)
     heights = [0.35, 0.5, 0.5, 1.0] if along else [1.0]
@@ -219,7 +219,7 @@ def _draw_lines(
         marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER, **_bound()}
         inside = np.where(y <= top, y, 0.95 * top)
         panel.plot(x, np.where(here & bound, inside, np.nan), linestyle="", **marks)
-        named = classes([own[i] for i in places])
+        named = classes_text([own[i] for i in places])
         lines.append((named, np.stack([x, np.where(here & (y <= top), y, np.nan)], axis=1)))
     return lines
 

@@ -14,9 +14,9 @@ from matplotlib.ticker import (
     StrMethodFormatter,
 )
 
-from sweeps.analysis.coordinates import COORDINATES, impacts_left_out
-from sweeps.analysis.dataset import config_of, nomenclature_of
 from sweeps.config.nomenclature import Nomenclature
+from sweeps.opened.coordinates import COORDINATES, impacts_left_out
+from sweeps.opened.dataset import config_of, nomenclature_of
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import unit_name
 from vibroimpact.oscillator import PARAMETERS, Parameter

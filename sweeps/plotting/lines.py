@@ -8,9 +8,9 @@ from typing import NoReturn
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.coordinates import COORDINATES
-from sweeps.analysis.cuts import Selection, chosen_axes, select
 from sweeps.errors import Refused
+from sweeps.opened.coordinates import COORDINATES
+from sweeps.opened.cuts import Selection, chosen_axes, cut_at
 from sweeps.plotting.numbers import numbers_of
 from sweeps.store import DIRECTION
 from sweeps.text import choice_of, listed
@@ -27,7 +27,7 @@ def select_line(
     """Return the points that `sweeps.plotting.bifurcation` shows, their axis and coordinate."""
     (axis,) = chosen_axes(dataset, axes, at, 1, "bifurcation")
     coordinate = choose_coordinate(dataset, coordinate)
-    return select(dataset, at, free=[axis, DIRECTION]), axis, coordinate
+    return cut_at(dataset, at, free=[axis, DIRECTION]), axis, coordinate
 
 
 def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:

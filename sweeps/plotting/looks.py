@@ -8,7 +8,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.attractor_table import AttractorRow
+from sweeps.attractor.attractor_table import AttractorRow
 from sweeps.plotting.colours import look_of_class, look_of_regime
 from sweeps.plotting.style import CLASSES, FURTHER, GREY_FURTHER, Look
 from vibroimpact.points.regimes import Regime

@@ -16,13 +16,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
-from sweeps.analysis.cuts import Selection, select
-from sweeps.analysis.exact_curves import map_axes
-from sweeps.analysis.regimes import approaching
+from sweeps.bifurcation.exact_curves import map_axes
 from sweeps.errors import Refused
+from sweeps.opened.cuts import Selection, cut_at
+from sweeps.opened.motions import approaching
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Cells, class_numbers, failed_cells, paint
-from sweeps.plotting.curves import draw_curves
+from sweeps.plotting.curve_lines import draw_curves
 from sweeps.plotting.labels import (
     label_axis,
     log_spaced,
@@ -94,7 +94,7 @@ def parameter_map(
     if quantity is None:
         quantity = "period" if "period" in dataset else "impacts_per_period"
     dataset, name = with_number(dataset, quantity)
-    cut = select(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
+    cut = cut_at(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
     if page.grey and name != "period":
         raise Refused(f"greys and hatches are for classes, and {name} is none; leave out grey")
     shown = paint(cut, name, grey=page.grey)

@@ -11,10 +11,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.cuts import Selection, select
-from sweeps.analysis.dataset import config_of
-from sweeps.analysis.regimes import labels
-from sweeps.analysis.trajectories import (
+from sweeps.errors import Refused
+from sweeps.opened.cuts import Selection, cut_at
+from sweeps.opened.dataset import config_of
+from sweeps.opened.motions import labels
+from sweeps.opened.trajectories import (
     MOST_PERIODS,
     RECORDED,
     PointMotion,
@@ -22,7 +23,6 @@ from sweeps.analysis.trajectories import (
     periods_shown,
     recorded_motion,
 )
-from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit
@@ -76,7 +76,7 @@ def trajectory(
     """
     over_time, velocity, phase_plane = panels = _new_panels(page) if ax is None else list(ax)
     if color is None:
-        drawn, shown = select(dataset, at), None
+        drawn, shown = cut_at(dataset, at), None
         (found,) = _classes(drawn.expand_dims("motion"))
         motions = [_motion_at(dataset, at, periods, found)]
         _draw_curves(panels, motions[0])

@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.dataset import check_diagnostic, config_of, described, nomenclature_of
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
-from sweeps.text import choice_of, listed, nearest, suggestion
+from sweeps.opened.dataset import attributes_with_unit, check_diagnostic, config_of, nomenclature_of
+from sweeps.text import choice_of, listed, near_miss, suggestion
 from vibroimpact.oscillator import PARAMETERS
 
 #: A variable of the file by its name, or values computed from the file.
@@ -44,7 +44,7 @@ def _mean_force(dataset: xr.Dataset) -> xr.DataArray:
     force = force.where(dataset["rest_fraction"] == 0.0).transpose(*dataset["status"].dims)
     in_si = nomenclature_of(dataset).in_si
     meaning = "mean force on the stop" if in_si else "mean force on the stop per mass"
-    about = described(config_of(dataset), meaning, "N" if in_si else "length/time^2")
+    about = attributes_with_unit(config_of(dataset), meaning, "N" if in_si else "length/time^2")
     return force.assign_attrs(about, symbol=r"\overline{F}")
 
 
@@ -63,7 +63,7 @@ def with_number(dataset: xr.Dataset, wanted: Wanted) -> tuple[xr.Dataset, str]:
         check_diagnostic(dataset, name)
     available = numbers_of(dataset)
     if name not in available:
-        problem = f"there is no {name or repr(name)}{suggestion(nearest(name, available))}"
+        problem = f"there is no {name or repr(name)}{suggestion(near_miss(name, available))}"
         if name in dataset:
             problem = f"{name} is not a number for each point"
         raise Refused(f"{problem}; {choice_of(available)}")

@@ -64,7 +64,7 @@ def _is_other(record: logging.LogRecord) -> bool:
     return "transparency" not in record.getMessage()
 
 
-def described(image: bytes, title: str, text: str) -> bytes:
+def with_comments(image: bytes, title: str, text: str) -> bytes:
     """Return a file without its date, with a title, and with a text as comments."""
     head, mark, body = image.partition(b"%%EndComments\n")
     head = re.sub(rb"(?m)^%%CreationDate:.*\n", b"", head)

@@ -13,9 +13,9 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
-from sweeps.analysis.dataset import config_of
 from sweeps.errors import Refused
-from sweeps.plotting.postscript import described, make_opaque, without_warning
+from sweeps.opened.dataset import config_of
+from sweeps.plotting.postscript import make_opaque, with_comments, without_warning
 from sweeps.plotting.style import STYLE, dots_per_inch, user_style
 from sweeps.store.replacing import check_target, writing
 from sweeps.text import listed, printable, shortened
@@ -114,12 +114,12 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
     content = image.getvalue()
     if kind == "eps":
         title, _, text = description or ("", "", "")
-        content = described(content, title, text)
+        content = with_comments(content, title, text)
     with writing(output, "picture") as draft:
         draft.write(content)
 
 
-def draw(output: Path, picture: Callable[..., Figure], *measured: object) -> None:
+def save_chart(output: Path, picture: Callable[..., Figure], *measured: object) -> None:
     """Write the figure that `picture` makes of measurements to a file, in the common style."""
     with mpl.rc_context(STYLE):
         save(picture(*measured), output)

@@ -9,9 +9,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.coordinates import recorded
-from sweeps.analysis.cuts import Selection
-from sweeps.analysis.dataset import config_of
+from sweeps.opened.coordinates import recorded
+from sweeps.opened.cuts import Selection
+from sweeps.opened.dataset import config_of
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.labels import as_variable, label_axis, record_text

@@ -15,8 +15,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.doors import takes_sweep
-from sweeps.analysis.rig import arguments_in_si
+from sweeps.opened.doors import takes_sweep
+from sweeps.opened.in_si import arguments_in_si
 from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import user_style
 from vibroimpact.inputs import TEXT, Allowed, integer

@@ -1,1 +1,1 @@
-"""Reports of the commands: the data of a sweep and of its analyses as text."""
+"""Reports of the commands: a run and its file as text."""

@@ -29,7 +29,7 @@ from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.interrupts import check
 from sweeps.store.archive import GONE, array_in, opened_archive, padded, write_arrays
-from sweeps.store.file import add_table, schema_of
+from sweeps.store.complete_file import add_table, schema_of
 from sweeps.store.paths import (
     BLOCK,
     DRAFT,
@@ -39,7 +39,7 @@ from sweeps.store.paths import (
     parts_path,
 )
 from sweeps.store.replacing import draft_of, drafted, replacing, sync_names
-from sweeps.store.schema import Schema, add_blocks, describe
+from sweeps.store.schema import Schema, add_blocks, write_schema
 from sweeps.store.variables import VARIABLES, is_sampled
 
 #: Array of a block file: checksum of the schema, number of the block, samples of its trajectories,
@@ -69,7 +69,7 @@ def create(folder: Path, schema: Schema) -> None:
     with replacing(folder / SCHEMA) as new:  # from here on, no old block belongs to the sweep
         image = io.BytesIO()
         with h5py.File(image, "w", libver="earliest") as file:
-            describe(file, schema)
+            write_schema(file, schema)
             add_blocks(file, schema)
         new.write(image.getvalue())
         add_table(new)

@@ -12,7 +12,7 @@ import numpy as np
 
 from sweeps.arguments import PATH, require
 from sweeps.errors import StoreError
-from sweeps.store.file import check_file, open_unchanged, opened, schema_of
+from sweeps.store.complete_file import check_file, open_despite_locks, open_unchanged, schema_of
 from sweeps.store.parts import Parts
 from sweeps.store.paths import (
     SCHEMA,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from xarray.backends import CachingFileManager
 
-    from sweeps.store.dataset import Key
+    from sweeps.store.lazy_dataset import Key
 
 
 def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
@@ -72,7 +72,7 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     try:
         refuse_parts(path)
         if _is_missing(path) and identity(parts_path(path) / SCHEMA):
-            from sweeps.store.partial import open_parts
+            from sweeps.store.incomplete_dataset import open_parts
 
             try:
                 folder = parts_path(path)
@@ -83,7 +83,7 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
                 if _is_missing(path):
                     raise
         digest = check_file(path, verify=verify)
-        return opened(lambda options: _open_file(path, digest, options))
+        return open_despite_locks(lambda options: _open_file(path, digest, options))
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
 
@@ -92,7 +92,7 @@ def _open_file(path: Path, digest: str, options: dict[str, Any]) -> xr.Dataset:
     """Open a complete file for the arrays of the Dataset, and again if xarray has closed it."""
     from xarray.backends import CachingFileManager  # slow to import
 
-    from sweeps.store.dataset import lazy_dataset
+    from sweeps.store.lazy_dataset import lazy_dataset
 
     manager = CachingFileManager(open_unchanged, path.absolute(), digest, mode="r", kwargs=options)
     file = manager.acquire()
@@ -119,7 +119,7 @@ def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], 
     Also returns the duration of the run [s].
     """
     check_file(path, verify=False)
-    with opened(lambda options: h5py.File(path, "r", **options)) as file:
+    with open_despite_locks(lambda options: h5py.File(path, "r", **options)) as file:
         held = {name: file[name][()] for name in names if name in file}
         return held, float(file.attrs["duration"])
 

@@ -1,7 +1,7 @@
 """The schema of a sweep file: dimensions, attributes, variables and blocks, without the data.
 
-`describe` writes it and `schema_in` reads it, both in a complete file and in the ``schema.h5`` of
-an incomplete sweep, which has no data.
+`write_schema` writes it and `schema_in` reads it, both in a complete file and in the ``schema.h5``
+of an incomplete sweep, which has no data.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from sweeps.errors import StoreError
-from sweeps.grid import TABLE, Block, Grid, as_table, box_shape
+from sweeps.grid import TABLE, Block, Grid, box_shape, table_values
 from sweeps.store.paths import FORMAT, FORMAT_VERSION
 from sweeps.store.variables import (
     COLUMNS,
@@ -157,7 +157,7 @@ def refuse_columns(names: Iterable[str]) -> None:
             raise StoreError(f"points: the column {name} {problem}")
 
 
-def describe(file: h5py.File, schema: Schema, *, compressed: bool = False) -> None:
+def write_schema(file: h5py.File, schema: Schema, *, compressed: bool = False) -> None:
     """Write the attributes and coordinates of a schema, and create its variables without data."""
     file.attrs.update(schema.attributes)
     columns, scales = str(schema.attributes.get(COLUMNS, "")).split(), {}
@@ -210,7 +210,7 @@ def add_blocks(file: h5py.File, schema: Schema) -> None:
 
 
 def schema_in(file: h5py.File) -> Schema:
-    """Read the schema that `describe` and `add_blocks` have written."""
+    """Read the schema that `write_schema` and `add_blocks` have written."""
     variables = tuple(name for name in VARIABLES if name in file)
     records = dict.fromkeys(VARIABLES[name].dimension for name in variables)
     scales = [scale for dimension in file["status"].dims for scale in dimension.values()]
@@ -218,7 +218,7 @@ def schema_in(file: h5py.File) -> Schema:
     fixed = {name: _values(file[name]) for name in str(file.attrs[_COORDINATES]).split()}
     columns = file.attrs[COLUMNS].split() if TABLE in axes else ()
     if columns:
-        axes[TABLE] = as_table({name: fixed.pop(name) for name in columns})
+        axes[TABLE] = table_values({name: fixed.pop(name) for name in columns})
     blocks = file[_BLOCKS][()].tolist() if _BLOCKS in file else ()
     return Schema(
         axes,

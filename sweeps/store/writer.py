@@ -13,7 +13,7 @@ import yaml
 
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
-from sweeps.store.file import schema_of, write_file
+from sweeps.store.complete_file import schema_of, write_file
 from sweeps.store.parts import Parts, create, remove, remove_drafts
 from sweeps.store.paths import (
     SCHEMA,

@@ -13,8 +13,8 @@ from tests.benchmarks.limits import cpu_seconds
 from tests.helpers.kernel_cases import EVERY_METHOD
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.jit import on_threads
-from vibroimpact.kernel import run
-from vibroimpact.points.compute import compute_points
+from vibroimpact.kernel import threads as run
+from vibroimpact.points.computation import compute_points
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.scheme import default_steps

@@ -7,11 +7,12 @@ import pytest
 
 from tests.benchmarks.limits import cpu_features
 from vibroimpact.jit.hooks import WholeCompiler
-from vibroimpact.kernel import exact, time_stepping
+from vibroimpact.kernel import exact_lanes
+from vibroimpact.kernel import strides as time_stepping
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS, carry_columns, follow_flights
 from vibroimpact.kernel.reduced_step_impacts import shorten_steps, take_remainders
-from vibroimpact.kernel.run import new_workspace
-from vibroimpact.kernel.time_stepping import STRIDE
+from vibroimpact.kernel.strides import STRIDE
+from vibroimpact.kernel.threads import new_workspace
 from vibroimpact.kernel.workspace import LANES
 from vibroimpact.step.scheme import one_period
 
@@ -54,8 +55,8 @@ def test_the_hot_loops_are_packed_and_fused():
     stride = lanes, LANES, table, 0, STRIDE
     assert packed(time_stepping.plain_lanes, (*stride, False)) >= 2 * FUSED  # also while recording
     assert packed(time_stepping.step_lanes, stride) >= FUSED
-    assert packed(exact.propagate_lanes, (lanes, 64, added, 0.1, 0)) >= 8
-    assert packed(exact.force_lanes, (lanes, added, 0.0, 1.0)) >= 4
+    assert packed(exact_lanes.propagate_lanes, (lanes, 64, added, 0.1, 0)) >= 8
+    assert packed(exact_lanes.force_lanes, (lanes, added, 0.0, 1.0)) >= 4
 
 
 def test_exact_impacts_side_by_side_are_packed_and_fused():

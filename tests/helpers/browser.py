@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sweeps.explorer.maps import Tiles
-from sweeps.explorer.page import LivePage
+from sweeps.explorer.live_maps import Tiles
+from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.server import Explorer
 from sweeps.explorer.view import DIAGRAM, View
 

@@ -16,7 +16,7 @@ from vibroimpact.kernel.record import SUMS, list_impact
 from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.status import Status
 from vibroimpact.step.contact import EVENTS_SHAPE, IMPACT, KIND, SPEED, TIME, new_scratch
-from vibroimpact.step.exact import steps_needed
+from vibroimpact.step.exact_step import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.propagator import (
     Coefficients,

@@ -41,7 +41,7 @@ def own_results(tmp_path_factory):
     """Keep exact orbits in a folder of the tests, and leave those of the user alone."""
     folder = tmp_path_factory.mktemp("kept")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sweeps.analysis.kept.root", lambda: folder)
+        patch.setattr("sweeps.bifurcation.kept.root", lambda: folder)
         yield
 
 

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 from sweeps import attractors, bifurcations, curves, integrity, load_config, open_sweep, run_sweep
-from sweeps.analysis.attractor_table import attractor_rows
-from sweeps.analysis.regimes import classify
+from sweeps.attractor.attractor_table import attractor_rows
+from sweeps.opened.motions import classify
 from sweeps.plotting import KINDS
 from tests.helpers import naive
 from tests.helpers.places import CONFIGS

@@ -10,7 +10,7 @@ from tests.helpers.oscillators import bifurcation
 from vibroimpact import Oscillator, integrate, one_impact_orbit, periodic_orbit
 from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
 from vibroimpact.oscillator import POINT
-from vibroimpact.points.compute import compute_points
+from vibroimpact.points.computation import compute_points
 from vibroimpact.points.destinations import classified
 from vibroimpact.points.regimes import Regime, regimes_of
 from vibroimpact.points.run_spec import RunSpec

@@ -8,7 +8,7 @@ import pytest
 
 from vibroimpact import Oscillator
 from vibroimpact.step.chatter import is_first
-from vibroimpact.step.exact import stays_below
+from vibroimpact.step.exact_step import stays_below
 from vibroimpact.step.impact import FIRST, FREE, ONLY, Flight, FreeEnd, launch_after, meet_stop
 from vibroimpact.step.propagator import (
     SLACK,

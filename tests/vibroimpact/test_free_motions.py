@@ -9,7 +9,7 @@ from tests.helpers import naive
 from vibroimpact import integrate
 from vibroimpact.destination.free_motion import first_within
 from vibroimpact.oscillator import POINT
-from vibroimpact.points.compute import compute_points
+from vibroimpact.points.computation import compute_points
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps

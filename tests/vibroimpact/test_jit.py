@@ -158,7 +158,7 @@ def test_a_wrong_result_fails_the_check_even_if_asserts_are_removed(optimize):
     exec(compile(source, trial.__file__, "exec", optimize=optimize), names)
     names["compiled"] = lambda function, job: lambda job: (1.0, job.rows[:2])
     with pytest.raises(Exception, match=r"1\.0"):
-        names["main"]()
+        names["run_trial"]()
 
 
 @pytest.fixture

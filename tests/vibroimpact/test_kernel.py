@@ -17,7 +17,7 @@ from tests.helpers.kernel_cases import (
     wide_points,
 )
 from vibroimpact import Oscillator, Status, integrate, simulate
-from vibroimpact.kernel.run import aligned
+from vibroimpact.kernel.threads import aligned
 from vibroimpact.kernel.workspace import LANES
 from vibroimpact.points.scaling import SCALED
 from vibroimpact.step.integrators import INTEGRATORS

@@ -11,7 +11,7 @@ from tests.helpers.kernel_cases import METHODS, one, random_points
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.kernel.lane import move_lane
-from vibroimpact.kernel.run import new_workspace
+from vibroimpact.kernel.threads import new_workspace
 from vibroimpact.kernel.workspace import COEFFICIENTS, ROW
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps, scheme_of

@@ -14,7 +14,7 @@ import pytest
 
 from tests.helpers.kernel_cases import METHODS, assert_same, one, random_points, steps_for
 from vibroimpact import Oscillator, Status, integrate
-from vibroimpact.kernel import run
+from vibroimpact.kernel import threads as run
 from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.kernel.workspace import LANES
 from vibroimpact.step.recorder import trace, trajectories

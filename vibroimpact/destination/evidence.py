@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.destination.nearby_orbit import multipliers
+from vibroimpact.destination.nearby_orbit import greatest_multiplier
 from vibroimpact.destination.section_map import follow
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Evidence
@@ -83,7 +83,7 @@ def captured(flow, orbit, size, y, w, G, r):
 @jit
 def evidence(flow, orbit, y, w, size):
     """Return the evidence that the motion from a state goes to a stable orbit, or ``UNREACHED``."""
-    greatest, _ = multipliers(orbit.J)
+    greatest, _ = greatest_multiplier(orbit.J)
     G, r = norm_of(orbit.J, greatest)
     if not G[0] * G[2] - G[1] * G[1] > 0.0:  # rounding of an almost neutral orbit
         return _UNREACHED

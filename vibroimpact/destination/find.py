@@ -34,7 +34,7 @@ from vibroimpact.destination.nearby_orbit import (
     correction,
     distance,
     doubled,
-    multipliers,
+    greatest_multiplier,
     nearby_orbit,
 )
 from vibroimpact.destination.repetition import (
@@ -130,20 +130,20 @@ def judge(flow, y, w, m, size, found):
     orbit = nearby_orbit(flow, y, w, m, size)
     if orbit.m == 0:
         return False
-    if not multipliers(orbit.J)[0] < STABLE:
+    if not greatest_multiplier(orbit.J)[0] < STABLE:
         found.evidence = max(found.evidence, _UNSTABLE)
-        orbit = nearest(flow, doubled(flow, orbit, size), y, w, size)
+        orbit = nearer_section(flow, doubled(flow, orbit, size), y, w, size)
         if orbit.m == 0:
             return False
     proof = evidence(flow, orbit, y, w, size) if orbit.q > 0 else _UNREACHED
     if proof > found.evidence:
         off = distance(y, w, orbit, size)
-        put(found, orbit, flow.pt, multipliers(orbit.J)[0], off, proof)
+        put(found, orbit, flow.pt, greatest_multiplier(orbit.J)[0], off, proof)
     return proof > _UNREACHED
 
 
 @jit
-def nearest(flow, orbit, y, w, size):
+def nearer_section(flow, orbit, y, w, size):
     """Return a doubled orbit from that of its two sections which is nearer to a state."""
     if orbit.m == 0:
         return orbit
@@ -207,7 +207,7 @@ def judge_exact_repetition(flow, sections, sums, m, off, size, found):
     pt, kind = flow.pt, kind_of(sums)
     y, w = section_state(pt, sections, sections.shape[0] - 1)
     J, smooth = derivative_over(flow, sections, m)
-    if smooth and not multipliers(J)[0] <= _CLEARLY_UNSTABLE:
+    if smooth and not greatest_multiplier(J)[0] <= _CLEARLY_UNSTABLE:
         found.evidence = _UNSTABLE
         return
     if not smooth and is_coarse(sections, pt) and not is_replayed(flow, y, w, m, size):
@@ -228,7 +228,7 @@ def judge_repetition(flow, sections, kind, m, size, found):
     """Judge a dissipative motion whose record repeats after m periods, without rests."""
     y, w = section_state(flow.pt, sections, sections.shape[0] - 1)
     dy, dw, J, q = correction(flow, y, w, m, size)
-    greatest, _ = multipliers(J)
+    greatest, _ = greatest_multiplier(J)
     off = max(abs(dy), abs(dw))
     if kind == _IMPACTS and q > 0 and greatest < _CLEARLY_STABLE and off <= TOLERANCE:
         put_repetition(found, sections, m, off, greatest, q)

@@ -48,7 +48,7 @@ def distance(y, w, orbit, size):
 
 
 @inlined
-def multipliers(J):
+def greatest_multiplier(J):
     """Return the greatest |multiplier|, and the real part of this multiplier."""
     half, det = 0.5 * (J[0] + J[3]), J[0] * J[3] - J[1] * J[2]
     root = half * half - det
@@ -94,7 +94,7 @@ def orbit_from(flow, y, w, m, size):
 
 
 @jit
-def shortest(flow, orbit, size):
+def least_repetition(flow, orbit, size):
     """Return an orbit just found with the least number of periods after which it repeats."""
     for m in range(1, orbit.m // 2 + 1):
         y, w = flow.passed[m - 1, 0], flow.passed[m - 1, 1]
@@ -109,14 +109,14 @@ def shortest(flow, orbit, size):
 @jit
 def nearby_orbit(flow, y, w, m, size):
     """Return the orbit of m periods, or of a divisor of m, near a state; none if it is far."""
-    orbit = shortest(flow, orbit_from(flow, y, w, m, size), size)
+    orbit = least_repetition(flow, orbit_from(flow, y, w, m, size), size)
     return orbit if orbit.m > 0 and distance(y, w, orbit, size) <= _NEARNESS else no_orbit()
 
 
 @jit
 def doubled(flow, orbit, size):
     """Return the orbit of twice the period near an orbit that has flipped, if it is stable."""
-    _, mu = multipliers(orbit.J)
+    _, mu = greatest_multiplier(orbit.J)
     a, b, c, d = orbit.J
     if not _FLIPPED < mu < -1.0:
         return no_orbit()
@@ -128,6 +128,6 @@ def doubled(flow, orbit, size):
         w = orbit.w + far * along[1] / length * size[1]
         twice = orbit_from(flow, y, w, 2 * orbit.m, size)
         if twice.m > 0 and distance(twice.y, twice.w, orbit, size) > _SAME:
-            if multipliers(twice.J)[0] < STABLE:
+            if greatest_multiplier(twice.J)[0] < STABLE:
                 return twice
     return no_orbit()

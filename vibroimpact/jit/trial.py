@@ -12,7 +12,7 @@ import numpy as np
 
 from vibroimpact.jit.compiling import compiled, jit
 from vibroimpact.jit.intrinsics import claim, is_set
-from vibroimpact.jit.trial_steps import LANES, E, run
+from vibroimpact.jit.trial_steps import LANES, E, run_steps
 from vibroimpact.jit.way import WAY
 
 
@@ -31,12 +31,12 @@ def _take(job):  # type: ignore[no-untyped-def]
     lanes = np.zeros(LANES)
     k = claim(job.claimed)
     while k < job.points.size and not is_set(job.claimed[1:]):
-        run(job, lanes, k)
+        run_steps(job, lanes, k)
         k = claim(job.claimed)
     return lanes.sum(), job.rows[:2].copy()
 
 
-def main() -> None:
+def run_trial() -> None:
     """Print the way, and whether the code was compiled or loaded, if its results are right."""
     points = np.zeros(3, [("x", float), ("total", float)])
     points["x"] = 1.0 + E

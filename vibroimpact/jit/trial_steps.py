@@ -28,7 +28,7 @@ def _fill(lanes, x):  # type: ignore[no-untyped-def]
 
 
 @jit
-def run(job, lanes, k):  # type: ignore[no-untyped-def]
+def run_steps(job, lanes, k):  # type: ignore[no-untyped-def]
     """Add the lanes that are not negative to a point, one by one."""
     point = job.points[k]
     _fill(lanes, point.x)

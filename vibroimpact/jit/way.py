@@ -99,7 +99,7 @@ def _failure(name: str) -> str:
 
     The first process compiles and stores the code, the second one loads it.
     """
-    program = "from vibroimpact.jit.trial import main; main()"
+    program = "from vibroimpact.jit.trial import run_trial; run_trial()"
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {
             _VARIABLE: name,

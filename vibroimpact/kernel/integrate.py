@@ -12,7 +12,7 @@ from vibroimpact.inputs import FLAG, integer
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.growth import grows
 from vibroimpact.kernel.record import SUMS, Record
-from vibroimpact.kernel.run import KernelJob, lanes_per_thread, run_on_threads
+from vibroimpact.kernel.threads import KernelJob, lanes_per_thread, run_on_threads
 from vibroimpact.oscillator import refuse_invalid, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import impulse_and_loss

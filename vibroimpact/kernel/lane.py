@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from vibroimpact.jit import claim, jit, select, specialised, widest_vectors
-from vibroimpact.kernel import exact, time_stepping
+from vibroimpact.kernel import exact_lanes, strides
 from vibroimpact.kernel.record import (
     add_cycles,
     begin_sums,
@@ -98,9 +98,9 @@ def fill_lane(workspace, job, i, exactly):
     lanes[CLEARANCE + i], lanes[OMEGA + i], lanes[RESTITUTION + i] = pt.clearance, pt.omega, pt.R
     lanes[LEVEL + i], lanes[WAKE + i] = AT_REST if resting else pt.clearance, AWAKE
     if exactly:
-        exact.set_propagator(workspace, i, grid)
+        exact_lanes.set_propagator(workspace, i, grid)
     else:
-        time_stepping.set_map(workspace, i, job.scheme.method[1], grid)
+        strides.set_map(workspace, i, job.scheme.method[1], grid)
     lanes[PERIOD + i], lanes[DUE + i] = -job.transient, 1 - job.transient
     # The start is not marked: after a lead-in it is not rounded, as sections are.
     lanes[MARK_X + i] = math.nan

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vibroimpact.destination.find import find_exact, find_repetition
 from vibroimpact.jit import is_set, jit, specialised
-from vibroimpact.kernel.exact import round_states, take_exact_steps
+from vibroimpact.kernel.exact_lanes import round_states, take_exact_steps
 from vibroimpact.kernel.lane import (
     attend_lane,
     close_lane,
@@ -13,7 +13,7 @@ from vibroimpact.kernel.lane import (
     fill_stepped_lane,
     move_lane,
 )
-from vibroimpact.kernel.time_stepping import take_strides
+from vibroimpact.kernel.strides import take_strides
 from vibroimpact.kernel.workspace import PERIOD, ROW, Batch, any_is_recorded, list_lanes
 
 

@@ -31,15 +31,15 @@ def _do(task, system, here, there, rows, count, number, results):
     """Do a task; the other arguments depend on it."""
     X, along, tests = here
     if task == _CORRECT:
-        results[0] = corrector.correct(system, X, rows, count)
+        results[0] = corrector.newton_method(system, X, rows, count)
     elif task == _TANGENT:
-        corrector.tangent(system, X, results)
+        corrector.set_tangent(system, X, results)
     elif task == _TESTS:
-        corrector.test_functions(system, X, along, rows, tests)
+        corrector.set_test_functions(system, X, along, rows, tests)
     elif task == _MAY_MISS:
-        results[0] = corrector.may_miss(system, here, there, number)
+        results[0] = corrector.step_may_miss(system, here, there, number)
     elif task == _HALVES:
-        results[0] = unknowns.halves_apart(X, system.m, system.q)
+        results[0] = unknowns.distance_of_halves(X, system.m, system.q)
     elif task == _PENETRATION or task == _TURNING:
         _follow(task, system, X, count, number, results)
     elif task >= _CORRECT_EACH:
@@ -55,12 +55,12 @@ def _do_each(task, system, points, rows, count, number, results):
         each = results.size // points.shape[0]
         X, own = points[k], results[each * k : each * (k + 1)]
         if task == _CORRECT_EACH:
-            own[0] = corrector.correct(system, X, rows[k : k + 1], count)
+            own[0] = corrector.newton_method(system, X, rows[k : k + 1], count)
         elif task == _SECTIONS:
             values = corrector.parameters_at(system, X)
-            flights.sections(values, system.m, X, system.q, number, own)
+            flights.set_sections(values, system.m, X, system.q, number, own)
         else:
-            corrector.multipliers(system, X, own)
+            corrector.set_multipliers(system, X, own)
 
 
 @jit
@@ -68,21 +68,21 @@ def _follow(task, system, X, i, phase, results):
     """Do a task for which flights are followed."""
     values = corrector.parameters_at(system, X)
     if task == _PENETRATION:
-        found = flights.first_penetration(values, system.m, X, system.q)
+        found = flights.find_penetration(values, system.m, X, system.q)
         results[0], results[1], results[2] = found
     else:
-        results[0], results[1] = flights.turning_point(values, X, i, phase)
+        results[0], results[1] = flights.find_turning_point(values, X, i, phase)
 
 
 @jit
 def _linearise(task, system, X, number, results):
     """Do a task for which flights are linearised."""
-    F, A, B = corrector.linearised(system, X)
+    F, A, B = corrector.linearised_flights(system, X)
     if task == _CHARACTERISTIC:
-        c0, c1, c2 = linear.characteristic(A, B)
+        c0, c1, c2 = linear.characteristic_polynomial(A, B)
         results[0], results[1], results[2] = c0, c1, c2
     elif task == _NULL_VECTOR:
-        linear.null_vector(A, B, number, results)
+        linear.set_null_vector(A, B, number, results)
     else:
         for i in range(system.q):
             for row in range(2):

@@ -28,7 +28,7 @@ from vibroimpact.orbits.family import (
     Point,
 )
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.unknowns import ROUNDING, free, impacts, phases, speeds, unknowns
+from vibroimpact.orbits.unknowns import ROUNDING, free, impact_rows, phases, speeds, unknowns
 
 #: Lengths of steps in scaled unknowns: the first, the longest, and one below which the path is
 #: given up.
@@ -334,7 +334,7 @@ def _graze(
         return ("graze", X, grazing.orbit(Y)) if touches else None
     last = Z
     if grazing is not family:  # without the touch
-        z = np.delete(impacts(Z, grazing.q), index, axis=0)
+        z = np.delete(impact_rows(Z, grazing.q), index, axis=0)
         last = unknowns(z, free(Z, grazing.q))
     return "graze", last, grazing.orbit(Z)
 
@@ -346,7 +346,7 @@ def _with_touch(
 
     This impact is at the highest point of the flight that crosses the stop.
     """
-    at, z = reason.at, impacts(X, family.q)
+    at, z = reason.at, impact_rows(X, family.q)
     phase, _ = calls.turning_point(family.system, X, at, reason.where)
     z = np.insert(z, at + 1, (phase, 0.0), axis=0)
     return family.related(z, family.m), unknowns(z, free(X, family.q))

@@ -55,15 +55,15 @@ from vibroimpact.orbits.flights import (
 )
 from vibroimpact.orbits.linear import (
     Equations,
-    characteristic,
     characteristic_and_slopes,
+    characteristic_polynomial,
     solve,
 )
 from vibroimpact.orbits.unknowns import (
     ROUNDING,
+    distance_of_halves,
     filled,
     free_at,
-    halves_apart,
     halves_may_meet,
     inner,
     moved,
@@ -122,7 +122,7 @@ def parameters_at(system, X):
 
 
 @jit
-def linearised(system, X):
+def linearised_flights(system, X):
     """Return F, A and B of the flights at a vector of unknowns (``flights.residuals``)."""
     values = parameters_at(system, X)
     system.work[0] += time_steps(parameters(values), system.m, system.q)
@@ -165,7 +165,7 @@ def _newton_step(system, X, origin, planes, P, N):
     Return the largest residual; inf if impacts are out of order or the rank is lost.
     """
     q = system.q
-    F, A, B = linearised(system, X)
+    F, A, B = linearised_flights(system, X)
     size = _largest(F)
     if not size < math.inf:
         return math.inf
@@ -185,10 +185,10 @@ def _condition(system, X):
     """Return the function that is zero at the bifurcation; NaN if impacts are out of order."""
     if system.condition == GRAZE:
         return X[speed_at(system.graze)]
-    F, A, B = linearised(system, X)
+    F, A, B = linearised_flights(system, X)
     if not _largest(F) < math.inf:
         return math.nan
-    c0, c1, c2 = characteristic(A, B)
+    c0, c1, c2 = characteristic_polynomial(A, B)
     return c0 + c2 + (c1 if system.condition == FOLD else -c1)
 
 
@@ -199,10 +199,10 @@ def determinant(h, R, omega, m, q):
 
 
 @jit
-def multipliers(system, X, parts):
+def set_multipliers(system, X, parts):
     """Set the real and the imaginary parts of both multipliers, the larger first, (4,)."""
-    _, A, B = linearised(system, X)
-    _, c1, c2 = characteristic(A, B)
+    _, A, B = linearised_flights(system, X)
+    _, c1, c2 = characteristic_polynomial(A, B)
     trace = -c1 / c2 if c2 != 0.0 else math.inf
     p = parameters_at(system, X)
     product = determinant(p[0], p[1], p[2], system.m, system.q)
@@ -239,8 +239,8 @@ def _gradient(system, X, along):
     for i in range(free_at(q, 0), X.size):
         fastest = larger(fastest, abs(along[i]) / larger(abs(X[i]), 0.1))
     step = FLIGHT_DIFFERENCE / fastest
-    _, above, above_B = linearised(system, moved(X, step, along))
-    _, A, B = linearised(system, moved(X, -step, along))
+    _, above, above_B = linearised_flights(system, moved(X, step, along))
+    _, A, B = linearised_flights(system, moved(X, -step, along))
     dA, dB = pairs(q, 2), pairs(q, 2)
     for i in range(q):
         for j in range(2):
@@ -254,7 +254,7 @@ def _gradient(system, X, along):
 
 
 @jit
-def tangent(system, X, P):
+def set_tangent(system, X, P):
     """Set P to the direction of a branch (k = 1) or a curve (k = 2); P[0] is NaN if it has none."""
     k, N = system.free.size, zero_rows(system.free.size, X.size)
     if not _newton_step(system, X, X, zero_rows(0, X.size), P, N) < math.inf:
@@ -287,14 +287,14 @@ def _decreasing(system, X, step, share, size):
     """Return a share of a step that decreases the residual, or `share` if no halving finds one."""
     full_share = share
     for _ in range(_HALVINGS):
-        if _largest(linearised(system, moved(X, share, step))[0]) < size:
+        if _largest(linearised_flights(system, moved(X, share, step))[0]) < size:
             return share
         share *= 0.5
     return full_share
 
 
 @jit
-def correct(system, X, planes, most):
+def newton_method(system, X, planes, most):
     """Move X onto the orbits, in place, by Newton's method; return whether it converges.
 
     The whole change is orthogonal to `planes`, shape (k or k - 1, 2 q + k). If there are only k - 1
@@ -339,12 +339,12 @@ def _fill(system, X, bounds, values):
         values[2 * j + 1] = bounds[j, 1] - X[free_at(q, j)]
     first, second = math.nan, math.nan
     if system.condition == NONE or system.condition == GRAZE:
-        _, A, B = linearised(system, X)
-        c0, c1, c2 = characteristic(A, B)
+        _, A, B = linearised_flights(system, X)
+        c0, c1, c2 = characteristic_polynomial(A, B)
         if system.condition == NONE:
             # Where an orbit becomes one of half its period, the double root of the fold is
             # divided out.
-            first, second = c0 - c1 + c2, (c0 + c1 + c2) / halves_apart(X, system.m, q)
+            first, second = c0 - c1 + c2, (c0 + c1 + c2) / distance_of_halves(X, system.m, q)
         else:  # c1 and its rounding decay with the flow over the m periods; undo this
             p = parameters_at(system, X)
             T = 2.0 * math.pi * system.m / p[2]
@@ -353,7 +353,7 @@ def _fill(system, X, bounds, values):
 
 
 @jit
-def test_functions(system, X, tangent, bounds, tests):
+def set_test_functions(system, X, tangent, bounds, tests):
     """Set the test functions at a point and their slopes along a tangent, shape (2, 2 k + 2).
 
     They are in the order of the docstring of this module; NaN where one does not apply. `bounds`,
@@ -459,7 +459,7 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
 
 
 @jit
-def may_miss(system, here, there, length):
+def step_may_miss(system, here, there, length):
     """Whether a step may miss roots of the test functions, or points that are not orbits.
 
     It leads from a place to another (``calls.Place``); `length` is its length along the first

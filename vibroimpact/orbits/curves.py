@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vibroimpact.inputs import one_of, refuse_other, shown
+from vibroimpact.inputs import input_text, one_of, refuse_other
 from vibroimpact.orbits.branches import Branch, as_branch, both_ways, branch, without_touch
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of
@@ -78,7 +78,7 @@ def bifurcation_curve(
     ranges: tuple[object, object] = (first, second)
     for bounds in ranges:
         if not isinstance(bounds, (tuple, list)) or len(bounds) != 3:
-            raise ValueError(f"a parameter needs (name, low, high), not {shown(bounds)}")
+            raise ValueError(f"a parameter needs (name, low, high), not {input_text(bounds)}")
     axes = [ContinuationParameter.of(orbit.oscillator, *bounds) for bounds in (first, second)]
     if axes[0].name == axes[1].name:
         raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")

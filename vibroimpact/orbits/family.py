@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.inputs import one_of, shown
+from vibroimpact.inputs import input_text, one_of
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, System, determinant
@@ -66,7 +66,7 @@ class ContinuationParameter:
         for value in (low, high):
             replace(osc, **{name: value})
         if not low < high:
-            given = f"{shown(low)} to {shown(high)}"
+            given = f"{input_text(low)} to {input_text(high)}"
             raise ValueError(f"the range of {name} must increase, not {given}")
         return cls(name, float(low), float(high))
 

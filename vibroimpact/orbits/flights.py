@@ -223,7 +223,7 @@ def is_below(c):
 
 
 @jit
-def first_penetration(values, m, X, q):
+def find_penetration(values, m, X, q):
     """Find the first flight that meets the stop before its end; arguments as for `residuals`.
 
     An impact of speed 0 grazes, and is a double root of both its flights. Returns the number of the
@@ -260,7 +260,7 @@ def _state_at(pt, theta, v, phase):
 
 
 @jit
-def turning_point(values, X, i, phase):
+def find_turning_point(values, X, i, phase):
     """Return the phase and x - clearance of the turning point of flight i near a phase.
 
     The other arguments are as for `residuals`.
@@ -279,7 +279,7 @@ def turning_point(values, X, i, phase):
 
 
 @jit
-def sections(values, m, X, q, phase, states):
+def set_sections(values, m, X, q, phase, states):
     """Set x and v of an orbit at omega t = phase mod 2 pi, in time order, (2 m,).
 
     The other arguments are as for `residuals`.

@@ -150,7 +150,7 @@ def _without_last(A, B):
 
 
 @jit
-def characteristic(A, B):
+def characteristic_polynomial(A, B):
     """Return c0, c1, c2 of det J(mu), divided by the volume of all flights but the last."""
     return characteristic_and_slopes(A, B, A, B)[0]  # they do not depend on the derivatives
 
@@ -164,7 +164,7 @@ def _determinant(A, dA):
 
 @jit
 def characteristic_and_slopes(A, B, dA, dB):
-    """Return c0, c1, c2 as `characteristic`, and their derivatives at a constant volume.
+    """Return c0, c1, c2 as `characteristic_polynomial`, and their derivatives at a constant volume.
 
     dA and dB are the derivatives of A and B.
     """
@@ -196,7 +196,7 @@ def characteristic_and_slopes(A, B, dA, dB):
 
 
 @jit
-def null_vector(A, B, mu, z):
+def set_null_vector(A, B, mu, z):
     """Set z, (2 q,), so that A_i z_i + B_i z_{i+1} = 0, z_{q+1} = mu z_1, for a multiplier mu.
 
     Its first element, the phase of the first impact, is not negative.

@@ -216,7 +216,7 @@ def system_of(osc: Oscillator, m: int, q: int, units: NaturalUnits) -> System:
     return System(values, _NONE_FREE, _NO_PARAMETERS, m, q, NONE, 0, False, np.zeros(1))
 
 
-def linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def linearised_orbit(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return F, A and B of the flights (``flights.residuals``)."""
     return calls.linearised(*orbit.equations)
 

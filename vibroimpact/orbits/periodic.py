@@ -19,9 +19,9 @@ from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
     free_amplitude,
     free_orbit,
-    linearised,
+    linearised_orbit,
 )
-from vibroimpact.orbits.unknowns import impacts
+from vibroimpact.orbits.unknowns import impact_rows
 from vibroimpact.oscillator import Oscillator, checked
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, REST
@@ -170,7 +170,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     converged = correct(family.system, family.start, np.empty((0, 2 * q)), _MOST_ITERATIONS)
     orbit = family.orbit(family.start)
     # If the guess is an orbit at its flip taken twice, the iteration ends in rounding.
-    if not converged and not np.abs(linearised(orbit)[0]).max() < _NEARLY**2:
+    if not converged and not np.abs(linearised_orbit(orbit)[0]).max() < _NEARLY**2:
         raise OrbitError("Newton's method does not converge")
     for misses, part in _parts(orbit):
         # Near the flip of an orbit, a root of twice the period may differ from it by up to
@@ -198,7 +198,7 @@ def refuse_long(osc: Oscillator, m: int, q: int) -> None:
 
 def why_inadmissible(orbit: PeriodicOrbit) -> str:
     """Return why a root of the equations of the flights is not an orbit; empty if it is one."""
-    missed = np.abs(linearised(orbit)[0]).max()
+    missed = np.abs(linearised_orbit(orbit)[0]).max()
     if not missed < _RESIDUAL:
         return f"its impacts miss the stop by {missed:.1e} of its size"
     family = OrbitFamily(orbit, ())
@@ -229,7 +229,7 @@ def _parts(
     orbit: PeriodicOrbit,
 ) -> Iterator[tuple[float, tuple[int, np.ndarray, np.ndarray]]]:
     """Yield the parts that an orbit nearly repeats, and their deviations; the shortest first."""
-    z = impacts(orbit.equations[1], orbit.q)
+    z = impact_rows(orbit.equations[1], orbit.q)
     for k in range(orbit.m, 1, -1):
         if orbit.m % k or orbit.q % k:
             continue

@@ -24,7 +24,7 @@ from vibroimpact.orbits.continuation import is_orbit
 from vibroimpact.orbits.corrector import HEADING
 from vibroimpact.orbits.family import NEARBY_DISTANCE, ArclengthStep, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.unknowns import ROUNDING, free, impacts, speeds, unknowns
+from vibroimpact.orbits.unknowns import ROUNDING, free, impact_rows, speeds, unknowns
 
 #: Greatest difference of the halves of an orbit at which the test of a fold, divided by the square
 #: of it, may be rounding.
@@ -227,25 +227,25 @@ def _half(
 ) -> tuple[OrbitFamily, np.ndarray]:
     """Return the family of orbits of half the period, and the mean of the halves of a point."""
     mean = mean_of_halves(family, X)
-    return family.related(impacts(mean, family.q // 2), family.m // 2, kind, graze), mean
+    return family.related(impact_rows(mean, family.q // 2), family.m // 2, kind, graze), mean
 
 
 def difference_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
     """Return the difference of the second half of an orbit from the first, shape (q / 2, 2)."""
-    z, q = impacts(X, family.q), family.q // 2
+    z, q = impact_rows(X, family.q), family.q // 2
     return z[q:] - z[:q] - np.array([math.pi * family.m, 0.0])
 
 
 def mean_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
     """Return the mean of the halves of an orbit as a point of the orbits of half the period."""
-    first = impacts(X, family.q)[: family.q // 2]
+    first = impact_rows(X, family.q)[: family.q // 2]
     return unknowns(first + 0.5 * difference_of_halves(family, X), free(X, family.q))
 
 
 def doubling(family: OrbitFamily, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a flip X as a point of the orbits of twice the period, and their direction there."""
-    q, z = family.q, impacts(X, family.q)
-    vector = impacts(calls.null_vector(family.system, X, -1.0), q)
+    q, z = family.q, impact_rows(X, family.q)
+    vector = impact_rows(calls.null_vector(family.system, X, -1.0), q)
     vector /= math.sqrt(np.sum(vector**2) / q)
     second = z + np.array([2.0 * math.pi * family.m, 0.0])
     doubled = unknowns(np.concatenate([z, second]), free(X, q))

@@ -39,7 +39,7 @@ def free_at(q, j):
     return 2 * q + j
 
 
-def impacts(X: np.ndarray, q: int) -> np.ndarray:
+def impact_rows(X: np.ndarray, q: int) -> np.ndarray:
     """Return the phases and scaled speeds, shape (..., q, 2)."""
     return X[..., : 2 * q].reshape(*X.shape[:-1], q, 2)
 
@@ -123,7 +123,7 @@ def _apart(X, m, q, i):
 
 
 @jit
-def halves_apart(X, m, q):
+def distance_of_halves(X, m, q):
     """Return the mean square difference of the two halves of an orbit; 1 if it has no halves.
 
     NaN if they are equal to rounding.

@@ -3,7 +3,7 @@
 A step is a number of flights. The first begins with the step; each of the others begins with the
 rebound from the impact that ended the one before. The last one ends with the step. A flight has
 six stages without branches, which serve the columns of a vector and a single orbit alike;
-``meet_stop`` runs all of them. They settle nearly every step that meets the stop. ``exact.py``
+``meet_stop`` runs all of them. They settle nearly every step that meets the stop. ``exact_step.py``
 takes the other steps, from the flight on that they do not settle.
 
 - The first guess of the impact. In the first flight: the root of a parabola, and one iteration of

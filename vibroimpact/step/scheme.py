@@ -5,7 +5,7 @@ A method is an integrator with an impact rule:
 - ``plain``: eqs (2)-(5) at the end of the step, in ``time_stepping.py``.
 - ``reduced-step``: eqs (6)-(9), then the remainder of the step, in ``time_stepping.py``.
 - ``cubic``: the root of the cubic Hermite interpolant of the step, in ``time_stepping.py``.
-- ``exact``: the first root of the closed-form flow, in ``exact.py``.
+- ``exact``: the first root of the closed-form flow, in ``exact_step.py``.
 
 The steps per period are an integer, so one table of the phases of the force serves every lane.
 """
@@ -22,7 +22,7 @@ import numpy as np
 from vibroimpact.inputs import PHASE, integer, one_of, refusal
 from vibroimpact.jit import compiled, jit
 from vibroimpact.step.elementary import sin_cos
-from vibroimpact.step.exact import steps_needed
+from vibroimpact.step.exact_step import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.stability import least_stable_steps
 

@@ -13,7 +13,7 @@ from vibroimpact.jit import jit, specialised, widest_vectors
 from vibroimpact.status import Status
 from vibroimpact.step.chatter import may_rest
 from vibroimpact.step.contact import IMPACT, SIDE_BY_SIDE, log_event
-from vibroimpact.step.exact import exact_step
+from vibroimpact.step.exact_step import exact_step
 from vibroimpact.step.impact import (
     FIRST,
     NOTHING,
@@ -92,7 +92,7 @@ def take_step(method, rows, state, phase, phase_step, pt, scratch):
 
 @specialised
 def take_exact_step(eq, propagators, state, phase, end_wave, phase_step, pt, scratch):
-    """Take a step with the rule ``exact``, as ``kernel/exact.py`` does for many points at once.
+    """Take a step with the rule ``exact``, as ``exact_lanes.py`` does for many points at once.
 
     `phase` is the phase at the start, its sine and its cosine; `end_wave` is sine and cosine at the
     end. Returns the same as ``exact_step``.

@@ -12,9 +12,9 @@ import yaml
 
 from sweeps import load_config
 from sweeps.bench import accuracy_speed, work_precision
-from sweeps.bench.accuracy_speed import COLUMNS, Plan, measure
+from sweeps.bench.accuracy_speed import COLUMNS, Plan, measure_methods
 from sweeps.bench.event_solvers import PEERS
-from sweeps.bench.scenes import (
+from sweeps.bench.method_scenes import (
     CHATTER,
     EXACT,
     GRAZING,
@@ -218,7 +218,9 @@ def test_a_failed_method_is_run_once(monkeypatch):
     calls = []
     failed = {STATE: math.nan}
     monkeypatch.setattr(accuracy_speed.Scene, "errors", lambda *_: calls.append(1) or failed)
-    found = measure(Plan(ladder=(50,), rounds=3, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=()))
+    found = measure_methods(
+        Plan(ladder=(50,), rounds=3, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=())
+    )
     assert math.isnan(found["error"].item()) and len(calls) == 1
 
 
@@ -244,7 +246,7 @@ def test_a_peer_that_is_not_installed_is_left_out(monkeypatch):
     absent = {"absent": replace(PEERS["heyoka"], name="absent", module="not_there")}
     monkeypatch.setattr(accuracy_speed, "PEERS", absent)
     plan = Plan(ladder=(50,), rounds=1, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=("absent",))
-    assert set(measure(plan)["impact"]) == {"plain"}
+    assert set(measure_methods(plan)["impact"]) == {"plain"}
 
 
 # The command
@@ -290,7 +292,7 @@ def test_the_command(monkeypatch, unpainted):
 def test_the_command_on_few_measurements(monkeypatch):
     """A peer may be missing, and a required error may be reached by no method."""
     few = in_a_table([made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)])
-    monkeypatch.setattr(accuracy_speed, "measure", lambda *_, **__: few)
+    monkeypatch.setattr(accuracy_speed, "measure_methods", lambda *_, **__: few)
     absent = {name: replace(peer, module="not_there") for name, peer in PEERS.items()}
     monkeypatch.setattr("sweeps.bench.event_solvers.PEERS", absent)
     result = call("bench", "accuracy-speed", "-o", "chart.svg")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sweeps.bench import failures, paper, speed, stability
-from sweeps.bench.paper_picture import picture
+from sweeps.bench import failures, longest_step, paper_cases, speed
+from sweeps.bench.paper_picture import paper_picture
 from tests.helpers.commands import call
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.stability import spectral_radius
@@ -31,7 +31,11 @@ from vibroimpact.step.stability import spectral_radius
     ],
 )
 def test_a_wrong_request_is_refused_before_anything_is_measured(monkeypatch, arguments, words):
-    for measure in ("accuracy_speed.measure", "paper.measure", "stability.limits"):
+    for measure in (
+        "accuracy_speed.measure_methods",
+        "paper_cases.measure_cases",
+        "longest_step.longest_steps",
+    ):
         monkeypatch.setattr(f"sweeps.bench.{measure}", lambda *_, **__: pytest.fail("it was run"))
     result = call("bench", *arguments)
     assert (result.exit_code, result.stdout) == (2, "")
@@ -58,7 +62,7 @@ def small(monkeypatch):
 
 def test_the_share_follows_from_rate_steps_and_peak(small):
     """In chaos most periods are computed, with 1.6 impacts each; few steps are followed alone."""
-    peak, speeds = speed.measure(count=30, periods=150)
+    peak, speeds = speed.measure_speed(count=30, periods=150)
     (exact,) = speeds.values()
     assert exact.steps == 7
     assert 0.9 * exact.periods[1] < exact.computed <= exact.periods[1]
@@ -86,7 +90,7 @@ def test_the_peak_loop_adds_and_multiplies():
 
 def test_the_command_shows_the_speeds(monkeypatch):
     monkeypatch.setattr(
-        "sweeps.bench.speed.measure", lambda count, periods, progress: (58e9, SPEEDS)
+        "sweeps.bench.speed.measure_speed", lambda count, periods, progress: (58e9, SPEEDS)
     )
     done = call("bench", "speed", "--quick")
     assert done.exit_code == 0, done.stderr
@@ -98,7 +102,7 @@ def test_the_command_shows_the_speeds(monkeypatch):
 
 
 def test_one_core_has_no_speed_up():
-    text = speed.shown(58e9, {"plain": SPEEDS["plain"]._replace(periods={1: 30e6})})
+    text = speed.speed_text(58e9, {"plain": SPEEDS["plain"]._replace(periods={1: 30e6})})
     (header,) = [line for line in text.splitlines() if line.startswith("impact rule")]
     shown = ["impact rule", "steps", "one thread", "computed", "impacts", "alone", "of peak"]
     assert header.split("  ") == shown
@@ -118,15 +122,17 @@ KNOWN = {
 @pytest.fixture(scope="module")
 def measured():
     """Measurements with few step sizes."""
-    return paper.measure(ladder=(400, 800, 1600), spread=4, stalling=(100, 10_000))
+    return paper_cases.measure_cases(ladder=(400, 800, 1600), spread=4, stalling=(100, 10_000))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KNOWN)
 def test_the_claim_and_the_orders(measured, name):
     case, (impacts, speeds, order) = measured.cases.loc[name], KNOWN[name]
-    assert case.impacts["exact"] == case.impacts["with"] == impacts * paper.PERIODS
-    deepest = 1.3 * max(speeds) * 2.0 * math.pi / paper.STEPS  # the first impact is the fastest
+    assert case.impacts["exact"] == case.impacts["with"] == impacts * paper_cases.PERIODS
+    deepest = (
+        1.3 * max(speeds) * 2.0 * math.pi / paper_cases.STEPS
+    )  # the first impact is the fastest
     assert 0.3 * deepest < case.deepest["without"] < deepest
     assert case.deepest["with"] == case.deepest["to the letter"] == 0.0
     assert case.order["without"] == pytest.approx(1, abs=0.25)
@@ -148,19 +154,21 @@ def test_the_stall_is_before_the_end_of_the_chatter(measured):
 
 def test_an_impact_that_never_comes_is_an_infinite_error():
     """To the letter the chatter stalls after two impacts."""
-    errors = paper._errors("to the letter", paper.CHATTER, (100,), 1, paper.simulate(paper.CHATTER))
+    errors = paper_cases._errors(
+        "to the letter", paper_cases.CHATTER, (100,), 1, paper_cases.simulate(paper_cases.CHATTER)
+    )
     assert errors[0] == np.inf
 
 
 def test_the_tables_have_the_numbers(measured):
-    text = paper.tables(measured)
+    text = paper_cases.case_tables(measured)
     for part in ("0.042", "0.078", "0.043", "12.41264", "12.11439", " 60 "):
         assert part in text
     assert max(map(len, text.splitlines())) <= 100
 
 
 def test_the_picture_shows_what_was_measured(measured):
-    panels = picture(measured).axes
+    panels = paper_picture(measured).axes
     assert len(panels) == 7
     for panel, name in zip(panels[1:6:2], KNOWN, strict=True):
         for line, errors in zip(panel.lines, measured.cases.loc[name].errors.dropna(), strict=True):
@@ -173,7 +181,7 @@ def test_the_picture_shows_what_was_measured(measured):
 
 @pytest.mark.slow
 def test_the_command_draws_the_papers_cases(measured, monkeypatch):
-    monkeypatch.setattr("sweeps.bench.paper.measure", lambda: measured)
+    monkeypatch.setattr("sweeps.bench.paper_cases.measure_cases", lambda: measured)
     done = call("bench", "paper")
     assert done.exit_code == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "paper.png" and "12.41264" in done.stdout
@@ -185,12 +193,12 @@ def test_the_command_draws_the_papers_cases(measured, monkeypatch):
 
 @pytest.fixture(scope="module")
 def limits():
-    return stability.limits(quick=True)
+    return longest_step.longest_steps(quick=True)
 
 
 @pytest.fixture(scope="module")
 def figures():
-    return failures.measure()
+    return failures.measure_failures()
 
 
 def test_the_limits_agree(limits):
@@ -198,7 +206,7 @@ def test_the_limits_agree(limits):
     assert list(limits) == list(INTEGRATORS)
     for name, found in limits.items():
         closed, radius, run = found["closed"], found["radius"], found["run"]
-        np.testing.assert_array_equal(closed, INTEGRATORS[name].limit(stability.ZETAS))
+        np.testing.assert_array_equal(closed, INTEGRATORS[name].limit(longest_step.ZETAS))
         some = np.isfinite(closed)
         np.testing.assert_array_equal(np.isfinite(radius), some)
         np.testing.assert_array_equal(np.isfinite(run), some)
@@ -206,13 +214,13 @@ def test_the_limits_agree(limits):
         positive = some & (closed > 0.0)
         np.testing.assert_allclose(run[positive], closed[positive], rtol=3e-3)
     # Euler without damping grows by p^2 T^2 / 2 a step.
-    seen = math.sqrt(2.0 * stability.SEEN / stability.STEPS_QUICK)
+    seen = math.sqrt(2.0 * longest_step.SEEN / longest_step.STEPS_QUICK)
     assert limits["euler"]["run"][0] == pytest.approx(seen, rel=0.02)
 
 
 def test_the_chart_is_the_spectral_radius():
     """Its region of growth is that beyond the closed form."""
-    drawn = stability.picture(quick=True)
+    drawn = longest_step.stability_chart(quick=True)
     panels = [panel for panel in drawn.axes if panel.get_title()]
     assert [panel.get_title().split(",")[0] for panel in panels] == list(INTEGRATORS)
     step, zeta = np.linspace(0.0, 4.0, 81), np.linspace(0.0, 2.0, 41)
@@ -281,7 +289,7 @@ def test_only_exact_impacts_never_fail_and_every_failure_is_seen(figures):
 
 
 def test_the_tables_fit_a_terminal_and_mark_the_failures(limits, figures):
-    text = stability.table_of(limits) + "".join(failures.tables(figures))
+    text = longest_step.table_of(limits) + "".join(failures.failure_tables(figures))
     assert max(len(line) for line in text.splitlines() if ": " not in line) <= 80
     lines = {line.strip().split("  ")[0]: line for line in text.splitlines()}
     assert lines["euler plain"].count("!") == 3  # of the last table
@@ -295,8 +303,8 @@ def test_the_tables_fit_a_terminal_and_mark_the_failures(limits, figures):
 @pytest.mark.slow
 def test_the_command_shows_the_failures(limits, figures, monkeypatch):
     """Picture, table on the terminal, and every figure in the CSV file."""
-    monkeypatch.setattr(stability, "limits", lambda quick: limits)
-    monkeypatch.setattr(failures, "measure", lambda: figures)
+    monkeypatch.setattr(longest_step, "longest_steps", lambda quick: limits)
+    monkeypatch.setattr(failures, "measure_failures", lambda: figures)
     result = call("bench", "stability", "--quick", "--csv", "all.csv")
     assert result.exit_code == 0, result.output
     assert "spectral radius" in result.stdout and result.stdout.endswith("stability.png\nall.csv\n")

@@ -11,8 +11,8 @@ import pytest
 import xarray as xr
 
 import sweeps
-from sweeps.analysis.dataset import config_of
 from sweeps.engine import executors
+from sweeps.opened.dataset import config_of
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.places import ROOT
 from vibroimpact.status import Evidence, Status
@@ -350,7 +350,7 @@ def test_output_option_wins_over_the_configuration():
 
 
 def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
-    monkeypatch.setitem(sys.modules, "sweeps.engine.run", None)
+    monkeypatch.setitem(sys.modules, "sweeps.engine.sweep_run", None)
     printed = accepted("run", "sweep.yaml", "--dry-run")
     rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
     # Per point: 4 sections, 2 impacts, nine numbers, the class as two, its orbit as three, its

@@ -11,8 +11,8 @@ from sweeps.cli import options
 from tests.helpers.commands import call
 
 WORKING = {
-    "sweeps.analysis.attractors.attractors": ("attractors", "starts.h5"),
-    "sweeps.analysis.integrity.integrity": ("integrity", "starts.h5", "--at", "omega=2"),
+    "sweeps.attractor.partition.attractors": ("attractors", "starts.h5"),
+    "sweeps.attractor.integrity.integrity": ("integrity", "starts.h5", "--at", "omega=2"),
     "sweeps.plotting.plot": ("plot", "starts.h5"),
     "sweeps.engine.estimate.expected_cost": ("run", "starts.yaml", "--dry-run", "--overwrite"),
 }

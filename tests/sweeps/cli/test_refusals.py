@@ -139,7 +139,7 @@ def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
         raise error
 
     monkeypatch.setitem(
-        sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
+        sys.modules, "sweeps.engine.sweep_run", types.SimpleNamespace(run_sweep=run_sweep)
     )
     result = call("run", "sweep.yaml")
     assert result.exit_code == 1
@@ -180,7 +180,7 @@ def test_an_interrupted_command_exits_with_1(small_file, monkeypatch, command):
     monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
     monkeypatch.setattr("sweeps.engine.configurations.read_config", interrupt)
     monkeypatch.setattr("sweeps.config.json_schema.json_schema", interrupt)
-    monkeypatch.setattr("sweeps.bench.accuracy_speed.measure", interrupt)
+    monkeypatch.setattr("sweeps.bench.accuracy_speed.measure_methods", interrupt)
     result = call(*command)
     assert result.exit_code == 1
     assert result.stderr == "vibroimpact: error: interrupted\n"

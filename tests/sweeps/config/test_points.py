@@ -12,7 +12,7 @@ import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sweeps import attractors, load_config, open_sweep, plotting, run_sweep
-from sweeps.analysis.attractor_table import attractor_rows
+from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.config.loading import stored_config
 from sweeps.errors import ConfigError, Refused, StoreError
 from tests.helpers.commands import accepted, refused

@@ -18,11 +18,11 @@ from sweeps import (
     plotting,
     run_sweep,
 )
-from sweeps.analysis.rig import in_si
 from sweeps.cli.main import app
 from sweeps.config.json_schema import json_schema
 from sweeps.config.values import Range
 from sweeps.explorer.view import View
+from sweeps.opened.in_si import in_si
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.configurations import linear_values, load, refusal

@@ -14,10 +14,10 @@ import pytest
 import xarray as xr
 from distributed import Client, LocalCluster
 
+from sweeps.engine.block_results import compute_block
 from sweeps.engine.cluster import ClusterComputer
-from sweeps.engine.compute import compute_block
 from sweeps.engine.estimate import block_size
-from sweeps.engine.run import run_sweep
+from sweeps.engine.sweep_run import run_sweep
 from sweeps.errors import Failed, Refused
 from sweeps.store import SweepWriter, open_sweep
 from tests.helpers.clusters import CLUSTERED as CONFIG
@@ -27,7 +27,7 @@ from tests.helpers.configurations import load
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
 from vibroimpact.jit import NUMERICS
-from vibroimpact.points.compute import compute_points
+from vibroimpact.points.computation import compute_points
 from vibroimpact.status import Status
 
 pytestmark = [pytest.mark.cluster, pytest.mark.slow]
@@ -302,7 +302,7 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
         computer = ClusterComputer(client)
         assert computer.cores == 4
         with monkeypatch.context() as patch:
-            patch.setattr("vibroimpact.points.compute.compute_points", watched)
+            patch.setattr("vibroimpact.points.computation.compute_points", watched)
             found = list(computer.computed(sweep, blocks))
     assert most == 1
     assert given == {min(4, os.cpu_count())}

@@ -13,7 +13,7 @@ import yaml
 from sweeps import open_sweep, run_sweep
 from sweeps.engine import estimate as limits
 from sweeps.engine import executors
-from sweeps.engine.compute import compute, compute_block
+from sweeps.engine.block_results import compute, compute_block
 from sweeps.engine.estimate import block_size, expected_cost
 from sweeps.errors import Failed, StoreError
 from sweeps.interrupts import thread_flag

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 from sweeps.engine import estimate as limits
-from sweeps.engine.compute import compute, compute_block
+from sweeps.engine.block_results import compute, compute_block
 from sweeps.engine.estimate import block_size, expected_cost, trial
-from sweeps.engine.executors import LocalComputer, LocalExecutor, completed
+from sweeps.engine.executors import LocalComputer, LocalExecutor, as_completed
 from sweeps.engine.memory import available_memory
-from sweeps.engine.run import _schema, run_sweep
+from sweeps.engine.sweep_run import _schema, run_sweep
 from sweeps.errors import StoreError
 from sweeps.grid import block_points
 from sweeps.store import sweep_writer
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
-from vibroimpact.kernel.run import lanes_per_thread
+from vibroimpact.kernel.threads import lanes_per_thread
 from vibroimpact.kernel.workspace import LANES
 
 CONFIG = """\
@@ -260,7 +260,7 @@ def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_i
         return {}
 
     with executor, pytest.raises(ValueError, match="the end"):
-        for block, future in completed(partial(executor.submit, compute), count(), lambda: 2):
+        for block, future in as_completed(partial(executor.submit, compute), count(), lambda: 2):
             assert future.result() == {}
             time.sleep(0.02)
             assert begun == list(range(block + 2))

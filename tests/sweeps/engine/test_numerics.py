@@ -18,7 +18,7 @@ import yaml
 import sweeps
 import vibroimpact
 from sweeps import open_sweep, run_sweep
-from sweeps.engine import compute
+from sweeps.engine import block_results
 from sweeps.errors import StoreError
 from tests.helpers.configurations import load
 from vibroimpact.jit import NUMERICS, name_of
@@ -53,8 +53,8 @@ def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, nam
         calls.append((computation, axes, fixed, results))
         return results
 
-    compute_box = compute.compute_box
-    monkeypatch.setattr(compute, "compute_box", recorded)
+    compute_box = block_results.compute_box
+    monkeypatch.setattr(block_results, "compute_box", recorded)
     config = load(SWEEPS[name], f"compression={compression}")
     run_sweep(config, "out.h5")
     assert len(calls) >= 1
@@ -128,7 +128,7 @@ def resumed(folder, *names):
     script = (
         "import sweeps, sys\n"
         "from sweeps import load_config\n"
-        "from sweeps.engine.run import _schema\n"
+        "from sweeps.engine.sweep_run import _schema\n"
         "from sweeps.store import sweep_writer\n"
         f"assert sweeps.__file__.startswith({str(folder)!r}), sweeps.__file__\n"
         "for name in sys.argv[1:]:\n"

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from sweeps import open_sweep, run_sweep
-from sweeps.engine import run as runner
-from sweeps.engine.compute import compute
+from sweeps.engine import sweep_run
+from sweeps.engine.block_results import compute
 from sweeps.grid import Grid
 from sweeps.store.variables import VARIABLES
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
-from vibroimpact.points import compute as kernel_calls
+from vibroimpact.points import computation
 
 SWEEP = {
     "oscillator": {"h": 0.1, "R": 0.7, "f": [0.25, 1.0, 3.0, 8.0], "omega": [0.4, 1.9, 2.3]},
@@ -34,13 +34,13 @@ def scaled_sweep(*changes):
 def counted(monkeypatch):
     """Count the points passed to the kernel."""
     given = []
-    kernel = kernel_calls.run_points
+    kernel = computation.run_points
 
     def run_points(points, *arguments):
         given.append(points)
         return kernel(points, *arguments)
 
-    monkeypatch.setattr(kernel_calls, "run_points", run_points)
+    monkeypatch.setattr(computation, "run_points", run_points)
     return given
 
 
@@ -113,7 +113,7 @@ def test_the_axis_is_not_split():
 def test_an_axis_longer_than_a_block_is_split():
     config = scaled_sweep()
     for size, shape in ((3, (1, 3)), (4, (4, 1))):
-        blocks = runner._schema(config, size).blocks
+        blocks = sweep_run._schema(config, size).blocks
         assert {config.sweep.grid.points(block).size for block in blocks} == {math.prod(shape)}
         assert {tuple(cut.stop - cut.start for cut in block) for block in blocks} == {shape}
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sweeps import attractors, knocks, open_sweep, plotting
-from sweeps.analysis.trajectories import continued_motion
 from sweeps.explorer.view import View
+from sweeps.opened.trajectories import continued_motion
 from tests.helpers import naive
 from tests.helpers.commands import accepted
 from tests.helpers.configurations import load

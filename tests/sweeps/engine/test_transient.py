@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from sweeps import open_sweep
-from sweeps.analysis.dataset import config_of
-from sweeps.engine.compute import compute
+from sweeps.engine.block_results import compute
+from sweeps.opened.dataset import config_of
 from tests.helpers.configurations import load, refusal
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, integrate, one_impact_orbit
 from vibroimpact.destination.repetition import TOLERANCE
-from vibroimpact.points.compute import compute_points
+from vibroimpact.points.computation import compute_points
 from vibroimpact.status import Status
 
 CONFIG = """

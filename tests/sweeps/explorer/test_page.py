@@ -12,7 +12,7 @@ import pytest
 
 import sweeps
 from sweeps import load_config, open_sweep
-from sweeps.explorer.diagram import density, fitted, numbers, ordinates
+from sweeps.explorer.live_diagram import density, fitted, numbers, ordinates
 from sweeps.explorer.view import BASINS
 from sweeps.plotting.style import CLASSES
 from tests.helpers.browser import Window, chromium

@@ -9,10 +9,10 @@ from bokeh.document import Document
 from bokeh.models import Div, Row
 
 from sweeps import ConfigError, load_config
-from sweeps.explorer.maps import Filling
-from sweeps.explorer.motion import motion_at
-from sweeps.explorer.page import LivePage
-from sweeps.explorer.saving import write_yaml
+from sweeps.explorer.live_maps import Filling
+from sweeps.explorer.live_motion import motion_at
+from sweeps.explorer.live_page import LivePage
+from sweeps.explorer.saved_view import write_yaml
 from sweeps.explorer.view import MAP, View
 from sweeps.plotting.style import STABLE
 from tests.helpers.places import CONFIGS

@@ -13,19 +13,19 @@ from bokeh.models import LogScale
 
 import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
-from sweeps.analysis.attractor_table import attractor_rows
-from sweeps.analysis.attractors import attractors
-from sweeps.analysis.regimes import classes_of
-from sweeps.explorer.diagram import Diagram, density, numbers, ordinates, ramp
-from sweeps.explorer.figures import plain
-from sweeps.explorer.maps import Filling
-from sweeps.explorer.motion import motion_at
-from sweeps.explorer.page import LivePage
+from sweeps.attractor.attractor_table import attractor_rows
+from sweeps.attractor.partition import attractors
+from sweeps.explorer.figures import without_tex
+from sweeps.explorer.live_diagram import Diagram, density, numbers, ordinates, ramp
+from sweeps.explorer.live_maps import Filling
+from sweeps.explorer.live_motion import motion_at
+from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
 from sweeps.explorer.worker import Step, Worker
 from sweeps.interrupts import check
+from sweeps.opened.motions import classes_of
 from sweeps.plotting import style
-from sweeps.plotting.attractors import basin_cells
+from sweeps.plotting.basin_pictures import basin_cells
 from sweeps.plotting.colours import period_cells
 from sweeps.plotting.looks import Looks
 from sweeps.plotting.style import PARTIAL
@@ -202,7 +202,7 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
     assert len(cells) == len(tiles.kinds) > 1
     for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
         label, *seen = kind
-        assert label.partition("; disc")[0] == plain(cell.label)
+        assert label.partition("; disc")[0] == without_tex(cell.label)
         assert seen == [cell.colour, pytest.approx(cell.where.mean())]
         np.testing.assert_array_equal(tiles.pixels == number, cell.where)
 

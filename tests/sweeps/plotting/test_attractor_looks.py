@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex, to_rgb
 from PIL import Image
 
 from sweeps import attractors, open_sweep
-from sweeps.analysis.attractor_table import attractor_rows
+from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.plotting import KINDS, Page
 from sweeps.plotting.looks import Looks
 from sweeps.plotting.style import (

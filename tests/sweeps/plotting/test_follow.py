@@ -7,9 +7,9 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.analysis.cuts import several
-from sweeps.analysis.exact_branches import branches
+from sweeps.bifurcation.exact_branches import branches
 from sweeps.errors import Refused
+from sweeps.opened.cuts import several
 from sweeps.plotting import (
     attractor_diagram,
     bifurcation,

@@ -6,9 +6,9 @@ import pytest
 from matplotlib.colors import to_hex, to_rgba
 
 from sweeps import open_sweep
-from sweeps.analysis.cuts import several
-from sweeps.analysis.regimes import classes_of
 from sweeps.errors import Refused
+from sweeps.opened.cuts import several
+from sweeps.opened.motions import classes_of
 from sweeps.plotting import (
     bifurcation,
     diagram,

@@ -7,8 +7,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from sweeps import open_sweep, run_sweep
-from sweeps.analysis.bifurcations import find_bifurcations
-from sweeps.engine.run import _schema
+from sweeps.bifurcation.bifurcation_table import find_bifurcations
+from sweeps.engine.sweep_run import _schema
 from sweeps.errors import Refused
 from sweeps.plotting import (
     KINDS,

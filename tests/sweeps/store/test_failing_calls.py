@@ -16,7 +16,7 @@ import pytest
 import xarray as xr
 
 from sweeps.errors import StoreError, SweepError
-from sweeps.reports.run import kept
+from sweeps.reports.run_report import kept_text
 from sweeps.store import kept_points, open_sweep
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import FOUR_BLOCKS, block_results, contents, fill_blocks
@@ -106,13 +106,13 @@ def test_a_run_that_fails_while_its_blocks_cannot_be_read_does_not_say_that_none
     texts = []
     for which in range(12):
         with one_failing(monkeypatch, which, errno.EIO):
-            texts.append(kept(Path("out.h5"), "CMD"))
+            texts.append(kept_text(Path("out.h5"), "CMD"))
     unknown = [bool(re.search(said, text)) for text in texts]
     assert sum(unknown) > 5
-    assert set(np.compress(np.logical_not(unknown), texts)) <= {kept(Path("out.h5"), "CMD")}
+    assert set(np.compress(np.logical_not(unknown), texts)) <= {kept_text(Path("out.h5"), "CMD")}
     Path("out.h5").touch()
     shutil.rmtree(PARTS)
-    assert kept(Path("out.h5"), "CMD") == "nothing is kept"
+    assert kept_text(Path("out.h5"), "CMD") == "nothing is kept"
 
 
 @pytest.mark.parametrize("complete", [False, True])

@@ -338,7 +338,7 @@ def test_a_complete_file_is_read_where_no_file_can_be_locked():
     fill_blocks("out.h5")
     code = (
         "from pathlib import Path; from sweeps.store import open_sweep, per_point\n"
-        "from sweeps.store.file import schema_of\n"
+        "from sweeps.store.complete_file import schema_of\n"
         "open_sweep('out.h5').load(); per_point(Path('out.h5'), ['status'])\n"
         "schema_of(Path('out.h5'))"
     )

@@ -13,8 +13,8 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from sweeps.analysis.tables import write_csv
 from sweeps.errors import Failed, StoreError
+from sweeps.opened.csv_tables import write_csv
 from sweeps.plotting.saving import save
 from sweeps.store import replacing as module
 from sweeps.store.replacing import check_target, remove_leftovers, replacing, writing

@@ -42,7 +42,7 @@ def test_every_variable_comes_back_from_blocks_in_any_order(
     tmp_path, monkeypatch, size, compressed, gathered
 ):
     if gathered == "each alone":
-        monkeypatch.setattr("sweeps.store.file._GATHERED", 0)
+        monkeypatch.setattr("sweeps.store.complete_file._GATHERED", 0)
     path = tmp_path / "out.h5"
     expected = grid_results()
     write_all(path, expected, size=size, backwards=size == 5, compressed=compressed)

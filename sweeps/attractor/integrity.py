@@ -1,0 +1,171 @@
+"""Integrity measures of the basin of each attractor: how large a disturbance it takes.
+
+The measures refer to the starts x0 and v0 of one parameter point. The global integrity measure is
+the share of the starts in the basin. The integrity factor is the radius of the largest disc in the
+basin. The local integrity measure is the distance from the attractor at the section, all m states
+of a periodic one, to the nearest start outside the basin (Soliman & Thompson 1989, J. Sound Vib.
+135, 453-475; Rega & Lenci 2005, Nonlinear Anal. 63, 902-914). Nothing is known between the starts,
+so the accuracy of both distances is their spacing.
+
+Outside the basin are all starts that reach another attractor, have no result or are unknown, and
+all beyond the window, where nothing is known: one more row of starts around it stands for them.
+States beyond the stop do not exist, so no disturbance leads there: where the window reaches the
+stop, nothing counts as outside, and the stop cuts off the disc.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from sweeps.attractor.partition import COUNTED, attractors
+from sweeps.errors import Refused
+from sweeps.opened.cuts import swept_axes
+from sweeps.opened.dataset import attributes_with_unit, config_of
+from sweeps.opened.doors import takes_sweep
+from sweeps.opened.grouping import points_of
+from sweeps.opened.motions import run_on
+from sweeps.text import listed
+
+#: The variables that `integrity` adds, with their meanings and units.
+_BASIN_MEASURES = {
+    "integrity_factor": ("radius of the largest disc in the basin", "length"),
+    "disc_x": ("displacement at the centre of the disc", "length"),
+    "disc_v": ("velocity at the centre of the disc", "length/time"),
+    "factor_at_edge": ("whether the edge of the window decided the integrity factor", "1"),
+    "local_integrity": ("distance to the nearest start outside the basin", "length"),
+    "local_at_edge": ("whether the edge of the window decided the local integrity measure", "1"),
+}
+#: Share of a spacing by which evenly spaced values may differ.
+_EVEN = 1e-6
+
+
+@takes_sweep({})
+def integrity(dataset: xr.Dataset) -> xr.Dataset:
+    """Measure how large a disturbance each attractor takes, at every parameter point.
+
+    The distance of two states is sqrt(dx^2 + (dv / p)^2).
+
+    Parameters
+    ----------
+    dataset : Dataset
+        An opened sweep over evenly spaced x0 and v0, with ``period`` and a section at
+        the phase of the starts.
+
+    Returns
+    -------
+    Dataset
+        The result of `sweeps.attractors`, whose ``fraction`` is the global integrity measure, and
+        in the same shape, with NaN for motions that are not counted as attractors:
+
+        - ``integrity_factor`` [length], with the centre (``disc_x``, ``disc_v``) of the disc;
+        - ``local_integrity`` [length], 0 for an attractor that leaves the window by more than half
+          a spacing of the starts;
+        - ``factor_at_edge``, ``local_at_edge``: whether the edge of the window decided the measure,
+          which is then a lower bound.
+
+    Raises
+    ------
+    Refused
+        If the file has no period or section, or not these axes; if the section is at another phase,
+        or the sweep was followed.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> x0 = {"start": -3, "stop": 0, "num": 12}
+    >>> v0 = {"start": -2, "stop": 2, "num": 12}
+    >>> starts = {"x0": x0, "v0": v0}
+    >>> scene = {"oscillator": {"h": 0.0, "R": 0.8, "omega": 1.3, "f": 1.0}, "start": starts}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> sweeps.integrity(ds)["integrity_factor"].values.round(3)
+    array([1.091, 0.455])
+    """
+    refuse_unfit(dataset)
+    return with_measures(dataset, attractors(dataset))
+
+
+def with_measures(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
+    """Return the attractors found in a sweep with their measures."""
+    config = config_of(dataset)
+    starts = found["attractor"].sortby(["x0", "v0"]).transpose(..., "x0", "v0")
+    x, v = starts["x0"].values, starts["v0"].values
+    grid = (-1, found.sizes["coexisting"])
+    number, m = (found[name].values.reshape(grid) for name in ("number", "m"))
+    at = np.nonzero(np.isin(found["motion"].values.reshape(grid), COUNTED))
+    state = (found[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
+    points = points_of(dataset.isel(x0=0, v0=0), at[0])
+    points["x0"], points["v0"] = state
+    periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if not periodic
+    longest = int(periods.max(initial=1))
+    sections, _ = run_on(config, points, longest)
+    measures = np.full((len(_BASIN_MEASURES), *number.shape), np.nan)
+    for n, (i, k) in enumerate(zip(*at, strict=True)):
+        basin = starts.values.reshape(-1, len(x), len(v))[i] == number[i, k]
+        w = 1.0 / points["p"][n]
+        states = sections[n, : periods[n]]
+        measures[:, i, k] = measures_of(basin, x, v, w, points["clearance"][n], states)
+    for (name, about), values in zip(_BASIN_MEASURES.items(), measures, strict=True):
+        shaped = values.reshape(found["number"].shape)
+        shaped = shaped == 1.0 if name.endswith("edge") else shaped
+        found[name] = (found["number"].dims, shaped, attributes_with_unit(config, *about))
+    return found
+
+
+def measures_of(
+    basin: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    weight: float,
+    clearance: float,
+    states: np.ndarray,
+) -> tuple[float, ...]:
+    """Return the measures, in the order of ``_BASIN_MEASURES``, of an attractor with states (n, 2).
+
+    `basin` is the mask of the starts in its basin, over the increasing, evenly spaced values of x
+    and v.
+    """
+    from scipy.ndimage import distance_transform_edt
+    from scipy.spatial import KDTree
+
+    step, unit = np.array([x[1] - x[0], v[1] - v[0]]), np.array([1.0, weight])
+    # Pad each side with starts outside the basin, except where the window reaches the stop, also
+    # with starts in the middle of equal cells: half a spacing, whatever its rounding.
+    at_stop = clearance - x[-1] <= (0.5 + _EVEN) * step[0]
+    padded = np.pad(basin, ((1, 0 if at_stop else 1), (1, 1)))
+    away, nearest = distance_transform_edt(padded, sampling=step * unit, return_indices=True)
+    disc = np.unravel_index(away.argmax(), away.shape)
+    local, beside = 0.0, np.zeros(2)
+    beyond = np.maximum([x[0], v[0]] - states, states - [np.inf if at_stop else x[-1], v[-1]])
+    if (beyond <= 0.5 * step).all():  # otherwise the start nearest to a state is not in the window
+        outside = np.argwhere(~padded)
+        starts = np.stack([_widened(x)[outside[:, 0]], _widened(v)[outside[:, 1]]], axis=1)
+        apart, place = KDTree(starts * unit).query(states * unit)
+        local, beside = apart.min(), outside[place[apart.argmin()]]
+    ends: np.ndarray = np.stack([nearest[:, *disc], beside])  # outside starts that decided
+    at_edge = np.any((ends < 1) | (ends > basin.shape), axis=1)
+    return away[disc], x[disc[0] - 1], v[disc[1] - 1], at_edge[0], local, at_edge[1]
+
+
+def _widened(values: np.ndarray) -> np.ndarray:
+    """Return evenly spaced values with one more at each end."""
+    return np.array([2.0 * values[0] - values[1], *values, 2.0 * values[-1] - values[-2]])
+
+
+def refuse_unfit(dataset: xr.Dataset) -> None:
+    """Refuse a sweep whose starts are not a regular window at the phase of its section."""
+    axes, config = swept_axes(dataset), config_of(dataset)
+    if not {"x0", "v0"} <= set(axes):
+        raise Refused(f"integrity needs x0 and v0 as axes; the file has {listed(axes) or 'none'}")
+    if config.follow is not None:
+        raise Refused("integrity needs starts at every point: run the sweep again without follow")
+    start, section = config.start.phase, config.record.phase
+    if section != start:
+        raise Refused(
+            f"the starts are at omega t = {start:g}, and the section is at {section:g}: run the "
+            f"sweep again with record.phase: {start:g}"
+        )
+    for name in ("x0", "v0"):
+        steps = np.diff(np.sort(dataset[name].values))
+        if not len(steps) or np.ptp(steps) > _EVEN * steps.max():
+            raise Refused(f"the values of {name} are not evenly spaced; expected: start, stop, num")

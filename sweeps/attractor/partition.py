@@ -1,0 +1,242 @@
+"""The distinct attractors of a sweep: which exist at a point, and which starts reach each.
+
+A parameter point is a point of the grid without its starts, or a set of parameters in a table. The
+regime of the motion from each start (`sweeps.opened.motions`) decides its attractor:
+
+- The attractor of a periodic motion is its orbit. Two are the same if they have the same class m/q
+  and states at the section that agree within a tolerance, in the same order.
+- All motions with rest are on one attractor: when the force releases the mass from the stop, at a
+  phase that depends only on the parameters, no trace of the past remains. If a rest leads to chaos,
+  the chaos is the same attractor.
+- All chaotic motions are on one attractor, and so are all unbounded motions. A finite record cannot
+  show whether two chaotic motions are on different attractors, so the number of attractors is a
+  lower bound.
+- Motions whose record does not show where they go, and chaotic motions, which may be transient,
+  are continued (`sweeps.attractor.settle`). Motions that still go to no known attractor are
+  unknown, and are not counted as attractors.
+- Failed points and points that are not computed yet have no attractor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sweeps.attractor.settle import EXTENSIONS, settle
+from sweeps.attractor.tracking import lead_to_each_other, mutually_nearest, track
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
+from sweeps.opened.dataset import attributes_with_unit, config_of, diagnostics_with
+from sweeps.opened.doors import takes_sweep
+from sweeps.opened.grouping import SETS, GridIndex
+from sweeps.opened.motions import cycles_of, different, motions_of
+from sweeps.opened.section_distance import ORBIT_TOLERANCE, same_motions
+from vibroimpact.points.regimes import Regime, on_its_way
+
+#: Regimes that count as attractors; motions of other regimes may still change.
+COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
+#: States that agree to this much less than the tolerance are continued and compared once.
+_FINER = 256
+#: The variables of an attractor at a parameter point, with their meanings and units.
+_ATTRACTOR_COLUMNS = {
+    "number": ("number of the attractor", "1"),
+    "fraction": ("share of the starts", "1"),
+    "motion": ("kind of motion", "1"),
+    "m": ("forcing periods per repetition, 0: not periodic", "1"),
+    "q": ("impacts per repetition, 0: not periodic", "1"),
+    "from_record": ("whether its record shows it", "1"),
+    "section_x": ("displacement at the section", "length"),
+    "section_v": ("velocity at the section", "length/time"),
+    "representative": ("number of its representative start", "1"),
+}
+
+
+@takes_sweep({})
+def attractors(
+    dataset: xr.Dataset, tolerance: float = ORBIT_TOLERANCE, extensions: int = EXTENSIONS
+) -> xr.Dataset:
+    """Find the distinct attractors at every parameter point.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        An opened sweep, or a cut through one, with ``period`` and the section; ``lyapunov`` is
+        used if the sweep has it.
+    tolerance : float
+        Largest difference of section states, x and v / omega, that are taken as equal, relative to
+        the greatest coordinate of the cycle.
+    extensions : int
+        How often motions that go to no known attractor are followed, each time four times as long;
+        with 0 only the records are used.
+
+    Returns
+    -------
+    Dataset
+        In the shape of ``status``:
+
+        - ``attractor``: the number of the attractor, -1 for none. Along the axes, the same number
+          means the same attractor (`sweeps.attractor.tracking`), but not among the sets of a table,
+          nor where more than 50 attractors coexist, each of which has a number of its own.
+          The most frequent periodic attractor has the number 0; attractors that are not periodic
+          have the last numbers.
+        - ``followed``: whether the motion was followed beyond its record, which does not show its
+          attractor.
+
+        At every parameter point:
+
+        - ``attractors``: how many attractors, periodic, with rest or chaotic, were found; a
+          lower bound.
+
+        For each attractor of a parameter point, along the dimension ``coexisting`` with the most
+        frequent first, and -1 or NaN where there are no more:
+
+        - ``number``: the number of the attractor.
+        - ``fraction``: its share of the starts with a result.
+        - ``motion``: its kind, named by the attribute ``flag_meanings``.
+        - ``m``, ``q``: forcing periods and impacts per repetition; 0 if it is not periodic.
+        - ``section_x``, ``section_v``: a state on it.
+        - ``representative``: the start that leads to this state, as its index in C order over the
+          axes of starts in the order of the file.
+        - ``from_record``: whether the record of that start shows the attractor.
+
+    Raises
+    ------
+    Refused
+        If the file has no period or section.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> x0 = {"start": -3, "stop": 0, "num": 12}
+    >>> v0 = {"start": -2, "stop": 2, "num": 12}
+    >>> starts = {"x0": x0, "v0": v0}
+    >>> scene = {"oscillator": {"h": 0.0, "R": 0.8, "omega": 1.3, "f": 1.0}, "start": starts}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> found = sweeps.attractors(ds)
+    >>> found["attractors"].item(), found["fraction"].values.round(3)
+    (2, array([0.806, 0.194]))
+    """
+    for name in ("period", "poincare_x", "poincare_v"):
+        if name not in dataset:
+            raise Refused(
+                f"the file has no {name}, by which attractors are told apart: run the sweep again "
+                f"with {diagnostics_with(dataset, 'period')}"
+            )
+    index, motions, config = GridIndex.of(dataset), motions_of(dataset).ravel(), config_of(dataset)
+    followed = on_its_way(motions["regime"], dataset["orbit_distance"].values.ravel())
+    followed |= motions["m"] > dataset.sizes["section"]
+    followed |= settle(motions, dataset, index, extensions)
+    heads, of_point = attractors_of(motions, index.parameter, config, tolerance)
+    parameter, members = index.parameter[heads], np.bincount(of_point[of_point >= 0])
+    fraction = members / np.bincount(parameter, members, index.count)[parameter]
+    number = _numbers(config, index, motions[heads], parameter, fraction)
+    shown = _recorded_members(of_point, heads, followed)
+    motion = motions[shown]
+    x, v = motion["point"]["x0"], motion["point"]["v0"]
+    columns = (
+        number, fraction, motion["regime"], motion["m"], motion["q"], ~followed[shown], x, v,
+        index.start[shown],
+    )  # fmt: skip
+    data = _by_rank(config, index, parameter, dict(zip(_ATTRACTOR_COLUMNS, columns, strict=True)))
+    counted = np.bincount(
+        parameter[np.isin(motion["regime"], COUNTED)], minlength=index.count
+    ).reshape(index.shape)
+    status = dataset["status"]
+    for name, values, meaning in (
+        ("attractor", np.append(number, -1)[of_point], "number of the attractor, -1: none"),
+        ("followed", followed, "whether the motion was followed beyond its record"),
+    ):
+        data[name] = (status.dims, values.reshape(status.shape), {"long_name": meaning})
+    data["attractors"] = index.parameters, counted, {"long_name": "distinct attractors found"}
+    return xr.Dataset(data, {name: dataset[name] for name in status.coords})
+
+
+def _by_rank(
+    config: SweepConfig,
+    index: GridIndex,
+    parameter: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+) -> dict[str, Any]:
+    """Return variables of attractors by parameter point and rank, the most frequent first."""
+    order = np.lexsort((columns["number"], -columns["fraction"], parameter))
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order)) - np.searchsorted(parameter[order], parameter[order])
+    data: dict[str, Any] = {}
+    for name, values in columns.items():
+        missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
+        grid = np.full((index.count, int(rank.max(initial=0)) + 1), missing, values.dtype)
+        grid[parameter, rank] = values
+        about = attributes_with_unit(config, *_ATTRACTOR_COLUMNS[name])
+        data[name] = (*index.parameters, "coexisting"), grid.reshape(*index.shape, -1), about
+    data["motion"][2]["flag_values"] = np.array(list(Regime))
+    data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)
+    return data
+
+
+def attractors_of(
+    motions: np.ndarray,
+    parameter: np.ndarray,
+    config: SweepConfig,
+    tolerance: float = ORBIT_TOLERANCE,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a motion on each attractor, and the attractor of each motion, -1 for none.
+
+    `parameter` are the parameter points of the `motions`. Periodic motions are on one attractor if
+    their parameter points, m and q agree, and their orbits; of all others, those of one regime are.
+    """
+    m, regime = motions["m"], motions["regime"]
+    representative = np.full(len(motions), -1)
+    rows = np.flatnonzero(m > 0)
+    own = motions[rows]
+    group = different([parameter[rows], own["m"], own["q"]])[1]
+    one, of_row = different([group, *_rounded(own["point"], max(tolerance / _FINER, 1e-15))])
+    same = same_motions(cycles_of(config, own[one]), group[one], tolerance)
+    representative[rows] = rows[one[same[of_row]]]
+    others = np.flatnonzero((m == 0) & (regime > Regime.FAILED))
+    first, number = different([parameter[others], regime[others]])
+    representative[others] = others[first[number]]
+    heads = np.unique(representative[representative >= 0])
+    return heads, np.where(representative < 0, -1, np.searchsorted(heads, representative))
+
+
+def _rounded(points: np.ndarray, share: float) -> tuple[np.ndarray, ...]:
+    """Return whole numbers that are equal where states agree to about a share of their size."""
+    states = np.stack([points["x0"] - points["clearance"], points["v0"] / points["omega"]])
+    _, exponent = np.frexp(np.abs(states).max(axis=0))
+    return exponent, *np.rint(np.ldexp(states, -exponent) / share).astype(np.int64)
+
+
+def _recorded_members(of_point: np.ndarray, heads: np.ndarray, followed: np.ndarray) -> np.ndarray:
+    """Return a point on each attractor, if possible one whose record shows the attractor."""
+    shown = np.flatnonzero((of_point >= 0) & ~followed)
+    attractor, first = np.unique(of_point[shown], return_index=True)
+    members = heads.copy()
+    members[attractor] = shown[first]
+    return members
+
+
+def _numbers(
+    config: SweepConfig,
+    index: GridIndex,
+    motions: np.ndarray,
+    parameter: np.ndarray,
+    fraction: np.ndarray,
+) -> np.ndarray:
+    """Number attractors: the periodic ones in decreasing order of their share of all starts."""
+    number, periodic = np.empty(len(motions), np.int64), motions["m"] > 0
+    at = np.flatnonzero(periodic)
+    at = at[np.argsort(parameter[at], kind="stable")]
+    chain = np.arange(len(at))
+    if len(at) and index.shape and SETS not in index.parameters:  # sets have no neighbours
+        near = partial(mutually_nearest, cycles_of(config, motions[at]))
+        seeded = partial(lead_to_each_other, config, motions[at])
+        chain = track(index.shape, parameter[at], near, seeded)
+    order = np.argsort(-np.bincount(chain, fraction[at]), kind="stable")
+    number[at] = np.argsort(order)[chain]
+    kinds = np.unique(motions["regime"][~periodic], return_inverse=True)[1]
+    number[~periodic] = number[at].max(initial=-1) + 1 + kinds
+    return number

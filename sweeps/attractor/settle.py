@@ -1,0 +1,148 @@
+"""Continue motions that go to no known attractor until they do.
+
+The class of a motion is that of its destination (`vibroimpact.destination`). A motion without a
+class is continued, unless it rests twice, with the method of the file.
+
+**Rest.** A rest erases the past, so all motions of a parameter point that have rested have the same
+future. A motion that rests twice is periodic. But if a motion that has rested is chaotic later, the
+time between two rests is longer than a record, and it is a matter of chance whether a record shows
+rest or chaos. In this case rest and chaos are the same attractor.
+
+**Chaos** may be a long transient. A chaotic motion is continued once, and then for as long as some
+of the chaotic motions of its parameter point get a class. If some did in the last extension, the
+others are unknown.
+
+Some motions never get a class, for example without damping. Therefore all motions together are
+continued for at most ``MOST_CONTINUED`` forcing periods.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from sweeps.opened.dataset import config_of
+from sweeps.opened.grouping import GridIndex
+from sweeps.opened.motions import put_classes
+from vibroimpact.destination.repetition import LONGEST_PERIOD
+from vibroimpact.points.computation import compute_points
+from vibroimpact.points.regimes import Regime, regimes_of
+from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import Results, put_last
+
+#: How often a motion is continued, each time until it is four times as long.
+EXTENSIONS = 4
+#: Most forcing periods over which Lyapunov exponents are computed; weak chaos needs many to show.
+_LYAPUNOV_PERIODS = 1024
+#: Last forcing periods of an extension, which show the class: twice the longest repetition.
+_CLASS_PERIODS = 2 * LONGEST_PERIOD
+#: Most forcing periods for which all motions together are continued.
+MOST_CONTINUED = 300_000_000
+#: Number of points that are continued in one call.
+_POINTS_AT_ONCE = 4_000
+
+
+def settle(
+    motions: np.ndarray, dataset: xr.Dataset, index: GridIndex, extensions: int
+) -> np.ndarray:
+    """Continue motions that go to no known attractor, and write the regimes and orbits they reach.
+
+    Motions of `motions`, of dtype ``MOTION``, shape (n,), that are not periodic get their last
+    states as starts. Returns the mask of those that were continued.
+    """
+    regime, continued = motions["regime"], np.zeros(len(motions), bool)
+    without = (motions["m"] == 0) & (regime > Regime.FAILED)
+    if not without.any():
+        return continued
+    state = _last_states(motions["point"], dataset)
+    motions["point"][without] = state[without]
+    share, chatters = (dataset[name].values.ravel() for name in ("rest_fraction", "chatters"))
+    rests = _rests_of(share, np.maximum(chatters, share > 0.0))
+    chaotic = _chaotic(regime, rests, index)
+    going = np.flatnonzero((regime == Regime.UNKNOWN) | _rested_once(regime, rests) | chaotic)
+    first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
+    length = first - 1 + dataset.sizes["section"]
+    done, planned, spec = 0, 3 * length * going.size, config_of(dataset).sweep.spec
+    chaos_ends = np.zeros_like(continued)
+    for i in range(extensions):
+        if not going.size or planned > MOST_CONTINUED:
+            break
+        continued[going] = True
+        periods = 3 * length * 4**i + _CLASS_PERIODS
+        results = _extended(spec, state[going], periods)
+        reached, now = motions[going], state[going]
+        put_classes(reached, results["regime"], results)
+        put_last(now, results)
+        motions[going], state[going] = reached, now
+        rests[going] += results["rests"]
+        before, chaotic = chaotic, _chaotic(regime, rests, index)
+        unknown = regime == Regime.UNKNOWN
+        chaos_ends = _at_point_of(before & ~chaotic & ~unknown, index)
+        on = unknown | _rested_once(regime, rests) | (chaotic & (chaos_ends | ~before))
+        going, done = going[on[going]], done + periods
+        planned += 3 * (length + done) * going.size
+    aperiodic = continued & (motions["m"] == 0)
+    motions["point"][aperiodic] = state[aperiodic]
+    # All chaotic motions of a parameter point are on one attractor.
+    rests_again = _at_point_of(chaotic & (rests > 1), index)
+    if continued.any():
+        regime[chaotic] = np.where(rests_again, Regime.REST, Regime.CHAOTIC)[chaotic]
+        regime[chaotic & chaos_ends] = Regime.UNKNOWN
+    return continued
+
+
+def _last_states(points: np.ndarray, dataset: xr.Dataset) -> np.ndarray:
+    """Return points with their last states in the records as starts."""
+    last = points.copy()
+    for name in "xv":
+        last[f"{name}0"] = dataset[f"poincare_{name}"].isel(section=-1).values.ravel()
+    return last
+
+
+def _extended(spec: RunSpec, points: np.ndarray, periods: int) -> Results:
+    """Continue motions, and find their regimes; ``rests`` counts all their rests."""
+    results = []
+    for state in np.array_split(points, -(-points.size // _POINTS_AT_ONCE)):
+        rests, omega = np.zeros(state.size, np.int64), state["omega"]
+        for length in _lengths(periods - _CLASS_PERIODS):
+            bare = replace(spec.part(0, length, 0, spec.impact == "exact"), period=False)
+            before = compute_points(bare, state, None, at_section=True)
+            rests += _rests_of(before["rest_fraction"], before["chatters"])
+            put_last(state, before)
+        found = compute_points(spec.part(0, _CLASS_PERIODS, 0, False), state, None, at_section=True)
+        rests += _rests_of(found["rest_fraction"], found["chatters"])
+        share = np.maximum(before["rest_fraction"], found["rest_fraction"])
+        regime = regimes_of(before | found | {"rest_fraction": share}, omega, length)
+        ends = {name: values[:, -1:] for name, values in found.items() if values.ndim > 1}
+        results.append(found | ends | {"regime": regime, "rests": rests})
+    return {name: np.concatenate([part[name] for part in results]) for name in results[0]}
+
+
+def _lengths(periods: int) -> list[int]:
+    """Divide periods into records of at most ``_LYAPUNOV_PERIODS``, the longest last."""
+    count, first = divmod(periods, _LYAPUNOV_PERIODS)
+    return [first] * (first > 0) + [_LYAPUNOV_PERIODS] * count
+
+
+def _at_point_of(which: np.ndarray, index: GridIndex) -> np.ndarray:
+    """Return the mask of the motions at whose parameter points there are motions in `which`."""
+    return (np.bincount(index.parameter[which], minlength=index.count) > 0)[index.parameter]
+
+
+def _chaotic(regime: np.ndarray, rests: np.ndarray, index: GridIndex) -> np.ndarray:
+    """Return the mask of motions that are chaotic, or that rest where a rest leads to chaos."""
+    chaotic = regime == Regime.CHAOTIC
+    return chaotic | ((regime == Regime.REST) & _at_point_of(chaotic & (rests > 0), index))
+
+
+def _rested_once(regime: np.ndarray, rests: np.ndarray) -> np.ndarray:
+    """Return the mask of the motions of which it is not known whether they rest again."""
+    mask: np.ndarray = (regime == Regime.REST) & (rests == 1)
+    return mask
+
+
+def _rests_of(share: np.ndarray, chatters: np.ndarray) -> np.ndarray:
+    """Count the rests in records; a rest that lasts counts as two, since nothing can follow it."""
+    return np.where(share > 0.999, 2, chatters)

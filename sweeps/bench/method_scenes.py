@@ -1,0 +1,206 @@
+"""Scenes on which the methods are compared, and the errors of a run.
+
+A scene is not a single point but 64 neighbours of it: this fills whole blocks of lanes, as in a
+sweep, and impacts fall on different places within a step. A scene may also be 64 points of a sweep.
+Errors are root mean squares over these points, against the rule ``exact``, and are dimensionless:
+displacements, speeds and times are divided by V / omega, V and 2 pi / omega. V is the speed of the
+fastest true impact of the point, or a speed of its section if it has no impact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
+from sweeps.opened.section_distance import section_distance
+from vibroimpact import Oscillator, Status, integrate
+from vibroimpact.step.exact_step import steps_needed
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES
+
+#: Number of points in a scene, neighbours of one point.
+NEIGHBOURS = 64
+#: Number of last impacts of a run that are kept, to find the counterparts of the true impacts.
+_KEPT = 8
+
+#: The kinds of errors of an orbit, as in the pictures.
+ORBIT_ERRORS = ("section state", "impact time", "impact speed", "deepest penetration")
+
+
+class Method(NamedTuple):
+    """An integrator and an impact rule, by their names."""
+
+    integrator: str
+    impact: str
+
+
+EXACT = Method("exact", "exact")
+METHODS = tuple(
+    Method(integrator, rule)
+    for rule in IMPACT_RULES
+    for integrator in INTEGRATORS
+    if rule != EXACT.impact or integrator == EXACT.integrator
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A motion on which methods are compared."""
+
+    name: str
+    points: np.ndarray  # dtype ``POINT``
+    periods: int  # forcing periods from the start to the section
+    phase: float = 0.0  # omega t of the section; no impact is near it
+    impacts: int = 0  # number of the last true impacts that are compared
+    recorded: int = 1  # forcing periods before the section that contain these impacts
+    at_section: bool = False  # whether the points start at a section instead of at t = 0
+    timed: int | None = None  # forcing periods of a timed run, if those to the section are too few
+
+    def run(
+        self,
+        method: Method,
+        steps: int,
+        threads: int | None = None,
+        copies: int = 1,
+        kept: int = _KEPT,
+        periods: int | None = None,
+    ) -> dict[str, np.ndarray]:
+        """Run all points, `copies` times over, with one method; results as of `integrate`."""
+        return integrate(
+            np.tile(self.points, copies),
+            **method._asdict(),
+            steps_per_period=steps,
+            transient=(periods or self.periods) - self.recorded,
+            periods=self.recorded,
+            phase=self.phase,
+            at_section=self.at_section,
+            impacts=kept,
+            threads=threads,
+        )
+
+    def truth(self) -> dict[str, np.ndarray]:
+        """Run all points with exact impacts, on their own steps; results as of `integrate`."""
+        return self.run(EXACT, 2 * least_steps(EXACT, self.points), kept=self.impacts)
+
+    def errors(
+        self, truth: Mapping[str, np.ndarray], run: Mapping[str, np.ndarray]
+    ) -> dict[str, float]:
+        """Return the RMS errors of a run by kind, with keys in ``ORBIT_ERRORS``.
+
+        States are compared directly or through an impact. Every true impact is compared with the
+        impact found at the nearest phase. If none was found, it counts as half a period late and as
+        without speed. The section of a failed run has the error NaN. Errors of impacts are left out
+        if there are no true impacts. Rows of further copies in the run are ignored.
+        """
+        n = len(self.points)
+        R, omega, clearance = (self.points[name] for name in ("R", "omega", "clearance"))
+        end, true_end = (
+            np.stack([of["poincare_x"][:n, -1], of["poincare_v"][:n, -1]], axis=1)
+            for of in (run, truth)
+        )
+        V = truth["fastest_impact"]
+        V = np.where(V > 0.0, V, np.hypot(omega * true_end[:, 0], true_end[:, 1]))
+        V = np.where(V > 0.0, V, 1.0)  # the point never moves
+        units = np.stack([V / omega, V], axis=1)
+        phase, v = truth["impact_phase"], truth["impact_v"]
+        real = np.isfinite(phase)
+        delay = run["impact_phase"][:n, None, :] - phase[:, :, None]
+        delay = np.abs((delay + math.pi) % (2.0 * math.pi) - math.pi)
+        delay = np.where(np.isnan(delay), math.pi, delay)
+        nearest = delay.argmin(axis=2)
+        found_v = np.nan_to_num(np.take_along_axis(run["impact_v"][:n], nearest, axis=1))
+        with np.errstate(all="ignore"):
+            values = (
+                section_distance(end, true_end, clearance, R, units),
+                delay.min(axis=2)[real] / (2.0 * math.pi),
+                ((found_v - v) / V[:, None])[real],
+                omega * run["max_penetration"][:n] / V,
+            )
+            return {
+                kind: float(np.sqrt(np.mean(np.square(value))))
+                for kind, value in zip(ORBIT_ERRORS, values, strict=True)
+                if value.size
+            }
+
+
+def least_steps(method: Method, points: np.ndarray) -> int:
+    """Return the fewest steps per forcing period that a method needs at these points."""
+    if method.impact != EXACT.impact:
+        return 1
+    return int(steps_needed(points["h"], points["p"], points["omega"]).max())
+
+
+def _around(oscillator: Oscillator, offsets: Iterable[float]) -> np.ndarray:
+    """Return points that start at rest, with omega (1 + offset)."""
+    return np.concatenate(
+        [replace(oscillator, omega=oscillator.omega * (1.0 + offset)).at() for offset in offsets]
+    )
+
+
+_OFFSETS = np.linspace(-0.005, 0.005, NEIGHBOURS)
+# The speed of an impact grows with the root of the distance from its graze; so most are small.
+_GRAZE_OFFSETS = np.geomspace(1e-8, 1e-3, NEIGHBOURS // 2)
+#: The omega at which the first flight from rest touches the stop (h = 0.1).
+_GRAZE = 3.03833647460949767
+
+
+def _regular(name: str, h: float, R: float, omega: float, **options: Any) -> Scene:
+    return Scene(name, _around(Oscillator(h=h, R=R, omega=omega, f=1.0), _OFFSETS), **options)
+
+
+#: Motions without rests and grazes, on which methods show their orders.
+REGULAR = (
+    _regular("conservative impacts", 0.5, 1.0, 1.0, periods=20, phase=math.pi, impacts=2),
+    _regular("conservative motion", 0.0, 0.5, 1.0, periods=20, phase=math.pi, impacts=2),
+    _regular("fully dissipative", 0.5, 0.5, 1.0, periods=20, phase=math.pi, impacts=4),
+    _regular("one impact", 0.05, 0.7, 2.3, periods=40, impacts=1),
+    _regular("high frequency", 0.1, 0.8, 10.0, periods=60, phase=math.pi, impacts=1, recorded=5),
+)
+CHATTER = Scene(
+    "chatter and rest",
+    _around(Oscillator(h=0.05, R=0.6, omega=0.4, f=1.0), _OFFSETS),
+    periods=5,
+    phase=4.4,  # after three impacts of a chatter that is complete at 4.78
+    impacts=3,
+)
+GRAZING = Scene(
+    "near grazing",
+    _around(
+        Oscillator(h=0.1, R=0.8, omega=_GRAZE, f=1.0),
+        np.concatenate([-_GRAZE_OFFSETS[::-1], _GRAZE_OFFSETS]),
+    ),
+    periods=1,
+    phase=5.67,  # between the second impact, at 5.2 at the latest, and the third
+    impacts=2,
+)
+SCENES = (*REGULAR, CHATTER, GRAZING)
+
+
+def of_sweep(config: SweepConfig) -> Scene:
+    """Return points spread over a sweep, each from the state at the end of its record.
+
+    They are followed for one forcing period: over a longer time the errors of chaotic motions would
+    say nothing. Each point is computed from its own start. Raises Refused if no point can be
+    computed with exact impacts.
+    """
+    points, spec = config.sweep.grid.spread(NEIGHBOURS), config.sweep.spec
+    transient = spec.transient + spec.periods - 1
+    try:
+        last = integrate(
+            points, transient=transient, periods=1, phase=spec.phase, start=spec.start, impacts=0
+        )
+    except ValueError as error:
+        raise Refused(str(error)) from error
+    good = np.array([not Status(status).failed for status in last["status"]])
+    if not good.any():
+        raise Refused(f"{config.name} has no point that exact impacts can be found for")
+    points["x0"], points["v0"] = last["poincare_x"][:, 0], last["poincare_v"][:, 0]
+    return Scene(
+        f"sweep {config.name}", points[good], 1, spec.phase, impacts=4, at_section=True, timed=20
+    )

@@ -1,0 +1,175 @@
+"""The list of bifurcations of a sweep as text: the changes of class, and the exact branches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sweeps.bifurcation.bifurcation_table import other_axes
+from sweeps.store import DIRECTION
+from sweeps.text import fewest_digits, shown_count, shown_range, table
+from vibroimpact.points.regimes import Label
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+#: Most bifurcations that are listed one by one, and most of those without an exact value.
+_MOST_ROWS, _MOST_INEXACT = 40, 12
+#: Explanations of the kinds that are not standard terms.
+_MEANINGS = {
+    "basin": "the motion of one side is stable on the other, too, but the start reaches another",
+    "unknown": "the motions could not be followed to where one of them ends",
+}
+
+
+def _heads(found: pd.DataFrame) -> list[str]:
+    """Return the heads of the columns of the other axes, and of the axis."""
+    return [found.attrs["heads"][name] for name in (*other_axes(found), found.attrs["axis"])]
+
+
+def bifurcation_report(dataset: xr.Dataset, file: Path, found: pd.DataFrame) -> str:
+    """Write the bifurcations of a sweep that `find_bifurcations` found in a file."""
+    axis = found.attrs["axis"]
+    if found.empty:
+        parts = [f"the class of the motion does not change along {axis}"]
+    elif _is_summary(found):
+        name, value = found.columns[0], _label(found.iat[0, 0])
+        parts = [f"{_summary(found)}; one by one: --at {name}={value}, or --csv FILE"]
+        parts += ["\n".join(_meanings(found))]
+    else:
+        parts = _one_by_one(found)
+    notes = [_narrowing(file, found), _unclassified(dataset, found)]
+    parts += ["\n".join(filter(None, notes)), found.attrs["branches"]]
+    return "\n\n".join(filter(None, parts))
+
+
+def _one_by_one(found: pd.DataFrame) -> list[str]:
+    """Return the tables of bifurcations, those with an exact value first, and notes on them."""
+    inexact = found["value"].isna()
+    listed, others = found[~inexact], found[inexact]
+    parts, narrow = [], 0
+    if len(listed) > _MOST_ROWS:
+        narrow = int(listed["narrow"].sum())
+        listed = listed[~listed["narrow"]]
+    if len(others) <= _MOST_INEXACT:
+        listed = found.loc[[*listed.index, *others.index]]
+    if len(listed):
+        head = [*_heads(found), "kind", "orbit", "classes", "between", ""]
+        parts.append(table([head, *(_row(found, item) for item in listed.to_dict("records"))]))
+    if narrow:
+        parts.append(f"{narrow} more on branches that are stable over less than 1 % of the axis")
+    if len(others) > _MOST_INEXACT:
+        parts.append(f"{len(others)} changes without an exact value\n{_summary(others)}")
+    return [*parts, "\n".join([*_cascades(found), *_meanings(others)])]
+
+
+def _unclassified(dataset: xr.Dataset, found: pd.DataFrame) -> str:
+    """Write how many points have no known class, so that the list says nothing about them."""
+    if not found.attrs["unclassified"]:
+        return ""
+    number = shown_count(found.attrs["unclassified"], "point")
+    text = f"unknown or without a result: {number}"
+    return text if "lyapunov" in dataset else f"{text}; Lyapunov exponents tell which are chaotic"
+
+
+def _narrowing(file: Path, found: pd.DataFrame) -> str:
+    """Write the command that narrows the first change listed without an exact value, if any."""
+    inexact = found[found["value"].isna()]
+    if inexact.empty or _is_summary(found):
+        return ""
+    low, high = (fewest_digits(float(inexact[name].iat[0])) for name in ("low", "high"))
+    which = f"the {'' if len(inexact) == 1 else 'first '}change without an exact value"
+    command = f"vibroimpact zoom {quote(str(file))} {found.attrs['axis']}={low}:{high}"
+    return f"to narrow {which}: {command}"
+
+
+def _meanings(found: pd.DataFrame) -> list[str]:
+    kinds = set(found["kind"])
+    return [f"{kind}: {text}" for kind, text in _MEANINGS.items() if kind in kinds]
+
+
+def _is_summary(found: pd.DataFrame) -> bool:
+    """Whether there are several lines with too many bifurcations to list them one by one."""
+    return len(found) > _MOST_ROWS and bool(set(other_axes(found)) - {DIRECTION})
+
+
+def _row(found: pd.DataFrame, item: Mapping[str, Any]) -> list[str]:
+    between = item["between"]
+    return [
+        *(_label(item[name]) for name in other_axes(found)),
+        "" if np.isnan(item["value"]) else f"{item['value']:.12g}",
+        item["kind"],
+        item["orbit"],
+        _pair(item),
+        f"{item['low']:.12g} .. {item['high']:.12g}",
+        f"{shown_count(between, 'point')} unknown" if between else "",
+    ]
+
+
+def _pair(item: Mapping[str, Any]) -> str:
+    """Write the classes in the order of the axis; the arrow points where the line was followed."""
+    return f"{item['before']} {'<-' if item['down'] else '->'} {item['after']}"
+
+
+def _label(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.6g}"
+
+
+def _summary(found: pd.DataFrame) -> str:
+    """Write a row for each kind and pair of classes, the most frequent first."""
+    others = other_axes(found)
+    pairs = [_pair(item) for item in found.to_dict("records")]
+    groups = list(found.assign(pair=pairs).groupby(["kind", "pair"], sort=False))
+    rows = [
+        [
+            *group,
+            f"{len(items):,}",
+            shown_range([*items["low"], *items["high"]]),
+            *(shown_range(items[name]) for name in others),
+        ]
+        for group, items in sorted(groups, key=lambda one: -len(one[1]))
+    ]
+    *heads, of_axis = _heads(found)
+    lines = [table([["kind", "classes", "times", of_axis, *heads], *rows[:_MOST_ROWS]])]
+    if len(rows) > _MOST_ROWS:
+        lines.append(f"and {len(rows) - _MOST_ROWS:,} rarer pairs of classes")
+    if others:
+        lines.append(f"{len(found):,} changes along {found.attrs['axis']}")
+    return "\n".join(lines)
+
+
+def _cascades(found: pd.DataFrame) -> Iterator[str]:
+    """Yield a line for each cascade of flips: their values and the ratios of their distances."""
+    others, places = other_axes(found), found["value"].fillna(0.5 * (found["low"] + found["high"]))
+    for at, line in found.groupby(others, sort=False) if others else [((), found)]:
+        changes = zip(places[line.index], line["before"], line["after"], strict=True)
+        for run in cascades(list(changes)):
+            flips = ", ".join(f"{value:.9g}" for value in run)
+            ratios = ", ".join(f"{a / b:.4g}" for a, b in pairwise(np.diff(run)))
+            where = [f"{name} = {_label(value)}" for name, value in zip(others, at, strict=True)]
+            text = f"cascade: {found.attrs['axis']} = {flips}; ratios of the distances {ratios}"
+            yield ", ".join([*where, text])
+
+
+def cascades(changes: Sequence[tuple[float, Label, Label]]) -> Iterator[list[float]]:
+    """Yield the values of at least three flips in a row, each of the orbit of the previous flip.
+
+    `changes` are values of the axis, in its order, with the classes before and after.
+    """
+    for step in (1, -1):
+        run, reached = list[float](), None
+        for value, *classes in changes[::step]:
+            parent, doubled = classes[::step]
+            if not parent.doubles_to(doubled):
+                continue
+            if parent != reached:
+                yield from [run] * (len(run) >= 3)
+                run = []
+            run, reached = [*run, value], doubled
+        yield from [run] * (len(run) >= 3)

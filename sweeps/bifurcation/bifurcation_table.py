@@ -1,0 +1,274 @@
+"""The bifurcations along an axis of a sweep: where the class of the motion changes, and why.
+
+The branch of the periodic orbit on each side of a change is followed to the other side
+(`vibroimpact.orbits.branches`). If the branch ends or loses its stability between the sides, this
+is the bifurcation. Otherwise the attractor persists, and the motion of the sweep has only moved
+into the basin of another one.
+
+Along a single line of a sweep, the other bifurcations of the exact branches are added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches, wide_branches
+from sweeps.bifurcation.explanations import NO_LABEL, changes_of_class, explain, least_difference
+from sweeps.opened.cuts import Selection, chosen_axes, cut_at, swept_axes
+from sweeps.opened.dataset import check_diagnostic, config_of, headed, nomenclature_of
+from sweeps.opened.doors import takes_sweep
+from sweeps.opened.grouping import START_AXES
+from sweeps.opened.motions import OF_MOTIONS, labels, motions_of
+from sweeps.store import DIRECTION
+from vibroimpact.orbits.curves import KINDS
+from vibroimpact.points.regimes import Label, Regime
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: The columns of the table after those of the other axes.
+COLUMNS = ("kind", "value", "low", "high", "before", "after", "between", "orbit", "source")
+#: The way of a bifurcation of a branch, which holds whichever way a line was followed.
+_BOTH = "both"
+
+
+@takes_sweep({})
+def bifurcations(
+    dataset: xr.Dataset,
+    axis: str | None = None,
+    at: Selection | None = None,
+    report: Callable[[float], object] = lambda share: None,
+    *,
+    classes: Collection[tuple[int, int]] = (),
+    most: int = MOST_BRANCHES,
+) -> pd.DataFrame:
+    """Find where the class of the motion changes along an axis, and why.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`, with ``period``.
+    axis : str, optional
+        The swept parameter along which to look, by default the one with most values.
+    at : mapping of str to float, optional
+        Values of other swept axes; those that are left out are taken with all their values.
+    report, classes, most
+        As of `sweeps.branches`, for the bifurcations of the exact branches.
+
+    Returns
+    -------
+    DataFrame
+        A row for each change of class between two neighbouring values of the axis, on every line of
+        the grid, in its order. If the sweep has a single line, or one for each direction, there is
+        also a row for every other flip, fold and graze of `sweeps.branches`. The rows of a line are
+        in the order of the axis. The columns are:
+
+        - the values of the other axes; the direction is ``both`` for a bifurcation of the branches;
+        - ``kind``: ``flip``, ``fold`` or ``graze``; ``rest``, ``chaotic`` or ``unbounded`` if such
+          a regime begins or ends; ``basin`` if the attractor before the change exists on both sides
+          and is stable; ``unknown`` otherwise;
+        - ``value``: the value of the axis at a flip, fold or graze, to rounding; NaN if not known;
+        - ``low`` and ``high``: the nearest values of the axis on both sides of it, with known
+          classes where the class changes;
+        - ``before`` and ``after``: the classes of the motions there, for example ``1/1``, ``rest``
+          or ``chaotic``; for a bifurcation of the branches, those of the stable orbits that meet;
+          ``?`` if not known;
+        - ``between``: the number of points between them whose class is unknown;
+        - ``orbit``: the class of the orbit that bifurcates at ``value``; at a graze, q counts the
+          impact of speed zero;
+        - ``source``: ``exact`` if there is a value, else ``bracket``.
+
+        Where ``value`` is NaN, ``vibroimpact zoom`` with ``low`` and ``high`` narrows the interval.
+        If points of unknown class lie between two classes, and no bifurcation leads from one to the
+        other, there are two rows. The unknown class is ``?``; a row ends beyond its value.
+
+        Its attributes are ``axis``, ``unclassified``, the number of points of unknown class, and
+        ``branches``, a summary of the exact branches.
+
+    Raises
+    ------
+    Refused
+        If there is no such axis or value, or the classes were not recorded.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> found = sweeps.bifurcations(ds)
+    >>> found[["kind", "value", "before", "after"]].round(6).values.tolist()
+    [['flip', 2.663945, '1/1', '2/2']]
+    """
+    return public_table(find_bifurcations(dataset, axis, at, report, classes=classes, most=most))
+
+
+def public_table(found: pd.DataFrame) -> pd.DataFrame:
+    """Return what `find_bifurcations` found as the table of `bifurcations`."""
+    named = found.assign(before=found["before"].map(str), after=found["after"].map(str))
+    named = named[[*other_axes(found), *COLUMNS]]
+    named.attrs = {name: found.attrs[name] for name in ("axis", "unclassified", "branches")}
+    return named
+
+
+def find_bifurcations(
+    dataset: xr.Dataset,
+    axis: str | None = None,
+    at: Selection | None = None,
+    report: Callable[[float], object] = lambda share: None,
+    find: Callable[..., xr.Dataset] = branches,
+    **chosen: Any,
+) -> pd.DataFrame:
+    """Return the table of `bifurcations` with a `Label` for each class, and two columns more.
+
+    ``down`` says whether the line was followed downwards, and ``narrow`` whether the branch of a
+    bifurcation is stable over less than 1 % of the axis. `find` is `branches`, or a function with
+    its arguments. The attribute ``heads`` has the heads of
+    the other axes and the axis.
+    """
+    import pandas as pd
+
+    (along,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "list of bifurcations")
+    check_diagnostic(dataset, "period")
+    free = [str(name) for name in dataset["status"].dims if name not in (at or {})]
+    data = cut_at(dataset, at, free=[along, *free])
+    others = [str(name) for name in data["status"].dims if name != along]
+    data = data.sortby(along)
+    read = [name for name in data if name in OF_MOTIONS]
+    data = data.assign(data[read].load())  # each once, not line by line
+    rows, unclassified = _of_changes(data, along, others)
+    summary = ""
+    if _has_one_line(dataset, along, at):
+        exact = find(dataset, along, at, report, **chosen)
+        summary, way = exact.attrs["summary"], dict.fromkeys(others, _BOTH)
+        rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
+        lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
+        rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), _place(row)))
+    found = pd.DataFrame(rows, columns=[*others, *COLUMNS[:-1], "down", "narrow"])
+    found = found.astype({"value": float, "low": float, "high": float, "between": int})
+    found["source"] = np.where(found["value"].notna(), "exact", "bracket")
+    heads = {name: headed(name, dataset[name]) for name in (*others, along)}
+    found.attrs |= {
+        "axis": along, "unclassified": unclassified, "branches": summary, "heads": heads,
+    }  # fmt: skip
+    return found
+
+
+def _of_changes(
+    data: xr.Dataset, along: str, others: Sequence[str]
+) -> tuple[list[dict[str, Any]], int]:
+    """Return rows for the changes of class on every line, and the number of unclassified points.
+
+    Changes are explained with values of the model, and then converted to the units of the axis.
+    """
+    rows, unclassified, phase = list[dict[str, Any]](), 0, config_of(data).record.phase
+    seen = nomenclature_of(data)
+    parameter = seen.parameter(along)
+    for index in product(*(range(data.sizes[name]) for name in others)):
+        line = data.isel(dict(zip(others, index, strict=True)))
+        motions, down = motions_of(line), _is_followed_down(line, parameter)
+        classes, values = labels(line), line[parameter].values
+        unclassified += classes.count(None)
+        here = {name: line[name].item() for name in others}
+        for change in changes_of_class(values, classes):
+            for part, *found in explain(motions, phase, parameter, values, change, down):
+                own = dict(zip(("kind", "value", "orbit"), found, strict=True))
+                rows.append(here | vars(part) | own | {"down": down, "narrow": False})
+    places = np.array([(row["low"], row["value"], row["high"]) for row in rows]).reshape(-1, 3)
+    for row, (low, value, high) in zip(rows, seen.value(parameter, places).tolist(), strict=True):
+        # The rounding of a conversion may move a value beyond its neighbours.
+        row |= {"low": low, "value": float(np.clip(value, low, high)), "high": high}
+    return rows, unclassified
+
+
+def _place(row: Mapping[str, Any]) -> float:
+    """Return the value of the axis by which a row is in order."""
+    middle: float = 0.5 * (row["low"] + row["high"])
+    return middle if np.isnan(row["value"]) else row["value"]
+
+
+def other_axes(found: pd.DataFrame) -> list[str]:
+    """Return the names of the other axes, which are the first columns."""
+    return [name for name in found.columns if name not in (*COLUMNS, "down", "narrow")]
+
+
+def _has_one_line(dataset: xr.Dataset, axis: str, at: Selection | None) -> bool:
+    """Whether the points along an axis of the oscillator are one line, also if followed twice."""
+    uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
+    return not uncut and axis not in START_AXES and dataset.sizes[axis] > 1
+
+
+def _of_branches(
+    exact: xr.Dataset, values: np.ndarray, listed: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return rows for the bifurcations of `branches` that are not listed, each once.
+
+    `values` are those of the axis, in increasing order.
+    """
+    rows = list[dict[str, Any]]()
+    wide, near = wide_branches(exact), least_difference(values[0], values[-1])
+    for kind, value, orbit, members in _special_points(exact, near):
+        same = [row for row in listed if (row["kind"], row["orbit"]) == (kind, orbit)]
+        known = np.array([row["value"] for row in same])
+        if (np.abs(known - value) <= near).any():
+            continue
+        before, after = _classes_beside(exact, members)
+        value = float(np.clip(value, values[0], values[-1]))  # beyond them by rounding
+        at = int(np.clip(np.searchsorted(values, value), 1, len(values) - 1))
+        low, high = values[at - 1 : at + 1].tolist()
+        rows.append(
+            {
+                "kind": kind, "value": value, "low": low, "high": high,
+                "before": before, "after": after, "between": 0, "orbit": orbit, "down": False,
+                "narrow": not wide[exact["branch"].values[members]].any(),
+            }
+        )  # fmt: skip
+    return rows
+
+
+def _special_points(exact: xr.Dataset, near: float) -> Iterator[tuple[str, float, str, np.ndarray]]:
+    """Yield the kind, value and orbit of every bifurcation, and its rows in `branches`.
+
+    Values are the same if they differ by at most `near`.
+    """
+    (axis,) = exact.coords
+    kinds, values, m, q = (exact[name].values for name in ("kind", axis, "m", "q"))
+    rows = np.flatnonzero(np.isin(kinds, KINDS))
+    rows = rows[np.lexsort([values[rows], q[rows], m[rows], kinds[rows]])]
+    names = np.stack([kinds[rows], m[rows].astype(str), q[rows].astype(str)])
+    differ = (names[:, 1:] != names[:, :-1]).any(axis=0)
+    apart = np.diff(values[rows]) > near
+    for members in np.split(rows, 1 + np.flatnonzero(differ | apart)):
+        if members.size:
+            first = members[0]
+            yield str(kinds[first]), float(values[first]), f"{m[first]}/{q[first]}", members
+
+
+def _classes_beside(exact: xr.Dataset, members: np.ndarray) -> tuple[Label, Label]:
+    """Return the classes of the stable orbits that meet at a bifurcation from both sides."""
+    (axis,) = exact.coords
+    values, branch, stable = (exact[name].values for name in (axis, "branch", "stable"))
+    beside = [NO_LABEL, NO_LABEL]
+    for member in members.tolist():
+        path = np.flatnonzero((branch == branch[member]) & (exact["kind"].values == ""))
+        at = int(np.argmin(np.abs(values[path] - values[member])))
+        for near in path[[i for i in (at - 1, at + 1) if 0 <= i < len(path)]].tolist():
+            side = int(values[near] > values[member])
+            if stable[near] and beside[side] is NO_LABEL:
+                m, q = (int(exact[name].values[near]) for name in ("m", "q"))
+                beside[side] = Label(Regime.PERIODIC, m, q)
+    return beside[0], beside[1]
+
+
+def _is_followed_down(line: xr.Dataset, parameter: str) -> bool:
+    """Whether the line was followed downwards: each point started from the next greater value."""
+    config = config_of(line)
+    if config.follow is None or config.follow.axis != parameter:
+        return False
+    way = line[DIRECTION].item() if DIRECTION in line.coords else config.follow.direction
+    return bool(way == "down")

@@ -1,0 +1,329 @@
+"""The exact branches of the periodic motions along a line of computed points.
+
+Every periodic motion in the file is a seed: Newton's method finds its orbit, and the branch of the
+orbit is followed, with the branches that begin at its flips and grazes
+(`sweeps.bifurcation.branch_set`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sweeps.bifurcation.branch_set import BranchSet
+from sweeps.bifurcation.chords import with_short_chords
+from sweeps.errors import Refused
+from sweeps.opened.coordinates import COORDINATES, orbit_coordinates
+from sweeps.opened.cuts import Selection, chosen_axes, cut_at, split_directions
+from sweeps.opened.dataset import config_of, nomenclature_of, orbits_on_axes
+from sweeps.opened.doors import takes_sweep
+from sweeps.opened.grouping import START_AXES
+from sweeps.opened.motions import motions_of, orbit_at
+from sweeps.store.variables import DIRECTION
+from sweeps.text import listed, shown_count
+from vibroimpact.orbits.branches import Branch
+from vibroimpact.orbits.curves import KINDS
+from vibroimpact.orbits.orbit import Orbits
+from vibroimpact.orbits.periodic import OrbitError
+
+#: Shares of the work, measured, that are done when the branches are found, and are smooth lines.
+_FOUND, _SMOOTH = 0.5, 0.9
+#: Most forcing periods of an orbit that is followed, and most branches that are followed.
+LONGEST_ORBIT, MOST_BRANCHES = 8, 60
+#: Most classes that the summary names.
+_MOST_NAMES = 8
+#: Largest distance of a branch from the lines between its points, as a share of the ranges: a
+#: seventh of a pixel of a picture.
+CHORD_TOLERANCE = 1e-4
+
+
+@takes_sweep({})
+def branches(
+    dataset: xr.Dataset,
+    axis: str | None = None,
+    at: Selection | None = None,
+    report: Callable[[float], object] = lambda share: None,
+    *,
+    classes: Collection[tuple[int, int]] = (),
+    most: int = MOST_BRANCHES,
+) -> xr.Dataset:
+    """Follow the orbits of the periodic motions of a sweep along one axis.
+
+    The branches of the motions in the file come first, starting with the most frequent class. The
+    branches that begin at their flips and grazes come next.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
+    axis : str, optional
+        A swept parameter of the oscillator, by default the longest axis.
+    at : mapping of str to float, optional
+        Values of the other swept axes; by default the first.
+    report : callable, optional
+        Called before each branch, and for each one found, with the share of the work that is done;
+        an exception that it raises ends the work.
+    classes : collection of (int, int), optional
+        m and q of the branches to return, by default all of at most 8 periods. Those of other
+        classes are followed, too, because branches of these classes may begin there.
+    most : int, optional
+        Most branches to follow; with `classes`, of these and as many of all others.
+
+    Returns
+    -------
+    Dataset
+        Along ``point``, branch after branch, each followed by its special points:
+
+        - the axis, ``branch`` (the number of the branch), ``m``, ``q`` and ``stable``: whether both
+          multipliers are inside the unit circle, False at a flip, a fold and a graze;
+        - ``kind`` of a special point: ``flip``, ``fold``, ``graze`` or an end of the branch; empty
+          for all other points. The orbit of a graze has the impact of speed zero. At the flip in
+          which a branch ends it is the orbit of half the period;
+        - ``multipliers`` (``point``, ``multiplier``): the Floquet multipliers, complex, the larger
+          one first;
+        - ``impact_phase``, ``impact_v`` (``point``, ``impact``), NaN beyond q impacts;
+        - ``poincare_x``, ``poincare_v``, ``poincare_height`` (``point``, ``section``), NaN beyond m
+          periods.
+
+        The attribute ``summary`` says what was found, and ``given_up`` what was not followed.
+        ``range`` holds the ends of the axis, and ``phase`` is the phase of the section.
+
+    Raises
+    ------
+    Refused
+        If there is no such axis, or the orbits do not depend on it.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> found = sweeps.branches(ds, "omega")
+    >>> flips = found.where(found.kind == "flip", drop=True)
+    >>> flips.omega.values.round(6)
+    array([2.663945, 2.663945])
+    """
+    (axis,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "branch")
+    lines = [motions_of(line) for line in lines_of(dataset, axis, at)]
+    name, phase = nomenclature_of(dataset).parameter(axis), config_of(dataset).record.phase
+    found = branches_of(lines, name, phase, report, classes=classes, most=most)
+    return orbits_on_axes(dataset, found)
+
+
+def branches_of(
+    lines: Sequence[np.ndarray],
+    axis: str,
+    phase: float,
+    report: Callable[[float], object] = lambda share: None,
+    *,
+    classes: Collection[tuple[int, int]] = (),
+    most: int = MOST_BRANCHES,
+) -> xr.Dataset:
+    """Follow the orbits of motions along one axis, and return the Dataset of `branches`.
+
+    Each line has motions of dtype ``MOTION`` at increasing values of the axis, a parameter of the
+    model; `phase` is that of their section.
+    """
+    low = min(float(line["point"][axis][0]) for line in lines)
+    high = max(float(line["point"][axis][-1]) for line in lines)
+    search = partial(report, 0.0)
+    found = BranchSet(axis, low, high, phase, most, LONGEST_ORBIT, classes, search)
+    left_out: dict[str, Counter[tuple[int, int]]] = {}
+    for motion, length in _seeds(lines):
+        mq = int(motion["m"]), int(motion["q"])
+        reason = ""
+        if mq[0] > LONGEST_ORBIT and mq not in classes:
+            reason = f"of more than {LONGEST_ORBIT} periods"
+        else:
+            try:
+                reason = (
+                    ""
+                    if found.add(orbit_at(motion, phase))
+                    else f"beyond the first {most} branches"
+                )
+            except OrbitError as error:
+                reason = f"of which {error}"
+        if reason and found.is_chosen(*mq):
+            left_out.setdefault(reason, Counter())[mq] += length
+    found.grow()
+    found.branches = [grown for grown in found.branches if found.is_chosen(grown.m, grown.q)]
+    return _as_dataset(found, phase, left_out, report)
+
+
+def _seeds(lines: Sequence[np.ndarray]) -> list[tuple[np.void, int]]:
+    """Return the middle motion and the length of each run of a class, in the order to follow.
+
+    The longest runs of all classes come first, in the order of the frequency of the classes; then
+    come the second longest runs, and so on.
+    """
+    points: Counter[tuple[int, int]] = Counter()
+    runs = []
+    for line in lines:
+        begin = 0
+        for mq, run in groupby(line[["m", "q"]].tolist()):
+            length = len(list(run))
+            if mq[0]:
+                runs.append((mq, line[begin + length // 2], length))
+                points[mq] += length
+            begin += length
+    seen: Counter[tuple[int, int]] = Counter()
+    ordered = []
+    for mq, motion, length in sorted(runs, key=lambda run: -run[2]):
+        ordered.append((seen[mq], -points[mq], (motion, length)))
+        seen[mq] += 1
+    return [run for *_, run in sorted(ordered, key=lambda item: item[:2])]
+
+
+def _as_dataset(
+    found: BranchSet,
+    phase: float,
+    left_out: Mapping[str, Counter[tuple[int, int]]],
+    report: Callable[[float], object],
+) -> xr.Dataset:
+    """Collect the branches found as the Dataset that `branches` returns."""
+    items = _smooth(found, phase, report)
+    parts: list[Orbits] = []
+    stable = [np.zeros(0, bool)]
+    for item in items:
+        parts += [item.orbits, *(point.orbit.alone for point in item.special)]
+        stable += [item.stable, np.zeros(len(item.special), bool)]
+    records, multipliers = [], [np.empty((0, 2), complex)]
+    for number, part in enumerate(parts):
+        report(_SMOOTH + (1.0 - _SMOOTH) * number / len(parts))
+        records.append(orbit_coordinates(part, phase))
+        multipliers.append(part.multipliers)
+    rows = with_special_points(items, "branch", "kind", (found.parameter,))
+    at_end = ~np.isin(rows["kind"].values, ["", *KINDS])  # not at a bifurcation
+    within = (np.abs(np.concatenate(multipliers)) < 1.0).all(axis=1)
+    sizes = np.array([len(part.values) for part in parts], int)
+    m, q = np.array([(part.m, part.phases.shape[1]) for part in parts], int).reshape(-1, 2).T
+    data: dict[str, Any] = {
+        "m": ("point", np.repeat(m, sizes)),
+        "q": ("point", np.repeat(q, sizes)),
+        "stable": ("point", np.concatenate(stable) | (at_end & within)),
+        "multipliers": (("point", "multiplier"), np.concatenate(multipliers)),
+    }
+    for name, variable in COORDINATES.items():
+        data[name] = ("point", variable.dimension), _padded([record[name] for record in records])
+    lines = _summary(found, left_out)
+    about = {
+        "summary": "\n".join(lines), "given_up": "; ".join(lines[1:]), "phase": phase,
+        "range": [found.low, found.high],
+    }  # fmt: skip
+    return rows.assign(data).assign_attrs(about)
+
+
+def _smooth(found: BranchSet, phase: float, report: Callable[[float], object]) -> list[Branch]:
+    """Add points to the branches until a picture of any coordinate shows smooth lines."""
+
+    def shown(orbits: Orbits) -> list[np.ndarray]:
+        values = orbit_coordinates(orbits, phase)
+        values["impact_phase"] = values["impact_phase"] % (2.0 * np.pi)
+        return list(values.values())
+
+    records = zip(*(shown(item.orbits) for item in found.branches), strict=True)
+    columns = [np.concatenate([values.ravel() for values in record]) for record in records]
+    # Where nothing meets the stop, no orbit has an impact.
+    extents = [(float(np.ptp(column)) if column.size else 0.0) or 1.0 for column in columns]
+
+    def drawn(orbits: Orbits) -> np.ndarray:
+        pairs = zip(shown(orbits), extents, strict=True)
+        return np.concatenate([y / extent for y, extent in pairs], axis=1)
+
+    items = []
+    for number, item in enumerate(found.branches):
+        report(_FOUND + (_SMOOTH - _FOUND) * number / len(found.branches))
+        items.append(with_short_chords(item, found.low, found.high, drawn, CHORD_TOLERANCE))
+    return items
+
+
+def with_special_points(
+    found: Sequence[Branch], noun: str, special: str, axes: Sequence[str]
+) -> xr.Dataset:
+    """Return the points of branches or curves along ``point``, each followed by its special points.
+
+    The variable `noun` is the number of the branch or curve, and `special` the kind of a special
+    point.
+    """
+    numbers, kinds, values = list[int](), list[str](), list[Any]()
+    for number, item in enumerate(found):
+        values += [*item.values, *(point.value for point in item.special)]
+        kinds += [""] * len(item.values) + [point.kind for point in item.special]
+        numbers += [number] * (len(values) - len(numbers))
+    columns = np.array(values, float).reshape(-1, len(axes)).T
+    data = {noun: ("point", np.array(numbers, int)), special: ("point", np.array(kinds, "U11"))}
+    coordinates = {axis: ("point", column) for axis, column in zip(axes, columns, strict=True)}
+    return xr.Dataset(data, coordinates)
+
+
+def _padded(tables: Sequence[np.ndarray]) -> np.ndarray:
+    """Stack tables of different widths, padded with NaN."""
+    width = max((table.shape[1] for table in tables), default=0)
+    stacked, begin = np.full((sum(map(len, tables)), width), np.nan), 0
+    for table in tables:
+        stacked[begin : begin + len(table), : table.shape[1]] = table
+        begin += len(table)
+    return stacked
+
+
+def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]]) -> list[str]:
+    """Write lines on the branches found, and on the motions and branches not followed."""
+    classes = {(branch.m, branch.q) for branch in found.branches}
+    names = listed([f"{m}/{q}" for m, q in sorted(classes)][:_MOST_NAMES])
+    names += ", ..." if len(classes) > _MOST_NAMES else ""
+    noun = "branch" if len(found.branches) == 1 else "branches"
+    lines = [
+        f"{len(found.branches)} exact {noun} of {names}" if names else "no exact orbit is found"
+    ]
+    for reason, motions in left_out.items():
+        texts = [
+            f"{m}/{q} ({shown_count(count, 'point')})" for (m, q), count in motions.most_common()
+        ]
+        more = f" and {len(texts) - _MOST_NAMES} more" if len(texts) > _MOST_NAMES else ""
+        lines.append(f"not followed, {reason}: {listed(texts[:_MOST_NAMES])}{more}")
+    if missing := [f"{m}/{q}" for m, q in found.classes if (m, q) not in classes]:
+        lines.append(f"no orbit of {listed(missing)} is found")
+    if found.given_up:
+        counted = [f"{reason} ({count})" for reason, count in sorted(found.given_up.items())]
+        lines.append(f"not followed: {'; '.join(counted)}")
+    return lines
+
+
+def wide_branches(found: xr.Dataset) -> np.ndarray:
+    """Return which branches are stable over more than a hundredth of the axis, by their numbers."""
+    (axis,), (low, high) = found.coords, found.attrs["range"]
+    stable, number = found["stable"].values, found["branch"].values
+    stable = stable & (found["kind"].values == "")
+    within = stable[1:] & stable[:-1] & (np.diff(number) == 0)
+    steps = np.abs(np.diff(found[axis].values)) * within
+    sums = np.bincount(number[1:], steps, 1 + number.max(initial=-1))
+    return sums > 0.01 * (high - low)
+
+
+def check_axis(axis: str, values: np.ndarray, picture: str) -> None:
+    """Refuse an axis on which the orbits do not depend, and one with a single value."""
+    if axis in START_AXES:
+        raise Refused(
+            f"the exact orbits do not depend on {axis}; draw {picture} without exact orbits"
+        )
+    if len(values) == 1:
+        raise Refused(
+            f"{axis} has the single value {values[0]:g}: exact orbits are followed over a range"
+        )
+
+
+def lines_of(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> list[xr.Dataset]:
+    """Return the points along an axis, sorted, once for each direction of a followed sweep.
+
+    Raises Refused if the orbits do not depend on the axis, or if it has a single value.
+    """
+    line = cut_at(dataset, at, free=[axis, DIRECTION])
+    check_axis(axis, line[axis].values, "it")
+    return split_directions(line.sortby(axis))

@@ -1,0 +1,164 @@
+"""Changes of class along an axis, and their explanation.
+
+If the class changes, there is a bifurcation on the branch of the orbit on one of the sides, or the
+start leads to another attractor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from sweeps.opened.grouping import START_AXES
+from sweeps.opened.motions import leads_to, orbit_of_motion
+from vibroimpact.points.regimes import Label, Regime
+
+#: The class of points that have none.
+NO_LABEL = Label(Regime.UNKNOWN)
+#: Regimes whose beginning or end is a kind of change.
+_REGIMES = (Regime.UNBOUNDED, Regime.REST, Regime.CHAOTIC)
+#: Kinds in the list for the special points of a branch: a penetration begins with a graze.
+_KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
+#: Values on an axis are the same if they agree to the first share of its length, or, by rounding,
+#: to the second share of its greatest value.
+_SAME_VALUE, _ROUNDING = 1e-9, 1e-13
+
+
+@dataclass(frozen=True)
+class Change:
+    """Two values of an axis between which the class changes."""
+
+    #: low, high: the nearest values with known classes.
+    low: float
+    high: float
+    #: before, after: the classes at `low` and `high`.
+    before: Label
+    after: Label
+    between: int = 0  # number of points of unknown class between them
+
+    @property
+    def kind(self) -> str:
+        """The kind that the two classes suggest, without proof.
+
+        ``flip`` if m and q double; ``rest``, ``chaotic`` or ``unbounded`` if this regime begins or
+        ends; otherwise ``unknown``.
+        """
+        ends = {self.before.regime, self.after.regime}
+        for regime in _REGIMES:
+            if regime in ends and len(ends) == 2:
+                return regime.word
+        is_flip = self.before.doubles_to(self.after) or self.after.doubles_to(self.before)
+        return "flip" if is_flip else "unknown"
+
+
+def changes_of_class(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Change]:
+    """Yield the changes of class along increasing values, ignoring points of unknown class."""
+    classified = [(i, label) for i, label in enumerate(classes) if label is not None]
+    for (i, before), (j, after) in pairwise(classified):
+        if before != after:
+            yield Change(float(values[i]), float(values[j]), before, after, j - i - 1)
+
+
+def least_difference(low: float, high: float) -> float:
+    """Return the difference up to which two values on an axis are the same."""
+    return max(_SAME_VALUE * (high - low), _ROUNDING * max(abs(low), abs(high)))
+
+
+class _Onward(NamedTuple):
+    """The first special point on a branch; without a stable orbit to follow, no kind."""
+
+    kind: str = ""
+    value: float = np.nan
+    orbit: str = ""  # class of the orbit that bifurcates
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether this is a bifurcation with a known value."""
+        return self.kind in _KINDS
+
+    @property
+    def explained(self) -> tuple[str, float, str]:
+        """The kind in the list, the value and the orbit."""
+        return (_KINDS[self.kind], self.value, self.orbit) if self.is_exact else _UNKNOWN
+
+
+#: A change without an explanation.
+_UNKNOWN = "unknown", np.nan, ""
+
+
+def explain(
+    motions: np.ndarray,
+    phase: float,
+    axis: str,
+    values: np.ndarray,
+    change: Change,
+    down: bool,
+) -> list[tuple[Change, str, float, str]]:
+    """Return a change with its kind, the exact value (NaN if not known) and the orbit.
+
+    `motions` are those at the `values` of the axis, a parameter of the model, and `phase` is that
+    of their section.
+    If points of unknown class lie between, and no bifurcation leads from one class to the other,
+    the change from the first class to an unknown one and that to the last class are returned.
+    """
+    if axis in START_AXES:
+        return [(change, "basin", np.nan, "")]
+    low, high = motions[np.searchsorted(values, [change.low, change.high])]
+    left, right = _onward(low, high, phase, axis), _onward(high, low, phase, axis)
+    first, second = (right, left) if down else (left, right)
+    if first.kind == "edge":
+        return [(change, "basin", np.nan, "")]
+    if change.kind in ("rest", "chaotic", "unbounded"):
+        return [(change, "basin" if second.kind == "edge" else change.kind, np.nan, "")]
+    exact = [onward for onward in (first, second) if onward.is_exact]
+    if not exact:
+        return [(change, change.kind, np.nan, "")]
+    if not change.between or _is_joined(change, first, second, values):
+        return [(change, *exact[0].explained)]
+    return [
+        (_open(values, change, left.value, after=True), *left.explained),
+        (_open(values, change, right.value, after=False), *right.explained),
+    ]
+
+
+def _is_joined(change: Change, first: _Onward, second: _Onward, values: np.ndarray) -> bool:
+    """Whether the same bifurcation ends the first motion and leads to the second one."""
+    if first.is_exact and second.is_exact:
+        return bool(abs(first.value - second.value) <= least_difference(values[0], values[-1]))
+    return second.kind == "edge" or change.kind == "flip"
+
+
+def _open(values: np.ndarray, change: Change, value: float, *, after: bool) -> Change:
+    """Return the change between a class and the points of unknown class `after` or before it.
+
+    It ends at the first of these points that lies beyond the exact value, if this is known. If all
+    lie before the value, it is the whole change.
+    """
+    inside = values[(values > change.low) & (values < change.high)]
+    beyond = inside
+    if np.isfinite(value):
+        beyond = inside[inside > value] if after else inside[inside < value]
+    if not beyond.size:
+        return change
+    if after:
+        end = float(beyond[0])
+        return replace(change, high=end, after=NO_LABEL, between=int((inside < end).sum()))
+    end = float(beyond[-1])
+    return replace(change, low=end, before=NO_LABEL, between=int((inside > end).sum()))
+
+
+def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> _Onward:
+    """Return the first special point on the branch of the orbit of a motion towards another one."""
+    if motion["m"]:
+        with suppress(ValueError):  # no orbit is found, or it cannot be followed
+            orbit = orbit_of_motion(motion, phase)
+            if orbit.stable:
+                point = leads_to(orbit, axis, other["point"][axis].item())
+                of = point.orbit if point.kind in ("flip", "graze") else orbit
+                return _Onward(point.kind, point.value, f"{of.m}/{of.q}")
+    return _Onward()

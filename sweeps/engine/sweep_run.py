@@ -1,0 +1,194 @@
+"""The run of a sweep: compute its blocks, write them to the store, and show the progress."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from sweeps.arguments import PATH, require_all
+from sweeps.config.loading import load_config
+from sweeps.config.sweep import SweepConfig
+from sweeps.engine.cluster import ClusterComputer, is_client
+from sweeps.engine.estimate import expected_cost
+from sweeps.engine.executors import Computer, LocalComputer
+from sweeps.errors import Refused
+from sweeps.grid import Block, block_points
+from sweeps.interrupts import check, raised_by_check
+from sweeps.reports.run_report import plan
+from sweeps.store import Schema, only_writer, sweep_writer
+from sweeps.text import printable
+from vibroimpact.inputs import FLAG, Allowed, integer
+from vibroimpact.jit import ALL_THREADS, NUMERICS, watched
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+
+_ARGUMENTS = {
+    "output": PATH,
+    "threads": integer(1, ALL_THREADS),
+    "client": Allowed(is_client, "a distributed.Client"),
+    **dict.fromkeys(("overwrite", "resume", "progress"), FLAG),
+}
+
+
+def run_sweep(
+    config: SweepConfig | Mapping[str, Any] | str | Path,
+    output: str | Path | None = None,
+    *,
+    threads: int | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    progress: bool = False,
+    client: Client | None = None,
+) -> Path:
+    """Compute a sweep and write it, block by block.
+
+    Parameters
+    ----------
+    config : SweepConfig, mapping, str or Path
+        From `load_config`, or an argument for it: a mapping of the keys, or a YAML file.
+    output : str or Path, optional
+        The HDF5 file to write, instead of the output of the configuration.
+    threads : int, optional
+        Number of threads; all cores by default. The data do not depend on it. It is not allowed
+        with a client, whose workers use their own threads.
+    overwrite : bool
+        Whether an existing file may be replaced.
+    resume : bool
+        Whether to compute the missing points of an existing file. The data are then the same, to
+        the last bit, as after an uninterrupted run.
+    progress : bool
+        Whether to show the expected cost on stderr, and then the points done, the forcing periods
+        per second and the time left.
+    client : distributed.Client, optional
+        Compute on the workers of its cluster. Only this process writes the file, block by block as
+        on one machine. A run started on one machine can be resumed on a cluster, and vice versa.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    ConfigError
+        As raised by `load_config`.
+    StoreError
+        If the output is refused, is being written by another process or belongs to another
+        sweep, or if there is too little disk space or memory.
+    Refused
+        If a worker has another version of the numerics.
+    Failed
+        If the output cannot be written, the scheduler is lost, or a block fails on a worker. All
+        finished blocks are kept.
+    ValueError
+        If `threads` is given with a client.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> sweeps.run_sweep(scene, "flip.h5", overwrite=True).name
+    'flip.h5'
+    """
+    given = {
+        "output": output,
+        "threads": threads,
+        "client": client,
+        "overwrite": overwrite,
+        "resume": resume,
+        "progress": progress,
+    }
+    require_all({name: one for name, one in given.items() if one is not None}, _ARGUMENTS)
+    if overwrite and resume:
+        raise Refused("resume and overwrite exclude each other; give one of them")
+    if client is not None and threads is not None:
+        raise ValueError("threads is not allowed with a client, whose workers have their own")
+    if not isinstance(config, SweepConfig):
+        config = load_config(config)
+    path = Path(output) if output is not None else config.output
+    console = Console(
+        stderr=True, quiet=not progress, soft_wrap=True, highlight=False, markup=False
+    )
+    existing = {"overwrite": overwrite, "resume": resume}
+    with raised_by_check(), only_writer(path, **existing) as (real, before):
+        computer = LocalComputer(threads) if client is None else ClusterComputer(client)
+        with (
+            console.status("preparing") as status,
+            watched(lambda text: status.update(text or "preparing")),
+        ):
+            cost = expected_cost(config.sweep, path, computer, resume)
+        schema = _schema(config, cost.block)
+        console.print(printable(plan(config, path, cost)))
+        with sweep_writer(real, schema, resume=resume, before=before) as writer:
+            if writer is None:  # the file is complete
+                return path
+            if writer.damaged:
+                console.print(f"damaged blocks, which are computed again: {writer.damaged}")
+            pending = writer.pending()
+            with _progress(config, pending, computer, console) as advance:
+                with closing(computer.computed(config.sweep, pending, advance)) as computed:
+                    for block, results in computed:
+                        check()
+                        writer.write(block, results)
+            writer.finish(compressed=config.compression != "none")
+    return path
+
+
+def _schema(config: SweepConfig, size: int) -> Schema:
+    """Return the schema of a sweep in blocks of about `size` points."""
+    spec, grid = config.sweep.spec, config.sweep.grid
+    attributes = {
+        "name": config.name,
+        "configuration": config.to_yaml(table=False),
+        **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
+        "computation": yaml.safe_dump({**asdict(spec), **grid.fixed}, sort_keys=False),
+        "numerics": NUMERICS,
+        **({"scaled_along": "f"} if spec.scaled else {}),
+    }
+    unsplit = spec.followed
+    if spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1):
+        unsplit = "f"  # all its values share one computation
+    return Schema.of(grid, grid.blocks(size, unsplit), spec, attributes, config.column_units)
+
+
+@contextmanager
+def _progress(
+    config: SweepConfig, pending: Iterable[Block], computer: Computer, console: Console
+) -> Iterator[Callable[[int], None]]:
+    """Show points done, forcing periods per second and time left; yield the function to advance."""
+    spec = config.sweep.spec
+    periods = spec.transient + spec.periods
+    scaled = ", one f computed and the others scaled" if spec.scaled else ""
+    name, began, computed = printable(config.name) + scaled, time.monotonic(), 0
+    with Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("points  {task.fields[speed]}"),
+        TimeRemainingColumn(),
+        console=console,
+        disable=console.quiet,
+    ) as bar:
+        there = config.size - sum(map(block_points, pending))
+        described = name + computer.described()
+        task = bar.add_task(described, total=config.size, completed=there, speed="")
+
+        def advance(points: int) -> None:
+            nonlocal computed
+            computed += points
+            speed = computed * periods / (time.monotonic() - began)
+            described = name + computer.described()
+            bar.update(task, advance=points, description=described, speed=f"{speed:,.0f} periods/s")
+
+        yield advance

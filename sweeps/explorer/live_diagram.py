@@ -1,0 +1,302 @@
+"""The bifurcation diagram of the page: its figure, and the steps that fill it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from bokeh.models import (
+    ColumnDataSource,
+    CustomJS,
+    Legend,
+    LegendItem,
+    NumericInput,
+    Range1d,
+    Span,
+    Toggle,
+)
+from bokeh.palettes import interp_palette
+
+from sweeps.config.sweep import SweepConfig
+from sweeps.engine.block_results import Results, compute
+from sweeps.engine.estimate import check_memory
+from sweeps.errors import StoreError
+from sweeps.explorer.figures import LEAST, PixelFigure, Report, outer_edges, set_range
+from sweeps.explorer.view import View, Window
+from sweeps.explorer.worker import Step
+from sweeps.opened.coordinates import COORDINATES, recorded_coordinate
+from sweeps.plotting.pixels import count_pixels, widened
+from sweeps.plotting.style import (
+    BLUE,
+    LEAST_SHARE,
+    MARKS,
+    PARTIAL,
+    STATUS_COLOURS,
+    VERMILION,
+    WHITE,
+    shades,
+)
+from vibroimpact.points.regimes import has_result, shown_in_part
+from vibroimpact.status import Status
+
+#: Columns of the fine picture per column of the coarse one.
+_COARSER = 4
+#: The window of the ordinate before the first picture: values that no user would choose. Undoing
+#: the first zoom, and reset, restore it.
+_UNSEEN = (-0.123456789, 0.123456789)
+#: Below this number of columns the legend has two columns.
+_NARROW = 480
+#: Factors of the recorded periods in successive pictures of an unchanged view.
+_RECORDS = (1, 4, 16, 64)
+#: Number of colours; 0 stands for no colour.
+_SHADES = 255
+
+#: Fits the ordinate to the points of the last picture, unless the user has moved the ordinate. Only
+#: the browser knows that at once; it tells the server, which need not know the fitted window.
+_FIT = """
+const fit = pixels.data.fit?.[0];
+const fit_ordinate = () => {
+  if (fits.active && fit) y.setv({start: fit[0], end: fit[1]}, {sync: false});
+};
+"""
+#: A window that fits the points, or that before the first picture, is not one of the user.
+_MOVED = f"""{_FIT}
+const fitted = [{list(_UNSEEN)}, fit ?? []];
+fits.active = fitted.some(([start, end]) => y.start === start && y.end === end);
+fit_ordinate();
+"""
+#: Fits the ordinate, and reports which picture is on the screen: a picture drawn in one frame is
+#: visible in the next.
+_PAINTED = f"""{_FIT}
+fit_ordinate();
+const number = pixels.data.number[0];
+requestAnimationFrame(() => requestAnimationFrame(() => {{painted.value = number}}));
+"""
+
+
+def numbers(config: SweepConfig) -> Results:
+    """Compute all points of a configuration, with the same results as a run."""
+    return compute(config.sweep.spec, config.sweep.grid.points(), None)
+
+
+def ramp() -> list[str]:
+    """Return the colours of the shares from the least to 1, the same as those of `plot`."""
+    return list(interp_palette(shades(BLUE, WHITE, "#000000"), _SHADES))
+
+
+def ordinates(config: SweepConfig, results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
+    """Return the ordinates of each point, shape (n, width); NaN where there is none."""
+    clearance = config.sweep.grid.points()["clearance"][:, None]
+    values = recorded_coordinate({**results, "clearance": clearance}, ordinate)
+    return np.where(has_result(results["status"])[:, None], values, np.nan)
+
+
+def fitted(values: np.ndarray) -> Window:
+    """Return a window that holds all values, with a margin of 5 % on each side."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return 0.0, 1.0
+    low, high = widened(float(finite.min()), float(finite.max()))
+    if low == high:  # 0
+        return -1.0, 1.0
+    margin = 0.05 * (high - low)
+    return low - margin, high + margin
+
+
+def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
+    """Return the colours of the pixels by number: the share of a column's values in each.
+
+    They are uint8 of shape (rows, columns): 1 for ``LEAST_SHARE`` or less, 255 for all values,
+    logarithmic between; 0 without values. A value is drawn two pixels wide and high, so that the
+    line of a periodic motion is visible.
+    """
+    columns = len(values)
+    counts = count_pixels(np.arange(columns), values, (columns, rows), *window)
+    column, row = np.nonzero(counts)
+    share = counts[column, row] / counts.sum(axis=1)[column]
+    shade = np.clip(1.0 - np.log(share) / np.log(LEAST_SHARE), 0.0, 1.0)
+    pixels = np.zeros((rows, columns), np.uint8)
+    pixels[row, column] = 1.0 + np.rint(shade * (_SHADES - 1))
+    pixels[1:] = np.maximum(pixels[1:], pixels[:-1])
+    pixels[:, 1:] = np.maximum(pixels[:, 1:], pixels[:, :-1])
+    return pixels
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A picture of the diagram."""
+
+    view: View
+    config: SweepConfig
+    results: Results
+    window: Window  # of the ordinate
+    pixels: np.ndarray  # uint8, shape (rows, columns)
+    seconds: float  # time to compute the results
+
+    @property
+    def values(self) -> np.ndarray:
+        """The values of the axis, in the units of the page."""
+        axis, seen = self.view.axis, self.config.nomenclature
+        values: np.ndarray = seen.value(axis, self.config.sweep.grid.axes[axis])
+        return values
+
+    def has(self, kind: Status | str) -> np.ndarray:
+        """Return the mask of points with an outcome, or of those that show a part only."""
+        if isinstance(kind, Status):
+            return np.asarray(self.results["status"] == kind)
+        if COORDINATES[self.view.ordinate].dimension != "impact":
+            return np.zeros(len(self.values), bool)
+        kept = self.results["impact_v"].shape[1]
+        return shown_in_part(self.results, self.config.record.periods, kept)
+
+
+class Diagram(PixelFigure):
+    """The figure with its picture, the mark and the failed points; `report` as in `PixelFigure`."""
+
+    def __init__(self, report: Report) -> None:
+        super().__init__("diagram", report)
+        #: The picture computed last.
+        self.kept: Shown | None = None
+        #: The window that fits all points of the last picture without a window of its own.
+        self._fit: Window = _UNSEEN
+        #: Whether the browser fits the ordinate to the points; before the first view it does not.
+        self.fits = Toggle(visible=False, active=False, name="fits")
+        self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
+        self.set_colours(ramp())
+        #: The numbers of the picture that the browser painted last and of the one sent last.
+        self.painted, self.sent = NumericInput(visible=False, value=0), 0
+        y = self.figure.y_range
+        models = {"pixels": self.source, "painted": self.painted, "y": y, "fits": self.fits}
+        self.source.js_on_change("data", CustomJS(args=models, code=_PAINTED))
+        for end in ("start", "end"):
+            y.js_on_change(end, CustomJS(args=models, code=_MOVED))
+        self._strips = self._new_strips()
+        self.mark = Span(
+            dimension="height", location=0.0, visible=False, line_color=VERMILION, line_width=2,
+            hover_line_color=VERMILION, hover_line_width=4, name="mark",
+        )  # fmt: skip
+        self.figure.add_layout(self.mark)
+
+    def _new_strips(self) -> dict[Any, tuple[ColumnDataSource, LegendItem]]:
+        """Return the marks of failed points, and of parts of repetitions, in a strip below."""
+        self.figure.extra_y_ranges = {"strip": Range1d(0.0, 1.0)}
+        strips, items = {}, []
+        for kind, colour in (*STATUS_COLOURS.items(), (PARTIAL, MARKS[PARTIAL])):
+            source = ColumnDataSource({"x": [], "y": []}, name=getattr(kind, "name", kind))
+            marks = self.figure.scatter(
+                "x", "y", source=source, marker="dash", angle=np.pi / 2.0, size=10,
+                color=colour, y_range_name="strip",
+            )  # fmt: skip
+            items.append(LegendItem(label="", renderers=[marks], visible=False))
+            strips[kind] = source, items[-1]
+        self.legend = Legend(items=items, visible=False, orientation="horizontal")
+        self.legend.update(margin=0, padding=2, border_line_color=None, label_text_font_size="11px")
+        self.figure.add_layout(self.legend, "above")
+        return strips
+
+    def show(self, view: View) -> None:
+        """Set the window, the labels and the mark."""
+        self._view = view
+        self.legend.ncols = 2 if self.size[0] < _NARROW else "auto"
+        self.set_axis("x", view.axis, view, view.xlim)
+        self._label_ordinate()
+        if view.ylim is not None or not self.fits.active:  # else the browser has its own window
+            set_range(self.figure.y_range, view.ylim or self._fit)
+        self.fits.active = view.ylim is None
+        self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
+
+    def move(self, across: float, upwards: float, size: float) -> None:
+        """Move or scale the window, starting from the one that the browser has fitted."""
+        if self.fits.active and (upwards or size != 1.0):
+            set_range(self.figure.y_range, self._fit)
+            self.fits.active = False
+        super().move(across, upwards, size)
+
+    def steps(self, view: View) -> list[Step]:
+        """Return the steps that draw a view: first coarse, then fine, then with more periods."""
+        columns, rows = self.resolution
+        configs = self.configurations(view)
+        kept = None if self.kept is None else self.kept.config
+        if kept in configs:  # continue from the results computed last
+            configs = configs[configs.index(kept) :]
+        else:
+            configs = [view.diagram(max(LEAST, columns // _COARSER)), *configs]
+        seen = view.axis, view.ordinate, view.ylim, rows
+        return [
+            Step("diagram", (config, *seen), partial(self._draw, view, config, rows), self._paint)
+            for config in configs
+        ]
+
+    def configurations(self, view: View) -> list[SweepConfig]:
+        """Return the configuration of the view, and those with longer records that fit into memory.
+
+        Raises StoreError if there is not enough memory for the first one.
+        """
+        columns, configs = self.resolution[0], list[SweepConfig]()
+        for times in _RECORDS:
+            longer = {name: times * view.record[name] for name in ("periods", "impacts")}
+            config = replace(view, record={**view.record, **longer}).diagram(columns)
+            try:
+                check_memory(config.sweep, columns, f"a picture of {columns:,} points")
+            except StoreError:
+                if configs:
+                    break
+                raise
+            configs.append(config)
+        return configs
+
+    def finest(self, view: View) -> SweepConfig:
+        """Return the configuration of the picture shown last, or of the one to be shown first."""
+        configs = self.configurations(view)
+        kept = None if self.kept is None else self.kept.config
+        return kept if kept in configs else configs[0]
+
+    def saved(self, view: View) -> SweepConfig:
+        """Return the configuration to save: with the periods of the view, and the classes."""
+        return view.diagram(self.resolution[0], ("period",))
+
+    def _draw(self, view: View, config: SweepConfig, rows: int) -> Shown:
+        """Compute a picture; if the configuration is the last one, only its pixels."""
+        kept = self.kept
+        begin = perf_counter()
+        if kept is not None and kept.config == config:
+            results, seconds = kept.results, kept.seconds
+        else:
+            results = numbers(config)
+            seconds = perf_counter() - begin
+        values = ordinates(config, results, view.ordinate)
+        window = fitted(values) if view.ylim is None else view.ylim
+        pixels = density(values, window, rows)
+        shown = Shown(view, config, results, window, pixels, seconds)
+        self.kept = shown
+        return shown
+
+    def _paint(self, shown: Shown, seconds: float) -> None:
+        """Show a picture, the window that fits it, and the points that failed."""
+        self.sent += 1
+        edges = outer_edges(shown.values, shown.view.axis in shown.view.log)
+        if shown.view.ylim is None:
+            self._fit = shown.window
+            self._label_ordinate()
+        self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent], fit=[self._fit])
+        for kind, (source, item) in self._strips.items():
+            x = shown.values[shown.has(kind)]
+            if len(x) or len(source.data["x"]):
+                source.data = {"x": x, "y": np.full(len(x), 0.015)}
+                text = kind.meaning if isinstance(kind, Status) else kind
+                item.label = f"{text} ({len(x)} of {len(shown.values)})"
+                item.visible = bool(len(x))
+        self.show_legend()
+        self._report(shown.config, len(shown.values), shown.seconds, seconds)
+
+    def _label_ordinate(self) -> None:
+        """Set the label and the ticks of the ordinate for its window."""
+        self.label("y", self._view.ordinate, self._view, self._view.ylim or self._fit)
+
+    def show_legend(self) -> None:
+        """Show the legend if it has a visible item."""
+        self.legend.visible = any(item.visible for item in self.legend.items)

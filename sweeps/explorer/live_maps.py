@@ -1,0 +1,260 @@
+"""The maps of the page: classes over two parameters, and basins of attraction over the starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from time import perf_counter
+
+import numpy as np
+from bokeh.layouts import column
+from bokeh.models import ColumnDataSource, Div, Range1d, Span
+
+from sweeps.attractor.attractor_table import AttractorRow, orbits_of
+from sweeps.attractor.integrity import measures_of
+from sweeps.attractor.partition import COUNTED, attractors_of
+from sweeps.config.sweep import SweepConfig
+from sweeps.engine.block_results import compute
+from sweeps.engine.estimate import block_size
+from sweeps.explorer.figures import PixelFigure, Report, outer_edges, without_tex
+from sweeps.explorer.view import BASINS, View
+from sweeps.explorer.worker import Step
+from sweeps.opened.motions import MOTION, motions_from
+from sweeps.plotting.labels import as_variable, named_unit, prefix_of
+from vibroimpact.points.regimes import Regime
+from vibroimpact.status import Status
+
+#: Distances between the columns (and rows) computed in each pass, from coarse to fine. Each is an
+#: odd multiple of the next, so that the middle of a cell is also the middle of a smaller cell.
+_STRIDES = (27, 9, 3, 1)
+#: A map is shown at least this many times until it is complete.
+_SHOWN = 20
+#: A higher and wider legend for pages that are narrow and high enough.
+_HIGHER = (
+    "@media (max-width: 700px) and (min-height: 600px) { :host {"
+    "flex: 0 0 108px !important; height: 108px !important;"
+    "width: calc(100% - 16px) !important; margin-left: 8px !important; } }"
+)
+#: The columns of a disc: x and v of its centre, and its size along each.
+_DISC = ("x", "y", "width", "height")
+Disc = tuple[float, float, float, float]
+#: The fields of a motion that are kept of every point.
+_CLASS = ("regime", "m", "q")
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """A map, complete or partly computed."""
+
+    config: SweepConfig
+    #: Label, colour and share of the computed points, for each kind of motion or outcome.
+    kinds: list[tuple[str, str, float]]
+    #: 1 + the index of the kind; a point not computed yet has the value of a point beside it;
+    #: uint8, shape (rows, columns).
+    pixels: np.ndarray
+    discs: list[Disc]  # the largest disc in each basin, once the map is complete
+    points: int  # number of computed points
+    seconds: float  # time to compute their results
+
+
+class Filling:
+    """A map with the axis `x` on the abscissa, while its points are computed, coarse to fine.
+
+    With `basins` the points are starts, which are assigned to the basins of their attractors.
+    """
+
+    def __init__(self, config: SweepConfig, x: str, basins: bool) -> None:
+        self.config, self._x, self._basins = config, x, basins
+        levels = np.maximum.outer(*map(_levels, config.sweep.grid.shape)).ravel()
+        #: The numbers of the points in the order of their computation.
+        # Each level in random order, so that the shares shown meanwhile are those of the whole map.
+        shuffled = np.random.default_rng(0).permutation(levels.size)
+        self._order = np.lexsort((shuffled, levels))
+        every = -(-levels.size // _SHOWN)
+        #: Numbers of computed points at which the map is shown.
+        self.stops = sorted({*np.cumsum(np.bincount(levels)), *range(every, levels.size, every)})
+        self._done, self._seconds = 0, 0.0
+        self._status = np.full(levels.size, Status.PENDING)
+        self._classes = {name: np.zeros(levels.size, MOTION[name]) for name in _CLASS}
+        #: A motion on each attractor found, and the attractor of each start.
+        self._found = np.empty(0, MOTION)
+        self._reached = np.full(levels.size, -1)
+
+    def advance(self, stop: int) -> Tiles:
+        """Continue until `stop` points are computed, also after an earlier call was cancelled."""
+        sweep = self.config.sweep
+        while self._done < stop:
+            size = block_size(sweep, least=stop - self._done)
+            at = self._order[self._done : min(self._done + size, stop)]
+            begin = perf_counter()
+            points = sweep.grid.numbered(at)
+            results = compute(sweep.spec, points, None)
+            self._seconds += perf_counter() - begin
+            motions = motions_from(sweep.spec, points, results)
+            self._status[at] = results["status"]
+            for name, values in self._classes.items():
+                values[at] = motions[name]
+            if self._basins:
+                self._group(at, motions)
+            self._done += at.size
+        return self._tiles()
+
+    def _group(self, at: np.ndarray, motions: np.ndarray) -> None:
+        """Assign the motions of starts to the attractors found before, or to new ones."""
+        both = np.concatenate([self._found, motions])
+        of_each, reached = attractors_of(both, np.zeros(both.size, int), self.config)
+        before, now = np.split(reached, [-at.size])
+        self._reached = np.append(before, -1)[self._reached]
+        self._reached[at] = now
+        self._found = both[of_each]
+
+    def _tiles(self) -> Tiles:
+        """Colour the computed points by the kinds that `plot` uses."""
+        from sweeps.plotting.basin_pictures import basin_cells
+        from sweeps.plotting.colours import failed_cells, period_cells
+        from sweeps.plotting.looks import Looks
+
+        discs = list[Disc]()
+        if self._basins:
+            table, numbers = self._ranked()
+            looks = Looks.of_rows(table)
+            cells = basin_cells(table, numbers, looks, self.config)
+            for i, row in enumerate(looks.split(table)[0]):
+                if self._done == self._order.size and row.regime in COUNTED:
+                    disc, said = self._disc(cells[i].where)
+                    discs.append(disc)
+                    cells[i] = cells[i]._replace(label=f"{cells[i].label}; {said}")
+        else:
+            cells = period_cells(*self._classes.values())
+        pixels, kinds = np.zeros(self._order.size, np.uint8), []
+        for cell in (*cells, *failed_cells(self._status)):
+            if count := np.count_nonzero(cell.where):
+                kinds.append((without_tex(cell.label), cell.colour, float(count) / self._done))
+                pixels[cell.where.ravel()] = len(kinds)
+        pixels = _filled(pixels.reshape(self.config.sweep.grid.shape))
+        pixels = pixels.T if next(iter(self.config.sweep.grid.axes)) == self._x else pixels
+        return Tiles(self.config, kinds, pixels, discs, self._done, self._seconds)
+
+    def _disc(self, basin: np.ndarray) -> tuple[Disc, str]:
+        """Return the largest disc in a basin, and its radius as text."""
+        grid = self.config.sweep.grid
+        basin = basin.reshape(grid.shape)
+        basin = basin if next(iter(grid.axes)) == "x0" else basin.T
+        x, v, p, stop = grid.axes["x0"], grid.axes["v0"], grid.fixed["p"], grid.fixed["clearance"]
+        corner = np.array([[x[0], v[0]]])
+        radius, *centre, at_edge, _, _ = measures_of(basin, x, v, 1.0 / p, stop, corner)
+        disc = centre[0], centre[1], 2.0 * radius, 2.0 * radius * p
+        variable = as_variable("x0", self.config.nomenclature)
+        prefix, factor = prefix_of(variable, radius)
+        unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
+        return disc, f"disc {'>= ' if at_edge else ''}{radius / factor:.3g}{unit}"
+
+    def _ranked(self) -> tuple[list[AttractorRow], np.ndarray]:
+        """Return the attractors by decreasing share, renumbered, and the number of each start."""
+        found = self._found
+        counts = np.bincount(self._reached + 1, minlength=len(found) + 1)[1:]
+        order = np.argsort(-counts, kind="stable")
+        aperiodic = found["regime"] != Regime.PERIODIC
+        number = np.empty(len(order), int)
+        number[order[np.argsort(aperiodic[order], kind="stable")]] = np.arange(len(order))
+        shares = (counts / counts.sum()).tolist()
+        m, q, regime = (found[name] for name in ("m", "q", "regime"))
+        orbits = orbits_of(self.config, found["point"], m, q)
+        table = [
+            AttractorRow(
+                {}, int(number[i]), Regime(regime[i]), int(m[i]), int(q[i]), shares[i], *orbits[i]
+            )
+            for i in order.tolist()
+        ]
+        return table, np.append(number, -1)[self._reached]
+
+
+def _middles(size: int, stride: int) -> np.ndarray:
+    """Return the middle of every cell of `stride` columns."""
+    return np.minimum(np.arange(stride // 2, size + stride // 2, stride), size - 1)
+
+
+def _levels(size: int) -> np.ndarray:
+    """Return, for each of `size` columns, the index of the first stride that computes it."""
+    levels = np.empty(size, int)
+    for level in reversed(range(len(_STRIDES))):
+        levels[_middles(size, _STRIDES[level])] = level
+    return levels
+
+
+def _filled(pixels: np.ndarray) -> np.ndarray:
+    """Fill pixels that are 0 from the middle of the smallest cell around them with a value."""
+    filled = np.zeros_like(pixels)
+    for stride in _STRIDES:
+        at = (_middles(size, stride)[np.arange(size) // stride] for size in pixels.shape)
+        finer = pixels[np.ix_(*at)]
+        filled = np.where(finer, finer, filled)
+    return filled
+
+
+class Map(PixelFigure):
+    """The figure of a tab over two parameters: ``MAP`` or ``BASINS``."""
+
+    def __init__(self, name: str, tab: int, report: Report, x_range: Range1d | None = None) -> None:
+        super().__init__(name, report, x_range)
+        self._name, self._tab = name, tab
+        #: The points of the last view, partly or completely computed.
+        self.filling: Filling | None = None
+        self.figure.grid.visible = False
+        self._marks = [Span(dimension=way, line_color="white") for way in ("height", "width")]
+        for mark in self._marks:
+            self.figure.add_layout(mark)
+        self.discs = ColumnDataSource({column: [] for column in _DISC}, name=f"{name} discs")
+        look = {"fill_alpha": 0.0, "line_color": "black"}
+        self.figure.ellipse(*_DISC, source=self.discs, **look)
+        self.legend = Div(name=f"{name} legend", text="", sizing_mode="stretch_width")
+        # Its height is fixed: a different height of the figure would need other points.
+        self.legend.update(margin=(0, 8, 4, 60), height=36, styles={"overflow-y": "auto"})
+        self.legend.stylesheets = [_HIGHER]
+        self.layout = column(self.figure, self.legend, sizing_mode="stretch_both")
+
+    def resize(self, side: str, pixels: int) -> None:
+        """Set the size if it is greater; with fewer pixels the finer picture is kept."""
+        super().resize(side, max(pixels, self.size[side == "inner_height"]))
+
+    def show(self, view: View) -> None:
+        """Set the axes and the mark."""
+        for side, mark, (name, window) in zip(
+            "xy", self._marks, view.plane(self._tab), strict=True
+        ):
+            self.set_axis(side, name, view, window)
+            mark.update(location=view.values[name], visible=view.marked)
+
+    def steps(self, view: View) -> list[Step]:
+        """Return the steps that draw a view from coarse to fine."""
+        config = self.finest(view)
+        if self.filling is None or self.filling.config != config:
+            self.filling = Filling(config, view.plane(self._tab)[0][0], self._tab == BASINS)
+        advance, show = self.filling.advance, partial(self._paint, view)
+        stops = self.filling.stops
+        return [Step(self._name, (config, n), partial(advance, n), show) for n in stops]
+
+    def finest(self, view: View) -> SweepConfig:
+        """Return the configuration of the complete map, with a point for every pixel."""
+        return view.tiles(self._tab, *self.resolution)
+
+    def saved(self, view: View) -> SweepConfig:
+        """Return the configuration to save."""
+        return self.finest(view)
+
+    def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
+        """Show a map and its legend."""
+        axes, seen = tiles.config.sweep.grid.axes, tiles.config.nomenclature
+        names = [name for name, _ in view.plane(self._tab)]
+        x, y = (outer_edges(seen.value(name, axes[name]), name in view.log) for name in names)
+        self.set_colours([colour for _, colour, _ in tiles.kinds])
+        self.set_pixels(tiles.pixels, x, y)
+        discs = np.reshape(tiles.discs, (-1, len(_DISC))).T.tolist()
+        self.discs.data = dict(zip(_DISC, discs, strict=True))
+        self.legend.text = " &nbsp; ".join(
+            f"<span style='display:inline-block'><span style='color:{colour}'>■</span> "
+            f"{escape(label)}{'' if '%' in label else f' ({100.0 * share:.3g} %)'}</span>"
+            for label, colour, share in tiles.kinds
+        )
+        self._report(tiles.config, tiles.points, tiles.seconds, seconds)

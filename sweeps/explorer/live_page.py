@@ -1,0 +1,335 @@
+"""The page: its view, the thread that computes the pictures, and the models that show them."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from bokeh.core.templates import FILE
+from bokeh.document import Document
+from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady, Reset, Tap
+from bokeh.layouts import column, row
+from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs, TextInput
+
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import ConfigError, StoreError, SweepError
+from sweeps.explorer.controls import Controls, connect, meaning
+from sweeps.explorer.live_branches import Branches
+from sweeps.explorer.live_diagram import Diagram
+from sweeps.explorer.live_maps import Map
+from sweeps.explorer.live_motion import MotionPanel
+from sweeps.explorer.saved_view import write_yaml
+from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
+from sweeps.explorer.worker import Step, Worker
+from vibroimpact.oscillator import PARAMETERS
+
+_ENDED = (
+    "<b>vibroimpact explore has ended</b>, or the connection to it is lost: what is shown stays as "
+    "it is. Start it again in a terminal."
+)
+#: The name of the secret in the address, without which the server refuses a browser.
+SECRET = "token"
+#: Time to wait for all four ends of a window [ms].
+_GATHER = 8
+_TABS = ("diagram", "map of classes", "basins")
+#: Effect of a key on the window: shifts as fractions of its width and height, and scale factor.
+_MOVES = {
+    "ArrowLeft": (-0.1, 0.0, 1.0),
+    "ArrowRight": (0.1, 0.0, 1.0),
+    "ArrowDown": (0.0, -0.1, 1.0),
+    "ArrowUp": (0.0, 0.1, 1.0),
+    "+": (0.0, 0.0, 0.5),
+    "-": (0.0, 0.0, 2.0),
+}
+#: Sends every key that no widget uses; a counter makes each value different from the last.
+_LISTEN = """
+document.getElementById("opening")?.remove();
+let number = 0;
+window.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey) return;
+  if (event.composedPath()[0].closest?.("input, select, .noUi-handle")) return;
+  if (KEYS.includes(event.key)) { event.preventDefault(); to.value = `${++number} ${event.key}`; }
+});
+""".replace("KEYS", str([*_MOVES, "Home", "Escape"]))
+#: Shows a text while the browser loads the scripts, for about a second. Without an icon a browser
+#: requests one whenever the address changes, and Tornado logs each refusal. The name of Bokeh's own
+#: template depends on its version.
+_TEMPLATE = FILE.environment.from_string(
+    """
+{% extends "BASE" %}
+{% block preamble %}<link rel="icon" href="data:,">{% endblock %}
+{% block js_resources %}{% endblock %}
+{% block contents %}<p id="opening">vibroimpact explore is opening …</p>
+{{ bokeh_js }}{{ super() }}{% endblock %}
+""".replace("BASE", FILE.name)
+)
+
+
+class LivePage:
+    """One open page; it begins with the view `home`, and saves configurations in `folder`."""
+
+    def __init__(self, document: Document, home: View, folder: Path) -> None:
+        self.document, self.home, self.view, self.folder = document, home, home, folder
+        self._showing = self._reading = self._waiting = False
+        self._rate = ""
+        self.controls = Controls(home, self.change, self._save)
+        self.diagram = Diagram(self._report)
+        self.branches = Branches(self.diagram)
+        self.map = Map("map", MAP, self._report, self.diagram.figure.x_range)
+        self.basins = Map("basins", BASINS, self._report)
+        self._pictures = (self.diagram, self.map, self.basins)
+        self.motion = MotionPanel(self._close)
+        self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
+        self._across = Select(
+            options=[(name, meaning(name, home.seen)) for name in PARAMETERS],
+            width=220,
+            name="across",
+        )
+        self._tabs = self._new_tabs()
+        self.worker = Worker(document.add_next_tick_callback, self._refuse)
+        self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")
+        self._ended.styles = {"background": "#F5D79A", "padding": "6px"}
+        self._address = TextInput(visible=False, name="address")
+        self._key = TextInput(visible=False, name="key")
+        self._connect()
+        self._show()
+        body = row(self.controls.layout, self._tabs, sizing_mode="stretch_both")
+        hidden = (self._address, self._key, self.diagram.painted, self.diagram.fits)
+        # Last, because Bokeh visits all models of a document after each change of its models.
+        document.add_root(column(self._ended, body, *hidden, sizing_mode="stretch_both"))
+        document.template, document.title = _TEMPLATE, f"{home.name}: vibroimpact"
+
+    def _new_tabs(self) -> Tabs:
+        """Return the three tabs: the diagram, the map, and the basins."""
+        choices = (self._across, Div(text="a click shows its"), self._line)
+        keys = "Keys: arrows, + and −, Home."
+        narrow: Any = {"sizing_mode": "stretch_width", "styles": {"flex-wrap": "wrap"}}
+        abouts = (
+            Div(text=f"A click shows the motion there. {keys}", sizing_mode="stretch_width"),
+            row(Div(text="ordinate"), *choices, Div(text="as a diagram."), **narrow),
+            Div(
+                text=f"The starts of the oscillator: a click shows the motion of one. {keys}",
+                sizing_mode="stretch_width",
+            ),
+        )
+        panels = [
+            TabPanel(title=title, child=column(about, picture.layout, sizing_mode="stretch_both"))
+            for title, about, picture in zip(_TABS, abouts, self._pictures, strict=True)
+        ]
+        return Tabs(tabs=panels, sizing_mode="stretch_both", name="tabs")
+
+    def _connect(self) -> None:
+        """Connect the figures, the address, the keys and the connection to the page."""
+        document, figures = self.document, [picture.figure for picture in self._pictures]
+        ranges = {r.id: r for plot in figures for r in (plot.x_range, plot.y_range)}
+        for model in ranges.values():
+            for name in ("start", "end"):
+                model.on_change(name, self._ranges_changed)
+        self.diagram.fits.on_change("active", self._ranges_changed)
+        for picture in self._pictures:
+            for name in ("inner_width", "inner_height"):
+                picture.figure.on_change(name, partial(self._resized, picture))
+        for plot in figures:
+            plot.on_event(Reset, lambda _: self.change(self._at_home))
+            plot.on_event(Tap, self._tapped)
+        self.diagram.painted.on_change("value", self._painted)
+        connect(self._tabs, "active", self.change, lambda view, tab: replace(view, tab=tab))
+        connect(self._across, "value", self.change, View.with_across)
+        connect(
+            self.diagram.mark,
+            "location",
+            self.change,
+            lambda view, location: view.moved(**{view.axis: float(location)}),
+        )
+        document.config.notify_connection_status = False  # the page shows its own message
+        document.on_session_destroyed(lambda _: self.worker.shutdown())
+        document.add_periodic_callback(self._show_progress, 200)
+        self._key.on_change("value", self._pressed)
+        document.js_on_event(DocumentReady, CustomJS(args={"to": self._key}, code=_LISTEN))
+        # The address holds the view: the page reads it when it opens, then keeps it up to date.
+        connect(self._address, "value", self.change, View.with_query)
+        read = CustomJS(args={"to": self._address}, code="to.value = location.search")
+        write = (
+            f"const secret = new URLSearchParams(location.search).get('{SECRET}');"
+            f"history.replaceState(null, '', '?' + from.title + '&{SECRET}=' + secret)"
+        )
+        document.js_on_event(DocumentReady, read)
+        self._address.js_on_change("title", CustomJS(args={"from": self._address}, code=write))
+        for event, visible in ((ConnectionLost, "true"), (ClientReconnected, "false")):
+            code = f"div.visible = {visible}"
+            document.js_on_event(event, CustomJS(args={"div": self._ended}, code=code))
+
+    def change(self, changed: Callable[[View], View]) -> None:
+        """Show another view, or why it is refused; ignored while the widgets are being set."""
+        if self._showing:
+            return
+        try:
+            view = changed(self._as_zoomed(self.view))
+            view.check()
+        except ConfigError as error:
+            self._refuse(str(error))
+        else:
+            self.view = view
+            self.controls.error.text = self.controls.saved.text = ""
+        self._show()
+
+    def _refuse(self, text: str) -> None:
+        self.controls.error.text = text
+
+    def _show(self) -> None:
+        """Set all parts of the page to the view, and request its pictures."""
+        self._showing = True
+        for part in (self.controls, *self._pictures, self.branches):
+            part.show(self.view)
+        self._tabs.active, self._across.value = self.view.tab, self.view.across
+        for number, tab in enumerate(self._tabs.tabs):
+            about, picture = tab.child.children[:2]
+            below = number == self.view.tab and self.view.shows_motion
+            tab.child.children = [about, picture, *[self.motion.layout] * below]
+        self._showing = False
+        self._address.title = self.view.query()
+        self._compute()
+
+    def _compute(self) -> None:
+        """Request the pictures of the view, once the size of the page is known."""
+        if not all(self._picture.size):
+            return
+        # A browser that receives pictures faster than it paints them falls behind.
+        self._waiting = self.diagram.painted.value < self.diagram.sent
+        self.worker.ask([] if self._waiting else self._steps())
+
+    def _painted(self, attr: str, old: int, new: int) -> None:
+        if self._waiting:
+            self._compute()
+
+    def _steps(self) -> list[Step]:
+        """Return the steps of the open tab, the fastest first; none if they exceed the memory."""
+        view = self.view
+        try:
+            first, *finer = self._picture.steps(view)
+        except StoreError as error:
+            self._refuse(str(error))
+            return []
+        branches = self.branches.steps(view, self.diagram.resolution[0])
+        # Later steps only make a diagram denser, or a map finer.
+        return [first, *self.motion.steps(view), *finer[:1], *branches, *finer[1:]]
+
+    def _resized(self, picture: Diagram | Map, attr: str, old: int, new: int) -> None:
+        picture.resize(attr, new)
+        picture.show(self._as_zoomed(self.view))  # longer labels may fit now
+        self._compute()
+
+    def _pressed(self, attr: str, old: str, new: str) -> None:
+        """Carry out the action of a key."""
+        key = new.partition(" ")[2]
+        if key in _MOVES:
+            self._picture.move(*_MOVES[key])
+        elif key == "Home":
+            self.change(self._at_home)
+        elif key == "Escape":
+            self._close()
+
+    def _close(self) -> None:
+        """Remove the mark and its motion."""
+        self.change(lambda view: replace(view, marked=False))
+
+    def _ranges_changed(self, attr: str, old: Any, new: Any) -> None:
+        """Read the window once all four ends have arrived: the browser sends them one by one."""
+        if not self._showing and not self._reading:
+            self._reading = True
+            self.document.add_timeout_callback(self._read_ranges, _GATHER)
+
+    def _read_ranges(self) -> None:
+        """Show the view with the windows of the browser."""
+        self._reading = False
+        if self._as_zoomed(self.view) != self.view:
+            self.change(lambda view: view)
+
+    def _as_zoomed(self, view: View) -> View:
+        """Return a view with the windows of the figures."""
+        xlim, ylim = self.diagram.windows
+        (_, maplim), (x0lim, v0lim) = self.map.windows, self.basins.windows
+        view = replace(view, xlim=xlim, ylim=None if self.diagram.fits.active else ylim)
+        return replace(view, maplim=maplim, x0lim=x0lim, v0lim=v0lim)
+
+    def _at_home(self, view: View) -> View:
+        """Return the view with the original windows of the open tab."""
+        home = self.home
+        if view.tab == BASINS:
+            return replace(view, x0lim=home.x0lim, v0lim=home.v0lim).moved(**view.values)
+        xlim = (
+            home.xlim
+            if view.axis == home.axis
+            else view.around(view.axis, (view.across, view.maplim))
+        )
+        if view.tab == DIAGRAM:
+            return replace(view, xlim=xlim, ylim=None)
+        unchanged = (view.axis, view.across) == (home.axis, home.across)
+        return replace(view, xlim=xlim, maplim=home.maplim if unchanged else view.maplim)
+
+    def _tapped(self, event: Tap) -> None:
+        """Mark the clicked point; on the map of classes, also show the diagram through it."""
+        if event.x is None or event.y is None:
+            return
+        view, x, y = self.view, float(event.x), float(event.y)
+        if view.tab == DIAGRAM:
+            low, high = view.xlim
+            clicked = view.moved(**{view.axis: min(max(x, low), high)})
+        elif view.tab == MAP:
+            clicked = view.moved(**{view.axis: x, view.across: y})
+            if self._line.active == 1:
+                clicked = clicked.with_axis(view.across)
+            clicked = replace(clicked, ylim=None, tab=DIAGRAM)
+        else:
+            clicked = replace(view.moved(x0=x, v0=y), ylim=None)
+        self.change(lambda view: replace(clicked, marked=True))
+
+    def _report(self, config: SweepConfig, points: int, computing: float, seconds: float) -> None:
+        """Show the number of computed points of a picture, and the speed."""
+        self._picture.wait("")
+        grid, spec = config.sweep.grid, config.sweep.spec
+        of = "" if points == grid.size else f" of {grid.size:,}"
+        periods = points * (spec.transient + spec.periods)
+        self._rate = self.controls.status.text = (
+            f"{points:,}{of} points, {periods:,} forcing periods in "
+            f"{1e3 * computing:.0f} ms: {1e-6 * periods / computing:.3g} million periods/s; "
+            f"picture after {1e3 * seconds:.0f} ms"
+        )
+
+    def _show_progress(self) -> None:
+        """Show how long the current step has taken, and that a first step compiles."""
+        if self._waiting:  # a hidden browser window paints nothing
+            self._waiting = False
+            self.worker.ask(self._steps())
+        name, first, begin = self.worker.busy or ("", False, math.inf)
+        if (seconds := perf_counter() - begin) > 0.3:
+            why = ", compiled at the first use" if first and seconds > 1.0 else ""
+            self.controls.status.text = f"computing: {name}{why}: {seconds:.0f} s"
+            if self.worker.is_late(self._picture.figure.name):
+                waits = f"waiting for {name}{why}: {seconds:.0f} s".replace(", ", ",\n")
+                old = self._picture.source.data["image"]
+                self._picture.wait("this is the previous picture;\n" * bool(old) + waits)
+        else:
+            self.controls.status.text = self._rate
+            self._picture.wait("")
+
+    def _save(self) -> None:
+        """Write the configuration of the picture, and show the path."""
+        try:
+            path = write_yaml(self.view, self._picture.saved(self.view), self.folder)
+        except SweepError as error:
+            self._refuse(str(error))
+        else:
+            self.controls.error.text = ""
+            self.controls.saved.text = f"saved: {path}; vibroimpact run {shlex.quote(path.name)}"
+
+    @property
+    def _picture(self) -> Diagram | Map:
+        """The picture of the open tab."""
+        return self._pictures[self.view.tab]

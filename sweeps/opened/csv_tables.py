@@ -1,0 +1,166 @@
+"""Writing tables as CSV files, and the tables of exact branches and curves."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping
+from io import TextIOWrapper
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+import xarray as xr
+
+from sweeps.errors import Refused
+from sweeps.opened.coordinates import COORDINATES, in_parts
+from sweeps.opened.dataset import nomenclature_of
+from sweeps.store import VARIABLES, columns_of
+from sweeps.store.replacing import check_target, writing
+from sweeps.store.variables import FLAGS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFrame:
+    """Return a row for every section, or for every impact, of the orbits of `branches`.
+
+    The `coordinate` decides between sections and impacts, which are numbered from 1. Each row has
+    both Floquet multipliers of its orbit. A special point, which has a kind, has no ``stable``.
+    Phases are omega t mod 2 pi.
+    """
+    import pandas as pd
+
+    (axis,) = map(str, found.coords)
+    dimension = COORDINATES[coordinate].dimension
+    columns = {name: found[name].values for name in ("branch", "m", "q", axis, "stable", "kind")}
+    columns["stable"] = np.where(columns["kind"] == "", columns["stable"].astype(int), "")
+    for i, multiplier in enumerate(found["multipliers"].values.T, 1):
+        columns[f"multiplier_{i}_real"] = multiplier.real
+        columns[f"multiplier_{i}_imag"] = multiplier.imag
+    counts = columns["m" if dimension == "section" else "q"]
+    orbit = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(len(orbit)) - np.repeat(np.cumsum(counts) - counts, counts)
+    frame = pd.DataFrame(columns).iloc[orbit].reset_index(drop=True)
+    frame[dimension] = place + 1
+    for name, about in COORDINATES.items():
+        if about.dimension == dimension:
+            values = found[name].values[orbit, place]
+            frame[name] = values % (2.0 * np.pi) if name == "impact_phase" else values
+    return frame
+
+
+def curve_table(found: xr.Dataset) -> pd.DataFrame:
+    """Return the points of `curves`, curve after curve, each followed by its special points."""
+    import pandas as pd
+
+    names = ["curve", "kind", "m", "q", *map(str, found.coords), "special"]
+    return pd.DataFrame({name: found[name].values for name in names})
+
+
+#: Number of rows in memory at a time while a table is written.
+_PART = 200_000
+#: What a table can have a row for, with the record dimension of its rows; None for points.
+ROWS: Mapping[str, str | None] = {"points": None, "sections": "section", "impacts": "impact"}
+
+
+def check_table(path: Path) -> None:
+    """Refuse a file that has not the ending ``.csv``, or that cannot be written."""
+    if path.suffix != ".csv":
+        raise Refused(f"the table {path} is not allowed; expected: a .csv file")
+    check_target(path, "table")
+
+
+def refuse_points(dataset: xr.Dataset, path: Path) -> None:
+    """Refuse to replace the table that a sweep was made from: it has only columns of the sweep."""
+    if not columns_of(dataset) or not path.is_file():
+        return
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        header = next((line for line in islice(file, 100) if line.strip()), "")
+    names = {name.strip() for name in next(csv.reader([header]), [])}
+    if names and names <= set(map(str, dataset.coords)):
+        raise Refused(
+            f"{path} is a table of points like that of the sweep, and is not replaced; give the "
+            "new table another name"
+        )
+
+
+def write_csv(path: Path, frame: pd.DataFrame) -> None:
+    """Write a table to a CSV file with all digits, either whole or not at all."""
+    with writing(path, "table") as new:
+        _write_csv(new, [frame])
+
+
+def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
+    """Write a row for every point, section or impact of a sweep, and return their number.
+
+    The row of a point has its parameters and every result that is a single number: Lyapunov
+    exponents as ``lyapunov_1`` and ``lyapunov_2``, words for ``status`` and ``class_evidence``. The
+    row of a section or an impact has the axes, or the columns of a table, its number and its
+    values; what was not recorded has no row. All digits are kept, so that reading the file gives
+    the same numbers; NaN is an empty field. The file is replaced only when the table is complete.
+    """
+    check_table(path)
+    refuse_points(dataset, path)
+    data = _scalars(dataset) if ROWS[rows] is None else _records(dataset, rows)
+    size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
+    parts = (_frame(part, ROWS[rows]) for part, _ in in_parts(data, size))
+    with writing(path, "table") as new:
+        return _write_csv(new, parts)
+
+
+def _write_csv(new: BinaryIO, parts: Iterable[pd.DataFrame]) -> int:
+    """Write the parts of a table as CSV; return the number of rows."""
+    digits = float.__repr__  # all digits, whatever the print options of NumPy
+    written = 0
+    file = TextIOWrapper(new, encoding="utf-8", newline="")
+    for i, part in enumerate(parts):
+        part.to_csv(file, index=False, header=i == 0, float_format=digits, lineterminator="\n")
+        written += len(part)
+    file.detach()  # the draft stays open
+    return written
+
+
+def _records(dataset: xr.Dataset, rows: str) -> xr.Dataset:
+    """Return the results at sections or impacts; refuse a file that has none."""
+    names = [
+        name
+        for name, variable in VARIABLES.items()
+        if variable.dimension == ROWS[rows] and name in dataset
+    ]
+    if not names:
+        raise Refused(f"the file has no {rows}: run the sweep again with record.{rows}")
+    return dataset[["status", *names]]
+
+
+def _scalars(dataset: xr.Dataset) -> xr.Dataset:
+    """Return the results with a single number per point, and each Lyapunov exponent."""
+    axes = set(dataset["status"].dims)
+    columns = {}
+    for name in VARIABLES:
+        if name not in dataset:
+            continue
+        if set(dataset[name].dims) == axes:
+            columns[name] = dataset[name]
+        elif VARIABLES[name].dimension == "exponent":
+            for i in range(dataset.sizes["exponent"]):
+                columns[f"{name}_{i + 1}"] = dataset[name].isel(exponent=i, drop=True)
+    return xr.Dataset(columns, attrs=dataset.attrs)
+
+
+def _frame(data: xr.Dataset, dimension: str | None) -> pd.DataFrame:
+    """Return a row for each point, in the C order of the file, or for each record of a point."""
+    dims = [str(name) for name in (*data["status"].dims, *([dimension] if dimension else []))]
+    known = dict.fromkeys([*nomenclature_of(data).parameters, *columns_of(data)])
+    about = [name for name in known if name in data.coords and name not in dims]
+    if dimension is None:
+        rows = data if dims else data.expand_dims("point")
+        frame = rows.to_dataframe(dim_order=dims or ["point"]).reset_index()
+        for name in FLAGS.keys() & set(frame):
+            frame[name] = frame[name].map({int(one): one.name.lower() for one in FLAGS[name]})
+        return frame[[*dims, *about, *data.data_vars]]
+    results = [str(name) for name in data.data_vars if name != "status"]
+    columns = [name for name in about if data[name].dims]  # of a table
+    frame = data[results].to_dataframe(dim_order=dims).reset_index().dropna(subset=results)
+    return frame[[*dims[:-1], *columns, dimension, *results]]

@@ -1,0 +1,95 @@
+"""An opened sweep as a Dataset: its configuration, what its reader sees, and its oscillators."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import fields
+from functools import lru_cache
+
+import numpy as np
+import xarray as xr
+
+from sweeps.config.groups import DIAGNOSTICS
+from sweeps.config.loading import stored_config
+from sweeps.config.nomenclature import Nomenclature
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
+from sweeps.store.variables import columns_of
+from sweeps.text import unit_name
+from vibroimpact.oscillator import Oscillator
+
+#: Attribute that marks a dataset with the names and in the units of its reader.
+IN_SI = "in_si"
+
+
+def results_of(dataset: xr.Dataset, names: Collection[str]) -> dict[str, np.ndarray]:
+    """Return results as arrays in the shape of ``status``, without those that are not recorded."""
+    axes = dataset["status"].dims
+    return {name: dataset[name].transpose(*axes, ...).values for name in names if name in dataset}
+
+
+def config_of(dataset: xr.Dataset) -> SweepConfig:
+    """Return the configuration of an opened sweep.
+
+    Raises ConfigError if the configuration in a file is not valid, for example because another
+    version wrote it.
+    """
+    configuration = dataset.attrs["configuration"]
+    if isinstance(configuration, SweepConfig):
+        return configuration
+    table = columns_of(dataset)
+    if table:
+        return stored_config(configuration, "its configuration", "sweep", table)
+    return _parsed(configuration)
+
+
+def nomenclature_of(dataset: xr.Dataset) -> Nomenclature:
+    """Return the names, units and numbers of the axes of an opened sweep."""
+    return config_of(dataset).nomenclature if IN_SI in dataset.attrs else Nomenclature()
+
+
+def orbits_on_axes(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
+    """Return exact branches or curves, found over parameters of the model, over a sweep's axes."""
+    seen, axes = nomenclature_of(dataset), [str(name) for name in found.coords]
+    if not seen.in_si or IN_SI in found.attrs:
+        return found
+    values = {axis: (found[axis].dims, seen.value(axis, found[axis].values)) for axis in axes}
+    si = found.assign_coords(values).assign_attrs({IN_SI: 1})
+    if "range" in si.attrs:  # of branches
+        si.attrs["range"] = seen.value(axes[0], np.array(si.attrs["range"])).tolist()
+    return si.rename({axis: seen.name(axis) for axis in axes})
+
+
+@lru_cache(maxsize=8)
+def _parsed(configuration: str) -> SweepConfig:
+    """Parse the configuration of a file; the cache avoids doing so for each part of a picture."""
+    return stored_config(configuration, "its configuration", "sweep")
+
+
+def attributes_with_unit(config: SweepConfig, meaning: str, unit: str) -> dict[str, str]:
+    """Return the attributes of what is computed from a sweep, with the names of its units."""
+    return {"long_name": meaning, "units": config.nomenclature.unit(unit)}
+
+
+def headed(name: str, variable: xr.DataArray) -> str:
+    """Return the head of a column, with the unit of the variable in brackets if it has a name."""
+    unit = unit_name(variable.attrs.get("units", "1"))
+    return f"{name} [{unit}]" if unit else name
+
+
+def oscillator_of(point: xr.Dataset | np.void | Mapping[str, float]) -> Oscillator:
+    """Return the oscillator at a point of a sweep, or with parameters given by name."""
+    return Oscillator(**{field.name: float(point[field.name]) for field in fields(Oscillator)})
+
+
+def check_diagnostic(dataset: xr.Dataset, name: str) -> None:
+    """Refuse a file in which a diagnostic was not recorded."""
+    if name not in dataset:
+        raise Refused(
+            f"the file has no {name}: run the sweep again with {diagnostics_with(dataset, name)}"
+        )
+
+
+def diagnostics_with(dataset: xr.Dataset, name: str) -> str:
+    """Return the key of a configuration that adds a diagnostic to those of a file."""
+    return f"record.diagnostics: [{', '.join(d for d in DIAGNOSTICS if d == name or d in dataset)}]"

@@ -1,0 +1,143 @@
+"""The door of every public function of an opened sweep: it opens a path and checks the rest."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+import xarray as xr
+
+from sweeps.arguments import require_all
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
+from sweeps.grid import TABLE
+from sweeps.opened.dataset import nomenclature_of
+from sweeps.store import DIRECTION, VARIABLES, open_sweep
+from vibroimpact.inputs import Allowed, input_text, integer, is_number, number, of_python
+
+P = ParamSpec("P")
+T = TypeVar("T")
+#: An opened sweep, or the path of its file.
+Sweep = xr.Dataset | str | Path
+
+_EXPECTED = "an opened sweep, a selection from one, or the path of its file"
+
+
+def _is_selection(value: object) -> bool:
+    return isinstance(value, Mapping) and all(
+        isinstance(name, str) and (is_number(one) or (name == DIRECTION and isinstance(one, str)))
+        for name, one in value.items()
+    )
+
+
+def _are_names(value: object) -> bool:
+    several = isinstance(value, Sequence) and all(isinstance(one, str) for one in value)
+    return isinstance(value, str) or several
+
+
+def _are_classes(value: object) -> bool:
+    def is_pair(one: object) -> bool:
+        pair = [*one] if isinstance(one, Sequence) and not isinstance(one, str) else []
+        return len(pair) == 2 and integer(1).fits(pair[0]) and integer(0).fits(pair[1])
+
+    return _is_collection(value) and all(map(is_pair, value))  # type: ignore[call-overload]
+
+
+def _is_collection(value: object) -> bool:
+    return isinstance(value, Sequence | set | frozenset) and not isinstance(value, str)
+
+
+def _is_found(value: object) -> bool:
+    return isinstance(value, xr.Dataset) and {"number", "motion", "attractor"} <= set(value)
+
+
+#: What the arguments of functions of an opened sweep may be, by their names.
+ARGUMENTS: Mapping[str, Allowed] = {
+    "at": Allowed(_is_selection, "a number for each axis by its name, as {'omega': 2.5}"),
+    "axis": Allowed(lambda value: isinstance(value, str), "the name of a swept axis"),
+    "axes": Allowed(_are_names, "names of axes, as ['omega', 'R']"),
+    "classes": Allowed(_are_classes, "periods and impacts of classes, as [(1, 1), (3, 3)]"),
+    "most": integer(1),
+    "kinds": Allowed(_are_names, "names of kinds, as ['flip', 'fold', 'graze']"),
+    "tolerance": number(lambda value: value > 0.0, "a number > 0"),
+    "extensions": integer(0),
+    "found": Allowed(_is_found, "the result of sweeps.attractors or sweeps.integrity"),
+    "numbers": Allowed(
+        lambda value: _is_collection(value) and all(map(integer(0).fits, value)),  # type: ignore[call-overload]
+        "numbers of attractors, as [0, 1]",
+    ),
+}
+
+
+def takes_sweep(
+    allowed: Mapping[str, Allowed],
+) -> Callable[[Callable[Concatenate[xr.Dataset, P], T]], Callable[Concatenate[Sweep, P], T]]:
+    """Decorate a function of a sweep: open the file of a path, and refuse unfit arguments.
+
+    What the arguments may be is in ``ARGUMENTS``, or in `allowed` for those of this function.
+    """
+
+    def decorated(
+        function: Callable[Concatenate[xr.Dataset, P], T],
+    ) -> Callable[Concatenate[Sweep, P], T]:
+        signature = inspect.signature(function)
+        first = next(iter(signature.parameters))
+        defaults = {name: one.default for name, one in signature.parameters.items()}
+
+        @functools.wraps(function)
+        def checked(*arguments: Any, **options: Any) -> T:
+            bound = signature.bind(*arguments, **options)
+            given = dict(bound.arguments)
+            sweep = given.pop(first)
+            given |= given.pop("options", {})  # of `plot`
+            chosen = {name: one for name, one in given.items() if one is not defaults.get(name)}
+            require_all(chosen, {**ARGUMENTS, **allowed})
+            if isinstance(at := bound.arguments.get("at"), Mapping):
+                bound.arguments["at"] = {name: of_python(value) for name, value in at.items()}
+            if not isinstance(sweep, str | Path):
+                _refuse_unfit(sweep)
+                return function(*bound.args, **bound.kwargs)
+            with open_sweep(sweep) as bound.arguments[first]:
+                result = function(*bound.args, **bound.kwargs)
+                return result.load() if isinstance(result, xr.Dataset) else result
+
+        return checked
+
+    return decorated
+
+
+def _refuse_unfit(sweep: object) -> None:
+    """Refuse what is no opened sweep, or a part of one that lacks what was in its file."""
+    if not isinstance(sweep, xr.Dataset):
+        raise Refused(f"{input_text(sweep)} is no sweep; expected: {_EXPECTED}")
+    problem = _problem(sweep)
+    if problem:
+        raise Refused(f"the Dataset {problem}; expected: {_EXPECTED}")
+
+
+def _problem(sweep: xr.Dataset) -> str:
+    """Return what a Dataset lacks of an opened sweep; empty if it lacks nothing."""
+    if not isinstance(sweep.attrs.get("configuration"), str | SweepConfig):
+        return "has no attribute configuration"
+    if "status" not in sweep:
+        return "has no status"
+    parameters, dims = (
+        nomenclature_of(sweep).parameters,
+        [str(name) for name in sweep["status"].dims],
+    )
+    for name in dims:
+        if name not in (*parameters, DIRECTION, TABLE):
+            return f"has the axis {name}, which no sweep has"
+        if not sweep.sizes[name]:
+            return f"has no value of {name}"
+    for name in (*parameters, *dims):
+        if name not in sweep.coords:
+            return f"has no coordinate {name}"
+    for name, variable in VARIABLES.items():
+        own = {*dims, *([variable.dimension] if variable.dimension else [])}
+        if name in sweep and set(sweep[name].dims) != own:
+            return f"has {name} without its dimensions {', '.join(sorted(own))}"
+    return ""

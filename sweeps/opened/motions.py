@@ -1,0 +1,174 @@
+"""The motion of every point of a sweep as a row: its point, its regime and class, and its orbit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from sweeps.config.sweep import SweepConfig
+from sweeps.opened.dataset import config_of, oscillator_of, results_of
+from sweeps.opened.grouping import parameter_at_points, points_of
+from sweeps.opened.section_distance import ORBIT_TOLERANCE, Cycles, distances
+from vibroimpact.orbits.branches import SpecialPoint, branch
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
+from vibroimpact.oscillator import POINT
+from vibroimpact.points.computation import compute_points
+from vibroimpact.points.destinations import RECORD, classified
+from vibroimpact.points.regimes import (
+    OF_REGIMES,
+    Label,
+    Regime,
+    labels_of,
+    on_its_way,
+    regimes_of,
+)
+from vibroimpact.points.run_spec import RunSpec
+
+
+def classify(dataset: xr.Dataset) -> np.ndarray:
+    """Return the `Regime` at every point of a sweep with ``period``, in the shape of ``status``."""
+    results = results_of(dataset, OF_REGIMES)
+    omega = parameter_at_points(dataset, "omega").reshape(dataset["status"].shape)
+    return regimes_of(results, omega, dataset.sizes["section"])
+
+
+def approaching(dataset: xr.Dataset) -> np.ndarray:
+    """Return the mask of the points whose motion is on its way to its orbit."""
+    if "orbit_distance" not in dataset:
+        return np.zeros(dataset["status"].shape, bool)
+    (distance,) = results_of(dataset, ["orbit_distance"]).values()
+    return on_its_way(classify(dataset), distance)
+
+
+def classes_of(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return regime, m and q at every point, in the shape of ``status``; m = q = 0 if aperiodic."""
+    regimes, results = classify(dataset), results_of(dataset, ("period", "period_impacts"))
+    m, q = (np.where(regimes == Regime.PERIODIC, one, 0) for one in results.values())
+    return regimes, m, q
+
+
+def labels(line: xr.Dataset) -> list[Label | None]:
+    """Return the class at every point of a line with ``period``; None if it is not known."""
+    R = parameter_at_points(line, "R")
+    return labels_of(classify(line), line["period"].values, line["period_impacts"].values, R)
+
+
+#: The motion of a point. The start of its `point` is the state of its orbit at the last section,
+#: NaN without one. m and q are the forcing periods and impacts per repetition, 0 if it is not
+#: periodic.
+MOTION = np.dtype([("point", POINT), ("regime", np.int64), ("m", np.int64), ("q", np.int64)])
+#: The results from which motions are taken where classes were recorded.
+OF_MOTIONS = frozenset({*OF_REGIMES, "period_impacts", "orbit_x", "orbit_v"})
+
+
+def motions_of(cut: xr.Dataset) -> np.ndarray:
+    """Return the motions of a cut through a sweep, of dtype ``MOTION``, in its shape."""
+    names = OF_MOTIONS if "period" in cut else {*OF_REGIMES, *RECORD}
+    points, shape = points_of(cut), cut["status"].shape
+    results = {
+        name: values.reshape(len(points), *values.shape[len(shape) :])
+        for name, values in results_of(cut, names).items()
+    }
+    return motions_from(config_of(cut).sweep.spec, points, results).reshape(shape)
+
+
+def motions_from(
+    spec: RunSpec, points: np.ndarray, results: Mapping[str, np.ndarray]
+) -> np.ndarray:
+    """Return the motions of points, of dtype ``MOTION``, shape (n,), given the results of a run.
+
+    Classes that were not recorded are found from the section.
+    """
+    if "period" not in results:
+        results = classified(spec, points, results, None, None)
+    motions = np.empty(len(points), MOTION)
+    motions["point"] = points
+    put_classes(motions, regimes_of(results, points["omega"], spec.periods), results)
+    return motions
+
+
+def put_classes(motions: np.ndarray, regime: np.ndarray, results: Mapping[str, np.ndarray]) -> None:
+    """Write the regimes of motions, and the classes and orbits in their results."""
+    periodic = regime == Regime.PERIODIC
+    motions["regime"] = regime
+    motions["m"] = np.where(periodic, results["period"], 0)
+    motions["q"] = np.where(periodic, results["period_impacts"], 0)
+    motions["point"]["x0"], motions["point"]["v0"] = results["orbit_x"], results["orbit_v"]
+
+
+def run_on(
+    config: SweepConfig, points: np.ndarray, periods: int, impacts: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Continue motions from their states at the section, with the method of a sweep.
+
+    Returns the states at the next sections, shape (n, periods, 2), and the phases and speeds of the
+    last impacts, shape (n, impacts, 2).
+    """
+    spec = replace(config.sweep.spec.part(0, periods, impacts, False), period=False)
+    results = compute_points(spec, points, None, at_section=True)
+    pairs = ("poincare_x", "poincare_v"), ("impact_phase", "impact_v")
+    sections, hits = (np.stack([results[name] for name in pair], axis=2) for pair in pairs)
+    return sections, hits
+
+
+def cycles_of(config: SweepConfig, motions: np.ndarray) -> Cycles:
+    """Return the orbits of periodic motions as cycles of states at the section."""
+    points, m = motions["point"], motions["m"]
+    states = np.full((len(m), m.max(initial=1), 2), np.nan)
+    states[:, 0, 0], states[:, 0, 1] = points["x0"], points["v0"]
+    for periods in np.unique(m[m > 1]).tolist():
+        rows = np.flatnonzero(m == periods)
+        states[rows, 1:periods] = run_on(config, points[rows], periods - 1)[0]
+    states[..., 0] -= points["clearance"][:, None]
+    states[..., 1] /= points["omega"][:, None]
+    return Cycles(states, m, points["R"])
+
+
+def orbit_at(motion: np.void, phase: float) -> PeriodicOrbit:
+    """Return the orbit near a periodic motion, whose section is at `phase`.
+
+    A state beyond the stop, which some impact rules allow, is moved to the stop. Raises OrbitError
+    if no orbit is found.
+    """
+    oscillator = oscillator_of(motion["point"])
+    x, v = motion["point"]["x0"].item(), motion["point"]["v0"].item()
+    return periodic_orbit(oscillator, min(x, oscillator.clearance), v, int(motion["m"]), phase)
+
+
+def orbit_of_motion(motion: np.void, phase: float) -> PeriodicOrbit:
+    """Return the orbit of a periodic motion as `orbit_at`; OrbitError if its class is another."""
+    orbit = orbit_at(motion, phase)
+    if (orbit.m, orbit.q) != (motion["m"], motion["q"]):
+        raise OrbitError("a motion is not near its orbit: the orbit there is of another class")
+    return orbit
+
+
+def leads_to(orbit: PeriodicOrbit, parameter: str, value: float) -> SpecialPoint:
+    """Return the first special point on the branch of an orbit towards a value of a parameter."""
+    start = float(getattr(orbit.oscillator, parameter))
+    special = branch(orbit, parameter, *sorted((start, value))).special
+    # The branch begins at an end of the range, so it continues in one direction only.
+    return special[1] if start < value else special[-2]
+
+
+def same_orbit(first: PeriodicOrbit, second: PeriodicOrbit, phase: float) -> bool:
+    """Whether two orbits of one oscillator have the same class and, within tolerance, states."""
+    if (first.m, first.q) != (second.m, second.q):
+        return False
+    o = first.oscillator
+    states = np.stack([orbit.sections(phase) for orbit in (first, second)]) - [o.clearance, 0.0]
+    cycles = Cycles(states / [1.0, o.omega], np.full(2, first.m), np.full(2, o.R))
+    return bool(distances(cycles, np.array([0]), np.array([1]))[0] <= ORBIT_TOLERANCE)
+
+
+def different(columns: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first of each set of equal rows, and the number of the set of every row."""
+    order = np.lexsort(columns)
+    begins = np.ones(len(order), bool)
+    begins[1:] = np.any([column[order[1:]] != column[order[:-1]] for column in columns], axis=0)
+    number = np.empty(len(order), np.int64)
+    number[order] = np.cumsum(begins) - 1
+    return order[begins], number

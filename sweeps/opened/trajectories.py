@@ -1,0 +1,173 @@
+"""The motion of one point of a sweep in time: as recorded, or computed from its last section."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Self
+
+import numpy as np
+import xarray as xr
+
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
+from sweeps.opened.coordinates import recorded, refuse_unrecorded
+from sweeps.opened.cuts import Selection, cut_at
+from sweeps.opened.dataset import config_of, oscillator_of
+from sweeps.store.variables import DIRECTION
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.trajectory import exact_samples, simulate
+
+#: The variables of a recorded trajectory.
+RECORDED = ("trajectory_t", "trajectory_x", "trajectory_v")
+#: Most forcing periods of a motion that are kept: more than a picture has columns of pixels.
+MOST_PERIODS = 1000
+#: Number of samples read at a time.
+_PART = 1_000_000
+
+
+@dataclass(frozen=True)
+class PointMotion:
+    """The motion of one point."""
+
+    oscillator: Oscillator
+    is_exact: bool  # whether its integrator is ``exact``
+    #: Time, displacement and velocity. Two columns with the same time are the states before
+    #: and after an impact. Of more than the periods to keep as many are kept, evenly spread,
+    #: and a column of NaN stands for the periods between them. Shape (3, n).
+    rows: np.ndarray
+    depth: float  # largest x - clearance in all periods [length]
+    periods: int  # number of forcing periods, with those left out
+    begun: float  # omega t where the motion of the sweep began
+    turns: int  # number of forcing periods of the sweep before time 0 of the rows
+
+    @classmethod
+    def of(
+        cls,
+        oscillator: Oscillator,
+        config: SweepConfig,
+        parts: Iterable[np.ndarray],
+        periods: int,
+        most: int,
+        begun: float,
+        turns: int = 0,
+    ) -> Self:
+        """Join parts of a motion over `periods`, shape (3, k); keep at most so many of these."""
+        kept, depth, begin, drawn, gap = list[np.ndarray](), -np.inf, None, False, True
+        for rows in parts:
+            begin = rows[0, 0] if begin is None else begin
+            depth = max(depth, float(rows[1].max()) - oscillator.clearance)
+            turn = np.floor((rows[0] - begin) * (oscillator.omega / (2.0 * np.pi)) + 1e-6)
+            chosen = (turn * most) % periods < most  # all, if they are no more
+            left_out = ~(chosen | np.append(drawn, chosen[:-1]))  # a period ends with a row
+            first_left_out = left_out & ~np.append(gap, left_out[:-1])
+            drawn, gap = bool(chosen[-1]), bool(left_out[-1])
+            rows = np.where(left_out, np.nan, rows)
+            kept.append(rows[:, ~left_out | first_left_out])
+        is_exact = config.method.integrator == "exact"
+        rows = np.concatenate(kept, axis=1)
+        return cls(oscillator, is_exact, rows, depth, periods, begun, turns)
+
+    @property
+    def impacts(self) -> np.ndarray:
+        """Time, displacement and velocity just before the impacts, shape (3, k)."""
+        t, _, v = self.rows
+        return self.rows[:, np.append((np.diff(t) == 0.0) & (v[:-1] > 0.0), False)]
+
+    def flow(self, per_period: int) -> np.ndarray:
+        """Return the rows; for the integrator ``exact``, with `per_period` samples in between."""
+        if not self.is_exact:
+            return self.rows
+        t, x, v = self.rows
+        return np.stack(exact_samples(self.oscillator, t, x, v, per_period))
+
+
+def periods_shown(m: int) -> int:
+    """Return how many forcing periods show a motion of period m (0: unknown): two repetitions."""
+    return max(2 * m, 4)
+
+
+def recorded_motion(
+    dataset: xr.Dataset, at: Selection | None, most: int = MOST_PERIODS
+) -> PointMotion:
+    """Return at most so many periods of the trajectory of a point; refuse a point without one."""
+    point, config = cut_at(dataset[[*RECORDED, "status"]], at), config_of(dataset)
+    parts = _recorded_parts(point)
+    if (first := next(parts, None)) is None:
+        refuse_unrecorded(point["status"].item(), RECORDED[0])
+    whole, periods = chain([first], parts), config.record.periods
+    return PointMotion.of(oscillator_of(point), config, whole, periods, most, _begun(point))
+
+
+def _begun(point: xr.Dataset) -> float:
+    """Return omega t where the motion of a point began: at the start, or at a section if followed.
+
+    A point of a followed sweep begins at the start only if it is the first of its chain. After a
+    point that failed the next one does, too, but a point does not know its neighbours.
+    """
+    config = config_of(point)
+    if (follow := config.follow) is not None:
+        values = config.sweep.grid.swept[follow.axis]
+        way = point[DIRECTION].item() if DIRECTION in point.coords else follow.direction
+        first = values.min() if way == "up" else values.max()
+        if values[np.argmin(np.abs(values - float(point[follow.axis])))] != first:
+            return config.record.phase
+    return config.start.phase
+
+
+def _recorded_parts(point: xr.Dataset) -> Iterator[np.ndarray]:
+    """Read the recorded trajectory of a point in parts, shape (3, k), without the padding."""
+    for start in range(0, point.sizes["sample"], _PART):
+        part = point.isel(sample=slice(start, start + _PART))
+        rows = np.stack([part[name].values for name in RECORDED])
+        if not (seen := np.isfinite(rows).all(axis=0)).any():
+            return
+        yield rows[:, seen]
+
+
+def continued_motion(
+    dataset: xr.Dataset, at: Selection | None, periods: int, most: int = MOST_PERIODS
+) -> PointMotion:
+    """Compute the motion that follows the last recorded state at the section of a point."""
+    point, states = recorded(dataset, ("poincare_x", "poincare_v"), at)
+    config, begun = config_of(dataset), _begun(point)
+    return continued(oscillator_of(point), config, states, periods, begun, most)
+
+
+def continued(
+    oscillator: Oscillator,
+    config: SweepConfig,
+    states: Sequence[np.ndarray],
+    periods: int,
+    begun: float,
+    most: int = MOST_PERIODS,
+) -> PointMotion:
+    """Compute the motion that follows the last of the recorded section states x and v, (2, n).
+
+    Some impact rules let the mass pass the stop, and a motion cannot start beyond the stop. Then
+    the last state that is not beyond it is used. Raises Refused if there is no such state, or if
+    the motion cannot be computed.
+    """
+    x, v = states
+    allowed = np.flatnonzero(x <= oscillator.clearance)
+    if not len(allowed):
+        raise Refused("every recorded state of the section is beyond the stop at this point")
+    last = int(allowed[-1])
+    try:
+        motion = simulate(
+            oscillator,
+            periods,
+            **config.method.arguments,
+            x0=float(x[last]),
+            v0=float(v[last]),
+            phase=config.record.phase,
+        )
+    except ValueError as error:
+        raise Refused(str(error)) from error
+    if motion.status.failed:
+        raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
+    turns = config.sweep.spec.transient + last + 1
+    turns += begun > config.record.phase  # it passes the section after 2 pi
+    rows = np.stack([motion.t, motion.x, motion.v])
+    return PointMotion.of(oscillator, config, [rows], periods, most, begun, turns)

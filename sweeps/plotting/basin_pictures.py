@@ -1,0 +1,322 @@
+"""Pictures of coexisting attractors in the colours of their classes: basins, and a diagram."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from sweeps.attractor.attractor_report import classes_text, shown_speeds
+from sweeps.attractor.attractor_table import AttractorRow, attractor_rows, parameter_axes
+from sweeps.attractor.partition import attractors
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
+from sweeps.opened.coordinates import COORDINATES, records, shows_part
+from sweeps.opened.cuts import Selection, chosen_axes, cut_at, swept_axes
+from sweeps.opened.dataset import config_of
+from sweeps.opened.grouping import START_AXES
+from sweeps.plotting import canvas
+from sweeps.plotting.colours import Cells
+from sweeps.plotting.labels import (
+    CLASSES_TITLE,
+    as_variable,
+    basins_title,
+    equation,
+    followed,
+    label_axis,
+    record_text,
+)
+from sweeps.plotting.lines import choose_coordinate, refuse_empty, refuse_without_result
+from sweeps.plotting.looks import Looks
+from sweeps.plotting.maps import draw_cells, name_and_bound
+from sweeps.plotting.names import name_lines
+from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.style import PARTIAL, Look, ground, ink
+from sweeps.plotting.styled import styled
+from sweeps.store import DIRECTION
+from sweeps.text import choice_of, listed, shown_count
+from vibroimpact.points.regimes import NO_CLASS, Regime
+
+#: Size of a marker [pt], and the greatest number of markers of one look across a panel.
+_MARK, _MARKS = 4.0, 20
+
+
+@functools.partial(styled, looks=("grey",))
+def basins(
+    dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
+) -> Figure:
+    """Draw the basins of attraction over x0 and v0: one cell per start, coloured by its attractor.
+
+    The first attractor of a class has the colour of the class, and further ones have colours of
+    their own. x0 and v0 must both be swept, and the period must be recorded. The periodic
+    attractors are marked if the section is at the phase of the starts.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> x0 = {"start": -3, "stop": 0, "num": 12}
+    >>> v0 = {"start": -2, "stop": 2, "num": 12}
+    >>> starts = {"x0": x0, "v0": v0}
+    >>> scene = {"oscillator": {"h": 0.0, "R": 0.8, "omega": 1.3, "f": 1.0}, "start": starts}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> from sweeps import plotting
+    >>> plotting.basins(ds).savefig("basins.png")
+    """
+    axes = swept_axes(dataset)
+    if not {"x0", "v0"} <= set(axes):
+        raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
+    starts = cut_at(dataset, at, free=("x0", "v0"))
+    panel = canvas.new_panel(ax, page)
+    result, looks = attractors_in(starts, dataset, page.grey)
+    table, numbers = attractor_rows(starts, result), reached(result)
+    drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
+    handles = draw_cells(panel, drawn, basin_cells(table, numbers, looks, config_of(dataset)))
+    page.set_limits(panel)
+    if config_of(dataset).record.phase == config_of(dataset).start.phase:
+        handles += mark_attractors(panel, looks.split(table)[0])
+    title = basins_title(config_of(dataset))
+    figure = canvas.finish(panel, page, starts, handles, title)
+    name_basins(panel, page, drawn, table, numbers)
+    return figure
+
+
+def mark_attractors(panel: Axes, table: Sequence[AttractorRow]) -> list[Artist]:
+    """Mark the periodic attractors of a table at the section; return a handle for the legend."""
+    states = [row.states for row in table if row.m]
+    if not states:
+        return []
+    look: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": 4.0}
+    panel.plot(*np.concatenate(states).T, "o", scalex=False, scaley=False, **look)
+    return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
+
+
+def attractors_in(cut: xr.Dataset, dataset: xr.Dataset, grey: bool) -> tuple[xr.Dataset, Looks]:
+    """Return the attractors in a cut, numbered as in the file, and the looks of the file."""
+    fixed = {str(name) for name in dataset["status"].dims} - set(map(str, cut["status"].dims))
+    starts, others = fixed & set(START_AXES), fixed - set(START_AXES)
+    found = attractors(dataset.sel({name: cut[name].item() for name in starts}))
+    return found.sel({name: cut[name].item() for name in others}), Looks.of(found, grey)
+
+
+def reached(result: xr.Dataset) -> np.ndarray:
+    """Return the number of the attractor that each start reaches at one point, by (v0, x0)."""
+    return result["attractor"].sortby(["x0", "v0"]).transpose("v0", "x0", ...).values
+
+
+def basin_cells(
+    table: Sequence[AttractorRow], numbers: np.ndarray, looks: Looks, config: SweepConfig
+) -> list[Cells]:
+    """Return the cells of each basin, given the number of the attractor of each start.
+
+    All attractors without a look of their own are one entry, which says how many they are.
+    """
+    own, others = looks.split(table)
+    cells = []
+    for row, (name, place) in zip(own, names_of([[row] for row in own], config), strict=True):
+        speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
+        text = f"{name}: {speeds}{100.0 * row.fraction:.1f} %{place}"
+        cells.append(Cells.of(text, looks.look(row), numbers == row.number))
+    if others:
+        share = 100.0 * sum(row.fraction for row in others)
+        text = f"{shown_count(len(others), 'other periodic attractor')}: {share:.1f} %"
+        where = np.isin(numbers, [row.number for row in others])
+        cells.append(Cells.of(text, looks.look(others[0]), where))
+    return cells
+
+
+def name_basins(
+    panel: Axes, page: Page, starts: xr.Dataset, table: Sequence[AttractorRow], numbers: np.ndarray
+) -> None:
+    """Write the names of classes into the basins; in grey, draw their boundaries."""
+    named = [row for row in table if row.regime in (Regime.PERIODIC, Regime.REST)]
+    name_and_bound(panel, page, starts, numbers, {row.number: row.name for row in named})
+
+
+@functools.partial(styled, looks=("grey",))
+def attractor_diagram(
+    dataset: xr.Dataset,
+    *,
+    axes: Sequence[str] = (),
+    at: Selection | None = None,
+    coordinate: str | None = None,
+    page: Page = PAGE,
+    ax: Axes | None = None,
+) -> Figure:
+    """Draw all attractors that the starts reach over one swept parameter.
+
+    They have the colours of their classes, as in `basins`.
+
+    The motion from one start of each attractor is drawn: one repetition of a periodic motion, or
+    the whole record of another motion. The period must be recorded.
+
+    Parameters
+    ----------
+    axes : sequence of str, optional
+        The swept parameter, by default the one with most values.
+    coordinate : str, optional
+        As for `sweeps.plotting.bifurcation`.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> x0 = {"start": -3, "stop": 0, "num": 12}
+    >>> v0 = {"start": -2, "stop": 2, "num": 12}
+    >>> starts = {"x0": x0, "v0": v0}
+    >>> oscillator = {"h": 0.0, "R": 0.8, "omega": [1.3, 1.35], "f": 1.0}
+    >>> scene = {"oscillator": oscillator, "start": starts}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> from sweeps import plotting
+    >>> plotting.attractor_diagram(ds).savefig("attractors.png")
+    """
+    free = [name for name in map(str, dataset["status"].dims) if name in START_AXES]
+    if free and not parameter_axes(dataset):
+        raise Refused(
+            f"a diagram of attractors is over a swept parameter, and only {listed(free)} "
+            f"{'was' if len(free) == 1 else 'were'} swept"
+            + ("; the picture of both is basins" if len(free) == 2 else "")
+        )
+    parameters = dataset.isel(dict.fromkeys(free, 0))
+    (axis,) = chosen_axes(parameters, axes, at, 1, "diagram of attractors")
+    coordinate = choose_coordinate(dataset, coordinate)
+    for name in set(free) & set(at or {}):
+        raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(dataset))}")
+    line = cut_at(dataset, at, free=[axis, *free])
+    refuse_without_result(line["status"].values)
+    found, looks = attractors_in(line, dataset, page.grey)
+    table = attractor_rows(line, found)
+    values = line[axis].values
+    status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
+    panel = canvas.new_panel(ax, page)
+    label_axis(panel.xaxis, line[axis])
+    label_axis(panel.yaxis, as_variable(coordinate, config_of(dataset).nomenclature))
+    series = _draw_rows(panel, line, table, looks, axis, coordinate)
+    if len(values) > 100:
+        panel.set_xlim(values.min(), values.max())
+    page.fit_ordinate(panel)
+    page.set_limits(panel)
+    masks = {}
+    if COORDINATES[coordinate].dimension == "impact":
+        masks[PARTIAL] = shows_part(line.transpose(axis, ...)).ravel()
+    canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks)
+    title = f"{CLASSES_TITLE}\n{_starts_at_each(line)}"
+    record = record_text(line, coordinate)
+    figure = canvas.finish(panel, page, line, legend_title=title, record=record)
+    if page.grey:
+        _mark_series(panel, series)
+        named = [one for one in series if one.rows[0].regime is Regime.PERIODIC]
+        name_lines(panel, [(classes_text(one.rows), one.points) for one in named])
+    return figure
+
+
+def _starts_at_each(line: xr.Dataset) -> str:
+    """Say how many motions there are at each value of the axis, and whether both ways."""
+    starts = math.prod(line.sizes[name] for name in ("x0", "v0") if name in line["status"].dims)
+    text = f"{shown_count(starts, 'start')} at each value"
+    if DIRECTION not in line["status"].dims:
+        return text
+    return followed(line) if starts == 1 else f"{text}, {followed(line)}"
+
+
+class _Series(NamedTuple):
+    """The attractors of a diagram with one look, and the points drawn of them, shape (n, 2)."""
+
+    rows: list[AttractorRow]
+    look: Look
+    points: np.ndarray
+
+
+def _mark_series(panel: Axes, series: Sequence[_Series]) -> None:
+    """Mark some points of each series, about evenly in the finished panel, with its marker."""
+    panel.autoscale_view()  # matplotlib delays it, and the transformations do not ask for it
+    for _, look, points in series:
+        places = panel.transAxes.inverted().transform(panel.transData.transform(points))
+        _, some = np.unique(np.floor(_MARKS * places), axis=0, return_index=True)
+        (marks,) = panel.plot(*points[some].T, look.marker, color=look.ink, rasterized=True)
+        marks.set(markersize=_MARK, markeredgewidth=0, zorder=4.0)
+
+
+def _draw_rows(
+    panel: Axes,
+    line: xr.Dataset,
+    table: Sequence[AttractorRow],
+    looks: Looks,
+    axis: str,
+    coordinate: str,
+) -> list[_Series]:
+    """Draw the record of each attractor, with the periodic ones on top.
+
+    Return the series that have a look of their own and a marker.
+    """
+    values = records(line, coordinate, np.array([row.point for row in table]))
+    if coordinate.startswith("poincare"):
+        for record, row in zip(values, table, strict=True):
+            record[: -row.m] = np.nan  # nothing of a motion with m = 0
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        refuse_empty(line, coordinate)
+    canvas.widen_if_constant(panel.set_ylim, finite.min(), finite.max())
+    abscissa = np.array([row.parameters[axis] for row in table])
+    series = looks.series(table)
+    names = names_of([[table[i] for i in places] for places in series], config_of(line), line[axis])
+    marked = []
+    for places, name in zip(series, map("".join, names), strict=True):
+        y = values[places]
+        x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
+        y = y[np.isfinite(y)]
+        first = table[places[0]]
+        look, own = looks.look(first), looks.has_own(first)
+        (points,) = panel.plot(x, y, "o", color=look.ink, rasterized=True)
+        scattered = first.regime is not Regime.PERIODIC
+        least, most, zorder = (0.8, 1.2, 2.0) if scattered else (1.5, 2.0, 3.0)
+        size = canvas.marker_size(x, y, least, most)
+        points.set(markersize=size, markeredgewidth=0, zorder=zorder)
+        label = name if own else "other periodic attractors"
+        (handle,) = panel.plot([], [], look.marker, color=look.ink, label=label)
+        handle.set(markersize=_MARK, markeredgewidth=0)
+        if own and first.regime not in NO_CLASS:
+            marked.append(_Series([table[i] for i in places], look, np.stack([x, y], axis=1)))
+    return marked
+
+
+def names_of(
+    series: Sequence[Sequence[AttractorRow]], config: SweepConfig, axis: xr.DataArray | None = None
+) -> list[tuple[str, str]]:
+    """Name the classes of each series of attractors, or its regime.
+
+    Where two series have a class in common, a second line says which is which by a state at the
+    section, for several values of an `axis` with that value.
+    """
+    counts = Counter(name for own in series for name in {row.name for row in own if row.m})
+    names = list[tuple[str, str]]()
+    for own in series:
+        place = ""
+        shared = [row for row in own if counts[row.name] > 1]
+        if shared:
+            row = shared[0]
+            state = zip(("x0", "v0"), ("x", "v"), row.states[0], strict=True)
+            parts = [
+                equation(symbol, as_variable(name, config.nomenclature), float(f"{value:.3g}"))
+                for name, symbol, value in state
+            ]
+            if axis is not None:
+                parts.append(equation(axis.symbol, axis, row.parameters[str(axis.name)]))
+            place = f"\nat {', '.join(parts)}"
+        names.append((class_names(own), place))
+    return names
+
+
+def class_names(attractor: Sequence[AttractorRow]) -> str:
+    """Name the classes of one attractor over several parameter points, or its regime."""
+    regime = attractor[0].regime
+    if regime is not Regime.PERIODIC:
+        return regime.word
+    return classes_text(attractor) + ("" if any(row.q for row in attractor) else ", no impact")

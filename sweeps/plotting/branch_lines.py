@@ -1,0 +1,138 @@
+"""Exact branches over a bifurcation diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.transforms import Bbox
+
+from sweeps.bifurcation.exact_branches import wide_branches
+from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION, ground, ink
+
+#: Names of the lines in the legend, with their dashes.
+LINES: dict[str, Any] = {STABLE: "-", UNSTABLE: (0, (4, 2))}
+_THIN_LINES = "thin: chaotic, unknown, narrow"
+#: Markers of the bifurcations of a branch.
+MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
+#: Look of the lines over points of one colour and of several colours, which thin lines leave
+#: visible.
+_OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
+_OVER_COLOURS: dict[str, Any] = {"linewidth": 0.4}
+_THIN: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
+
+
+class Part(NamedTuple):
+    """A stable or unstable piece of a branch, or the bifurcations of one kind."""
+
+    name: str  # in the legend, out of ``LINES`` or ``MARKERS``
+    x: np.ndarray  # values of the axis, shape (n,)
+    y: np.ndarray  # values of the coordinate, shape (n, k), with NaN for no value
+    #: Whether its branch is stable over less than a hundredth of the axis, because many such
+    #: branches would hide the others; their bifurcations are not drawn.
+    thin: bool = False
+    orbit: str = ""  # class of the branch
+
+
+def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
+    """Yield the parts of `sweeps.branches` that a diagram of a coordinate shows."""
+    (axis,), wide = found.coords, wide_branches(found)
+    for number, is_wide in enumerate(wide.tolist()):
+        own = (found["branch"].values == number) & (found["kind"].values == "")
+        branch = found.isel(point=own)
+        x, y, stable = (branch[name].values for name in (axis, coordinate, "stable"))
+        m, q = (int(branch[name].values[0]) for name in ("m", "q"))
+        y = _wrapped(y[:, np.isfinite(y).any(axis=0)], coordinate)
+        if not y.shape[1]:  # the free oscillation has no impact
+            continue
+        # A special point ends the pieces on both sides, and belongs to the stable one.
+        states = zip(stable[1:] | stable[:-1], _breaks(branch, coordinate), strict=True)
+        for (steady, run), group in groupby(enumerate(states), key=lambda item: item[1]):
+            indices = [i for i, _ in group]
+            part = slice(indices[0], indices[-1] + 2)
+            if run >= 0:
+                name = STABLE if steady else UNSTABLE
+                yield Part(name, x[part], y[part], q > 0 and not is_wide, f"{m}/{q}")
+    for kind in MARKERS:
+        here = (found["kind"].values == kind) & wide[found["branch"].values]
+        if here.any():
+            y = _wrapped(found[coordinate].values[here], coordinate)
+            yield Part(kind, found[axis].values[here], y)
+
+
+def _wrapped(values: np.ndarray, coordinate: str) -> np.ndarray:
+    """Return values of a coordinate, with phases reduced to 0 to 2 pi."""
+    return values % (2.0 * np.pi) if coordinate == "impact_phase" else values
+
+
+def _breaks(branch: xr.Dataset, coordinate: str) -> list[int]:
+    """Number the continuous runs of a branch, for each step; -1 for a step in which y jumps.
+
+    The coordinate jumps where an impact passes the section, or its phase passes 0.
+    """
+    phases = branch["impact_phase"].values
+    if coordinate not in ("impact_phase", "poincare_v"):
+        return [0] * (len(phases) - 1)
+    wrap_phase = 0.0 if coordinate == "impact_phase" else branch.attrs["phase"]
+    turns = np.floor((phases - wrap_phase) / (2.0 * np.pi))
+    jumps = (np.abs(np.diff(turns, axis=0)) > 0.0).any(axis=1)  # False for NaN
+    return np.where(jumps, -1, np.cumsum(jumps)).tolist()
+
+
+def draw_branches(
+    panel: Axes,
+    found: xr.Dataset,
+    coordinate: str,
+    is_plain: bool,
+    in_chaos: Callable[[np.ndarray], np.ndarray],
+) -> dict[str, list[Line2D]]:
+    """Draw `sweeps.branches`, with solid lines where stable; return the lines by their names.
+
+    The lines are thin and have the colour of texts unless the ground `is_plain`, that is, in one
+    colour. Unstable orbits and bifurcations at values of the axis `in_chaos` are drawn thinly.
+    """
+    look = _OVER_ONE if is_plain else {"color": ink(), **_OVER_COLOURS}
+    drawn: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
+    for name, x, y, thin, _ in parts_of(found, coordinate):
+        hidden = in_chaos(x)
+        if name in LINES:
+            faint = (hidden & (name == UNSTABLE) | thin).tolist()
+            for is_faint, group in groupby(range(len(x)), key=faint.__getitem__):
+                (first, *_, last) = 2 * list(group)
+                run, of = slice(first, last + 2), _THIN_LINES if is_faint else name
+                stroke = look | _THIN if is_faint else look
+                drawn[of] += panel.plot(
+                    x[run], y[run], zorder=4, label="_", ls=LINES[name], **stroke
+                )
+            continue
+        for where, size in ((~hidden, 3.5), (hidden, 2.0)):
+            seen = np.isfinite(y) & where[:, None]
+            if seen.any():
+                places = np.broadcast_to(x[:, None], y.shape)[seen]
+                (marks,) = panel.plot(places, y[seen], MARKERS[name], label="_", zorder=5)
+                marks.set(color=look["color"], markerfacecolor=ground(), markersize=size)
+                marks.set_markeredgewidth(0.2 * size)
+                drawn[name].append(marks)
+    return drawn
+
+
+def name_parts(panel: Axes, parts: Mapping[str, Sequence[Line2D]]) -> None:
+    """Label one line of each part of `draw_branches` that is visible within the panel's limits."""
+    (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
+    view = Bbox([(left, bottom), (right, top)])
+    for text, pieces in parts.items():
+        seen = (piece for piece in pieces if _is_seen(piece, view))
+        if (piece := next(seen, None)) is not None:
+            piece.set_label(text)
+
+
+def _is_seen(line: Line2D, view: Bbox) -> bool:
+    path = line.get_path()
+    if line.get_linestyle() == "None":
+        return bool(view.count_contains(path.vertices))
+    return bool(path.intersects_bbox(view, filled=False))

@@ -1,0 +1,105 @@
+"""The picture of a sweep over a table: a result over columns or other results."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sweeps.errors import Refused
+from sweeps.grid import TABLE
+from sweeps.opened.cuts import Selection, cut_at
+from sweeps.plotting import canvas
+from sweeps.plotting.colours import paint
+from sweeps.plotting.labels import label, label_axis
+from sweeps.plotting.lines import refuse_without_result
+from sweeps.plotting.numbers import Wanted, number_at, with_number
+from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.styled import styled
+from sweeps.store import columns_of
+
+#: Least width of a panel, for its labels [inch].
+_NARROWEST = 2.3
+
+
+@styled
+def table_panels(
+    dataset: xr.Dataset,
+    *,
+    axes: Sequence[str] = (),
+    at: Selection | None = None,
+    quantity: Wanted | None = None,
+    color: Wanted | None = None,
+    page: Page = PAGE,
+    ax: Axes | None = None,
+) -> Figure:
+    """Draw a result over the columns of a table, a panel for each.
+
+    Parameters
+    ----------
+    axes : sequence of str or DataArray, optional
+        Abscissas: columns of numbers or results, by default the columns that vary; with `ax`, only
+        one.
+    quantity : str or DataArray, optional
+        The ordinate: a result or a column of numbers, by default ``impacts_per_period``.
+    color : str or DataArray, optional
+        What colours the points, by default ``period``, or ``status`` if it was not recorded.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> from sweeps import plotting
+    >>> rows = {"omega": [2.3, 2.5, 2.4], "R": [0.7, 0.8, 0.75]}
+    >>> scene = {"oscillator": {"h": 0.1, "f": 1.0}, "points": rows}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "table.h5", overwrite=True))
+    >>> plotting.table_panels(ds).savefig("table.png")
+    """
+    if TABLE not in dataset["status"].dims:
+        raise Refused("the points of this file are a grid, and not the rows of a table")
+    cut_at(dataset, at, free=[TABLE])  # refuses a value of TABLE
+    columns = [name for name, values in columns_of(dataset).items() if values.dtype.kind in "iuf"]
+    varying = [name for name in columns if np.ptp(dataset[name].values) > 0.0] or columns[:1]
+    color = ("period" if "period" in dataset else "status") if color is None else color
+    names = []
+    for wanted in (
+        color,
+        "impacts_per_period" if quantity is None else quantity,
+        *([*axes] or varying[: None if ax is None else 1]),
+    ):
+        dataset, name = with_number(dataset, wanted)
+        names.append(name)
+    shown, (ordinate, *abscissas) = paint(dataset, names[0], dots=True), names[1:]
+    status = dataset["status"].values
+    refuse_without_result(status)
+    width = page.width or mpl.rcParams["figure.figsize"][0]
+    across = min(math.ceil(math.sqrt(len(abscissas))), max(1, int(width / _NARROWEST)))
+    down = math.ceil(len(abscissas) / across)
+    if ax is None:
+        grid = canvas.Picture(page, 0.75 * down).subplots(down, across, sharey=True, squeeze=False)
+        panels = grid.ravel()
+    else:
+        panels = np.array([ax])
+    colours = shown.colours()
+    size = float(np.clip(4e3 / math.sqrt(status.size) / across, 0.3, 4.0))
+    y = number_at(dataset, ordinate)
+    for panel, name in zip(panels, abscissas, strict=False):
+        x = number_at(dataset, name)
+        panel.scatter(x, y, size, colours, linewidths=0, rasterized=True)
+        canvas.mark_status(panel, x.values, status)
+        label_axis(panel.xaxis, x)
+        panel.locator_params(axis="x", nbins=5 - across)
+    if ax is None:  # the panels share the ordinate, whose label may not fit beside one of them
+        panels[0].set_title(label(y), loc="left", wrap=True)
+    else:
+        label_axis(ax.yaxis, y)
+    for unused in panels[len(abscissas) :]:
+        unused.remove()
+    page.set_limits(panels[0])
+    shown.add_bar(list(panels[: len(abscissas)]))
+    handles = shown.handles() + panels[0].get_legend_handles_labels()[0]
+    return canvas.finish(panels[0], page, dataset, handles, shown.title)

@@ -1,0 +1,190 @@
+"""A run as text: its plan, its summary, and what is kept when it ends early."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sweeps.errors import Failed, StoreError
+from sweeps.store import (
+    DIRECTION,
+    SCHEMA,
+    identity,
+    is_remarkable,
+    is_sweep,
+    kept_points,
+    parts_path,
+    per_point,
+    status_counts,
+)
+from sweeps.text import (
+    shown_bytes,
+    shown_count,
+    shown_duration,
+    shown_range,
+    table,
+)
+from vibroimpact.points.regimes import UNKNOWN, has_result, partition, regimes_of
+from vibroimpact.status import Evidence, Status
+
+if TYPE_CHECKING:
+    from sweeps.config.sweep import SweepConfig
+    from sweeps.grid import Cost, Sweep
+
+#: If neither is above 0, the mass did not meet the stop.
+_CONTACT = ("impacts_per_period", "rest_fraction")
+#: The variables that say what became of a point and where its motion goes.
+RESULTS = (
+    "status",
+    *_CONTACT,
+    "class_evidence",
+    "orbit_distance",
+    "period",
+    "period_impacts",
+    "lyapunov",
+)
+
+
+def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
+    """Describe a sweep and its cost before it is run."""
+    sweep, spec = config.sweep, config.sweep.spec
+    most = "at most " if spec.longest is not None else ""
+    periods = sweep.size * sweep.most_periods
+    axes = [shown_axis(*axis) for axis in _swept(config)]
+    kind = "axis" if config.points is None else "column"
+    rows = [("name", config.name), *((kind, axis) for axis in axes or ["none, a single point"])]
+    if config.follow:
+        followed = config.nomenclature.name(config.follow.axis)
+        rows.append(("follow", f"{followed}, {' and '.join(spec.directions)}"))
+    rows += [("points", f"{sweep.size:,}"), ("forcing periods", f"{most}{periods:,}")]
+    rows.append(("steps per period", f"{spec.steps_per_period:,}"))
+    rows.append(("steps", f"{most}{periods * spec.steps_per_period:,}"))
+    if spec.scaled:
+        rows.append(("f", "one value is computed, the others are scaled"))
+    compressed = "" if config.compression == "none" else f" before {config.compression}"
+    rows += [
+        ("expected time", f"about {shown_duration(cost.seconds)}"),
+        ("size of the file", shown_bytes(cost.file) + compressed),
+        ("memory", f"about {shown_bytes(cost.memory)} for the blocks in work"),
+        ("output", str(path)),
+    ]
+    return table(rows)
+
+
+def _swept(config: SweepConfig) -> Iterator[tuple[str, np.ndarray, str]]:
+    """Yield name, values and unit of each parameter that varies, as the reader sees them."""
+    typed = () if config.points is None else config.points.dtype.names or ()
+    for name in typed:
+        if name in config.column_units:
+            assert config.points is not None
+            yield name, config.points[name], config.column_units[name]
+    seen = config.nomenclature
+    if "mass" in typed:  # the columns of the model, which vary with it, have no single conversion
+        seen = replace(seen, rig=None)
+    for name, values in config.sweep.grid.swept.items():
+        if config.points is None or name in typed:
+            yield seen.name(name), seen.value(name, values), seen.unit(seen.about(name).unit)
+
+
+def run_summary(path: Path, sweep: Sweep) -> str:
+    """Describe the result of a complete run of a sweep."""
+    try:
+        variables, seconds = per_point(path, RESULTS)
+    except StoreError as error:
+        raise Failed(f"the output is gone: {error}") from error
+    first = f"{path}: {outcomes(variables)} in {shown_duration(seconds)}"
+    omega = sweep.grid.along("omega")
+    return "\n".join([first, *destinations_text(variables, omega, sweep.spec.periods)])
+
+
+def identities(path: Path) -> tuple[object, object]:
+    """Return the `identity` of the file of a sweep and of the schema of its blocks."""
+    return identity(path), identity(parts_path(path) / SCHEMA)
+
+
+def kept_text(path: Path, command: str, old: tuple[object, object] = (None, None)) -> str:
+    """Say what a run that ended early has kept, and which command continues it.
+
+    `old` are the `identities` of the files that the run would have overwritten.
+    """
+    name = parts_path(path)
+    try:
+        (file, schema), points = identities(path), kept_points(path)
+        complete = file is not None and is_sweep(path)
+    except StoreError as error:
+        return f"what is kept is not known, because {error}; to go on: {command}"
+    if points is not None and schema != old[1]:
+        done, total = points
+        return f"{done:,} of {shown_count(total, 'point')} kept in {name}; to go on: {command}"
+    if old != (None, None) and (file, schema) == old:
+        return f"nothing of it is kept, and the old {path if file else name} is unchanged"
+    return f"all of it is kept in {path}" if complete else "nothing is kept"
+
+
+def shown_axis(name: str, values: np.ndarray, unit: str) -> str:
+    """Describe an axis or a column: its range, its unit and the number of its values."""
+    if name == DIRECTION:
+        return f"{name} = {', '.join(values)}"
+    if values.dtype.kind in "OU":
+        return f"{name}, {shown_count(len(values), 'text')}"
+    ends = shown_range(values.tolist()) + ("" if unit == "1" else f" [{unit}]")
+    return f"{name} = {ends}, {shown_count(len(values), 'value')}"
+
+
+def outcomes(variables: Mapping[Any, Any]) -> str:
+    """Say how many points there are, and how many have a remarkable outcome."""
+    counts = status_counts(variables)
+    remarks = [
+        f"{number:,} {status.name} ({status.meaning})"
+        for status, number in counts.items()
+        if number and is_remarkable(status)
+    ]
+    points = sum(counts.values())
+    text = shown_count(points, "point")
+    if counts[Status.CERTIFIED] == points:
+        text += ", every impact found and certified"
+    elif remarks:
+        text += f", of which {'; '.join(remarks)}"
+    contact = (np.asarray(variables[name]) > 0.0 for name in _CONTACT)  # False for NaN
+    if counts[Status.PENDING] < points and not any(met.any() for met in contact):
+        text += "; no impact in any record: no motion meets the stop"
+    return text
+
+
+def destinations_text(
+    results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int
+) -> list[str]:
+    """Say how many motions go where, and what is known of those of which this is unknown.
+
+    `results` are those of `regimes_of`, with ``orbit_distance``; empty if there are no classes.
+    """
+    if "class_evidence" not in results or not has_result(results["status"]).any():
+        return []
+    regimes = regimes_of(results, omega, periods)
+    parts = partition(regimes, results["orbit_distance"])
+    reasons = [
+        f"{number:,} {reason.meaning}"
+        for reason in (Evidence.NONE, Evidence.UNSTABLE, Evidence.UNREACHED)
+        if (number := int((parts[UNKNOWN] & (results["class_evidence"] == reason)).sum()))
+    ]
+    if regimes.size == 1:
+        (word,) = (word for word, mask in parts.items() if mask.any())
+        m, q = (int(results[name].item()) for name in ("period", "period_impacts"))
+        why = f", {reasons[0][2:]}" if reasons else ""
+        return [f"the motion: {word.replace('m/q', f'{m}/{q}')}{why}"]
+    total = sum(int(mask.sum()) for mask in parts.values())
+    lines = [
+        "; ".join(
+            f"{word}: {number:,} ({100.0 * number / total:.3g} %)"
+            for word, mask in parts.items()
+            if (number := int(mask.sum()))
+        )
+    ]
+    if reasons:
+        chaos = "" if "lyapunov" in results else "; Lyapunov exponents tell which are chaotic"
+        lines.append(f"unknown: {', '.join(reasons)}{chaos}")
+    return lines

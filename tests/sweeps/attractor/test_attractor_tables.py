@@ -1,0 +1,168 @@
+"""The tables and the pictures of attractors."""
+
+import csv
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from sweeps import attractors
+from sweeps.attractor.attractor_report import attractor_report
+from sweeps.attractor.attractor_table import attractor_rows, cut
+from sweeps.attractor.tracking import MOST_TRACKED
+from sweeps.errors import Refused
+from sweeps.plotting import attractor_diagram, plot
+from sweeps.plotting import basin_pictures as basins
+from sweeps.plotting.style import CLASSES
+from tests.helpers.commands import accepted, call, refused
+from tests.helpers.motions import cycle, given_sections, partition
+from vibroimpact import Oscillator, one_impact_orbit
+from vibroimpact.status import Status
+
+# The command and the pictures
+
+
+@pytest.mark.slow
+def test_the_table_and_its_file(computed_starts, tmp_path):
+    dataset = computed_starts()
+    file = dataset.encoding["source"]
+    lines = accepted("attractors", file, "--csv", tmp_path / "a.csv").splitlines()
+    assert lines[1].split()[:5] == ["0", "2/3", "0.703,", "1.114,", "2.254"]
+    assert lines[2].split()[:3] == ["1", "1/1", "1.423"]
+    with (tmp_path / "a.csv").open() as text:
+        table = list(csv.DictReader(text))
+    assert [row["m"] + row["q"] for row in table] == ["23", "11"]
+    assert sum(float(row["fraction"]) for row in table) == pytest.approx(1.0)
+    assert float(table[1]["impact_v"]) == pytest.approx(1.4225, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_the_table_over_a_parameter(computed_starts):
+    dataset = computed_starts(
+        "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",
+        "start={x0: [-1.6, -0.8, 0.0], v0: [-1.0, 0.0, 1.0]}",
+    )
+    file = dataset.encoding["source"]
+    result = call("attractors", file)
+    assert "0          1/1, 2/2" in result.stdout and "9 starts at each" in result.stdout
+    result = call("attractors", file, "--at", "omega=1.3001")
+    assert "2/3" in result.stdout and "1/1" in result.stdout
+    assert "shown at omega = 1.3" in result.stderr
+    assert (
+        len(attractor_rows(cut(dataset, {"omega": 1.3}), attractors(cut(dataset, {"omega": 1.3}))))
+        == 2
+    )
+
+
+@pytest.mark.parametrize("count", [MOST_TRACKED, MOST_TRACKED + 1])
+def test_the_table_says_where_attractors_are_too_many_to_be_tracked(count):
+    states = [[cycle((-1.0 - 0.01 * i, 0.0)) for i in range(count)]] * 2
+    dataset = given_sections(states, 1, axes=("h", "x0"))
+    found = attractors(dataset)
+    text = attractor_report(dataset, found, attractor_rows(dataset, found))
+    note = "at 2 parameter points more than 50 attractors are periodic: none of these has"
+    assert (note in text) == (count > 50) and f"{count} attractors at 2 of 2" in text
+    assert found["number"].values.max() + 1 == (count if count == 50 else 2 * count)
+
+
+def test_requests_that_do_not_fit_are_refused(computed_starts):
+    file = computed_starts().encoding["source"]
+    message = refused("attractors", file, "--at", "x0=0")
+    assert "x0 cannot be fixed here; there is no axis to choose from" in message
+    assert "expected: NAME=VALUE" in refused("attractors", file, "--at", "omega")
+    message = refused("attractors", file, "--csv", "a.txt")
+    assert "--csv a.txt is not allowed; expected: a .csv file" in message
+
+
+def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
+    dataset = computed_starts()
+    figure = basins(dataset)
+    (mesh,) = figure.axes[0].collections
+    drawn = mesh.get_array()
+    own = attractors(dataset)["attractor"].transpose("v0", "x0").values
+    assert partition(drawn) == partition(own)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    share = 100.0 * attractors(dataset)["fraction"].values
+    assert labels == [
+        f"2/3: 0.703, 1.114, 2.254; {share[0]:.1f} %",
+        f"1/1: 1.423; {share[1]:.1f} %",
+        "attractors at the section",
+    ]
+
+
+@pytest.mark.slow
+def test_the_legend_of_the_basins_names_the_largest(computed_starts):
+    """Without force and losses, every start is an attractor."""
+    dataset = computed_starts(
+        "oscillator={h: 0, R: 1, omega: 1, f: 0, clearance: 10}",
+        "start={x0: {start: -5, stop: 4, num: 20}, v0: {start: 0.1, stop: 5, num: 15}}",
+        "record={transient: 0, periods: 4}",
+    )
+    figure = basins(dataset)
+    *named, others, mark = [text.get_text() for text in figure.legends[0].get_texts()]
+    shares = {name.partition("\n")[0] for name in named}
+    assert shares == {"1/0, no impact: 0.3 %"} and mark == "attractors at the section"
+    assert len(set(named)) == 6  # each with its state at the section
+    assert others == "294 other periodic attractors: 98.0 %"
+    (mesh,) = figure.axes[0].collections
+    assert np.unique(mesh.get_array(), return_counts=True)[1].tolist() == [1] * 6 + [294]
+
+
+@pytest.mark.slow
+def test_basins_of_a_file_that_is_not_complete(computed_starts, tmp_path):
+    dataset = computed_starts().load().copy(deep=True)
+    dataset["status"][0, 0], dataset["status"][1, 1] = Status.PENDING, Status.UNRESOLVED
+    figure = basins(dataset)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "unresolved" in labels and "not computed yet (1 of 81)" in labels
+    plot(dataset, tmp_path / "a.svg")
+
+
+@pytest.mark.slow
+def test_a_diagram_has_a_colour_for_each_attractor(computed_starts, tmp_path):
+    dataset = computed_starts(
+        "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",
+        "start={x0: [-1.6, -0.8, 0.0], v0: [-1.0, 0.0, 1.0]}",
+    )
+    figure = attractor_diagram(dataset, coordinate="impact_v")
+    lines = {
+        to_hex(line.get_color()): line for line in figure.axes[0].lines if len(line.get_xdata())
+    }
+    x, y = lines[to_hex(CLASSES[1, 1])].get_data()
+    for omega in (1.3, 1.8, 2.5):
+        exact = one_impact_orbit(Oscillator(h=0.02, R=0.8, omega=omega, f=1.0)).v
+        np.testing.assert_allclose(y[np.abs(x - omega) < 1e-9], exact, rtol=1e-6)
+    for kind, name in ((None, "a.png"), ("attractors", "b.pdf")):
+        plot(dataset, tmp_path / name, kind)
+
+
+@pytest.mark.parametrize(
+    ("draw", "options", "text"),
+    [
+        (basins, {"at": {"R": 0.5}}, "R cannot be fixed here"),
+        (attractor_diagram, {}, "only x0, v0 were swept; the picture of both is basins"),
+        (attractor_diagram, {"coordinate": "pie"}, "over a swept parameter"),
+    ],
+)
+def test_pictures_that_do_not_fit_are_refused(computed_starts, draw, options, text):
+    with pytest.raises(Refused, match=text):
+        draw(computed_starts(), **options)
+
+
+def test_basins_need_both_starts():
+    with pytest.raises(Refused, match="basins need x0 and v0 as axes; the file has x0"):
+        basins(given_sections([cycle((-1, 0))] * 2, 1))
+
+
+def test_up_and_down_are_starts():
+    """Two branches along h, one of them reached both ways at the ends only."""
+    points = np.empty((6, 2, 16, 2))
+    points[:, 0], points[:, 1] = cycle((-1.0, 0.0), turns=16), cycle((-0.2, 0.0), turns=16)
+    points[0, 1], points[5, 0] = points[0, 0], points[5, 1]
+    dataset = given_sections(points, 1, axes=("h", "direction")).assign_coords(
+        direction=["up", "down"]
+    )
+    found = attractors(dataset)
+    assert found["attractors"].dims == ("h",)
+    assert found["attractors"].values.tolist() == [1, 2, 2, 2, 2, 1]
+    assert len(attractor_rows(dataset, found)) == 10

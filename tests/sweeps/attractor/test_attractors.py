@@ -1,0 +1,355 @@
+"""Distinct attractors against published speeds, long runs, symmetries, and pair by pair."""
+
+import numpy as np
+import pytest
+
+from sweeps import attractors, open_sweep, run_sweep
+from sweeps.attractor.attractor_table import attractor_rows
+from tests.helpers.commands import call
+from tests.helpers.motions import partition
+from tests.helpers.sweep_files import run_in
+from vibroimpact import Oscillator, one_impact_orbit
+from vibroimpact.points.regimes import Regime
+
+
+def pair_by_pair(dataset, tolerance=1e-3):
+    """Label the motions on an orbit that the record shows, -1 for others; (n,), in C order.
+
+    The label is the first motion with the same parameters, m and q and, rotated, the same states.
+    """
+    status = dataset["status"]
+    names = ("h", "R", "omega", "f", "p", "clearance", "period", "period_impacts")
+    rows = [dataset[name].broadcast_like(status).transpose(*status.dims) for name in names]
+    rows = np.stack([row.values.ravel() for row in rows], axis=1)
+    x, v = (dataset[f"poincare_{name}"].values.reshape(status.size, -1) for name in "xv")
+    shown = (dataset["orbit_distance"] <= 1e-6) & (dataset["rest_fraction"] == 0.0)
+    shown = shown.values.ravel() & (dataset["period"].values.ravel() <= x.shape[1])
+    found, first = np.full(status.size, -1), {}
+    for i in np.flatnonzero(shown).tolist():
+        m, states = int(rows[i, 6]), np.stack([x[i] - rows[i, 5], v[i] / rows[i, 2]])
+        for j, other in first.setdefault(tuple(rows[i]), []):
+            near = min(np.abs(np.roll(other, k, axis=1) - states[:, -m:]).max() for k in range(m))
+            if near <= tolerance * max(np.abs(other).max(), np.abs(states[:, -m:]).max()):
+                found[i] = j
+                break
+        else:
+            found[i] = i
+            first[tuple(rows[i])].append((i, states[:, -m:]))
+    return found
+
+
+# Comparison with independent numbers
+
+
+def test_the_rest_position_is_the_attractor_where_there_is_no_force():
+    """The free oscillation, 1/0, shrinks to this state with the force."""
+    record = {"transient": 50, "periods": 32, "diagnostics": ["period"]}
+    oscillator = {"h": 0.1, "R": 0.8, "omega": 2.6, "f": [0.0, 0.1], "clearance": 0.3}
+    config = {"oscillator": oscillator, "start": {"x0": -0.4}, "record": record}
+    run_sweep(config, "force.h5")
+    dataset = open_sweep("force.h5")
+    assert dataset["orbit_distance"].values[0] > 1e-6  # 50 periods reduce 0.4 to 2e-6 only
+    found = attractors(dataset)
+    np.testing.assert_array_equal(found["m"].values, [[1], [1]])
+    np.testing.assert_array_equal(found["q"].values, [[0], [0]])
+    assert np.abs(found["section_x"].values[0]).max() < 1e-15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("h", "R", "single", "three"),
+    [
+        (0.0, 0.8, 1.4225, (0.7030, 1.1145, 2.2536)),
+        (0.02, 0.8, 1.4118, (0.6408, 1.1693, 2.2087)),
+        (0.02, 0.95, 1.3135, (0.7642, 0.9341, 2.1229)),
+    ],
+)
+def test_the_known_coexisting_attractors(computed_starts, h, R, single, three):
+    dataset = computed_starts(f"oscillator.h={h}", f"oscillator.R={R}", "record.transient=1500")
+    found = attractors(dataset)
+    assert found["attractors"].item() == 2
+    by_class = {row.name: row for row in attractor_rows(dataset, found)}
+    assert set(by_class) == {"1/1", "2/3"}
+    np.testing.assert_allclose(by_class["1/1"].speeds, [single], atol=1e-4)
+    np.testing.assert_allclose(by_class["2/3"].speeds, three, atol=1e-4)
+    exact = one_impact_orbit(Oscillator(h=h, R=R, omega=1.3, f=1.0)).v
+    np.testing.assert_allclose(by_class["1/1"].speeds, [exact], rtol=1e-5)
+    assert found["fraction"].sum().item() == pytest.approx(1.0)
+    zero = found["attractor"].sel(x0=0.0, v0=0.0).item()
+    if h == 0.0:
+        assert zero == by_class["2/3"].number
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("impacts", [3, 200])
+def test_speeds_are_shown_whatever_room_the_record_has(computed_starts, impacts):
+    """In 32 periods the orbits have 32 and 48 impacts; the rest of a larger record is padding."""
+    dataset = computed_starts("record.transient=1500", f"record.impacts={impacts}")
+    by_class = {row.name: row.speeds for row in attractor_rows(dataset, attractors(dataset))}
+    np.testing.assert_allclose(by_class["1/1"], [1.4225], atol=1e-4)
+    np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
+
+
+# Starts that have not settled
+
+
+SLOW = (
+    "oscillator={h: 0.02, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}",
+    "start={x0: {start: -3.0, stop: 0.6, num: 12}, v0: {start: -3.0, stop: 3.0, num: 12}}",
+    "record={transient: 200, periods: 32, impacts: 16, diagnostics: [period]}",
+)
+
+
+@pytest.mark.slow
+def test_starts_that_settle_slowly_are_on_the_attractor_they_go_to(computed_starts):
+    """Without impacts a deviation falls by exp(-2 pi h / omega) = 0.953 per period."""
+    dataset = computed_starts(*SLOW)
+    slow = dataset["orbit_distance"].values > 1e-6
+    assert 0.1 < slow.mean() < 0.5 and (dataset["impacts_per_period"].values[slow] == 0.0).all()
+    found = attractors(dataset)
+    assert {row.name for row in attractor_rows(dataset, found)} >= {"1/0", "2/1"}
+    assert not (found["motion"] == Regime.UNKNOWN).any()
+    (free,) = (row for row in attractor_rows(dataset, found) if row.name == "1/0")
+    assert (found["attractor"].values[slow] == free.number).all()
+    np.testing.assert_array_equal(found["followed"], slow)
+    long = computed_starts(*SLOW, "record.transient=4000")
+    assert not attractors(long, extensions=0)["followed"].any()
+    assert partition(found["attractor"]) == partition(attractors(long, extensions=0)["attractor"])
+
+
+@pytest.mark.parametrize(("transient", "starts"), [(340, (9, 7, 3)), (300, (10, 6, 0))])
+def test_an_attractor_is_represented_by_a_start_whose_record_shows_it(
+    computed_starts, transient, starts
+):
+    """Tables and pictures show the record of the representative."""
+    x0, *v0 = starts
+    slow = computed_starts(*SLOW, f"record.transient={transient}")
+    found = attractors(slow.isel(x0=[x0], v0=v0))
+    assert found["followed"].values.ravel().tolist() == [False, True]
+    assert found["attractor"].values.ravel().tolist() == [0, 0]
+    assert found["from_record"].all() and found["representative"].item() == 0
+
+
+def test_the_table_says_which_share_was_followed_on(computed_starts):
+    result = call("attractors", computed_starts(*SLOW).encoding["source"])
+    slow = (computed_starts(*SLOW)["orbit_distance"].values > 1e-6).mean()
+    assert f"{100 * slow:.1f} % of the starts were followed beyond their record" in result.stdout
+    assert "unknown" not in result.stdout
+
+
+def test_an_attractor_that_no_record_shows_has_its_speeds(computed_starts):
+    """None of the starts settles within two periods."""
+    short = computed_starts("record={transient: 0, periods: 2, impacts: 1, diagnostics: [period]}")
+    by_class = {row.name: row.speeds for row in attractor_rows(short, attractors(short))}
+    np.testing.assert_allclose(by_class["1/1"], [1.4225], atol=1e-4)
+    np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
+
+
+RARE_REST = (
+    "oscillator={h: 0.005, R: 0.7401630021937817, omega: 2.9338359090754915, f: 1.0}",
+    "oscillator={h: 0.03, R: 0.7590710327355209, omega: 2.250795135660626, f: 1.0, "
+    "clearance: 0.2315274078175349}",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("oscillator", RARE_REST)
+@pytest.mark.parametrize("diagnostics", ["[period]", "[period, lyapunov]"])
+def test_chaos_that_rests_now_and_then_is_one_attractor(computed_starts, oscillator, diagnostics):
+    """Over 62,600 periods every start rests: once in about 1000 periods, and in 300."""
+    dataset = computed_starts(
+        oscillator,
+        "start={x0: {start: -2.5, stop: 0.0, num: 12}, v0: {start: -2.0, stop: 2.0, num: 12}}",
+        f"record={{transient: 200, periods: 100, diagnostics: {diagnostics}}}",
+    )
+    records = attractors(dataset, extensions=0)["motion"].values
+    assert (records >= 0).sum() > 1
+    found = attractors(dataset)
+    assert found["motion"].values[found["fraction"] > 0].tolist() == [Regime.REST]
+    assert found["attractors"].item() == 1
+
+
+@pytest.mark.slow
+def test_chaos_that_is_a_transient_at_every_start_is_followed_to_its_end(computed_starts):
+    """The 1/1 orbit is the only attractor: so it is for 400 starts after 60,000 periods."""
+    dataset = computed_starts(
+        "oscillator={h: 0.01611560153114556, R: 0.9061284858601972, omega: 2.6038931678803925, "
+        "f: 1.0}",
+        "start={x0: {start: -2.5, stop: 0.0, num: 12}, v0: {start: -2.0, stop: 2.0, num: 12}}",
+        "record={transient: 50, periods: 32, diagnostics: [period, lyapunov]}",
+    )
+    assert (attractors(dataset, extensions=0)["motion"] == Regime.CHAOTIC).any()
+    assert [row.name for row in attractor_rows(dataset, attractors(dataset))] == ["1/1"]
+
+
+@pytest.mark.slow
+def test_weak_chaos_is_not_the_orbit_that_it_is_near(computed_starts):
+    """400 starts over 60,000 periods show 3/3, 1/1, two starts on 48/48, and chaos."""
+    dataset = computed_starts(
+        "oscillator={h: 0.006570030348489509, R: 0.8763616852795647, omega: 2.575959283090773, "
+        "f: 1.0}",
+        "start={x0: {start: -2.5, stop: 0.0, num: 20}, v0: {start: -2.0, stop: 2.0, num: 20}}",
+        "record={transient: 200, periods: 100, diagnostics: [period, lyapunov]}",
+    )
+    shares = {row.name: row.fraction for row in attractor_rows(dataset, attractors(dataset))}
+    assert shares == pytest.approx(
+        {"3/3": 306 / 400, "1/1": 64 / 400, "48/48": 2 / 400, "chaotic": 28 / 400}
+    )
+
+
+@pytest.mark.slow
+def test_what_never_repeats_is_unknown_and_no_attractor(computed_starts):
+    """Without damping and impacts, the motion keeps two frequencies for ever."""
+    dataset = computed_starts(
+        "oscillator={h: 0.0, R: 0.8, omega: 1.4142135623730951, f: 1.0, clearance: 10.0}",
+        "start={x0: [-1.0, 0.0], v0: [0.0, 0.5]}",
+        "record={transient: 20, periods: 32, diagnostics: [period]}",
+    )
+    found = attractors(dataset)
+    assert found["attractors"].item() == 0
+    lines = call("attractors", dataset.encoding["source"]).stdout.splitlines()
+    assert lines[1].split()[:2] == ["-", "unknown"]
+    assert lines[-1] == "100.0 % of the starts are unknown, which is no attractor"
+
+
+@pytest.mark.parametrize(
+    "places",
+    [pytest.param(3, marks=pytest.mark.slow), pytest.param(60, marks=pytest.mark.campaign)],
+)
+def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path, places):
+    """At random places; sections of long runs are compared start by start."""
+    random = np.random.default_rng(8)  # motions coexist at two of the first six places
+    several = 0
+    for _ in range(places):
+        h, R = 10.0 ** random.uniform(-2.3, -0.5), random.uniform(0.3, 0.98)
+        omega, clearance = random.uniform(0.5, 4.0), random.choice([0.0, random.uniform(-0.5, 1.0)])
+        text = (
+            f"oscillator: {{h: {h}, R: {R}, omega: {omega}, f: 1.0, clearance: {clearance}}}\n"
+            f"start: {{x0: {{start: -2.5, stop: {clearance}, num: 20}}, "
+            "v0: {start: -2.0, stop: 2.0, num: 20}}\n"
+            "record: {transient: 50, periods: 32, impacts: 4, diagnostics: [period]}\n"
+        )
+        short = run_in(tmp_path, text, name="short.h5", overwrite=True)
+        longer = "record.transient=5000", "record.periods=128"
+        long = run_in(tmp_path, text, *longer, name="long.h5", overwrite=True)
+        with open_sweep(short) as dataset, open_sweep(long) as settled:
+            found = attractors(dataset)
+            assert not (found["motion"] == Regime.UNKNOWN).any()
+            got = sorted(found["fraction"].values[found["number"].values >= 0])
+            shares = sorted(long_run_shares(settled))
+        several += len(shares) > 1
+        assert len(got) == len(shares)
+        error = 3.0 * np.sqrt(np.array(shares) * (1.0 - np.array(shares)) / 400.0)
+        assert (np.abs(np.array(got) - shares) <= error + 1e-12).all()
+    assert several >= max(1, places // 6)
+
+
+def long_run_shares(dataset):
+    """Return the share of the starts on each attractor: by the points in their sections."""
+    x, v = (dataset[name].values.reshape(400, -1) for name in ("poincare_x", "poincare_v"))
+    rests = dataset["rest_fraction"].values.ravel() > 0.0
+    period, kinds = dataset["period"].values.ravel(), []
+    for i in range(400):
+        if rests[i] or not period[i]:
+            kinds.append("rest" if rests[i] else "chaos")
+            continue
+        m = period[i]
+        lowest = np.argmin(x[i, -m:])
+        kinds.append((m, round(x[i, -m:][lowest], 4), round(v[i, -m:][lowest], 3)))
+    return [kinds.count(kind) / 400.0 for kind in set(kinds)]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "least"),
+    [
+        ((), 2),
+        pytest.param(
+            ("oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 40}, f: 1.0}",),
+            40,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            (
+                "oscillator.clearance=0.4",
+                "method={integrator: newmark, impact: reduced-step}",
+                "record={transient: 400, periods: 130, diagnostics: [period]}",
+            ),
+            1,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            (
+                "oscillator={h: 0, R: 1, omega: 1, f: 0, clearance: 10}",
+                "record={transient: 0, periods: 4}",
+            ),
+            72,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            (
+                "oscillator={h: 0, R: [0.8, 0.9], omega: {start: 0.5, stop: 3.5, num: 20}, f: 1.0}",
+                "record={transient: 400, periods: 130, phase: 1.0, diagnostics: [period]}",
+            ),
+            40,
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_the_same_partition_pair_by_pair(computed_starts, overrides, least):
+    dataset = computed_starts(*overrides)
+    expected = pair_by_pair(dataset)
+    found = attractors(dataset, extensions=0)["attractor"]
+    _, point = np.unique(  # one number along the axes is one attractor at each point
+        [found[name].broadcast_like(found).values.ravel() for name in ("R", "omega")],
+        axis=1,
+        return_inverse=True,
+    )
+    found = np.where(expected < 0, -1, found.values.ravel() * (1 + point.max()) + point)
+    assert partition(found) == partition(expected)
+    assert len(partition(expected)) >= least
+
+
+@pytest.mark.slow
+def test_one_of_two_attractors_is_the_free_oscillation(computed_starts):
+    """Clearance 0.6: x = Im(-exp(i omega t) / (p^2 - omega^2 + 2 i h omega)), without an impact."""
+    dataset = computed_starts(
+        "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}",
+        "record.transient=300",
+    )
+    found = attractors(dataset)
+    by_class = {row.name: i for i, row in enumerate(attractor_rows(dataset, found))}
+    assert set(by_class) == {"1/0", "2/1"}
+    steady = -1.0 / (1.0 - 2.6**2 + 2j * 0.1 * 2.6)
+    free = found.isel(coexisting=by_class["1/0"])
+    assert free["section_x"].item() == pytest.approx(steady.imag, abs=1e-9)
+    assert free["section_v"].item() == pytest.approx((2.6j * steady).imag, abs=1e-9)
+    orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0, clearance=0.6), n=2)
+    assert orbit.stable
+    (speed,) = attractor_rows(dataset, found)[by_class["2/1"]].speeds
+    assert speed == pytest.approx(orbit.v, rel=1e-9)
+
+
+# Invariance
+
+
+def test_the_order_of_the_starts_changes_names_only(computed_starts):
+    dataset, random = computed_starts(), np.random.default_rng(1)
+    order = {name: random.permutation(dataset.sizes[name]) for name in ("x0", "v0")}
+    turned = dataset.isel(order).transpose("v0", "x0", ...)
+    found, other = attractors(dataset), attractors(turned)
+    np.testing.assert_array_equal(
+        other["attractor"].transpose("x0", "v0"), found["attractor"].isel(order)
+    )
+    np.testing.assert_allclose(other["fraction"], found["fraction"])
+    np.testing.assert_allclose(other["m"], found["m"])
+
+
+def test_the_attractors_scale_with_the_force(computed_starts):
+    """At clearance 0 by f = 1000, with the starts."""
+    scaled = computed_starts(
+        "oscillator.f=1000",
+        "start={x0: {start: -2400, stop: 0, num: 9}, v0: {start: -2000, stop: 2000, num: 9}}",
+    )
+    assert partition(attractors(scaled)["attractor"]) == partition(
+        attractors(computed_starts())["attractor"]
+    )

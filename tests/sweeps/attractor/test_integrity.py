@@ -1,0 +1,397 @@
+"""Integrity measures against an exhaustive search, knocks against independent motions."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from sweeps import Refused, attractors, integrity, knocks, open_sweep
+from sweeps.attractor.integrity import measures_of
+from sweeps.attractor.knocks import _CLOSER, _MOMENTS, _SIZES, Knock
+from sweeps.plotting import attractor_diagram, plot
+from sweeps.plotting import basin_pictures as basins
+from sweeps.plotting import integrity as draw_integrity
+from sweeps.plotting.style import CLASSES
+from tests.helpers.commands import accepted, refused
+from tests.helpers.sweep_files import run_in
+from vibroimpact import Oscillator, integrate, periodic_orbit
+from vibroimpact.oscillator import POINT
+
+#: The free oscillation (1/0) and a motion with an impact in two periods (2/1).
+CONFIG = """\
+oscillator: {h: 0.1, R: 0.8, omega: [2.6, 2.7], f: 1.0, clearance: 0.6}
+start: {x0: {start: -3.0, stop: 0.6, num: 31}, v0: {start: -3.0, stop: 3.0, num: 41}}
+record: {transient: 200, periods: 8, impacts: 4}
+"""
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    """Return the file of two parameter points, opened."""
+    with open_sweep(run_in(tmp_path_factory.mktemp("two"), CONFIG)) as dataset:
+        yield dataset
+
+
+def outside(inside, x, v, at_stop):
+    """Return every start outside the basin, and one row of starts around the window."""
+    dx, dv = x[1] - x[0], v[1] - v[0]
+    more_x, more_v = np.r_[x[0] - dx, x, x[-1] + dx], np.r_[v[0] - dv, v, v[-1] + dv]
+    around = np.ones((len(more_x), len(more_v)), bool)
+    around[1:-1, 1:-1] = ~inside
+    around[-1] &= not at_stop
+    return np.stack([grid[around] for grid in np.meshgrid(more_x, more_v, indexing="ij")], axis=1)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.2], ids=["at the stop", "before the stop"])
+@pytest.mark.parametrize("weight", [0.4, 3.0])
+def test_measures_equal_an_exhaustive_search(gap, weight):
+    rng = np.random.default_rng(3)
+    x, v = np.linspace(-2.0, 0.5, 26), np.linspace(-1.0, 3.0, 33)
+    edges = set()
+    for share in (0.5, 0.9, 0.99, 1.0):
+        inside = rng.random((26, 33)) < share
+        others, unit = outside(inside, x, v, gap == 0.0), [1.0, weight]
+        starts = np.stack([grid[inside] for grid in np.meshgrid(x, v, indexing="ij")], axis=1)
+        away = np.sqrt((((starts[:, None] - others) * unit) ** 2).sum(axis=2)).min(axis=1)
+        states = starts[rng.integers(len(starts), size=3)] + rng.uniform(-0.045, 0.045, (3, 2))
+        states[:, 0] = np.minimum(states[:, 0], 0.5 + gap)
+        measures = measures_of(inside, x, v, weight, 0.5 + gap, states)
+        radius, *centre, at_edge, local, _ = measures
+        assert radius == pytest.approx(away.max())
+        assert away[np.abs(starts - centre).sum(axis=1).argmin()] == pytest.approx(radius)
+        nearest = np.sqrt((((states[:, None] - others) * unit) ** 2).sum(axis=2)).min()
+        assert local == pytest.approx(nearest, rel=1e-12)
+        edges.add(at_edge)
+    assert edges == {False, True}
+    leaves = np.array([[-1.0, 0.0], [-9.0, 0.0]])
+    assert measures_of(inside, x, v, weight, 0.5, leaves)[-2:] == (0.0, True)
+
+
+@pytest.mark.parametrize("share", [0.9, 0.99, 1.0])
+def test_the_local_measure_is_the_distance_from_the_state_itself(share):
+    """Not from the start nearest to it, whose nearest start outside may be another one."""
+    rng, unit = np.random.default_rng(5), [1.0, 0.7]
+    x, v = np.linspace(-2.0, 0.5, 16), np.linspace(-1.0, 3.0, 21)
+    inside = rng.random((16, 21)) < share
+    others = outside(inside, x, v, at_stop=False)
+    for state in rng.uniform([-2.0, -1.0], [0.5, 3.0], (100, 2)):
+        expected = np.sqrt((((state - others) * unit) ** 2).sum(axis=1)).min()
+        local = measures_of(inside, x, v, 0.7, 0.8, state[None])[4]
+        assert local == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("cells", [24, 25])
+def test_starts_in_the_middle_of_cells_reach_the_stop_in_every_unit(cells):
+    """Half a spacing before the stop, as it is rounded in this unit."""
+    for unit in (1.0, 1e-3, 1e-6, 377.0, 3e-5):
+        x = np.linspace(-3.0 * unit, 0.6 * unit, 2 * cells + 1)[1::2]
+        v = np.linspace(-3.0 * unit, 3.0 * unit, 31)
+        inside = np.add.outer(x**2, v**2) < (1.5 * unit) ** 2
+        radius, *_, local, at_edge = measures_of(inside, x, v, 1.0, 0.6 * unit, np.zeros((1, 2)))
+        others = outside(inside, x, v, at_stop=True)
+        assert local == pytest.approx(np.hypot(*others.T).min(), rel=1e-12) and not at_edge
+        assert radius == pytest.approx(1.5 * unit, rel=0.1)
+
+
+@pytest.mark.slow
+def test_the_measures_of_each_attractor_along_an_axis(two):
+    found = integrity(two)
+    assert found["number"].values.tolist() == [[0, 1], [0, 1]]
+    x, v = two["x0"].values, two["v0"].values
+    for i, k in np.ndindex(2, 2):
+        one = found.isel(omega=i, coexisting=k)
+        inside = (found["attractor"].isel(omega=i) == one["number"]).transpose("x0", "v0").values
+        others = outside(inside, x, v, at_stop=True)
+        start = np.zeros(1, POINT)
+        for name in ("h", "R", "omega", "f", "p", "clearance"):
+            start[name] = two["omega"][i] if name == "omega" else two[name]
+        start["x0"], start["v0"] = one["section_x"], one["section_v"]
+        m = int(one["m"])
+        run = integrate(start, transient=0, periods=m, at_section=True)
+        points = np.stack([run["poincare_x"][0], run["poincare_v"][0]], axis=1)
+        assert len(points) == (1, 2)[k]
+        nearest = np.sqrt(((points[:, None] - others) ** 2).sum(axis=2)).min()
+        assert one["local_integrity"] == pytest.approx(nearest, rel=1e-12)
+        assert one["local_integrity"] <= one["integrity_factor"] + 0.1
+        assert inside[
+            np.abs(x - one["disc_x"].item()).argmin(), np.abs(v - one["disc_v"].item()).argmin()
+        ]
+
+
+@pytest.mark.slow
+def test_velocities_count_by_the_eigenfrequency(two, tmp_path):
+    """A rig of twice the frequencies moves as this one, twice as fast: the same distances."""
+    faster = "oscillator={h: 0.2, R: 0.8, omega: [5.2, 5.4], f: 4.0, p: 2.0, clearance: 0.6}"
+    with open_sweep(
+        run_in(tmp_path, CONFIG, faster, "start.v0={start: -6, stop: 6, num: 41}")
+    ) as ds:
+        for name in ("integrity_factor", "local_integrity"):
+            np.testing.assert_allclose(integrity(ds)[name], integrity(two)[name], rtol=1e-9)
+
+
+def impacts_per_period(two, phase, x, velocities):
+    """Return the impacts per period of motions from x at a phase, after 1,000 periods."""
+    points = np.zeros(len(velocities), POINT)
+    for name in ("h", "R", "f", "p", "clearance"):
+        points[name] = two[name]
+    points["omega"], points["x0"], points["v0"] = 2.6, x, velocities
+    options = {"phase": phase % (2.0 * np.pi), "at_section": True}
+    return integrate(points, transient=1000, periods=4, **options)["impacts_per_period"]
+
+
+@pytest.fixture
+def all_knocks(monkeypatch):
+    """Try as many knocks as a user does; they were read before `few_knocks` has changed them."""
+    monkeypatch.setattr("sweeps.attractor.knocks._MOMENTS", _MOMENTS)
+    monkeypatch.setattr("sweeps.attractor.knocks._SIZES", _SIZES)
+    monkeypatch.setattr("sweeps.attractor.knocks._CLOSER", _CLOSER)
+
+
+@pytest.mark.slow
+def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(two, all_knocks):
+    found = knocks(two.isel(omega=0))
+    home = {0: 0.0, 1: 0.5}
+    assert found["knock_ends"].values.tolist() == [1, 0]
+    assert found["knock_certified"].all() and not found["knock_fractal"].any()
+    for k in range(2):
+        phase, x, v, harmless, harmful = (
+            found[f"knock_{name}"].values[k] for name in ("phase", "x", "v", "harmless", "harmful")
+        )
+        assert 0.0 < (harmful - harmless) / harmful <= 1e-9
+        both = impacts_per_period(two, phase, x, v + np.array([harmless, harmful]))
+        assert both.tolist() == [home[k], home[1 - k]]
+        smaller = np.linspace(-1.0, 1.0, 2001) * abs(harmless)
+        assert (impacts_per_period(two, phase, x, v + smaller) == home[k]).all()
+        start = found["section_x"].values[k], found["section_v"].values[k]
+        for x, v, phase in motion(two, *start):
+            ends = impacts_per_period(two, phase, x, v + 0.999 * smaller[::10])
+            assert (ends == home[k]).all()
+
+
+@pytest.mark.slow
+def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_knocks):
+    """At other phases a tongue of 0.1 % of the knock is 0.4 % nearer; thinner ones more."""
+    osc = Oscillator(h=0.0605, R=0.8748, omega=1.79, f=1.0, clearance=0.4613)
+    file = run_in(
+        tmp_path,
+        "oscillator: {h: 0.0605, R: 0.8748, omega: 1.79, f: 1.0, clearance: 0.4613}",
+        "start={x0: {start: -2.5387, stop: 0.4613, num: 40}, v0: {start: -3, stop: 3, num: 40}}",
+        "record={transient: 300, periods: 32, diagnostics: [period]}",
+    )
+    with open_sweep(file) as starts:
+        found = knocks(starts, numbers=[0]).isel(coexisting=0)
+    assert found["number"] == 0 and found["knock_fractal"]
+    orbit = periodic_orbit(osc, found["section_x"].item(), found["section_v"].item(), 1)
+    points = np.repeat(osc.at(0.0), 500)
+    for phase in (5.1326, 5.1572, 5.1817, 5.2063, 5.2308):
+        points["x0"], v = orbit.sections(phase)[0]
+        points["v0"] = v + found["knock_harmful"].item() * np.linspace(0.98, 0.998, 500)
+        run = integrate(points, phase=phase, at_section=True, transient=1000, periods=1)
+        assert np.abs(run["poincare_v"] - v).max() < 1e-6
+
+
+@pytest.mark.slow
+def test_a_boundary_that_rounding_decides_is_fractal(two, all_knocks, monkeypatch):
+    """Beyond a change of velocity by 0.3, every trial ends on an unpredictable attractor."""
+    chance = np.random.default_rng(0)
+
+    def ends(motions, phase, states):
+        (_, v), count = motions.orbits[0].sections(phase)[0], len(states)
+        reached = np.where(np.abs(states[:, 1] - v) > 0.3, chance.integers(0, 2, count), 0)
+        return reached, np.ones(count, bool)
+
+    monkeypatch.setattr("sweeps.attractor.knocks._Motions._reached", ends)
+    starts = two.isel(omega=0)
+    found = knocks(starts, attractors(starts).isel(coexisting=[0]))
+    assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-4)
+    assert found["knock_fractal"].item() and found["knock_ends"].item() == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("moment", "middle"),
+    [(0.0, 0.8), (0.0, 1.07), (0.0, 1.34), (0.0, 1.61), (3.4, 0.8), (4.6, 1.07), (5.95, 1.34)],
+)
+def test_an_island_of_the_promised_size_is_found(two, all_knocks, monkeypatch, moment, middle):
+    """It takes 1/64 of the period, and 1/128 of the knock that there would be without it."""
+    height, width = 3.01 / 128, 2.0 * np.pi / 64
+
+    def ends(motions, phase, states):
+        (_, v), away = motions.orbits[0].sections(phase)[0], (phase - moment + np.pi) % (2 * np.pi)
+        size = np.abs(states[:, 1] - v)
+        island = (np.abs(away - np.pi) <= 0.51 * width) & (np.abs(size - middle) <= height / 2)
+        return np.where((size > 3.01) | island, 1, 0), np.ones(len(states), bool)
+
+    monkeypatch.setattr("sweeps.attractor.knocks._Motions._reached", ends)
+    starts = two.isel(omega=0)
+    found = knocks(starts, attractors(starts).isel(coexisting=[0]))
+    assert abs(found["knock_harmful"].item()) == pytest.approx(middle - height / 2)
+
+
+def motion(two, x, v):
+    """Yield states of a motion of at most two periods, and their phases."""
+    from vibroimpact import simulate
+
+    names = ("h", "R", "f", "p", "clearance")
+    osc = Oscillator(**{name: two[name].item() for name in names}, omega=2.6)
+    run = simulate(osc, 2, x0=x, v0=v)
+    inside = run.v <= np.where(run.x < 0.6, np.inf, 0.0)  # after an impact, not before it
+    for t, x, v in zip(run.t[inside], run.x[inside], run.v[inside], strict=True):
+        yield x, v, 2.6 * t
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("start.x0=0", "integrity needs x0 and v0 as axes; the file has omega, v0"),
+        ("start.x0=[-3, -1, 0]", "the values of x0 are not evenly spaced"),
+        ("record.phase=0.5", "the starts are at omega t = 0, and the section is at 0.5"),
+        ("start.phase=0.5", "again with record.phase: 0.5"),
+        ("follow={axis: omega}", "run the sweep again without follow"),
+    ],
+)
+def test_a_sweep_without_a_window_is_refused(override, message, tmp_path):
+    few = "record={transient: 0, periods: 2}", "start.x0=[-2, -1, 0]", "start.v0=[-1, 0, 1]"
+    path = run_in(tmp_path, CONFIG, *few, override)
+    assert message in refused("integrity", path)
+
+
+def test_other_requests_are_refused(two):
+    with pytest.raises(Refused, match="a sweep cut at one parameter point"):
+        knocks(two)
+
+
+@pytest.mark.slow
+def test_the_command(tmp_path):
+    file = run_in(tmp_path, CONFIG, "start.x0.num=16", "start.v0.num=21")
+    lines = accepted("integrity", file).splitlines()
+    assert [line.split()[:3] for line in lines[1:3]] == [["2.6", "0", "1/0"], ["2.6", "1", "2/1"]]
+    assert "[" not in lines[0]  # no unit has a name
+    assert "(dv / p)^2), at omega t = 0" in lines[-1]
+    text = accepted("integrity", file, "--at", "omega=2.6", "--csv", "a.csv")
+    assert "to 1" in text and "to 0" in text
+    heading, *rows = Path("a.csv").read_text().splitlines()
+    accepted("attractors", file, "--at", "omega=2.6", "--csv", "b.csv")
+    other, *same = Path("b.csv").read_text().splitlines()
+    assert other == "attractor,motion,m,q,fraction,impact_v"
+    assert heading.startswith(f"{other},integrity_factor,disc_x,") and len(rows) == 2
+    assert all(row.startswith(f"{start},") for row, start in zip(rows, same, strict=True))
+    assert rows[1].startswith("1,periodic,2,1,")
+
+
+@pytest.mark.slow
+def test_motions_that_have_not_settled_are_rows_without_measures(tmp_path):
+    """Without losses few motions settle."""
+    few = "start={x0: {start: -1, stop: 0.5, num: 6}, v0: {start: -1, stop: 1, num: 6}}"
+    undamped = "oscillator={h: 0, R: 1, omega: 1, f: 0.3, clearance: 0.5}"
+    file = run_in(tmp_path, CONFIG, few, undamped, "record={transient: 0, periods: 4}")
+    lines = accepted("integrity", file, "--csv", "a.csv").splitlines()
+    (row,) = (line.split() for line in lines if line.split()[1:2] == ["unknown"])
+    assert row[:2] == ["-", "unknown"] and row[4:] == ["-", "-", "-"]
+    assert "of the starts are unknown, which is no attractor" in "\n".join(lines)
+    assert Path("a.csv").read_text().count("unknown") == 1
+    assert accepted("attractors", file).splitlines()[2].split() == row[:4]
+
+
+@pytest.mark.slow
+def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):
+    few = "start={x0: {start: -2, stop: 0, num: 5}, v0: {start: -2, stop: 2, num: 5}}"
+    method = "method={integrator: rk4, impact: cubic}", "oscillator.omega=2.6"
+    file = run_in(tmp_path, CONFIG, few, *method)
+    assert "least knock" not in accepted("integrity", file)
+    with open_sweep(file) as dataset:
+        plot(dataset, "a.png", "integrity")
+        with pytest.raises(Refused, match="a knock needs the impact rule exact"):
+            knocks(dataset)
+
+
+@pytest.fixture(scope="module")
+def ranked(tmp_path_factory):
+    """Return a file, opened, in which 2/1 is before 1/0 at 0.4, and behind it at 0.6."""
+    few = "start={x0: {start: -3, stop: 0, num: 16}, v0: {start: -3, stop: 3, num: 21}}"
+    line = "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: [0, 0.4, 0.6]}"
+    with open_sweep(run_in(tmp_path_factory.mktemp("ranked"), CONFIG, line, few)) as dataset:
+        yield dataset
+
+
+def colours_of(figure):
+    """Return the colour of each basin in the legend, by its class."""
+    legend = figure.legends[0]
+    named = zip(legend.get_patches(), legend.get_texts(), strict=False)
+    return {re.split("[,:]", text.get_text())[0]: to_hex(patch.get_fc()) for patch, text in named}
+
+
+@pytest.fixture
+def no_knocks(monkeypatch):
+    """Seek no knock for a picture; return the list of the attractors for which one is wanted."""
+    sought = []
+
+    def worst(motions, home, limit):
+        sought.append(home)
+        return Knock()
+
+    monkeypatch.setattr("sweeps.attractor.knocks._Motions.worst", worst)
+    return sought
+
+
+@pytest.mark.slow
+def test_an_attractor_has_the_colour_of_its_class_in_all_pictures(ranked, no_knocks):
+    assert attractors(ranked)["m"].values.tolist() == [[1, -1], [2, 1], [1, 2]]
+    numbered = {f"{m}/{q}": CLASSES[m, q].lower() for m, q in ((2, 1), (1, 1), (1, 0))}
+    for draw, clearance in ((basins, 0.4), (basins, 0.6), (draw_integrity, 0.4)):
+        found = colours_of(draw(ranked, at={"clearance": clearance}))
+        assert found == {name: numbered[name] for name in found} and len(found) > 1
+    lines = attractor_diagram(ranked).axes[0].lines
+    found = {
+        line.get_label()[:3]: to_hex(line.get_color())
+        for line in lines
+        if line.get_label()[0] != "_"
+    }
+    assert found == numbered
+
+
+@pytest.mark.slow
+def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
+    figure = draw_integrity(ranked, at={"clearance": 0.6})
+    *profile, panel = figure.axes
+    for measures in profile:
+        low, high = measures.get_ylim()
+        *lines, _ = measures.lines
+        y = np.concatenate([line.get_ydata() for line in lines])
+        assert low <= np.nanmin(y) and np.nanmax(y) < high
+    assert np.isfinite(profile[1].lines[2].get_ydata()).any()
+    legend = figure.legends[0]
+    handles = dict(
+        zip((t.get_text() for t in legend.get_texts()), legend.legend_handles, strict=True)
+    )
+    assert handles["lower bound"].get_markerfacecolor() == "white"
+    arrows = {to_hex(handle.get_color()) for text, handle in handles.items() if "knock" in text}
+    knocks_drawn = [text.arrow_patch for text in panel.texts if hasattr(text, "arrow_patch")]
+    drawn = {to_hex(arrow.get_edgecolor()) for arrow in knocks_drawn}
+    assert arrows == drawn == {CLASSES[2, 1].lower(), CLASSES[1, 0].lower()}
+    assert [line.get_marker() for line in panel.lines] == ["o"]  # a single call
+
+
+@pytest.mark.slow
+def test_integrity_is_drawn_into_panels_of_another_figure(two, no_knocks):
+    four = Figure().subplots(4)
+    assert draw_integrity(two, ax=four) is four[0].figure and all(panel.lines for panel in four)
+    one = Figure().subplots()
+    assert draw_integrity(two.isel(omega=0), ax=one) is one.figure and one.collections
+    with pytest.raises(Refused, match="ax has 1 panels; expected: 4"):
+        draw_integrity(two, ax=one)
+    with pytest.raises(Refused, match="expected: a panel or 4 panels of matplotlib"):
+        draw_integrity(two, ax=four[:2])
+
+
+@pytest.mark.slow
+def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_knocks, monkeypatch):
+    monkeypatch.setattr("sweeps.plotting.looks.CLASSES", {(2, 1): CLASSES[2, 1]})
+    monkeypatch.setattr("sweeps.plotting.looks.FURTHER", ())
+    figure = draw_integrity(ranked, at={"clearance": 0.6})
+    assert no_knocks == [0] and len(figure.axes[-1].patches) == 1
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "no disc and no knock for 1 other attractor" in texts

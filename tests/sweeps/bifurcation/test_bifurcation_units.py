@@ -1,0 +1,165 @@
+"""The table of bifurcations in other units: those of a rig, and units scaled by powers of two."""
+
+import itertools
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import sweeps
+from sweeps.bifurcation.bifurcation_table import find_bifurcations
+from sweeps.opened.in_si import in_si
+from tests.helpers.other_units import in_units
+
+#: Ranges of the parameters in which most motions have impacts.
+RANGES = {
+    "h": (0.01, 0.1), "R": (0.5, 0.9), "omega": (2.4, 3.3), "f": (0.7, 1.3),
+    "clearance": (0.02, 0.3), "p": (0.7, 1.3),
+}  # fmt: skip
+#: The names of a rig, and what a rig of a mass has for values of the model.
+RIG = {
+    "omega": ("frequency", lambda mass, omega: omega / math.tau),
+    "h": ("damping", lambda mass, h: 2.0 * mass * h),
+    "f": ("force", lambda mass, f: mass * f),
+    "p": ("stiffness", lambda mass, p: mass * p * p),
+    "clearance": ("gap", lambda mass, gap: gap),
+    "R": ("R", lambda mass, R: R),
+}
+PLACES = ["low", "value", "high"]
+
+
+def run(tmp_path, given, rate=1.0, length=1.0, transient=100):
+    """Run a sweep in other units of 1 / time and length; return the path of its file."""
+    scaled = {name: np.array(in_units(name, one, rate, length)).tolist()
+              for name, one in given.items()}  # fmt: skip
+    start = {"start": {"x0": scaled.pop("x0")}} if "x0" in given else {}
+    record = {"transient": transient, "periods": 64, "diagnostics": ["period"]}
+    scene = {"oscillator": scaled, "record": record, **start}
+    return sweeps.run_sweep(scene, tmp_path / "scaled.h5", overwrite=True)
+
+
+def table(tmp_path, given, rate=1.0, length=1.0, transient=100, most=8):
+    """Return the table of a sweep in other units, its places in the units of `given`."""
+    (axis,) = (name for name, one in given.items() if isinstance(one, list))
+    found = sweeps.bifurcations(run(tmp_path, given, rate, length, transient), axis, most=most)
+    found[PLACES] = in_units(axis, found[PLACES], 1.0 / rate, 1.0 / length)
+    return found
+
+
+def one_axis(axis, seed):
+    """Return random parameters, of which one is swept."""
+    random = np.random.default_rng(seed)
+    given = {name: random.uniform(*ends) for name, ends in RANGES.items()}
+    return {**given, axis: np.linspace(*RANGES[axis], int(random.integers(30, 60))).tolist()}
+
+
+@pytest.mark.slow
+def test_bifurcations_at_small_values_are_not_joined(tmp_path):
+    """A gap in metres may be small: in such units many of them lie within 1e-9."""
+    given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0}
+    given["clearance"] = np.linspace(0.05, 0.3, 50).tolist()
+    ours, scaled = (table(tmp_path, given, 1.0, one, most=3) for one in (1.0, 2.0**-33))
+    assert len(ours) > 20
+    pd.testing.assert_frame_equal(ours, scaled, check_exact=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("axes", "seeds"),
+    [
+        (["omega", "f", "clearance"], [1]),
+        pytest.param(RANGES, range(1, 8), marks=pytest.mark.campaign),
+    ],
+)
+def test_tables_are_the_same_in_all_units(tmp_path, axes, seeds):
+    """Bit for bit in units that differ by powers of two."""
+    rows = 0
+    for axis, seed in itertools.product(axes, seeds):
+        given, random = one_axis(axis, seed), np.random.default_rng(seed)
+        scaled = {
+            "length": 2.0 ** random.integers(-40, 40),
+            "rate": 2.0 ** random.integers(-20, 20),
+        }
+        ours, theirs = table(tmp_path, given, most=3), table(tmp_path, given, most=3, **scaled)
+        pd.testing.assert_frame_equal(ours, theirs, check_exact=True)
+        rows += len(ours)
+    assert rows > 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("over", [["clearance"], ["clearance", "omega"]])
+def test_branches_and_curves_are_the_same_in_all_units(tmp_path, over):
+    """With all that is drawn of them, bit for bit."""
+    rate, length = 2.0**-9, 2.0**-21
+    given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0, "p": 1.0}
+    given |= {name: np.linspace(*RANGES[name], 12).tolist() for name in over}
+
+    def found(*scales):
+        path = run(tmp_path, given, *scales)
+        return sweeps.branches(path, *over, most=4) if len(over) == 1 else sweeps.curves(path, over)
+
+    ours, scaled = found(), found(rate, length)
+    assert ours.sizes["point"] > 100 and ours.attrs["summary"] == scaled.attrs["summary"]
+    back = {
+        name: (scaled[name].dims, in_units(name, scaled[name].values, 1.0 / rate, 1.0 / length))
+        for name in scaled.variables
+    }
+    axes = {name: back.pop(name) for name in over}
+    xr.testing.assert_equal(ours, scaled.assign_coords(axes).assign(back))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("axis", "seed"), [("h", 5), ("f", 2), ("omega", 1), ("p", 5)])
+def test_a_rig_has_the_bifurcations_of_its_model(tmp_path, axis, seed):
+    """A row of the rig is that of the model with its three places converted."""
+    random, given = np.random.default_rng(seed), one_axis(axis, seed)
+    mass = random.uniform(0.2, 5.0)
+    rig = {own: np.array(of(mass, np.array(given[name]))).tolist()
+           for name, (own, of) in RIG.items()}  # fmt: skip
+    record = {"transient": 20, "periods": 64, "diagnostics": ["period"]}
+    path = sweeps.run_sweep({"rig": {"mass": mass, **rig}, "record": record}, tmp_path / "rig.h5")
+    with sweeps.open_sweep(path) as dataset:
+        model = sweeps.bifurcations(dataset, axis, most=6)
+        found = sweeps.bifurcations(in_si(dataset), RIG[axis][0], most=6)
+    model[PLACES] = RIG[axis][1](mass, model[PLACES])
+    pd.testing.assert_frame_equal(found, model, check_exact=False, rtol=1e-12)
+    assert set(found["low"]) | set(found["high"]) <= set(rig[RIG[axis][0]])
+
+
+@pytest.mark.parametrize("end", [0, -1])
+def test_a_bifurcation_at_an_end_of_the_axis_lies_on_it(tmp_path, end):
+    """Where an exact value is beyond the axis by rounding."""
+    omega = np.linspace(2.6, 2.7, 6)
+    scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega.tolist(), "f": 1.0}}
+    beyond = np.nextafter(omega[end], math.inf if end else 0.0)
+
+    def moved(*given, **chosen):
+        found = sweeps.branches(*given, **chosen)
+        special = np.isin(found["kind"], ["flip", "fold", "graze"])
+        return found.assign_coords(omega=found["omega"].where(~special, beyond))
+
+    with sweeps.open_sweep(sweeps.run_sweep(scene, tmp_path / "flip.h5")) as dataset:
+        found = find_bifurcations(dataset, find=moved, most=2)
+    (row,) = found[found["value"] == omega[end]].itertuples()
+    assert (row.kind, row.low, row.high) == (
+        "flip",
+        *(omega[[0, 1]] if end == 0 else omega[[4, 5]]),
+    )
+
+
+def test_every_value_lies_between_its_neighbours(tmp_path):
+    """Also if all points of unknown class lie before it, as before a fold of 3/2."""
+    given = {
+        "h": 0.0289383922862505, "R": 0.932745737148704, "clearance": 0.05485080185683319,
+        "f": 1.0, "x0": -0.16065200877512686,
+        "omega": np.linspace(2.495462248380246, 3.8991597630941346, 54).tolist(),
+    }  # fmt: skip
+    found = table(tmp_path, given, transient=10, most=1)
+    known = found.dropna(subset="value")
+    assert (known["low"] <= known["value"]).all() and (known["value"] <= known["high"]).all()
+    (fold,) = known[known["kind"].eq("fold") & known["orbit"].eq("3/2")].itertuples()
+    assert fold.value == pytest.approx(2.814377, abs=1e-6)
+    assert (fold.before, fold.after, fold.between) == ("3/2", "4/4", 1)
+    assert (fold.low, fold.high) == (given["omega"][11], given["omega"][13])

@@ -1,0 +1,320 @@
+"""The list of bifurcations: kinds and values, against closed forms, certified and published ones.
+
+All its digits are compared with those of Newton's method on the section map.
+"""
+
+import csv
+import shlex
+from dataclasses import fields
+
+import mpmath as mp
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.optimize import brentq
+
+import sweeps
+from sweeps import branches, open_sweep
+from sweeps.bifurcation.bifurcation_table import find_bifurcations
+from sweeps.bifurcation.kept import with_cache
+from sweeps.config.sweep import SweepConfig
+from tests.helpers.commands import accepted, refused
+from tests.helpers.oscillators import SectionMap
+from tests.helpers.sweep_files import run_in
+from vibroimpact import Oscillator, PeriodicOrbit, one_impact_orbits
+
+RECORD = "record: {transient: 400, periods: 64, impacts: 8, diagnostics: [period, lyapunov]}\n"
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    """Return a function that runs an oscillator, and returns the path of the file."""
+
+    def run(oscillator, *lines, changes=()):
+        config = "\n".join([f"oscillator: {{{oscillator}}}", *lines, RECORD])
+        return run_in(tmp_path, config, *changes, overwrite=True)
+
+    return run
+
+
+#: What is found is kept in a cache, so that a command finds it there.
+FIND = with_cache(branches, print)
+
+
+def bifurcations(path):
+    with open_sweep(path) as dataset:
+        return list(find_bifurcations(dataset, find=FIND).itertuples())
+
+
+@pytest.mark.parametrize(
+    ("oscillator", "value"),
+    [
+        ("h: 0.05, R: 0.8, f: 1, omega: [2.65, 2.6, 2.7, 2.625, 2.675]", 2.65888454668484),
+        ("h: 0.1, R: 0.5, f: 1, omega: {start: 2.65, stop: 2.75, num: 5}", 2.69176208595193),
+        ("h: 0.5, R: 1, f: 1, omega: {start: 2.6, stop: 2.7, num: 4}", 2.63675987555693),
+    ],
+)
+def test_flips_are_at_their_certified_values(sweep, oscillator, value):
+    (flip,) = bifurcations(sweep(oscillator))
+    assert (flip.kind, str(flip.before), str(flip.after)) == ("flip", "1/1", "2/2")
+    assert flip.value == pytest.approx(value, rel=1e-12)
+    assert 0.0 < flip.high - flip.low < 0.04
+
+
+@pytest.mark.slow
+def test_a_fold_and_a_graze_are_told_apart(sweep):
+    """Swept up, the motion with impacts ends in a fold; swept down, the free one in a graze."""
+    h, clearance = 0.05, 1.5
+    common = f"h: {h}, R: 0.8, clearance: {clearance}, f: 1.0, omega: "
+
+    def amplitude(w):
+        return 1.0 / np.hypot(1.0 - w * w, 2.0 * h * w)
+
+    def exists(w):
+        osc = Oscillator(h=h, R=0.8, omega=w, f=1.0, clearance=clearance)
+        return any(orbit.exists for orbit in one_impact_orbits(osc))
+
+    up = "follow: {axis: omega, direction: up}"
+    (fold,) = bifurcations(sweep(common + "{start: 1.3, stop: 1.8, num: 51}", up))
+    assert (fold.kind, str(fold.before), str(fold.after)) == ("fold", "1/1", "1/0")
+    assert exists(fold.value - 1e-7) and not exists(fold.value + 1e-7)
+    # The last steps are short, so that they do not kick the free motion out of its basin.
+    down = "follow: {axis: omega, direction: down}"
+    graze = brentq(lambda w: amplitude(w) - clearance, 1.1, 1.5, xtol=1e-14)
+    axis = str([graze - 1e-4, *(graze + np.geomspace(1e-7, 0.5, 60)).tolist()])
+    rows = bifurcations(sweep(common + axis, down))
+    (end,) = (row for row in rows if (str(row.before), str(row.after)) == ("1/1", "1/0"))
+    assert (end.kind, str(end.after)) == ("graze", "1/0")
+    assert end.value == pytest.approx(graze, rel=1e-12)
+
+
+@pytest.mark.slow
+def test_the_table_in_python_is_the_one_that_is_listed(sweep):
+    """With a certified flip, on one of two lines over R."""
+    path = sweep("h: 0.05, R: [0.2, 0.8], f: 1, omega: {start: 2.6, stop: 2.67, num: 4}")
+    with open_sweep(path) as dataset:
+        found = sweeps.bifurcations(dataset)
+        omega = dataset["omega"].values.tolist()
+    columns = ["R", "kind", "value", "low", "high", "before", "after", "between", "orbit"]
+    columns.append("source")
+    assert [*found] == columns
+    (row,) = found[found["R"] == 0.8].to_dict("records")
+    assert row["value"] == pytest.approx(2.65888454668484, rel=1e-12)
+    assert (row["kind"], row["before"], row["after"]) == ("flip", "1/1", "2/2")
+    assert row["low"] in omega and row["low"] < row["value"] < row["high"]
+    assert found.attrs["axis"] == "omega"
+    listed = accepted("info", path, "--bifurcations")
+    assert f"{row['value']:.12g}  flip  1/1    {row['before']} -> {row['after']}" in listed
+
+
+@pytest.mark.slow
+def test_every_bifurcation_is_listed_once_with_both_sides(sweep, tmp_path):
+    """Between a graze of the free oscillation and a fold two motions are stable."""
+    h, clearance = 0.05, 1.5
+    path = sweep(
+        f"h: {h}, R: 0.8, clearance: {clearance}, f: 1, omega: {{start: 1.2, stop: 1.7, num: 26}}"
+    )
+    found = sweeps.bifurcations(path)
+    assert found[["kind", "orbit", "before", "after", "source"]].values.tolist() == [
+        ["graze", "1/1", "?", "1/0", "exact"],
+        ["basin", "", "1/1", "1/0", "bracket"],
+        ["fold", "1/1", "1/1", "?", "exact"],
+    ]
+    graze, _, fold = found["value"]
+    assert 1.0 / np.hypot(1.0 - graze**2, 2.0 * h * graze) == pytest.approx(clearance, rel=1e-12)
+    existing = [
+        len([o for o in one_impact_orbits(
+            Oscillator(h=h, R=0.8, omega=omega, f=1.0, clearance=clearance)) if o.exists])
+        for omega in (graze - 1e-6, graze + 1e-6, fold - 1e-6, fold + 1e-6)
+    ]  # fmt: skip
+    assert existing == [1, 2, 2, 0]
+    assert (found["low"] <= found["value"].fillna(found["low"])).all()
+    assert (found["value"].fillna(found["high"]) <= found["high"]).all()
+    accepted("info", path, "--bifurcations", "--csv", tmp_path / "b.csv")
+    text = {"keep_default_na": False, "na_values": {"value": [""]}}
+    written = pd.read_csv(tmp_path / "b.csv", **text)
+    pd.testing.assert_frame_equal(written, found, rtol=1e-14)
+
+
+@pytest.mark.slow
+def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
+    """h = 0.02, R = 0.8: at omega = 1.3 period 1 and the motion 2/3 coexist, both stable."""
+    path = sweep("h: 0.02, R: 0.8, f: 1.0, omega: {start: 1.29, stop: 1.32, num: 7}")
+    (change,) = (row for row in bifurcations(path) if row.source == "bracket")
+    assert (str(change.before), str(change.after)) == ("2/3", "1/1")
+    assert change.kind == "basin" and np.isnan(change.value)
+    said = accepted("info", path, "--bifurcations")
+    assert " basin         2/3 -> 1/1" in said and "basin: the motion of one side is stable" in said
+
+
+@pytest.mark.slow
+def test_a_window_behind_chaos_is_no_part_of_the_flip_before_it(sweep):
+    """A row for 1/1, which flips at its certified value, and one for the 3/3 window behind."""
+    path = sweep(
+        "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 3.23, 3.235, 3.32]",
+        changes=["record.diagnostics=[period]"],
+    )
+    rows = bifurcations(path)
+    (flip,) = (row for row in rows if row.orbit == "1/1")
+    (other,) = (row for row in rows if row.high == 3.32 and str(row.after) == "4/3")
+    assert (flip.kind, flip.orbit, str(flip.before), str(flip.after)) == ("flip", "1/1", "1/1", "?")
+    assert flip.value == pytest.approx(2.65888454668484, rel=1e-12)
+    assert (flip.low, flip.high, flip.between) == (2.6, 3.23, 0)
+    assert (str(other.before), other.low, other.high) == ("?", 3.235, 3.32)
+    assert not other.value <= 3.235
+    said = accepted("info", path, "--bifurcations")
+    assert ["flip", "1/1", "1/1", "->", "?"] in [line.split()[1:6] for line in said.splitlines()]
+
+
+@pytest.mark.slow
+def test_the_arrow_points_where_a_line_was_followed(sweep):
+    oscillator = "h: 0.05, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.7, num: 5}"
+    for way, arrow in (("up", "->"), ("down", "<-")):
+        path = sweep(oscillator, f"follow: {{axis: omega, direction: {way}}}")
+        assert f"1/1 {arrow} 2/2" in accepted("info", path, "--bifurcations")
+
+
+def test_along_a_start_the_basin_changes(sweep):
+    path = sweep(
+        "h: 0.02, R: 0.8, f: 1.0, omega: 1.3", "start: {x0: {start: -2, stop: 0, num: 21}}"
+    )
+    changes = bifurcations(path)
+    assert changes and {change.kind for change in changes} == {"basin"}
+
+
+@pytest.mark.slow
+def test_the_command_that_is_named_narrows_a_change_without_a_value(tmp_path, monkeypatch):
+    """A motion that rests leaves the stop: no branch of orbits ends there."""
+    monkeypatch.chdir(tmp_path)
+    path = run_in(
+        tmp_path,
+        "oscillator: {h: 0, R: 0, omega: 1, f: [3.2, 3.3, 3.4], p: 1e-4, clearance: -1e8}\n"
+        "start: {x0: -1e8}\nrecord: {transient: 20, periods: 10}\n",
+    ).rename("a ball.h5")
+    (line,) = (line for line in accepted("info", path, "--bifurcations").splitlines()
+               if line.startswith("to narrow"))  # fmt: skip
+    said, _, command = line.partition(": vibroimpact ")
+    assert said == "to narrow the change without an exact value"
+    accepted(*shlex.split(command), "-o", "narrow.h5")
+    (change,) = bifurcations("narrow.h5")
+    assert change.low <= np.hypot(np.pi, 1.0) <= change.high <= change.low + 0.051
+
+
+@pytest.mark.slow
+def test_a_file_with_added_points_still_opens(tmp_path, monkeypatch):
+    """As earlier versions wrote with the key refine: the values are more than the grid has."""
+    text = "oscillator: {h: 0, R: 0.8, omega: [2.64, 2.653, 2.654, 2.66], f: 1}\n"
+    with monkeypatch.context() as earlier:  # undo() would also leave the folder of the test
+        earlier.setattr(SweepConfig, "to_yaml", lambda _, **options: (
+            "oscillator: {h: 0, R: 0.8, omega: [2.64, 2.66], f: 1}\n"
+            "refine: {axis: omega, around: changes, levels: 4}\n"))  # fmt: skip
+        path = run_in(tmp_path, text)
+    (flip,) = bifurcations(path)
+    assert (flip.kind, flip.low, flip.high) == ("flip", 2.653, 2.654)
+    assert "refine" in accepted("info", path) and "refine" not in accepted("info", path, "--config")
+    assert "4 rows" in accepted("export", path, "-o", tmp_path / "out.csv")
+    with pytest.warns(match=r"an earlier version added points .* has 4; the added points are not"):
+        message = refused("run", path, "--resume", "--quiet")
+    assert "refine.levels was 4 and is not given" in message
+
+
+@pytest.mark.slow
+def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
+    chaotic = "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 2.8, 2.81, 2.82]"
+    path = sweep(chaotic, changes=["record.diagnostics=[period]"])
+    with open_sweep(path) as dataset:
+        assert dataset["period"].values.tolist() == [1, 0, 0, 0]
+    said = accepted("info", path, "--bifurcations")
+    assert "\nunknown or without a result: 3 points" in said
+    assert "Lyapunov exponents tell which are chaotic" in said
+    said = accepted("info", sweep(chaotic), "--bifurcations")
+    assert " chaotic         1/1 -> chaotic " in said and "unknown" not in said
+
+
+@pytest.mark.slow
+def test_a_map_is_summed_up_and_its_lines_are_listed(sweep, tmp_path):
+    grid = sweep("h: 0.05, R: [0.6, 0.7, 0.8], f: 1.0, omega: {start: 0.8, stop: 4, num: 61}")
+    lines = accepted("info", grid, "--bifurcations", "--axis", "omega").splitlines()
+    assert len(lines) < 45 and lines[0].split() == ["kind", "classes", "times", "omega", "R"]
+    assert max(len(word) for line in lines for word in line.split()) <= 10
+    flips = [line for line in lines if line.startswith("flip") and "1/1 -> 2/2" in line]
+    assert len(flips) == 1
+    written = tmp_path / "b.csv"
+    said = accepted("info", grid, "--bifurcations", "--at", "R=0.8", "--csv", written)
+    row = next(line for line in said.splitlines() if "1/1 -> 2/2" in line)
+    assert row.split()[:2] == ["2.65888454668", "flip"]
+    with written.open() as file:
+        table = list(csv.DictReader(file))
+    assert {row["kind"] for row in table} <= {
+        "flip", "fold", "graze", "rest", "chaotic", "basin", "unknown",
+    }  # fmt: skip
+    (flip,) = (row for row in table if (row["before"], row["after"]) == ("1/1", "2/2"))
+    assert float(flip["value"]) == pytest.approx(2.65888454668484, rel=1e-12)
+    assert float(flip["low"]) < float(flip["value"]) < float(flip["high"])
+
+
+def test_beside_a_flip_what_has_not_settled_is_in_the_bracket(sweep):
+    """There a record alternates by less than the tolerance, and less and less."""
+    axis = "{start: 2.655, stop: 2.664, num: 46}"
+    (flip,) = bifurcations(sweep(f"h: 0.05, R: 0.8, f: 1, omega: {axis}"))
+    assert flip.low < flip.value < flip.high
+    assert flip.value == pytest.approx(2.65888454668484, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--csv", "b.csv"], "--csv b.csv is not allowed here; expected: with --bifurcations"),
+        (["--at", "R=0.8"], "--at R=0.8 is not allowed here; expected: with --bifurcations"),
+        (["--axis", "omega"], "--axis omega is not allowed here; expected: with --bifurcations"),
+        (["--bifurcations", "--at", "h=0.8"], "h cannot be fixed here"),
+        (["--bifurcations", "--axis", "h"], "h is not a swept axis"),
+        (["--bifurcations"], "record.diagnostics: [period]"),
+    ],
+)
+def test_requests_that_do_not_fit_are_refused(sweep, arguments, text):
+    path = sweep("h: 0.05, R: 0.8, f: 1, omega: [2.6, 2.7]", changes=["record.diagnostics=[]"])
+    assert text in refused("info", path, *arguments)
+
+
+#: Oscillators, and how many bifurcations of at most 4 periods and 5 impacts each has on its axis.
+SCENES = {
+    "light damping": ("h: 0.05, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.72, num: 13}", 1),
+    "no damping": ("h: 0, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.74, num: 15}", 3),
+    "impact adding": ("h: 0.5, omega: 1, f: 1, R: {start: 0.5, stop: 0.7, num: 21}", 4),
+    "hysteresis": (
+        "h: 0.05, R: 0.8, f: 1, clearance: 1.5, omega: {start: 1.2, stop: 1.7, num: 26}", 2
+    ),
+    "two periods": (
+        "h: 0.02, R: 0.9, omega: 0.81, clearance: 1, f: {start: 0.343, stop: 0.37, num: 10}", 8
+    ),
+    "grazing": (
+        "h: 0.1, R: 0.8, omega: 0.7, f: 1, clearance: {start: 1.87, stop: 1.93, num: 25}", 4
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", SCENES)
+def test_all_twelve_digits_are_those_of_the_section_map(tmp_path, scene):
+    oscillator, count = SCENES[scene]
+    axis = oscillator.split(": {")[0].split()[-1]
+    path = run_in(tmp_path, f"oscillator: {{{oscillator}}}\n{RECORD}", "record.periods=32")
+    listed = accepted("info", path, "--bifurcations").split("\n\n")[0].splitlines()[1:]
+    printed = {(words[1], words[2], words[0]) for words in map(str.split, listed)}
+    with open_sweep(path) as dataset:
+        found = FIND(dataset, axis)
+        fixed = {field.name: dataset[field.name].values.flat[0] for field in fields(Oscillator)}
+    compared = set()
+    for i, kind in enumerate(found["kind"].values):
+        m, q, value = (found[name].values[i] for name in ("m", "q", axis))
+        if kind not in ("flip", "fold", "graze") or m > 4 or q > 5:
+            continue
+        oscillator = Oscillator(**{**fixed, axis: value})
+        impacts = (found[f"impact_{name}"].values[i, :q] for name in ("phase", "v"))
+        with mp.workdps(50):
+            orbit = PeriodicOrbit(oscillator, int(m), *impacts)
+            expected = float(SectionMap(orbit).bifurcation(kind, axis))
+        compared.add((kind, f"{m}/{q}", f"{expected:.12g}"))
+    assert compared <= printed
+    assert len(compared) == count

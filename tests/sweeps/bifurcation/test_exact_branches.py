@@ -1,0 +1,321 @@
+import re
+from collections import Counter
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sweeps import bifurcations, branches, open_sweep
+from sweeps.errors import Refused
+from sweeps.opened.csv_tables import branch_table, write_csv
+from sweeps.opened.cuts import cut_at
+from sweeps.opened.motions import motions_of, orbit_of_motion
+from sweeps.plotting import bifurcation, plot
+from sweeps.plotting.branch_lines import parts_of
+from sweeps.plotting.page import Page
+from tests.helpers import naive
+from tests.helpers.sweep_files import run_in
+from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.oscillator import Oscillator
+
+CONFIG = """
+name: beside the exact orbits
+oscillator: {h: 0.05, R: [0.5, 0.8], omega: {start: 2.4, stop: 3.5, num: 45}, f: 1.0}
+method: {integrator: exact, impact: exact}
+record: {transient: 300, periods: 40, phase: 1.0, impacts: 20}
+"""
+FLIPS = {1: 2.65888454668484, 2: 3.33809052026845}
+
+
+def computed(folder, *overrides):
+    name = f"{len(list(folder.iterdir()))}.h5"
+    return open_sweep(run_in(folder, CONFIG, *overrides, name=name))
+
+
+@pytest.fixture(scope="module")
+def exact(tmp_path_factory):
+    with computed(tmp_path_factory.mktemp("exact")) as dataset:
+        yield dataset
+
+
+@pytest.fixture(scope="module")
+def found(exact):
+    """Return the first branches at R = 0.8."""
+    return branches(exact, at={"R": 0.8}, most=16)
+
+
+@pytest.fixture(scope="module")
+def later(tmp_path_factory):
+    """Return branches whose impact passes the section within the range, and their file."""
+    folder = tmp_path_factory.mktemp("later")
+    with computed(folder, "record.phase=1.3", "oscillator.R=0.8") as dataset:
+        yield branches(dataset, classes=[(1, 1), (2, 2)], most=8), dataset
+
+
+@pytest.fixture(scope="module")
+def line(exact):
+    """Return the points at R = 0.8."""
+    return exact.sel(R=0.8)
+
+
+@pytest.mark.slow
+def test_settled_points_are_on_the_exact_orbits_to_rounding(line):
+    """Their impacts, found by Newton's method for the equations of the flights."""
+    motions, compared = motions_of(line), set()
+    for i in np.flatnonzero((motions["m"] > 0) & (line["orbit_distance"].values < 1e-13)).tolist():
+        orbit = orbit_of_motion(motions[i], 1.0)
+        assert orbit.stable
+        cycle = orbit.sections(1.0)
+        record = np.stack([line[f"poincare_{name}"].values[i] for name in "xv"], axis=1)
+        turns = [np.resize(np.roll(cycle, -k, axis=0), record.shape) for k in range(orbit.m)]
+        assert min(np.abs(record - turn).max() for turn in turns) < 1e-11
+        compared.add((orbit.m, orbit.q))
+    assert {(1, 1), (2, 1), (2, 2)} <= compared
+
+
+def test_any_parameter_of_the_oscillator_can_be_the_axis(exact, tmp_path):
+    with computed(tmp_path, "oscillator.R=[0.6, 0.7, 0.8]", "oscillator.omega=2.5") as dataset:
+        one = branches(dataset, "R")
+        for R, v in zip(one["R"].values, one["impact_v"].values[:, 0], strict=True):
+            expected = one_impact_orbit(Oscillator(h=0.05, R=R, omega=2.5, f=1.0)).v
+            assert v == pytest.approx(expected, abs=1e-13)
+
+
+def curves(figure, dashed):
+    """Return the points of the exact branches in a diagram."""
+    lines = [line for line in figure.axes[0].lines if line.get_zorder() == 4]
+    return np.concatenate(
+        [line.get_xydata() for line in lines if (line.get_linestyle() == "--") == dashed]
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("coordinate", ["poincare_v", "impact_phase"])
+def test_the_diagram_shows_them_solid_where_stable(exact, found, coordinate):
+    figure = bifurcation(exact, at={"R": 0.8}, coordinate=coordinate, exact=found)
+    x = curves(figure, dashed=False)[:, 0]
+    assert x.min() == 2.4 and x.max() == 3.5
+    x = curves(figure, dashed=True)[:, 0]
+    assert x.min() == pytest.approx(FLIPS[1], abs=1e-12)
+    marks = {line.get_label(): line for line in figure.axes[0].lines if line.get_marker() == "o"}
+    for flip in FLIPS.values():
+        assert np.abs(marks["flip"].get_xdata() - flip).min() < 1e-12
+    (legend,) = figure.legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert {"exact orbits, stable", "exact orbits, unstable"} <= set(texts)
+
+
+@pytest.mark.slow
+def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact, found):
+    """Where the points alone would leave the unstable branch out; and of a part of the axis."""
+    plain = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v").axes[0]
+    half = branches(exact, "omega", {"R": 0.5}, classes=[(1, 1)], most=4)
+    with_all = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v", exact=half)
+    low, high = with_all.axes[0].get_ylim()
+    y = np.concatenate([curves(with_all, dashed)[:, 1] for dashed in (False, True)])
+    assert low <= y.min() and y.max() <= high
+    assert low <= plain.get_ylim()[0] and plain.get_ylim()[1] <= high
+
+    def named(**limits):
+        page = Page(**limits)
+        figure = bifurcation(exact, at={"R": 0.8}, exact=found, page=page)
+        texts = figure.legends[0].get_texts() if figure.legends else []
+        return [text.get_text() for text in texts if not text.get_text().startswith("on its way")]
+
+    assert {"exact orbits, stable", "exact orbits, unstable", "flip"} <= {*named()}
+    assert named(xlim=(2.4, 2.6)) == ["exact orbits, stable"]
+    oscillator = Oscillator(0.05, 0.8, 3.45, 1.0)
+    orbit = one_impact_orbit(oscillator)
+    ((x, _),) = naive.after_impact(oscillator, 1, orbit.v, orbit.phase, 1.0)
+    assert named(xlim=(3.4, 3.5), ylim=(x - 0.02, x + 0.02)) == ["exact orbits, unstable"]
+
+
+@pytest.mark.slow
+def test_a_line_breaks_where_the_phase_begins_anew(later):
+    found, dataset = later
+    figure = bifurcation(dataset, coordinate="poincare_v", exact=found)
+    drawn = [line for line in figure.axes[0].lines if line.get_zorder() == 4]
+    assert drawn
+    for line in drawn:
+        assert np.abs(np.diff(line.get_ydata(), axis=0)).max() < 0.5
+
+
+@pytest.mark.slow
+def test_a_sweep_without_any_impact_has_the_free_oscillation_as_its_branch(tmp_path):
+    """Its amplitude is that of the steady response; no impact is compared with it."""
+    dataset = computed(tmp_path, "oscillator.R=0.5", "oscillator.clearance=2.0", "oscillator.h=0.3")
+    assert not dataset["impacts_per_period"].any()
+    found = branches(dataset, "omega")
+    assert (found["m"] == 1).all() and (found["q"] == 0).all()
+    omega = found["omega"].values
+    x = (-np.exp(1j) / (1.0 - omega**2 + 0.6j * omega)).imag  # at the phase 1
+    np.testing.assert_allclose(found["poincare_x"].values[:, 0], x, atol=1e-14)
+    kinds = found["kind"].values
+    assert found["stable"].values[kinds == ""].all()
+    assert kinds[kinds != ""].tolist() == ["edge", "edge"]
+
+
+def classes_of(found):
+    """Return m and q of each branch."""
+    first = np.unique(found["branch"].values, return_index=True)[1]
+    return list(zip(found["m"].values[first], found["q"].values[first], strict=True))
+
+
+@pytest.mark.slow
+def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(exact):
+    cut = cut_at(exact, {"R": 0.8}, free=["omega"]).load()
+    m, q = cut["period"].values, cut["period_impacts"].values
+    known = (m > 0) & (cut["rest_fraction"].values == 0.0)
+    points = Counter(zip(m[known].tolist(), q[known].tolist(), strict=True))
+    (first, _), (second, _), *others = points.most_common()
+    found = branches(exact, "omega", {"R": 0.8}, most=2)
+    assert classes_of(found) == [first, second]
+    said = next(line for line in found.attrs["summary"].split("\n") if "beyond the first 2" in line)
+    for (periods, impacts), count in others:
+        if periods <= 8:
+            assert f"{periods}/{impacts} ({count} point" in said
+    assert re.search(r"not followed: .*branches beyond the first 2 \(\d+\)", found.attrs["summary"])
+    chosen = branches(exact, "omega", {"R": 0.8}, classes=[(2, 2), (1, 1), (3, 5)], most=4)
+    assert {*classes_of(chosen)} == {(1, 1), (2, 2)}
+    assert "no orbit of 3/5 is found" in chosen.attrs["summary"]
+
+
+@pytest.mark.slow
+def test_the_line_is_exact_between_its_points(later):
+    """Its orbit in closed form is on it, also where the impact passes the section."""
+    omegas = np.linspace(2.4, FLIPS[1], 500)[:-1]
+    states = []
+    for omega in omegas:
+        oscillator = Oscillator(h=0.05, R=0.8, omega=omega, f=1.0)
+        orbit = one_impact_orbit(oscillator)
+        states += [*naive.after_impact(oscillator, 1, orbit.v, orbit.phase, 1.3)]
+    for coordinate, exact in zip(("poincare_x", "poincare_v"), np.transpose(states), strict=True):
+        lines = [part for part in parts_of(later[0], coordinate) if part.y.shape[1:] == (1,)]
+        drawn = [
+            np.interp(omegas, line.x, line.y[:, 0], left=np.nan, right=np.nan) for line in lines
+        ]
+        off = np.nanmin(np.abs(np.array(drawn) - exact), axis=0, initial=np.inf)
+        off[np.isinf(off)] = 0.0
+        extent = float(np.ptp(np.concatenate([line.y for line in lines])))
+        assert 0.0 < max(off) < 2e-4 * extent
+        assert sum(off == 0.0) < 3  # the gap at a jump is not wider
+
+
+@pytest.mark.slow
+def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
+    assert found.sizes["impact"] == found["q"].max()
+    one = found.isel(point=(found["branch"].values == 0) & (found["kind"].values == ""))
+    for omega, v, phase, stable in zip(
+        one["omega"].values,
+        one["impact_v"].values[:, 0],
+        one["impact_phase"].values[:, 0],
+        one["stable"].values,
+        strict=True,
+    ):
+        closed = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=omega, f=1.0))
+        assert v == pytest.approx(closed.v, abs=1e-13)
+        assert np.cos(phase - closed.phase) == pytest.approx(1.0)
+        assert stable == closed.stable or abs(omega - FLIPS[1]) < 1e-12
+    flips = found.where(found["kind"] == "flip", drop=True)["omega"].values
+    for flip in FLIPS.values():
+        assert np.abs(flips - flip).min() < 1e-13
+    for coordinate, record in (("poincare_v", "section"), ("impact_v", "impact")):
+        path = tmp_path / f"{record}.csv"
+        write_csv(path, branch_table(found, coordinate))
+        rows = pd.read_csv(path)
+        assert len(rows) == np.isfinite(found[coordinate]).sum()
+        on_one = rows[(rows["branch"] == 0) & rows["kind"].isna()]
+        assert (
+            on_one[record].eq(1).all() and on_one["omega"].tolist() == one["omega"].values.tolist()
+        )
+        assert on_one[coordinate].tolist() == one[coordinate].values[:, 0].tolist()
+        if record == "impact":
+            assert rows["impact_phase"].between(0.0, 2.0 * np.pi, inclusive="left").all()
+            assert (found["impact_phase"] > 2.0 * np.pi).any()  # of a second period
+        for row in on_one[::5].itertuples():
+            closed = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=row.omega, f=1.0))
+            multiplier = row.multiplier_1_real + 1j * row.multiplier_1_imag
+            assert np.abs(closed.multipliers - multiplier).min() < 1e-9
+        double = rows[(rows["m"] == 2) & (rows["q"] == 2)]
+        assert double[record].tolist()[:4] == [1, 2, 1, 2]
+        kinds = rows[rows["kind"].notna() & (rows[record] == 1)]["kind"]
+        assert {"", *kinds} == {*found["kind"].values}
+
+
+@pytest.mark.slow
+def test_the_last_rows_of_a_branch_are_as_stable_as_their_multipliers_say(found):
+    """At an edge and at a graze, too; only at a flip and a fold, where one is +-1, are they not."""
+    kinds, values = found["kind"].values, found["omega"].values
+    # Where a branch of twice the period begins, one is 1 to rounding.
+    stable = (np.abs(found["multipliers"].values) < 1.0 - 1e-12).all(axis=1)
+    bifurcates = np.isin(kinds, ["flip", "fold"])
+    special = found.isel(point=bifurcates)
+    where = {*zip(special["branch"].values.tolist(), special["omega"].values.tolist(), strict=True)}
+    places = zip(found["branch"].values.tolist(), values.tolist(), strict=True)
+    beside = np.array([place in where for place in places])
+    assert found["stable"].values.tolist() == (stable & ~beside).tolist()
+    ends = np.isin(kinds, ["edge", "graze"])
+    assert stable[ends].any() and not stable[ends].all()
+
+
+def test_the_free_oscillation_is_stable_up_to_its_graze(tmp_path):
+    """Its multipliers are exp(-2 pi h / omega) in modulus."""
+    scene = "{h: 0.05, R: 0.8, clearance: 1.5, f: 1, omega: {start: 1.2, stop: 1.7, num: 6}}"
+    path = run_in(tmp_path, f"oscillator: {scene}\nrecord: {{transient: 400, periods: 16}}\n")
+    found = branches(path, classes=[(1, 0)], most=2)
+    assert found["kind"].values[found["kind"].values != ""].tolist() == ["graze", "edge"]
+    free = found["q"].values == 0
+    assert found["stable"].values.tolist() == free.tolist()
+    moduli = np.exp(-2.0 * np.pi * 0.05 / found["omega"].values[free])
+    np.testing.assert_allclose(np.abs(found["multipliers"].values[free, 0]), moduli, rtol=1e-13)
+
+
+@pytest.mark.slow
+def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
+    with computed(tmp_path, "start.x0=[-1.0, -0.5]", "oscillator.omega=2.5") as dataset:
+        with pytest.raises(Refused, match="the exact orbits do not depend on x0"):
+            branches(dataset, "x0")
+    with pytest.raises(Refused, match="the exact branches are over omega, not R"):
+        plot(exact, tmp_path / "a.png", axes=["R"], exact=found)
+
+
+@pytest.mark.slow
+def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact):
+    """Also those that begin at bifurcations of other classes."""
+    found = branches(exact, at={"R": 0.8})
+
+    def bifurcations(dataset, mq):
+        own = np.array([each == mq for each in classes_of(dataset)])
+        assert own.any()
+        special = own[dataset["branch"].values] & (dataset["kind"].values != "")
+        return {*dataset["omega"].values[special].tolist()}
+
+    classes = [(2, 3), (8, 6)]
+    chosen = branches(exact, at={"R": 0.8}, classes=classes)
+    assert {*classes_of(chosen)} == {*classes}
+    for mq in classes:
+        assert bifurcations(found, mq) <= bifurcations(chosen, mq)
+    assert "no orbit" not in chosen.attrs["summary"]
+
+
+@pytest.mark.slow
+def test_the_work_reports_its_share_up_to_its_end_and_can_be_ended(tmp_path):
+    """The shares never fall; an exception at any of them ends the work."""
+    scene = "oscillator: {h: 0.1, R: 0.8, omega: {start: 2.6, stop: 2.8, num: 30}, f: 1.0}\n"
+    path = run_in(tmp_path, scene + "record: {transient: 200, periods: 16}\n")
+    shares = []
+    found = branches(path, "omega", None, shares.append)
+    assert shares == sorted(shares) and shares[0] == 0.0 and 0.8 < shares[-1] < 1.0
+    assert len(set(shares)) >= 2 * len(np.unique(found["branch"])) - 1
+
+    class EndedError(Exception):
+        pass
+
+    def end(share):
+        if share > 0.5:
+            raise EndedError
+
+    with pytest.raises(EndedError):
+        branches(path, "omega", None, end)
+    with pytest.raises(EndedError):
+        bifurcations(path, "omega", None, end)

@@ -1,0 +1,301 @@
+"""The curves over a map, against the closed form, and the shares that they explain."""
+
+import csv
+import math
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps import curves, load_config, open_sweep
+from sweeps.bifurcation import curve_search, exact_curves
+from sweeps.bifurcation.curve_search import middles_of_regions
+from sweeps.errors import Refused
+from sweeps.plotting import parameter_map
+from tests.helpers.commands import accepted, refused
+from tests.helpers.sweep_files import run_in
+from vibroimpact.orbits.branches import Branch, SpecialPoint
+from vibroimpact.orbits.continuation import MOST_POINTS
+from vibroimpact.orbits.one_impact import one_impact_orbits
+from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.periodic import OrbitError
+from vibroimpact.oscillator import Oscillator
+
+CONFIG = """
+name: the flip of one impact per period
+oscillator:
+  {h: 0.0, R: {start: 0.5, stop: 0.9, num: 12}, omega: {start: 2.6, stop: 2.72, num: 30}, f: 1.0}
+follow: {axis: omega, direction: up}
+record: {transient: 300, periods: 16, diagnostics: [period]}
+"""
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return run_in(tmp_path_factory.mktemp("map"), CONFIG)
+
+
+def assert_on_closed_form(omega, R, tolerance):
+    curve = np.cos(math.pi / omega) ** 2 * (omega**2 - ((1.0 - R) / (1.0 + R)) ** 2)
+    assert np.abs(curve - 1.0).max() < tolerance
+
+
+@pytest.mark.slow
+def test_the_flips_of_the_map_are_on_the_closed_form(path):
+    with open_sweep(path) as dataset:
+        found = curves(dataset)
+    assert found.attrs["changes"] > 5
+    assert found.attrs["explained"] == found.attrs["changes"]
+    flips = found.where((found["kind"] == "flip") & (found["m"] == 1), drop=True)
+    own = flips.where(flips["curve"] == flips["curve"][0], drop=True)
+    assert_on_closed_form(own["omega"].values, own["R"].values, 1e-12)
+    assert {*own["special"].values} == {"", "edge"}
+    with open_sweep(path) as dataset:
+        panel = parameter_map(dataset, exact=found).axes[0]
+    assert {"1/1", "2/2"} <= {text.get_text() for text in panel.texts}
+
+
+@pytest.mark.slow
+def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
+    picture, table = tmp_path / "map.png", tmp_path / "curves.csv"
+    said = accepted("plot", path, "--kind", "map", "--exact", "-o", picture, "--csv", table)
+    assert "exact curve" in said and "(100.0 %)" in said
+    assert picture.stat().st_size > 1000
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    with open_sweep(path) as dataset:
+        found = curves(dataset)
+    assert len(rows) == found.sizes["point"]
+    assert float(rows[0]["omega"]) == found["omega"].values[0]
+
+
+def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(path, monkeypatch):
+    """As beside a flip, where motions settle slowly."""
+    monkeypatch.setattr(curve_search, "middles_of_regions", lambda _: iter(()))
+    with open_sweep(path) as dataset:
+        period = dataset["period"].copy()
+        for axis in ("omega", "R"):
+            moved = dataset["period"].shift({axis: 1}, fill_value=0)
+            period = period.where((dataset["period"] == moved) | (moved == 0), 0)
+        assert 0 < (period == 0).sum() < 0.2 * period.size
+        found = curves(dataset.assign(period=period))
+    assert found.attrs["changes"] == found.attrs["explained"] > 5
+    flips = (found["kind"] == "flip") & (found["m"] == 1) & (found["q"] == 1)
+    assert len({*found["curve"].values[flips]}) == 1
+
+
+@pytest.mark.slow
+def test_chosen_classes_have_all_their_curves(path):
+    with open_sweep(path) as dataset:
+        plain, chosen = curves(dataset), curves(dataset, classes=[(2, 2), (5, 1)])
+    own = (plain["m"] == 2) & (plain["q"] == 2)
+    assert 0 < own.sum() < own.size
+    for name in ("kind", "special", "omega"):
+        assert chosen[name].values.tolist() == plain[name].values[own].tolist()
+    assert 0 < chosen.attrs["changes"] < plain.attrs["changes"]
+    lines = chosen.attrs["summary"].split("\n")
+    assert lines[1] == "no curve of 5/1 is found"
+    assert " changes from or to 2/2, 5/1 (" in lines[2]
+
+
+@pytest.mark.slow
+def test_only_the_curves_that_are_asked_for_are_followed(path, monkeypatch):
+    """And the changes beside other curves have that as their reason."""
+    followed, follow = [], curve_search.bifurcation_curve
+
+    def counted(orbit, kind, *ranges):
+        curve = follow(orbit, kind, *ranges)
+        followed.append((curve.kind, curve.m, curve.q))
+        return curve
+
+    monkeypatch.setattr(curve_search, "bifurcation_curve", counted)
+    with open_sweep(path) as dataset:
+        curves(dataset)
+        every, followed[:] = list(followed), []
+        found = curves(dataset, classes=[(2, 2)], kinds=["flip"])
+    assert {("flip", 1, 1), ("flip", 2, 2)} <= set(every)
+    assert set(followed) == {("flip", 2, 2)} and len(followed) == every.count(("flip", 2, 2))
+    assert 0 < found.attrs["explained"] < found.attrs["changes"]
+    assert "the curve there is of a class or kind that was not asked for" in found.attrs["summary"]
+
+
+@pytest.mark.slow
+def test_a_motion_ends_at_the_fold_of_its_orbit_not_at_the_graze_beyond(tmp_path):
+    """The unstable orbit beyond the fold grazes at a value before it, between it and the motion.
+
+    On the fold two orbits in closed form begin; from rest, motions reach 1/1 up to the graze only.
+    """
+    oscillator = "{h: 0.05, R: 0.7, clearance: 0.5, omega: {start: 1.18, stop: 1.22, num: 4}, "
+    force = "f: {start: 0.05, stop: 0.5, num: 12}}"
+    record = "record={transient: 200, periods: 8, diagnostics: [period]}"
+    with open_sweep(run_in(tmp_path, f"oscillator: {oscillator}{force}", record)) as dataset:
+        found = curves(dataset, kinds=["fold"])
+    assert set(found["kind"].values) == {"fold"} and set(found["m"].values) == {1}
+    for omega, f in zip(found["omega"].values, found["f"].values, strict=True):
+        sides = [
+            one_impact_orbits(Oscillator(h=0.05, R=0.7, omega=omega, f=f * share, clearance=0.5))
+            for share in (1.0 - 1e-9, 1.0 + 1e-9)
+        ]
+        assert [len(orbits) for orbits in sides] == [0, 2]
+
+
+def test_every_large_region_of_a_class_has_a_start():
+    classes = np.zeros((40, 40, 2), int)
+    classes[2:10, 5:9] = classes[20:30, 20:38] = 1, 1
+    classes[35, 35] = 1, 1
+    found = [(*cell.tolist(), axis) for cell, axis in middles_of_regions(classes)]
+    assert found == [(6, 5, 0), (2, 7, 1), (25, 20, 0), (20, 29, 1)]
+
+
+def test_a_map_of_starts_has_no_curves(tmp_path):
+    changes = "oscillator.R=0.8", "oscillator.omega.num=2", "start.x0=[-1.0, -0.5]", "follow=null"
+    with open_sweep(run_in(tmp_path, CONFIG, *changes)) as dataset:
+        with pytest.raises(Refused, match="do not depend on x0"):
+            curves(dataset, ["omega", "x0"])
+
+
+MAP = """
+oscillator: {h: 0.02, R: 0.9, clearance: 1.0, f: {start: 0.345, stop: 0.385, num: 21},
+             omega: {start: 0.782, stop: 0.80, num: 21}}
+record: {transient: 600, periods: 32, diagnostics: [period, lyapunov]}
+"""
+
+
+@pytest.mark.slow
+def test_every_change_has_a_curve_or_a_reason(tmp_path):
+    """Beside the fold of 2/1, where free motion and 2/2 coexist."""
+    with open_sweep(run_in(tmp_path, MAP)) as dataset:
+        found = curves(dataset)
+    changes, explained = found.attrs["changes"], found.attrs["explained"]
+    assert 0 < explained < changes
+    summary = found.attrs["summary"]
+    counts = dict(reversed(pair) for pair in re.findall(r"^  (\d+): (.*) \(.*\)$", summary, re.M))
+    assert sum(map(int, counts.values())) == changes - explained
+    decides = "both motions are stable on both sides, and the start decides"
+    assert int(counts[decides]) > 10
+    assert f"{counts[decides]}: {decides} (1/0 and 2/2" in summary
+    grazes = (found["kind"] == "graze") & (found["m"] == 1) & (found["q"] == 1)
+    own = found["curve"].values == found["curve"].values[grazes][0]
+    omega, f = found["omega"].values[own], found["f"].values[own]
+    assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
+
+
+@pytest.mark.slow
+def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
+    def refuse(*_):
+        raise OrbitError("the flip does not go on")
+
+    monkeypatch.setattr(curve_search, "bifurcation_curve", refuse)
+    with open_sweep(path) as dataset:
+        found = curves(dataset)
+    assert found.sizes["point"] == found.attrs["explained"] == 0 < found.attrs["changes"]
+    assert "the flip does not go on" in found.attrs["summary"]
+
+
+RIG = {"mass": 2, "stiffness": 8, "damping": 1, "force": 1, "gap": 0, "R": 0.5, "frequency": 1}
+OF_RIG = {"configuration": load_config({"rig": RIG}), "in_si": 1}
+
+
+@pytest.mark.parametrize(
+    ("cut", "place"),
+    [
+        (xr.Dataset(coords={"R": [0.2], "omega": [1.0]}), "R = 0.25, omega = 2: "),
+        (
+            xr.Dataset(coords={"R": [0.2], "omega": ("frequency", [1.0])}, attrs=OF_RIG),
+            "R = 0.25, frequency = 0.31831: ",
+        ),
+    ],
+    ids=["model", "rig"],
+)
+def test_a_curve_that_is_lost_says_where_and_why(cut, place):
+    osc = Oscillator(h=0.02, R=0.9, omega=2.0, f=1.0)
+    for points, speeds_there, reason, slowest in (
+        (MOST_POINTS, [4.0, 1.0], "not at its end after 2,000 points", "2e-01"),
+        (9, [0.0, 5.0], "Newton's method", "1e+00"),  # the impact that grazes does not count
+    ):
+        orbit = PeriodicOrbit(osc, 1, np.array([1.0, 2.0]), np.array(speeds_there))
+        values = np.full((points, 2), 0.5)
+        end = SpecialPoint("lost", np.array([0.25, 2.0]), orbit)
+        speeds = np.ones((points, 2))
+        rows = values, speeds[:, 0] < 0.0, speeds, speeds
+        curve = Branch("flip", ("R", "omega"), 1, 2, *rows, [end], orbit.oscillator)
+        (_, _, line) = exact_curves.curves_summary(cut, [curve], (), 0, 0, {}).split("\n")
+        assert line.startswith(f"a curve of flips of 1/2 is lost at {place}{reason}")
+        assert line.endswith(f"the slowest impact has {slowest} of the speed of the fastest")
+
+
+def strong_lines(figure):
+    return [line for line in figure.axes[0].lines if line.get_path_effects()]
+
+
+@pytest.mark.slow
+def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
+    """The flip of 1/1 between 1/1 and 2/2, on its closed form; elsewhere it is thin."""
+    with open_sweep(path) as dataset:
+        found = curves(dataset, classes=[(1, 1)])
+        figure = parameter_map(dataset, exact=found)
+        (line,) = strong_lines(figure)
+        omega, R = line.get_data()
+        assert np.ptp(R) > 0.35
+        assert_on_closed_form(omega, R, 1e-4)
+        elsewhere = dataset.copy()
+        elsewhere["period"] = 0 * dataset["period"] + 3  # another motion all over the map
+        thin = parameter_map(elsewhere, exact=found)
+        assert not strong_lines(thin) and thin.axes[0].lines
+        assert "1 further curve" in legend_of(thin)
+        monkeypatch.setattr("sweeps.plotting.curve_lines._FEW", 0)
+        assert len(strong_lines(parameter_map(dataset, exact=found))) == 1
+        left_out = parameter_map(elsewhere, exact=found)
+        assert not left_out.axes[0].lines and "1 further curve not shown" in legend_of(left_out)
+
+
+@pytest.mark.slow
+def test_a_curve_that_bounds_a_motion_on_a_part_is_drawn_whole(path, monkeypatch, unpainted):
+    """Where starts lead to another orbit, the rest of the curve is thin, also among many curves."""
+    monkeypatch.setattr("sweeps.plotting.curve_lines._FEW", 0)
+    with open_sweep(path) as dataset:
+        found = curves(dataset, classes=[(1, 1)])
+        half = dataset.copy()
+        half["period"] = dataset["period"].where(dataset["R"] < 0.7, 3)
+        figure = parameter_map(half, exact=found)
+    (strong,) = strong_lines(figure)
+    (thin,) = (line for line in figure.axes[0].lines if line not in strong_lines(figure))
+    for line in (strong, thin):
+        assert_on_closed_form(*line.get_data(), 1e-4)
+    assert 0.65 < strong.get_ydata().max() < 0.8
+    assert {strong.get_ydata().min(), thin.get_ydata().max()} == {0.5, 0.9}
+    assert np.isclose(thin.get_ydata().min(), strong.get_ydata().max(), atol=0.02)
+
+
+def legend_of(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+@pytest.mark.slow
+def test_the_kinds_of_the_curves_can_be_chosen(tmp_path, unpainted):
+    oscillator = "h: 0.05, f: 1.0, R: [0.7, 0.75, 0.8], clearance: 1.5, "
+    oscillator += "omega: {start: 1.2, stop: 1.8, num: 9}"
+    config = f"oscillator: {{{oscillator}}}\nrecord: {{transient: 300, periods: 16}}\n"
+    run_in(tmp_path, config)
+    with open_sweep(tmp_path / "out.h5") as dataset:
+        kinds = set(curves(dataset)["kind"].values.tolist())
+        assert "graze" in kinds
+        chosen = curves(dataset, kinds=["graze"])
+        assert set(chosen["kind"].values.tolist()) == {"graze"}
+        with pytest.raises(Refused, match=r"kind 'flp' .did you mean flip.*choose from"):
+            curves(dataset, kinds=["flp"])
+    drawn = accepted("plot", "out.h5", "--exact", "--kinds", "graze", "--dpi", "60")
+    assert "of grazes" in drawn and "of folds" not in drawn
+    told = refused("plot", "out.h5", "--kind", "bifurcation", "--exact", "--kinds", "graze")
+    assert "--kinds chooses curves over a map, and a diagram shows branches" in told
+
+
+def test_a_change_with_a_reason_and_a_curve_counts_once_in_the_share_of_the_work():
+    """A curve found later may explain a change that already had a reason."""
+    search = object.__new__(curve_search.CurveSearch)
+    search.explained = np.array([True, True, False, False])
+    search.counted = np.array([True, True, True, False])
+    assert search._share({0: "lost", 3: "of other classes"}) == pytest.approx(2 / 3)
+    assert search._share({0: "lost", 2: "lost"}) == 1.0
+    assert search._share(()) == pytest.approx(2 / 3)

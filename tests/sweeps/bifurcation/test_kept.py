@@ -1,0 +1,176 @@
+"""Exact branches and curves are kept in the cache of the user, and used if all is the same."""
+
+import os
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps import branches, curves, open_sweep
+from sweeps.bifurcation import kept as module
+from sweeps.bifurcation.kept import with_cache
+from tests.helpers.commands import accepted
+from tests.helpers.sweep_files import run_in
+from vibroimpact.jit.cache import write
+
+FOUND = "the exact orbits were found before, and are used again"
+
+SCENE = """
+oscillator: {h: 0.1, R: [0.7, 0.75, 0.8], omega: {start: 2.6, stop: 2.7, num: 9}, f: 1.0}
+record: {transient: 200, periods: 16}
+"""
+
+
+@pytest.fixture
+def path(tmp_path):
+    return run_in(tmp_path, SCENE)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path_factory, monkeypatch):
+    folder = tmp_path_factory.mktemp("cache") / "of the user"
+    monkeypatch.setattr(module, "root", lambda: folder)
+    return folder
+
+
+class Counted:
+    """`branches` or `curves`, with the number of calls that did the work."""
+
+    def __init__(self, find):
+        self.find, self.calls, self.__name__ = find, 0, find.__name__
+
+    def __call__(self, *args, **chosen):
+        self.calls += 1
+        return self.find(*args, **chosen)
+
+
+def asked(path, find, *args, **chosen):
+    """Return what `kept` finds for a file, and what it says."""
+    said = []
+    with open_sweep(path) as dataset:
+        return with_cache(find, said.append)(dataset, *args, **chosen), said
+
+
+@pytest.mark.parametrize(
+    ("find", "axes"), [(branches, "omega"), (curves, ["omega", "R"])], ids=["branches", "curves"]
+)
+def test_what_was_found_is_used_again_to_the_last_bit(path, find, axes):
+    find = Counted(find)
+    first, said = asked(path, find, axes)
+    again, then = asked(path, find, axes)
+    assert (find.calls, said) == (1, [])
+    assert then == [FOUND]
+    xr.testing.assert_identical(again, first)
+    assert first.sizes["point"] > 10
+    assert [again[name].dtype for name in again] == [first[name].dtype for name in first]
+
+
+@pytest.mark.slow
+def test_another_request_is_answered_for_itself_and_all_are_kept(path):
+    find = Counted(branches)
+    requests = [({}, {}), ({"R": 0.8}, {}), ({}, {"classes": [(1, 1)]}), ({}, {"most": 3})]
+    for calls in (4, 4):
+        found = [asked(path, find, "omega", at, **chosen)[0] for at, chosen in requests]
+        assert find.calls == calls
+        assert float(found[1]["omega"][3]) != float(found[0]["omega"][3])
+        assert set(found[2]["m"].values.tolist()) == {1}
+
+
+@pytest.mark.slow
+def test_nothing_is_used_again_after_a_change_of_the_data_or_of_the_code(path, monkeypatch):
+    find = Counted(branches)
+    asked(path, find, "omega")
+    monkeypatch.setattr(module, "NUMERICS", "other code")
+    asked(path, find, "omega")
+    assert find.calls == 2
+    asked(path, find, "omega")
+    assert find.calls == 2
+    monkeypatch.setattr(module, "numerics_of", lambda folder: f"other code of {folder}")
+    asked(path, find, "omega")
+    assert find.calls == 3
+    run_in(path.parent, SCENE.replace("h: 0.1", "h: 0.11"), overwrite=True)
+    found, _ = asked(path, find, "omega")
+    assert find.calls == 4
+    expected = branches(path, "omega")
+    np.testing.assert_array_equal(found["omega"], expected["omega"])
+
+
+def kept_files(cache):
+    return sorted((cache / "exact").iterdir())
+
+
+@pytest.mark.parametrize("damage", ["cut", "byte", "empty", "other content", "of others"])
+def test_what_is_damaged_or_may_be_of_another_user_is_not_used_but_found_again(path, cache, damage):
+    find = Counted(branches)
+    first, _ = asked(path, find, "omega")
+    (file,) = kept_files(cache)
+    whole = file.read_bytes()
+    half = len(whole) // 2
+    if damage == "other content":  # with a sound checksum
+        write(file, b"another")
+    elif damage == "of others":
+        file.chmod(0o666)
+    else:
+        changed = whole[:half] + bytes([whole[half] ^ 255]) + whole[half + 1 :]
+        file.write_bytes({"cut": whole[:half], "byte": changed, "empty": b""}[damage])
+    again, said = asked(path, find, "omega")
+    assert (find.calls, said) == (2, [])
+    xr.testing.assert_identical(again, first)
+    assert asked(path, find, "omega")[1] == [FOUND]
+    assert file.read_bytes() == whole and file.stat().st_mode & 0o022 == 0
+
+
+def test_the_oldest_results_go_first(path, cache, monkeypatch):
+    monkeypatch.setattr(module, "_MOST", 2)
+    find = Counted(lambda dataset, axes, at: xr.Dataset({"x": ("point", [at["R"]])}))
+    find.__name__ = "branches"
+    for number, calls in ((1, 1), (2, 2), (1, 2), (3, 3), (2, 3), (1, 4)):
+        found, _ = asked(path, find, "omega", {"R": number})
+        assert found["x"].values == [number] and find.calls == calls
+        newest = max(kept_files(cache), key=lambda file: file.stat().st_mtime)
+        os.utime(newest, (calls, calls))  # as if the next came later
+    assert len(kept_files(cache)) == 2
+
+
+@pytest.mark.slow
+def test_what_is_found_for_an_opened_file_is_not_taken_for_that_of_its_successor(path):
+    with open_sweep(path) as before:
+        before.load()
+        run_in(path.parent, SCENE.replace("h: 0.1", "h: 0.11"), overwrite=True)
+        with_cache(branches, print)(before, "omega", classes=[(np.int64(1), np.int64(1))])
+    found, _ = asked(path, branches, "omega", classes=[(1, 1)])
+    xr.testing.assert_identical(found, branches(path, "omega", classes=[(1, 1)]))
+
+
+def test_a_folder_that_cannot_be_used_is_said(path, cache):
+    cache.mkdir()
+    (cache / "exact").touch()
+    found, said = asked(path, branches, "omega")
+    assert found.sizes["point"]
+    assert said == [f"the exact orbits are not kept in {cache / 'exact'}: it is not a folder"]
+
+
+def test_nothing_is_written_or_read_beside_the_file(path):
+    """Whatever has that name: a file of 100 GB would be read for minutes."""
+    beside = path.with_name("out.h5.exact")
+    os.mkfifo(beside)
+    before = sorted(path.parent.iterdir())
+    asked(path, branches, "omega")
+    assert sorted(path.parent.iterdir()) == before
+
+
+def test_an_incomplete_sweep_keeps_nothing(tmp_path, stop_after):
+    with stop_after(1, size=9), pytest.raises(KeyboardInterrupt):
+        run_in(tmp_path, SCENE)
+    _, said = asked(tmp_path / "out.h5", branches, "omega")
+    assert said == ["the exact orbits are not kept: the sweep is not complete"]
+
+
+@pytest.mark.slow
+def test_plot_and_info_share_what_was_found(path):
+    command = "plot", "out.h5", "--kind", "bifurcation", "--exact", "--dpi", "50"
+    assert FOUND not in accepted(*command)
+    assert FOUND in accepted(*command)
+    table = "info", "out.h5", "--bifurcations", "--at", "R=0.7"
+    first = accepted(*table).strip()
+    assert FOUND in (again := accepted(*table)) and again.split(FOUND)[0].strip() in first

@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps.bifurcation.bifurcation_report import cascades
+from sweeps.bifurcation.explanations import Change, changes_of_class
+from sweeps.opened.motions import classify
+from vibroimpact.points.regimes import Label, Regime
+from vibroimpact.status import Evidence, Status
+
+PERIODS = 100
+OMEGA = 2.0
+DURATION = PERIODS * 2 * np.pi / OMEGA
+
+
+def given_points(status, period, rest=0.0, growth=None):
+    """Return points along R with this growth of tangent vectors over the record."""
+    n = len(np.atleast_1d(status))
+    evidence = np.where(np.asarray(period) > 0, Evidence.REPEATS, Evidence.NONE)
+    fill = {"status": status, "period": period, "class_evidence": evidence, "rest_fraction": rest}
+    values = {name: ("R", np.broadcast_to(value, n)) for name, value in fill.items()}
+    values["poincare_x"] = (("R", "section"), np.zeros((n, PERIODS)))
+    if growth is not None:
+        exponents = np.stack([np.asarray(growth) / DURATION, np.full(n, -5.0)], axis=1)
+        values["lyapunov"] = (("R", "exponent"), exponents)
+    return xr.Dataset(values, {"R": np.linspace(0, 1, n), "omega": OMEGA})
+
+
+def test_the_status_decides_first():
+    """Even if the remaining numbers suggest another regime."""
+    dataset = given_points(list(Status), period=1, rest=0.5)
+    assert classify(dataset).tolist() == [
+        Regime.PENDING,
+        Regime.REST,
+        Regime.REST,
+        Regime.REST,
+        Regime.UNBOUNDED,
+        Regime.FAILED,
+        Regime.FAILED,
+    ]
+
+
+def test_a_repetition_decides_before_the_exponent():
+    assert classify(given_points([1, 1], [3, 0], growth=[50.0, 50.0])).tolist() == [
+        Regime.PERIODIC,
+        Regime.CHAOTIC,
+    ]
+
+
+def test_the_exponent_decides_by_the_growth_that_a_torus_allows():
+    """Linear growth over the record is the factor 100."""
+    growth = [-np.inf, np.log(0.0099), np.log(0.0101), 0.0, np.log(99.0), np.log(101.0)]
+    motion = [Regime.UNKNOWN] * 5 + [Regime.CHAOTIC]
+    assert classify(given_points(np.ones(6), 0, growth=growth)).tolist() == motion
+
+
+def test_without_an_exponent_nothing_is_said_of_what_does_not_repeat():
+    assert classify(given_points([1, 0, 2], 0)).tolist() == [Regime.UNKNOWN] * 3
+
+
+def test_the_shape_is_that_of_the_grid_in_any_order():
+    omega = np.array([1.0, 2.0, 4.0])
+    one = given_points([1, 1], 0, growth=[0.0, 0.0]).drop_vars("lyapunov")
+    both = one.drop_vars("omega").expand_dims(omega=omega).transpose("R", "omega", ...)
+    # The same exponent is a growth that falls with omega: 2 pi k / omega of time.
+    rate = np.full((2, 3, 2), 1.5 * np.log(PERIODS) / DURATION)
+    both["lyapunov"] = (("R", "omega", "exponent"), rate)
+    expected = [Regime.CHAOTIC, Regime.CHAOTIC, Regime.UNKNOWN]
+    assert classify(both).tolist() == [expected, expected]
+    turned = both.transpose("omega", "R", ...)
+    assert classify(turned).tolist() == np.transpose([expected, expected]).tolist()
+
+
+# Changes of the class: their kinds and cascades
+
+ONE, TWO, FOUR, EIGHT = (Label(Regime.PERIODIC, m, m) for m in (1, 2, 4, 8))
+REST, CHAOS = Label(Regime.REST), Label(Regime.CHAOTIC)
+
+
+def test_points_of_no_known_class_are_passed_over():
+    given = [ONE, None, None, ONE, None, TWO, CHAOS]
+    assert list(changes_of_class(np.arange(7.0), given)) == [
+        Change(3.0, 5.0, ONE, TWO, between=1),
+        Change(5.0, 6.0, TWO, CHAOS),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "kind"),
+    [
+        (ONE, TWO, "flip"),
+        (FOUR, TWO, "flip"),
+        (Label(Regime.PERIODIC, 2, 3), Label(Regime.PERIODIC, 2, 4), "unknown"),
+        (ONE, FOUR, "unknown"),
+        (Label(Regime.PERIODIC, 2, 3), Label(Regime.PERIODIC, 4, 7), "unknown"),
+        (ONE, REST, "rest"),
+        (CHAOS, REST, "rest"),
+        (CHAOS, TWO, "chaotic"),
+        (Label(Regime.REST, 2, 2), Label(Regime.REST, 2, 1), "unknown"),
+        (Label(Regime.REST, 1, 1), Label(Regime.REST, 2, 2), "unknown"),
+        (Label(Regime.REST, 1, 1), ONE, "rest"),
+    ],
+)
+def test_kinds_of_change(before, after, kind):
+    assert Change(0.0, 1.0, before, after).kind == kind
+
+
+def test_cascades_run_both_ways_and_break_where_a_flip_is_missing():
+    up = [(1.0, ONE, TWO), (2.0, TWO, FOUR), (2.5, FOUR, EIGHT)]
+    down = [(4.0, EIGHT, FOUR), (5.0, FOUR, TWO), (7.0, TWO, ONE)]
+    assert list(cascades(up)) == [[1.0, 2.0, 2.5]]
+    assert list(cascades(down)) == [[7.0, 5.0, 4.0]]
+    chaos = [(3.0, EIGHT, CHAOS), (3.5, CHAOS, EIGHT)]
+    assert list(cascades([*up, *chaos, *down])) == [[1.0, 2.0, 2.5], [7.0, 5.0, 4.0]]
+    assert list(cascades([up[0], up[2]])) == []

@@ -1,0 +1,269 @@
+"""The loop of exact impacts: all lanes take a step, and lanes that met the stop are corrected.
+
+All lanes take a step as if there were no stop; the results go to their second rows. Lanes that may
+have met the stop are listed, and their flights are followed side by side, in columns. A flight for
+which this proves nothing goes through ``exact_step`` alone, as that of a single orbit does.
+"""
+
+from __future__ import annotations
+
+from vibroimpact.jit import jit, lowest_bit, not_negative, widest_vectors
+from vibroimpact.kernel.exact_impacts import (
+    AT,
+    BEGIN,
+    BOUND,
+    COLUMN_COEFFICIENTS,
+    COLUMN_ROW,
+    PAIR_0,
+    PAIR_1,
+    PROVED,
+    W_1,
+    W_I,
+    Y_1,
+    begin_next_flight,
+    carry_columns,
+    coefficients_in,
+    fill_columns,
+    flight_in,
+    follow_flights,
+)
+from vibroimpact.kernel.record import list_impact, record_step
+from vibroimpact.kernel.tangents import CHECKED_EVERY, propagate_all_tangents, stretch_lanes
+from vibroimpact.kernel.workspace import (
+    AT_REST,
+    CLEARANCE,
+    COEFFICIENTS,
+    COEFFICIENTS_SIZE,
+    COLUMNS,
+    FORCING,
+    GUARD,
+    KEPT,
+    LANES,
+    LEVEL,
+    OMEGA,
+    PERIOD,
+    POSITION,
+    PROPAGATOR,
+    ROW,
+    SLEPT,
+    TANGENTS,
+    VECTOR,
+    VELOCITY,
+    W,
+    Y,
+    list_lanes,
+    pair_in,
+    propagator_in,
+    put_pair,
+    set_rest,
+    sleeps_until,
+    whole_vectors,
+)
+from vibroimpact.step.contact import SIDE_BY_SIDE
+from vibroimpact.step.exact_step import exact_step
+from vibroimpact.step.impact import FIRST, FREE, ONLY
+from vibroimpact.step.propagator import (
+    Forcing,
+    coefficients_of,
+    forced,
+    from_dimensionless,
+    propagate,
+    propagator_of,
+    to_dimensionless,
+)
+from vibroimpact.step.scheme import COS, SIN, THETA
+from vibroimpact.step.variational import carry_tangents
+
+
+@jit
+def set_propagator(workspace, i, grid):
+    """Give lane `i` its coefficients of (P), and its propagator over a step of `grid`."""
+    lanes, added = workspace.lanes, workspace.added
+    eq = coefficients_of(workspace.points[i])
+    propagator, forcing = propagator_of(eq, grid.phase_step, workspace.scratch.coefficients)
+    for q in range(7):
+        lanes[PROPAGATOR + q * ROW + i] = propagator[q]
+    for q in range(6):
+        lanes[FORCING + q * ROW + i] = forcing[q]
+    line = COEFFICIENTS + COEFFICIENTS_SIZE * i
+    for q in range(5):
+        lanes[line + q] = eq[q]
+    for q in range(3):
+        lanes[line + 5 + q] = propagator[4 + q]
+    if grid.size <= KEPT:
+        for n in range(grid.size):
+            added[n, 0, i], added[n, 1, i] = forced(forcing, grid.table[SIN, n], grid.table[COS, n])
+
+
+@jit
+def force_lanes(lanes, added, s, c):
+    """Set `added` to what a step adds to each lane, from a phase with sine `s` and cosine `c`."""
+    widest_vectors()
+    for i in range(LANES):
+        f = FORCING + i
+        forcing = Forcing(
+            lanes[f], lanes[f + ROW], lanes[f + 2 * ROW], lanes[f + 3 * ROW], lanes[f + 4 * ROW],
+            lanes[f + 5 * ROW],
+        )  # fmt: skip
+        added[0, i], added[1, i] = forced(forcing, s, c)
+
+
+@jit
+def place_of_added(workspace, grid, n):
+    """Return the index in ``Workspace.added`` of what step `n` of `grid` adds to each lane.
+
+    If the grid has too many steps to keep, the values are computed now, at index 0.
+    """
+    if grid.size <= KEPT:
+        return n
+    force_lanes(workspace.lanes, workspace.added[0], grid.table[SIN, n], grid.table[COS, n])
+    return 0
+
+
+@jit
+def propagate_lanes(lanes, size, added, phase_step, n):
+    """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact.
+
+    A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step.
+    """
+    widest_vectors()
+    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
+    for i in range(whole_vectors(size)):
+        y, w = lanes[Y + old_row + i], lanes[W + old_row + i]
+        y, w, _, lanes[GUARD + i] = propagate(
+            propagator_in(lanes, i), y, w, (added[0, i], added[1, i]), phase_step
+        )
+        lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
+
+
+@jit
+def end_flights(batch, lo, count, grid, n, carrying, last):
+    """List the impacts that end the flights of these columns, and end or go on with their steps.
+
+    Return the number of flights that begin now, with rebounds, in the first columns; their lanes
+    are listed from index `lo` on. If these are the `last` columns, they go alone.
+    """
+    workspace, record, _ = batch
+    lanes, c, met = workspace.lanes, workspace.columns, workspace.met
+    table, new_row = grid.table, (~n & 1) * ROW
+    theta, wave = table[THETA, n], (table[SIN, n], table[COS, n])
+    for j in range(count):
+        i, proved = met[lo + j] & (LANES - 1), c[PROVED + j]
+        lanes[Y + new_row + i], lanes[W + new_row + i] = c[Y_1 + j], c[W_1 + j]
+        if (proved == ONLY or proved == FIRST) and lanes[PERIOD + i] >= 0.0:
+            ring, speed = record.impacts[workspace.rows[i]], c[W_I + j] * lanes[OMEGA + i]
+            list_impact(ring, workspace.sums[i], theta + c[AT + j], speed)
+        if carrying and (proved == ONLY or (proved == FREE and c[BEGIN + j] > 0.0)):
+            pair = pair_in(c, PAIR_1 + j, COLUMN_ROW)
+            put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+    bits, begun = ~not_negative(c, PROVED) & ((1 << count) - 1), 0
+    while bits != 0:  # terminates: one bit less each time
+        j = lowest_bit(bits)
+        bits &= bits - 1
+        i = met[lo + j] & (LANES - 1)
+        if c[PROVED + j] == FIRST:
+            slow = begin_next_flight(c, j, begun, wave)
+            if not (slow or last):
+                met[lo + begun] = i
+                begun += 1
+                continue
+            j = begun
+        resolve_exact_lane(batch, i, j, grid, n, carrying)
+    return begun
+
+
+@jit
+def resolve_exact_lane(batch, i, j, grid, n, carrying):
+    """Take lane `i` from the start of the flight in column `j` to the end of step `n`, alone."""
+    workspace, record, _ = batch
+    lanes, c, scratch = workspace.lanes, workspace.columns, workspace.scratch
+    new_row = (~n & 1) * ROW
+    pt, sums = workspace.points[i], workspace.sums[i]
+    theta, phase_step, begin = grid.table[THETA, n], grid.phase_step, c[BEGIN + j]
+    was_resting = lanes[LEVEL + i] == AT_REST
+    eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
+    y, w, resting, n_events, rested, status, grazes = exact_step(
+        eq, pt, flight_in(c, j), was_resting, c[BOUND + j], theta, phase_step, scratch, 0
+    )
+    lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
+    set_rest(lanes, i, resting, theta + phase_step, pt)
+    sums.status = max(sums.status, status)
+    sums.alone += 1
+    if lanes[PERIOD + i] >= 0.0:
+        ring = record.impacts[workspace.rows[i]]
+        record_step(scratch.events, n_events, rested / pt.omega, theta, pt, ring, sums)
+        sums.near_grazes += grazes
+    if carrying:
+        pair = pair_in(c, PAIR_0 + j, COLUMN_ROW)
+        if was_resting:
+            pair = 0.0, 0.0, 0.0, 0.0
+        pair = carry_tangents(
+            (eq, propagator_in(lanes, i)), pair, scratch.events, n_events, begin, theta,
+            phase_step, pt.omega,
+        )  # fmt: skip
+        put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+
+
+@jit
+def take_flights(batch, lo, count, grid, n, carrying):
+    """Take `count` listed lanes, from index `lo` on, over step `n`, flight after flight."""
+    workspace, table = batch.workspace, grid.table
+    c, phase_step = workspace.columns, grid.phase_step
+    wave, end_wave = (table[SIN, n], table[COS, n]), (table[SIN, n + 1], table[COS, n + 1])
+    fill_columns(workspace, lo, count, n, carrying)
+    for k in range(SIDE_BY_SIDE):
+        vectors = (count + VECTOR - 1) // VECTOR
+        follow_flights(c, vectors, (wave, end_wave), phase_step, k > 0)
+        if carrying:
+            carry_columns(c, vectors, wave)
+        count = end_flights(batch, lo, count, grid, n, carrying, k + 1 == SIDE_BY_SIDE)
+        if count == 0:
+            break
+
+
+@jit
+def list_awake(workspace, size, theta, n):
+    """List the lanes that may have met the stop; those that rest until after `theta` stay there."""
+    lanes, met, new_row = workspace.lanes, workspace.met, (~n & 1) * ROW
+    awake = 0
+    for j in range(list_lanes(lanes, met, size)):
+        i = met[j] & (LANES - 1)
+        if sleeps_until(lanes, i, theta):
+            lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
+            lanes[SLEPT + i] += 1.0
+        else:
+            met[awake] = i
+            awake += 1
+    return awake
+
+
+@jit
+def take_exact_steps(batch, grid, carrying):
+    """Take all lanes over the steps of `grid`."""
+    workspace, _, size = batch
+    lanes = workspace.lanes
+    for n in range(grid.size):
+        added = workspace.added[place_of_added(workspace, grid, n)]
+        propagate_lanes(lanes, size, added, grid.phase_step, n)
+        listed = list_awake(workspace, size, grid.table[THETA, n] + grid.phase_step, n)
+        if carrying:
+            propagate_all_tangents(lanes, size, n)
+        for lo in range(0, listed, COLUMNS):
+            take_flights(batch, lo, min(COLUMNS, listed - lo), grid, n, carrying)
+        if carrying and ((n + 1) % CHECKED_EVERY == 0 or n + 1 == grid.size):
+            stretch_lanes(batch, n + 1)
+    if grid.size & 1:
+        for a in range(0, GUARD if carrying else TANGENTS, 2 * ROW):  # the next step has number 0
+            for i in range(a, a + LANES):
+                lanes[i] = lanes[i + ROW]
+
+
+@jit
+def round_states(lanes, size):
+    """Round the states to (x, v), which go to the rows for odd steps, for the record."""
+    widest_vectors()
+    for i in range(whole_vectors(size)):
+        clearance, omega = lanes[CLEARANCE + i], lanes[OMEGA + i]
+        x, v = from_dimensionless(lanes[Y + i], lanes[W + i], clearance, omega)
+        lanes[POSITION + ROW + i], lanes[VELOCITY + ROW + i] = x, v
+        lanes[Y + i], lanes[W + i] = to_dimensionless(x, v, clearance, omega)
