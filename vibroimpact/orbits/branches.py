@@ -27,12 +27,15 @@ from vibroimpact.orbits.family import (
     parameter_indices,
     units_along,
 )
+from vibroimpact.orbits.flights import parameters, values_of
 from vibroimpact.orbits.orbit import (
+    NAMES,
     Orbits,
     PeriodicOrbit,
     free_amplitude,
     free_orbit,
     orbit_of,
+    steady_amplitude,
     taken_twice,
 )
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
@@ -410,12 +413,13 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
 
     units = units_along(orbit.oscillator, [axis])
     osc, unit = units.oscillator_into(orbit.oscillator), PARAMETERS[axis.name].unit
-    start = float(getattr(osc, axis.name))
+    start, there = float(getattr(osc, axis.name)), values_of(osc)
     first, last = units.into(unit, (axis.low, axis.high)).tolist()
 
     def gap_left(value: float) -> float:
-        there = replace(osc, **{axis.name: value})
-        return there.clearance - min(abs(free_amplitude(there)), _INFINITE)
+        there[NAMES.index(axis.name)] = value
+        pt = parameters.py_func(there)
+        return float(pt.clearance - min(abs(steady_amplitude(pt)), _INFINITE))
 
     def end(side: np.ndarray) -> tuple[str, float]:
         """Return how the branch ends towards one side, and the last value."""
@@ -430,9 +434,9 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
         return "edge", before
 
     def special_point(kind: str, value: float) -> SpecialPoint:
-        there = replace(orbit.oscillator, **{axis.name: float(units.out_of(unit, value))})
-        found = _free_graze(there) if kind == "graze" else free_orbit(there)
-        return SpecialPoint(kind, getattr(there, axis.name), found)
+        own = replace(orbit.oscillator, **{axis.name: float(units.out_of(unit, value))})
+        found = _free_graze(own) if kind == "graze" else free_orbit(own)
+        return SpecialPoint(kind, getattr(own, axis.name), found)
 
     # The amplitude has a single extremum, at resonance, so it is monotone on both sides.
     resonance = {"omega": _resonance(osc), "p": osc.omega}

@@ -228,6 +228,10 @@ def free_orbit(osc: Oscillator) -> PeriodicOrbit:
 
 def free_amplitude(osc: Oscillator) -> complex:
     """Return A of the steady motion without impacts, x = Im A exp(i omega t); inf at resonance."""
+    return steady_amplitude(Parameters(osc.h, osc.R, osc.omega, osc.force, osc.p, osc.clearance))
+
+
+def steady_amplitude(pt: Parameters) -> complex:
+    """Return the same for parameters whose f is the whole force."""
     response = steady_response.py_func  # not worth compiling
-    pt = Parameters(osc.h, osc.R, osc.omega, osc.force, osc.p, osc.clearance)
     return complex(response(pt, 1.0, 0.0)[0], response(pt, 0.0, 1.0)[0])
