@@ -9,9 +9,10 @@ import pytest
 
 from tests.helpers.oscillators import SectionMap, bifurcation
 from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.calls import linearised
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
-from vibroimpact.orbits.orbit import PeriodicOrbit, linearised
+from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
@@ -292,7 +293,7 @@ def test_a_curve_of_folds_ends_at_an_edge_just_before_its_degenerate_flip(axis, 
         assert end.value[axis] == edge
         assert end.value.tolist() == found.values[0].tolist()
         assert (end.orbit.m, end.orbit.q) == (6, 4)
-        assert np.abs(linearised(end.orbit)[0]).max() < 1e-9
+        assert np.abs(linearised(*end.orbit.equations)[0]).max() < 1e-9
         slopes.append((end.value[1 - axis] - flip[1 - axis]) / away)
         sizes.append(np.abs(end.orbit.speeds[:2] - end.orbit.speeds[2:]).max() / math.sqrt(away))
         assert len(found.values) < 250
