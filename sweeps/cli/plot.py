@@ -1,4 +1,4 @@
-"""The command ``plot_command``: arguments and exit codes only.
+"""The command ``plot``: a picture of each file, with its name, limits and exact orbits.
 
 As in ``main.py``, modules are imported inside the command.
 """

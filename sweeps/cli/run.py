@@ -1,4 +1,4 @@
-"""The command ``run_command``: arguments and exit codes only.
+"""The command ``run``: its plan, the run here or on a cluster, and its report.
 
 As in ``main.py``, modules are imported inside the command.
 """

@@ -1,4 +1,4 @@
-"""The command ``zoom_command``: arguments and exit codes only.
+"""The command ``zoom``: the piece of an axis, its configuration, its run and its picture.
 
 As in ``main.py``, modules are imported inside the command.
 """

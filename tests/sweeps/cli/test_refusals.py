@@ -23,7 +23,7 @@ CONFIG = SMALL
 
 
 def test_a_wrong_configuration():
-    """One case; ``test_config_refusals.py`` tests all others."""
+    """One case; ``sweeps/config`` tests all others."""
     Path("wrong.yaml").write_text(CONFIG.replace("  h: 0.1", "  h: -1"))
     for dry in ([], ["--dry-run"]):
         message = refused("run", "wrong.yaml", *dry)
