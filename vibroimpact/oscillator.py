@@ -76,7 +76,10 @@ def checked(name: str, value: object) -> float:
 
 def _number(title: str, value: object, bounds: Parameter) -> float:
     """Return `value` as a float; messages call it by its `title`."""
-    given, number = f"{title} = {input_text(value)}", real(value)
+    number = real(value)
+    if number is not None and bounds.accepts(number):
+        return number
+    given = f"{title} = {input_text(value)}"
     if number is None:
         hint = ""
         if isinstance(value, (np.ndarray, Sequence)) and not isinstance(value, (str, bytes)):
@@ -85,9 +88,7 @@ def _number(title: str, value: object, bounds: Parameter) -> float:
                 "sweeps.run_sweep"
             )
         raise TypeError(refusal(given, bounds.allowed) + hint)
-    if not bounds.accepts(number):
-        raise ValueError(refusal(given, bounds.allowed))
-    return number
+    raise ValueError(refusal(given, bounds.allowed))
 
 
 @dataclass(frozen=True)
