@@ -1,7 +1,8 @@
 """Run commands of vibroimpact in a process without the features that only POSIX has.
 
-    python without_posix.py COMMAND ARGUMENTS... [-- COMMAND ARGUMENTS...]...
+    python without_posix.py [--one-block] COMMAND ARGUMENTS... [-- COMMAND ARGUMENTS...]...
 
+With ``--one-block`` a run writes one block, and then waits until it is killed.
 The libraries are imported first, because they have separate code for other systems. As on
 Windows, an open file cannot be replaced or removed, and a folder cannot be opened. Nothing else
 of another system is simulated.
@@ -12,6 +13,7 @@ import importlib
 import os
 import pathlib
 import sys
+import time
 import types
 
 LIBRARIES = "filelock h5netcdf numba pandas platformdirs.unix psutil scipy.optimize xarray"
@@ -88,9 +90,25 @@ def open_files():
     return paths
 
 
+def wait_after_one_block():
+    """Let a run write one block, and then wait for longer than any test."""
+    from sweeps.store import SweepWriter
+
+    write = SweepWriter.write
+
+    def write_one(self, block, results):
+        write(self, block, results)
+        time.sleep(1e5)
+
+    SweepWriter.write = write_one
+
+
 def main(words):
     """Run the commands until one ends with a nonzero exit code."""
     take_away(words)
+    if words[0] == "--one-block":
+        wait_after_one_block()
+        words = words[1:]
     from sweeps.cli.__main__ import main as command
 
     while words:

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.colors import same_color
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
@@ -305,7 +306,8 @@ def test_integrity(scene):
             marks[2] == np.isnan(end)
             and bounds.get_ydata()[marks].max(initial=0.0) < panel.get_ylim()[1]
         )
-        assert bounds.get_markerfacecolor() == "white" and set(here.get_xdata()) == {2.75}
+        assert same_color(bounds.get_markerfacecolor(), panel.get_facecolor())  # hollow
+        assert set(here.get_xdata()) == {2.75}
     assert basins.get_title("left") == r"basins at $\omega=2.75$"
     assert any("2/1" in text.get_text() for text in figure.legends[0].get_texts())
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex
+from matplotlib.colors import same_color, to_hex
 from matplotlib.figure import Figure
 
 from sweeps import Refused, attractors, integrity, knocks, open_sweep
@@ -367,7 +367,7 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
     handles = dict(
         zip((t.get_text() for t in legend.get_texts()), legend.legend_handles, strict=True)
     )
-    assert handles["lower bound"].get_markerfacecolor() == "white"
+    assert same_color(handles["lower bound"].get_markerfacecolor(), panel.get_facecolor())
     arrows = {to_hex(handle.get_color()) for text, handle in handles.items() if "knock" in text}
     knocks_drawn = [text.arrow_patch for text in panel.texts if hasattr(text, "arrow_patch")]
     drawn = {to_hex(arrow.get_edgecolor()) for arrow in knocks_drawn}
