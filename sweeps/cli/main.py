@@ -147,6 +147,7 @@ add(
     cli_read.attractors_command,
     cli_read.integrity_command,
     cli_read.info_command,
+    cli_read.compare_command,
     cli_read.export_command,
     schema_command,
 )

@@ -28,6 +28,7 @@ from sweeps.cli.options import (
     selection_of,
 )
 from sweeps.errors import Refused
+from vibroimpact.inputs import number, typed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -184,6 +185,38 @@ def _show_bifurcations(
     if csv is not None:
         write_csv(csv, public_table(found))
         say(csv)
+
+
+def _read_rtol(value: object) -> float:
+    """Read a relative difference; refuse all but numbers from 0 to below 1."""
+    allowed = number(lambda given: 0.0 <= given < 1.0, "a number from 0 to below 1, as 1e-9")
+    if not allowed.fits(given := typed(str(value))):
+        raise Refused(allowed.refusal(f"--rtol {value}"))
+    return float(given or 0.0)
+
+
+def compare_command(
+    first: SweepFile,
+    second: Annotated[Path, typer.Argument(metavar="OTHER.h5", help="The file of another sweep.")],
+    rtol: Annotated[
+        float,
+        typer.Option(
+            metavar="NUMBER",
+            parser=_read_rtol,
+            help="Relative difference of two numbers that still counts as equal.",
+        ),
+    ] = 0.0,
+) -> None:
+    """Say what differs in two sweeps, where first and by how much; exit with 1 if anything does."""
+    from sweeps.opened.comparison import comparison_report
+    from sweeps.store import open_sweep
+
+    with open_sweep(first) as one, open_sweep(second) as other:
+        with named(f"{first}, {second}"):
+            text, differ = comparison_report(one, other, (str(first), str(second)), rtol)
+        say(text)
+    if differ:
+        raise typer.Exit(1)
 
 
 def export_command(

@@ -1,0 +1,204 @@
+"""The differences of two sweeps of the same shape: which values differ, where and by how much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+
+from sweeps.errors import Refused
+from sweeps.opened.coordinates import in_parts
+from sweeps.opened.dataset import config_of
+from sweeps.store.variables import FLAGS, VARIABLES
+from sweeps.text import listed, shown_count, told_apart
+from vibroimpact.oscillator import PARAMETERS
+
+#: Most values of a variable of each sweep in memory.
+_PART = 1_000_000
+#: The dimension of the only record whose width follows from the motions.
+_SAMPLE = "sample"
+
+
+@dataclass
+class Difference:
+    """The values of a variable or coordinate that differ, counted part by part."""
+
+    name: str
+    values: int = 0  # values that differ
+    size: int = 0  # values that were compared
+    points: int = 0  # points of the grid with a value that differs
+    greatest: float = 0.0  # of the differences of two finite numbers
+    at: Mapping[str, int] = field(default_factory=dict)  # place of the first one, by dimension
+    first: tuple[object, object] = ("", "")  # its two values
+
+
+def differences(one: xr.Dataset, other: xr.Dataset, rtol: float = 0.0) -> Iterator[Difference]:
+    """Yield what was found of each variable and coordinate that both sweeps have.
+
+    Two values are equal if both are NaN, or if they differ by at most `rtol` times the greater
+    magnitude; integers and texts must be the same, and phases may differ by full turns. Of
+    trajectories, the samples that both sweeps have are compared. Raises Refused
+    if the axes or records have other sizes.
+    """
+    _refuse_other_shapes(one, other)
+    if _SAMPLE in one.dims and _SAMPLE in other.dims:
+        width = min(data.sizes[_SAMPLE] for data in (one, other))
+        one, other = (data.isel({_SAMPLE: slice(width)}) for data in (one, other))
+    for name in [*one.coords, *one.data_vars]:
+        if name in other.variables:
+            yield _compared(one, other, str(name), rtol)
+
+
+def _refuse_other_shapes(one: xr.Dataset, other: xr.Dataset) -> None:
+    """Refuse two sweeps whose dimensions differ, except in the number of samples."""
+    axes = [dict(data["status"].sizes) for data in (one, other)]
+    records = {name: size for name, size in one.sizes.items() if name in other.sizes}
+    if axes[0] == axes[1]:
+        differing = [
+            name for name, size in records.items() if name != _SAMPLE and size != other.sizes[name]
+        ]
+        axes = [{name: data.sizes[name] for name in differing} for data in (one, other)]
+    if axes[0] != axes[1]:
+        shapes = (
+            listed([f"{name}: {size}" for name, size in sizes.items()]) or "a single point"
+            for sizes in axes
+        )
+        raise Refused(
+            "the two sweeps have different shapes, {} and {}; expected: the same axes and records "
+            "of the same lengths".format(*shapes)
+        )
+
+
+def _compared(one: xr.Dataset, other: xr.Dataset, name: str, rtol: float) -> Difference:
+    """Compare a variable of two sweeps, a part of the points at a time."""
+    found = Difference(name)
+    if name in one.coords:
+        bare = (data[name].drop_vars(data[name].coords) for data in (one, other))
+        pair = xr.broadcast(*bare)  # a number in one may be a column in the other
+        _count(found, pair[0].values, pair[1].values, pair[0].sizes, 0, rtol)
+        return found
+    axes = one["status"].dims
+    own, others = (data[name].variable.transpose(*axes, ...) for data in (one, other))
+    shape = one["status"].variable.to_base_variable()
+    joint = xr.Dataset({"status": shape, "one": own, "other": others})
+    width = math.prod(own.shape[len(axes) :])
+    for part, points in in_parts(joint, _PART // max(1, width)):
+        first, second = part["one"].values, part["other"].values
+        _count(found, first, second, own.sizes, points.start, rtol, width)
+    return found
+
+
+def _count(
+    found: Difference,
+    first: np.ndarray,
+    second: np.ndarray,
+    sizes: Mapping[Hashable, int],
+    start: int,
+    rtol: float,
+    width: int = 1,
+) -> None:
+    """Add the values of the points from number `start` on, each of `width` values."""
+    first, second = first.ravel(), second.ravel()
+    found.size += first.size
+    differ, distance = _distances(found.name, first, second, rtol)
+    places = np.flatnonzero(differ)
+    if not places.size:
+        return
+    if not found.values:
+        place = np.unravel_index(start * width + int(places[0]), tuple(sizes.values()) or (1,))
+        found.at = dict(zip(map(str, sizes), map(int, place), strict=False))
+        found.first = first[places[0]], second[places[0]]
+    found.values += places.size
+    found.points += len(np.unique(places // width))
+    found.greatest = max(found.greatest, float(distance[places].max()))
+
+
+def _distances(
+    name: str, first: np.ndarray, second: np.ndarray, rtol: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return which values differ, and by how much; 0 where one of them is no finite number."""
+    if "O" in (first.dtype.kind, second.dtype.kind):
+        pairs = zip(first.tolist(), second.tolist(), strict=True)
+        texts = np.array([a != b and not a != a != b != b for a, b in pairs], bool)
+        return texts, np.zeros(texts.size)
+    differ = (first != second) & ~(np.isnan(first) & np.isnan(second))
+    both = np.isfinite(first) & np.isfinite(second)
+    numbers = [np.where(both, values, 0.0) for values in (first, second)]
+    with np.errstate(over="ignore"):
+        distance = np.abs(numbers[0] - numbers[1])
+        if name in VARIABLES and VARIABLES[name].unit == "rad":
+            distance = np.minimum(distance, np.abs(2.0 * np.pi - distance))
+    if rtol and "f" in (first.dtype.kind, second.dtype.kind):
+        differ &= ~(both & (distance <= rtol * np.maximum(*np.abs(numbers))))
+    return differ, distance
+
+
+# The differences as text
+
+
+def comparison_report(
+    one: xr.Dataset, other: xr.Dataset, names: tuple[str, str], rtol: float
+) -> tuple[str, bool]:
+    """Write what differs in two opened sweeps, of these names; also return whether anything does.
+
+    Raises Refused as `differences` does.
+    """
+    found = list(differences(one, other, rtol))
+    lines = [_line(one, each) for each in found if each.values]
+    for data, without, name in ((one, other, names[0]), (other, one, names[1])):
+        lines += [f"{variable}: only in {name}" for variable in sorted({*data} - {*without})]
+        lines += [
+            f"{variable}: only in {name}" for variable in sorted({*data.coords} - {*without.coords})
+        ]
+    if (
+        _SAMPLE in one.dims
+        and _SAMPLE in other.dims
+        and (a := one.sizes[_SAMPLE]) != (b := other.sizes[_SAMPLE])
+    ):
+        lines.append(f"the longest trajectory has {a:,} and {b:,} samples")
+    within = f" within a relative difference of {rtol:g}" if rtol else ""
+    if lines:
+        return "\n".join([*lines, f"{names[0]} and {names[1]} differ{within}"]), True
+    count = shown_count(len(found), "variable")
+    return f"{names[0]} and {names[1]} are equal{within}: {count} and coordinates", False
+
+
+def _line(data: xr.Dataset, found: Difference) -> str:
+    """Write how many values of a variable differ, the first ones, and the greatest difference."""
+    seen, name = config_of(data).nomenclature, found.name
+    here = [
+        f"{seen.name(axis)} = {_shown(seen.value(axis, data[axis].values[place]))}"
+        for axis, place in found.at.items()
+    ]
+    if name in data.coords:
+        called = seen.name(name) if name in PARAMETERS else name
+        where = f"{called}: {found.values:,} of {shown_count(found.size, 'value')} differ"
+        if name in data.dims:
+            here = [f"number {1 + place}" for place in found.at.values()]
+    else:
+        points = shown_count(data["status"].size, "point")
+        where = f"{name}: differs at {found.points:,} of {points}"
+        if found.size > data["status"].size:
+            where += f" ({found.values:,} of {found.size:,} values)"
+    first = f", first at {', '.join(here)}" if here else ""
+    values = " and ".join(_values(name, found.first))
+    measured = found.greatest and name not in FLAGS
+    most = f"; greatest difference {found.greatest:.3g}" if measured else ""
+    return f"{where}{first}: {values}{most}"
+
+
+def _values(name: str, values: tuple[object, object]) -> list[str]:
+    """Write two values so that they can be told apart, flags as words."""
+    if name in FLAGS:
+        words = {int(one): one.name.lower().replace("_", "-") for one in FLAGS[name]}
+        return [words.get(int(value), str(value)) for value in values]  # type: ignore[call-overload]
+    if any(isinstance(value, str) for value in values):
+        return [str(value) for value in values]
+    return told_apart(*(float(value) for value in values))  # type: ignore[arg-type]
+
+
+def _shown(value: object) -> str:
+    return str(value) if isinstance(value, str) else f"{float(value):.12g}"  # type: ignore[arg-type]
