@@ -1,4 +1,4 @@
-"""The refusal of wrong arguments of public functions."""
+"""Checks of the arguments of public functions: whether each is what it may be."""
 
 from __future__ import annotations
 

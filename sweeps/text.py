@@ -1,4 +1,4 @@
-"""Formatting of words and numbers for messages and tables."""
+"""Words and numbers for messages: near misses, units, tables, digits, bytes and durations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Integrity measures of the basin of each attractor: how large a disturbance it takes.
+"""The integrity of basins: the largest disc of starts in each, and the distance to its edge.
 
 The measures refer to the starts x0 and v0 of one parameter point. The global integrity measure is
 the share of the starts in the basin. The integrity factor is the radius of the largest disc in the

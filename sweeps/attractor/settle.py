@@ -1,4 +1,4 @@
-"""Continue motions that go to no known attractor until they do.
+"""Motions without a known attractor, run on until they reach one, rest or are chaotic.
 
 The class of a motion is that of its destination (`vibroimpact.destination`). A motion without a
 class is continued, unless it rests twice, with the method of the file.

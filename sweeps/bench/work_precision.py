@@ -1,4 +1,4 @@
-"""Means over scenes, orders, the efficient frontier, and tables for the terminal.
+"""Orders, means over scenes, the efficient frontier, and the tables of accuracy against speed.
 
 The columns are those of `sweeps.bench.accuracy_speed.measure`. The rows of one scene, kind of error
 and method are a line of the chart.

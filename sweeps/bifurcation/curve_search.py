@@ -1,4 +1,4 @@
-"""The search for the curves of flips, folds and grazes between the motions of a map.
+"""Search for curves over a map: its changes of class, large regions, and orbits to start from.
 
 From the middle of each large region of a class its orbit is followed along both axes until it first
 flips, folds or grazes, and these bifurcations are followed in both parameters

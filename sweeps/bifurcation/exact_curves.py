@@ -1,4 +1,4 @@
-"""The exact curves of flips, folds and grazes over a map: the borders of its tongues."""
+"""The exact curves over a map as a Dataset, and a summary: the borders of its tongues."""
 
 from __future__ import annotations
 

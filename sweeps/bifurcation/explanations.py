@@ -1,4 +1,4 @@
-"""Changes of class along an axis, and their explanation.
+"""Changes of class along an axis, each explained by a flip, fold or graze of a branch from it.
 
 If the class changes, there is a bifurcation on the branch of the orbit on one of the sides, or the
 start leads to another attractor.

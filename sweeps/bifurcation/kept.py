@@ -1,4 +1,4 @@
-"""Exact branches and curves that are kept in the cache of this user, and used again."""
+"""Exact branches and curves that are kept in the cache of this user: packed, and read again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The subcommands of ``vibroimpact bench``: arguments and exit codes only."""
+"""The commands of ``vibroimpact bench``, with the names of their CSV files and charts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command that opens the live picture: arguments and exit codes only."""
+"""The command ``explore``: what the live picture shows first, and the browser that opens it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line: arguments and exit codes only.
+"""The command line: the commands ``init`` and ``schema``, and checks before every command.
 
 Each command imports its modules inside its function, so that ``--help`` answers at once.
 """

@@ -1,4 +1,4 @@
-"""The arguments and options that commands share, and their output to a terminal."""
+"""Arguments and options that commands share: how each is read, and output to a terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands that read sweep files: arguments and exit codes only.
+"""The commands that read a file: ``info``, ``attractors``, ``integrity`` and ``export``.
 
 As in ``main.py``, modules are imported inside the commands.
 """

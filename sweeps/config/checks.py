@@ -1,4 +1,4 @@
-"""Checks that involve several groups of a configuration, which are each valid on their own."""
+"""Checks of several groups together: steps and stability, start, record, size, follow, units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Computing points: a sweep in, the variables of the file out.
+"""Computing a block: the points of a sweep in, the variables of the file out.
 
 The functions only call `vibroimpact.points`, which alone determines the numbers in a file; the file
 records the version of that code.

@@ -1,4 +1,4 @@
-"""The maps of the page: classes over two parameters, and basins of attraction over the starts."""
+"""The maps of the page, filled in tiles: classes over two parameters, and basins over starts."""
 
 from __future__ import annotations
 

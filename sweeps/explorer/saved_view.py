@@ -1,4 +1,4 @@
-"""Saving a picture as a configuration, from which `vibroimpact` draws the same picture."""
+"""Saving a view as a configuration in YAML, from which `vibroimpact` draws the same picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing tables as CSV files, and the tables of exact branches and curves."""
+"""Tables as CSV: points, sections and impacts of a sweep, and points of branches and curves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An opened sweep as a Dataset: its configuration, what its reader sees, and its oscillators."""
+"""What an opened Dataset says of itself: configuration, names and units, oscillator, results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parameter point and the start of each point of a sweep."""
+"""Points of a sweep in groups: all starts at each parameter point, and its place in the grid."""
 
 from __future__ import annotations
 

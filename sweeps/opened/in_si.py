@@ -1,4 +1,4 @@
-"""A sweep of a rig as its user reads it: with the axes, names and SI units of the rig.
+"""A sweep of a rig in SI units: axes, results and arguments with the names of the rig.
 
 `in_si` converts a sweep once, where a file is opened or a picture is drawn. What is computed from
 the sweep is then in SI units, too: the parameters of the model, which computations need, stay

@@ -1,4 +1,4 @@
-"""The line of points and the coordinate that a bifurcation diagram shows, or why there is none."""
+"""The line and the coordinate that a bifurcation diagram shows, or why there is none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing a figure to a file: allowed files, their metadata, and the writing as a whole."""
+"""Writing a figure to a file: the sizes and names allowed, and the metadata that describe it."""
 
 from __future__ import annotations
 

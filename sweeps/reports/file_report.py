@@ -1,4 +1,4 @@
-"""The contents of a sweep file as text."""
+"""What a sweep file contains, as text: its configuration, rig, code, variables and sizes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run as text: its plan, its summary, and what is kept when it ends early."""
+"""A run as text: its plan, the outcomes and classes of its points, and what is kept of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An incomplete sweep as an ``xarray.Dataset``, read from its blocks."""
+"""An incomplete sweep as an ``xarray.Dataset``, whose variables are read from its blocks."""
 
 from __future__ import annotations
 

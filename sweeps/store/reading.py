@@ -1,4 +1,4 @@
-"""Read a sweep: its complete file, or the folder of its blocks while it is incomplete."""
+"""Open a sweep: its complete file, or its blocks while it is incomplete; statuses are counted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write a sweep: a file for each of its blocks, and at the end the complete file from them."""
+"""Write a sweep: its blocks, and the complete file from them; refuse to resume another sweep."""
 
 from __future__ import annotations
 

@@ -10,6 +10,8 @@ from vibroimpact import Oscillator
 from vibroimpact.step.chatter import is_first
 from vibroimpact.step.exact_step import stays_below
 from vibroimpact.step.impact import FIRST, FREE, ONLY, Flight, FreeEnd, launch_after, meet_stop
+from vibroimpact.step.polynomial import TERMS, expand, first_crossing
+from vibroimpact.step.polynomial import value_and_slope as evaluate
 from vibroimpact.step.propagator import (
     SLACK,
     coefficients_of,
@@ -19,8 +21,6 @@ from vibroimpact.step.propagator import (
     propagator_of,
 )
 from vibroimpact.step.scheme import default_steps
-from vibroimpact.step.series import TERMS, expand, first_crossing
-from vibroimpact.step.series import value_and_slope as evaluate
 
 NONE = -1.0
 

@@ -7,8 +7,8 @@ import pytest
 
 from tests.helpers.kernel_cases import PERIOD, assert_same, one, random_points, wide_points
 from vibroimpact import Oscillator, Status, integrate, simulate
+from vibroimpact.step.polynomial import LONGEST_STEP
 from vibroimpact.step.scheme import default_steps
-from vibroimpact.step.series import LONGEST_STEP
 
 
 def test_an_unstable_lane_ends_as_not_a_number_and_leaves_its_neighbours_alone():

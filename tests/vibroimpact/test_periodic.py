@@ -22,9 +22,9 @@ from vibroimpact.orbits.periodic import (
     why_inadmissible,
 )
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.step.polynomial import LONGEST_STEP
 from vibroimpact.step.recorder import trace
 from vibroimpact.step.scheme import scheme_of
-from vibroimpact.step.series import LONGEST_STEP
 from vibroimpact.trajectory import simulate
 
 LIGHT = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)

@@ -1,4 +1,4 @@
-"""Many parameter points at once: arrays in, named results out."""
+"""`integrate`: arrays of points in, named results out; the effort and the record of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The record of each point over its recorded periods."""
+"""The record of each point: its sums, its sections and the ring buffer of its impacts."""
 
 from __future__ import annotations
 

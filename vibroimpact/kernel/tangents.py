@@ -1,4 +1,4 @@
-"""The tangent vectors of all lanes: their steps, their lengths, and the growth of their area."""
+"""The tangent vectors of all lanes, for Lyapunov exponents: steps, lengths and growth of area."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pseudo-arclength continuation of orbits, for branches and for curves of bifurcations.
+"""Pseudo-arclength continuation: the steps of a path of orbits, and the end that stops it.
 
 A step goes along the tangent and is corrected in the plane normal to it (Keller 1977), so folds are
 passed like any other point. The step is shortened if Newton's method fails, if the tangent turns

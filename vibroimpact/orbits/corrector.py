@@ -1,4 +1,4 @@
-"""Newton's method onto orbits, branches of them and curves of bifurcations: one corrector.
+"""The corrector: Newton's method onto an orbit, a point of a branch, or one of a curve.
 
 With k free parameters the orbits are a manifold of k dimensions in the space of the unknowns
 (``unknowns.py``): k = 0 is an orbit, k = 1 a branch, k = 2 a surface on which each kind of
@@ -73,7 +73,7 @@ from vibroimpact.orbits.unknowns import (
     zero_rows,
 )
 from vibroimpact.step.elementary import larger, smaller
-from vibroimpact.step.series import TERMS, first_crossing
+from vibroimpact.step.polynomial import TERMS, first_crossing
 
 # Conditions of ``System``.
 NONE, FLIP, FOLD, GRAZE = range(4)

@@ -1,4 +1,4 @@
-"""A family of orbits over free parameters, its points, and the steps of a path along them.
+"""A family of orbits over free parameters: its points, their tests, and a step along them.
 
 A point is a vector of unknowns (``unknowns.py``).
 """

@@ -14,12 +14,12 @@ acceleration just after its launch. The derivatives of flight i are
     d/d theta_i = -M (-R v_i, a+) / omega,       d/d v_i = M (0, -R).
 
 There is no division by a speed, so the equations stay regular where an impact grazes. Every flight
-is taken in equal steps on the Taylor series of ``step.series``, which is the exact flow to
+is taken in equal steps on the Taylor series of ``step.polynomial``, which is the exact flow to
 rounding.
 
 A root may pass through the stop between its impacts. It does not if no flight meets the stop before
-its end. This is proved for every step as in the rule ``exact``, by ``step.series.first_crossing``;
-the roots at the launch and at the landing are divided out.
+its end. This is proved for every step as in the rule ``exact``, by ``first_crossing`` of
+``step.polynomial``; the roots at the launch and at the landing are divided out.
 
 All numbers are in natural units (``natural_units.py``), and displacements in those of v / omega, so
 that they are of order 1.
@@ -37,14 +37,14 @@ from vibroimpact.orbits.unknowns import filled, pairs, phase_at, speed_at, zero_
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.elementary import larger, sin_cos, smaller
 from vibroimpact.step.integrators import Parameters
-from vibroimpact.step.propagator import Coefficients, coefficients_of, impulse
-from vibroimpact.step.series import (
+from vibroimpact.step.polynomial import (
     LONGEST_STEP,
     TERMS,
     expand,
     first_crossing,
     value_and_slope,
 )
+from vibroimpact.step.propagator import Coefficients, coefficients_of, impulse
 
 #: A flight counts as below the stop if it passes the stop by less than this number of roundings.
 _ROUNDINGS = 32.0 * 2.0**-52

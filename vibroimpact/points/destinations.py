@@ -1,4 +1,4 @@
-"""Where the motions of points go, from their records: the results of a run, classes added."""
+"""The class of every point from its record: the results of a run, with classes added."""
 
 from __future__ import annotations
 

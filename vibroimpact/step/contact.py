@@ -14,7 +14,7 @@ import numpy as np
 
 from vibroimpact.jit import inlined, jit
 from vibroimpact.step.elementary import asin, sin_cos
-from vibroimpact.step.series import TERMS
+from vibroimpact.step.polynomial import TERMS
 
 #: Most flights of a step that are followed side by side with those of other lanes; and then alone.
 SIDE_BY_SIDE, MAX_FLIGHTS = 6, 16384

@@ -7,7 +7,7 @@ the flight on that is not settled:
 
 - A flight that is proved to stay below the stop, in two or four pieces, has no impact.
 - ``chatter.py`` finds the end of a short rebound, and the sum of a chatter.
-- For any other flight, the first root of its polynomial is searched for, see ``series.py``.
+- For any other flight, the first root of its polynomial is searched for, see ``polynomial.py``.
 
 **Underflow.** Without a force, a mass whose stop is at the equilibrium bounces for ever, lower each
 time by the same factor. When the displacement of a flight from the stop and its changes over a step
@@ -45,8 +45,7 @@ from vibroimpact.step.contact import (
     time_to_release,
 )
 from vibroimpact.step.elementary import sin_cos
-from vibroimpact.step.propagator import extent
-from vibroimpact.step.series import (
+from vibroimpact.step.polynomial import (
     LONGEST_STEP,
     SMALLEST_NORMAL,
     TERMS,
@@ -54,6 +53,7 @@ from vibroimpact.step.series import (
     first_crossing,
     value_and_slope,
 )
+from vibroimpact.step.propagator import extent
 
 #: A turning point below the stop, and closer to it than this share of the ``extent`` of the motion,
 #: is a near graze. It is missed if it comes after an impact in its step and within about this share

@@ -1,4 +1,4 @@
-"""One-step integrators of eq. (1) between impacts, and their affine maps.
+"""The integrators of eq. (1) between impacts: one function each, its longest step, its map.
 
 Eq. (1) is linear, so a step of any of these integrators is an affine map,
 

@@ -1,4 +1,4 @@
-"""The exact flow of one step, with the phase of the force as time.
+"""The exact map of one step without impacts, with the phase as time, and bounds on its flight.
 
 With the phase theta = omega t as time, every point of a sweep has the same step 2 pi / N. The state
 is y = x - clearance, which keeps the digits of short bounces at any clearance, and
@@ -41,7 +41,7 @@ import math
 from typing import NamedTuple
 
 from vibroimpact.jit import fma, inlined, jit
-from vibroimpact.step.series import expand, value_and_slope
+from vibroimpact.step.polynomial import expand, value_and_slope
 
 #: A curve is proved to be below the stop only if it stays away from the stop by this share of
 #: |y| + |w| + S.

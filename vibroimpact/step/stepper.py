@@ -24,6 +24,7 @@ from vibroimpact.step.impact import (
     meet_stop,
 )
 from vibroimpact.step.integrators import affine_map, apply_map
+from vibroimpact.step.polynomial import TERMS
 from vibroimpact.step.propagator import (
     coefficients_of,
     forced,
@@ -33,7 +34,6 @@ from vibroimpact.step.propagator import (
     to_dimensionless,
 )
 from vibroimpact.step.scheme import COS, EXACT, PLAIN, SIN, THETA
-from vibroimpact.step.series import TERMS
 from vibroimpact.step.time_stepping import plain, reduced_step
 
 _COMPUTED = int(Status.COMPUTED)

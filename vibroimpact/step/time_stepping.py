@@ -45,8 +45,8 @@ from vibroimpact.step.contact import (
 )
 from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.integrators import integrator_step
+from vibroimpact.step.polynomial import first_crossing
 from vibroimpact.step.scheme import CUBIC
-from vibroimpact.step.series import first_crossing
 
 #: A rebound shorter than this many steps counts as rest.
 SHORTEST_FLIGHT = 1e-3

@@ -18,8 +18,8 @@ from tests.helpers.configurations import EXAMPLE, linear_values, load, oscillato
 from tests.helpers.places import CONFIGS
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.polynomial import LONGEST_STEP
 from vibroimpact.step.scheme import IMPACT_RULES
-from vibroimpact.step.series import LONGEST_STEP
 from vibroimpact.step.stability import least_stable_steps
 
 # Reading
