@@ -15,7 +15,7 @@ import numba
 import pytest
 
 import vibroimpact
-from vibroimpact.jit import cache, called_before_passes, sharing
+from vibroimpact.jit import cache, called_before_passes, hooks, sharing
 from vibroimpact.jit.cache import CacheWarning
 from vibroimpact.jit.hooks import CompiledCode, _shared
 
@@ -126,6 +126,16 @@ def test_a_planted_file_would_be_executed_in_a_private_folder(folder, tmp_path):
     with pytest.warns(CacheWarning, match=r"cannot be read in .* \(TypeError: "):
         assert not call(folder)
     assert (tmp_path / "trace").exists()
+
+
+def test_a_lack_of_memory_is_not_blamed_on_the_folder(folder, monkeypatch, recwarn):
+    def lacking(data):
+        raise MemoryError
+
+    monkeypatch.setattr(hooks.pickle, "loads", lacking)
+    with pytest.raises(MemoryError):
+        call(folder)
+    assert not [told for told in recwarn if told.category is CacheWarning]
 
 
 @pytest.mark.parametrize("which", ["folder", "file", "both"])

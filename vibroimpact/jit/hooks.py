@@ -320,6 +320,8 @@ class CompiledCode:
                 return None
             rtsys.initialize(context)
             return CompileResult._rebuild(context, *kept)
+        except MemoryError:  # to compile takes more of it
+            raise
         except Exception as error:  # although the file is intact, and of this code and Python
             warn_once(self._folder, "read", f"{type(error).__name__}: {error}")
             return None
