@@ -13,6 +13,6 @@ from .errors import Failed as Failed
 from .errors import Refused as Refused
 from .errors import StoreError as StoreError
 from .explorer import explore as explore
-from .store.reading import open_sweep as open_sweep
+from .store.xarray_engine import open_sweep as open_sweep
 
 __version__: str

@@ -6,7 +6,6 @@ from .paths import check_room as check_room
 from .paths import identity as identity
 from .paths import is_sweep as is_sweep
 from .paths import parts_path as parts_path
-from .reading import open_sweep as open_sweep
 from .reading import per_point as per_point
 from .reading import status_counts as status_counts
 from .schema import Schema as Schema
@@ -19,3 +18,4 @@ from .variables import is_remarkable as is_remarkable
 from .variables import widths_of as widths_of
 from .writer import SweepWriter as SweepWriter
 from .writer import sweep_writer as sweep_writer
+from .xarray_engine import open_sweep as open_sweep

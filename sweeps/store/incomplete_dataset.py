@@ -21,7 +21,9 @@ def open_parts(parts: Parts) -> xr.Dataset:
     """
     schema = parts.schema.with_samples(parts.samples)
     shapes = {name: schema.shape_of(name) for name in schema.variables}
-    return lazy_dataset(parts, schema, parts.seconds, partial(_selected, parts, shapes))
+    box = box_shape(schema.blocks[0])
+    chunks = {name: schema.shape_of(name, box) for name in shapes}
+    return lazy_dataset(schema, parts.seconds, partial(_selected, parts, shapes), chunks)
 
 
 def _selected(parts: Parts, shapes: dict[str, tuple[int, ...]], name: str, key: Key) -> np.ndarray:

@@ -1,18 +1,18 @@
 """A sweep as an ``xarray.Dataset``, whose variables are read when they are used.
 
-The classes implement the interface of an xarray backend
+The class of its arrays implements the interface of an xarray backend
 (https://docs.xarray.dev/en/stable/internals/how-to-add-new-backend.html). The engine ``h5netcdf``
 opens the same file, too, but asks HDF5 for the metadata of each variable some forty times.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from xarray.backends import BackendArray, BackendEntrypoint
+from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from sweeps.grid import TABLE
@@ -25,41 +25,31 @@ Key = tuple[int | slice | np.ndarray, ...]
 
 
 def lazy_dataset(
-    source: Any, schema: Schema, duration: float, read: Callable[[str, Key], np.ndarray]
+    schema: Schema,
+    duration: float,
+    read: Callable[[str, Key], np.ndarray],
+    chunks: Mapping[str, tuple[int, ...]],
 ) -> xr.Dataset:
-    """Return a sweep from a path or from blocks; `read(name, key)` reads values of a variable."""
-    given: dict[str, Any] = {"schema": schema, "duration": duration, "read": read}
-    return xr.open_dataset(source, engine=_Backend, **given)
-
-
-class _Backend(BackendEntrypoint):
-    """Makes the Dataset, which xarray then caches."""
-
-    def open_dataset(  # type: ignore[override]
-        self,
-        filename_or_obj: Any,
-        *,
-        drop_variables: Any = None,
-        schema: Schema,
-        duration: float,
-        read: Callable[[str, Key], np.ndarray],
-    ) -> xr.Dataset:
-        data = {
-            name: (schema.dimensions(name), indexing.LazilyIndexedArray(_Array(schema, name, read)))
-            for name in sorted(schema.variables)  # as in HDF5
-        }
-        coordinates: dict[str, Any] = {name: ((), value) for name, value in schema.fixed.items()}
-        for name, values in (*schema.axes.items(), *schema.records.items()):
-            coordinates[name] = (name, 1 + np.arange(len(values)) if name == TABLE else values)
-            for column in (name == TABLE and values.dtype.names) or ():
-                coordinates[column] = (name, values[column])
-        # A file of an earlier version lacks the parameters that came later.
-        lacking = PARAMETERS.keys() - coordinates.keys()
-        coordinates |= {name: ((), PARAMETERS[name].default) for name in lacking}
-        dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})
-        for called, variable in dataset.variables.items():
-            variable.attrs = attributes_of(schema, str(called))
-        return dataset
+    """Return a sweep whose variables are read by `read(name, key)`, best in such `chunks`."""
+    data = {
+        name: (schema.dimensions(name), indexing.LazilyIndexedArray(_Array(schema, name, read)))
+        for name in sorted(schema.variables)  # as in HDF5
+    }
+    coordinates: dict[str, Any] = {name: ((), value) for name, value in schema.fixed.items()}
+    for name, values in (*schema.axes.items(), *schema.records.items()):
+        coordinates[name] = (name, 1 + np.arange(len(values)) if name == TABLE else values)
+        for column in (name == TABLE and values.dtype.names) or ():
+            coordinates[column] = (name, values[column])
+    # A file of an earlier version lacks the parameters that came later.
+    lacking = PARAMETERS.keys() - coordinates.keys()
+    coordinates |= {name: ((), PARAMETERS[name].default) for name in lacking}
+    dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})
+    for called, variable in dataset.variables.items():
+        variable.attrs = attributes_of(schema, str(called))
+        if called in chunks:
+            pairs = zip(variable.dims, chunks[str(called)], strict=True)
+            variable.encoding["preferred_chunks"] = dict(pairs)
+    return dataset
 
 
 class _Array(BackendArray):

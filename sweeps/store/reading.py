@@ -1,4 +1,4 @@
-"""Open a sweep: its complete file, or its blocks while it is incomplete; statuses are counted."""
+"""Read a sweep: its complete file, or its blocks while it is incomplete; statuses are counted."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from sweeps.arguments import PATH, require
 from sweeps.errors import StoreError
 from sweeps.store.complete_file import check_file, open_despite_locks, open_unchanged, schema_of
 from sweeps.store.parts import Parts
@@ -24,7 +23,6 @@ from sweeps.store.paths import (
     refuse_parts,
 )
 from sweeps.store.schema import schema_in
-from vibroimpact.inputs import FLAG
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:
@@ -34,41 +32,8 @@ if TYPE_CHECKING:
     from sweeps.store.lazy_dataset import Key
 
 
-def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
-    """Open the file of a sweep; its arrays are read when they are used.
-
-    If the sweep is not complete, the blocks in the folder beside `path` are opened. Points that
-    are not computed yet have the status ``PENDING``.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file of the sweep, also while only the folder of its blocks exists.
-    verify : bool
-        Whether to compare the data with their checksums, which reads the whole file once. The rest
-        of the file is always compared with its checksums.
-
-    Returns
-    -------
-    xarray.Dataset
-
-    Raises
-    ------
-    StoreError
-        If the file does not exist, is not a readable sweep of this format, or is damaged.
-
-    Examples
-    --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> ds["period"].values
-    array([1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2])
-    """
-    require("path", path, PATH)
-    require("verify", verify, FLAG)
-    path = Path(path)
+def read_sweep(path: Path, verify: bool) -> xr.Dataset:
+    """Return the Dataset of `open_sweep`, whose arrays are read each time they are used."""
     try:
         refuse_parts(path)
         if _is_missing(path) and identity(parts_path(path) / SCHEMA):
@@ -96,8 +61,9 @@ def _open_file(path: Path, digest: str, options: dict[str, Any]) -> xr.Dataset:
 
     manager = CachingFileManager(open_unchanged, path.absolute(), digest, mode="r", kwargs=options)
     file = manager.acquire()
-    read = partial(_selected, manager)
-    dataset = lazy_dataset(path, schema_in(file), float(file.attrs["duration"]), read)
+    schema, duration = schema_in(file), float(file.attrs["duration"])
+    chunks = {name: file[name].chunks or schema.shape_of(name) for name in schema.variables}
+    dataset = lazy_dataset(schema, duration, partial(_selected, manager), chunks)
     dataset.set_close(manager.close)
     dataset.encoding["digest"] = digest
     return dataset
