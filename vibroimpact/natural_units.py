@@ -8,7 +8,7 @@ compared with each other::
 
     units = NaturalUnits.of(points)
     x, v = units.into("length", x), units.into("length/time", v)
-    found = ...  # from units.points_into(points), x and v
+    found = ...  # from units.oscillator_into(osc), x and v
     return units.out_of("length", found)
 """
 
@@ -67,20 +67,9 @@ class NaturalUnits(NamedTuple):
         """Return numbers in natural units in the units of the user, as `into`."""
         return np.ldexp(values, self._exponent_of(unit))
 
-    def points_into(self, points: np.ndarray) -> np.ndarray:
-        """Return parameter points of dtype ``POINT`` in natural units."""
-        points = points.copy()
-        for name, parameter in PARAMETERS.items():
-            points[name] = self.into(parameter.unit, points[name])
-        return points
-
     def oscillator_into(self, osc: Oscillator) -> Oscillator:
         """Return an oscillator in natural units."""
         return Oscillator(*self.into(_UNITS, [getattr(osc, name) for name in _NAMES]))
-
-    def oscillator_out_of(self, osc: Oscillator) -> Oscillator:
-        """Return an oscillator in natural units in the units of the user."""
-        return Oscillator(*self.out_of(_UNITS, [getattr(osc, name) for name in _NAMES]))
 
     def _exponent_of(self, unit: str | tuple[str, ...]) -> Any:
         """Return the binary exponent of a unit, or those of several units."""
