@@ -1,4 +1,4 @@
-"""The commands that read a file: ``info``, ``attractors``, ``integrity`` and ``export``.
+"""The commands that read files: ``info``, ``compare``, ``attractors``, ``integrity``, ``export``.
 
 As in ``main.py``, modules are imported inside the commands.
 """
