@@ -1,4 +1,4 @@
-"""A sweep: the axes and points of its grid, its blocks, and what is computed of each point."""
+"""A sweep: its axes, its points and a sample of them, its blocks, and what is computed of each."""
 
 from __future__ import annotations
 

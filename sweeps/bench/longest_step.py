@@ -1,4 +1,4 @@
-"""The longest stable step: in closed form, from the map of a step, and from runs; with a chart.
+"""The longest stable step: in closed form, from the map, from runs that grow or not; its chart.
 
 Without force and stop, eq. (1) has one parameter, zeta = h / p; a step adds p T. The runs use the
 kernel.

@@ -1,4 +1,4 @@
-"""Evidence that a motion approaches a stable periodic orbit, beyond being near it.
+"""Evidence that a motion goes to a stable orbit near it: an ellipse around it, or how it falls.
 
 A chaotic motion may pass a stable orbit, or stay beside it for a whole record. So a motion near a
 stable orbit must show that it approaches it. Its distance from the orbit is measured in a norm in

@@ -1,4 +1,4 @@
-"""The special points of a step, located to rounding, and the ends of curves that are singular.
+"""Special points of a step, located to rounding; singular ends of curves, as limits.
 
 The test functions of flip and fold are det J(mu) at mu = -1 and +1 (``linear.py``). Cusps are
 points on a curve of folds where both parameters turn back together. A curve of grazes meets curves
