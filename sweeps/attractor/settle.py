@@ -30,7 +30,8 @@ from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.computation import compute_points
 from vibroimpact.points.regimes import Regime, regimes_of
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.stages import Results, put_last
+from vibroimpact.points.stages import Results, put_last, worst_of
+from vibroimpact.status import Status
 
 #: How often a motion is continued, each time until it is four times as long.
 EXTENSIONS = 4
@@ -102,19 +103,26 @@ def _last_states(points: np.ndarray, dataset: xr.Dataset) -> np.ndarray:
 
 
 def _extended(spec: RunSpec, points: np.ndarray, periods: int) -> Results:
-    """Continue motions, and find their regimes; ``rests`` counts all their rests."""
+    """Continue motions, and find their regimes; ``rests`` counts all their rests.
+
+    A motion that failed in any part has failed: its last state is a start, from which the next part
+    begins anew.
+    """
     results = []
     for state in np.array_split(points, -(-points.size // _POINTS_AT_ONCE)):
         rests, omega = np.zeros(state.size, np.int64), state["omega"]
+        worst = np.full(state.size, Status.COMPUTED, np.int8)
         for length in _lengths(periods - _CLASS_PERIODS):
             bare = replace(spec.part(0, length, 0, spec.impact == "exact"), period=False)
             before = compute_points(bare, state, None, at_section=True)
             rests += _rests_of(before["rest_fraction"], before["chatters"])
+            worst = worst_of(worst, before["status"])
             put_last(state, before)
         found = compute_points(spec.part(0, _CLASS_PERIODS, 0, False), state, None, at_section=True)
         rests += _rests_of(found["rest_fraction"], found["chatters"])
         share = np.maximum(before["rest_fraction"], found["rest_fraction"])
-        regime = regimes_of(before | found | {"rest_fraction": share}, omega, length)
+        whole = {"rest_fraction": share, "status": np.maximum(worst, found["status"])}
+        regime = regimes_of(before | found | whole, omega, length)
         ends = {name: values[:, -1:] for name, values in found.items() if values.ndim > 1}
         results.append(found | ends | {"regime": regime, "rests": rests})
     return {name: np.concatenate([part[name] for part in results]) for name in results[0]}

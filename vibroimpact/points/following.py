@@ -16,12 +16,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from vibroimpact.status import Status
+from vibroimpact.points.stages import FAILED
 
 #: Computes points, given whether they start at the section; results of shape (n, ...).
 RunPoints = Callable[[np.ndarray, bool], dict[str, np.ndarray]]
-
-_FAILED = [int(status) for status in Status if status.failed]
 
 
 def follow_chains(
@@ -65,7 +63,7 @@ def _next(
     ended = np.zeros(len(lanes), bool)
     if before:
         x, v = before["poincare_x"][:, -1], before["poincare_v"][:, -1]
-        ended = np.isfinite(x) & np.isfinite(v) & ~np.isin(before["status"], _FAILED)
+        ended = np.isfinite(x) & np.isfinite(v) & ~np.isin(before["status"], FAILED)
         lanes["x0"] = np.where(ended, x, lanes["x0"])
         lanes["v0"] = np.where(ended, v, lanes["v0"])
         if moving_stop:

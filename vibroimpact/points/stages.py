@@ -51,6 +51,15 @@ def put_last(points: np.ndarray, results: Results) -> None:
         points[f"{name}0"] = np.where(np.isfinite(last), last, points[f"{name}0"])
 
 
+def worst_of(before: np.ndarray, status: np.ndarray) -> np.ndarray:
+    """Return the worst outcomes of motions after a stage, given those of the stages before it.
+
+    Whether a motion grows without bound, or loses digits, only its record says.
+    """
+    kept = (status > Status.CERTIFIED) & (status != Status.UNBOUNDED)
+    return np.maximum(before, np.where(kept, status, Status.COMPUTED)).astype(np.int8)
+
+
 def without_class(evidence: np.ndarray, status: np.ndarray) -> np.ndarray:
     """Return the mask of the motions that have not failed, and go to no known orbit."""
     return (evidence <= Evidence.UNREACHED) & ~np.isin(status, FAILED)

@@ -19,7 +19,7 @@ import numpy as np
 
 from vibroimpact.points.regimes import is_chaotic
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.stages import FAILED, Results, in_stages, without_class
+from vibroimpact.points.stages import FAILED, Results, in_stages, without_class, worst_of
 from vibroimpact.status import Evidence, Status
 
 #: Sections from which a class is found, and periods of the first stage.
@@ -47,10 +47,7 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
     def goes_on(going: np.ndarray, done: int, results: Results) -> np.ndarray:
         found = results["destination"]
         needed[going] = _needed(found, longest - done)
-        # Whether a motion grows without bound, or loses digits, only the record says.
-        status = results["status"]
-        kept = (status > Status.CERTIFIED) & (status != Status.UNBOUNDED)
-        worst[going] = np.maximum(worst[going], np.where(kept, status, 0))
+        worst[going] = worst_of(worst[going], results["status"])
         on = without_class(found["evidence"], results["status"])
         if "lyapunov" in results:
             periods = results["poincare_x"].shape[1]

@@ -11,8 +11,7 @@ from sweeps.attractor.attractor_report import attractor_report
 from sweeps.attractor.attractor_table import attractor_rows, cut
 from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.errors import Refused
-from sweeps.plotting import attractor_diagram, plot
-from sweeps.plotting import basin_pictures as basins
+from sweeps.plotting import attractor_diagram, basins, plot
 from sweeps.plotting.style import CLASSES
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.motions import cycle, given_sections, partition

@@ -10,6 +10,7 @@ from tests.helpers.motions import partition
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, one_impact_orbit
 from vibroimpact.points.regimes import Regime
+from vibroimpact.status import Status
 
 
 def pair_by_pair(dataset, tolerance=1e-3):
@@ -327,6 +328,20 @@ def test_one_of_two_attractors_is_the_free_oscillation(computed_starts):
     assert orbit.stable
     (speed,) = attractor_rows(dataset, found)[by_class["2/1"]].speeds
     assert speed == pytest.approx(orbit.v, rel=1e-9)
+
+
+def test_a_motion_that_fails_while_it_is_followed_has_no_attractor(tmp_path):
+    """Without damping Euler overflows after 1,500 periods, in the middle of the extension."""
+    config = """
+oscillator: {h: 0, R: 1, omega: 1.3, f: 1.0}
+start: {x0: [-1, -1.001]}
+method: {integrator: euler, impact: plain, steps_per_period: 20, allow_unstable: true}
+record: {transient: 100, periods: 500}
+"""
+    with open_sweep(run_in(tmp_path, config)) as dataset:
+        assert (dataset["status"] == Status.COMPUTED).all() and (dataset["period"] == 0).all()
+        found = attractors(dataset, extensions=1)
+    assert found["followed"].all() and (found["attractor"] == -1).all()
 
 
 # Invariance

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from sweeps import Refused, attractors, integrity, knocks, open_sweep
 from sweeps.attractor.integrity import measures_of
 from sweeps.attractor.knocks import _CLOSER, _MOMENTS, _SIZES, Knock
-from sweeps.plotting import attractor_diagram, plot
-from sweeps.plotting import basin_pictures as basins
+from sweeps.plotting import attractor_diagram, basins, plot
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting.style import CLASSES
 from tests.helpers.commands import accepted, refused
