@@ -66,6 +66,8 @@ _WORDS: Mapping[str, Mapping[int, tuple[str, str]]] = {
 }
 #: Positive values are on a logarithmic scale if the greatest is this many times the least.
 _LOG_FROM = 10.0
+#: Lyapunov exponents up to this share of omega are rounding.
+_ROUNDING = 1e-12
 #: The values of an axis with at most so many are named in a legend, instead of a colour bar.
 _FEW = 6
 
@@ -229,7 +231,8 @@ def _paint(cut: xr.Dataset, name: str, dots: bool, grey: bool) -> Paint:
     cells = _special_cells(cut, name, values, has_value, PALE if dots else WHITE)
     for cell in cells:
         has_value &= ~cell.where
-    norm = _scale(name, values[has_value])
+    rounding = _ROUNDING * float(cut["omega"].max()) if name == "lyapunov" else 0.0
+    norm = _scale(name, values[has_value], rounding)
     if isinstance(norm, LogNorm):
         zero = has_value & (values == 0.0)
         cells.append(Cells("0", PALE if dots else WHITE, zero))
@@ -320,13 +323,16 @@ def _special_cells(
     ]
 
 
-def _scale(name: str, values: np.ndarray) -> Normalize:
-    """Return a scale centred on 0 for both signs, a logarithmic one for a wide range, or linear."""
+def _scale(name: str, values: np.ndarray, rounding: float) -> Normalize:
+    """Return a scale centred on 0 for both signs, a logarithmic one for a wide range, or linear.
+
+    A scale centred on 0 does not end within the `rounding` of the values.
+    """
     if not values.size:
         return Normalize(0.0, 1.0)
     low, high = float(values.min()), float(values.max())
     if name == "lyapunov" or low < 0.0 < high:
-        limit = max(-float(np.quantile(values, 0.01)), high, 1e-12)
+        limit = max(-float(np.quantile(values, 0.01)), high, rounding) or -low or 1.0
         return Normalize(-limit, limit)
     positive = values[values > 0.0]
     if low >= 0.0 and positive.size and name != "rest_fraction":

@@ -129,6 +129,26 @@ def test_zero_divides_the_colours_of_the_exponent():
     assert figure.axes[1].get_xlabel() == r"larger Lyapunov exponent $\lambda_1$"
 
 
+@pytest.mark.parametrize("rate", [1.0, 2.0**-60, 2.0**60])
+def test_the_colours_of_both_signs_are_the_same_in_all_units(rate):
+    """An exponent is a rate like omega; exponents of the size of rounding have no colour."""
+    exponents = np.array([[0.2, 0.1, 0.0, -0.3], [-0.05, 0.01, 0.02, 0.4], [-0.1, -0.2, 0.3, 0.0]])
+    axes = {"R": R, "omega": rate * OMEGA}
+
+    def places(scale, drawn=lambda dataset: "lyapunov"):
+        """Return the place of every cell on the scale of colours, -1 and 1 at its ends."""
+        values = dict(np.ndenumerate(scale * rate * exponents))
+        dataset = equal_points(lyapunov=values, axes=axes)
+        mesh = parameter_map(dataset, quantity=drawn(dataset)).axes[0].collections[0]
+        return 2.0 * mesh.norm(mesh.get_array()).data - 1.0
+
+    np.testing.assert_allclose(places(1.0), exponents / 0.4, atol=1e-15)
+    own = places(1e-20, lambda dataset: dataset["lyapunov"][..., 0].rename("thrust"))
+    np.testing.assert_allclose(own, exponents / 0.4, atol=1e-15)
+    assert np.abs(places(1e-16)).max() < 1e-4
+    assert (places(0.0) == 0.0).all()
+
+
 def test_equal_exponents_of_either_sign_have_equally_strong_colours():
     """Also where chaos is weak; the scale has ticks on both sides of zero."""
     values = {(0, 0): 0.02, (0, 1): -0.02, (0, 2): -1.0}
