@@ -146,9 +146,9 @@ def _summary(found: pd.DataFrame) -> str:
 
 def _cascades(found: pd.DataFrame) -> Iterator[str]:
     """Yield a line for each cascade of flips: their values and the ratios of their distances."""
-    others, places = other_axes(found), found["value"].fillna(0.5 * (found["low"] + found["high"]))
+    others = other_axes(found)
     for at, line in found.groupby(others, sort=False) if others else [((), found)]:
-        changes = zip(places[line.index], line["before"], line["after"], strict=True)
+        changes = zip(line["place"], line["before"], line["after"], strict=True)
         for run in cascades(list(changes)):
             flips = ", ".join(f"{value:.9g}" for value in run)
             ratios = ", ".join(f"{a / b:.4g}" for a, b in pairwise(np.diff(run)))

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 #: The columns of the table after those of the other axes.
 COLUMNS = ("kind", "value", "low", "high", "before", "after", "between", "orbit", "source")
+#: Columns that only reports read.
+_MORE = ("down", "narrow", "place")
 #: The way of a bifurcation of a branch, which holds whichever way a line was followed.
 _BOTH = "both"
 
@@ -66,7 +68,8 @@ def bifurcations(
         A row for each change of class between two neighbouring values of the axis, on every line of
         the grid, in its order. If the sweep has a single line, or one for each direction, there is
         also a row for every other flip, fold and graze of `sweeps.branches`. The rows of a line are
-        in the order of the axis. The columns are:
+        in the order of the axis; one without a value has its place at the middle of its interval in
+        the parameter of the model. The columns are:
 
         - the values of the other axes; the direction is ``both`` for a bifurcation of the branches;
         - ``kind``: ``flip``, ``fold`` or ``graze``; ``rest``, ``chaotic`` or ``unbounded`` if such
@@ -124,12 +127,12 @@ def find_bifurcations(
     find: Callable[..., xr.Dataset] = branches,
     **chosen: Any,
 ) -> pd.DataFrame:
-    """Return the table of `bifurcations` with a `Label` for each class, and two columns more.
+    """Return the table of `bifurcations` with a `Label` for each class, and three columns more.
 
     ``down`` says whether the line was followed downwards, and ``narrow`` whether the branch of a
-    bifurcation is stable over less than 1 % of the axis. `find` is `branches`, or a function with
-    its arguments. The attribute ``heads`` has the heads of
-    the other axes and the axis.
+    bifurcation is stable over less than 1 % of the axis. ``place`` is the value by which rows are
+    in order. `find` is `branches`, or a function with its arguments. The attribute ``heads`` has
+    the heads of the other axes and the axis.
     """
     import pandas as pd
 
@@ -148,9 +151,11 @@ def find_bifurcations(
         summary, way = exact.attrs["summary"], dict.fromkeys(others, _BOTH)
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
-        rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), _place(row)))
-    found = pd.DataFrame(rows, columns=[*others, *COLUMNS[:-1], "down", "narrow"])
-    found = found.astype({"value": float, "low": float, "high": float, "between": int})
+        rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), row["place"]))
+    found = pd.DataFrame(rows, columns=[*others, *COLUMNS[:-1], *_MORE])
+    found = found.astype(
+        {**dict.fromkeys(("value", "low", "high", "place"), float), "between": int}
+    )
     found["source"] = np.where(found["value"].notna(), "exact", "bracket")
     heads = {name: headed(name, dataset[name]) for name in (*others, along)}
     found.attrs |= {
@@ -179,22 +184,21 @@ def _of_changes(
             for part, *found in explain(motions, phase, parameter, values, change, down):
                 own = dict(zip(("kind", "value", "orbit"), found, strict=True))
                 rows.append(here | vars(part) | own | {"down": down, "narrow": False})
-    places = np.array([(row["low"], row["value"], row["high"]) for row in rows]).reshape(-1, 3)
-    for row, (low, value, high) in zip(rows, seen.value(parameter, places).tolist(), strict=True):
-        # The rounding of a conversion may move a value beyond its neighbours.
-        row |= {"low": low, "value": float(np.clip(value, low, high)), "high": high}
+    places = np.array([[row[name] for name in ("low", "value", "high")] for row in rows])
+    low, value, high = places.reshape(-1, 3).T
+    # The middle in the model: that in another unit is another value, with another place in order.
+    place = np.where(np.isnan(value), 0.5 * (low + high), value)
+    low, value, high, place = seen.value(parameter, np.stack([low, value, high, place]))
+    # The rounding of a conversion may move a value beyond its neighbours.
+    converted = {"low": low, "value": value.clip(low, high), "high": high, "place": place}
+    for i, row in enumerate(rows):
+        row |= {name: float(values[i]) for name, values in converted.items()}
     return rows, unclassified
-
-
-def _place(row: Mapping[str, Any]) -> float:
-    """Return the value of the axis by which a row is in order."""
-    middle: float = 0.5 * (row["low"] + row["high"])
-    return middle if np.isnan(row["value"]) else row["value"]
 
 
 def other_axes(found: pd.DataFrame) -> list[str]:
     """Return the names of the other axes, which are the first columns."""
-    return [name for name in found.columns if name not in (*COLUMNS, "down", "narrow")]
+    return [name for name in found.columns if name not in (*COLUMNS, *_MORE)]
 
 
 def _has_one_line(dataset: xr.Dataset, axis: str, at: Selection | None) -> bool:
@@ -223,7 +227,7 @@ def _of_branches(
         low, high = values[at - 1 : at + 1].tolist()
         rows.append(
             {
-                "kind": kind, "value": value, "low": low, "high": high,
+                "kind": kind, "value": value, "low": low, "high": high, "place": value,
                 "before": before, "after": after, "between": 0, "orbit": orbit, "down": False,
                 "narrow": not wide[exact["branch"].values[members]].any(),
             }

@@ -128,6 +128,30 @@ def test_a_rig_has_the_bifurcations_of_its_model(tmp_path, axis, seed):
     assert set(found["low"]) | set(found["high"]) <= set(rig[RIG[axis][0]])
 
 
+def test_the_order_of_a_rig_is_that_of_its_model(tmp_path):
+    """A change without a value is at the middle of its interval in p, not of that in N/m."""
+    given = one_axis("p", 9) | {"p": [0.4, 1.2, 1.6]}
+    rig = {own: np.array(of(0.5, np.array(given[name]))).tolist()
+           for name, (own, of) in RIG.items()}  # fmt: skip
+    record = {"transient": 100, "periods": 64, "diagnostics": ["period"]}
+    path = sweeps.run_sweep({"rig": {"mass": 0.5, **rig}, "record": record}, tmp_path / "rig.h5")
+
+    def kinds(dataset, axis, place):
+        """Return the kinds of the rows, with all bifurcations of the branches at a place."""
+
+        def moved(*arguments, **chosen):
+            found = sweeps.branches(*arguments, **chosen)
+            special = np.isin(found["kind"], ["flip", "fold", "graze"])
+            return found.assign_coords({axis: found[axis].where(~special, place)})
+
+        return find_bifurcations(dataset, axis, find=moved, most=2)["kind"].tolist()
+
+    with sweeps.open_sweep(path) as dataset:
+        for p, expected in ((0.79, ["fold", "basin"]), (0.85, ["basin", "fold"])):
+            assert kinds(dataset, "p", p)[:2] == expected  # the middle is 0.8
+            assert kinds(in_si(dataset), "stiffness", 0.5 * p * p)[:2] == expected
+
+
 @pytest.mark.parametrize("end", [0, -1])
 def test_a_bifurcation_at_an_end_of_the_axis_lies_on_it(tmp_path, end):
     """Where an exact value is beyond the axis by rounding."""
