@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeGuard
 
 from sweeps.errors import Refused
 from vibroimpact.inputs import Allowed, input_text
@@ -22,7 +23,7 @@ def require_all(arguments: Mapping[str, object], allowed: Mapping[str, Allowed])
             require(name, value, allowed[name])
 
 
-def is_path(value: object) -> bool:
+def is_path(value: object) -> TypeGuard[str | Path]:
     """Whether a value is the name of a file."""
     return isinstance(value, str | Path)
 

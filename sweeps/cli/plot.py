@@ -11,9 +11,7 @@ import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sweeps.cli.options import (
     Classes,
@@ -21,7 +19,6 @@ from sweeps.cli.options import (
     MostBranches,
     branch_options,
     inches,
-    integer_option,
     limits_option,
     named,
     opened_in_si,
@@ -32,6 +29,30 @@ from sweeps.cli.options import (
     several_of,
     targets,
 )
+from sweeps.cli.picture_options import (
+    AbscissaLimits,
+    At,
+    AxisNames,
+    Below,
+    Color,
+    Coordinate,
+    Exact,
+    FigureFile,
+    Files,
+    Grey,
+    Height,
+    Kind,
+    Kinds,
+    NoLegend,
+    NoMarks,
+    OrdinateLimits,
+    OverlayFile,
+    Periods,
+    Quantity,
+    Resolution,
+    Title,
+    Width,
+)
 from sweeps.errors import Refused
 from sweeps.text import fewest_digits
 
@@ -41,133 +62,6 @@ if TYPE_CHECKING:
 
     from sweeps.opened.cuts import Selection
 
-
-Files = Annotated[list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")]
-FigureFile = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FIGURE",
-        help="The picture to write, for a single OUT.h5. If not given, OUT.png, or a name with the "
-        "kind, quantity and place that are asked for, as OUT-map-energy_lost-R-0.8.png.",
-    ),
-]
-Kind = Annotated[
-    str | None,
-    typer.Option(
-        metavar="KIND",
-        help="bifurcation, attractors, basins, integrity, map, section, impacts, trajectory or "
-        "table.",
-    ),
-]
-AxisNames = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME",
-        help="The swept parameter as abscissa; for a map, then the ordinate; for a table, a column "
-        "or a result; repeatable.",
-    ),
-]
-At = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME=VALUE[,...]",
-        help="Value at which a swept parameter is cut, or direction=up or down for a sweep that "
-        "was followed both ways; for a section, impacts or trajectory also several values, as "
-        "omega=2.7,2.8; repeatable.",
-    ),
-]
-Coordinate = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="poincare_x, poincare_v, poincare_height, impact_v or impact_phase, as ordinate.",
-    ),
-]
-Quantity = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="What a map shows, or the ordinate for a table: a number per point, e.g. period, "
-        "lyapunov, energy_lost, mean_force, or another that the file has.",
-    ),
-]
-Color = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="What colours the points of a diagram or a table, or the sections, impacts or motions "
-        "of several points: a number per point, e.g. period or lyapunov, or direction for a sweep "
-        "that was followed both ways.",
-    ),
-]
-Exact = Annotated[
-    bool,
-    typer.Option(
-        "--exact",
-        help="Draw the exact branches of periodic motions, stable and unstable, with their "
-        "bifurcations; on a map, draw bifurcation curves. --csv writes what is drawn.",
-    ),
-]
-Kinds = Annotated[
-    str | None,
-    typer.Option(metavar="KIND,...", help="Only curves of these kinds, of flip, fold and graze."),
-]
-Below = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME",
-        help="A number per point, e.g. lyapunov, in a panel below a bifurcation diagram; "
-        "repeatable.",
-    ),
-]
-Periods = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N",
-        parser=integer_option("--periods"),
-        help="For a trajectory, compute N periods from the last stored state.",
-    ),
-]
-Width = Annotated[
-    str | None,
-    typer.Option(metavar="LENGTH", help="Width of the picture, e.g. 3.4in, 8.6cm or 86mm."),
-]
-Height = Annotated[
-    str | None, typer.Option(metavar="LENGTH", help="Height of the picture, likewise.")
-]
-Resolution = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N", parser=integer_option("--dpi"), help="Pixels per inch, 300 if not given."
-    ),
-]
-Title = Annotated[
-    str | None, typer.Option(metavar="TEXT", help="Title instead of the sweep's; may be empty.")
-]
-AbscissaLimits = Annotated[
-    str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the abscissa.")
-]
-OrdinateLimits = Annotated[
-    str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate.")
-]
-Grey = Annotated[
-    bool,
-    typer.Option(
-        "--grey",
-        help="A map of classes, basins, attractors or integrity in greys and hatches with "
-        "boundaries and names, for print.",
-    ),
-]
-NoLegend = Annotated[bool, typer.Option("--no-legend", help="Leave out the legend.")]
-NoMarks = Annotated[
-    bool,
-    typer.Option(
-        "--no-marks",
-        help="On a map, do not mark motions on their way to m/q and special points of curves.",
-    ),
-]
 
 #: The kinds of pictures that show the motions of single points.
 _OF_MOTIONS = ("section", "impacts", "trajectory")
@@ -188,6 +82,7 @@ def plot_command(
     csv: Csv = None,
     below: Below = None,
     color: Color = None,
+    overlay: OverlayFile = None,
     periods: Periods = None,
     width: Width = None,
     height: Height = None,
@@ -202,7 +97,7 @@ def plot_command(
     """Draw a picture from the file of each sweep."""
     from sweeps.opened.cuts import on_grid, several
     from sweeps.plotting.api import check_kind
-    from sweeps.plotting.saving import check_picture
+    from sweeps.plotting.saving import check_picture, refuse_replacing
 
     if kind is not None:
         check_kind(kind)
@@ -214,6 +109,8 @@ def plot_command(
         raise Refused(f"--csv {csv} is not allowed here; expected: with --exact, for a single file")
     if not exact and (classes or kinds or most is not None):
         raise Refused("--classes, --kinds and --most are not allowed here; expected: with --exact")
+    if csv is not None and overlay is not None:
+        refuse_replacing(overlay, csv, "table")
     page = {
         "width": inches("--width", width),
         "height": inches("--height", height),
@@ -232,6 +129,7 @@ def plot_command(
         "exact": _chosen_orbits(classes, most, kinds) if exact else None,
         "below": tuple(below) if below else None,
         "color": color,
+        "overlay": overlay,
         "periods": periods,
     }
     values = {name: "-".join(map(fewest_digits, given)) for name, given in lists.items()}
@@ -241,7 +139,7 @@ def plot_command(
     with ExitStack() as stack:
         datasets = []
         for file, figure in zip(files, figures, strict=True):  # check all before drawing any
-            check_picture(figure, file)
+            check_picture(figure, file, *([] if overlay is None else [overlay]))
             datasets.append(stack.enter_context(opened_in_si(file)))
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with named(file):
@@ -280,6 +178,8 @@ def _name(file: Path, kind: str | None, cuts: Selection, options: Mapping[str, A
             words += ["exact", *classes, *value.get("kinds", ()), *most]
         elif option in ("below", "color"):  # these take the same names as a quantity
             words += [option, *([value] if isinstance(value, str) else value)]
+        elif option == "overlay":
+            words += [option, value.stem]
         elif option == "periods":
             words.append(f"{value}-periods")
         else:
@@ -339,21 +239,27 @@ def _exact(
     from sweeps.bifurcation.kept import with_cache
     from sweeps.opened import csv_tables
     from sweeps.plotting.lines import select_line
+    from sweeps.plotting.maps import shown_quantity
+    from sweeps.plotting.overlay import read_overlay
 
     axes, chosen, notes = options.get("axes", ()), options["exact"], list[str]()
+    overlay = options.get("overlay")
     if kind == "map":
         if "most" in chosen:
             raise Refused(
                 f"--most {chosen['most']} limits exact branches, and a map shows curves; expected: "
                 "--exact, with or without --classes"
             )
+        pair = map_axes(dataset, axes, cut)
+        name = str(shown_quantity(dataset, options.get("quantity")))
+        read_overlay(overlay, dataset, [[one] for one in pair], name)  # before all is computed
         with progress_shown("following exact orbits") as report:
-            find = with_cache(curves, notes.append)
-            found = find(dataset, map_axes(dataset, axes, cut), cut, report, **chosen)
+            found = with_cache(curves, notes.append)(dataset, pair, cut, report, **chosen)
         return found, [*found.attrs["summary"].split("\n"), *notes], csv_tables.curve_table(found)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
+    read_overlay(overlay, dataset, [[axis], [coordinate, *options.get("below", ())]])
     with progress_shown("following exact orbits") as report:
         found = with_cache(branches, notes.append)(dataset, axis, cut, report, **chosen)
     lines = [*found.attrs["summary"].split("\n"), *notes]

@@ -6,7 +6,8 @@ import csv
 import math
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -26,6 +27,8 @@ _LONGEST_HEADER = 100_000
 _MOST_COLUMNS = 4_000
 #: Name of a column; a further one becomes a coordinate, whose name other programs must accept.
 COLUMN_NAME = r"^\w(?!.*[^\w.-])"
+#: Checks the names of all columns, and says what those may hold that must be numbers.
+NamesCheck = Callable[[list[str]], Mapping[str, Parameter]]
 
 
 class _UnclosedError(ValueError):
@@ -39,10 +42,16 @@ def read_points(given: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
     array. Columns of parameters, of the rig too if there is one, must hold valid numbers; further
     columns hold numbers or texts. A ValueError names the column and the row, counted from 1.
     """
-    path = folder / given if isinstance(given, str | Path) else None
     known = {**PARAMETERS, **(RIG_PARAMETERS if of_rig else {})}
+    return read_columns(given, folder, partial(_check_names, known=known))
+
+
+def read_columns(given: Any, folder: Path, check_names: NamesCheck) -> np.ndarray:
+    """Do the same as `read_points` with a table whose names another function checks."""
+    path = folder / given if isinstance(given, str | Path) else None
     try:
-        columns = _columns(given, known) if path is None else _read_csv(path, known)
+        read = _columns(given, check_names) if path is None else _read_csv(path, check_names)
+        columns, known = read
         checked = {name: _checked(name, column, known) for name, column in columns.items()}
         table = table_values(checked)
         if len(table):
@@ -118,14 +127,19 @@ def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
     return table_values(columns)
 
 
-def _read_csv(path: Path, known: Mapping[str, Parameter]) -> dict[str, np.ndarray]:
-    """Return the columns of a CSV file, those of parameters as numbers if all their cells are."""
+def _read_csv(
+    path: Path, check_names: NamesCheck
+) -> tuple[dict[str, np.ndarray], Mapping[str, Parameter]]:
+    """Return the columns of a CSV file, and what those may hold that must be numbers.
+
+    These are numbers if all their cells are.
+    """
     if path.exists() and not path.is_file():  # a device may never end, and a FIFO never begin
         raise ValueError("is not a regular file; expected: a CSV file")
     with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # NumPy warns of a file without rows
         names = _header(file)
-        _check_names(names, known)
+        known = check_names(names)
         for kind in (float, object):
             file.seek(0)
             _header(file)
@@ -139,7 +153,7 @@ def _read_csv(path: Path, known: Mapping[str, Parameter]) -> dict[str, np.ndarra
             except ValueError:
                 if kind is object:
                     raise
-    return {name: table[name] for name in names}
+    return {name: table[name] for name in names}, known
 
 
 def _header(file: TextIO) -> list[str]:
@@ -180,14 +194,16 @@ def _closed(line: str) -> tuple[int, bool]:
         raise _UnclosedError(f"a cell with a quote has more than {most:,} characters") from None
 
 
-def _columns(given: Any, known: Mapping[str, Parameter]) -> dict[str, np.ndarray]:
-    """Return the columns of a mapping, a DataFrame or a structured array."""
+def _columns(
+    given: Any, check_names: NamesCheck
+) -> tuple[dict[str, np.ndarray], Mapping[str, Parameter]]:
+    """Return the same as `_read_csv` of a mapping, a DataFrame or a structured array."""
     names = getattr(getattr(given, "dtype", None), "names", None)
     if names is None and not hasattr(given, "items"):
         raise ValueError("no table; expected: a CSV file, or a mapping of columns")
     items = given.items() if names is None else ((name, given[name]) for name in names)
     pairs = [(str(name), column) for name, column in items]
-    _check_names([name for name, _ in pairs], known)
+    known = check_names([name for name, _ in pairs])
     for name, column in pairs:
         if np.ma.is_masked(column):
             row = int(np.ma.getmaskarray(column).argmax()) + 1
@@ -199,7 +215,7 @@ def _columns(given: Any, known: Mapping[str, Parameter]) -> dict[str, np.ndarray
     shapes = {column.shape for column in columns.values()}
     if len(shapes) != 1 or len(*shapes) != 1:
         raise ValueError("the columns must be lists of equal length")
-    return columns
+    return columns, known
 
 
 def _array(column: Any) -> np.ndarray:
@@ -208,7 +224,7 @@ def _array(column: Any) -> np.ndarray:
     return np.asarray(column, object) if values.dtype.kind == "U" else values
 
 
-def _check_names(names: list[str], known: Mapping[str, Parameter]) -> None:
+def _check_names(names: list[str], known: Mapping[str, Parameter]) -> Mapping[str, Parameter]:
     """Refuse a table without a parameter column, and repeated, misspelt and malformed names."""
     missing = [name for name in known if name not in names]
     if len(missing) == len(known):
@@ -217,6 +233,20 @@ def _check_names(names: list[str], known: Mapping[str, Parameter]) -> None:
             f"{problem if names else 'the table is empty'}; expected: a header with one of "
             f"{', '.join(known)}, and commas between the columns"
         )
+    check_header(names)
+    for name in names:
+        word = near_miss(name, missing, least=0.8) if name not in known else None
+        # A further column becomes a coordinate of the file, whose name other programs must accept.
+        if word or not re.search(COLUMN_NAME, name):
+            raise ValueError(
+                f"unknown column {name}{suggestion(word)}; expected: a parameter "
+                f"out of {', '.join(known)}, or another word"
+            )
+    return known
+
+
+def check_header(names: list[str]) -> None:
+    """Refuse columns without a name, or with the same, and too many of them."""
     if "" in names:
         raise ValueError(
             f"column {names.index('') + 1} has no name; expected: a name for every column, and no "
@@ -229,13 +259,6 @@ def _check_names(names: list[str], known: Mapping[str, Parameter]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"column {name} is given twice; expected: once")
-        word = near_miss(name, missing, least=0.8) if name not in known else None
-        # A further column becomes a coordinate of the file, whose name other programs must accept.
-        if word or not re.search(COLUMN_NAME, name):
-            raise ValueError(
-                f"unknown column {name}{suggestion(word)}; expected: a parameter "
-                f"out of {', '.join(known)}, or another word"
-            )
 
 
 def _checked(name: str, column: np.ndarray, known: Mapping[str, Parameter]) -> np.ndarray:

@@ -59,7 +59,7 @@ def explore(
     from vibroimpact.inputs import Allowed, integer
 
     require("port", port, integer(0, 65535))
-    existing = Allowed(lambda value: is_path(value) and Path(value).is_dir(), "an existing folder")  # type: ignore[arg-type]
+    existing = Allowed(lambda value: is_path(value) and Path(value).is_dir(), "an existing folder")
     require("folder", Path() if folder is None else folder, existing)
     if not isinstance(config, SweepConfig):
         config = load_config(config)

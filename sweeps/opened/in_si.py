@@ -101,6 +101,8 @@ def arguments_in_si(
 
     converted = dict(options)
     for option, value in options.items():
+        if option == "overlay":  # its columns have the names of the picture
+            continue
         if option == "at" and value:
             converted[option] = seen.selection(value)
         elif option == "exact" and value is not None:

@@ -10,7 +10,7 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
-from sweeps.arguments import PATH
+from sweeps.arguments import PATH, is_path
 from sweeps.attractor.attractor_table import parameter_axes
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
@@ -45,16 +45,19 @@ class Kind(NamedTuple):
 #: The pictures by name.
 KINDS: Mapping[str, Kind] = {
     "bifurcation": Kind(
-        bifurcation, ("axes", "coordinate", "exact", "below", "color"), axes=1, shown=(DIRECTION,)
+        bifurcation,
+        ("axes", "coordinate", "exact", "below", "color", "overlay"),
+        axes=1,
+        shown=(DIRECTION,),
     ),
     "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, shown=START_AXES),
     "basins": Kind(basins, shown=("x0", "v0")),
     "integrity": Kind(integrity, shown=("x0", "v0")),
-    "map": Kind(parameter_map, ("axes", "quantity", "exact"), axes=2),
+    "map": Kind(parameter_map, ("axes", "quantity", "exact", "overlay"), axes=2),
     "section": Kind(section, ("color",)),
     "impacts": Kind(impacts, ("color",)),
     "trajectory": Kind(trajectory, ("periods", "color")),
-    "table": Kind(table_panels, ("axes", "quantity", "color"), shown=(TABLE,)),
+    "table": Kind(table_panels, ("axes", "quantity", "color", "overlay"), shown=(TABLE,)),
 }
 
 
@@ -91,11 +94,11 @@ def plot(
     command : str
         The command that draws the picture, for its metadata.
     **options
-        ``axes``, ``coordinate``, ``exact``, ``below`` and ``color`` of `bifurcation`; ``axes`` and
-        ``coordinate`` of `attractor_diagram`; ``axes``, ``quantity`` and ``exact`` of
-        `parameter_map`; ``axes``, ``quantity`` and ``color`` of `table_panels`; ``color`` of
-        `section` and `impacts`; ``periods`` and ``color`` of `trajectory`. With None the picture
-        chooses.
+        ``axes``, ``coordinate``, ``exact``, ``below``, ``color`` and ``overlay`` of `bifurcation`;
+        ``axes`` and ``coordinate`` of `attractor_diagram`; ``axes``, ``quantity``, ``exact`` and
+        ``overlay`` of `parameter_map`; ``axes``, ``quantity``, ``color`` and ``overlay`` of
+        `table_panels`; ``color`` of `section` and `impacts`; ``periods`` and ``color`` of
+        `trajectory`. With None the picture chooses.
 
     Returns
     -------
@@ -118,7 +121,8 @@ def plot(
     'flip.png'
     """
     output = Path(output)
-    check_picture(output, str(dataset.encoding.get("source", "")))
+    read = [str(dataset.encoding.get("source", "")), options.get("overlay")]
+    check_picture(output, *(file for file in read if is_path(file)))
     options = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(dataset, at, **options) if kind is None else kind
     check_options(kind, options)
@@ -177,9 +181,9 @@ def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: An
     if starts and not over_one_line and "period" in dataset:
         if parameter_axes(dataset):
             return "attractors"
-        if len(starts) == 2 and not options:
+        if len(starts) == 2 and not options.keys() - {"overlay"}:
             return "basins"
-    only_adds = options.keys() <= {"exact"}
+    only_adds = options.keys() <= {"exact", "overlay"}
     if len(axes) == 2 and "period" in dataset and not starts and not chosen and only_adds:
         return "map"
     if axes:

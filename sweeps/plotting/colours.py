@@ -197,6 +197,11 @@ class Paint(NamedTuple):
             tick_in_decades(bar.ax.xaxis)
 
 
+def has_scale(name: str) -> bool:
+    """Whether the values of a number have the colours of a scale, and not those of words."""
+    return name != "period" and name not in _WORDS
+
+
 def paint(cut: xr.Dataset, name: str, *, dots: bool = False, grey: bool = False) -> Paint:
     """Return the colours of a number at the points of a cut.
 

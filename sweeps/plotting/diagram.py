@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
@@ -23,6 +23,7 @@ from sweeps.plotting.directions import agreeing, draw_jumps
 from sweeps.plotting.labels import as_variable, label, label_axis, record_text
 from sweeps.plotting.lines import refuse_empty, select_line
 from sweeps.plotting.numbers import Wanted, with_number
+from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.style import (
     APPROACHING,
@@ -56,6 +57,7 @@ def bifurcation(
     exact: xr.Dataset | None = None,
     below: Wanted | Sequence[Wanted] = (),
     color: Wanted | None = None,
+    overlay: Any = None,
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
@@ -83,6 +85,10 @@ def bifurcation(
         What colours the points, as for `below`; ``period`` gives the classes the colours of a map.
         By default the colours tell directions apart (``direction``), if the axis was followed in
         both.
+    overlay : str, Path, DataFrame or mapping of str to sequence, optional
+        Points of a table to draw over the diagram and the panels below: a CSV file or columns, with
+        the names of the axis and of what a panel shows, in the units of the picture unless a name
+        has its own, as ``poincare_x [mm]``. A column ``label`` names the points in the legend.
 
     Examples
     --------
@@ -105,11 +111,12 @@ def bifurcation(
     if tint is not None:
         line = split_directions(line)[0]
     _check(dataset, axis, exact, names)
+    points = read_overlay(overlay, dataset, [[axis], [coordinate, *names]])
     shown = None if tint is None else paint(line, tint, dots=True)
     drawn = _Drawn.of(line, axis, coordinate, shown)
     heights = [1.0] + [_LOWER] * len(names)
     panel, *lower = canvas.stacked_panels(page, heights, len(heights)) if ax is None else [ax]
-    label_axis(panel.xaxis, drawn.line[drawn.axis])
+    label_axis((lower or [panel])[-1].xaxis, drawn.line[drawn.axis])
     label_axis(panel.yaxis, as_variable(coordinate, config_of(dataset).nomenclature))
     low, high = drawn.draw_points(panel)
     parts = {}
@@ -123,15 +130,12 @@ def bifurcation(
     canvas.widen_if_constant(panel.set_ylim, low, high)
     page.fit_ordinate(panel, *drawn.ranges_within(page.xlim))
     page.set_limits(panel)
+    drawn.draw_below(lower, names, page)
+    panels = zip([panel, *lower], [coordinate, *names], strict=True)
+    measured = draw_overlay(points, [(each, axis, name) for each, name in panels], page)
     name_parts(panel, parts)
     drawn.draw_jumps(panel)
     drawn.mark_points(panel)
-    for scalar_panel, name in zip(lower, names, strict=True):
-        drawn.draw_scalar(scalar_panel, name)
-        page.fit_ordinate(scalar_panel)
-    if lower:
-        label_axis(lower[-1].xaxis, drawn.line[drawn.axis])
-        panel.set_xlabel("")
     handles, texts = panel.get_legend_handles_labels()
     of_parts = [handles[texts.index(text)] for text in parts if text in texts]
     others = [handle for handle in handles if handle not in of_parts]
@@ -142,7 +146,7 @@ def bifurcation(
         shown.add_bar([panel, *lower])
         others, title = [*shown.handles(), *others], shown.title
     record = record_text(line, coordinate)
-    figure = canvas.finish(panel, page, line, [*others, *of_parts], title, record)
+    figure = canvas.finish(panel, page, line, [*others, *of_parts, *measured], title, record)
     if drawn.dense:
         draw_density(panel, drawn.values, drawn.ways, coordinate, drawn.tint)
     return figure
@@ -262,7 +266,13 @@ class _Drawn(NamedTuple):
         ways = [way.isel({self.axis: seen}) for way in self.ways]
         return [value_range(ways, self.coordinate)]
 
-    def draw_scalar(self, panel: Axes, name: str) -> None:
+    def draw_below(self, panels: Sequence[Axes], names: Sequence[str], page: Page) -> None:
+        """Draw a scalar in each panel below the diagram; only the last one labels the axis."""
+        for panel, name in zip(panels, names, strict=True):
+            self._draw_scalar(panel, name)
+            page.fit_ordinate(panel)
+
+    def _draw_scalar(self, panel: Axes, name: str) -> None:
         """Draw a scalar, or both Lyapunov exponents, over the axis."""
         columns = [
             np.asarray(way[name].values, float).reshape(len(self.values), -1) for way in self.ways

@@ -87,6 +87,18 @@ def prefix_of(variable: xr.DataArray, size: float) -> tuple[str, float]:
     return "", 1.0
 
 
+def units_of(variable: xr.DataArray) -> dict[str, float]:
+    """Return the units in which a variable can be given, its own first, in its own unit.
+
+    There is none if it has a length or a time for which no name was chosen.
+    """
+    own = variable.attrs.get("units", "1")
+    units = {own: 1.0} if own in ("1", "rad") or unit_name(own) else {}
+    if own in _PREFIXED:
+        units |= {prefix + own: factor for _, prefix, factor in _PREFIXES} | {f"u{own}": 1e-6}
+    return units
+
+
 def equation(symbol: str, variable: xr.DataArray, value: float) -> str:
     """Write a symbol with its value and, if the unit of the variable has a name, its unit."""
     prefix, factor = prefix_of(variable, value)

@@ -29,6 +29,7 @@ from sweeps.plotting.labels import (
     status_name,
 )
 from sweeps.plotting.numbers import Wanted, with_number
+from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.pixels import cell_edges
 from sweeps.plotting.regions import draw_boundaries, name_regions
@@ -56,6 +57,7 @@ def parameter_map(
     at: Selection | None = None,
     quantity: Wanted | None = None,
     exact: xr.Dataset | None = None,
+    overlay: Any = None,
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
@@ -76,6 +78,11 @@ def parameter_map(
     exact : Dataset, optional
         Curves of flips, folds and grazes to draw over the map: the result of `sweeps.curves` for
         these axes.
+    overlay : str, Path, DataFrame or mapping of str to sequence, optional
+        Points of a table to draw over the map: a CSV file or columns, with the names of the axes,
+        in the units of the picture unless a name has its own, as ``clearance [mm]``. A column with
+        the name of a quantity that has a scale gives the points its colours. A column ``label``
+        names the points in the legend.
 
     Examples
     --------
@@ -91,9 +98,8 @@ def parameter_map(
     if exact is not None and set(exact.coords) != set(chosen):
         over = listed(map(str, exact.coords))
         raise Refused(f"the exact curves are over {over}, not {listed(chosen)}")
-    if quantity is None:
-        quantity = "period" if "period" in dataset else "impacts_per_period"
-    dataset, name = with_number(dataset, quantity)
+    dataset, name = with_number(dataset, shown_quantity(dataset, quantity))
+    points = read_overlay(overlay, dataset, [[abscissa], [ordinate]], name)
     cut = cut_at(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
     if page.grey and name != "period":
         raise Refused(f"greys and hatches are for classes, and {name} is none; leave out grey")
@@ -112,10 +118,19 @@ def parameter_map(
         handles += draw_curves(panel, exact, cut, (x, y), CLASSES, page.marks)
     if name == "period":
         handles, rarest = _by_share(handles, shown.cells)
+    scale = (name, shown.ramp, shown.norm)
+    handles += draw_overlay(points, [(panel, abscissa, ordinate)], page, scale)
     figure = canvas.finish(panel, page, cut, handles, shown.title, rarest=rarest)
     if name == "period":
         name_and_bound(panel, page, cut, *class_numbers(cut))
     return figure
+
+
+def shown_quantity(dataset: xr.Dataset, quantity: Wanted | None) -> Wanted:
+    """Return the quantity of a map, by default the class if the file has it."""
+    if quantity is not None:
+        return quantity
+    return "period" if "period" in dataset else "impacts_per_period"
 
 
 def _by_share(handles: Sequence[Artist], cells: Sequence[Cells]) -> tuple[list[Artist], list[str]]:

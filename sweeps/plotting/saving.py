@@ -53,14 +53,20 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
     return config.name, program, text
 
 
-def check_picture(output: Path, data: str | Path = "") -> None:
-    """Refuse a path to which no picture of `data` can be written.
+def refuse_replacing(data: str | Path, output: Path, what: str = "picture") -> None:
+    """Refuse to replace a file that is read with an output."""
+    if os.path.isfile(data) and os.path.exists(output) and os.path.samefile(output, data):
+        raise Refused(f"the {what} {output} would replace the data; give another output")
 
-    Raises Refused if it is the file with the data, if its ending is not one of ``FORMATS``, if no
+
+def check_picture(output: Path, *data: str | Path) -> None:
+    """Refuse a path to which no picture of the `data`, files that are read, can be written.
+
+    Raises Refused if it is a file with the data, if its ending is not one of ``FORMATS``, if no
     file can be written there, or if matplotlib cannot draw with the settings of the user.
     """
-    if os.path.isfile(data) and os.path.exists(output) and os.path.samefile(output, data):
-        raise Refused(f"the picture {output} would replace the data; give another output")
+    for file in data:
+        refuse_replacing(file, output)
     if output.suffix.lower().lstrip(".") not in FORMATS:
         raise Refused(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
     check_target(output, "picture")

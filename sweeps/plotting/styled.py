@@ -15,6 +15,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sweeps.arguments import is_path
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.in_si import arguments_in_si
 from sweeps.plotting.page import PAGE, Page
@@ -73,6 +74,9 @@ ARGUMENTS: Mapping[str, Allowed] = {
     "quantity": Allowed(_is_wanted, "a name or a DataArray"),
     "axes": Allowed(_are_wanted, "names of axes, as ['omega', 'R']"),
     "periods": integer(1, MOST_RECORDED),
+    "overlay": Allowed(
+        lambda value: is_path(value) or hasattr(value, "items"), "a CSV file or a DataFrame"
+    ),
 }
 
 

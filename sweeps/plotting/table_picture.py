@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -19,6 +20,7 @@ from sweeps.plotting.colours import paint
 from sweeps.plotting.labels import label, label_axis
 from sweeps.plotting.lines import refuse_without_result
 from sweeps.plotting.numbers import Wanted, number_at, with_number
+from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.styled import styled
 from sweeps.store import columns_of
@@ -35,6 +37,7 @@ def table_panels(
     at: Selection | None = None,
     quantity: Wanted | None = None,
     color: Wanted | None = None,
+    overlay: Any = None,
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
@@ -49,6 +52,11 @@ def table_panels(
         The ordinate: a result or a column of numbers, by default ``impacts_per_period``.
     color : str or DataArray, optional
         What colours the points, by default ``period``, or ``status`` if it was not recorded.
+    overlay : str, Path, DataFrame or mapping of str to sequence, optional
+        Points of a further table to draw over each panel of whose abscissa it has a column: a CSV
+        file or columns, with the names of the abscissas and of the ordinate, in the units of the
+        picture unless a name has its own, as ``gap [mm]``. A column ``label`` names the points in
+        the legend.
 
     Examples
     --------
@@ -74,6 +82,7 @@ def table_panels(
         dataset, name = with_number(dataset, wanted)
         names.append(name)
     shown, (ordinate, *abscissas) = paint(dataset, names[0], dots=True), names[1:]
+    points = read_overlay(overlay, dataset, [abscissas, [ordinate]])
     status = dataset["status"].values
     refuse_without_result(status)
     width = page.width or mpl.rcParams["figure.figsize"][0]
@@ -85,7 +94,8 @@ def table_panels(
     else:
         panels = np.array([ax])
     colours = shown.colours()
-    size = float(np.clip(4e3 / math.sqrt(status.size) / across, 0.3, 4.0))
+    size = float(np.clip(4e2 / math.sqrt(status.size), 0.0, 16.0))  # of a few rows [pt^2]
+    size = max(size, float(np.clip(4e3 / math.sqrt(status.size), 0.3, 4.0))) / across
     y = number_at(dataset, ordinate)
     for panel, name in zip(panels, abscissas, strict=False):
         x = number_at(dataset, name)
@@ -100,6 +110,8 @@ def table_panels(
     for unused in panels[len(abscissas) :]:
         unused.remove()
     page.set_limits(panels[0])
+    drawn = zip(panels, abscissas, strict=False)
+    measured = draw_overlay(points, [(each, name, ordinate) for each, name in drawn], page)
     shown.add_bar(list(panels[: len(abscissas)]))
-    handles = shown.handles() + panels[0].get_legend_handles_labels()[0]
+    handles = shown.handles() + panels[0].get_legend_handles_labels()[0] + measured
     return canvas.finish(panels[0], page, dataset, handles, shown.title)

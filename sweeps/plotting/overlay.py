@@ -1,0 +1,212 @@
+"""Points of a table over a picture, as measured beside computed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, Normalize
+from matplotlib.lines import Line2D
+
+from sweeps.arguments import is_path
+from sweeps.config.points import check_header, read_columns
+from sweeps.errors import Refused
+from sweeps.opened.coordinates import COORDINATES
+from sweeps.opened.dataset import config_of
+from sweeps.plotting import canvas
+from sweeps.plotting.colours import has_scale
+from sweeps.plotting.labels import as_variable, prefix_of, units_of
+from sweeps.plotting.numbers import with_number
+from sweeps.plotting.page import Page
+from sweeps.plotting.style import ground, ink
+from sweeps.text import fewest_digits, near_miss, printable, shortened, suggestion
+from vibroimpact.oscillator import Parameter
+
+#: The column with the names of the points in the legend.
+LABEL = "label"
+#: A marker for each label.
+_MARKERS = "osD^vPX*<>"
+#: Least and greatest size of the markers [pt], and the margin of the panel around them.
+_SIZES, _MARGIN = (1.5, 4.5), 0.04
+
+
+class Overlay(NamedTuple):
+    """The points of a table, by the names of their columns, and their labels."""
+
+    columns: dict[str, np.ndarray]  # in the units of the head or of the picture
+    units: dict[str, float]  # of the columns that name theirs, in those of the dataset
+    seen: Mapping[str, xr.DataArray]  # describes what the picture shows
+    labels: np.ndarray
+
+    def values(self, name: str, ends: tuple[float, float] | None = None) -> np.ndarray:
+        """Return a column in the unit of the dataset.
+
+        Without a unit of its own it has that of an axis with these ends, which may have a prefix.
+        """
+        size = 0.0 if ends is None else max(map(abs, ends))
+        factor = self.units.get(name, prefix_of(self.seen[name], size)[1])
+        return factor * self.columns[name]
+
+
+def read_overlay(
+    given: Any, dataset: xr.Dataset, needed: Sequence[Sequence[str]], quantity: str = ""
+) -> Overlay | None:
+    """Read a table whose columns are what a picture shows; None if none is given.
+
+    Of each group of `needed` names there must be a column; `quantity` may be one if it has a scale.
+    """
+    if given is None:
+        return None
+    names = [name for group in needed for name in group]
+    names += [quantity] if quantity and has_scale(quantity) else []
+    seen = {name: _described(dataset, name) for name in names}
+    heads = dict[str, tuple[str, str]]()
+
+    def check(columns: list[str]) -> Mapping[str, Parameter]:
+        check_header(columns)
+        if not columns:
+            raise ValueError(f"the table is empty; {_expected(seen)}")
+        for head in columns:
+            if head != LABEL:
+                heads[head] = _name_and_unit(head, seen)
+        found = [name for name, _ in heads.values()]
+        for name in found:
+            if found.count(name) > 1:
+                raise ValueError(f"column {name} is given twice; expected: once")
+        for group in needed:
+            if not {*group} & {*found}:
+                raise ValueError(f"there is no column {' or '.join(group)}; {_expected(seen)}")
+        return dict.fromkeys(heads, Parameter("", "", ""))
+
+    try:
+        table = read_columns(given, Path(), check)
+        known = {head: units_of(seen[name]) for head, (name, _) in heads.items()}
+        units = {name: known[head][unit] for head, (name, unit) in heads.items() if unit}
+        stem = Path(given).stem if is_path(given) else "overlay"
+        own = table[LABEL] if LABEL in (table.dtype.names or ()) else [stem] * len(table)
+        labels = np.array([_label(one, stem) for one in own])
+        if len({*labels}) > len(_MARKERS):
+            most = f"expected: at most {len(_MARKERS)}, each with a marker of its own"
+            where = f"{given}: " if is_path(given) else ""
+            raise ValueError(f"{where}there are {len({*labels})} labels; {most}")
+    except ValueError as error:
+        raise Refused(f"overlay{' ' if is_path(given) else ': '}{error}") from None
+    return Overlay({name: table[head] for head, (name, _) in heads.items()}, units, seen, labels)
+
+
+def _described(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """Return a variable with the unit in which the picture shows it."""
+    if name in COORDINATES:
+        return as_variable(name, config_of(dataset).nomenclature)
+    return with_number(dataset, name)[0][name]
+
+
+def _expected(seen: Mapping[str, xr.DataArray]) -> str:
+    return f"expected: columns out of {', '.join([*seen, LABEL])}, with commas between them"
+
+
+def _name_and_unit(head: str, seen: Mapping[str, xr.DataArray]) -> tuple[str, str]:
+    """Split the head of a column into the name and the unit, which may be empty; check both."""
+    found = re.fullmatch(r"(.*?)\s*\[\s*(.*?)\s*\]", head)
+    name, unit = (found[1], found[2]) if found else (head, "")
+    if name not in seen:
+        shown, meant = shortened(printable(name)), suggestion(near_miss(name, [*seen, LABEL]))
+        raise ValueError(f"the picture has no {shown}{meant}; {_expected(seen)}")
+    unit = unit.replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
+    known = units_of(seen[name])
+    if found and unit not in known:
+        wrong = f"column {name} in {shortened(printable(unit)) or '(nothing)'} is not allowed"
+        raise ValueError(f"{wrong}; expected: {' or '.join(known) or 'no unit'}")
+    return name, unit
+
+
+def _label(cell: Any, otherwise: str) -> str:
+    """Return the text of a label for the legend, which would not show one that begins with _."""
+    text = fewest_digits(cell) if isinstance(cell, float) else str(cell).strip()
+    text = shortened(printable(text or otherwise), 40).replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
+
+
+def draw_overlay(
+    overlay: Overlay | None,
+    panels: Sequence[tuple[Axes, str, str]],
+    page: Page,
+    scale: tuple[str, Colormap, Normalize] | None = None,
+) -> list[Artist]:
+    """Draw the points in each panel with its abscissa and ordinate; return handles for the legend.
+
+    Limits that the page does not give make room for the points, but not on a map, which has the
+    `scale` of a quantity; there, these are the limits of the cells. The legend counts the points
+    that are outside of all panels.
+    """
+    if overlay is None:
+        return []
+    inside = np.zeros(len(overlay.labels), bool)
+    markers = dict(zip(dict.fromkeys(overlay.labels.tolist()), _MARKERS, strict=False))
+    for panel, *names in panels:
+        if not {*names} <= overlay.columns.keys():
+            continue
+        limits = panel.get_xlim(), panel.get_ylim()
+        x, y = (overlay.values(name, ends) for name, ends in zip(names, limits, strict=True))
+        if scale is None:
+            _make_room(panel, x, y, page, panels[0][0])
+        (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
+        seen = (left <= x) & (x <= right) & (low <= y) & (y <= high)
+        inside |= seen
+        size = canvas.marker_size(x, y, *_SIZES)
+        for text, marker in markers.items():
+            own = seen & (overlay.labels == text)
+            look = {"marker": marker, "zorder": 7.0, "linewidths": 0.6}
+            if scale is not None and scale[0] in overlay.columns:
+                _, ramp, norm = scale
+                look |= {"c": ramp(norm(overlay.values(scale[0])[own])), "edgecolors": ink()}
+            else:
+                look |= {"color": ink(), "edgecolors": ground()}
+            panel.scatter(x[own], y[own], size**2, **look)
+    if not inside.any():
+        raise Refused(
+            "no point of the overlay is within the limits of the picture; expected: values in the "
+            "units of its axes, or a unit in the head of the column"
+        )
+    return [
+        _handle(text, inside[overlay.labels == text], marker) for text, marker in markers.items()
+    ]
+
+
+def _handle(text: str, inside: np.ndarray, marker: str) -> Line2D:
+    """Return the entry of a label, which counts the points outside."""
+    outside = np.count_nonzero(~inside)
+    text += f" ({outside:,} of {len(inside):,} outside)" if outside else ""
+    look: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": _SIZES[1]}
+    return Line2D([], [], linestyle="", marker=marker, label=text, markeredgewidth=0.6, **look)
+
+
+def _make_room(panel: Axes, x: np.ndarray, y: np.ndarray, page: Page, first: Axes) -> None:
+    """Widen the limits that the page does not give for the first panel, to include points."""
+    is_same = panel is first
+    xlim = page.xlim if is_same or panel.get_shared_x_axes().joined(panel, first) else None
+    ylim = page.ylim if is_same or panel.get_shared_y_axes().joined(panel, first) else None
+    if xlim is not None:
+        y = y[(xlim[0] <= x) & (x <= xlim[1])]
+    for values, given, axis in ((x, xlim, panel.xaxis), (y, ylim, panel.yaxis)):
+        if axis.get_scale() == "log":
+            values = values[values > 0.0]
+        if given is not None or not values.size:
+            continue
+        scaled = axis.get_transform()
+        low, high = scaled.transform(np.array(axis.get_view_interval()))
+        places = scaled.transform(values)
+        margin = _MARGIN * (max(high, places.max()) - min(low, places.min()))
+        ends = [
+            places.min() - margin if places.min() < low else low,
+            places.max() + margin if places.max() > high else high,
+        ]
+        (panel.set_xlim if axis is panel.xaxis else panel.set_ylim)(
+            *scaled.inverted().transform(ends).tolist()
+        )

@@ -1,0 +1,169 @@
+"""Points of a table over a diagram, a map and the picture of a table."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.colors import to_hex
+
+from sweeps import open_sweep
+from sweeps.bifurcation import kept
+from sweeps.errors import Refused
+from sweeps.plotting import Page, bifurcation, parameter_map, plot, table_panels
+from tests.helpers.commands import SMALL, accepted, refused
+from tests.helpers.equal_points import equal_points
+from tests.helpers.sweep_files import run_in
+
+RIG = """\
+rig: {mass: 0.5, stiffness: 8000, damping: 4, force: 8, gap: 0.0005, R: 0.7,
+      frequency: {start: 22, stop: 40, num: 7}}
+method: {steps_per_period: 20}
+record: {transient: 20, periods: 4, impacts: 2, diagnostics: [period]}
+"""
+TABLE = """\
+oscillator: {h: 0.1, f: 1.0}
+points: {R: [0.8, 0.7, 0.75], omega: [2.4, 2.6, 2.9]}
+record: {transient: 20, periods: 4, impacts: 2, diagnostics: [period]}
+"""
+#: Places within the map of `equal_points`.
+PLACES = {"omega": [1.5, 2.0, 3.5], "R": [0.4, 0.6, 0.8]}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("files")
+    for name, text in (("rig", RIG), ("table", TABLE), ("small", SMALL)):
+        run_in(folder, text, name=f"{name}.h5")
+    return folder
+
+
+@pytest.fixture
+def rig(files):
+    with open_sweep(files / "rig.h5") as dataset:
+        yield dataset
+
+
+def points(panel):
+    """Return the places of the points that are drawn over a panel, shape (n, 2)."""
+    drawn = [each for each in panel.collections if each.get_zorder() == 7.0]
+    return np.concatenate([each.get_offsets() for each in drawn])
+
+
+def entries(figure):
+    """Return the entries of the legend with a single marker: label, marker."""
+    lines = figure.legends[0].get_lines()
+    return {line.get_label(): line.get_marker() for line in lines}
+
+
+@pytest.mark.parametrize(
+    ("head", "factor"),
+    [("poincare_x", 1e3), ("poincare_x [mm]", 1e3), ("poincare_x[m]", 1.0),
+     ("poincare_x [um]", 1e6), ("poincare_x [\N{MICRO SIGN}m]", 1e6)],
+)  # fmt: skip
+def test_a_column_is_in_the_unit_of_the_picture_or_in_its_own(rig, head, factor):
+    """The displacements of the rig are some 0.5 mm, and its axis is in mm."""
+    x = np.array([-0.4e-3, 0.1e-3, 0.45e-3])
+    table = pd.DataFrame({"frequency": [23.0, 28.5, 39.0], head: factor * x})
+    figure = bifurcation(rig, overlay=table)
+    figure.draw_without_rendering()
+    assert figure.axes[0].get_ylabel().endswith("[mm]")
+    np.testing.assert_allclose(points(figure.axes[0]), np.stack([[23.0, 28.5, 39.0], x], axis=1))
+
+
+def test_a_diagram_makes_room_and_names_the_labels(rig):
+    Path("m.csv").write_text(
+        "\N{ZERO WIDTH NO-BREAK SPACE}label,frequency,poincare_x [mm]\n"
+        "before,20,0.1\n\nafter $1$,45,9\n,30,0\n_,30,0.1\nbefore,31,0.2\n",
+        encoding="utf-8",
+    )
+    figure = bifurcation(rig, overlay="m.csv")
+    (left, right), (low, high) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
+    assert left < 20.0 and 45.0 < right and low < 0.0 and 9e-3 < high
+    assert [*entries(figure)][1:] == ["before", r"after \$1\$", "m", " _"]
+    assert [*entries(figure).values()][1:] == ["o", "s", "D", "^"]
+    figure = bifurcation(rig, overlay="m.csv", page=Page(xlim=(25, 32), width=3.4))
+    assert figure.axes[0].get_xlim() == (25.0, 32.0)
+    assert figure.axes[0].get_ylim()[1] < 8e-3  # fits what is seen
+    assert {"before (1 of 2 outside)", r"after \$1\$ (1 of 1 outside)"} <= entries(figure).keys()
+
+
+def test_a_panel_below_has_its_own_column(rig):
+    table = {"frequency": [25.0, 35.0], "impulse": [0.1, 0.9]}
+    above, below = bifurcation(rig, below="impulse", overlay=table).axes
+    assert not [each for each in above.collections if each.get_zorder() == 7.0]
+    np.testing.assert_array_equal(points(below), [[25.0, 0.1], [35.0, 0.9]])
+    assert below.get_ylim()[1] > 0.9
+
+
+def test_a_map_keeps_its_limits_and_gives_measured_values_its_colours():
+    dataset = equal_points(impulse={(0, 0): 0.5, (2, 3): 1.0})
+    plain = parameter_map(dataset, quantity="impulse")
+    figure = parameter_map(dataset, quantity="impulse", overlay={**PLACES, "impulse": [0.5, 1, 2]})
+    panel = figure.axes[0]
+    assert panel.get_xlim() == plain.axes[0].get_xlim()
+    np.testing.assert_array_equal(points(panel), np.transpose([*PLACES.values()]))
+    (mesh, drawn) = (panel.collections[0], panel.collections[-1])
+    colours = [to_hex(colour) for colour in drawn.get_facecolors()]
+    assert colours[:2] == [to_hex(mesh.cmap(0.0)), to_hex(mesh.cmap(1.0))]
+    over = {"omega": [2.0, 9.0], "R": [0.5, 0.5], "label": [1, 1]}
+    figure = parameter_map(dataset, overlay=over, page=Page(grey=True))
+    assert "1 (1 of 2 outside)" in {text.get_text() for text in figure.legends[0].get_texts()}
+
+
+def test_the_picture_of_a_table_has_the_points_in_the_panels_of_their_columns(files):
+    table = {"omega": [2.5], "impulse": [0.3]}
+    with open_sweep(files / "table.h5") as dataset:
+        panels = table_panels(dataset, quantity="impulse", overlay=table).axes[:2]
+    with_points = [panel for panel in panels if len(panel.collections) > 1]
+    (panel,) = with_points
+    np.testing.assert_array_equal(points(panel), [[2.5, 0.3]])
+    assert "omega" in panel.get_xlabel()
+    assert panel.collections[0].get_sizes() == [8.0]  # the dots of three rows show their colour
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("omega,poincare_c\n2,1\n", "the picture has no poincare_c (did you mean poincare_x?)"),
+        ("omega,poincare_x,R\n2,1,1\n", "the picture has no R; expected: columns out of omega, "
+         "poincare_x, label"),
+        ("omega;poincare_x\n2;1\n", "with commas between them"),
+        ("omega\n2\n", "there is no column poincare_x"),
+        ("omega,poincare_x [mm]\n2,1\n", "poincare_x in mm is not allowed; expected: no unit"),
+        ("omega,poincare_x,poincare_x\n2,1,1\n", "column poincare_x is given twice"),
+        ("omega,poincare_x\n2,1\n2,one\n", "row 2, column poincare_x = one is not allowed"),
+        ("omega,poincare_x\n2,\n", "row 1, column poincare_x = (nothing) is not allowed"),
+        ("omega,poincare_x\n2,1,1\n", "row 1 has 3 cells, and the header 2"),
+        ("omega,poincare_x\n", "the table has no row"),
+        ("", "the table is empty"),
+        ("omega,poincare_x,label\n" + "".join(f"2,1,{i}\n" for i in range(11)), "11 labels"),
+    ],
+)  # fmt: skip
+def test_a_wrong_table_is_refused_before_anything_is_computed(files, monkeypatch, text, told):
+    Path("out.h5").symlink_to(files / "small.h5")
+    Path("m.csv").write_text(text)
+    monkeypatch.setattr(kept, "with_cache", lambda *_: pytest.fail("orbits are computed"))
+    for exact in ((), ("--exact",)):
+        message = refused("plot", "out.h5", "--kind", "bifurcation", "--overlay", "m.csv", *exact)
+        assert "overlay m.csv: " in message and told in message.replace("\n", " ")
+
+
+def test_no_output_replaces_the_table_and_other_pictures_take_none(files):
+    Path("out.h5").symlink_to(files / "small.h5")
+    Path("m.csv").write_text("omega,poincare_x\n2,0\n")
+    os.link("m.csv", "m.png")
+    told = refused("plot", "out.h5", "--exact", "--overlay", "m.csv", "--csv", "m.csv")
+    assert "the table m.csv would replace the data" in told
+    told = refused("plot", "out.h5", "--overlay", "m.csv", "-o", "m.png")
+    assert "the picture m.png would replace the data" in told
+    with open_sweep("out.h5") as dataset, pytest.raises(Refused, match="would replace the data"):
+        plot(dataset, "m.png", "bifurcation", overlay="m.csv")
+    told = refused("plot", "out.h5", "--kind", "section", "--overlay", "m.csv")
+    assert "overlay can be chosen for a bifurcation or map or table only" in told
+    assert "cannot be read" in refused("plot", "out.h5", "--overlay", "missing.csv")
+    told = refused("plot", "out.h5", "--overlay", "m.csv", "--axis", "omega", "--xlim", "1.5:1.9")
+    assert "no point of the overlay is within the limits" in told
+    arguments = ("--axis", "omega", "--overlay", "m.csv", "--dpi", "50")
+    assert accepted("plot", "out.h5", *arguments) == "out-omega-overlay-m.png\n"
