@@ -1,4 +1,4 @@
-"""The page: its view, the thread that computes the pictures, and the models that show them."""
+"""The page: its view, its parts with their sizes and events, and the thread that computes them."""
 
 from __future__ import annotations
 

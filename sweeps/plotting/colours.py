@@ -1,4 +1,4 @@
-"""A number per point as colours: classes and words with a legend, others with a colour bar."""
+"""Numbers per point as colours: classes and words with a legend, others with a ramp and a bar."""
 
 from __future__ import annotations
 

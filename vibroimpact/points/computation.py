@@ -1,4 +1,4 @@
-"""Points through the kernel: a specification and parameter values in, named results out."""
+"""The computation of points by the kernel: scaled, followed, or with transients of their own."""
 
 from __future__ import annotations
 
