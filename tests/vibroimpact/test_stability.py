@@ -169,12 +169,12 @@ def test_where_no_steps_are_asked_for_they_are_stable():
 def test_asking_for_a_limit_compiles_nothing():
     """A configuration is checked, or refused, without waiting for the compiler."""
     code = (
-        "from vibroimpact.kernel import run\n"
+        "from vibroimpact.kernel import threads\n"
         "from vibroimpact.step import integrators, stability\n"
         "for name in integrators.INTEGRATORS:\n"
         "    stability.least_stable_steps(name, [0.0, 2.0], 1.0, 1.0)\n"
         "compiled = [integrators.affine_map, integrators.integrator_step]\n"
-        "compiled += [run.take_plain, run.take_shortened]\n"
+        "compiled += [threads.take_plain, threads.take_shortened]\n"
         "compiled += [row.step for row in integrators.INTEGRATORS.values()]\n"
         "assert not any(function.signatures for function in compiled)\n"
         "assert stability.is_stable('euler', 0.1, 0.2)\n"
