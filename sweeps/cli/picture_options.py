@@ -129,6 +129,16 @@ AbscissaLimits = Annotated[
 OrdinateLimits = Annotated[
     str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate.")
 ]
+AbscissaLabel = Annotated[
+    str | None,
+    typer.Option(
+        metavar="TEXT",
+        help="Label of the abscissa; a unit in it, as 'gap [mm]', is that of the ticks.",
+    ),
+]
+OrdinateLabel = Annotated[
+    str | None, typer.Option(metavar="TEXT", help="Label of the ordinate, likewise.")
+]
 Grey = Annotated[
     bool,
     typer.Option(

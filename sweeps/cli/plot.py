@@ -30,6 +30,7 @@ from sweeps.cli.options import (
     targets,
 )
 from sweeps.cli.picture_options import (
+    AbscissaLabel,
     AbscissaLimits,
     At,
     AxisNames,
@@ -45,6 +46,7 @@ from sweeps.cli.picture_options import (
     Kinds,
     NoLegend,
     NoMarks,
+    OrdinateLabel,
     OrdinateLimits,
     OverlayFile,
     Periods,
@@ -90,6 +92,8 @@ def plot_command(
     title: Title = None,
     xlim: AbscissaLimits = None,
     ylim: OrdinateLimits = None,
+    xlabel: AbscissaLabel = None,
+    ylabel: OrdinateLabel = None,
     grey: Grey = False,
     no_legend: NoLegend = False,
     no_marks: NoMarks = False,
@@ -118,6 +122,8 @@ def plot_command(
         "title": title,
         "xlim": limits_option("--xlim", xlim),
         "ylim": limits_option("--ylim", ylim),
+        "xlabel": xlabel,
+        "ylabel": ylabel,
         "legend": not no_legend,
         "marks": not no_marks,
         "grey": grey,

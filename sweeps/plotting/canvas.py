@@ -17,6 +17,7 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
 
 from sweeps.errors import Refused
 from sweeps.plotting.labels import equation, status_name
@@ -82,13 +83,9 @@ class Picture(Figure):
 
     def add_title(self, text: str) -> None:
         """Put a title above the panels; refuse one that matplotlib cannot draw."""
-        try:
-            self.make_room(self.suptitle(text, wrap=True))
-        except (TypeError, ValueError, RecursionError):
-            raise Refused(
-                f"title = {shortened(repr(text))} is not allowed; expected: a text with formulas "
-                f"between $ and $, and \\$ for the sign, but matplotlib cannot draw it"
-            ) from None
+        title = self.suptitle(text, wrap=True)
+        refuse_undrawable("title", title)
+        self.make_room(title)
 
     def set_height(self, height: float) -> None:
         """Set the height; refuse one that leaves too little of the panels."""
@@ -128,6 +125,32 @@ class Picture(Figure):
             legend = below(self.dpi * most, final=True)
         taken = legend.get_window_extent().height / self.dpi
         self.set_figheight(max(self.get_figheight() + taken, taken / SHARE))
+
+
+def refuse_undrawable(name: str, text: Text) -> None:
+    """Refuse a text that matplotlib cannot draw."""
+    try:
+        text.get_window_extent()
+    except (TypeError, ValueError, RecursionError):
+        raise Refused(
+            f"{name} = {shortened(repr(text.get_text()))} is not allowed; expected: a text with "
+            f"formulas between $ and $, and \\$ for the sign, but matplotlib cannot draw it"
+        ) from None
+
+
+def _set_labels(panel: Axes, page: Page) -> None:
+    """Set the labels of the page, where the panels that share an axis have theirs."""
+    for name, text, beside in (
+        ("xlabel", page.xlabel, panel.get_shared_x_axes()),
+        ("ylabel", page.ylabel, panel.get_shared_y_axes()),
+    ):
+        if text is None:
+            continue
+        panels = [each for each in beside.get_siblings(panel) if getattr(each, f"get_{name}")()]
+        for each in panels or [panel]:
+            axis = each.xaxis if name == "xlabel" else each.yaxis
+            axis.set_label_text(text, wrap=True)
+            refuse_undrawable(name, axis.label)
 
 
 def new_panel(ax: Axes | None, page: Page) -> Axes:
@@ -181,6 +204,7 @@ def finish(
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
     handles = handles if page.legend else []
+    _set_labels(panel, page)
     if isinstance(figure, Picture):
         text = title_of(drawn, record) if page.title is None else page.title
         if text:

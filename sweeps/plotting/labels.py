@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -78,9 +79,16 @@ def mathtext(value: float) -> str:
     return rf"{mantissa}\times10^{{{int(exponent)}}}" if e else mantissa
 
 
-def prefix_of(variable: xr.DataArray, size: float) -> tuple[str, float]:
-    """Return the prefix that keeps a length or a speed of this size short, and its factor."""
-    if variable.attrs.get("units") in _PREFIXED:
+def prefix_of(variable: xr.DataArray, size: float, written: str | None = None) -> tuple[str, float]:
+    """Return the prefix that keeps a length or a speed of this size short, and its factor.
+
+    It is that of the unit in brackets if a label is written, and it has one.
+    """
+    own = variable.attrs.get("units")
+    if own in _PREFIXED:
+        for unit in re.findall(r"[\[(]\s*([^\s\])]+)\s*[\])]", written or ""):
+            if unit in units_of(variable):
+                return unit.removesuffix(own), units_of(variable)[unit]
         for least, prefix, factor in _PREFIXES:
             if least <= abs(size) < 1000.0 * least:
                 return prefix, factor
@@ -183,9 +191,10 @@ class _Prefixed(Formatter):
     def set_locs(self, locs: Any) -> None:
         """Choose the prefix for the limits of the axis."""
         ends = np.array(self._of.get_view_interval())
-        old = label(self._variable, self._prefix)
-        self._prefix, self._factor = prefix_of(self._variable, np.abs(ends).max())
-        if self._of.get_label_text() == old:  # no other label was given
+        text, old = self._of.get_label_text(), label(self._variable, self._prefix)
+        written = None if text == old else text
+        self._prefix, self._factor = prefix_of(self._variable, np.abs(ends).max(), written)
+        if written is None:
             self._of.set_label_text(label(self._variable, self._prefix))
         assert self._written.axis is not None
         self._written.axis.set_view_interval(*ends / self._factor)

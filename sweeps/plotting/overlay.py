@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.lines import Line2D
 
@@ -44,13 +46,13 @@ class Overlay(NamedTuple):
     seen: Mapping[str, xr.DataArray]  # describes what the picture shows
     labels: np.ndarray
 
-    def values(self, name: str, ends: tuple[float, float] | None = None) -> np.ndarray:
+    def values(self, name: str, axis: Axis | None = None, text: str | None = None) -> np.ndarray:
         """Return a column in the unit of the dataset.
 
-        Without a unit of its own it has that of an axis with these ends, which may have a prefix.
+        Without a unit of its own it has that of an axis, which may have a prefix, with this text.
         """
-        size = 0.0 if ends is None else max(map(abs, ends))
-        factor = self.units.get(name, prefix_of(self.seen[name], size)[1])
+        size = 0.0 if axis is None else np.abs(axis.get_view_interval()).max()
+        factor = self.units.get(name, prefix_of(self.seen[name], size, text)[1])
         return factor * self.columns[name]
 
 
@@ -149,26 +151,27 @@ def draw_overlay(
         return []
     inside = np.zeros(len(overlay.labels), bool)
     markers = dict(zip(dict.fromkeys(overlay.labels.tolist()), _MARKERS, strict=False))
-    for panel, *names in panels:
-        if not {*names} <= overlay.columns.keys():
+    for panel, abscissa, ordinate in panels:
+        if not {abscissa, ordinate} <= overlay.columns.keys():
             continue
-        limits = panel.get_xlim(), panel.get_ylim()
-        x, y = (overlay.values(name, ends) for name, ends in zip(names, limits, strict=True))
+        own = _own_page(panel, page, panels[0][0])
+        x = overlay.values(abscissa, panel.xaxis, own.xlabel)
+        y = overlay.values(ordinate, panel.yaxis, own.ylabel)
         if scale is None:
-            _make_room(panel, x, y, page, panels[0][0])
+            _make_room(panel, x, y, own)
         (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
         seen = (left <= x) & (x <= right) & (low <= y) & (y <= high)
         inside |= seen
         size = canvas.marker_size(x, y, *_SIZES)
         for text, marker in markers.items():
-            own = seen & (overlay.labels == text)
+            here = seen & (overlay.labels == text)
             look = {"marker": marker, "zorder": 7.0, "linewidths": 0.6}
             if scale is not None and scale[0] in overlay.columns:
                 _, ramp, norm = scale
-                look |= {"c": ramp(norm(overlay.values(scale[0])[own])), "edgecolors": ink()}
+                look |= {"c": ramp(norm(overlay.values(scale[0])[here])), "edgecolors": ink()}
             else:
                 look |= {"color": ink(), "edgecolors": ground()}
-            panel.scatter(x[own], y[own], size**2, **look)
+            panel.scatter(x[here], y[here], size**2, **look)
     if not inside.any():
         raise Refused(
             "no point of the overlay is within the limits of the picture; expected: values in the "
@@ -187,14 +190,20 @@ def _handle(text: str, inside: np.ndarray, marker: str) -> Line2D:
     return Line2D([], [], linestyle="", marker=marker, label=text, markeredgewidth=0.6, **look)
 
 
-def _make_room(panel: Axes, x: np.ndarray, y: np.ndarray, page: Page, first: Axes) -> None:
-    """Widen the limits that the page does not give for the first panel, to include points."""
-    is_same = panel is first
-    xlim = page.xlim if is_same or panel.get_shared_x_axes().joined(panel, first) else None
-    ylim = page.ylim if is_same or panel.get_shared_y_axes().joined(panel, first) else None
-    if xlim is not None:
-        y = y[(xlim[0] <= x) & (x <= xlim[1])]
-    for values, given, axis in ((x, xlim, panel.xaxis), (y, ylim, panel.yaxis)):
+def _own_page(panel: Axes, page: Page, first: Axes) -> Page:
+    """Return the page with the limits and labels of a panel, which are given for the first one."""
+    if panel is not first and not panel.get_shared_x_axes().joined(panel, first):
+        page = replace(page, xlim=None, xlabel=None)
+    if panel is not first and not panel.get_shared_y_axes().joined(panel, first):
+        page = replace(page, ylim=None, ylabel=None)
+    return page
+
+
+def _make_room(panel: Axes, x: np.ndarray, y: np.ndarray, page: Page) -> None:
+    """Widen the limits that the page does not give, to include points."""
+    if page.xlim is not None:
+        y = y[(page.xlim[0] <= x) & (x <= page.xlim[1])]
+    for values, given, axis in ((x, page.xlim, panel.xaxis), (y, page.ylim, panel.yaxis)):
         if axis.get_scale() == "log":
             values = values[values > 0.0]
         if given is not None or not values.size:

@@ -32,6 +32,9 @@ class Page:
     xlim, ylim : (float, float), optional
         Limits of the first panel, by default those of the data; the ordinate of a diagram or of a
         motion fits the data within `xlim`.
+    xlabel, ylabel : str, optional
+        Labels of the axes of the first panel instead of meaning, symbol and unit; may be empty. A
+        unit in brackets, as ``gap [mm]``, is that of the ticks.
     legend, marks : bool
         Whether there is a legend; whether a map marks motions on their way to m/q and special
         points of curves.
@@ -56,6 +59,8 @@ class Page:
     title: str | None = None
     xlim: tuple[float, float] | None = None
     ylim: tuple[float, float] | None = None
+    xlabel: str | None = None
+    ylabel: str | None = None
     legend: bool = True
     marks: bool = True
     grey: bool = False
@@ -124,6 +129,8 @@ _OF_PAGE = {
     "title": TEXT,
     "xlim": _LIMITS,
     "ylim": _LIMITS,
+    "xlabel": TEXT,
+    "ylabel": TEXT,
     "legend": FLAG,
     "marks": FLAG,
     "grey": FLAG,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import matplotlib as mpl
@@ -104,7 +105,10 @@ def table_panels(
         label_axis(panel.xaxis, x)
         panel.locator_params(axis="x", nbins=5 - across)
     if ax is None:  # the panels share the ordinate, whose label may not fit beside one of them
-        panels[0].set_title(label(y), loc="left", wrap=True)
+        text = label(y) if page.ylabel is None else page.ylabel
+        heading = panels[0].set_title(text, loc="left", wrap=True)
+        canvas.refuse_undrawable("ylabel", heading)
+        page = replace(page, ylabel=None)
     else:
         label_axis(ax.yaxis, y)
     for unused in panels[len(abscissas) :]:
