@@ -21,6 +21,8 @@ from vibroimpact.jit.cache import read, root, write
 _ABOUT = "about"
 #: Most results that are kept; the oldest go first.
 _MOST = 100
+#: The rooms whose code decides, besides the physics, what is found.
+_ROOMS = ("bifurcation", "opened")
 
 
 def with_cache(
@@ -28,8 +30,9 @@ def with_cache(
 ) -> Callable[..., xr.Dataset]:
     """Return `branches` or `curves` as a function that keeps what it finds, and uses it again.
 
-    What was found is used again if the data of the opened file, the code of the physics and of the
-    analysis, and the request are the same. `say` is told that, or why what was found is not kept.
+    What was found is used again if the data of the opened file, the code of the physics, of
+    ``bifurcation`` and of ``opened``, and the request are the same. `say` is told that, or why what
+    was found is not kept.
     """
 
     def found(
@@ -40,7 +43,8 @@ def with_cache(
         **chosen: Any,
     ) -> xr.Dataset:
         """Look for a kept result first."""
-        data, code = dataset.encoding.get("digest", ""), numerics_of(Path(__file__).parent)
+        data = dataset.encoding.get("digest", "")
+        code = [numerics_of(Path(__file__).parents[1] / room) for room in _ROOMS]
         request = [find.__name__, axes, sorted((at or {}).items()), sorted(chosen.items())]
         key = json.dumps([data, NUMERICS, code, request], default=int)
         path = root() / "exact" / hashlib.sha256(key.encode()).hexdigest()[:24]

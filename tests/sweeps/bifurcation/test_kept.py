@@ -85,12 +85,15 @@ def test_nothing_is_used_again_after_a_change_of_the_data_or_of_the_code(path, m
     assert find.calls == 2
     asked(path, find, "omega")
     assert find.calls == 2
-    monkeypatch.setattr(module, "numerics_of", lambda folder: f"other code of {folder}")
-    asked(path, find, "omega")
-    assert find.calls == 3
+    changed = []
+    monkeypatch.setattr(module, "numerics_of", lambda folder: (folder.name, folder.name in changed))
+    for room, calls in ((None, 3), ("bifurcation", 4), ("opened", 5), (None, 5)):
+        changed[:] = [room]
+        asked(path, find, "omega")
+        assert find.calls == calls
     run_in(path.parent, SCENE.replace("h: 0.1", "h: 0.11"), overwrite=True)
     found, _ = asked(path, find, "omega")
-    assert find.calls == 4
+    assert find.calls == 6
     expected = branches(path, "omega")
     np.testing.assert_array_equal(found["omega"], expected["omega"])
 
