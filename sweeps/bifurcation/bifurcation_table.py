@@ -26,13 +26,17 @@ from sweeps.opened.grouping import START_AXES
 from sweeps.opened.motions import OF_MOTIONS, labels, motions_of
 from sweeps.store import DIRECTION
 from vibroimpact.orbits.curves import KINDS
+from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.points.regimes import Label, Regime
 
 if TYPE_CHECKING:
     import pandas as pd
 
 #: The columns of the table after those of the other axes.
-COLUMNS = ("kind", "value", "low", "high", "before", "after", "between", "orbit", "source")
+COLUMNS = (
+    "kind", "value", "low", "high", "before", "after", "between", "orbit", "source",
+    "x", "v", "impact_v", "multiplier_1", "multiplier_2",
+)  # fmt: skip
 #: Columns that only reports read.
 _MORE = ("down", "narrow", "place")
 #: The way of a bifurcation of a branch, which holds whichever way a line was followed.
@@ -84,7 +88,12 @@ def bifurcations(
         - ``between``: the number of points between them whose class is unknown;
         - ``orbit``: the class of the orbit that bifurcates at ``value``; at a graze, q counts the
           impact of speed zero;
-        - ``source``: ``exact`` if there is a value, else ``bracket``.
+        - ``source``: ``exact`` if there is a value, else ``bracket``;
+        - ``x`` and ``v``: a state of this orbit at the section of the record, from which
+          `vibroimpact.periodic_orbit` starts; NaN if there is no value, as in the columns below;
+        - ``impact_v``: its speeds before the impacts, a text with spaces between them;
+        - ``multiplier_1`` and ``multiplier_2``: its Floquet multipliers, the larger one first;
+          infinite and 0 at a graze, NaN where they are complex, which none is at a flip or fold.
 
         Where ``value`` is NaN, ``vibroimpact zoom`` with ``low`` and ``high`` narrows the interval.
         If points of unknown class lie between two classes, and no bifurcation leads from one to the
@@ -152,10 +161,10 @@ def find_bifurcations(
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
         rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), row["place"]))
-    found = pd.DataFrame(rows, columns=[*others, *COLUMNS[:-1], *_MORE])
-    found = found.astype(
-        {**dict.fromkeys(("value", "low", "high", "place"), float), "between": int}
-    )
+    given = [name for name in COLUMNS if name != "source"]
+    found = pd.DataFrame(rows, columns=[*others, *given, *_MORE])
+    numbers = ("value", "low", "high", "place", "x", "v", "multiplier_1", "multiplier_2")
+    found = found.astype({**dict.fromkeys(numbers, float), "between": int})
     found["source"] = np.where(found["value"].notna(), "exact", "bracket")
     heads = {name: headed(name, dataset[name]) for name in (*others, along)}
     found.attrs |= {
@@ -181,9 +190,10 @@ def _of_changes(
         unclassified += classes.count(None)
         here = {name: line[name].item() for name in others}
         for change in changes_of_class(values, classes):
-            for part, *found in explain(motions, phase, parameter, values, change, down):
-                own = dict(zip(("kind", "value", "orbit"), found, strict=True))
-                rows.append(here | vars(part) | own | {"down": down, "narrow": False})
+            for part, found in explain(motions, phase, parameter, values, change, down):
+                own = {"kind": found.kind, "value": found.value, "orbit": found.orbit}
+                own |= _orbit_columns(found.at, phase) | {"down": down, "narrow": False}
+                rows.append(here | vars(part) | own)
     places = np.array([[row[name] for name in ("low", "value", "high")] for row in rows])
     low, value, high = places.reshape(-1, 3).T
     # The middle in the model: that in another unit is another value, with another place in order.
@@ -194,6 +204,23 @@ def _of_changes(
     for i, row in enumerate(rows):
         row |= {name: float(values[i]) for name, values in converted.items()}
     return rows, unclassified
+
+
+def _orbit_columns(orbit: PeriodicOrbit | None, phase: float) -> dict[str, Any]:
+    """Return what the list has of an orbit that bifurcates, with its first state at a section."""
+    if orbit is None:
+        return _row_of(np.array([np.nan, np.nan]), np.empty(0), np.full(2, np.nan, complex))
+    return _row_of(orbit.sections(phase)[0], orbit.speeds, orbit.multipliers)
+
+
+def _row_of(state: np.ndarray, speeds: np.ndarray, multipliers: np.ndarray) -> dict[str, Any]:
+    """Return a state, the impact speeds and the multipliers of an orbit by the names of columns."""
+    first, second = np.where(multipliers.imag == 0.0, multipliers.real, np.nan).tolist()
+    return {
+        "x": float(state[0]), "v": float(state[1]),
+        "impact_v": " ".join(map(repr, speeds.tolist())),
+        "multiplier_1": first, "multiplier_2": second,
+    }  # fmt: skip
 
 
 def other_axes(found: pd.DataFrame) -> list[str]:
@@ -230,9 +257,17 @@ def _of_branches(
                 "kind": kind, "value": value, "low": low, "high": high, "place": value,
                 "before": before, "after": after, "between": 0, "orbit": orbit, "down": False,
                 "narrow": not wide[exact["branch"].values[members]].any(),
+                **_of_member(exact, int(members[0])),
             }
         )  # fmt: skip
     return rows
+
+
+def _of_member(exact: xr.Dataset, row: int) -> dict[str, Any]:
+    """Return the columns of `_orbit_columns` for the orbit in a row of `branches`."""
+    state = np.array([exact[name].values[row, 0] for name in ("poincare_x", "poincare_v")])
+    speeds = exact["impact_v"].values[row, : int(exact["q"].values[row])]
+    return _row_of(state, speeds, exact["multipliers"].values[row])
 
 
 def _special_points(exact: xr.Dataset, near: float) -> Iterator[tuple[str, float, str, np.ndarray]]:

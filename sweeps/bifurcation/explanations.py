@@ -16,6 +16,7 @@ import numpy as np
 
 from sweeps.opened.grouping import START_AXES
 from sweeps.opened.motions import leads_to, orbit_of_motion
+from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.points.regimes import Label, Regime
 
 #: The class of points that have none.
@@ -69,12 +70,22 @@ def least_difference(low: float, high: float) -> float:
     return max(_SAME_VALUE * (high - low), _ROUNDING * max(abs(low), abs(high)))
 
 
+class Explanation(NamedTuple):
+    """What explains a change; no value and no orbit if it is not exact."""
+
+    kind: str
+    value: float = np.nan
+    orbit: str = ""  # class of the orbit that bifurcates
+    at: PeriodicOrbit | None = None  # this orbit, at `value`
+
+
 class _Onward(NamedTuple):
     """The first special point on a branch; without a stable orbit to follow, no kind."""
 
     kind: str = ""
     value: float = np.nan
     orbit: str = ""  # class of the orbit that bifurcates
+    at: PeriodicOrbit | None = None  # the orbit there
 
     @property
     def is_exact(self) -> bool:
@@ -82,13 +93,11 @@ class _Onward(NamedTuple):
         return self.kind in _KINDS
 
     @property
-    def explained(self) -> tuple[str, float, str]:
-        """The kind in the list, the value and the orbit."""
-        return (_KINDS[self.kind], self.value, self.orbit) if self.is_exact else _UNKNOWN
-
-
-#: A change without an explanation.
-_UNKNOWN = "unknown", np.nan, ""
+    def explained(self) -> Explanation:
+        """What is listed of a change that this special point explains."""
+        if not self.is_exact:
+            return Explanation("unknown")
+        return Explanation(_KINDS[self.kind], self.value, self.orbit, self.at)
 
 
 def explain(
@@ -98,8 +107,8 @@ def explain(
     values: np.ndarray,
     change: Change,
     down: bool,
-) -> list[tuple[Change, str, float, str]]:
-    """Return a change with its kind, the exact value (NaN if not known) and the orbit.
+) -> list[tuple[Change, Explanation]]:
+    """Return a change with its explanation.
 
     `motions` are those at the `values` of the axis, a parameter of the model, and `phase` is that
     of their section.
@@ -107,22 +116,22 @@ def explain(
     the change from the first class to an unknown one and that to the last class are returned.
     """
     if axis in START_AXES:
-        return [(change, "basin", np.nan, "")]
+        return [(change, Explanation("basin"))]
     low, high = motions[np.searchsorted(values, [change.low, change.high])]
     left, right = _onward(low, high, phase, axis), _onward(high, low, phase, axis)
     first, second = (right, left) if down else (left, right)
     if first.kind == "edge":
-        return [(change, "basin", np.nan, "")]
+        return [(change, Explanation("basin"))]
     if change.kind in ("rest", "chaotic", "unbounded"):
-        return [(change, "basin" if second.kind == "edge" else change.kind, np.nan, "")]
+        return [(change, Explanation("basin" if second.kind == "edge" else change.kind))]
     exact = [onward for onward in (first, second) if onward.is_exact]
     if not exact:
-        return [(change, change.kind, np.nan, "")]
+        return [(change, Explanation(change.kind))]
     if not change.between or _is_joined(change, first, second, values):
-        return [(change, *exact[0].explained)]
+        return [(change, exact[0].explained)]
     return [
-        (_open(values, change, left.value, after=True), *left.explained),
-        (_open(values, change, right.value, after=False), *right.explained),
+        (_open(values, change, left.value, after=True), left.explained),
+        (_open(values, change, right.value, after=False), right.explained),
     ]
 
 
@@ -160,5 +169,5 @@ def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> _Onward
             if orbit.stable:
                 point = leads_to(orbit, axis, other["point"][axis].item())
                 of = point.orbit if point.kind in ("flip", "graze") else orbit
-                return _Onward(point.kind, point.value, f"{of.m}/{of.q}")
+                return _Onward(point.kind, point.value, f"{of.m}/{of.q}", point.orbit)
     return _Onward()

@@ -45,7 +45,12 @@ def table(tmp_path, given, rate=1.0, length=1.0, transient=100, most=8):
     (axis,) = (name for name, one in given.items() if isinstance(one, list))
     found = sweeps.bifurcations(run(tmp_path, given, rate, length, transient), axis, most=most)
     found[PLACES] = in_units(axis, found[PLACES], 1.0 / rate, 1.0 / length)
-    return found
+    found["x"] /= length
+    found["v"] /= length * rate
+    speeds = [
+        [float(speed) / float(length * rate) for speed in row.split()] for row in found["impact_v"]
+    ]
+    return found.assign(impact_v=list(map(str, speeds)))
 
 
 def one_axis(axis, seed):

@@ -21,7 +21,7 @@ from sweeps.config.sweep import SweepConfig
 from tests.helpers.commands import accepted, refused
 from tests.helpers.oscillators import SectionMap
 from tests.helpers.sweep_files import run_in
-from vibroimpact import Oscillator, PeriodicOrbit, one_impact_orbits
+from vibroimpact import Oscillator, PeriodicOrbit, one_impact_orbits, periodic_orbit
 
 RECORD = "record: {transient: 400, periods: 64, impacts: 8, diagnostics: [period, lyapunov]}\n"
 
@@ -88,6 +88,47 @@ def test_a_fold_and_a_graze_are_told_apart(sweep):
     assert end.value == pytest.approx(graze, rel=1e-12)
 
 
+def test_an_orbit_starts_from_every_row_with_a_value(sweep, tmp_path):
+    """At a flip -1 is a multiplier, at a fold 1; both together are known from the damping."""
+    h, R, phase = 0.1, 0.8, 0.7
+    scene = f"h: {h}, R: {R}, f: 1, omega: {{start: 2.6, stop: 2.76, num: 33}}"
+    path = sweep(scene, changes=[f"record.phase={phase}"])
+    accepted("info", path, "--bifurcations", "--csv", tmp_path / "rows.csv")
+    with (tmp_path / "rows.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["value"]]
+    assert {(row["kind"], row["orbit"]) for row in rows} >= {("flip", "1/1"), ("flip", "2/2")}
+    for row in rows:
+        m, q = map(int, row["orbit"].split("/"))
+        osc = Oscillator(h=h, R=R, f=1.0, omega=float(row["value"]))
+        x, v, first, second = (
+            float(row[name]) for name in ("x", "v", "multiplier_1", "multiplier_2")
+        )
+        speeds = [float(speed) for speed in row["impact_v"].split()]
+        assert len(speeds) == q
+        if row["kind"] == "graze":
+            assert (first, second) == (np.inf, 0.0) and min(speeds) == 0.0
+            continue
+        orbit = periodic_orbit(osc, x, v, m, phase)
+        assert orbit.sections(phase)[0] == pytest.approx((x, v), abs=1e-7)
+        assert sorted(orbit.speeds) == pytest.approx(sorted(speeds), abs=1e-7)
+        assert first == pytest.approx({"flip": -1.0, "fold": 1.0}[row["kind"]], abs=1e-9)
+        product = R ** (2 * q) * np.exp(-4.0 * np.pi * h * m / osc.omega)
+        assert first * second == pytest.approx(product, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_without_a_value_there_is_no_orbit(sweep):
+    """A free motion ends in a graze of 1/0; where rests begin, nothing is known."""
+    path = sweep("h: 0.05, R: [0, 0.8], f: 1, omega: {start: 0.5, stop: 3.5, num: 25}")
+    found = sweeps.bifurcations(path)
+    exact = found["value"].notna()
+    assert exact.any() and not exact.all()
+    for name in ("x", "v"):
+        assert (found[name].notna() == exact).all()
+    assert (found.loc[~exact, "impact_v"] == "").all()
+    assert found.loc[~exact, ["multiplier_1", "multiplier_2"]].isna().all(axis=None)
+
+
 @pytest.mark.slow
 def test_the_table_in_python_is_the_one_that_is_listed(sweep):
     """With a certified flip, on one of two lines over R."""
@@ -96,7 +137,7 @@ def test_the_table_in_python_is_the_one_that_is_listed(sweep):
         found = sweeps.bifurcations(dataset)
         omega = dataset["omega"].values.tolist()
     columns = ["R", "kind", "value", "low", "high", "before", "after", "between", "orbit"]
-    columns.append("source")
+    columns += ["source", "x", "v", "impact_v", "multiplier_1", "multiplier_2"]
     assert [*found] == columns
     (row,) = found[found["R"] == 0.8].to_dict("records")
     assert row["value"] == pytest.approx(2.65888454668484, rel=1e-12)
@@ -131,7 +172,8 @@ def test_every_bifurcation_is_listed_once_with_both_sides(sweep, tmp_path):
     assert (found["low"] <= found["value"].fillna(found["low"])).all()
     assert (found["value"].fillna(found["high"]) <= found["high"]).all()
     accepted("info", path, "--bifurcations", "--csv", tmp_path / "b.csv")
-    text = {"keep_default_na": False, "na_values": {"value": [""]}}
+    empty = {name: [""] for name in ("value", "x", "v", "multiplier_1", "multiplier_2")}
+    text = {"keep_default_na": False, "na_values": empty, "dtype": {"impact_v": str}}
     written = pd.read_csv(tmp_path / "b.csv", **text)
     pd.testing.assert_frame_equal(written, found, rtol=1e-14)
 
