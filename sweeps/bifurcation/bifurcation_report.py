@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sweeps.bifurcation.bifurcation_table import other_axes
+from sweeps.opened.dataset import config_of
+from sweeps.opened.grouping import START_AXES
 from sweeps.store import DIRECTION
 from sweeps.text import fewest_digits, shown_count, shown_range, table
 from vibroimpact.points.regimes import Label
@@ -44,7 +46,7 @@ def bifurcation_report(dataset: xr.Dataset, file: Path, found: pd.DataFrame) -> 
         parts += ["\n".join(_meanings(found))]
     else:
         parts = _one_by_one(found)
-    notes = [_narrowing(file, found), _unclassified(dataset, found)]
+    notes = [_following(dataset, found), _narrowing(file, found), _unclassified(dataset, found)]
     parts += ["\n".join(filter(None, notes)), found.attrs["branches"]]
     return "\n\n".join(filter(None, parts))
 
@@ -76,6 +78,18 @@ def _unclassified(dataset: xr.Dataset, found: pd.DataFrame) -> str:
     number = shown_count(found.attrs["unclassified"], "point")
     text = f"unknown or without a result: {number}"
     return text if "lyapunov" in dataset else f"{text}; Lyapunov exponents tell which are chaotic"
+
+
+def _following(dataset: xr.Dataset, found: pd.DataFrame) -> str:
+    """Write the key that keeps a motion from changing to another attractor, where one does so."""
+    axis, config = found.attrs["axis"], config_of(dataset)
+    from_one_start = config.follow is None and not {*START_AXES} & {axis, *other_axes(found)}
+    if not (from_one_start and (found["kind"] == "basin").any()):
+        return ""
+    return (
+        "each point starts alone, and another attractor takes over at a change of kind basin; to "
+        f"stay on one motion: follow: {{axis: {axis}, direction: up}}, or down"
+    )
 
 
 def _narrowing(file: Path, found: pd.DataFrame) -> str:

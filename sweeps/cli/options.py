@@ -12,7 +12,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -227,10 +227,40 @@ def opened_in_si(file: Path, *, verify: bool = True) -> Iterator[xr.Dataset]:
     from sweeps.opened.in_si import in_si
     from sweeps.store import open_sweep
 
-    with open_sweep(file, verify=verify) as dataset:
+    with with_written_name(file):
+        dataset = open_sweep(file, verify=verify)
+    with dataset:
         with named(file):
             seen = in_si(dataset)
         yield seen
+
+
+@contextmanager
+def with_written_name(file: Path) -> Iterator[None]:
+    """Add to the refusal of a missing file what the configuration of its name writes."""
+    from sweeps.errors import StoreError
+
+    try:
+        yield
+    except StoreError as error:
+        hint = "" if os.path.lexists(file) else _written_instead(file)
+        raise StoreError(f"{error}{hint}") if hint else error from None
+
+
+def _written_instead(file: Path) -> str:
+    """Return a hint at the output of the configuration that has the name of a missing file."""
+    from sweeps.config.loading import load_config
+    from sweeps.errors import ConfigError
+    from sweeps.store import is_sweep
+
+    for config in (file.with_suffix(ending) for ending in (".yaml", ".yml")):
+        if config.is_file():
+            with suppress(ConfigError):
+                output = load_config(config).output
+                if is_sweep(output):
+                    return f"; the output of {config} is {output}"
+                return f"; to compute it: vibroimpact run {shlex.quote(str(config))}"
+    return ""
 
 
 @contextmanager

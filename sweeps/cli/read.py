@@ -26,6 +26,7 @@ from sweeps.cli.options import (
     say,
     say_moved,
     selection_of,
+    with_written_name,
 )
 from sweeps.errors import Refused
 from vibroimpact.inputs import number, typed
@@ -211,7 +212,11 @@ def compare_command(
     from sweeps.opened.comparison import comparison_report
     from sweeps.store import open_sweep
 
-    with open_sweep(first) as one, open_sweep(second) as other:
+    with with_written_name(first):
+        one = open_sweep(first)
+    with with_written_name(second):
+        other = open_sweep(second)
+    with one, other:
         with named(f"{first}, {second}"):
             text, differ = comparison_report(one, other, (str(first), str(second)), rtol)
         say(text)

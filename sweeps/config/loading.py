@@ -223,7 +223,9 @@ def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise ConfigError(f"{origin}{place}: not valid YAML: {error.problem}") from None
+        tab = "'\\t'" in str(error.problem)
+        problem = "there is a tab; indent with spaces" if tab else error.problem
+        raise ConfigError(f"{origin}{place}: not valid YAML: {problem}") from None
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".
         raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None

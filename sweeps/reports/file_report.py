@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain, repeat
 from typing import TYPE_CHECKING
 
 from sweeps.config.rig import RigConfig
@@ -28,7 +29,7 @@ def contents(dataset: xr.Dataset) -> str:
         ("name", str(attributes.pop("name"))),
         ("points", outcomes(dataset)),
         *zip(
-            ("classes", ""),
+            chain(["classes"], repeat("")),
             destinations_text(results, omega, dataset.sizes["section"]),
             strict=False,
         ),

@@ -28,7 +28,7 @@ from sweeps.text import (
     shown_range,
     table,
 )
-from vibroimpact.points.regimes import UNKNOWN, has_result, partition, regimes_of
+from vibroimpact.points.regimes import ON_ITS_WAY, UNKNOWN, has_result, partition, regimes_of
 from vibroimpact.status import Evidence, Status
 
 if TYPE_CHECKING:
@@ -46,7 +46,10 @@ RESULTS = (
     "period",
     "period_impacts",
     "lyapunov",
+    "transient",
 )
+#: Share of motions on their way from which the text names the transient that is chosen for each.
+_MANY = 0.05
 
 
 def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
@@ -171,11 +174,14 @@ def destinations_text(
         for reason in (Evidence.NONE, Evidence.UNSTABLE, Evidence.UNREACHED)
         if (number := int((parts[UNKNOWN] & (results["class_evidence"] == reason)).sum()))
     ]
+    hint = []
+    if "transient" not in results and parts[ON_ITS_WAY].mean() >= _MANY:
+        hint = ["to settle them: record.transient: auto, or with follow a longer transient"]
     if regimes.size == 1:
         (word,) = (word for word, mask in parts.items() if mask.any())
         m, q = (int(results[name].item()) for name in ("period", "period_impacts"))
         why = f", {reasons[0][2:]}" if reasons else ""
-        return [f"the motion: {word.replace('m/q', f'{m}/{q}')}{why}"]
+        return [f"the motion: {word.replace('m/q', f'{m}/{q}')}{why}", *hint]
     total = sum(int(mask.sum()) for mask in parts.values())
     lines = [
         "; ".join(
@@ -187,4 +193,4 @@ def destinations_text(
     if reasons:
         chaos = "" if "lyapunov" in results else "; Lyapunov exponents tell which are chaotic"
         lines.append(f"unknown: {', '.join(reasons)}{chaos}")
-    return lines
+    return lines + hint
