@@ -113,3 +113,25 @@ def test_a_name_that_is_gone_is_found():
     assert missing_names(text) == {gone}
     assert missing_files(text) == {f"step/{gone}.py"}
     assert missing_modules(text) == {f"sweeps.opened.{gone}"}
+
+
+def headings(page):
+    """Return the anchors of a page, as GitHub makes them of its headings."""
+    found = re.findall(r"^#+ (.+)$", (ROOT / page).read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in found}
+
+
+@pytest.mark.parametrize(
+    "page",
+    [str(path.relative_to(ROOT)) for path in (*ROOT.glob("*.md"), *ROOT.glob("[a-z]*/*.md"))],
+)
+def test_every_link_within_the_repository_leads_somewhere(page):
+    lost = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", (ROOT / page).read_text()):
+        path, _, anchor = link.partition("#")
+        target = (ROOT / page).parent / path if path else ROOT / page
+        if "://" not in link and not (
+            target.exists() and (not anchor or anchor in headings(target))
+        ):
+            lost.append(link)
+    assert lost == []
