@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Self
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb, to_rgba
+from matplotlib.rcsetup import cycler
 
 from vibroimpact.points.regimes import ON_ITS_WAY, Regime
 from vibroimpact.status import Evidence, Status
@@ -163,7 +164,7 @@ STYLE: dict[Any, Any] = {
     "legend.handletextpad": 0.5,
     "legend.columnspacing": 1.0,
     "axes.formatter.offset_threshold": 5,  # number of leading digits that all labels share
-    "axes.prop_cycle": mpl.cycler(color=[BLUE, ORANGE, "#009E73", VERMILION, "#56B4E9", "#CC79A7"]),
+    "axes.prop_cycle": cycler(color=[BLUE, ORANGE, "#009E73", VERMILION, "#56B4E9", "#CC79A7"]),
     "image.cmap": "cividis",
     "hatch.linewidth": 0.7,
     "agg.path.chunksize": 10000,
