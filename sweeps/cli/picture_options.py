@@ -152,6 +152,7 @@ NoMarks = Annotated[
     bool,
     typer.Option(
         "--no-marks",
-        help="On a map, do not mark motions on their way to m/q and special points of curves.",
+        help="On a map or a diagram, do not mark motions on their way to m/q, bifurcations and "
+        "other special points, and jumps.",
     ),
 ]

@@ -141,7 +141,7 @@ def name_basins(
     name_and_bound(panel, page, starts, numbers, {row.number: row.name for row in named})
 
 
-@functools.partial(styled, looks=("grey",))
+@functools.partial(styled, looks=("grey", "marks"))
 def attractor_diagram(
     dataset: xr.Dataset,
     *,
@@ -204,7 +204,7 @@ def attractor_diagram(
     page.fit_ordinate(panel)
     page.set_limits(panel)
     masks = {}
-    if COORDINATES[coordinate].dimension == "impact":
+    if page.marks and COORDINATES[coordinate].dimension == "impact":
         masks[PARTIAL] = shows_part(line.transpose(axis, ...)).ravel()
     canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks)
     title = f"{CLASSES_TITLE}\n{_starts_at_each(line)}"

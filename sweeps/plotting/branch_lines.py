@@ -90,11 +90,13 @@ def draw_branches(
     coordinate: str,
     is_plain: bool,
     in_chaos: Callable[[np.ndarray], np.ndarray],
+    marks: bool = True,
 ) -> dict[str, list[Line2D]]:
     """Draw `sweeps.branches`, with solid lines where stable; return the lines by their names.
 
     The lines are thin and have the colour of texts unless the ground `is_plain`, that is, in one
     colour. Unstable orbits and bifurcations at values of the axis `in_chaos` are drawn thinly.
+    Bifurcations are marked if `marks` is true.
     """
     look = _OVER_ONE if is_plain else {"color": ink(), **_OVER_COLOURS}
     drawn: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
@@ -112,12 +114,12 @@ def draw_branches(
             continue
         for where, size in ((~hidden, 3.5), (hidden, 2.0)):
             seen = np.isfinite(y) & where[:, None]
-            if seen.any():
+            if marks and seen.any():
                 places = np.broadcast_to(x[:, None], y.shape)[seen]
-                (marks,) = panel.plot(places, y[seen], MARKERS[name], label="_", zorder=5)
-                marks.set(color=look["color"], markerfacecolor=ground(), markersize=size)
-                marks.set_markeredgewidth(0.2 * size)
-                drawn[name].append(marks)
+                (dots,) = panel.plot(places, y[seen], MARKERS[name], label="_", zorder=5)
+                dots.set(color=look["color"], markerfacecolor=ground(), markersize=size)
+                dots.set_markeredgewidth(0.2 * size)
+                drawn[name].append(dots)
     return drawn
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -47,7 +49,7 @@ _LOWER = 0.4
 _EXPONENTS = 1.0, 0.45
 
 
-@styled
+@functools.partial(styled, looks=("marks",))
 def bifurcation(
     dataset: xr.Dataset,
     *,
@@ -123,7 +125,7 @@ def bifurcation(
     if exact is not None:
         is_plain = len(drawn.ways) == 1 and shown is None
         in_chaos = _in_chaos(line, drawn.values)
-        parts = draw_branches(panel, exact, coordinate, is_plain, in_chaos)
+        parts = draw_branches(panel, exact, coordinate, is_plain, in_chaos, page.marks)
         low, high = panel.dataLim.intervaly
     if len(drawn.values) > 100:
         panel.set_xlim(drawn.values.min(), drawn.values.max())
@@ -134,8 +136,8 @@ def bifurcation(
     panels = zip([panel, *lower], [coordinate, *names], strict=True)
     measured = draw_overlay(points, [(each, axis, name) for each, name in panels], page)
     name_parts(panel, parts)
-    drawn.draw_jumps(panel)
-    drawn.mark_points(panel)
+    jumps = drawn.draw_jumps(panel) if page.marks else []
+    drawn.mark_points(panel, page.marks)
     handles, texts = panel.get_legend_handles_labels()
     of_parts = [handles[texts.index(text)] for text in parts if text in texts]
     others = [handle for handle in handles if handle not in of_parts]
@@ -146,7 +148,9 @@ def bifurcation(
         shown.add_bar([panel, *lower])
         others, title = [*shown.handles(), *others], shown.title
     record = record_text(line, coordinate)
-    figure = canvas.finish(panel, page, line, [*others, *of_parts, *measured], title, record)
+    figure = canvas.finish(
+        panel, page, line, [*others, *jumps, *of_parts, *measured], title, record
+    )
     if drawn.dense:
         draw_density(panel, drawn.values, drawn.ways, coordinate, drawn.tint)
     return figure
@@ -244,17 +248,21 @@ class _Drawn(NamedTuple):
             marker = "s" if self.dense else "o"
             panel.plot([], [], marker, color=colour, markersize=4, label=text)
 
-    def draw_jumps(self, panel: Axes) -> None:
+    def draw_jumps(self, panel: Axes) -> list[Artist]:
         """Draw an arrow where a motion that was followed ends, unless a density is drawn."""
-        if len(self.ways) == 2 and not self.dense:
-            order = np.argsort(self.values)
-            up, down = (record[order] for record in self._records())
-            draw_jumps(panel, self.values[order], up, down, DIRECTION_COLOURS)
+        if len(self.ways) != 2 or self.dense:
+            return []
+        order = np.argsort(self.values)
+        up, down = (record[order] for record in self._records())
+        return draw_jumps(panel, self.values[order], up, down, DIRECTION_COLOURS)
 
-    def mark_points(self, panel: Axes) -> None:
-        """Mark points that failed, are on their way to m/q, or show only part of a repetition."""
-        masks = {APPROACHING: approaching(self.line)}
-        if COORDINATES[self.coordinate].dimension == "impact":
+    def mark_points(self, panel: Axes, marks: bool) -> None:
+        """Mark points that failed and, if asked for, those that do not show their whole orbit.
+
+        These are on their way to m/q, or show only part of a repetition.
+        """
+        masks = {APPROACHING: approaching(self.line)} if marks else {}
+        if marks and COORDINATES[self.coordinate].dimension == "impact":
             masks = {PARTIAL: shows_part(self.line), **masks}
         canvas.mark_status(panel, self.values, self.line["status"].values, masks)
 

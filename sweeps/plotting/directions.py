@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from sweeps.plotting.style import ink
 
 #: Values of both directions are one if they differ by less than this share of the panel. Motions
 #: differ if their values are farther apart on the mean, and a jump with an arrow is longer.
@@ -52,13 +57,15 @@ def _apart(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
 
 def draw_jumps(
     panel: Axes, x: np.ndarray, up: np.ndarray, down: np.ndarray, colours: tuple[str, str]
-) -> None:
+) -> list[Artist]:
     """Draw an arrow where the motion of a direction ends, to the one that it jumps to.
+
+    Return a handle for the legend if there is an arrow.
 
     This is the last value, in this direction, of a range in which both directions differ. `x`,
     shape (n,), increases; `up` and `down` are values of the points, shape (n, k).
     """
-    size = _extent(up, down) or 1.0
+    size, handles = _extent(up, down) or 1.0, list[Artist]()
     for start, stop in _ranges(_apart(up, down, size)):
         for motion, i, j, colour in (
             (up, stop - 1, stop, colours[0]),
@@ -75,6 +82,9 @@ def draw_jumps(
             panel.annotate(
                 "", (x[j], end), (x[i], begin), arrowprops={**look, "shrinkA": 0, "shrinkB": 0}
             )
+            shape: dict[str, Any] = {"linestyle": "", "marker": r"$\rightarrow$", "markersize": 8.0}
+            handles = [Line2D([], [], color=ink(), markeredgewidth=0, label="jump", **shape)]
+    return handles
 
 
 def _ranges(mask: np.ndarray) -> Iterator[tuple[int, int]]:

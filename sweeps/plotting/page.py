@@ -36,8 +36,9 @@ class Page:
         Labels of the axes of the first panel instead of meaning, symbol and unit; may be empty. A
         unit in brackets, as ``gap [mm]``, is that of the ticks.
     legend, marks : bool
-        Whether there is a legend; whether a map marks motions on their way to m/q and special
-        points of curves.
+        Whether there is a legend; whether a map or a diagram marks motions on their way to
+        m/q, bifurcations and other special points of orbits and curves, and jumps. Points that
+        failed are always marked.
     grey : bool
         Whether a map of classes, basins, a diagram of attractors and the integrity of attractors
         are drawn without colour: in greys, hatches, markers and dashes, with boundaries and names.
@@ -72,7 +73,7 @@ class Page:
     def refuse_looks(self, looks: Collection[str]) -> None:
         """Refuse a page with a look that is not among the `looks` of a picture."""
         for name, usual, which in (
-            ("marks", True, "only a map can leave out its marks"),
+            ("marks", True, "only maps and diagrams can leave out marks"),
             ("grey", False, "only pictures of classes or attractors can be grey"),
         ):
             if getattr(self, name) != usual and name not in looks:

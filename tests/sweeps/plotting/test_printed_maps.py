@@ -213,7 +213,7 @@ def test_a_look_that_a_picture_does_not_have_is_refused(tmp_path):
     dataset = equal_points(axes=AXES)
     for page, which in (
         (Page(grey=True), "only pictures of classes or attractors can be grey"),
-        (Page(marks=False), "only a map can leave out its marks"),
+        (Page(marks=False), "only maps and diagrams can leave out marks"),
     ):
         with pytest.raises(Refused, match=f"{which}, and this picture is none of these"):
             section(dataset, page=page)

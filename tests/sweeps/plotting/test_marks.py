@@ -1,0 +1,47 @@
+"""Marks of diagrams: each has a line in the legend, and a page can do without them."""
+
+import numpy as np
+import pytest
+
+from sweeps import branches, open_sweep
+from sweeps.plotting import Page, bifurcation
+from tests.helpers.commands import accepted
+from tests.helpers.equal_points import equal_points
+from tests.helpers.sweep_files import run_in
+from vibroimpact.status import Status
+
+#: With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
+FOLLOWED = """\
+oscillator: {h: 0.05, R: 0.8, f: 1, clearance: 1.5, omega: {start: 1.2, stop: 1.8, num: 13}}
+follow: {axis: omega, direction: both}
+record: {transient: 100, periods: 4, diagnostics: [period]}
+"""
+
+
+def texts(figure):
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    return run_in(tmp_path_factory.mktemp("sweep"), FOLLOWED)
+
+
+def test_jumps_and_bifurcations_are_in_the_legend_or_not_drawn(stored):
+    with open_sweep(stored) as dataset:
+        found = branches(dataset, classes=[(1, 1)])
+        figure = bifurcation(dataset, exact=found)
+        plain = bifurcation(dataset, exact=found, page=Page(marks=False))
+    assert len(figure.axes[0].texts) == 2 and "jump" in texts(figure)
+    assert {"fold"} <= {*texts(figure)}
+    assert not plain.axes[0].texts
+    assert not {"jump", "fold", "graze", "flip"} & {*texts(plain)}
+    assert not {"s", "^"} & {line.get_marker() for line in plain.axes[0].lines}
+    assert accepted("plot", stored, "--no-marks", "--dpi", "40", "-o", "a.png") == "a.png\n"
+
+
+def test_points_that_failed_are_marked_without_marks():
+    dataset = equal_points(status={(0, 1): Status.UNRESOLVED}, orbit_distance={(0, 2): 0.5})
+    line = dataset.isel(R=[0]).assign(poincare_x=dataset["poincare_x"] + np.arange(4)[:, None])
+    assert "on its way to m/q (1 of 4)" in texts(bifurcation(line))
+    assert texts(bifurcation(line, page=Page(marks=False))) == ["unresolved (1 of 4)"]
