@@ -1,4 +1,4 @@
-"""Points of a table over a picture, as measured beside computed."""
+"""Points of a table over a picture, as measured beside computed: an overlay, read and drawn."""
 
 from __future__ import annotations
 
