@@ -34,6 +34,12 @@ class Status(IntEnum):
         """Whether there is no result: the point failed, or is not computed yet."""
         return self not in (Status.COMPUTED, Status.CERTIFIED, Status.CUT_SHORT, Status.UNBOUNDED)
 
+    def remark(self, impact: str) -> str:
+        """Return what there is to say of a point with an impact rule; nothing of a usual one."""
+        if self is Status.COMPUTED:
+            return _FEW_DIGITS if impact == "exact" else ""
+        return "" if self is Status.CERTIFIED else self.meaning
+
 
 _MEANING = {
     Status.PENDING: "not computed yet",
@@ -44,6 +50,8 @@ _MEANING = {
     Status.UNRESOLVED: "more impacts within one step than the impact rule can resolve",
     Status.NON_FINITE: "a number overflowed: the step is unstable, or the motion too large",
 }
+#: Why a point with exact impacts is not certified.
+_FEW_DIGITS = "the stop is so far away that x keeps fewer than 8 digits of the motion"
 
 
 class Evidence(IntEnum):

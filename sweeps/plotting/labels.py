@@ -18,7 +18,7 @@ from matplotlib.ticker import (
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.opened.coordinates import COORDINATES, impacts_left_out
 from sweeps.opened.dataset import config_of, nomenclature_of
-from sweeps.store import DIRECTION, VARIABLES, is_remarkable
+from sweeps.store import DIRECTION, VARIABLES
 from sweeps.text import unit_name
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.status import Status
@@ -154,8 +154,8 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
     if config.follow is not None and DIRECTION not in drawn.dims:  # else it is in the legend
         parts.append(followed(drawn))
     parts.append(record_text(drawn) if record is None else record)
-    if not drawn["status"].dims and is_remarkable(status := Status(int(drawn["status"]))):
-        parts.append(status.meaning)
+    if not drawn["status"].dims:
+        parts += filter(None, [Status(int(drawn["status"])).remark(config.method.impact)])
     name = config.name.replace("$", r"\$")
     return f"{name}\n{', '.join(parts)}"
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from itertools import chain, repeat
 from typing import TYPE_CHECKING
 
+import yaml
+
 from sweeps.config.rig import RigConfig
 from sweeps.reports.run_report import RESULTS, destinations_text, outcomes, shown_axis
 from sweeps.store import VARIABLES, columns_of
@@ -18,7 +20,8 @@ def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
-    for name in ("computation", "columns", "in_si"):  # shown in another form
+    impact = yaml.safe_load(attributes.pop("computation"))["impact"]
+    for name in ("columns", "in_si"):  # shown in another form
         attributes.pop(name, None)
     dims = dataset["status"].dims
     results = {
@@ -27,7 +30,7 @@ def contents(dataset: xr.Dataset) -> str:
     omega = dataset["omega"].broadcast_like(dataset["status"]).transpose(*dims).values
     rows = [
         ("name", str(attributes.pop("name"))),
-        ("points", outcomes(dataset)),
+        ("points", outcomes(dataset, impact)),
         *zip(
             chain(["classes"], repeat("")),
             destinations_text(results, omega, dataset.sizes["section"]),

@@ -14,7 +14,6 @@ from sweeps.store import (
     DIRECTION,
     SCHEMA,
     identity,
-    is_remarkable,
     is_sweep,
     kept_points,
     parts_path,
@@ -99,7 +98,7 @@ def run_summary(path: Path, sweep: Sweep) -> str:
         variables, seconds = per_point(path, RESULTS)
     except StoreError as error:
         raise Failed(f"the output is gone: {error}") from error
-    first = f"{path}: {outcomes(variables)} in {shown_duration(seconds)}"
+    first = f"{path}: {outcomes(variables, sweep.spec.impact)} in {shown_duration(seconds)}"
     omega = sweep.grid.along("omega")
     return "\n".join([first, *destinations_text(variables, omega, sweep.spec.periods)])
 
@@ -138,13 +137,13 @@ def shown_axis(name: str, values: np.ndarray, unit: str) -> str:
     return f"{name} = {ends}, {shown_count(len(values), 'value')}"
 
 
-def outcomes(variables: Mapping[Any, Any]) -> str:
-    """Say how many points there are, and how many have a remarkable outcome."""
+def outcomes(variables: Mapping[Any, Any], impact: str) -> str:
+    """Say how many points of an impact rule there are, and how many are not as usual."""
     counts = status_counts(variables)
     remarks = [
-        f"{number:,} {status.name} ({status.meaning})"
+        f"{number:,} {status.name} ({remark})"
         for status, number in counts.items()
-        if number and is_remarkable(status)
+        if number and (remark := status.remark(impact))
     ]
     points = sum(counts.values())
     text = shown_count(points, "point")

@@ -14,7 +14,6 @@ from .variables import DIRECTION as DIRECTION
 from .variables import VARIABLES as VARIABLES
 from .variables import bytes_per_point as bytes_per_point
 from .variables import columns_of as columns_of
-from .variables import is_remarkable as is_remarkable
 from .variables import widths_of as widths_of
 from .writer import SweepWriter as SweepWriter
 from .writer import sweep_writer as sweep_writer

@@ -188,8 +188,3 @@ def bytes_per_point(spec: RunSpec, at_impacts: float = 0) -> int:
         np.dtype(variable.dtype).itemsize * widths[variable.dimension or ""]
         for variable in held_variables(spec).values()
     )
-
-
-def is_remarkable(status: Status) -> bool:
-    """Return whether an outcome deserves a remark, that is, is more than a computed point."""
-    return status not in (Status.COMPUTED, Status.CERTIFIED)

@@ -13,6 +13,7 @@ import xarray as xr
 import sweeps
 from sweeps.engine import executors
 from sweeps.opened.dataset import config_of
+from sweeps.plotting import section
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.places import ROOT
 from vibroimpact.status import Evidence, Status
@@ -396,12 +397,32 @@ def test_what_became_of_the_points_is_told(monkeypatch):
     monkeypatch.setattr(executors, "compute_block", settled)
     accepted("run", "sweep.yaml", "--quiet", "--overwrite")
     assert re.search(
-        rf"points +10 points, of which 1 CUT_SHORT \({Status.CUT_SHORT.meaning}\)\n",
+        r"points +10 points, of which 1 COMPUTED \(the stop is so far away that x keeps fewer than "
+        rf"8 digits of the motion\); 1 CUT_SHORT \({Status.CUT_SHORT.meaning}\)\n",
         accepted("info", "small.h5"),
     )
     monkeypatch.setattr(executors, "compute_block", compute)
     printed = accepted("run", "sweep.yaml", "--overwrite", "--set", "method={impact: plain}")
     assert "small.h5: 10 points in " in printed
+
+
+def test_a_stop_too_far_away_is_told():
+    """At p = 1e-7 gravity moves it by 1e14, where x is a multiple of 1/64; the ball jumps."""
+    settings = [
+        "oscillator={h: 0, R: 0.5, omega: 1, f: [1.2, 1.3], p: 1e-7, clearance: -1e14}",
+        "start={x0: -100000000000002.5, v0: 3.8}",
+        "record={transient: 0, periods: 8}",
+    ]
+    changes = [word for setting in settings for word in ("--set", setting)]
+    said = (
+        "2 points, of which 2 COMPUTED (the stop is so far away that x keeps fewer than 8 digits "
+        "of the motion)"
+    )
+    assert f"small.h5: {said}" in accepted("run", "sweep.yaml", *changes)
+    assert said in accepted("info", "small.h5")
+    with sweeps.open_sweep("small.h5") as dataset:
+        title = section(dataset, at={"f": 1.3}).get_suptitle()
+        assert "keeps fewer than 8 digits of the motion" in title.replace("\n", " ")
 
 
 @pytest.mark.slow
