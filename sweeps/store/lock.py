@@ -24,6 +24,8 @@ from sweeps.store.paths import (
 )
 from sweeps.store.replacing import check_place
 
+#: More bytes than a lock has, also one of filelock, with the names of a host and of a container.
+_MOST_TEXT = 1024
 #: Valid contents of a lock: this program's text, the text that filelock writes on systems without
 #: locks, nothing if the writer was killed early, or zeros, which a loss of power may leave.
 _LOCK_TEXT = re.compile(rb"vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?|\0{,99}")
@@ -84,7 +86,8 @@ def only_writer(
 def _acquired(name: Path) -> BaseFileLock:
     """Return the held lock of a file: a lock of the system, or the file itself where it has none.
 
-    A killed process leaves such a file, which a process of the same machine then takes over.
+    A killed process leaves such a file, which a process of the same machine, outside containers or
+    in the same one, then takes over.
     """
     was_there = os.path.lexists(name)
     lock: BaseFileLock = FileLock(name, fallback_to_soft=False)
@@ -129,7 +132,7 @@ def _lock_text(name: Path) -> bytes:
     with suppress(FileNotFoundError, PermissionError):
         if stat.S_ISREG(os.lstat(name).st_mode):
             with name.open("rb") as file:
-                text = file.read(100)
+                text = file.read(_MOST_TEXT)
         else:
             text = b"another"
     if not _LOCK_TEXT.fullmatch(text):

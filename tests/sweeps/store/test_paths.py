@@ -1,6 +1,7 @@
 """Paths that are refused for writing or reading, and the lock of the single writer."""
 
 import errno
+import inspect
 import os
 import re
 import shutil
@@ -8,7 +9,8 @@ import stat
 import subprocess
 import sys
 import types
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -229,16 +231,29 @@ def test_files_of_other_versions_are_refused(ending):
 # The lock and the new files beside the output
 
 
+def refuse_lock(*_, error=errno.ENOLCK):
+    """Stand in for fcntl.flock on a file system without locks."""
+    raise OSError(error, os.strerror(error))
+
+
+#: The same for the code of another process.
+WITHOUT_LOCKS = (
+    "import os, errno, fcntl\n" + inspect.getsource(refuse_lock) + "fcntl.flock = refuse_lock\n"
+)
+#: A command that starts another one where process numbers begin anew, as in a container.
+CONTAINER = ["unshare", "-U", "--map-root-user", "-p", "-f", "--kill-child", "--mount-proc"]
+
+
 @contextmanager
-def holder(path):
+def holder(path, first="", launcher=()):
     """Hold the lock of `path` in another process; it prints a line when it has it."""
-    code = (
+    code = first + (
         "import sys, time; from pathlib import Path; from sweeps.store import only_writer\n"
         "with only_writer(Path(sys.argv[1])):\n"
         "    print('held', flush=True); time.sleep(1000)\n"
     )
     environment = {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", code, str(path)]
+    command = [*launcher, sys.executable, "-c", code, str(path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as process:
         try:
             assert process.stdout.readline() == b"held\n"
@@ -310,11 +325,7 @@ def test_a_pipe_where_the_lock_goes_does_not_block():
 @pytest.mark.parametrize("error", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
 def test_on_a_disk_without_locks_the_file_itself_is_the_lock(monkeypatch, error):
     """A dead process of this machine loses it; a living or a distant one is named."""
-
-    def refuse(*_):
-        raise OSError(error, os.strerror(error))
-
-    monkeypatch.setattr("fcntl.flock", refuse)
+    monkeypatch.setattr("fcntl.flock", partial(refuse_lock, error=error))
     fill_blocks("out.h5", 2)
     with only_writer(Path("out.h5"), resume=True):
         mine = Path("out.h5.lock").read_text()
@@ -330,6 +341,36 @@ def test_on_a_disk_without_locks_the_file_itself_is_the_lock(monkeypatch, error)
     Path("out.h5.lock").write_text("1\nanother-machine\n")
     with pytest.raises(StoreError, match=r"process 1 on another-machine; wait .*if it has ended"):
         fill_blocks("out.h5", resume=True)
+
+
+def starts_containers():
+    """Whether this user may start a process in other namespaces."""
+    with suppress(FileNotFoundError):
+        return subprocess.run([*CONTAINER, "true"], capture_output=True).returncode == 0
+    return False
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not starts_containers(), reason="the system starts no containers")
+def test_a_lock_of_another_container_is_not_taken_over(monkeypatch):
+    """On a disk without locks. No process here has the number of the one that writes there."""
+    monkeypatch.setattr("fcntl.flock", refuse_lock)
+    with subprocess.Popen(["true"]) as ended:
+        pass
+    number = f'echo {ended.pid - 1} > /proc/sys/kernel/ns_last_pid; "$@"; true'
+    with holder("out.h5", WITHOUT_LOCKS, [*CONTAINER, "sh", "-c", number, "sh"]):
+        with pytest.raises(StoreError, match=rf"by process {ended.pid} on .*; wait .*if it has"):
+            with only_writer(Path("out.h5")):
+                pass
+
+
+def test_the_lock_of_a_host_with_a_long_name_is_known(monkeypatch):
+    monkeypatch.setattr("fcntl.flock", refuse_lock)
+    monkeypatch.setattr("socket.gethostname", lambda: "n" * 64)  # the longest on Linux
+    with only_writer(Path("out.h5")):
+        assert Path("out.h5.lock").stat().st_size > 100
+        with pytest.raises(StoreError, match=f"by process {os.getpid()} on n{{64}}"):
+            fill_blocks("out.h5")
 
 
 @pytest.mark.slow
