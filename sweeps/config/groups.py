@@ -67,8 +67,8 @@ def parameter_field(parameter: Parameter, note: str = "") -> Any:
     unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
     text = (
         f"{parameter.meaning}{unit}: {parameter.allowed}{note}; "
-        "to sweep it, a list of such numbers, {start, stop, num, spacing: linear or log}, or a "
-        "column of points"
+        "to sweep it, a list of such numbers, {start, stop, num or step, spacing: linear or log}, "
+        "or a column of points"
     )
     return Field(
         ... if parameter.default is None else parameter.default,

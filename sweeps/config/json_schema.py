@@ -29,7 +29,14 @@ def json_schema() -> Schema:
     del schema["required"]
     required = {group: schema["$defs"][group.__name__].pop("required") for group in _GROUPS}
     positive = {end: {"exclusiveMinimum": 0} for end in ("start", "stop")}
-    schema["$defs"]["Range"] |= _if(_with(spacing={"const": "log"}), {"properties": positive})
+    of_range = schema["$defs"]["Range"]
+    of_range["required"].remove("num")
+    own = of_range["properties"]
+    about_step = {key: own["step"][key] for key in ("title", "description")}
+    own["step"] = {**own["start"], **about_step, **_not({"const": 0})}
+    of_range["oneOf"] = [{"required": ["num"]}, {"required": ["step"]}]
+    without_step = {"properties": {**positive, "step": False}}
+    of_range |= _if(_with(spacing={"const": "log"}), without_step)
     keys = schema["properties"]
     keys["points"]["anyOf"] = [{"type": "string", "minLength": 1}, _COLUMNS, {"type": "null"}]
     for name in ("name", "output"):
@@ -80,7 +87,7 @@ _GROUPS: tuple[type[ParameterConfig], ...] = (RigConfig, OscillatorConfig)
 _SCALAR = ["string", "number", "boolean", "null"]
 _GIVEN = _not({"type": "null"})
 _RIG, _TABLE, _CSV = _with(rig=_GIVEN), _with(points=_GIVEN), _with(points={"type": "string"})
-_SEVERAL = _either({"type": "array", "minItems": 2}, _with(num={"minimum": 2}))
+_SEVERAL = _either({"type": "array", "minItems": 2}, _with(num={"minimum": 2}), _with(step={}))
 _AUTO = _with(record=_with(transient={"const": "auto"}))
 
 

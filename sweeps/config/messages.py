@@ -158,7 +158,8 @@ _OTHER_NAMES = {
     "trajectory": "time_series samples",
     "diagnostics": "quantities compute",
     "axis": "parameter along",
-    "num": "n count number points steps step size increment by delta",
+    "num": "n count number points steps",
+    "step": "size increment by delta",
     "spacing": "scale",
 }
 #: Synonyms of `start` and `stop` in a range; elsewhere these words have other meanings.

@@ -24,6 +24,8 @@ Number = TypeVar("Number", Fraction, Decimal)
 _ROW = 4096
 #: Most values that are all computed exactly, which takes as long as the first row of more.
 _FEW = 32768
+#: A stop is a value of a range if it lies within this share of a step.
+_NEAR = Fraction(1, 1000)
 #: Computes the values of a geometric series; after all its products 30 digits are still right.
 _SERIES = Context(prec=40)
 #: Makes powers of ten exact: 1e23 lies halfway between two floating-point numbers.
@@ -58,6 +60,30 @@ def linear(start: float, stop: float, num: int) -> np.ndarray:
         low = (head - (high - part)) + (fine - part) + (rest + fine_rest)
         _fill(values, n, high, low, np.full(_ROW, exponent), exact)
     return values
+
+
+def steps_to(start: float, stop: float, step: float) -> tuple[float, int]:
+    """Return the last value and the number of values from `start` in steps towards `stop`.
+
+    The last value is `stop` if it lies within a thousandth of a step, so that rounding never
+    decides whether it is included; otherwise the last one before it. The numbers are taken as the
+    decimal ones that were typed. ValueError if no step leads from `start` towards `stop`.
+    """
+    first, end, rise = (Fraction(repr(value)) for value in (start, stop, step))
+    if not rise:
+        raise ValueError("has step: 0, which leads nowhere")
+    steps = (end - first) / rise
+    if steps < 0:
+        raise ValueError(f"has a step that leads away from stop; did you mean step: {-step:.12g}?")
+    whole = round(steps)
+    if abs(steps - whole) <= _NEAR:
+        last = stop
+    else:
+        whole = math.floor(steps)
+        last = float(first + whole * rise)
+    if not whole and steps:
+        raise ValueError("has a step longer than the way from start to stop")
+    return last, whole + 1
 
 
 def geometric(start: float, stop: float, num: int) -> np.ndarray:

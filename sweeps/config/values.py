@@ -29,7 +29,7 @@ from pydantic import (
 )
 from pydantic.json_schema import SkipJsonSchema
 
-from sweeps.config.spacing import geometric, linear
+from sweeps.config.spacing import geometric, linear, steps_to
 from sweeps.text import fewest_digits, near_miss, suggestion
 from vibroimpact.inputs import integer, is_number, real, typed
 
@@ -156,8 +156,35 @@ class Range(Group):
 
     start: Number = Field(description="first value: a finite number")
     stop: Number = Field(description="last value, included: a finite number")
-    num: Integer = integer_field("number of values", 1, MOST_VALUES)
+    num: Integer = integer_field("number of values, unless step is given", 1, MOST_VALUES)
     spacing: Literal["linear", "log"] = Field("linear", description="spacing: linear or log")
+
+    step: Number | None = Field(
+        None, description="instead of num: a finite number other than 0, from value to value"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _counted(cls, data: Any) -> Any:
+        """Replace a step by the number of values, and the stop by the last of them."""
+        if not isinstance(data, dict) or "step" not in data:
+            return data
+        if "num" in data:
+            raise ValueError("has num and step, of which only one is allowed")
+        if str(data.get("spacing", "linear")) == "log":
+            raise ValueError("has a step and log spacing, which needs num instead")
+        try:
+            start, stop, step = (as_number(data[name]) for name in ("start", "stop", "step"))
+        except (KeyError, ValueError):
+            return {**data, "num": 1}  # what is missing or no number has an error of its own
+        last, num = steps_to(start, stop, step)
+        if num > MOST_VALUES:
+            raise ValueError(f"has {num:,} values, and at most {MOST_VALUES:,} are allowed")
+        return {**{key: data[key] for key in data if key != "step"}, "stop": last, "num": num}
+
+    def items(self) -> Iterator[tuple[str, Any]]:
+        """Yield names and values as `Group.items`, without the step, which num has replaced."""
+        return ((name, value) for name, value in super().items() if name != "step")
 
     @model_validator(mode="after")
     def _has_values(self) -> Self:

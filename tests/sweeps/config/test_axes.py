@@ -1,5 +1,7 @@
 """The axes that Python gives: any list of numbers, sorted, with the numbers that were typed."""
 
+from decimal import Decimal
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -77,3 +79,79 @@ def test_an_integer_that_cannot_be_written_is_refused_in_every_place():
     for given in ({"name": 10**5000}, {"record": {"periods": -(10**5000)}}, {"units": 10**5000}):
         with pytest.raises(ConfigError, match=r"= an integer of 16,610 bits is not .*; expected: "):
             load_config(scene | given)
+
+
+def stepped(start, stop, step):
+    omega = {"start": start, "stop": stop, "step": step}
+    scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    config = load_config(scene)
+    return config, config.sweep.grid.axes["omega"]
+
+
+@pytest.mark.parametrize("step", ["0.1", "0.2", "0.01", "0.3", "0.7", "0.001", "0.05"])
+def test_a_step_includes_the_stop_whatever_its_rounding(step):
+    """np.arange has a value more or less than meant for many of these; Decimal has not."""
+    for count in range(1, 60):
+        last = Decimal(1) + count * Decimal(step)
+        _, values = stepped(1.0, float(last), float(step))
+        assert values.tolist() == [float(1 + i * Decimal(step)) for i in range(count + 1)]
+        _, down = stepped(float(last), 1.0, -float(step))
+        assert down.tolist() == values[::-1].tolist()
+        added = 1.0
+        for _ in range(count):
+            added += float(step)  # as a program would, with its rounding
+        _, values = stepped(1.0, added, float(step))
+        assert len(values) == count + 1 and values[-1] == added
+
+
+@pytest.mark.parametrize(
+    ("stop", "last", "num"),
+    [(2.0, 2.0, 11), (2.05, 2.0, 11), (2.0999, 2.0999, 12), (2.09989, 2.0, 11),
+     (2.0001, 2.0001, 11), (2.00011, 2.0, 11), (2.1001, 2.1001, 12)],
+)  # fmt: skip
+def test_a_stop_within_a_thousandth_of_a_step_is_the_last_value(stop, last, num):
+    _, values = stepped(1.0, stop, 0.1)
+    assert (values[0], values[-1], len(values)) == (1.0, last, num)
+
+
+def test_a_range_with_a_step_is_kept_as_its_number_of_values():
+    config, values = stepped(2.4, 3.5, 0.01)
+    again = load(config.to_yaml())
+    assert "step:" not in config.to_yaml() and again.oscillator.omega.num == 111
+    assert np.array_equal(again.sweep.grid.axes["omega"], values)
+    text = oscillator_yaml(omega="{start: 2.4, stop: 3.5, step: 1e-2}")
+    assert np.array_equal(load(text).sweep.grid.axes["omega"], values)
+    assert load(text, "oscillator.omega.step=0.1").size == 12
+    rig = {"mass": 2, "stiffness": 800, "damping": 1, "force": 1, "gap": 0, "R": 0.8}
+    frequency = {"start": 2.0, "stop": 4.0, "step": 0.5}
+    follow = {"axis": "frequency", "direction": "up"}
+    assert load_config({"rig": {**rig, "frequency": frequency}, "follow": follow}).size == 5
+
+
+@pytest.mark.parametrize(
+    ("given", "part"),
+    [
+        (
+            "{start: 1, stop: 2, step: 0.1, num: 3}",
+            "has num and step, of which only one is allowed",
+        ),
+        ("{start: 1, stop: 2, step: 0}", "has step: 0, which leads nowhere"),
+        ("{start: 1, stop: 2, step: -0.25}", "leads away from stop; did you mean step: 0.25?"),
+        ("{start: 2, stop: 1, step: 0.25}", "leads away from stop; did you mean step: -0.25?"),
+        ("{start: 1, stop: 2, step: 1.1}", "has a step longer than the way from start to stop"),
+        ("{start: 1, stop: 2, step: 1e-9}", "has 1,000,000,001 values, and at most 10,000,000"),
+        ("{start: 1, stop: 2, step: 1, spacing: log}", "has a step and log spacing"),
+        (
+            "{start: 1, stop: 2, step: x}",
+            "omega.step = x is not a number; expected: instead of num",
+        ),
+        ("{start: 1, stop: 2, step: .inf}", "omega.step = .inf is not a number"),
+        ("{start: 1, step: 0.1}", "omega.stop is missing"),
+        ("{start: 1, stop: 2}", "omega.num is missing; expected: number of values, unless step"),
+        ("{start: 1, stop: 2, increment: 1}", "omega.increment (did you mean step?)"),
+        ("{start: -1, stop: 2, step: 1}", "contains -1, which is not allowed"),
+    ],
+)
+def test_a_wrong_step_is_refused(given, part):
+    message = refusal(oscillator_yaml(omega=given))
+    assert part in message and "oscillator.omega" in message and "expected: " in message

@@ -31,6 +31,9 @@ ODD = (
     {"start": 0, "stop": 1, "num": 3}, {"start": 0, "stop": 1, "num": 3, "spacing": "log"},
     {"start": 1, "stop": 2, "num": 2, "spacing": "log"}, {"start": 1, "stop": 1, "num": 1},
     {"start": 1, "stop": 2}, {"start": 1, "stop": 2, "num": 0}, {"start": 1, "stop": 2, "num": 1e8},
+    {"start": 1, "stop": 2, "step": 0.5}, {"start": 1, "stop": 2, "step": 0},
+    {"start": 1, "stop": 2, "step": 0.5, "num": 3}, {"start": 1, "stop": 2, "step": "x"},
+    {"start": 1, "stop": 2, "step": 0.5, "spacing": "log"}, {"start": 1, "step": 0.5},
 )  # fmt: skip
 
 
@@ -54,6 +57,8 @@ class Documents:
             return [number, round(number / 2, 3)][: self.pick((1, 2, 2))]
         if form == "range":
             extent = {"start": number / 2, "stop": number, "num": self.pick((2, 3, 7))}
+            if self.chance(0.1):
+                extent["step"] = extent.pop("num") * number / 40
             return {
                 **extent,
                 **({"spacing": self.pick(("linear", "log"))} if self.chance(0.5) else {}),
