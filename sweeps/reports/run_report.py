@@ -151,8 +151,10 @@ def outcomes(variables: Mapping[Any, Any], impact: str) -> str:
         text += ", every impact found and certified"
     elif remarks:
         text += f", of which {'; '.join(remarks)}"
+    status = np.asarray(variables["status"])
+    known = has_result(status[status != Status.PENDING])
     contact = (np.asarray(variables[name]) > 0.0 for name in _CONTACT)  # False for NaN
-    if counts[Status.PENDING] < points and not any(met.any() for met in contact):
+    if known.size and known.all() and not any(met.any() for met in contact):
         text += "; no impact in any record: no motion meets the stop"
     return text
 

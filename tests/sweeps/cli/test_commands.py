@@ -470,6 +470,11 @@ def test_a_run_without_impacts_says_so():
     said = "no impact in any record: no motion meets the stop"
     free = accepted("run", "sweep.yaml", "--set", "oscillator.clearance=50")
     assert said in free and said in accepted("info", "small.h5")
+    euler = "{integrator: euler, impact: plain, steps_per_period: 20, allow_unstable: true}"
+    changes = ("oscillator.h=0", "oscillator.R=1", f"method={euler}", "record.transient=100000")
+    sets = [word for change in changes for word in ("--set", change)]
+    overflown = accepted("run", "sweep.yaml", *sets, "--overwrite")
+    assert "NON_FINITE" in overflown and said not in overflown
     pressed = ("--set", "oscillator.clearance=-50", "--set", "start.x0=-50", "--overwrite")
     assert said not in accepted("run", "sweep.yaml", *pressed)
     with h5py.File("small.h5") as file:
