@@ -1,4 +1,4 @@
-"""Tables as CSV: points, sections and impacts of a sweep, and points of branches and curves."""
+"""Tables as CSV: points, sections, impacts, branches and curves; and what they may replace."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A family of orbits over free parameters: its points, their tests, and a step along them.
+"""A family of orbits over free parameters: their ranges and units, its points, a step along them.
 
 A point is a vector of unknowns (``unknowns.py``).
 """
