@@ -141,15 +141,29 @@ def orbits_of(
     return orbits
 
 
+def attractor_records(attractors: Sequence[AttractorRow]) -> list[dict[str, Any]]:
+    """Return what a table has of each attractor, by the names of its columns."""
+    return [
+        {
+            **row.parameters,
+            "attractor": row.number,
+            "motion": row.regime.word,
+            "m": row.m,
+            "q": row.q,
+            "fraction": row.fraction,
+            "impact_v": row.speeds.tolist(),
+            **row.measures,
+        }
+        for row in attractors
+    ]
+
+
 def attractor_frame(attractors: Sequence[AttractorRow]) -> pd.DataFrame:
     """Return the attractors as a table for a CSV file, with impact speeds separated by spaces."""
     import pandas as pd
 
-    axes, measures = (attractors[0].parameters, attractors[0].measures) if attractors else ((), ())
-    columns = [*axes, "attractor", "motion", "m", "q", "fraction", "impact_v", *measures]
-    body = []
-    for row in attractors:
-        speeds = " ".join(map(repr, row.speeds.tolist()))
-        own = [row.number, row.regime.word, row.m, row.q, row.fraction, speeds]
-        body.append([*row.parameters.values(), *own, *row.measures.values()])
-    return pd.DataFrame(body, columns=columns)
+    columns = ["attractor", "motion", "m", "q", "fraction", "impact_v"]
+    records = attractor_records(attractors)
+    for record in records:
+        record["impact_v"] = " ".join(map(repr, record["impact_v"]))
+    return pd.DataFrame(records, columns=None if records else columns)

@@ -100,6 +100,10 @@ Csv = Annotated[
     ),
 ]
 
+Json = Annotated[
+    bool, typer.Option("--json", help="Write JSON, for other programs, instead of text.")
+]
+
 _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
 
 

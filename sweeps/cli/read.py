@@ -17,6 +17,7 @@ from sweeps.cli.options import (
     At,
     Classes,
     Csv,
+    Json,
     MostBranches,
     SweepFile,
     branch_options,
@@ -41,6 +42,7 @@ def attractors_command(
     file: SweepFile,
     at: At = None,
     csv: Csv = None,
+    json: Json = False,
 ) -> None:
     """List the attractors of a sweep, their impact speeds, and how many starts reach each."""
     from sweeps.attractor.attractor_table import cut
@@ -57,13 +59,14 @@ def attractors_command(
         with progress_shown("looking for attractors"):
             found = attractors(shown)
         say_moved(cuts, here, "shown")
-        _show_attractors(shown, found, csv)
+        _show_attractors(shown, found, csv, json)
 
 
 def integrity_command(
     file: SweepFile,
     at: At = None,
     csv: Csv = None,
+    json: Json = False,
 ) -> None:
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
     from sweeps.attractor.attractor_table import cut
@@ -81,20 +84,28 @@ def integrity_command(
             if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
                 found = knocks(shown, found)
         say_moved(cuts, here, "shown")
-        _show_attractors(shown, found, csv)
+        _show_attractors(shown, found, csv, json)
 
 
-def _show_attractors(shown: xr.Dataset, found: xr.Dataset, csv: Path | None) -> None:
+def _show_attractors(shown: xr.Dataset, found: xr.Dataset, csv: Path | None, json: bool) -> None:
     """Show the attractors found in a part of a sweep, and write them to a CSV file if given."""
     from sweeps.attractor.attractor_report import attractor_report
-    from sweeps.attractor.attractor_table import attractor_frame, attractor_rows
+    from sweeps.attractor.attractor_table import (
+        attractor_frame,
+        attractor_records,
+        attractor_rows,
+    )
     from sweeps.opened.csv_tables import write_csv
+    from sweeps.opened.json_text import json_text
 
     table = attractor_rows(shown, found)
-    say(attractor_report(shown, found, table))
+    if json:
+        say(json_text({"attractors": attractor_records(table)}))
+    else:
+        say(attractor_report(shown, found, table))
     if csv is not None:
         write_csv(csv, attractor_frame(table))
-        say(csv)
+        say(csv, error=json)
 
 
 def info_command(
@@ -117,10 +128,13 @@ def info_command(
         bool,
         typer.Option("--config", help="Print only the configuration, as YAML to run again."),
     ] = False,
+    json: Json = False,
 ) -> None:
     """Show the contents of a sweep file, with its configuration."""
     if config and bifurcations:
         raise Refused("--config and --bifurcations exclude each other; give one of them")
+    if config and json:
+        raise Refused("--config and --json exclude each other; give one of them")
     for option, value in (
         ("axis", axis),
         ("at", " ".join(at or ())),
@@ -133,13 +147,18 @@ def info_command(
     cuts = selection_of(at)
     with opened_in_si(file) as dataset, named(file):
         if bifurcations:
-            _show_bifurcations(dataset, file, axis, cuts, csv, branch_options(classes, most))
+            chosen = branch_options(classes, most)
+            _show_bifurcations(dataset, file, axis, cuts, csv, json, chosen)
         elif config:
             _show_configuration(dataset)
         else:
-            from sweeps.reports.file_report import contents
+            from sweeps.opened.json_text import json_text
+            from sweeps.reports.file_report import contents, contents_by_key
 
-            say(contents(dataset), end=False)
+            if json:
+                say(json_text(contents_by_key(dataset)))
+            else:
+                say(contents(dataset), end=False)
 
 
 def _show_configuration(dataset: xr.Dataset) -> None:
@@ -164,6 +183,7 @@ def _show_bifurcations(
     axis: str | None,
     cuts: Selection,
     csv: Path | None,
+    json: bool,
     chosen: Mapping[str, Any],
 ) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
@@ -173,6 +193,7 @@ def _show_bifurcations(
     from sweeps.bifurcation.kept import with_cache
     from sweeps.opened.csv_tables import write_csv
     from sweeps.opened.cuts import on_grid
+    from sweeps.opened.json_text import json_text
 
     here = on_grid(dataset, cuts)
     notes = list[str]()
@@ -180,12 +201,18 @@ def _show_bifurcations(
         find = with_cache(branches, notes.append)
         found = find_bifurcations(dataset, axis, here, report, find, **chosen)
     say_moved(cuts, here, "listed")
-    say(bifurcation_report(dataset, file, found))
+    listed = public_table(found)
+    if json:
+        rows = listed.to_dict("records")
+        rows = [row | {"impact_v": [*map(float, row["impact_v"].split())]} for row in rows]
+        say(json_text(listed.attrs | {"bifurcations": rows}))
+    else:
+        say(bifurcation_report(dataset, file, found))
     for note in notes:
-        say(note)
+        say(note, error=json)
     if csv is not None:
-        write_csv(csv, public_table(found))
-        say(csv)
+        write_csv(csv, listed)
+        say(csv, error=json)
 
 
 def _read_rtol(value: object) -> float:

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from itertools import chain, repeat
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
 
 from sweeps.config.rig import RigConfig
-from sweeps.reports.run_report import RESULTS, destinations_text, outcomes, shown_axis
-from sweeps.store import VARIABLES, columns_of
+from sweeps.reports.run_report import (
+    RESULTS,
+    destination_counts,
+    destinations_text,
+    outcomes,
+    shown_axis,
+)
+from sweeps.store import VARIABLES, columns_of, status_counts
 from sweeps.text import fewest_digits, shown_duration, table
 
 if TYPE_CHECKING:
@@ -23,17 +30,12 @@ def contents(dataset: xr.Dataset) -> str:
     impact = yaml.safe_load(attributes.pop("computation"))["impact"]
     for name in ("columns", "in_si"):  # shown in another form
         attributes.pop(name, None)
-    dims = dataset["status"].dims
-    results = {
-        name: dataset[name].transpose(*dims, ...).values for name in RESULTS if name in dataset
-    }
-    omega = dataset["omega"].broadcast_like(dataset["status"]).transpose(*dims).values
     rows = [
         ("name", str(attributes.pop("name"))),
         ("points", outcomes(dataset, impact)),
         *zip(
             chain(["classes"], repeat("")),
-            destinations_text(results, omega, dataset.sizes["section"]),
+            destinations_text(_results(dataset), *_record_of(dataset)),
             strict=False,
         ),
         *(
@@ -58,6 +60,54 @@ def contents(dataset: xr.Dataset) -> str:
     if not isinstance(configuration, str):  # of a table in SI units
         configuration = configuration.to_yaml(table=False)
     return f"{table(rows)}\n\n{configuration}"
+
+
+def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
+    """Return the same for other programs: numbers, texts and mappings by the names of keys."""
+    attributes = dict(dataset.attrs)
+    configuration = attributes.pop("configuration")
+    dims = dataset["status"].dims
+    axes = {str(axis): dataset[axis] for axis in dims}
+    if not isinstance(configuration, str):  # of a table in SI units
+        configuration = configuration.to_yaml(table=False)
+    return {
+        "name": attributes.pop("name"),
+        "points": dataset["status"].size,
+        "outcomes": {
+            status.name.lower().replace("_", "-"): number
+            for status, number in status_counts(dataset).items()
+            if number
+        },
+        "classes": destination_counts(_results(dataset), *_record_of(dataset)),
+        "axes": {
+            name: {"units": axis.attrs["units"], "values": axis.values}
+            for name, axis in axes.items()
+        },
+        "columns": [*columns_of(dataset)],
+        "variables": {
+            name: {
+                "dimensions": {str(dim): size for dim, size in dataset[name].sizes.items()},
+                "long_name": dataset[name].attrs["long_name"],
+                "units": dataset[name].attrs["units"],
+            }
+            for name in VARIABLES
+            if name in dataset
+        },
+        "attributes": {name: one for name, one in attributes.items() if name != "in_si"},
+        "configuration": yaml.safe_load(configuration),
+    }
+
+
+def _results(dataset: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return the results that say where motions go, in the shape of ``status``."""
+    dims = dataset["status"].dims
+    return {name: dataset[name].transpose(*dims, ...).values for name in RESULTS if name in dataset}
+
+
+def _record_of(dataset: xr.Dataset) -> tuple[np.ndarray, int]:
+    """Return omega of each point, in the shape of ``status``, and the periods of a record."""
+    omega = dataset["omega"].broadcast_like(dataset["status"])
+    return omega.transpose(*dataset["status"].dims).values, dataset.sizes["section"]
 
 
 def _of_rig(dataset: xr.Dataset) -> list[tuple[str, str]]:

@@ -195,3 +195,13 @@ def destinations_text(
         chaos = "" if "lyapunov" in results else "; Lyapunov exponents tell which are chaotic"
         lines.append(f"unknown: {', '.join(reasons)}{chaos}")
     return lines + hint
+
+
+def destination_counts(
+    results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int
+) -> dict[str, int]:
+    """Return the number of motions of each kind that `destinations_text` tells apart."""
+    if "class_evidence" not in results:
+        return {}
+    parts = partition(regimes_of(results, omega, periods), results["orbit_distance"])
+    return {word: int(mask.sum()) for word, mask in parts.items()}

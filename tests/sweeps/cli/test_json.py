@@ -1,0 +1,98 @@
+"""``--json``: the same as the text and the CSV file, in strict JSON."""
+
+import json
+import math
+
+import pandas as pd
+import pytest
+import yaml
+
+from sweeps import open_sweep
+from sweeps.opened.json_text import json_text
+from tests.helpers.commands import accepted, call, refused
+from tests.helpers.sweep_files import run_in
+
+FLIP = """\
+oscillator: {h: 0.1, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 8}, f: 1.0}
+record: {transient: 200, periods: 16, impacts: 4, diagnostics: [period]}
+"""
+STARTS = """\
+rig: {mass: 2, stiffness: 2, damping: 0.4, force: 2, gap: 0.6, R: 0.8, frequency: 0.41}
+start: {x0: {start: -3, stop: 0.5, num: 6}, v0: {start: -3, stop: 3, num: 6}}
+record: {transient: 100, periods: 32, diagnostics: [period]}
+"""
+
+
+def strict(text):
+    def refuse(word):
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+@pytest.fixture(scope="module")
+def flip(tmp_path_factory):
+    return run_in(tmp_path_factory.mktemp("flip"), FLIP)
+
+
+@pytest.fixture(scope="module")
+def starts(tmp_path_factory):
+    return run_in(tmp_path_factory.mktemp("starts"), STARTS)
+
+
+def test_info(flip):
+    found = strict(accepted("info", flip, "--json"))
+    with open_sweep(flip) as data:
+        assert found["axes"]["omega"]["values"] == data["omega"].values.tolist()
+        assert found["variables"].keys() == set(data.data_vars)
+        assert found["configuration"] == yaml.safe_load(data.attrs["configuration"])
+        settled = int((data["orbit_distance"] <= 1e-6).sum())
+    assert (found["points"], sum(found["outcomes"].values())) == (8, 8)
+    assert found["classes"]["settled on m/q"] == settled
+    assert sum(found["classes"].values()) == 8
+    assert found["variables"]["poincare_x"]["dimensions"] == {"omega": 8, "section": 16}
+
+
+def test_info_of_bifurcations(flip, tmp_path):
+    done = call("info", flip, "--bifurcations", "--json", "--csv", tmp_path / "b.csv")
+    assert done.exit_code == 0, done.stderr
+    found = strict(done.stdout)
+    assert "b.csv" in done.stderr
+    rows = pd.read_csv(tmp_path / "b.csv")
+    assert found["axis"] == "omega" and len(found["bifurcations"]) == len(rows) > 0
+    (first, row), *_ = zip(found["bifurcations"], rows.to_dict("records"), strict=True)
+    assert list(first) == list(row)
+    assert first["kind"] == "flip" and first["value"] == row["value"]
+    assert first["impact_v"] == [float(row["impact_v"])]
+
+
+@pytest.mark.parametrize("command", ["attractors", "integrity"])
+def test_attractors(command, starts, tmp_path):
+    done = call(command, starts, "--json", "--csv", tmp_path / "a.csv")
+    assert done.exit_code == 0, done.stderr
+    rows = pd.read_csv(tmp_path / "a.csv").to_dict("records")
+    found = strict(done.stdout)["attractors"]
+    assert len(found) == len(rows) > 0
+    for one, row in zip(found, rows, strict=True):
+        assert list(one) == list(row) and one["fraction"] == row["fraction"]
+        assert len(one["impact_v"]) == one["q"]
+
+
+def test_a_single_point_and_a_table(tmp_path):
+    single = run_in(tmp_path, FLIP, "oscillator.omega=2.6", name="single.h5")
+    found = strict(accepted("info", single, "--json"))
+    assert (found["points"], found["axes"]) == (1, {})
+    text = "oscillator: {h: 0.1, R: 0.8, f: 1}\npoints: {omega: [2.5, 2.6], serial: [k1, k2]}\n"
+    table = run_in(tmp_path, text, "record.transient=9", "record.periods=4", name="table.h5")
+    found = strict(accepted("info", table, "--json"))
+    assert found["columns"] == ["omega", "serial"]
+    assert found["axes"]["point"]["values"] == [1, 2]
+
+
+def test_numbers_that_json_has_not():
+    text = json_text({"a": [math.nan, math.inf, -math.inf, 0.1], "b": None, "c": True})
+    assert strict(text) == {"a": [None, "inf", "-inf", 0.1], "b": None, "c": True}
+
+
+def test_json_excludes_the_configuration_alone(flip):
+    assert "exclude each other" in refused("info", flip, "--config", "--json")
