@@ -191,5 +191,5 @@ def test_a_table_replaces_an_older_one(file, tmp_path):
     table = tmp_path / "a.csv"
     table.write_text("older\n" * 1000)
     accepted("info", file("line"), "--bifurcations", "--csv", table)
-    assert table.read_text().startswith("kind,value,low,high,before,after,between,orbit,source\n")
+    assert table.read_text().startswith("kind,value,low,high,before,after,between,orbit,source,")
     assert "older" not in table.read_text()
