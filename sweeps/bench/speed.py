@@ -8,6 +8,7 @@ interleaved, and the best round of each counts, in wall time.
 from __future__ import annotations
 
 import math
+import statistics
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -73,6 +74,9 @@ class Speed(NamedTuple):
     impacts: float
     share: float  # share of the peak that the multiply-adds of the computed steps reach
     alone: float  # share of the computed steps that left the vector; NaN unless impacts are exact
+    spread: float = (
+        math.nan
+    )  # of its time on one thread: by what share the median is above the best
 
 
 def points_over(scene: OmegaRange, count: int) -> np.ndarray:
@@ -109,7 +113,7 @@ def measure_speed(
         for n in threads
     }
     runs["peak", 1] = lambda: _multiply_adds(sums, _TIMES)
-    best = dict.fromkeys(runs, np.inf)
+    times: dict[tuple[str, int], list[float]] = {key: [] for key in runs}
     # The first round also compiles, if necessary.
     for key in track(
         list(runs) * (_ROUNDS + 1),
@@ -119,7 +123,8 @@ def measure_speed(
     ):
         began = time.perf_counter()
         runs[key]()
-        best[key] = min(best[key], time.perf_counter() - began)
+        times[key].append(time.perf_counter() - began)
+    best = {key: min(each) for key, each in times.items()}
 
     peak = _SUMS * _CHAIN * _TIMES / best["peak", 1]
     speeds = {}
@@ -130,8 +135,26 @@ def measure_speed(
         computed, impacts = done.periods / best[name, 1], done.impacts / best[name, 1]
         alone = math.nan if "impact" in work else done.alone / (done.periods * steps)
         share = computed * steps * PER_STEP / peak
-        speeds[name] = Speed(steps, rates, computed, impacts, share, alone)
+        spread = statistics.median(times[name, 1]) / best[name, 1] - 1.0
+        speeds[name] = Speed(steps, rates, computed, impacts, share, alone, spread)
     return peak, speeds
+
+
+def mean_share(speeds: Mapping[str, Speed]) -> float:
+    """Return the geometric mean of the shares of the peak, the one figure of a machine."""
+    return statistics.geometric_mean([speed.share for speed in speeds.values()])
+
+
+def speed_record(peak: float, speeds: Mapping[str, Speed]) -> dict[str, Any]:
+    """Return the results of `measure_speed` by the names of their keys in JSON."""
+    return {
+        "mean_share": mean_share(speeds),
+        "spread": statistics.median([speed.spread for speed in speeds.values()]),
+        "peak": peak,
+        "numba_version": numba.__version__,
+        "numba_way": str(WAY),
+        "works": {name: speed._asdict() for name, speed in speeds.items()},
+    }
 
 
 def speed_text(peak: float, speeds: Mapping[str, Speed]) -> str:
@@ -154,7 +177,8 @@ def speed_text(peak: float, speeds: Mapping[str, Speed]) -> str:
         f"Steps per period; share of one thread's peak, {peak / 1e9:.3g}e9 multiply-adds per\n"
         f"second, of which a step takes {PER_STEP}. All methods run in the scene 'chaos'.\n"
         f"numba {numba.__version__} is used {WAY}\n\n"
-        f"{table(rows, words=1)}\n"
+        f"{table(rows, words=1)}\n\n"
+        f"geometric mean of the shares: {mean_share(speeds):.3%}\n"
     )
 
 

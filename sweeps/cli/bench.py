@@ -11,6 +11,8 @@ import typer
 
 from sweeps.cli.commands import Commands, add
 from sweeps.cli.options import Csv, read_threads, say
+from sweeps.errors import Failed, Refused
+from vibroimpact.inputs import number, typed
 
 app = typer.Typer(
     cls=Commands,
@@ -120,12 +122,57 @@ def paper(output: Figure = Path("paper.png")) -> None:
         save_chart(output, paper_picture, measured)
 
 
-def speed(quick: Quick = False) -> None:
+def _check_json(path: Path | None) -> Path | None:
+    """Return the path of a JSON file; refuse a path that is not a writable .json file."""
+    if path is not None:
+        from sweeps.store.replacing import check_target
+
+        if path.suffix != ".json":
+            raise Refused(f"--json {path} is not allowed; expected: a .json file")
+        check_target(path, "JSON file")
+    return path
+
+
+def _read_share(value: object) -> float:
+    """Read a share; refuse all but numbers above 0, up to 1."""
+    allowed = number(lambda given: 0.0 < given <= 1.0, "a number above 0, at most 1, as 0.05")
+    if not allowed.fits(given := typed(str(value))):
+        raise Refused(allowed.refusal(f"--fail-below {value}"))
+    return float(given or 0.0)
+
+
+def speed(
+    quick: Quick = False,
+    json: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", callback=_check_json, help="Write a .json file, too."),
+    ] = None,
+    fail_below: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            parser=_read_share,
+            help="Exit with 1 if the geometric mean of the shares of the peak is below SHARE.",
+        ),
+    ] = None,
+) -> None:
     """Show the forcing periods per second of this machine, and the share of its peak."""
     from sweeps.bench import speed
+    from sweeps.opened.json_text import json_text
+    from sweeps.store.replacing import writing
 
     count, periods = (1024, 150) if quick else (4096, 300)
-    say(speed.speed_text(*speed.measure_speed(count, periods, progress=True)))
+    measured = speed.measure_speed(count, periods, progress=True)
+    say(speed.speed_text(*measured))
+    if json is not None:
+        with writing(json, "JSON file") as new:
+            new.write(json_text(speed.speed_record(*measured)).encode())
+        say(json)
+    share = speed.mean_share(measured[1])
+    if fail_below is not None and share < fail_below:
+        raise Failed(
+            f"the geometric mean of the shares of the peak is {share:.4g}, below {fail_below:g}"
+        )
 
 
 add(app, accuracy_speed, stability, paper, speed)

@@ -1,6 +1,7 @@
 """The benches: results against known values of their scenes, and the commands."""
 
 import csv
+import json
 import math
 from pathlib import Path
 
@@ -28,6 +29,11 @@ from vibroimpact.step.stability import spectral_radius
         (["paper", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf, .eps"]),
         (["stability", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf, .eps"]),
         (["stability", "--csv", "nowhere/a.csv"], ["folder nowhere of the table a.csv does"]),
+        (["speed", "--json", "a.txt"], ["--json a.txt ", "a .json file"]),
+        (["speed", "--json", "nowhere/a.json"], ["folder nowhere of the JSON file a.json does"]),
+        (["speed", "--fail-below", "0"], ["--fail-below 0 ", "a number above 0, at most 1"]),
+        (["speed", "--fail-below", "20"], ["--fail-below 20 ", "a number above 0, at most 1"]),
+        (["speed", "--fail-below", "x"], ["--fail-below x ", "a number above 0, at most 1"]),
     ],
 )
 def test_a_wrong_request_is_refused_before_anything_is_measured(monkeypatch, arguments, words):
@@ -35,6 +41,7 @@ def test_a_wrong_request_is_refused_before_anything_is_measured(monkeypatch, arg
         "accuracy_speed.measure_methods",
         "paper_cases.measure_cases",
         "longest_step.longest_steps",
+        "speed.measure_speed",
     ):
         monkeypatch.setattr(f"sweeps.bench.{measure}", lambda *_, **__: pytest.fail("it was run"))
     result = call("bench", *arguments)
@@ -70,6 +77,7 @@ def test_the_share_follows_from_rate_steps_and_peak(small):
     assert 0.0 < exact.share < 1.0
     assert exact.impacts == pytest.approx(1.6 * exact.computed, rel=0.15)
     assert 0.0 < exact.alone < 0.01
+    assert exact.spread >= 0.0
 
 
 def test_copied_periods_are_not_computed():
@@ -99,6 +107,26 @@ def test_the_command_shows_the_speeds(monkeypatch):
     assert row == ["plain", "100", "30", "57", "1.90", "28", "31", "40.0%"]
     (row,) = [line.split() for line in done.stdout.splitlines() if "exact, chatter" in line]
     assert row[2:] == ["116", "0.3", "0.6", "2.00", "0.2", "4", "7.00%", "0.5%"]
+
+
+def test_the_speeds_as_json_and_as_a_gate(monkeypatch):
+    """The geometric mean of the shares 0.4 and 0.0048 is 0.0438."""
+    monkeypatch.setattr(
+        "sweeps.bench.speed.measure_speed", lambda count, periods, progress: (58e9, SPEEDS)
+    )
+    mean = math.sqrt(0.4 * 0.0048)
+    assert mean == pytest.approx(0.0438, rel=1e-3)
+    done = call("bench", "speed", "--json", "speed.json", "--fail-below", 0.99 * mean)
+    assert done.exit_code == 0 and done.stdout.endswith("speed.json\n")
+    assert "geometric mean of the shares: 4.382%" in done.stdout
+    found = json.loads(Path("speed.json").read_text())
+    assert found["mean_share"] == pytest.approx(mean, rel=1e-12)
+    assert found["peak"] == 58e9 and list(found["works"]) == list(SPEEDS)
+    assert found["works"]["plain"]["periods"] == {"1": 30e6, "2": 57e6}
+    assert found["works"]["plain"]["alone"] is None
+    below = call("bench", "speed", "--json", "speed.json", "--fail-below", 1.01 * mean)
+    assert below.exit_code == 1 and "is 0.04382, below 0.044" in below.stderr
+    assert "multiply-adds" in below.stdout and "Traceback" not in below.stderr
 
 
 def test_one_core_has_no_speed_up():
