@@ -143,8 +143,8 @@ Grey = Annotated[
     bool,
     typer.Option(
         "--grey",
-        help="A map of classes, basins, attractors or integrity in greys and hatches with "
-        "boundaries and names, for print.",
+        help="Draw for print in greys, hatches, markers and dashes; no table, and no map of "
+        "another quantity than the class.",
     ),
 ]
 NoLegend = Annotated[bool, typer.Option("--no-legend", help="Leave out the legend.")]

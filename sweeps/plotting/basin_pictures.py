@@ -206,7 +206,7 @@ def attractor_diagram(
     masks = {}
     if page.marks and COORDINATES[coordinate].dimension == "impact":
         masks[PARTIAL] = shows_part(line.transpose(axis, ...)).ravel()
-    canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks)
+    canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks, page.grey)
     title = f"{CLASSES_TITLE}\n{_starts_at_each(line)}"
     record = record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, legend_title=title, record=record)

@@ -25,7 +25,15 @@ from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.legend import SHARE, legend_below, legend_within
 from sweeps.plotting.page import Page
 from sweeps.plotting.pixels import widened
-from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, ink, user_style, visible
+from sweeps.plotting.style import (
+    GREY_MARKS,
+    MARKS,
+    STATUS_COLOURS,
+    data_colour,
+    ink,
+    user_style,
+    visible,
+)
 from sweeps.text import shortened
 
 #: Least height of the panels, as a share of the usual one.
@@ -230,6 +238,7 @@ def draw_points(
     size: float | None = None,
     alpha: float | None = None,
     most: float = 3.5,
+    marker: str = "o",
 ) -> None:
     """Draw markers in one colour, by default the plain one, or of a colour each, shape (n, 4).
 
@@ -241,7 +250,9 @@ def draw_points(
     alpha = float(np.clip(1e5 / len(y), 0.15, 1.0)) if alpha is None else alpha
     colour = data_colour() if colour is None else colour
     if isinstance(colour, str):
-        (points,) = panel.plot(x, y, "o", color=colour, alpha=alpha, rasterized=True)
+        (points,) = panel.plot(
+            x, y, marker, linestyle="", color=colour, alpha=alpha, rasterized=True
+        )
         points.set(markersize=size, markeredgewidth=0)
     else:
         panel.scatter(x, y, size**2, colour, alpha=alpha, linewidths=0, rasterized=True)
@@ -277,15 +288,20 @@ NO_MASKS: Mapping[str, np.ndarray] = {}
 
 
 def mark_status(
-    panel: Axes, values: np.ndarray, status: np.ndarray, masks: Mapping[str, np.ndarray] = NO_MASKS
+    panel: Axes,
+    values: np.ndarray,
+    status: np.ndarray,
+    masks: Mapping[str, np.ndarray] = NO_MASKS,
+    grey: bool = False,
 ) -> None:
     """Mark failed and pending points in a strip below the data and in the legend.
 
     `values` are the abscissas, shape (n,); `status` has the shape (n,) or (directions, n), and so
-    have the `masks` of further points, by a name of ``MARKS``.
+    have the `masks` of further points, by a name of ``MARKS``, which can be drawn in `grey`.
     """
     kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
-    kinds += [(name, MARKS[name], where) for name, where in masks.items()]
+    colours = GREY_MARKS if grey else MARKS
+    kinds += [(name, colours[name], where) for name, where in masks.items()]
     kinds = [(name, visible(colour), where) for name, colour, where in kinds]
     if np.isin(status, list(STATUS_COLOURS)).any():
         low, high = panel.get_ylim()

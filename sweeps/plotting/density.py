@@ -15,7 +15,6 @@ from sweeps.plotting import canvas
 from sweeps.plotting.pixels import cell_edges, pixels_of
 from sweeps.plotting.style import (
     BOTH_COLOUR,
-    DIRECTION_COLOURS,
     LEAST_SHARE,
     data_colour,
     dots_per_inch,
@@ -53,13 +52,14 @@ def value_range(lines: Sequence[xr.Dataset], coordinate: str) -> tuple[float, fl
     return float(low), float(high)
 
 
-def _ramps(both_ways: bool) -> list[LinearSegmentedColormap]:
+def _ramps(colours: Sequence[str]) -> list[LinearSegmentedColormap]:
     """Return the colours of a share, from the least one to 1: of one way, or of up, down and both.
 
     Those of directions end at full colours: the darker ends would all look the same where the
     motion is periodic.
     """
-    own = [*DIRECTION_COLOURS, visible(BOTH_COLOUR)] if both_ways else [data_colour()]
+    both_ways = len(colours) > 0
+    own = [*colours, visible(BOTH_COLOUR)] if both_ways else [data_colour()]
     ends = [shades(colour, ground(), ink())[: 2 if both_ways else 3] for colour in own]
     return [
         LinearSegmentedColormap.from_list("density", [*map(visible, colours)]) for colours in ends
@@ -71,17 +71,19 @@ def draw_density(
     values: np.ndarray,
     ways: Sequence[xr.Dataset],
     coordinate: str,
+    colours: Sequence[str],
     tint: np.ndarray | None = None,
 ) -> None:
     """Draw the share of each column's points in each of its pixels, with a colour bar.
 
     Call this last, because the pixels are those of the finished panel in a PNG. A column is one of
     the `values` of the axis, or one pixel wide if there are more values than pixels. With two
-    directions, the colour of a pixel tells which direction has points in it, or that both have.
-    If the colours of the points are given, shape (n, 4), a pixel has that of a point in it.
+    directions, the colour of a pixel, one of their `colours`, tells which direction has points in
+    it, or that both have. If the colours of the points are given, shape (n, 4), a pixel has that of
+    a point in it.
     """
     figure = canvas.figure_of(panel)
-    ramps = _ramps(len(ways) > 1)
+    ramps = _ramps(colours if len(ways) > 1 else ())
     if tint is None:
         bar = figure.colorbar(ScalarMappable(_NORM, ramps[-1]), ax=panel, pad=0.01, aspect=40)
         bar.set_label("share of the points of a column")

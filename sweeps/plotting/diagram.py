@@ -31,6 +31,8 @@ from sweeps.plotting.style import (
     APPROACHING,
     BOTH_COLOUR,
     DIRECTION_COLOURS,
+    DIRECTION_MARKERS,
+    GREY_DIRECTIONS,
     PARTIAL,
     data_colour,
     ink,
@@ -49,7 +51,7 @@ _LOWER = 0.4
 _EXPONENTS = 1.0, 0.45
 
 
-@functools.partial(styled, looks=("marks",))
+@functools.partial(styled, looks=("marks", "grey"))
 def bifurcation(
     dataset: xr.Dataset,
     *,
@@ -115,7 +117,7 @@ def bifurcation(
     _check(dataset, axis, exact, names)
     points = read_overlay(overlay, dataset, [[axis], [coordinate, *names]])
     shown = None if tint is None else paint(line, tint, dots=True)
-    drawn = _Drawn.of(line, axis, coordinate, shown)
+    drawn = _Drawn.of(line, axis, coordinate, shown, page.grey)
     heights = [1.0] + [_LOWER] * len(names)
     panel, *lower = canvas.stacked_panels(page, heights, len(heights)) if ax is None else [ax]
     label_axis((lower or [panel])[-1].xaxis, drawn.line[drawn.axis])
@@ -123,7 +125,7 @@ def bifurcation(
     low, high = drawn.draw_points(panel)
     parts = {}
     if exact is not None:
-        is_plain = len(drawn.ways) == 1 and shown is None
+        is_plain = len(drawn.ways) == 1 and shown is None and not page.grey
         in_chaos = _in_chaos(line, drawn.values)
         parts = draw_branches(panel, exact, coordinate, is_plain, in_chaos, page.marks)
         low, high = panel.dataLim.intervaly
@@ -152,7 +154,8 @@ def bifurcation(
         panel, page, line, [*others, *jumps, *of_parts, *measured], title, record
     )
     if drawn.dense:
-        draw_density(panel, drawn.values, drawn.ways, coordinate, drawn.tint)
+        colours = drawn.direction_colours()
+        draw_density(panel, drawn.values, drawn.ways, coordinate, colours, drawn.tint)
     return figure
 
 
@@ -188,15 +191,18 @@ class _Drawn(NamedTuple):
     ways: list[xr.Dataset]
     tint: np.ndarray | None  # colours of the points, shape (n, 4), if chosen
     dense: bool
+    grey: bool
 
     @classmethod
-    def of(cls, line: xr.Dataset, axis: str, coordinate: str, shown: Paint | None) -> Self:
+    def of(
+        cls, line: xr.Dataset, axis: str, coordinate: str, shown: Paint | None, grey: bool
+    ) -> Self:
         """Split a line into its directions."""
         values, ways = line[axis].values, split_directions(line)
         tint = None if shown is None else shown.colours()
         computed = int(has_result(line["status"].values).sum())
         dense = computed * line.sizes[COORDINATES[coordinate].dimension] > DENSITY_FROM
-        return cls(line, axis, coordinate, values, ways, tint, dense)
+        return cls(line, axis, coordinate, values, ways, tint, dense, grey)
 
     def draw_points(self, panel: Axes) -> tuple[float, float]:
         """Draw markers, or make room for a density; return the range of the ordinates."""
@@ -223,9 +229,9 @@ class _Drawn(NamedTuple):
             for way in self.ways
         ]
 
-    def _mark(self, panel: Axes, records: Sequence[np.ndarray], **look: float) -> None:
+    def _mark(self, panel: Axes, records: Sequence[np.ndarray], **look: Any) -> None:
         """Draw values of each direction, shape (n, k); those of both have a colour of their own."""
-        colours: Sequence[str | np.ndarray] = DIRECTION_COLOURS
+        colours: Sequence[str | np.ndarray] = self.direction_colours()
         if len(self.ways) == 1:
             colours = [data_colour() if self.tint is None else self.tint]
         parts = [(y, np.isfinite(y), of) for y, of in zip(records, colours, strict=False)]
@@ -235,17 +241,27 @@ class _Drawn(NamedTuple):
             both = agreeing(*records)
             apart = [(y, finite & ~b, of) for (y, finite, of), b in zip(parts, both, strict=True)]
             parts = [(y, b, dark) for y, b in zip(records, both, strict=True)] + apart
-        for y, where, colour in parts:
+        shapes = len(parts) * ["o"]
+        if len(parts) == 4 and self.grey:
+            shapes[2:], look = DIRECTION_MARKERS, look | {"most": 2.6}
+        for (y, where, colour), marker in zip(parts, shapes, strict=True):
             x = np.broadcast_to(self.values[:, None], y.shape)[where]
             if not isinstance(colour, str):
                 colour = np.broadcast_to(colour[:, None], (*y.shape, 4))[where]
-            canvas.draw_points(panel, x, y[where], colour, **look)
+            canvas.draw_points(panel, x, y[where], colour, marker=marker, **look)
+
+    def direction_colours(self) -> tuple[str, str]:
+        """Return the colours of both directions."""
+        up, down = GREY_DIRECTIONS if self.grey else DIRECTION_COLOURS
+        return (visible(up), visible(down)) if self.grey else (up, down)
 
     def _name_directions(self, panel: Axes) -> None:
         """Add the colours of the directions to the legend, with the symbol of the axis."""
         texts = *direction_names(self.line), "both"
-        for text, colour in zip(texts, (*DIRECTION_COLOURS, visible(BOTH_COLOUR)), strict=True):
-            marker = "s" if self.dense else "o"
+        colours = *self.direction_colours(), visible(BOTH_COLOUR)
+        shapes = (*DIRECTION_MARKERS, "o") if self.grey and not self.dense else 3 * ("o",)
+        for text, colour, shape in zip(texts, colours, shapes, strict=True):
+            marker = "s" if self.dense else shape
             panel.plot([], [], marker, color=colour, markersize=4, label=text)
 
     def draw_jumps(self, panel: Axes) -> list[Artist]:
@@ -254,7 +270,7 @@ class _Drawn(NamedTuple):
             return []
         order = np.argsort(self.values)
         up, down = (record[order] for record in self._records())
-        return draw_jumps(panel, self.values[order], up, down, DIRECTION_COLOURS)
+        return draw_jumps(panel, self.values[order], up, down, self.direction_colours())
 
     def mark_points(self, panel: Axes, marks: bool) -> None:
         """Mark points that failed and, if asked for, those that do not show their whole orbit.
@@ -264,7 +280,7 @@ class _Drawn(NamedTuple):
         masks = {APPROACHING: approaching(self.line)} if marks else {}
         if marks and COORDINATES[self.coordinate].dimension == "impact":
             masks = {PARTIAL: shows_part(self.line), **masks}
-        canvas.mark_status(panel, self.values, self.line["status"].values, masks)
+        canvas.mark_status(panel, self.values, self.line["status"].values, masks, self.grey)
 
     def ranges_within(self, limits: tuple[float, float] | None) -> list[tuple[float, float]]:
         """Return the range of the ordinates within limits of the axis that a density has."""

@@ -28,7 +28,7 @@ from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit
 from sweeps.plotting.numbers import Wanted
 from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.style import VERMILION, data_colour
+from sweeps.plotting.style import VERMILION, data_colour, ink
 from sweeps.plotting.styled import styled
 from vibroimpact.points.regimes import Label, has_result
 
@@ -38,7 +38,7 @@ _NARROW = 4.5
 _MOST_MOTIONS = MOST_PERIODS // 4
 
 
-@functools.partial(styled, panels=(3,))
+@functools.partial(styled, panels=(3,), looks=("grey",))
 def trajectory(
     dataset: xr.Dataset,
     *,
@@ -80,7 +80,7 @@ def trajectory(
         (found,) = _classes(drawn.expand_dims("motion"))
         motions = [_motion_at(dataset, at, periods, found)]
         _draw_curves(panels, motions[0])
-        _mark_impacts(panels, motions[0])
+        _mark_impacts(panels, motions[0], page.grey)
     else:
         drawn, shown, found = *coloured_points(dataset, at, color), None
         motions = _draw_coloured(panels, drawn, shown, periods)
@@ -195,7 +195,7 @@ def _draw_curves(
         curve.set_rasterized(len(t) > 50_000)
 
 
-def _mark_impacts(panels: Sequence[Axes], motion: PointMotion) -> None:
+def _mark_impacts(panels: Sequence[Axes], motion: PointMotion, grey: bool) -> None:
     """Mark the impacts of the motion, and its samples beyond the stop."""
     rows = motion.rows
     marks = (
@@ -209,4 +209,6 @@ def _mark_impacts(panels: Sequence[Axes], motion: PointMotion) -> None:
         for panel, marked in zip(panels, ((t, x), (t, v), (x, v)), strict=True):
             (points,) = panel.plot(*marked, "o", color=colour, zorder=3.0)
             points.set(markersize=2.5, markeredgewidth=0)
+            if grey and text != "impacts":
+                points.set(color=ink(), marker="x", markeredgewidth=0.6)
             points.set_label(text if panel is panels[-1] else "_")

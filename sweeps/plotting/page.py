@@ -40,8 +40,9 @@ class Page:
         m/q, bifurcations and other special points of orbits and curves, and jumps. Points that
         failed are always marked.
     grey : bool
-        Whether a map of classes, basins, a diagram of attractors and the integrity of attractors
-        are drawn without colour: in greys, hatches, markers and dashes, with boundaries and names.
+        Whether the picture is drawn without colour: in greys, hatches, markers and dashes, with
+        boundaries and names. Pictures of tables, maps of other quantities than the class, and
+        points with a color are not.
 
     Examples
     --------
@@ -73,11 +74,15 @@ class Page:
     def refuse_looks(self, looks: Collection[str]) -> None:
         """Refuse a page with a look that is not among the `looks` of a picture."""
         for name, usual, which in (
-            ("marks", True, "only maps and diagrams can leave out marks"),
-            ("grey", False, "only pictures of classes or attractors can be grey"),
+            (
+                "marks",
+                True,
+                "only maps and diagrams can leave out marks",
+            ),
+            ("grey", False, "a picture of a table cannot be grey"),
         ):
             if getattr(self, name) != usual and name not in looks:
-                raise Refused(f"{which}, and this picture is none of these")
+                raise Refused(which)
 
     def set_limits(self, panel: Axes) -> None:
         """Set the given limits; raise Refused if they contain no data."""

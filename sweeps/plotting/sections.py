@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -55,7 +56,7 @@ class _Records(NamedTuple):
         return canvas.finish(panel, page, self.points, handles, title, record)
 
 
-@styled
+@functools.partial(styled, looks=("grey",))
 def section(
     dataset: xr.Dataset,
     *,
@@ -100,7 +101,7 @@ def section(
     return found.finish(panel, page, "poincare_x")
 
 
-@styled
+@functools.partial(styled, looks=("grey",))
 def impacts(
     dataset: xr.Dataset,
     *,

@@ -147,6 +147,12 @@ GREY_FURTHER = tuple(
 DIRECTION_COLOURS = (BLUE, ORANGE)
 BOTH_COLOUR = "#333333"
 
+#: The same in grey, where the markers say the direction, too.
+GREY_DIRECTIONS = ("#000000", "#8C8C8C")
+DIRECTION_MARKERS = ("^", "v")
+#: Colours of the marks in a diagram, in grey.
+GREY_MARKS = {PARTIAL: "#C8C8C8", APPROACHING: "#000000"}
+
 LEAST_SHARE = 1e-3
 
 #: Settings of matplotlib. Text sizes follow ``font.size``. A picture is higher than
@@ -199,6 +205,12 @@ def ink() -> str:
 def data_colour(number: int = 0) -> str:
     """Return the colour of data without a meaning, by their number in ``axes.prop_cycle``."""
     return to_hex(f"C{number}")
+
+
+def grey_style() -> dict[Any, Any]:
+    """Return settings of matplotlib with which data without a meaning are grey."""
+    greys = [mix(ink(), ground(), share) for share in (0.6, 1.0)]
+    return {"axes.prop_cycle": cycler(color=greys)}
 
 
 def visible(colour: str) -> str:

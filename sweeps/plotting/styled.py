@@ -16,10 +16,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.arguments import is_path
+from sweeps.errors import Refused
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.in_si import arguments_in_si
 from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.style import user_style
+from sweeps.plotting.style import grey_style, user_style
 from vibroimpact.inputs import TEXT, Allowed, integer
 from vibroimpact.step.scheme import MOST_RECORDED
 
@@ -95,8 +96,11 @@ def styled(
     @functools.wraps(draw)
     def _in_style(dataset: xr.Dataset, **options: Any) -> Figure:
         """Draw with the names of a rig, and in the common style unless `ax` has its own."""
-        options.get("page", PAGE).refuse_looks(looks)
-        with _style(of_user=options.get("ax") is None):
+        page = options.get("page", PAGE)
+        page.refuse_looks(looks)
+        if page.grey and options.get("color") is not None:
+            raise Refused("color gives points colours, and in grey there is none; leave out one")
+        with _style(options.get("ax") is None, page.grey):
             dataset, options = arguments_in_si(dataset, options)
             return draw(dataset, **options)
 
@@ -105,9 +109,10 @@ def styled(
 
 
 @contextmanager
-def _style(of_user: bool) -> Iterator[None]:
+def _style(of_user: bool, grey: bool) -> Iterator[None]:
     """Draw in the common style and that of the user, if asked for, without warnings of glyphs."""
     with mpl.rc_context(user_style() if of_user else {}), warnings.catch_warnings():
+        mpl.rcParams.update(grey_style() if grey else {})
         # The name of a sweep may have characters that the font lacks, drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         yield
