@@ -159,11 +159,13 @@ def comparison_report(
         and (a := one.sizes[_SAMPLE]) != (b := other.sizes[_SAMPLE])
     ):
         lines.append(f"the longest trajectory has {a:,} and {b:,} samples")
-    within = f" within a relative difference of {rtol:g}" if rtol else ""
+    pair = f"{names[0]} and {names[1]}"
     if lines:
-        return "\n".join([*lines, f"{names[0]} and {names[1]} differ{within}"]), True
-    count = shown_count(len(found), "variable")
-    return f"{names[0]} and {names[1]} are equal{within}: {count} and coordinates", False
+        more = f" by more than {rtol:g} of a value" if rtol else ""
+        return "\n".join([*lines, f"{pair} differ{more}"]), True
+    within = f" to {rtol:g} of each value" if rtol else ""
+    count = f"{len(found)} variables"
+    return f"{pair} are equal{within}: {count} and coordinates", False
 
 
 def _line(data: xr.Dataset, found: Difference) -> str:
@@ -175,7 +177,9 @@ def _line(data: xr.Dataset, found: Difference) -> str:
     ]
     if name in data.coords:
         called = seen.name(name) if name in PARAMETERS else name
-        where = f"{called}: {found.values:,} of {shown_count(found.size, 'value')} differ"
+        where = f"{called}: {found.values:,} of {found.size:,} values differ"
+        if found.size == 1:
+            where = f"{called}: differs"
         if name in data.dims:
             here = [f"number {1 + place}" for place in found.at.values()]
     else:
