@@ -36,6 +36,8 @@ from sweeps.plotting.style import (
 )
 from sweeps.text import shortened
 
+#: Greatest height of a picture unless the page gives it, so that it fits a printed page [inch].
+HIGHEST = 9.0
 #: Least height of the panels, as a share of the usual one.
 _LEAST_PANELS = 0.35
 
@@ -95,11 +97,16 @@ class Picture(Figure):
         refuse_undrawable("title", title)
         self.make_room(title)
 
-    def set_height(self, height: float) -> None:
-        """Set the height; refuse one that leaves too little of the panels."""
+    def set_height(self, height: float | None) -> None:
+        """Set the height; refuse one that leaves too little of the panels.
+
+        Without one, a higher figure gets the height of a page, or the least that the panels take.
+        """
         beside = self.get_figheight() - self._usual
         least = math.ceil(10.0 * (beside + _LEAST_PANELS * self._usual)) / 10.0
-        if height < least:
+        if height is None:
+            height = min(self.get_figheight(), max(HIGHEST, least))
+        elif height < least:
             raise Refused(
                 f"height = {height:g} in is not allowed; expected: at least {least:g} in, of which "
                 f"title and legend take {beside:.1f} in"
@@ -219,8 +226,7 @@ def finish(
             figure.add_title(text)
         if handles:
             figure.add_legend(handles, legend_title, rarest, page.height)
-        if page.height is not None:
-            figure.set_height(page.height)
+        figure.set_height(page.height)
     else:
         if page.title is not None:
             panel.set_title(page.title)

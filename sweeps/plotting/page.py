@@ -24,7 +24,8 @@ class Page:
     width : float, optional
         Width of the figure [inch], by default from matplotlib's ``figure.figsize``.
     height : float, optional
-        Height of the figure [inch], by default the height of its panels, title and legend.
+        Height of the figure [inch], by default the height of its panels, title and legend, up to
+        that of a printed page, 9 inches.
     dpi : int, optional
         Pixels per inch, by default matplotlib's ``savefig.dpi``.
     title : str, optional

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
@@ -25,9 +26,12 @@ from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page
 from sweeps.plotting.styled import styled
 from sweeps.store import columns_of
+from sweeps.text import shown_count
 
 #: Least width of a panel, for its labels [inch].
 _NARROWEST = 2.3
+#: Most rows of panels unless the columns are chosen: more would not fit a printed page.
+_MOST_ROWS = 6
 
 
 @styled
@@ -47,8 +51,8 @@ def table_panels(
     Parameters
     ----------
     axes : sequence of str or DataArray, optional
-        Abscissas: columns of numbers or results, by default the columns that vary; with `ax`, only
-        one.
+        Abscissas: columns of numbers or results, by default the columns that vary, as many
+        as fit a page; the legend says how many are left out. With `ax`, only one.
     quantity : str or DataArray, optional
         The ordinate: a result or a column of numbers, by default ``impacts_per_period``.
     color : str or DataArray, optional
@@ -74,11 +78,14 @@ def table_panels(
     columns = [name for name, values in columns_of(dataset).items() if values.dtype.kind in "iuf"]
     varying = [name for name in columns if np.ptp(dataset[name].values) > 0.0] or columns[:1]
     color = ("period" if "period" in dataset else "status") if color is None else color
+    width = page.width or mpl.rcParams["figure.figsize"][0]
+    columns_beside = max(1, int(width / _NARROWEST))
+    most = 1 if ax is not None else _MOST_ROWS * columns_beside
     names = []
     for wanted in (
         color,
         "impacts_per_period" if quantity is None else quantity,
-        *([*axes] or varying[: None if ax is None else 1]),
+        *([*axes] or varying[:most]),
     ):
         dataset, name = with_number(dataset, wanted)
         names.append(name)
@@ -86,8 +93,7 @@ def table_panels(
     points = read_overlay(overlay, dataset, [abscissas, [ordinate]])
     status = dataset["status"].values
     refuse_without_result(status)
-    width = page.width or mpl.rcParams["figure.figsize"][0]
-    across = min(math.ceil(math.sqrt(len(abscissas))), max(1, int(width / _NARROWEST)))
+    across = min(math.ceil(math.sqrt(len(abscissas))), columns_beside)
     down = math.ceil(len(abscissas) / across)
     if ax is None:
         grid = canvas.Picture(page, 0.75 * down).subplots(down, across, sharey=True, squeeze=False)
@@ -118,4 +124,7 @@ def table_panels(
     measured = draw_overlay(points, [(each, name, ordinate) for each, name in drawn], page)
     shown.add_bar(list(panels[: len(abscissas)]))
     handles = shown.handles() + panels[0].get_legend_handles_labels()[0] + measured
+    if ax is None and not axes and (left := len(varying) - len(abscissas)):
+        text = shown_count(left, "further column")
+        handles.append(Line2D([], [], linestyle="", label=text))
     return canvas.finish(panels[0], page, dataset, handles, shown.title)
