@@ -37,6 +37,9 @@ class Trajectory:
         State at the end of each forcing period.
     max_penetration : float
         Largest x - clearance among the rows, at least 0.
+    x_min, x_max : float
+        Least and greatest x over the whole length, also where the mass turns between two rows; NaN
+        after a failure. See `integrate`.
     status : Status
         The outcome. After a failure the rows are NaN. If only the impulse or the energy lost at the
         impacts overflows, the status is ``NON_FINITE``, as for `integrate`, and the rows are valid.
@@ -58,6 +61,8 @@ class Trajectory:
     section_x: np.ndarray
     section_v: np.ndarray
     max_penetration: float
+    x_min: float
+    x_max: float
     status: Status
 
     def __repr__(self) -> str:
@@ -133,7 +138,8 @@ def simulate(
         run = run_points(points, scheme, Length(transient, 1, 0), False, 1, interrupt)
         points["x0"], points["v0"] = run["begun"].T
         before = Status(run["status"][0])
-    log, status = trace(points, scheme, periods, transient, 1, interrupt, MOST_ROWS)
+    reach = np.empty(2)
+    log, status = trace(points, scheme, periods, transient, 1, interrupt, MOST_ROWS, reach)
     if status is Status.PENDING:
         raise ValueError(
             f"the trajectory has more than {MOST_ROWS:,} rows; expected: fewer periods"
@@ -149,6 +155,8 @@ def simulate(
     rests = _rests(kind, t, points)
     if status is Status.CERTIFIED and not len(rests) and loses_digits(points, x[section][None])[0]:
         status = Status.COMPUTED
+    if status.failed:
+        reach[:] = math.nan
     depth = x[np.isfinite(x)] - oscillator.clearance
     return Trajectory(
         t=t,
@@ -160,6 +168,8 @@ def simulate(
         section_x=x[section],
         section_v=v[section],
         max_penetration=float(depth.max(initial=0.0)),
+        x_min=float(reach[0]),
+        x_max=float(reach[1]),
         status=status,
     )
 

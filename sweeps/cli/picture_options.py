@@ -57,7 +57,7 @@ Quantity = Annotated[
     typer.Option(
         metavar="NAME",
         help="What a map shows, or the ordinate for a table: a number per point, e.g. period, "
-        "lyapunov, energy_lost, mean_force, or another that the file has.",
+        "lyapunov, energy_lost, mean_force, peak_to_peak, or another that the file has.",
     ),
 ]
 Color = Annotated[

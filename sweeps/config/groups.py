@@ -44,7 +44,7 @@ from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
 
 #: Optional quantities of each point, in addition to those that are always recorded.
-DIAGNOSTICS = ("period", "lyapunov")
+DIAGNOSTICS = ("period", "lyapunov", "extremes")
 
 #: Longest transient that is found, if no other is given.
 LONGEST_TRANSIENT = 10_000

@@ -173,6 +173,7 @@ class SweepConfig(Group):
             scaled=follow is None and scales_with_f(grid.swept, grid.fixed),
             followed=follow.axis if follow else None,
             directions=follow.directions if follow else (),
+            extremes="extremes" in record.diagnostics,
         )
         return Sweep(grid, spec)
 

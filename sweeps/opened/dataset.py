@@ -14,7 +14,7 @@ from sweeps.config.loading import stored_config
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.store.variables import columns_of
+from sweeps.store.variables import VARIABLES, columns_of
 from sweeps.text import unit_name
 from vibroimpact.oscillator import Oscillator
 
@@ -83,13 +83,14 @@ def oscillator_of(point: xr.Dataset | np.void | Mapping[str, float]) -> Oscillat
 
 
 def check_diagnostic(dataset: xr.Dataset, name: str) -> None:
-    """Refuse a file in which a diagnostic was not recorded."""
-    if name not in dataset:
-        raise Refused(
-            f"the file has no {name}: run the sweep again with {diagnostics_with(dataset, name)}"
-        )
+    """Refuse a file in which the diagnostic of the variable `name` was not recorded."""
+    diagnostic = VARIABLES[name].diagnostic
+    if name not in dataset and diagnostic is not None:
+        again = f"run the sweep again with {diagnostics_with(dataset, diagnostic)}"
+        raise Refused(f"the file has no {name}: {again}")
 
 
-def diagnostics_with(dataset: xr.Dataset, name: str) -> str:
+def diagnostics_with(dataset: xr.Dataset, diagnostic: str) -> str:
     """Return the key of a configuration that adds a diagnostic to those of a file."""
-    return f"record.diagnostics: [{', '.join(d for d in DIAGNOSTICS if d == name or d in dataset)}]"
+    held = {VARIABLES[str(name)].diagnostic for name in dataset if name in VARIABLES}
+    return f"record.diagnostics: [{', '.join(d for d in DIAGNOSTICS if d in held | {diagnostic})}]"

@@ -74,7 +74,8 @@ def parameter_map(
         values, the later one is the abscissa.
     quantity : str or DataArray, optional
         A variable of the file with a number per point, by default ``period``; ``mean_force``, that
-        on the stop; or numbers computed from the Dataset, with ``long_name`` and ``units``.
+        on the stop; ``peak_to_peak``, where the file has ``x_min`` and ``x_max``; or numbers
+        computed from the Dataset, with ``long_name`` and ``units``.
     exact : Dataset, optional
         Curves of flips, folds and grazes to draw over the map: the result of `sweeps.curves` for
         these axes.

@@ -11,6 +11,7 @@ import xarray as xr
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
 from sweeps.opened.dataset import attributes_with_unit, check_diagnostic, config_of, nomenclature_of
+from sweeps.store import VARIABLES
 from sweeps.text import choice_of, listed, near_miss, suggestion
 from vibroimpact.oscillator import PARAMETERS
 
@@ -19,6 +20,9 @@ Wanted = str | xr.DataArray
 
 #: The mean force on the stop, which follows from the impulse of the file.
 MEAN_FORCE = "mean_force"
+
+#: How far the mass moves, which follows from the extremes of the file.
+PEAK_TO_PEAK = "peak_to_peak"
 
 
 def numbers_of(dataset: xr.Dataset) -> list[str]:
@@ -31,8 +35,8 @@ def numbers_of(dataset: xr.Dataset) -> list[str]:
         and dataset[name].dtype.kind in "biuf"
         and _is_of_points(dataset, dataset[name], "exponent")
     ]
-    follows = held and {"impulse", "rest_fraction"} <= set(dataset.data_vars)
-    return list(dict.fromkeys([*held, MEAN_FORCE])) if follows else held
+    follow = [name for name, (sources, _) in _FOLLOWING.items() if sources <= set(held)]
+    return list(dict.fromkeys([*held, *follow]))
 
 
 def _mean_force(dataset: xr.Dataset) -> xr.DataArray:
@@ -48,6 +52,20 @@ def _mean_force(dataset: xr.Dataset) -> xr.DataArray:
     return force.assign_attrs(about, symbol=r"\overline{F}")
 
 
+def _peak_to_peak(dataset: xr.Dataset) -> xr.DataArray:
+    """Return the greatest displacement less the least."""
+    about = attributes_with_unit(config_of(dataset), "peak-to-peak displacement", "length")
+    travel = dataset["x_max"] - dataset["x_min"]
+    return travel.assign_attrs(about, symbol=r"x_\mathrm{pp}")
+
+
+# What follows from variables of the file: from which, and how.
+_FOLLOWING = {
+    MEAN_FORCE: ({"impulse", "rest_fraction"}, _mean_force),
+    PEAK_TO_PEAK: ({"x_min", "x_max"}, _peak_to_peak),
+}
+
+
 def _is_of_points(dataset: xr.Dataset, values: xr.DataArray, *further: str) -> bool:
     own = set(values.dims) - set(further)
     return bool(own) and own <= set(dataset["status"].dims)
@@ -59,8 +77,9 @@ def with_number(dataset: xr.Dataset, wanted: Wanted) -> tuple[xr.Dataset, str]:
         name = wanted
     else:
         dataset, name = _with_own(dataset, wanted)
-    if name in DIAGNOSTICS:
-        check_diagnostic(dataset, name)
+    needed = "x_min" if name == PEAK_TO_PEAK else name
+    if needed in VARIABLES and VARIABLES[needed].diagnostic in DIAGNOSTICS:
+        check_diagnostic(dataset, needed)
     available = numbers_of(dataset)
     if name not in available:
         problem = f"there is no {name or repr(name)}{suggestion(near_miss(name, available))}"
@@ -68,7 +87,8 @@ def with_number(dataset: xr.Dataset, wanted: Wanted) -> tuple[xr.Dataset, str]:
             problem = f"{name} is not a number for each point"
         raise Refused(f"{problem}; {choice_of(available)}")
     if name not in dataset:
-        dataset = dataset.assign({name: _mean_force(dataset)})
+        _, computed = _FOLLOWING[name]
+        dataset = dataset.assign({name: computed(dataset)})
     about = {"long_name": name, "units": "1", "symbol": ""} | dataset[name].attrs
     described = dataset.copy()
     described[name].attrs = about

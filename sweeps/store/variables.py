@@ -117,6 +117,12 @@ VARIABLES: Mapping[str, Variable] = {
     "lyapunov": Variable(
         "exponent", "1/time", "Lyapunov exponent", r"\lambda", diagnostic="lyapunov"
     ),
+    "x_min": Variable(
+        None, "length", "least displacement", r"x_\mathrm{min}", diagnostic="extremes"
+    ),
+    "x_max": Variable(
+        None, "length", "greatest displacement", r"x_\mathrm{max}", diagnostic="extremes"
+    ),
     "status": Variable(None, "1", "what became of the point", "", dtype="int8"),
 }
 

@@ -8,6 +8,7 @@ POWERS = {
     "x0": (0, 1), "v0": (1, 1), "x": (0, 1), "v": (1, 1), "poincare_x": (0, 1),
     "poincare_v": (1, 1), "poincare_height": (0, 1), "impact_v": (1, 1), "slowest_impact": (1, 1),
     "fastest_impact": (1, 1), "impulse": (1, 1), "energy_lost": (2, 2), "max_penetration": (0, 1),
+    "x_min": (0, 1), "x_max": (0, 1),
     "lyapunov": (1, 0), "section_x": (0, 1), "section_v": (1, 1), "speeds": (1, 1),
     "integrity_factor": (0, 1), "disc_x": (0, 1), "disc_v": (1, 1), "local_integrity": (0, 1),
     "knock_x": (0, 1), "knock_v": (1, 1), "knock_harmless": (1, 1), "knock_harmful": (1, 1),

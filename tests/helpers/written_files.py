@@ -37,6 +37,7 @@ def spec_of(widths=WIDTHS, diagnostics=DIAGNOSTICS):
         scaled=False,
         followed=None,
         directions=(),
+        extremes="extremes" in diagnostics,
     )
 
 

@@ -16,11 +16,14 @@ from vibroimpact.kernel.threads import KernelJob, lanes_per_thread, run_on_threa
 from vibroimpact.oscillator import refuse_invalid, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import impulse_and_loss
+from vibroimpact.step.recorder import extremes_of
 from vibroimpact.step.scheme import (
     EXACT,
     MOST_PERIODS,
     MOST_RECORDED,
+    THETA,
     Scheme,
+    lead_in,
     scheme_of,
 )
 
@@ -49,6 +52,7 @@ def integrate(
     at_section: bool = False,
     impacts: int = 64,
     lyapunov: bool = False,
+    extremes: bool = False,
     threads: int | None = None,
 ) -> dict[str, np.ndarray]:
     """Run every parameter point from its start and record its attractor.
@@ -80,6 +84,9 @@ def integrate(
         How many of the last impacts to keep, at most 1,000,000.
     lyapunov : bool
         Whether to compute the Lyapunov exponents; with the rule ``exact`` only.
+    extremes : bool
+        Whether to compute the least and the greatest displacement. This follows the recorded
+        periods once more, point by point.
     threads : int, optional
         Threads to use; all by default. The results do not depend on it.
 
@@ -103,6 +110,13 @@ def integrate(
         With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first. Both are -inf
         after a rest, which erases the past; the second is -inf after an impact with R = 0, because
         the motion after it depends only on its phase.
+
+        With `extremes` also ``x_min`` and ``x_max`` : (n,), the least and the greatest x of the
+        recorded periods, with their beginning. With the rule ``exact`` the turning points between
+        the steps are right to rounding, and x_max is the clearance after an impact or a rest. With
+        time stepping they are those of the cubic Hermite interpolant between two states of the
+        method, and x_max exceeds the clearance by ``max_penetration``: states beyond the stop
+        count, but not an interpolant between them.
 
     Raises
     ------
@@ -128,12 +142,16 @@ def integrate(
     """
     at_section = FLAG.checked("at_section", at_section)
     lyapunov = FLAG.checked("lyapunov", lyapunov)
+    extremes = FLAG.checked("extremes", extremes)
     refuse_invalid(points, beyond_stop=at_section and impact == "plain")
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section, start)
     if lyapunov and scheme.method[0] != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
     length = Length(transient, periods, impacts)
-    results = run_points(points, scheme, length, lyapunov, threads, np.zeros(1, np.int64))
+    interrupt = np.zeros(1, np.int64)
+    results = run_points(points, scheme, length, lyapunov, threads, interrupt)
+    if extremes:
+        results |= recorded_extremes(points, scheme, length, results, threads, interrupt)
     del results["begun"]
     return results
 
@@ -163,6 +181,36 @@ def run_points(
     if not lyapunov:
         del results["lyapunov"]
     return results | ({"destination": found} if classes else {})
+
+
+def record_begins(
+    points: np.ndarray, scheme: Scheme, transient: int, begun: np.ndarray
+) -> tuple[np.ndarray, Scheme]:
+    """Return points that start where the record begins, and their scheme.
+
+    `begun` is that of ``run_points``.
+    """
+    if transient == 0:
+        return points, scheme
+    points = points.copy()  # the record begins at a section
+    points["x0"], points["v0"] = begun.T
+    phase = scheme.grid.table[THETA, 0]
+    return points, scheme._replace(lead=lead_in(phase, phase, scheme.grid.size))
+
+
+def recorded_extremes(
+    points: np.ndarray,
+    scheme: Scheme,
+    length: Length,
+    results: Mapping[str, np.ndarray],
+    threads: int | None,
+    interrupt: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Return ``x_min`` and ``x_max`` of the record that ``run_points`` returned."""
+    begins, scheme = record_begins(points, scheme, length.transient, results["begun"])
+    failed = (results["status"] >= Status.UNRESOLVED) | (results["status"] == Status.PENDING)
+    values = extremes_of(begins, scheme, length.periods, length.transient, threads, interrupt)
+    return {name: np.where(failed, np.nan, extreme) for name, extreme in values.items()}
 
 
 def _record(

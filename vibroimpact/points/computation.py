@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from vibroimpact.kernel.integrate import Length, run_points
+from vibroimpact.kernel.integrate import Length, record_begins, recorded_extremes, run_points
 from vibroimpact.oscillator import mesh
 from vibroimpact.points.destinations import classified
 from vibroimpact.points.following import follow_chains
@@ -14,7 +14,7 @@ from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.scaling import computed_once
 from vibroimpact.points.transient import run_with_own_transients
 from vibroimpact.step.recorder import trajectories
-from vibroimpact.step.scheme import lead_in, scheme_of
+from vibroimpact.step.scheme import scheme_of
 
 
 def compute_box(
@@ -91,12 +91,11 @@ def _run(
     )  # fmt: skip
     length = Length(spec.transient, spec.periods, spec.impacts)
     results = run_points(points, scheme, length, spec.lyapunov, threads, interrupt, spec.period)
+    if spec.extremes:
+        results |= recorded_extremes(points, scheme, length, results, threads, interrupt)
     begun = results.pop("begun")
     if spec.every is not None:
-        if spec.transient > 0:  # the record begins at a section
-            lead = lead_in(spec.phase, spec.phase, spec.steps_per_period)
-            points, scheme = points.copy(), scheme._replace(lead=lead)
-            points["x0"], points["v0"] = begun.T
+        points, scheme = record_begins(points, scheme, spec.transient, begun)
         # A start beyond the phase of the section passes it in the next period of the clock.
         first = spec.transient + (not at_section and spec.start > spec.phase)
         # A rest has two events besides its impacts, and may begin before the record.

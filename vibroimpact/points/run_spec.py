@@ -28,10 +28,11 @@ class RunSpec:
     #: directions: ``up``, ``down`` or both.
     followed: str | None
     directions: tuple[str, ...]
+    extremes: bool = False  #: Whether to find the least and the greatest displacement.
 
     def part(self, transient: int, periods: int, impacts: int, lyapunov: bool) -> RunSpec:
-        """Return the specification of a part of the run, without a trajectory."""
+        """Return the specification of a part of the run, without trajectory and extremes."""
         return replace(
             self, transient=transient, longest=None, periods=periods, impacts=impacts,
-            lyapunov=lyapunov, every=None, scaled=False,
+            lyapunov=lyapunov, every=None, extremes=False, scaled=False,
         )  # fmt: skip

@@ -25,6 +25,8 @@ SCALED = (
     "fastest_impact",
     "impulse",
     "max_penetration",
+    "x_min",
+    "x_max",
     "orbit_x",
     "orbit_v",
 )

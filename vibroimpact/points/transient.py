@@ -14,6 +14,7 @@ worst of all stages: a motion that failed in one has no record.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -107,6 +108,7 @@ def _recorded(
     for started, more in np.unique(np.stack([done > 0, needed]), axis=1).T.tolist():
         rows = np.flatnonzero((needed == more) & ((done > 0) == bool(started)))
         record = spec.part(more, spec.periods, spec.impacts, spec.lyapunov)
+        record = replace(record, extremes=spec.extremes)
         for name, values in run(record, state[rows], bool(started)).items():
             if name not in arrays:
                 arrays[name] = np.empty((points.size, *values.shape[1:]), values.dtype)

@@ -76,7 +76,7 @@ def value_and_slope(c, m, u):
 
 
 @inlined
-def _curvature(c, m, u):
+def curvature(c, m, u):
     """Return the second derivative of sum_k c[m + k] u^k."""
     if u == 0.0:
         return 2.0 * c[m + 2]
@@ -133,7 +133,7 @@ def _root(c, m, low, high, u):
 
 
 @jit
-def _turning_point(c, m, low, high):
+def turning_point(c, m, low, high):
     """Return where the slope of a polynomial falls through zero between `low` and `high`."""
     for _ in range(60):
         u = 0.5 * (low + high)
@@ -143,7 +143,7 @@ def _turning_point(c, m, low, high):
                 low = u
             else:
                 high = u
-            second = _curvature(c, m, u)
+            second = curvature(c, m, u)
             new = u - slope / second if second < 0.0 else -1.0
             if abs(new - u) <= 1e-8 * u:
                 return smaller(larger(new, low), high)
@@ -172,13 +172,13 @@ def first_crossing(c, m, end):
         if not a < end:
             return -1.0, turn
         b = end if a + width >= end else a + width
-        second = _curvature(c, m, a)
+        second = curvature(c, m, a)
         if abs(second) < jerk * (b - a) and b - a > _NARROWEST:
             width = 0.5 * (b - a)
             continue
         value, slope = value_and_slope(c, m, b)
         if slope_a > 0.0 and slope <= 0.0:
-            top = _turning_point(c, m, a, b)
+            top = turning_point(c, m, a, b)
             height, _ = value_and_slope(c, m, top)
             turn = larger(turn, height * top**m)
             if height > 0.0:

@@ -8,7 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import ALL_THREADS, claim, compiled, is_set, jit, on_threads, specialised
+from vibroimpact.jit import (
+    ALL_THREADS,
+    claim,
+    compiled,
+    inlined,
+    is_set,
+    jit,
+    on_threads,
+    specialised,
+)
 from vibroimpact.oscillator import with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import (
@@ -30,11 +39,14 @@ from vibroimpact.step.stepper import (
     take_grid_step,
     to_state,
 )
+from vibroimpact.step.turning_points import widen, widen_by_exact_step, widen_by_step
 
 # Kinds of row besides the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
 #: The columns of a trajectory.
 TRAJECTORY = "trajectory_t", "trajectory_x", "trajectory_v"
+#: The least and the greatest displacement of a record.
+EXTREMES = "x_min", "x_max"
 _PENDING = int(Status.PENDING)
 _NO_LIMIT = sys.maxsize
 
@@ -83,6 +95,23 @@ def _put_start(log, t, pt, resting):
 
 
 @specialised
+def _put_first(log, t, pt, rule, state, first, led, reach):
+    """Write the rows at the section number `first`; `led` says whether steps have led to it."""
+    x, v = from_state(rule, state, pt)
+    widen(reach, x if led else pt.x0)
+    if first == 0 and not led:
+        return _put_start(log, t, pt, state[2])
+    return _put(log, 0, REST if state[2] else _STATE, t, x, v)
+
+
+@inlined
+def _renewed(mark, due, state, period):
+    """Return whether a motion is back at its mark, an earlier section; its mark; when it is due."""
+    back = state == mark
+    return (back, state, period + 1 + period // 4) if period >= due else (back, mark, due)
+
+
+@specialised
 def _first_state(pt, rule, s, continued):
     """Return the state at the start, where the phase has the sine `s`, or at a later section."""
     x, v, resting = start(pt, s)
@@ -109,13 +138,18 @@ class TraceJob(NamedTuple):
     #: Receives the number of rows that a log needs, and the status, shape (n, 2). The status of a
     #: motion that ends early is ``PENDING``.
     outcomes: np.ndarray
+    reach: np.ndarray  #: Receives the least and the greatest displacement, shape (n, 2).
     claimed: np.ndarray  #: Number of points taken by the threads so far, shape (1,).
     interrupt: np.ndarray  #: Once it is set, the motions end within a forcing period. Shape (1,).
 
 
 @specialised
-def _trace(job, i, prepare, take):
-    """Run a point as the kernel's lanes do, and log its motion; return its rows and its status."""
+def _trace(job, i, prepare, take, widen_by):
+    """Run a point as the kernel's lanes do, and log its motion; return its rows and its status.
+
+    Without room for a log, a motion that has come back to the same bits ends: it repeats.
+    """
+    reach = job.reach[i]
     pt, log = job.points[i], job.logs[:, job.starts[i] : job.starts[i + 1]]
     first, every, periods = job.first, job.every, job.periods
     scratch, (method, lead, grid) = new_scratch(), job.scheme
@@ -124,25 +158,25 @@ def _trace(job, i, prepare, take):
     state, status = _first_state(pt, rule, sine_at_start(lead, grid), continued), 0
     size, T = grid.size, grid.phase_step / pt.omega
     t = (2.0 * math.pi * first + grid.table[THETA, 0]) / pt.omega
-    rows = 0
+    rows, due, mark = 0, 1, (math.nan, math.nan, False)
     for k in range(-1, periods):
         if is_set(job.interrupt):
+            reach[:] = math.nan
             return 0, _PENDING
         phases = lead if k < 0 else grid
         if k <= 0:
             prepared = prepare(method, phases, pt)
-        if k == 0 and first == 0 and lead.size == 0:
-            rows = _put_start(log, t, pt, state[2])
-        elif k == 0:
-            x, v = from_state(rule, state, pt)
-            rows = _put(log, 0, REST if state[2] else _STATE, t, x, v)
+        if k == 0:
+            rows = _put_first(log, t, pt, rule, state, first, lead.size > 0, reach)
         for n in range(phases.size):
             if rows > job.most_rows:
                 return 0, _PENDING
+            before = state
             state, n_events, outcome = take(method, prepared, state, phases, n, pt, scratch)
             status = max(status, outcome)
             if k < 0:
                 continue
+            widen_by(prepared, (before, state), n_events, phases, n, pt, scratch, reach)
             x, v = from_state(rule, state, pt)
             last = n + 1 == size
             if last:
@@ -154,19 +188,22 @@ def _trace(job, i, prepare, take):
                     rows -= 1  # replace the state after an impact at the end of the step
                 rows = _put(log, rows, SECTION if last else _STATE, t_T, x, v)
             t = t_T
+        back, mark, due = _renewed(mark, due, state, k + 1)
+        if back and log.shape[1] == 0:
+            break
     return rows, status
 
 
 @specialised
-def _trace_points(job, prepare, take):
+def _trace_points(job, prepare, take, widen_by):
     """Log point after point until the threads have taken all of them.
 
-    `prepare` and `take` are the functions of the rule, so that those of the others are not
-    compiled.
+    `prepare`, `take` and `widen_by` are the functions of the rule, so that those of the others are
+    not compiled.
     """
     i = claim(job.claimed)
     while i < job.points.size:  # terminates: the counter only rises
-        rows, status = _trace(job, i, prepare, take)
+        rows, status = _trace(job, i, prepare, take, widen_by)
         job.outcomes[i, 0], job.outcomes[i, 1] = rows, status
         i = claim(job.claimed)
 
@@ -174,13 +211,36 @@ def _trace_points(job, prepare, take):
 @jit
 def _trace_exact(job):
     """Log points with the rule ``exact``."""
-    _trace_points(job, prepare_exact, take_exact_grid_step)
+    _trace_points(job, prepare_exact, take_exact_grid_step, widen_by_exact_step)
 
 
 @jit
 def _trace_steps(job):
     """Log points with a rule of time stepping."""
-    _trace_points(job, prepare, take_grid_step)
+    _trace_points(job, prepare, take_grid_step, widen_by_step)
+
+
+def _trace_on_threads(
+    points: np.ndarray,
+    scheme: Scheme,
+    extent: tuple[int, int, int, int],
+    threads: int,
+    interrupt: np.ndarray,
+    columns: int,
+    room: np.ndarray,
+) -> tuple[np.ndarray, TraceJob]:
+    """Log motions with `room` for so many rows of each; return where their logs start, and the job.
+
+    `points` have one force.
+    """
+    run = _trace_exact if scheme.method[0] == EXACT else _trace_steps
+    starts, n = np.concatenate([[0], np.cumsum(room)]), points.size
+    reach = np.tile([math.inf, -math.inf], (n, 1))
+    logs = np.empty((columns, starts[-1]))  # memory that is not written is not taken
+    outcomes, claimed = np.zeros((n, 2), np.int64), np.zeros(1, np.int64)
+    job = TraceJob(points, scheme, *extent, logs, starts, outcomes, reach, claimed, interrupt)
+    on_threads(threads, interrupt, compiled(run, job), job)
+    return starts, job
 
 
 def _logged(
@@ -191,27 +251,24 @@ def _logged(
     interrupt: np.ndarray | None,
     columns: int,
     events: np.ndarray | None = None,
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """Log motions; return their logs, of shape (columns, rows) each, and their outcomes.
+) -> tuple[list[np.ndarray], TraceJob]:
+    """Log motions; return their logs, of shape (columns, rows) each, and the job that logged them.
 
     `extent` holds `periods`, `first`, `every` and `most_rows` of the job. There is room for so many
     `events` of each motion at first, by default for four in a period; an event takes two rows.
     """
-    n, run = points.size, _trace_exact if scheme.method[0] == EXACT else _trace_steps
+    n = points.size
     interrupt = np.zeros(1, np.int64) if interrupt is None else interrupt
     periods, _, every, _ = extent
     rows = np.full(n, 4 * periods) if events is None else np.ceil(events).astype(np.int64)
     rows = 2 * rows + periods * scheme.grid.size // every + 1
-    room, outcomes = np.zeros(n, np.int64), np.zeros((n, 2), np.int64)
+    room = np.zeros(n, np.int64)
     points = with_one_force(points)
     while (rows > room).any():  # terminates: the second pass needs as many rows as the first
-        room, claimed = np.maximum(rows, room), np.zeros(1, np.int64)
-        starts = np.concatenate([[0], np.cumsum(room)])
-        logs = np.empty((columns, starts[-1]))  # memory that is not written is not taken
-        job = TraceJob(points, scheme, *extent, logs, starts, outcomes, claimed, interrupt)
-        on_threads(threads, interrupt, compiled(run, job), job)
-        rows = outcomes[:, 0]
-    return [logs[:, starts[i] : starts[i] + rows[i]] for i in range(n)], outcomes
+        room = np.maximum(rows, room)
+        starts, job = _trace_on_threads(points, scheme, extent, threads, interrupt, columns, room)
+        rows = job.outcomes[:, 0]
+    return [job.logs[:, starts[i] : starts[i] + rows[i]] for i in range(n)], job
 
 
 def trace(
@@ -222,6 +279,7 @@ def trace(
     every: int = 1,
     interrupt: np.ndarray | None = None,
     most_rows: int = _NO_LIMIT,
+    reach: np.ndarray | None = None,
 ) -> tuple[np.ndarray, Status]:
     """Log the motion of one parameter point, an array of shape (1,); return the log and the status.
 
@@ -229,13 +287,16 @@ def trace(
     `every`-th state of the grid, and both sides of every impact. Its clock begins at the section
     number `first`. A run that ends early, because of
     `interrupt` as for ``run_points`` or because its log has more than `most_rows`, has an empty log
-    and the status ``PENDING``.
+    and the status ``PENDING``. `reach`, of shape (2,), receives the least and the greatest
+    displacement.
     """
     if periods * (scheme.grid.size // every) > most_rows:
         return np.empty((0, 4)), Status.PENDING
     extent = (periods, first, every, most_rows)
-    (log,), ((_, status),) = _logged(points, scheme, extent, 1, interrupt, 4)
-    log = log.T
+    (log,), job = _logged(points, scheme, extent, 1, interrupt, 4)
+    log, status = log.T, job.outcomes[0, 1]
+    if reach is not None:
+        reach[:] = job.reach[0]
     if status == Status.PENDING:
         return log, Status.PENDING
     done = Status.CERTIFIED if scheme.method[0] == EXACT else Status.COMPUTED
@@ -270,3 +331,22 @@ def trajectories(
         for name, samples in zip(TRAJECTORY, log, strict=True):
             found[name][i] = samples
     return found
+
+
+def extremes_of(
+    points: np.ndarray,
+    scheme: Scheme,
+    periods: int,
+    first: int,
+    threads: int | None,
+    interrupt: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Follow many parameter points; return ``x_min`` and ``x_max`` of their motions, (n,).
+
+    The arguments are those of `trajectories`. An interrupted point has NaN.
+    """
+    points, n = with_one_force(points), points.size
+    threads = min(ALL_THREADS if threads is None else threads, n)
+    extent, room = (periods, first, 1, _NO_LIMIT), np.zeros(n, np.int64)
+    _, job = _trace_on_threads(points, scheme, extent, threads, interrupt, 3, room)
+    return dict(zip(EXTREMES, job.reach.T, strict=True))

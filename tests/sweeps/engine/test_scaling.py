@@ -20,7 +20,7 @@ SWEEP = {
         "transient": 40,
         "periods": 6,
         "impacts": 30,
-        "diagnostics": ["period", "lyapunov"],
+        "diagnostics": ["period", "lyapunov", "extremes"],
         "trajectory": {"every": 5},
     },
 }
@@ -54,7 +54,10 @@ def lone(f, method):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "method",
-    [(), ("method={integrator: rk4, impact: reduced-step}", "record.diagnostics=[period]")],
+    [
+        (),
+        ("method={integrator: rk4, impact: reduced-step}", "record.diagnostics=[period, extremes]"),
+    ],
 )
 def test_the_scaled_results_are_the_computed_ones(counted, method):
     """Bit for bit for powers of two, to rounding otherwise; one run for every f of a point."""

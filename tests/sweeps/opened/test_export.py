@@ -19,7 +19,7 @@ from vibroimpact.status import Evidence, Status
 
 CONFIG = """\
 oscillator: {h: 0.1, R: [0.5, 0.8], omega: {start: 1.0, stop: 3.0, num: 7}, f: 1.0}
-record: {transient: 20, periods: 8, impacts: 4, diagnostics: [period, lyapunov]}
+record: {transient: 20, periods: 8, impacts: 4, diagnostics: [period, lyapunov, extremes]}
 """
 
 

@@ -291,3 +291,27 @@ def test_the_points_of_a_table_are_coloured(tmp_path):
         figure = table_panels(points, quantity="impulse", color="part", axes=[square])
         assert [panel.get_xlabel() for panel in figure.axes] == ["square", "part"]
         plot(points, tmp_path / "a.png", color=points["impulse"], quantity=points["omega"])
+
+
+def test_the_peak_to_peak_displacement_is_what_the_samples_nearly_reach(tmp_path):
+    """With 500 samples a period, those beside a turn miss at most about (pi / 500)^2 / 2 of it."""
+    kept = "units: {length: mm, time: s}\nmethod: {steps_per_period: 500}" + SWEEP.replace(
+        "impacts", "trajectory: {every: 1}, impacts"
+    ).replace("period, lyapunov", "period, extremes")
+    with open_sweep(run_in(tmp_path, kept)) as recorded:
+        figure = parameter_map(recorded, quantity="peak_to_peak")
+        drawn = figure.axes[0].collections[0].get_array()
+        assert figure.axes[1].get_xlabel() == r"peak-to-peak displacement $x_\mathrm{pp}$ [mm]"
+        x = recorded["trajectory_x"]
+        sampled = (x.max("sample") - x.min("sample")).values
+        (below,) = bifurcation(recorded, at={"R": 0.8}, below="peak_to_peak").axes[1].lines
+        assert recorded["x_min"].attrs["units"] == recorded["x_max"].attrs["units"] == "mm"
+    np.testing.assert_allclose(drawn, sampled, rtol=1e-4)
+    assert (drawn >= sampled).all() and (drawn > sampled).any()
+    np.testing.assert_array_equal(below.get_ydata(), drawn[1])
+
+
+def test_a_file_without_extremes_has_no_peak_to_peak_displacement(dataset):
+    again = r"no x_min: .* record.diagnostics: \[period, lyapunov, extremes\]"
+    with pytest.raises(Refused, match=again):
+        parameter_map(dataset, quantity="peak_to_peak")

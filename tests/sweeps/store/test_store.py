@@ -148,7 +148,8 @@ def test_a_width_of_zero_leaves_the_variables_out(tmp_path):
         ((), set()),
         (("period",), {"period", "period_impacts"}),
         (("lyapunov",), {"lyapunov"}),
-        (DIAGNOSTICS, {"period", "period_impacts", "lyapunov"}),
+        (("extremes",), {"x_min", "x_max"}),
+        (DIAGNOSTICS, {"period", "period_impacts", "lyapunov", "x_min", "x_max"}),
     ],
 )
 def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected):
@@ -156,7 +157,8 @@ def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected)
     with sweep_writer(tmp_path / "out.h5", schema(diagnostics=diagnostics)):
         with open_sweep(tmp_path / "out.h5") as dataset:
             assert set(dataset.data_vars) == set(held)
-            assert {"period", "period_impacts", "lyapunov"} & set(held) == expected
+            of_diagnostics = {"period", "period_impacts", "lyapunov", "x_min", "x_max"}
+            assert of_diagnostics & set(held) == expected
             assert ("exponent" in dataset.sizes) == ("lyapunov" in diagnostics)
     needed = {variable.diagnostic for variable in VARIABLES.values()}
     assert needed == {None, "longest", *DIAGNOSTICS}

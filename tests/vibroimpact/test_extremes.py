@@ -1,0 +1,209 @@
+"""The least and the greatest displacement, against walks that share no code with the package."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
+
+from tests.helpers.kernel_cases import METHODS, random_points, steps_for, taken_apart
+from tests.helpers.naive import ClosedForm
+from tests.helpers.other_units import in_units
+from tests.vibroimpact.test_repeats import mixed_points
+from vibroimpact import Oscillator, Status, integrate, simulate
+from vibroimpact.oscillator import POINT
+from vibroimpact.step.scheme import default_steps
+
+NAMES = "x_min", "x_max"
+
+
+def turns_of_flight(osc, t, x, v, t_T):
+    """Return x at the ends and at the turning points of a flight, from the closed form."""
+    form = ClosedForm(osc, t, x, v)
+    fastest = 2.0 * osc.h + osc.p + osc.omega
+    grid = np.linspace(t, t_T, 20 + math.ceil((t_T - t) * fastest / 0.02))
+    heights, slopes = form(grid)
+    found = [x, heights[-1]]
+    for i in np.flatnonzero((slopes[1:-1] < 0.0) != (slopes[2:] < 0.0)) + 1:
+        found.append(form(brentq(lambda q: form(q)[1], grid[i], grid[i + 1], xtol=1e-14))[0])
+    first = form(grid[1])
+    if v * first[1] < 0.0:  # the first turn of a short flight
+        found.append(form(brentq(lambda q: form(q)[1], t, grid[1], xtol=1e-300))[0])
+    return [min(x, osc.clearance) for x in found]
+
+
+def exact_extremes(osc, tr, x0, v0):
+    """Return the extremes of a motion, from its impacts and rests and the closed form between."""
+    later = tr.impact_t > 0.0
+    starts = [(t, osc.clearance, -osc.R * v) for t, v in zip(tr.impact_t, tr.impact_v, strict=True)]
+    if later.all() and not (len(tr.rests) and tr.rests[0, 0] == 0.0):
+        starts.append((0.0, x0, v0))
+    starts += [(end, osc.clearance, 0.0) for end in tr.rests[:, 1] if end < tr.t[-1]]
+    events = np.sort(np.concatenate([tr.impact_t, tr.rests[:, 0], [tr.t[-1]]]))
+    found = [x0] + [osc.clearance] * (len(tr.impact_t) + len(tr.rests) > 0)
+    for t, x, v in starts:
+        if t in tr.rests[:, 0]:  # an impact from which the mass does not rebound
+            continue
+        after = events[events > t]
+        if len(after):
+            found += turns_of_flight(osc, t, x, v, after[0])
+    return min(found), max(found)
+
+
+def exact_points(count, seed):
+    """Return random points at which the closed form of the test keeps its digits."""
+    points, rng = random_points(count, seed), np.random.default_rng(seed)
+    points["h"] = rng.uniform(0.0, 0.4, count) * rng.choice([1.0, 0.1], count)
+    near = np.abs(points["omega"] - points["p"]) < 0.05
+    points["omega"][near] += 0.1
+    return points
+
+
+def compare_with_walk(points, periods):
+    """Compare with the walk; return how many motions met the stop, and how many rested."""
+    n, met, rested = default_steps(points, "exact"), 0, 0
+    out = integrate(points, steps_per_period=n, transient=0, periods=periods, extremes=True)
+    for i, point in enumerate(points):
+        osc, x0, v0 = taken_apart(point)
+        tr = simulate(osc, periods, steps_per_period=n, x0=x0, v0=v0)
+        assert (out["x_min"][i], out["x_max"][i]) == (tr.x_min, tr.x_max)
+        least, greatest = exact_extremes(osc, tr, x0, v0)
+        size = max(greatest - least, abs(osc.clearance), 1e-300)
+        assert abs(tr.x_min - least) <= 1e-12 * size, point
+        assert abs(tr.x_max - greatest) <= 1e-12 * size, point
+        if len(tr.impact_t) + len(tr.rests) > 0:
+            assert tr.x_max == osc.clearance
+        met, rested = met + (len(tr.impact_t) > 0), rested + (len(tr.rests) > 0)
+    return met, rested
+
+
+def test_exact_motions_turn_where_the_closed_form_does():
+    met, rested = compare_with_walk(exact_points(100, 5), 6)
+    assert met > 60 and rested > 10
+
+
+@pytest.mark.slow
+def test_many_exact_motions_turn_where_the_closed_form_does():
+    met, rested = compare_with_walk(exact_points(2000, 6), 6)
+    assert met > 1200 and rested > 200
+
+
+def test_a_free_motion_has_the_amplitude_of_the_linear_oscillator():
+    """At 2.3 with h = .1, f / ((1 - omega^2)^2 + 4 h^2 omega^2)^(1/2)."""
+    osc = Oscillator(h=0.1, R=0.7, omega=2.3, f=1.0, clearance=5.0)
+    out = integrate(osc.at(), transient=400, periods=3, extremes=True)
+    amplitude = 1.0 / math.hypot(1.0 - 2.3**2, 0.2 * 2.3)
+    np.testing.assert_allclose(out["x_max"], amplitude, rtol=1e-13)
+    np.testing.assert_allclose(out["x_min"], -amplitude, rtol=1e-13)
+
+
+def test_a_mass_at_rest_stays_at_the_stop():
+    osc = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0, clearance=-2.0)
+    out = integrate(osc.at(-2.0), transient=0, periods=2, extremes=True)
+    assert out["rest_fraction"] == 1.0 and out["x_min"] == out["x_max"] == -2.0
+
+
+def stepped_extremes(osc, tr, rule):
+    """Return the extremes of the cubics between the rows of a trajectory by time steps."""
+    least, greatest = tr.x.min(), tr.x.max()
+    starts = set(tr.rests[:, 0])
+    for k in range(len(tr.t) - 1):
+        t, T = tr.t[k], tr.t[k + 1] - tr.t[k]
+        if T <= 0.0 or any(begin <= t < end for begin, end in tr.rests):
+            continue
+        x, v = tr.x[k : k + 2], tr.v[k : k + 2]
+        push = -osc.f * math.sin(osc.omega * t) - osc.p**2 * osc.clearance
+        if tr.t[k + 1] in starts and k and x[0] == osc.clearance and 0.0 < -v[0] < push * T:
+            turns = [osc.clearance - v[0] ** 2 / (2.0 * push)]
+        else:
+            cubic = CubicHermiteSpline([0.0, T], x, v)
+            turns = cubic(cubic.derivative().roots(extrapolate=False))
+        for turn in turns:
+            least, greatest = min(least, turn), max(greatest, min(turn, osc.clearance))
+    return least, greatest
+
+
+@pytest.mark.parametrize(
+    ("rule", "integrator"), [("plain", "rk4"), ("reduced-step", "newmark"), ("cubic", "rk4")]
+)
+def test_time_stepping_turns_where_its_cubics_do(rule, integrator):
+    points = random_points(50, 8)
+    out = integrate(
+        points, impact=rule, integrator=integrator, steps_per_period=40, transient=0, periods=4,
+        extremes=True,
+    )  # fmt: skip
+    beyond = 0
+    for i, point in enumerate(points):
+        osc, x0, v0 = taken_apart(point)
+        tr = simulate(osc, 4, integrator, rule, 40, x0, v0)
+        assert (out["x_min"][i], out["x_max"][i]) == (tr.x_min, tr.x_max)
+        least, greatest = stepped_extremes(osc, tr, rule)
+        size = max(greatest - least, abs(osc.clearance), 1e-300)
+        assert abs(tr.x_min - least) <= 1e-12 * size, point
+        assert abs(tr.x_max - greatest) <= 1e-12 * size, point
+        if tr.max_penetration > 0.0:
+            beyond += 1
+            assert tr.x_max - osc.clearance == tr.max_penetration
+    assert (beyond > 20) == (rule == "plain")
+
+
+@METHODS
+@pytest.mark.parametrize("transient", [0, 60])
+def test_copied_periods_have_the_extremes_of_computed_ones(rule, integrator, transient):
+    """Runs of one period, each from the last section of the one before, cannot copy any."""
+    points, periods = mixed_points(60, 4), 30
+    method = {"impact": rule, "integrator": integrator, "steps_per_period": steps_for(points, rule)}
+    whole = integrate(points, transient=transient, periods=periods, extremes=True, **method)
+    if transient:
+        before = integrate(points, transient=0, periods=transient, **method)
+        points["x0"], points["v0"] = before["poincare_x"][:, -1], before["poincare_v"][:, -1]
+    pieces = []
+    for k in range(periods):
+        later = k > 0 or transient > 0
+        piece = integrate(points, transient=0, periods=1, at_section=later, extremes=True, **method)
+        points["x0"], points["v0"] = piece["poincare_x"][:, 0], piece["poincare_v"][:, 0]
+        pieces.append(piece)
+    ok = whole["status"] < Status.UNBOUNDED
+    assert ok.mean() > 0.9
+    for name, extreme in zip(NAMES, (np.minimum, np.maximum), strict=True):
+        values = extreme.reduce([piece[name] for piece in pieces])
+        np.testing.assert_array_equal(whole[name][ok], values[ok], err_msg=name)
+    assert (whole["x_min"] <= whole["poincare_x"].min(axis=1))[ok].all()
+    assert (whole["x_max"] >= whole["poincare_x"].max(axis=1))[ok].all()
+
+
+@METHODS
+def test_blocks_and_threads_change_no_bit(rule, integrator):
+    points = mixed_points(70, 9)
+    method = {"impact": rule, "integrator": integrator, "steps_per_period": steps_for(points, rule)}
+    record = {"transient": 40, "periods": 20, "phase": 0.7, "start": 2.0, "extremes": True}
+    whole = integrate(points, threads=2, **method, **record)
+    for lo in range(0, 70, 23):
+        part = integrate(points[lo : lo + 23], threads=1, **method, **record)
+        for name in NAMES:
+            np.testing.assert_array_equal(part[name], whole[name][lo : lo + 23])
+
+
+@METHODS
+@pytest.mark.parametrize(("rate", "length"), [(2.0**10, 2.0**5), (2.0**-20, 2.0**300)])
+def test_units_change_no_bit_of_the_extremes(rule, integrator, rate, length):
+    points = random_points(100)
+    method = {"impact": rule, "integrator": integrator, "steps_per_period": steps_for(points, rule)}
+    record = {"transient": 5, "periods": 12, "extremes": True}
+    own = integrate(points, **method, **record)
+    for name in POINT.names:
+        points[name] = in_units(name, points[name], rate, length)
+    other = integrate(points, **method, **record)
+    for name in NAMES:
+        np.testing.assert_array_equal(other[name], in_units(name, own[name], rate, length))
+
+
+def test_what_fails_has_no_extremes():
+    unstable = {"impact": "plain", "integrator": "euler", "steps_per_period": 1}
+    slow = Oscillator(h=0.1, R=0.8, omega=0.05, f=1.0, clearance=1.0)
+    out = integrate(slow.at(-1.0), transient=0, periods=400, extremes=True, **unstable)
+    tr = simulate(slow, 400, **unstable, x0=-1.0)
+    assert out["status"] == tr.status == Status.NON_FINITE
+    assert np.isnan([out["x_min"][0], out["x_max"][0], tr.x_min, tr.x_max]).all()
+    assert "x_min" not in integrate(slow.at(), transient=0, periods=1)
