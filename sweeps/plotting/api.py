@@ -145,7 +145,7 @@ def check_options(kind: str, options: Iterable[str]) -> None:
         if kind not in kinds:
             other = "; a diagram shows it as color or below" if option == "quantity" else ""
             raise Refused(
-                f"{option} can be chosen for a {' or '.join(kinds)} only, not a {kind}{other}"
+                f"{option} can be chosen for {' or '.join(kinds)} only, not for {kind}{other}"
             )
 
 

@@ -288,7 +288,7 @@ def test_the_trajectory_of_a_sweep_without_one_by_the_command(draw):
     assert draw("--at", "omega=2.8", "--periods", "2").exit_code == 0
     wrong = draw("--at", "omega=2.8", "--periods", "0")
     assert wrong.exit_code == 2 and "expected: an integer >= 1" in wrong.stderr
-    assert "periods can be chosen for a trajectory only" in draw(
+    assert "periods can be chosen for trajectory only" in draw(
         "--kind", "map", "--periods", "2"
     ).stderr  # fmt: skip
 

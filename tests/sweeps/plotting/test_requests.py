@@ -141,10 +141,10 @@ def without_impacts(random_sweep):
         ),
         (
             {"kind": "section", "axes": ["R"]},
-            "axes can be chosen for a bifurcation or attractors or map or table only",
+            "axes can be chosen for bifurcation or attractors or map or table only",
         ),
         ({"kind": "section", "exact": True}, "exact = True is not allowed; expected: the result"),
-        ({"kind": "section", "quantity": "period"}, "quantity can be chosen for a map or table"),
+        ({"kind": "section", "quantity": "period"}, "quantity can be chosen for map or table"),
         ({"kind": "bifurcation", "quantity": "period"}, "a diagram shows it as color or below"),
         ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
         (
@@ -157,7 +157,7 @@ def without_impacts(random_sweep):
             "status cannot be drawn below a diagram: its numbers stand for words",
         ),
         ({"below": ("rest_fraction",) * 2}, "rest_fraction is asked for twice"),
-        ({"kind": "map", "below": ("rest_fraction",)}, "below can be chosen for a bifurcation"),
+        ({"kind": "map", "below": ("rest_fraction",)}, "below can be chosen for bifurcation"),
         (
             {"kind": "trajectory", "periods": -1},
             "periods = -1 is not allowed; expected: an integer from 1 to 1,000,000",
@@ -167,7 +167,7 @@ def without_impacts(random_sweep):
             "no rest_fracton .did you mean rest_fraction..; cho",
         ),
         ({"color": "poincare_x"}, "poincare_x is not a number for each point; choose from: cha"),
-        ({"kind": "basins", "color": "status"}, "color can be chosen for a bifurcation or section"),
+        ({"kind": "basins", "color": "status"}, "color can be chosen for bifurcation or section"),
         (
             {"kind": "section", "color": "impulse", "at": {"R": 0.5, "omega": 1.0}},
             "a color tells several motions apart, and only one point is left",
