@@ -283,6 +283,10 @@ def test_the_meeting_of_fold_and_flip_is_found_from_all_along_a_curve_that_ends_
         off = np.abs(np.array(meetings) - [0.00245593876, 0.87834148624]).max(axis=1)
         assert off.min() < 1e-9
         assert [found.special[i].kind for i in (0, -1)] == ["graze", "graze"]
+    # Over wide ranges the speeds are far below 1 in natural units.
+    wide = bifurcation_curve(graze, "graze", ("clearance", 1e-6, 4.0), ("p", 0.01, 40.0))
+    meetings, expected = ([p for p in one.special if p.kind == "flip"] for one in (wide, whole))
+    assert [p.value for p in meetings] == [pytest.approx(p.value, rel=1e-9) for p in expected]
 
 
 @pytest.mark.parametrize("axis", [("omega", 0.3, 1.4), ("p", 0.5, 1.8)])

@@ -331,6 +331,18 @@ def newton_method(system, X, planes, most):
 
 
 @jit
+def _size_of_rounding(system):
+    """Return a power of two to which the rounding of det J(mu) is proportional: that of the speeds.
+
+    Over wide ranges the speeds of an orbit may be far below 1 in natural units.
+    """
+    values = system.values
+    force = values[3] + values[6] * values[2] * values[2]
+    _, exponent = math.frexp(force / (values[2] + values[4]))
+    return math.ldexp(1.0, exponent) if force > 0.0 else 1.0
+
+
+@jit
 def _fill(system, X, bounds, values):
     """Set the test functions at a point."""
     q, k = system.q, system.free.size
@@ -349,7 +361,8 @@ def _fill(system, X, bounds, values):
             p = parameters_at(system, X)
             T = 2.0 * math.pi * system.m / p[2]
             first = c1 * math.exp(p[0] * T) / ((2.0 * p[0] + p[4] + p[2]) * T)
-    values[2 * k], values[2 * k + 1] = first, second
+    size = _size_of_rounding(system)
+    values[2 * k], values[2 * k + 1] = first / size, second / size
 
 
 @jit
