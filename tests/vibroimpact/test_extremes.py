@@ -11,7 +11,14 @@ from tests.helpers.kernel_cases import METHODS, random_points, steps_for, taken_
 from tests.helpers.naive import ClosedForm
 from tests.helpers.other_units import in_units
 from tests.vibroimpact.test_repeats import mixed_points
-from vibroimpact import Oscillator, Status, integrate, simulate
+from vibroimpact import (
+    Oscillator,
+    Status,
+    integrate,
+    one_impact_orbits,
+    periodic_orbit,
+    simulate,
+)
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.scheme import default_steps
 
@@ -207,3 +214,43 @@ def test_what_fails_has_no_extremes():
     assert out["status"] == tr.status == Status.NON_FINITE
     assert np.isnan([out["x_min"][0], out["x_max"][0], tr.x_min, tr.x_max]).all()
     assert "x_min" not in integrate(slow.at(), transient=0, periods=1)
+
+
+ORBITS = [
+    (Oscillator(h=0.1, R=0.8, omega=2.7, f=1.0), 1),
+    (Oscillator(h=0.02, R=0.8, omega=4.1, f=1.0), 2),
+    (Oscillator(h=0.05, R=0.6, omega=2.2, f=0.3, p=1.7, clearance=0.02), 1),
+    (Oscillator(h=0.3, R=0.5, omega=0.9, f=2.0, p=6.0, clearance=0.01), 1),
+    (Oscillator(h=0.0, R=0.7, omega=7.3, f=1.0, clearance=-0.002), 4),
+]
+
+
+@pytest.mark.parametrize(("osc", "n"), ORBITS)
+def test_a_periodic_orbit_turns_where_the_closed_form_does(osc, n):
+    """Stable or not, over one or several forcing periods, and with a fast natural vibration."""
+    for orbit in one_impact_orbits(osc, n):
+        begin = orbit.phase / osc.omega
+        end = begin + n * 2.0 * math.pi / osc.omega
+        turns = turns_of_flight(osc, begin, osc.clearance, -osc.R * orbit.v, end)
+        assert orbit.x_min == pytest.approx(min(turns), rel=1e-12, abs=1e-12 * orbit.v)
+        assert (orbit.x_max == osc.clearance) == orbit.exists  # beyond the stop it is no orbit
+
+
+def test_the_free_oscillation_turns_at_its_amplitude():
+    osc = Oscillator(h=0.1, R=0.8, omega=1.3, f=1.0, clearance=3.0)
+    orbit = periodic_orbit(osc, 0.0, 0.0)
+    amplitude = 1.0 / math.hypot(1.0 - 1.3**2, 2.0 * 0.1 * 1.3)
+    assert orbit.q == 0
+    assert (orbit.x_min, orbit.x_max) == pytest.approx((-amplitude, amplitude), rel=1e-14)
+
+
+@pytest.mark.parametrize(("length", "time"), [(2.0**40, 2.0**-20), (2.0**-40, 2.0**20)])
+def test_units_change_no_bit_of_the_extremes_of_an_orbit(length, time):
+    osc, n = ORBITS[2]
+    orbit = one_impact_orbits(osc, n)[0]
+    other = Oscillator(
+        h=osc.h / time, R=osc.R, omega=osc.omega / time, f=osc.f * length / time**2,
+        p=osc.p / time, clearance=osc.clearance * length,
+    )  # fmt: skip
+    scaled = one_impact_orbits(other, n)[0]
+    assert (scaled.x_min, scaled.x_max) == (orbit.x_min * length, orbit.x_max * length)

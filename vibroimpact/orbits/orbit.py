@@ -27,6 +27,8 @@ from vibroimpact.step.integrators import Parameters
 NAMES = [field.name for field in fields(Oscillator)]
 UNITS = tuple(PARAMETERS[name].unit for name in NAMES)
 _NONE_FREE, _NO_PARAMETERS = np.empty(0, np.int64), np.empty(0)
+#: Number of starts per period from which the turns of a flight are sought.
+_STARTS = 16
 #: Indices of all parameters of an oscillator, and their units where all are free.
 _ALL_FREE, _ONES = np.arange(7), np.ones(7)
 
@@ -112,6 +114,40 @@ class PeriodicOrbit:
     def stable(self) -> bool:
         """Whether the orbit exists and both multipliers are inside the unit circle."""
         return bool(np.all(np.abs(self.multipliers) < 1.0)) and self.exists
+
+    @property
+    def x_min(self) -> float:
+        """Least displacement [length], to rounding."""
+        if not self.q:
+            return -abs(free_amplitude(self.oscillator))
+        return float(self._turns.min(initial=self.oscillator.clearance))
+
+    @property
+    def x_max(self) -> float:
+        """Greatest displacement [length], to rounding: the clearance, if there are impacts."""
+        if not self.q:
+            return abs(free_amplitude(self.oscillator))
+        clearance = self.oscillator.clearance
+        return clearance if self.exists else float(self._turns.max(initial=clearance))
+
+    @cached_property
+    def _turns(self) -> np.ndarray:
+        """The displacements at which the mass turns within its flights.
+
+        Newton's method finds each turn from starts that divide the natural or the forcing period.
+        """
+        osc, (system, X) = self.oscillator, self.equations
+        ends = np.append(self.phases[1:], self.phases[0] + 2.0 * math.pi * self.m)
+        spacing = 2.0 * math.pi / _STARTS / max(1.0, osc.p / osc.omega)
+        turns = []
+        for i, (begin, end) in enumerate(zip(self.phases, ends, strict=True)):
+            count = _STARTS + math.ceil((end - begin) / spacing)
+            for start in np.linspace(begin, end, count, endpoint=False)[1:].tolist():
+                phase, y = calls.turning_point(system, X, i, start)
+                if begin < phase < end and calls.turning_point(system, X, i, phase)[0] == phase:
+                    turns.append(y)
+        units = units_over(values_of(osc)[None])
+        return np.asarray(units.out_of("length", np.array(turns))) + osc.clearance
 
     def sections(self, phase: float = 0.0) -> np.ndarray:
         """Return x and v at omega t = `phase` mod 2 pi, in time order, shape (m, 2).
