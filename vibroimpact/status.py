@@ -35,7 +35,12 @@ class Status(IntEnum):
         return self not in (Status.COMPUTED, Status.CERTIFIED, Status.CUT_SHORT, Status.UNBOUNDED)
 
     def remark(self, impact: str) -> str:
-        """Return what there is to say of a point with an impact rule; nothing of a usual one."""
+        """Return what there is to say of a point with an impact rule; nothing of a usual one.
+
+        >>> from vibroimpact import Status
+        >>> Status.COMPUTED.remark("plain"), Status.CUT_SHORT.remark("exact")
+        ('', 'bounces too short to follow were taken for rest')
+        """
         if self is Status.COMPUTED:
             return _FEW_DIGITS if impact == "exact" else ""
         return "" if self is Status.CERTIFIED else self.meaning

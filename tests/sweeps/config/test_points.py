@@ -335,7 +335,7 @@ def test_commands_of_a_line_or_a_plane_refuse_a_table(unpainted):
     for options in (["--kind", "map"], ["--kind", "bifurcation"], ["--kind", "attractors"]):
         assert table in refused("plot", "out.h5", *options)
     assert "basins need x0 and v0" in refused("plot", "out.h5", "--kind", "basins")
-    assert "not a table" in refused("plot", "out.h5", "--exact")
+    assert "not for table" in refused("plot", "out.h5", "--exact")
     assert table in refused("info", "out.h5", "--bifurcations")
     assert "no axis to zoom into" in refused("zoom", "out.h5", "omega=2:2.05")
     assert "no rows of the table differ" in refused("attractors", "out.h5")

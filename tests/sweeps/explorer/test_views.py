@@ -292,7 +292,7 @@ def test_the_colours_are_those_of_the_files_pictures():
 
     seen = np.array([to_rgb(colour) for colour in ramp()])
     with mpl.rc_context(user_style()):
-        (in_file,) = _ramps(both_ways=False)
+        (in_file,) = _ramps(())
     in_files = in_file(np.linspace(0.0, 1.0, 255))[:, :3]
     np.testing.assert_allclose(seen, in_files, atol=2 / 255)
 

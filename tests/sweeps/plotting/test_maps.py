@@ -223,7 +223,7 @@ def test_of_equal_axes_the_later_is_the_abscissa_and_any_order_of_values_is_draw
         ({"axes": ["R", "R"]}, "a map has 2 swept axes, not R, R"),
         ({"axes": ["R", "omega", "R"]}, "a map has 2 swept axes, not R, omega, R"),
         ({"at": {"R": 0.5}}, "R cannot be fixed here; there is no axis to choose from"),
-        ({"coordinate": "impact_v"}, "chosen for a bifurcation or attractors only, not a map"),
+        ({"coordinate": "impact_v"}, "chosen for bifurcation or attractors only, not for map"),
     ],
 )
 def test_requests_that_do_not_fit_are_refused(tmp_path, options, message):
