@@ -17,8 +17,8 @@ WORD = re.compile(r"[A-Za-z_]\w*")
 
 @cache
 def tracked():
-    """Return the paths of all files of the repository, also of those that are not added yet."""
-    arguments = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    """Return the paths of all files of the repository; an installation may lie beside them."""
+    arguments = ["git", "ls-files"]
     listed = subprocess.run(arguments, cwd=ROOT, capture_output=True, text=True, check=True)
     return [path for path in listed.stdout.split("\n") if path and (ROOT / path).exists()]
 
