@@ -121,53 +121,53 @@ def _done(
 
 
 def correct(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> bool:
-    """Do what ``corrector.correct`` does."""
+    """Do what ``corrector.newton_method`` does."""
     return bool(_done(_CORRECT, system, _at(X), rows=planes, count=most)[0])
 
 
 def correct_each(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> np.ndarray:
-    """Do what ``corrector.correct`` does for each row of X, with one plane each; shape (n,)."""
+    """Do what ``corrector.newton_method`` does for each row of X, with one plane each, (n,)."""
     return _done(_CORRECT_EACH, system, _rows(X), len(X), rows=planes, count=most) > 0.0
 
 
 def tangent(system: System, X: np.ndarray) -> np.ndarray:
-    """Return the direction of a path, as ``corrector.tangent`` sets it."""
+    """Return the direction of a path, as ``corrector.set_tangent`` sets it."""
     return _done(_TANGENT, system, _at(X), X.size)
 
 
 def test_functions(
     system: System, X: np.ndarray, tangent: np.ndarray, bounds: np.ndarray
 ) -> np.ndarray:
-    """Return the test functions, as ``corrector.test_functions`` sets them, (2, 2 k + 2)."""
+    """Return the test functions, as ``corrector.set_test_functions`` sets them, (2, 2 k + 2)."""
     tests = np.empty((2, 2 * len(bounds) + 2))
     _done(_TESTS, system, (X, tangent, tests), rows=bounds)
     return tests
 
 
 def may_miss(system: System, here: Place, there: Place, length: float) -> bool:
-    """Do what ``corrector.may_miss`` does."""
+    """Do what ``corrector.step_may_miss`` does."""
     return bool(_done(_MAY_MISS, system, here, there=there, number=length)[0])
 
 
 def halves_apart(system: System, X: np.ndarray) -> float:
-    """Do what ``unknowns.halves_apart`` does."""
+    """Do what ``unknowns.distance_of_halves`` does."""
     return float(_done(_HALVES, system, _at(X))[0])
 
 
 def first_penetration(system: System, X: np.ndarray) -> tuple[int, float, float]:
-    """Do what ``flights.first_penetration`` does."""
+    """Do what ``flights.find_penetration`` does."""
     flight, phase, highest = _done(_PENETRATION, system, _at(X), 3).tolist()
     return int(flight), phase, highest
 
 
 def turning_point(system: System, X: np.ndarray, i: int, phase: float) -> tuple[float, float]:
-    """Do what ``flights.turning_point`` does."""
+    """Do what ``flights.find_turning_point`` does."""
     at, y = _done(_TURNING, system, _at(X), 2, count=i, number=phase).tolist()
     return at, y
 
 
 def sections(system: System, X: np.ndarray, phase: float) -> np.ndarray:
-    """Return the states that ``flights.sections`` sets for each row of X, shape (n, m, 2)."""
+    """Return the states that ``flights.set_sections`` sets for each row of X, shape (n, m, 2)."""
     states = _done(_SECTIONS, system, _rows(X), 2 * system.m * len(X), number=phase)
     return states.reshape(-1, system.m, 2)
 
@@ -179,16 +179,16 @@ def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 
 
 def characteristic(system: System, X: np.ndarray) -> tuple[float, float, float]:
-    """Return c0, c1, c2 (``linear.characteristic``)."""
+    """Return c0, c1, c2 (``linear.characteristic_polynomial``)."""
     c0, c1, c2 = _done(_CHARACTERISTIC, system, _at(X), 3).tolist()
     return c0, c1, c2
 
 
 def multipliers(system: System, X: np.ndarray) -> np.ndarray:
-    """Return the complex numbers that ``corrector.multipliers`` sets for each row, (n, 2)."""
+    """Return the complex numbers that ``corrector.set_multipliers`` sets for each row, (n, 2)."""
     return _done(_MULTIPLIERS, system, _rows(X), 4 * len(X)).view(complex).reshape(-1, 2)
 
 
 def null_vector(system: System, X: np.ndarray, mu: float) -> np.ndarray:
-    """Return the vector that ``linear.null_vector`` sets for a multiplier, (2 q,)."""
+    """Return the vector that ``linear.set_null_vector`` sets for a multiplier, (2 q,)."""
     return _done(_NULL_VECTOR, system, _at(X), 2 * system.q, number=mu)

@@ -133,7 +133,7 @@ def _root(c, m, low, high, u):
 
 
 @jit
-def turning_point(c, m, low, high):
+def turn_between(c, m, low, high):
     """Return where the slope of a polynomial falls through zero between `low` and `high`."""
     for _ in range(60):
         u = 0.5 * (low + high)
@@ -178,7 +178,7 @@ def first_crossing(c, m, end):
             continue
         value, slope = value_and_slope(c, m, b)
         if slope_a > 0.0 and slope <= 0.0:
-            top = turning_point(c, m, a, b)
+            top = turn_between(c, m, a, b)
             height, _ = value_and_slope(c, m, top)
             turn = larger(turn, height * top**m)
             if height > 0.0:

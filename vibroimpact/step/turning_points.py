@@ -11,7 +11,7 @@ from __future__ import annotations
 from vibroimpact.jit import inlined, jit
 from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME, pressing
 from vibroimpact.step.elementary import sin_cos
-from vibroimpact.step.polynomial import curvature, expand, turning_point, value_and_slope
+from vibroimpact.step.polynomial import curvature, expand, turn_between, value_and_slope
 from vibroimpact.step.scheme import COS, SIN, THETA
 
 # A flight in which the mass may turn is searched in so many equal pieces, so that it turns at most
@@ -53,12 +53,12 @@ def _root_of_curvature(c, low, high):
 def _widen_between(c, low, high, slope_0, slope_1, clearance, reach):
     """Widen `reach` by the turning point of a polynomial between `low` and `high`, if any."""
     if slope_0 > 0.0 >= slope_1:
-        y, _ = value_and_slope(c, 0, turning_point(c, 0, low, high))
+        y, _ = value_and_slope(c, 0, turn_between(c, 0, low, high))
         widen(reach, min(y, 0.0) + clearance)
     elif slope_0 < 0.0 <= slope_1:
         for k in range(c.size):
             c[k] = -c[k]
-        y, _ = value_and_slope(c, 0, turning_point(c, 0, low, high))
+        y, _ = value_and_slope(c, 0, turn_between(c, 0, low, high))
         widen(reach, clearance - y)
         for k in range(c.size):
             c[k] = -c[k]
