@@ -12,7 +12,7 @@ from sweeps.config.loading import load_config, stored_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.store import columns_of, is_sweep, open_sweep
+from sweeps.store import columns_of, is_sweep
 from sweeps.text import near_miss, suggestion
 
 
@@ -29,6 +29,8 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
             )
         with raised_at_once():  # reading from a pipe may never end
             return load_config(path, overrides)
+    from sweeps.store import open_sweep  # it imports xarray, which is slow
+
     with open_sweep(path, verify=False) as dataset:
         text, table = dataset.attrs["configuration"], columns_of(dataset) or None
         if "refine" in yaml.safe_load(text):
