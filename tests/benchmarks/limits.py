@@ -59,8 +59,8 @@ LIMITS = {
     "classes of a map on / off": (1.65, 1.65),
     "classes of a diagram on / off": (1.35, 1.35),
     "the busier thread's share of both threads' time": (0.9, 0.9),
-    # A short sweep: starting, laying out and writing take longer than the kernel. Measured 5.2 to 5.5
-    # with vectors of 512 bits, with which the kernel takes least.
+    # A short sweep: starting, laying out and writing take longer than the kernel. Measured 5.2 to
+    # 5.5 with vectors of 512 bits, with which the kernel takes least.
     "run, from YAML to the closed file / kernel alone": (6.6, 6.6),
     # Yardstick steps per number.
     # Every block is on the disk as a file of its own before it is written to the HDF5 file.
