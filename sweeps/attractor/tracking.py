@@ -55,7 +55,8 @@ def track(shape: tuple[int, ...], point: np.ndarray, near: Links, seeded: Links)
     gap = max(1, int(MAX_GAP * shape[longest]))
     over = [(1, near), (1, seeded), *((step, near) for step in range(2, gap + 1))]
     a, b = _along(shape, point, longest, over)
-    linked = coo_array((np.ones(len(a)), (a, b)), (count, count))
+    ends = a.astype(np.int32), b.astype(np.int32)  # SciPy 1.11 needs int32
+    linked = coo_array((np.ones(len(a)), ends), (count, count))
     chain = connected_components(linked, directed=False)[1]
     others = (axis for axis in range(len(shape)) if axis != longest)
     borders = [chain[_along(shape, point, axis, [(1, near)])] for axis in others]

@@ -114,6 +114,7 @@ def same_motions(
     a, b = np.repeat(np.arange(count), list(map(len, near))), np.concatenate(near).astype(int)
     a, b = a[a != b], b[a != b]
     equal = distances(cycles, a, b) <= tolerance
-    graph = coo_array((equal[equal], (a[equal], b[equal])), (count, count))
+    ends = tuple(one[equal].astype(np.int32) for one in (a, b))  # SciPy 1.11 needs int32
+    graph = coo_array((equal[equal], ends), (count, count))
     number = connected_components(graph, directed=False)[1]
     return np.unique(number, return_index=True)[1][number]

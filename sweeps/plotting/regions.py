@@ -105,7 +105,7 @@ def _regions(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    cells = np.arange(classes.size).reshape(classes.shape)
+    cells = np.arange(classes.size, dtype=np.int32).reshape(classes.shape)  # for SciPy 1.11
     beside, above = classes[:, 1:] == classes[:, :-1], classes[1:] == classes[:-1]
     first = np.concatenate([cells[:, :-1][beside], cells[:-1][above]])
     second = np.concatenate([cells[:, 1:][beside], cells[1:][above]])
