@@ -129,6 +129,9 @@ def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator)
         out = run_points(*arguments, 1, interrupt)
         timer.join()
         pending = out["status"] == Status.PENDING
+    if not pending[-1]:  # on a busy machine no timer may come before the end
+        out = run_points(*arguments, 1, np.ones(1, np.int64))
+        pending = out["status"] == Status.PENDING
     assert pending[-1]
     for name in whole:
         np.testing.assert_array_equal(out[name][~pending], whole[name][~pending], err_msg=name)
