@@ -244,7 +244,7 @@ def _exact(
     from sweeps.bifurcation.exact_curves import curves, map_axes
     from sweeps.bifurcation.kept import with_cache
     from sweeps.opened import csv_tables
-    from sweeps.plotting.lines import select_line
+    from sweeps.plotting.contents import select_line
     from sweeps.plotting.maps import shown_quantity
     from sweeps.plotting.overlay import read_overlay
 

@@ -72,7 +72,7 @@ def zoom_command(
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
     from sweeps.engine.configurations import zoomed
     from sweeps.opened.coordinates import COORDINATES
-    from sweeps.plotting.lines import choose_coordinate
+    from sweeps.plotting.contents import choose_coordinate
     from sweeps.plotting.saving import check_picture
     from sweeps.store import check_output
 

@@ -11,7 +11,6 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.arguments import PATH, is_path
-from sweeps.attractor.attractor_table import parameter_axes
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.cuts import Selection, swept_axes
@@ -22,11 +21,10 @@ from sweeps.plotting.diagram import bifurcation
 from sweeps.plotting.erosion import integrity
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.motion import trajectory
-from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.page import ARGUMENTS, PAGE, Page
 from sweeps.plotting.saving import check_picture, description, save
 from sweeps.plotting.sections import impacts, section
 from sweeps.plotting.style import user_style
-from sweeps.plotting.styled import ARGUMENTS
 from sweeps.plotting.table_picture import table_panels
 from sweeps.store import DIRECTION
 from sweeps.text import choice_of, listed, near_miss, suggestion
@@ -179,7 +177,7 @@ def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: An
     starts = {"x0", "v0"} & set(axes)
     over_one_line = starts & chosen or {"exact", "below", "color"} & options.keys()
     if starts and not over_one_line and "period" in dataset:
-        if parameter_axes(dataset):
+        if set(axes) - set(START_AXES):
             return "attractors"
         if len(starts) == 2 and not options.keys() - {"overlay"}:
             return "basins"

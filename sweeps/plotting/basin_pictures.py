@@ -26,6 +26,7 @@ from sweeps.opened.dataset import config_of
 from sweeps.opened.grouping import START_AXES
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Cells
+from sweeps.plotting.contents import choose_coordinate, refuse_empty, refuse_without_result
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
     as_variable,
@@ -35,13 +36,11 @@ from sweeps.plotting.labels import (
     label_axis,
     record_text,
 )
-from sweeps.plotting.lines import choose_coordinate, refuse_empty, refuse_without_result
 from sweeps.plotting.looks import Looks
 from sweeps.plotting.maps import draw_cells, name_and_bound
 from sweeps.plotting.names import name_lines
-from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import PARTIAL, Look, ground, ink
-from sweeps.plotting.styled import styled
 from sweeps.store import DIRECTION
 from sweeps.text import choice_of, listed, shown_count
 from vibroimpact.points.regimes import NO_CLASS, Regime

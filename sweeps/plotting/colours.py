@@ -19,21 +19,23 @@ from sweeps.opened.cuts import Selection, cut_at, directions
 from sweeps.opened.dataset import config_of
 from sweeps.opened.motions import classes_of
 from sweeps.plotting import canvas
+from sweeps.plotting.contents import (
+    MEAN_FORCE,
+    Wanted,
+    number_at,
+    refuse_without_result,
+    with_number,
+)
 from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
-from sweeps.plotting.lines import refuse_without_result
-from sweeps.plotting.numbers import MEAN_FORCE, Wanted, number_at, with_number
+from sweeps.plotting.looks import look_of_class, look_of_regime
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
     BLUE,
     CLASSES,
     DIRECTION_COLOURS,
     EVIDENCE,
-    GREY_CLASSES,
-    GREY_OTHER,
-    GREY_REGIMES,
     HATCH,
     NO_VALUE,
-    OTHER_CLASS,
     PALE,
     REGIMES,
     REST,
@@ -129,20 +131,6 @@ def period_cells(
             text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
         cells.append(Cells.of(text, look_of_regime(regime, grey), where))
     return cells
-
-
-def look_of_class(m: int, q: int, grey: bool = False) -> Look:
-    """Return the look of a class, or of all other classes."""
-    if grey:
-        return GREY_CLASSES.get((m, q), GREY_OTHER).on_ground()
-    colour = CLASSES.get((m, q), OTHER_CLASS)
-    return Look(colour, colour).on_ground()
-
-
-def look_of_regime(regime: Regime, grey: bool = False) -> Look:
-    """Return the look of a regime other than periodic."""
-    look = GREY_REGIMES[regime] if grey else Look(REGIMES[regime], REGIMES[regime])
-    return look.on_ground()
 
 
 def class_numbers(cut: xr.Dataset) -> tuple[np.ndarray, dict[int, str]]:

@@ -20,13 +20,12 @@ from sweeps.opened.motions import approaching, classify
 from sweeps.plotting import canvas
 from sweeps.plotting.branch_lines import draw_branches, name_parts
 from sweeps.plotting.colours import Paint, colours_directions, direction_names, paint
+from sweeps.plotting.contents import Wanted, refuse_empty, select_line, with_number
 from sweeps.plotting.density import draw_density, value_range
 from sweeps.plotting.directions import agreeing, draw_jumps
 from sweeps.plotting.labels import as_variable, label, label_axis, record_text
-from sweeps.plotting.lines import refuse_empty, select_line
-from sweeps.plotting.numbers import Wanted, with_number
 from sweeps.plotting.overlay import draw_overlay, read_overlay
-from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import (
     APPROACHING,
     BOTH_COLOUR,
@@ -38,7 +37,6 @@ from sweeps.plotting.style import (
     ink,
     visible,
 )
-from sweeps.plotting.styled import styled
 from sweeps.store.variables import FLAGS
 from sweeps.text import listed
 from vibroimpact.points.regimes import NO_CLASS, has_result

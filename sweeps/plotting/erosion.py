@@ -37,9 +37,8 @@ from sweeps.plotting.labels import as_variable, basins_title, equation, label_ax
 from sweeps.plotting.looks import Looks
 from sweeps.plotting.maps import draw_cells
 from sweeps.plotting.names import name_lines
-from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import Look, ground, ink
-from sweeps.plotting.styled import styled
 from sweeps.text import shown_count
 
 #: The panels of the profile: the measure, the flag that the edge decided it, and the title.

@@ -1,4 +1,4 @@
-"""The looks of attractors: that of their class, or one that no class has."""
+"""The looks of classes, of regimes, and of attractors: of their class, or one of their own."""
 
 from __future__ import annotations
 
@@ -9,9 +9,32 @@ import numpy as np
 import xarray as xr
 
 from sweeps.attractor.attractor_table import AttractorRow
-from sweeps.plotting.colours import look_of_class, look_of_regime
-from sweeps.plotting.style import CLASSES, FURTHER, GREY_FURTHER, Look
+from sweeps.plotting.style import (
+    CLASSES,
+    FURTHER,
+    GREY_CLASSES,
+    GREY_FURTHER,
+    GREY_OTHER,
+    GREY_REGIMES,
+    OTHER_CLASS,
+    REGIMES,
+    Look,
+)
 from vibroimpact.points.regimes import Regime
+
+
+def look_of_class(m: int, q: int, grey: bool = False) -> Look:
+    """Return the look of a class, or of all other classes."""
+    if grey:
+        return GREY_CLASSES.get((m, q), GREY_OTHER).on_ground()
+    colour = CLASSES.get((m, q), OTHER_CLASS)
+    return Look(colour, colour).on_ground()
+
+
+def look_of_regime(regime: Regime, grey: bool = False) -> Look:
+    """Return the look of a regime other than periodic."""
+    look = GREY_REGIMES[regime] if grey else Look(REGIMES[regime], REGIMES[regime])
+    return look.on_ground()
 
 
 class Looks(NamedTuple):

@@ -22,19 +22,18 @@ from sweeps.opened.cuts import Selection, cut_at
 from sweeps.opened.motions import approaching
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Cells, class_numbers, failed_cells, paint
+from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.curve_lines import draw_curves
 from sweeps.plotting.labels import (
     label_axis,
     log_spaced,
     status_name,
 )
-from sweeps.plotting.numbers import Wanted, with_number
+from sweeps.plotting.names import draw_boundaries, name_regions
 from sweeps.plotting.overlay import draw_overlay, read_overlay
-from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import cell_edges
-from sweeps.plotting.regions import draw_boundaries, name_regions
 from sweeps.plotting.style import CLASSES, HATCH, ground
-from sweeps.plotting.styled import styled
 from sweeps.text import listed
 from vibroimpact.points.regimes import ON_ITS_WAY, has_result
 from vibroimpact.status import Status

@@ -25,11 +25,10 @@ from sweeps.opened.trajectories import (
 )
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, coloured_points
+from sweeps.plotting.contents import Wanted
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit
-from sweeps.plotting.numbers import Wanted
-from sweeps.plotting.page import PAGE, Page
+from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import VERMILION, data_colour, ink
-from sweeps.plotting.styled import styled
 from vibroimpact.points.regimes import Label, has_result
 
 #: In a figure narrower than this [inch] the phase plane is below the other panels.

@@ -1,19 +1,164 @@
-"""Names beside the lines and dots of a panel."""
+"""Names where there is room: in the regions of a map, with their boundaries, and beside lines."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
 
 from sweeps.plotting import canvas
-from sweeps.plotting.regions import PER_INCH, box_of
 from sweeps.plotting.style import ground, ink
 
+#: Pixels per inch at which the room for a name is measured, and its least share of a name's box,
+#: because single cells of another class hide nothing.
+_PER_INCH, _LEAST_SHARE = 72.0, 0.97
+#: Space around a name, and half the size of a marker [px].
+_MARGIN, _MARK = 1, 2
+#: Most names in a panel.
+_MOST_NAMES = 60
+#: Least share of a map on both sides of a boundary that is drawn.
+_LARGE = 4e-4
 #: Greatest distance of a name from its line, in heights of the name.
 _NEAR = 1.0
+
+
+def name_regions(
+    panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray, names: Mapping[int, str]
+) -> None:
+    """Write the name of its class into every region that has room for it, where it is widest.
+
+    Where only an upright name has room, the name is upright. Call this last, because the room is
+    that of the finished panel. `edges` are those of the cells along the abscissa and the ordinate;
+    `classes`, shape (rows, columns), are numbers, of which some have names.
+    """
+    canvas.lay_out(panel)
+    raster = _as_seen(panel, edges, classes)
+    _leave_marks_free(panel, raster)
+    number, sizes = _regions(raster)
+    count = 0
+    for region in np.argsort(-sizes, kind="stable").tolist():
+        rows, columns = np.nonzero(number == region)
+        name = names.get(int(raster[rows[0], columns[0]]))
+        if count >= _MOST_NAMES or sizes[region] < 60:
+            break
+        if name is None:
+            continue
+        text = panel.text(
+            0.0, 0.0, name, size="x-small", color=ink(), zorder=6,
+            ha="center", va="center_baseline",
+            clip_on=True, path_effects=[withStroke(linewidth=1.8, foreground=ground())],
+        )  # fmt: skip
+        corner = rows.min(), columns.min()
+        own = number[corner[0] : rows.max() + 1, corner[1] : columns.max() + 1] == region
+        height, width = _box_of(text)
+        place = _widest(own, height, width)
+        if place is None:
+            place = _widest(own, width, height)
+            text.set_rotation(90.0)
+        if place is None:
+            text.remove()
+            continue
+        at = np.add(corner, place) + 0.5
+        text.set_transform(panel.transAxes)
+        text.set_position((at[1] / raster.shape[1], at[0] / raster.shape[0]))
+        count += 1
+
+
+def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> np.ndarray:
+    """Return the class in every pixel of a panel, from the bottom; -1 beside the cells."""
+    box, scale = panel.get_window_extent(), _PER_INCH / canvas.figure_of(panel).dpi
+    size = [max(2, round(length * scale)) for length in (box.width, box.height)]
+    places = []
+    for axis, (pixels, of_cells) in enumerate(zip(size, edges, strict=True)):
+        middles = np.zeros((pixels, 2))
+        middles[:, axis] = (np.arange(pixels) + 0.5) / pixels
+        values = panel.transData.inverted().transform(panel.transAxes.transform(middles))[:, axis]
+        places.append(np.searchsorted(of_cells, values) - 1)
+    x, y = (
+        np.where((place < 0) | (place >= len(of_cells) - 1), -1, place)
+        for place, of_cells in zip(places, edges, strict=True)
+    )
+    seen: np.ndarray = np.where(np.minimum.outer(y, x) < 0, -1, classes[np.ix_(y, x)])
+    return seen
+
+
+def _leave_marks_free(panel: Axes, raster: np.ndarray) -> None:
+    """Set the pixels under a legend and around markers, which a name would hide, to -1."""
+    if (legend := panel.get_legend()) is not None:
+        corners = panel.transAxes.inverted().transform(legend.get_window_extent().get_points())
+        low, high = np.clip(corners[:, ::-1], 0.0, 1.0) * raster.shape
+        raster[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])] = -1
+    for line in panel.lines:
+        if line.get_marker() == "o":
+            places = panel.transData.transform(np.asarray(line.get_xydata()))
+            places = panel.transAxes.inverted().transform(places)[:, ::-1] * raster.shape
+            for row, column in places[np.isfinite(places).all(axis=1)].astype(int).tolist():
+                near = (slice(max(0, at - _MARK), max(0, at + _MARK + 1)) for at in (row, column))
+                raster[tuple(near)] = -1
+
+
+def _regions(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the number of the region of every cell, and the size of every region."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    cells = np.arange(classes.size, dtype=np.int32).reshape(classes.shape)  # for SciPy 1.11
+    beside, above = classes[:, 1:] == classes[:, :-1], classes[1:] == classes[:-1]
+    first = np.concatenate([cells[:, :-1][beside], cells[:-1][above]])
+    second = np.concatenate([cells[:, 1:][beside], cells[1:][above]])
+    joined = coo_array((np.ones(len(first), bool), (first, second)), (cells.size, cells.size))
+    _, number = connected_components(joined, directed=False)
+    return number.reshape(classes.shape), np.bincount(number)
+
+
+def _box_of(text: Text) -> tuple[int, int]:
+    """Return the height and the width of a text with the space around it [px]."""
+    figure = text.get_figure(root=True)
+    assert figure is not None
+    box, scale = text.get_window_extent(), _PER_INCH / figure.dpi
+    height, width = (2 * _MARGIN + math.ceil(scale * side) for side in (box.height, box.width))
+    return height, width
+
+
+def _widest(region: np.ndarray, height: int, width: int) -> tuple[int, int] | None:
+    """Return a pixel of a region around which a box fits, where the region is widest, or None.
+
+    Of many such pixels, as in a strip, it is the one nearest to the middle of the region.
+    """
+    from scipy.ndimage import distance_transform_edt, uniform_filter
+
+    if region.shape[0] < height or region.shape[1] < width:
+        return None
+    share = uniform_filter(region.astype(float), (height, width), mode="constant")
+    fits = share > _LEAST_SHARE
+    if not fits.any():
+        return None
+    depth = np.where(fits, distance_transform_edt(np.pad(region, 1))[1:-1, 1:-1], 0.0)
+    places = np.argwhere(depth >= 0.9 * depth.max())
+    middle = np.argwhere(region).mean(axis=0)
+    row, column = places[np.argmin(np.hypot(*(places - middle).T))].tolist()
+    return row, column
+
+
+def draw_boundaries(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> None:
+    """Draw the boundaries between the large regions of a map."""
+    x, y = edges
+    number, sizes = _regions(classes)
+    large = (sizes >= max(9.0, _LARGE * classes.size))[number]
+    across = (number[:, 1:] != number[:, :-1]) & large[:, 1:] & large[:, :-1]
+    upwards = (number[1:] != number[:-1]) & large[1:] & large[:-1]
+    row, column = np.nonzero(across)
+    upright = np.stack([x[column + 1], y[row], x[column + 1], y[row + 1]], axis=1)
+    row, column = np.nonzero(upwards)
+    level = np.stack([x[column], y[row + 1], x[column + 1], y[row + 1]], axis=1)
+    lines = list(np.concatenate([upright, level]).reshape(-1, 2, 2))
+    look = {"colors": "black", "linewidths": 0.6, "capstyle": "round"}
+    panel.add_collection(LineCollection(lines, rasterized=True, zorder=3, **look), autolim=False)
 
 
 def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
@@ -25,7 +170,7 @@ def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
     from scipy.ndimage import distance_transform_edt, maximum_filter
 
     canvas.lay_out(panel)
-    box, scale = panel.get_window_extent(), PER_INCH / canvas.figure_of(panel).dpi
+    box, scale = panel.get_window_extent(), _PER_INCH / canvas.figure_of(panel).dpi
     shape = [max(2, round(length * scale)) for length in (box.height, box.width)]
     pixels = [(name, _pixels(panel, points, shape)) for name, points in lines]
     taken = np.zeros(shape, bool)
@@ -41,7 +186,7 @@ def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
             ha="center", va="center_baseline",
             path_effects=[withStroke(linewidth=1.8, foreground=ground())],
         )  # fmt: skip
-        height, width = box_of(text)
+        height, width = _box_of(text)
         edge = np.pad(taken, 1, constant_values=True)
         free = ~maximum_filter(edge, (height, width))[1:-1, 1:-1]
         away = np.where(free, distance_transform_edt(~own), np.inf)

@@ -23,8 +23,8 @@ from sweeps.opened.coordinates import COORDINATES
 from sweeps.opened.dataset import config_of
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import has_scale
+from sweeps.plotting.contents import with_number
 from sweeps.plotting.labels import as_variable, prefix_of, units_of
-from sweeps.plotting.numbers import with_number
 from sweeps.plotting.page import Page
 from sweeps.plotting.style import ground, ink
 from sweeps.text import fewest_digits, near_miss, printable, shortened, suggestion

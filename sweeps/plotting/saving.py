@@ -1,21 +1,31 @@
-"""Writing a figure to a file: the sizes and names allowed, and the metadata that describe it."""
+"""Writing a figure to a file: names and sizes allowed, metadata, and what EPS cannot have."""
 
 from __future__ import annotations
 
+import logging
 import os
+import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from io import BytesIO
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.spines import Spine
+from matplotlib.text import Text
 
+from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.opened.dataset import config_of
-from sweeps.plotting.postscript import make_opaque, with_comments, without_warning
 from sweeps.plotting.style import STYLE, dots_per_inch, user_style
 from sweeps.store.replacing import check_target, writing
 from sweeps.text import listed, printable, shortened
@@ -33,6 +43,8 @@ _NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}, "e
 FORMATS = tuple(_FIELDS)
 #: A figure must have fewer pixels than this in each direction.
 _MOST_PIXELS = 2**16
+#: Most characters of a comment in one line: by Adobe's conventions, a line has at most 255.
+_LONGEST = 240
 
 
 def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
@@ -47,10 +59,11 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
     }
     text = "computed with " + ", ".join(f"{name} {value}" for name, value in about.items())
     text += f"\ncommand: {printable(command)}" if command else ""
-    config = config_of(dataset)
-    text += f"\nconfiguration:\n{config.to_yaml(table=False)}"
+    stored = dataset.attrs["configuration"]
+    stored = stored.to_yaml(table=False) if isinstance(stored, SweepConfig) else stored
+    text += f"\nconfiguration:\n{stored}"
     program = f"vibroimpact {__version__}, matplotlib {mpl.__version__}"
-    return config.name, program, text
+    return dataset.attrs["name"], program, text
 
 
 def refuse_replacing(data: str | Path, output: Path, what: str = "picture") -> None:
@@ -112,15 +125,15 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
     about = dict(zip(_FIELDS[kind], description, strict=False))
     image = BytesIO()  # on a full disk, matplotlib would raise errors that do not say so
     if kind == "eps":
-        make_opaque(figure)
-    with warnings.catch_warnings(), without_warning():
+        _make_opaque(figure)
+    with warnings.catch_warnings(), _without_warning():
         # The name of a sweep may have characters that the font lacks, drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         figure.savefig(image, format=kind, metadata={**about, **_NO_DATES[kind]})
     content = image.getvalue()
     if kind == "eps":
         title, _, text = description or ("", "", "")
-        content = with_comments(content, title, text)
+        content = _with_comments(content, title, text)
     with writing(output, "picture") as draft:
         draft.write(content)
 
@@ -129,3 +142,62 @@ def save_chart(output: Path, picture: Callable[..., Figure], *measured: object) 
     """Write the figure that `picture` makes of measurements to a file, in the common style."""
     with mpl.rc_context(STYLE):
         save(picture(*measured), output)
+
+
+def _make_opaque(figure: Figure) -> None:
+    """Prepare a figure for PostScript, so that it looks as in the other formats.
+
+    In each panel, what consists of pixels and all that is below it become one image. Labels, ticks
+    and frame are drawn above it. Transparent lines get the colour that they have on white paper.
+    """
+    for panel in figure.axes:
+        _make_one_image(panel)
+    for line in figure.findobj(Line2D):
+        alpha = line.get_alpha()
+        if alpha is not None and not line.get_rasterized():
+            colour = 1.0 - alpha * (1.0 - np.array(to_rgb(line.get_color())))
+            line.set(color=tuple(colour), alpha=None)
+
+
+def _make_one_image(panel: Axes) -> None:
+    """Draw the pixels of a panel, and all that is below them, as one image."""
+    pixels = [artist for artist in panel.get_children() if artist.get_rasterized()]
+    if not pixels:
+        return
+    top = max(artist.get_zorder() for artist in pixels)
+    above: tuple[type[Artist], ...] = (Axis, Spine, Text)
+    for artist in panel.get_children():
+        if isinstance(artist, above) and artist.get_zorder() <= top:
+            artist.set_zorder(top + 0.5)
+    panel.set_rasterization_zorder(top + 0.1)
+
+
+@contextmanager
+def _without_warning() -> Iterator[None]:
+    """Silence the warning of matplotlib about transparency, for which `_make_opaque` has cared."""
+    log = logging.getLogger("matplotlib.backends.backend_ps")
+    log.addFilter(_is_other)
+    try:
+        yield
+    finally:
+        log.removeFilter(_is_other)
+
+
+def _is_other(record: logging.LogRecord) -> bool:
+    return "transparency" not in record.getMessage()
+
+
+def _with_comments(image: bytes, title: str, text: str) -> bytes:
+    """Return a file without its date, with a title, and with a text as comments."""
+    head, mark, body = image.partition(b"%%EndComments\n")
+    head = re.sub(rb"(?m)^%%CreationDate:.*\n", b"", head)
+    named = _comment("%%", f"Title: {title}") if title else b""
+    comments = b"".join(_comment("%", f" {line}") for line in text.splitlines())
+    return head + named + mark + comments + body
+
+
+def _comment(mark: str, line: str) -> bytes:
+    """Return a comment of PostScript, in further lines that begin with a plus if it is long."""
+    escaped = "".join(one if " " <= one <= "~" else ascii(one)[1:-1] for one in line)
+    parts = [escaped[i : i + _LONGEST] for i in range(0, len(escaped), _LONGEST)]
+    return (mark + f"\n{mark}+".join(parts) + "\n").encode("ascii")

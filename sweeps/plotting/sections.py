@@ -15,10 +15,9 @@ from sweeps.opened.cuts import Selection
 from sweeps.opened.dataset import config_of
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, coloured_points
+from sweeps.plotting.contents import Wanted
 from sweeps.plotting.labels import as_variable, label_axis, record_text
-from sweeps.plotting.numbers import Wanted
-from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.styled import styled
+from sweeps.plotting.page import PAGE, Page, styled
 
 
 class _Records(NamedTuple):

@@ -19,12 +19,10 @@ from sweeps.grid import TABLE
 from sweeps.opened.cuts import Selection, cut_at
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import paint
+from sweeps.plotting.contents import Wanted, number_at, refuse_without_result, with_number
 from sweeps.plotting.labels import label, label_axis
-from sweeps.plotting.lines import refuse_without_result
-from sweeps.plotting.numbers import Wanted, number_at, with_number
 from sweeps.plotting.overlay import draw_overlay, read_overlay
-from sweeps.plotting.page import PAGE, Page
-from sweeps.plotting.styled import styled
+from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.store import columns_of
 from sweeps.text import shown_count
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from sweeps import bifurcations, branches, curves, open_sweep, plotting
-from sweeps.plotting.numbers import number_at
+from sweeps.plotting.contents import number_at
 from sweeps.plotting.style import EVIDENCE, REGIMES, STATUS_COLOURS
 from tests.helpers import gallery
 from tests.helpers.commands import accepted

@@ -14,7 +14,7 @@ from sweeps.plotting import (
     section,
     trajectory,
 )
-from sweeps.plotting.lines import select_line
+from sweeps.plotting.contents import select_line
 from sweeps.plotting.style import VERMILION
 from sweeps.store.variables import VARIABLES
 from tests.helpers.written_files import FIXED, OMEGA, SAMPLES, R, picture_results
