@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 
 
 def near_miss(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
@@ -21,6 +23,17 @@ def near_miss(name: str, valid: Iterable[str], least: float = 0.5) -> str | None
 def suggestion(word: str | None) -> str:
     """Return " (did you mean WORD?)" to append to an error; "" without a word."""
     return f" (did you mean {word}?)" if word else ""
+
+
+def missing_text(path: Path) -> str:
+    """Say that a file does not exist, with the most similar name of a sweep or YAML file there."""
+    try:
+        names = {name.removesuffix(".parts") for name in os.listdir(path.parent)}
+    except OSError:
+        names = set()
+    known = [name for name in sorted(names) if name.endswith((".h5", ".yaml", ".yml"))]
+    near = near_miss(path.name, known, 0.8)
+    return f"{path} does not exist{suggestion(near and str(path.with_name(near)))}"
 
 
 def printable(text: str) -> str:

@@ -1,7 +1,8 @@
-"""The process of a command: it notes signals before it imports any module.
+"""The process of a command: its signals, and the only place where an error becomes an exit code.
 
-Python has loaded these modules when it starts. ``signal`` would import ten others, and a signal
-that arrives meanwhile would end the process with a traceback.
+It notes signals before it imports any module but those that Python has loaded when it starts:
+``signal`` would import ten others, and a signal that arrives meanwhile would end the process with a
+traceback.
 """
 
 import _signal  # type: ignore[import-not-found]
@@ -44,7 +45,7 @@ def _noted() -> list[int]:
 
 
 def _run() -> int:
-    """Run the command; return the exit code."""
+    """Run the command, and report its error; return the exit code."""
     from sweeps import interrupts
 
     try:
@@ -53,19 +54,28 @@ def _run() -> int:
 
         prepare_streams()
         interrupts.check()
-        app(prog_name="vibroimpact")
-    except SystemExit as end:
+        return app(prog_name="vibroimpact", standalone_mode=False) or 0
+    except SystemExit as end:  # of a shell's request for completions
         return end.code if isinstance(end.code, int) else 1
     except (interrupts.Cancelled, Exception) as error:
-        if interrupts.signal_came():  # a library may have raised another error because of it
-            _report("interrupted")
+        from sweeps.errors import Failed, Refused
+
+        if isinstance(error, Failed | Refused):
+            _report(str(error))
+        elif isinstance(error, interrupts.Cancelled) or interrupts.signal_came():
+            _report("interrupted")  # a library may have raised another error because of it
         elif isinstance(error, MemoryError):
             _report("there is not enough memory")
         elif isinstance(error, OSError):
             _report(_reason(error))
+        elif hasattr(error, "format_message"):  # a usage error, whose class typer does not export
+            from sweeps.cli.options import unreadable
+
+            _report(unreadable(error))
+            return 2
         else:
             raise
-    return 1
+        return 2 if isinstance(error, Refused) else 1
 
 
 def _reason(error: OSError) -> str:
@@ -83,7 +93,11 @@ def _reason(error: OSError) -> str:
 
 
 def _report(error: str) -> None:
-    print(f"vibroimpact: error: {error}", file=sys.stderr)
+    """Print an error on stderr, unless that is closed."""
+    from sweeps.text import printable
+
+    if sys.stderr is not None:
+        print(printable(f"vibroimpact: error: {error}"), file=sys.stderr)
 
 
 if __name__ == "__main__":

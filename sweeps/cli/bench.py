@@ -9,16 +9,9 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.commands import Commands, add
 from sweeps.cli.options import Csv, read_threads, say
 from sweeps.errors import Failed, Refused
 from vibroimpact.inputs import number, typed
-
-app = typer.Typer(
-    cls=Commands,
-    rich_markup_mode=None,
-    help="Measure the methods: accuracy, speed and stability.",
-)
 
 Figure = Annotated[
     Path, typer.Option("-o", "--output", metavar="FIGURE", help="The picture to write.")
@@ -173,6 +166,3 @@ def speed(
         raise Failed(
             f"the geometric mean of the shares of the peak is {share:.4g}, below {fail_below:g}"
         )
-
-
-add(app, accuracy_speed, stability, paper, speed)

@@ -1,4 +1,4 @@
-"""The command line: the commands ``init`` and ``schema``, and checks before every command.
+"""The command line: its commands, with ``init`` and ``schema``, and checks before every command.
 
 Each command imports its modules inside its function, so that ``--help`` answers at once.
 """
@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from sweeps.cli import bench as cli_bench
 from sweeps.cli import explore as cli_explore
@@ -18,22 +20,58 @@ from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
-from sweeps.cli.commands import Commands, add
-from sweeps.cli.options import say
+from sweeps.cli.options import completion, say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import near_miss, shortened, suggestion
 from vibroimpact import __version__
 
+
+class Command(TyperCommand):
+    """A command that every error of its arguments knows."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments; an error gets the context, which typer does not always give it."""
+        try:
+            return super().parse_args(ctx, args)
+        except Exception as error:
+            error.ctx = ctx  # type: ignore[attr-defined]
+            raise
+
+
+class Commands(TyperGroup):
+    """A group of commands: help if none is given, and a refusal of a name that none has."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments before the name of the command; without any, print the help."""
+        if not args and not ctx.resilient_parsing:  # a shell completes less than a command
+            say(ctx.get_help(), error=True)
+            raise typer.Exit(2)
+        return super().parse_args(ctx, args)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command with this name; refuse a name that no command has."""
+        command = super().get_command(ctx, cmd_name)
+        if command is None and not ctx.resilient_parsing:
+            meant = suggestion(near_miss(cmd_name, self.commands))
+            raise Refused(
+                f"there is no command {cmd_name}{meant}; expected: {', '.join(self.commands)}"
+            )
+        return command
+
+
 app = typer.Typer(
     cls=Commands,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-app.add_typer(cli_bench.app, name="bench")
+measurements = typer.Typer(
+    cls=Commands,
+    rich_markup_mode=None,
+    help="Measure the methods: accuracy, speed and stability.",
+)
+app.add_typer(measurements, name="bench")
 
 
 def _show_version(requested: bool) -> None:
@@ -100,9 +138,20 @@ def _common(
         context.with_resource(raised_at_once())
 
 
+def _scenes() -> Iterable[str]:
+    from sweeps.config.scenes import scenes
+
+    return scenes()
+
+
 def init_command(
     scene: Annotated[
-        str, typer.Argument(metavar="SCENE", help="The name of a scene of the gallery.")
+        str,
+        typer.Argument(
+            metavar="SCENE",
+            autocompletion=completion(_scenes),
+            help="The name of a scene of the gallery.",
+        ),
     ] = "quickstart",
 ) -> None:
     """Write a scene to this folder: its configuration with comments, and its table, if any."""
@@ -129,7 +178,7 @@ def init_command(
 
 
 def schema_command() -> None:
-    """Show the JSON schema of a sweep's configuration, for editors."""
+    """Show the JSON schema of a configuration, for editors."""
     import json
 
     from sweeps.config.json_schema import json_schema
@@ -137,7 +186,14 @@ def schema_command() -> None:
     say(json.dumps(json_schema(), indent=2))
 
 
-add(
+def _add(group: typer.Typer, *commands: Callable[..., None]) -> None:
+    """Add the command ``run`` for ``run_command``, with its whole first line in the list."""
+    for command in commands:
+        name = command.__name__.removesuffix("_command").replace("_", "-")
+        group.command(name, cls=Command, short_help=command.__doc__)(command)
+
+
+_add(
     app,
     init_command,
     cli_run.run_command,
@@ -150,4 +206,11 @@ add(
     cli_read.compare_command,
     cli_read.export_command,
     schema_command,
+)
+_add(
+    measurements,
+    cli_bench.accuracy_speed,
+    cli_bench.stability,
+    cli_bench.paper,
+    cli_bench.speed,
 )

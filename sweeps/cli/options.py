@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sweeps.errors import Refused
-from sweeps.text import printable, told_apart
+from sweeps.text import printable, shortened, suggestion, told_apart
 from vibroimpact.inputs import integer, is_number, refusal, typed
 
 if TYPE_CHECKING:
@@ -39,6 +39,15 @@ def integer_option(option: str, least: int = 1, most: float = math.inf) -> Calla
         return int(number or 0)
 
     return read
+
+
+def completion(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return a function with which a shell completes the beginning of a name."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in names() if name.startswith(incomplete)]
+
+    return complete
 
 
 def read_threads(value: object) -> int:
@@ -229,23 +238,20 @@ def several_of(texts: Sequence[str] | None) -> tuple[list[str], dict[str, list[f
 def opened_in_si(file: Path, *, verify: bool = True) -> Iterator[xr.Dataset]:
     """Open the file of a sweep, that of a rig in SI units; close it at the end of the block."""
     from sweeps.opened.in_si import in_si
-    from sweeps.store import open_sweep
 
-    with with_written_name(file):
-        dataset = open_sweep(file, verify=verify)
-    with dataset:
+    with opened_sweep(file, verify=verify) as dataset:
         with named(file):
             seen = in_si(dataset)
         yield seen
 
 
-@contextmanager
-def with_written_name(file: Path) -> Iterator[None]:
-    """Add to the refusal of a missing file what the configuration of its name writes."""
+def opened_sweep(file: Path, *, verify: bool = True) -> xr.Dataset:
+    """Open the file of a sweep; if it is missing, say what the configuration of its name writes."""
     from sweeps.errors import StoreError
+    from sweeps.store import open_sweep
 
     try:
-        yield
+        return open_sweep(file, verify=verify)
     except StoreError as error:
         hint = "" if os.path.lexists(file) else _written_instead(file)
         raise StoreError(f"{error}{hint}") if hint else error from None
@@ -282,6 +288,17 @@ def say_moved(requested: Selection, cut: Selection, verb: str) -> None:
         if value != cut[name]:
             asked, there = told_apart(float(value), float(cut[name]))
             say(f"{name} = {asked} is not on the grid; {verb} at {name} = {there}", error=True)
+
+
+def unreadable(error: Any) -> str:
+    """Return the message of arguments that typer cannot read, with the command that explains."""
+    if hasattr(error, "possibilities"):
+        meant = suggestion(next(iter(error.possibilities or ()), None))
+        text = f"there is no option {error.option_name}{meant}"
+    else:
+        text = error.format_message().rstrip(".")
+        text = text[0].lower() + text[1:]
+    return f"{shortened(text, 200)}; {error.ctx.command_path} --help shows what is allowed"
 
 
 # Output to a terminal: a warning takes one line, and control characters are escaped

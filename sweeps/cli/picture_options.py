@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.options import integer_option
+from sweeps.cli.options import completion, integer_option
 
 Files = Annotated[list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")]
 FigureFile = Annotated[
@@ -20,12 +20,17 @@ FigureFile = Annotated[
         "kind, quantity and place that are asked for, as OUT-map-energy_lost-R-0.8.png.",
     ),
 ]
+#: The names of `sweeps.plotting.KINDS`, without the import of matplotlib.
+KIND_NAMES = (
+    *("bifurcation", "attractors", "basins", "integrity", "map", "section"),
+    *("impacts", "trajectory", "table"),
+)
 Kind = Annotated[
     str | None,
     typer.Option(
         metavar="KIND",
-        help="bifurcation, attractors, basins, integrity, map, section, impacts, trajectory or "
-        "table.",
+        autocompletion=completion(lambda: KIND_NAMES),
+        help=f"{', '.join(KIND_NAMES[:-1])} or {KIND_NAMES[-1]}.",
     ),
 ]
 AxisNames = Annotated[

@@ -21,13 +21,14 @@ from sweeps.cli.options import (
     MostBranches,
     SweepFile,
     branch_options,
+    completion,
     named,
     opened_in_si,
+    opened_sweep,
     progress_shown,
     say,
     say_moved,
     selection_of,
-    with_written_name,
 )
 from sweeps.errors import Refused
 from vibroimpact.inputs import number, typed
@@ -237,13 +238,8 @@ def compare_command(
 ) -> None:
     """Say what differs in two sweeps, where first and by how much; exit with 1 if anything does."""
     from sweeps.opened.comparison import comparison_report
-    from sweeps.store import open_sweep
 
-    with with_written_name(first):
-        one = open_sweep(first)
-    with with_written_name(second):
-        other = open_sweep(second)
-    with one, other:
+    with opened_sweep(first) as one, opened_sweep(second) as other:
         with named(f"{first}, {second}"):
             text, differ = comparison_report(one, other, (str(first), str(second)), rtol)
         say(text)
@@ -259,7 +255,11 @@ def export_command(
     ],
     rows: Annotated[
         str,
-        typer.Option(metavar="NAME", help="What has a row: points, sections or impacts."),
+        typer.Option(
+            metavar="NAME",
+            autocompletion=completion(lambda: ("points", "sections", "impacts")),
+            help="What has a row: points, sections or impacts.",
+        ),
     ] = "points",
     at: At = None,
 ) -> None:

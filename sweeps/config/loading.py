@@ -29,7 +29,7 @@ from sweeps.config.rig import made_of_rig
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import MOST_VALUES, Key, MisplacedError, null
 from sweeps.errors import ConfigError
-from sweeps.text import shortened, shown_count
+from sweeps.text import missing_text, shortened, shown_count
 from vibroimpact import inputs
 
 #: Longest file accepted, in bytes: long axes should be ranges.
@@ -185,6 +185,8 @@ def _text(path: Path) -> str:
             utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
             return data.decode("utf-16" if utf_16 else "utf-8-sig")
         reason = f"longer than {_MOST_BYTES:,} bytes"
+    except FileNotFoundError:
+        raise ConfigError(missing_text(path)) from None
     except OSError as error:
         reason = error.strerror or type(error).__name__
     except ValueError as error:

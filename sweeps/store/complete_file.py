@@ -37,6 +37,7 @@ from sweeps.store.paths import (
 )
 from sweeps.store.replacing import TRAILER
 from sweeps.store.schema import Schema, schema_in, write_schema
+from sweeps.text import missing_text
 
 #: The end of the trailer: size and checksum of the table before it, magic.
 _END = struct.Struct("<QI8s")
@@ -232,7 +233,7 @@ def check_file(path: Path, *, verify: bool = True) -> str:
             rows = [row for row in found or () if verify or row[0] == _REST]
             pairs = list(zip(rows, _checksums(file, rows), strict=True))
     except FileNotFoundError:
-        raise StoreError(f"{path} does not exist") from None
+        raise StoreError(missing_text(path)) from None
     except OSError as error:
         raise UnreadableError(path, error) from error
     kind = content(path) if found is None else Content.SWEEP

@@ -2,15 +2,19 @@
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import patch
 
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from sweeps.cli import __main__ as process
 from sweeps.cli.main import app
 
 #: Made once: from the types of all their arguments it takes as long as a short command.
 COMMANDS = get_command(app)
+#: What a process does between its signals and its exit.
+PROCESS = SimpleNamespace(main=lambda **_: sys.exit(process._run()))
 #: Ten points, computed in a moment.
 SMALL = """\
 name: small
@@ -30,7 +34,8 @@ def call(*arguments):
     words = [str(argument) for argument in arguments]
     with (
         patch.object(sys, "argv", ["vibroimpact", *words]),
-        patch("typer.testing._get_command", lambda _: COMMANDS),
+        patch("typer.main.get_command", lambda _: COMMANDS),
+        patch("typer.testing._get_command", lambda _: PROCESS),
     ):
         result = CliRunner().invoke(app, words, prog_name="vibroimpact")
     assert isinstance(result.exception, SystemExit | type(None)), result.exception

@@ -84,3 +84,18 @@ def test_a_motion_that_is_lost_to_another_names_follow(folder):
     path = run_in(folder, TWO_MOTIONS + up, name="up.h5")
     said = call("info", path, "--bifurcations").stdout
     assert "1/1 -> 1/0" in said and "follow:" not in said
+
+
+@pytest.mark.parametrize("command", [["run"], ["explore", "--no-browser"], ["info"], ["plot"]])
+def test_a_missing_file_names_the_nearest(command):
+    Path("unlike.h5").touch()
+    assert refused(*command, "missing.h5").endswith("error: missing.h5 does not exist\n")
+    Path("results").mkdir()
+    for there in ("results/massing.h5", "results/other.yaml", "results/running.h5.parts"):
+        Path(there).touch()
+    for given, meant in (("missing", "massing"), ("runing", "running")):
+        said = f"results/{given}.h5 does not exist (did you mean results/{meant}.h5?)"
+        assert said in refused(*command, f"results/{given}.h5")
+    assert "does not exist" in refused(*command, "nowhere/missing.h5")
+    if command[0] in ("run", "explore"):
+        assert "(did you mean results/other.yaml?)" in refused(*command, "results/othr.yaml")

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from sweeps import interrupts
+from sweeps.interrupts import Cancelled
 from sweeps.store import SweepWriter
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.places import ROOT
@@ -175,7 +176,7 @@ def test_an_interrupted_run_says_what_is_kept(stop_after):
 )
 def test_an_interrupted_command_exits_with_1(small_file, monkeypatch, command):
     def interrupt(*_, **__):
-        raise KeyboardInterrupt
+        raise Cancelled  # as the handlers of a process do
 
     monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
     monkeypatch.setattr("sweeps.engine.configurations.read_config", interrupt)
