@@ -21,9 +21,8 @@ import xarray as xr
 from sweeps.attractor.partition import COUNTED, attractors
 from sweeps.errors import Refused
 from sweeps.opened.cuts import swept_axes
-from sweeps.opened.dataset import attributes_with_unit, config_of
+from sweeps.opened.dataset import attributes_with_unit, config_of, points_of
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.grouping import points_of
 from sweeps.opened.motions import run_on
 from sweeps.text import listed
 

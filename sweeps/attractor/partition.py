@@ -19,9 +19,11 @@ regime of the motion from each start (`sweeps.opened.motions`) decides its attra
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
@@ -30,13 +32,17 @@ from sweeps.attractor.settle import EXTENSIONS, settle
 from sweeps.attractor.tracking import lead_to_each_other, mutually_nearest, track
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.opened.dataset import attributes_with_unit, config_of, diagnostics_with
+from sweeps.grid import TABLE
+from sweeps.opened.cuts import START_AXES
+from sweeps.opened.dataset import attributes_with_unit, config_of, diagnostics_with, points_of
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.grouping import SETS, GridIndex
 from sweeps.opened.motions import cycles_of, different, motions_of
 from sweeps.opened.section_distance import ORBIT_TOLERANCE, same_motions
+from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import Regime, on_its_way
 
+#: The dimension of the different sets of parameters in a table.
+SETS = "set"
 #: Regimes that count as attractors; motions of other regimes may still change.
 COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
 #: States that agree to this much less than the tolerance are continued and compared once.
@@ -53,6 +59,48 @@ _ATTRACTOR_COLUMNS = {
     "section_v": ("velocity at the section", "length/time"),
     "representative": ("number of its representative start", "1"),
 }
+
+
+@dataclass(frozen=True)
+class GridIndex:
+    """The parameter point and the start of each point of a file."""
+
+    #: Shape of the grid of parameter points: the grid of the file without its ``START_AXES``. For
+    #: a table, the number of its different sets of parameters; () if there is only one.
+    shape: tuple[int, ...]
+    parameters: tuple[str, ...]  # the axes of this grid, or ``SETS``
+    #: parameter, start: indices of the parameter point and of the start of each point, all in
+    #: C order; int, shape (n,).
+    parameter: np.ndarray
+    start: np.ndarray
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset) -> Self:
+        """Index the points of an opened sweep, or of a cut through one."""
+        if TABLE in dataset["status"].dims:
+            return cls(*_sets(points_of(dataset)))
+        sizes = {str(name): size for name, size in dataset["status"].sizes.items()}
+        parameters = {name: size for name, size in sizes.items() if name not in START_AXES}
+        grids = [  # of the parameter points, and of the starts: 1 along all other axes
+            [size if (name in parameters) is of_parameters else 1 for name, size in sizes.items()]
+            for of_parameters in (True, False)
+        ]
+        numbers = (np.arange(math.prod(grid)).reshape(grid) for grid in grids)
+        at_points = (np.broadcast_to(grid, tuple(sizes.values())).ravel() for grid in numbers)
+        return cls(tuple(parameters.values()), tuple(parameters), *at_points)
+
+
+def _sets(points: np.ndarray) -> tuple[tuple[int, ...], tuple[str, ...], np.ndarray, np.ndarray]:
+    """Return the fields of `GridIndex` for the rows of a table."""
+    rows = np.stack([points[name] for name in PARAMETERS if name not in START_AXES], axis=1)
+    different, of_row = np.unique(rows, axis=0, return_inverse=True)
+    if len(different) == len(rows) > 1:
+        raise Refused("attractors need several starts, and no rows of the table differ in x0 or v0")
+    order = np.argsort(of_row, kind="stable")
+    start = np.empty(len(rows), np.int64)
+    start[order] = np.arange(len(rows)) - np.searchsorted(of_row[order], of_row[order])
+    several = len(different) > 1
+    return (len(different),) * several, (SETS,) * several, of_row, start
 
 
 @takes_sweep({})
@@ -129,10 +177,10 @@ def attractors(
     index, motions, config = GridIndex.of(dataset), motions_of(dataset).ravel(), config_of(dataset)
     followed = on_its_way(motions["regime"], dataset["orbit_distance"].values.ravel())
     followed |= motions["m"] > dataset.sizes["section"]
-    followed |= settle(motions, dataset, index, extensions)
+    followed |= settle(motions, dataset, index.parameter, extensions)
     heads, of_point = attractors_of(motions, index.parameter, config, tolerance)
     parameter, members = index.parameter[heads], np.bincount(of_point[of_point >= 0])
-    fraction = members / np.bincount(parameter, members, index.count)[parameter]
+    fraction = members / np.bincount(parameter, members)[parameter]
     number = _numbers(config, index, motions[heads], parameter, fraction)
     shown = _recorded_members(of_point, heads, followed)
     motion = motions[shown]
@@ -143,7 +191,7 @@ def attractors(
     )  # fmt: skip
     data = _by_rank(config, index, parameter, dict(zip(_ATTRACTOR_COLUMNS, columns, strict=True)))
     counted = np.bincount(
-        parameter[np.isin(motion["regime"], COUNTED)], minlength=index.count
+        parameter[np.isin(motion["regime"], COUNTED)], minlength=math.prod(index.shape)
     ).reshape(index.shape)
     status = dataset["status"]
     for name, values, meaning in (
@@ -168,10 +216,10 @@ def _by_rank(
     data: dict[str, Any] = {}
     for name, values in columns.items():
         missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
-        grid = np.full((index.count, int(rank.max(initial=0)) + 1), missing, values.dtype)
-        grid[parameter, rank] = values
+        grid = np.full((*index.shape, int(rank.max(initial=0)) + 1), missing, values.dtype)
+        grid.reshape(-1, grid.shape[-1])[parameter, rank] = values
         about = attributes_with_unit(config, *_ATTRACTOR_COLUMNS[name])
-        data[name] = (*index.parameters, "coexisting"), grid.reshape(*index.shape, -1), about
+        data[name] = (*index.parameters, "coexisting"), grid, about
     data["motion"][2]["flag_values"] = np.array(list(Regime))
     data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)
     return data
@@ -193,7 +241,11 @@ def attractors_of(
     rows = np.flatnonzero(m > 0)
     own = motions[rows]
     group = different([parameter[rows], own["m"], own["q"]])[1]
-    one, of_row = different([group, *_rounded(own["point"], max(tolerance / _FINER, 1e-15))])
+    points, share = own["point"], max(tolerance / _FINER, 1e-15)
+    states = np.stack([points["x0"] - points["clearance"], points["v0"] / points["omega"]])
+    _, exponent = np.frexp(np.abs(states).max(axis=0))
+    rounded = np.rint(np.ldexp(states, -exponent) / share).astype(np.int64)
+    one, of_row = different([group, exponent, *rounded])
     same = same_motions(cycles_of(config, own[one]), group[one], tolerance)
     representative[rows] = rows[one[same[of_row]]]
     others = np.flatnonzero((m == 0) & (regime > Regime.FAILED))
@@ -201,13 +253,6 @@ def attractors_of(
     representative[others] = others[first[number]]
     heads = np.unique(representative[representative >= 0])
     return heads, np.where(representative < 0, -1, np.searchsorted(heads, representative))
-
-
-def _rounded(points: np.ndarray, share: float) -> tuple[np.ndarray, ...]:
-    """Return whole numbers that are equal where states agree to about a share of their size."""
-    states = np.stack([points["x0"] - points["clearance"], points["v0"] / points["omega"]])
-    _, exponent = np.frexp(np.abs(states).max(axis=0))
-    return exponent, *np.rint(np.ldexp(states, -exponent) / share).astype(np.int64)
 
 
 def _recorded_members(of_point: np.ndarray, heads: np.ndarray, followed: np.ndarray) -> np.ndarray:

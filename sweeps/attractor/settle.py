@@ -24,13 +24,12 @@ import numpy as np
 import xarray as xr
 
 from sweeps.opened.dataset import config_of
-from sweeps.opened.grouping import GridIndex
-from sweeps.opened.motions import put_classes
+from sweeps.opened.motions import motions_from
 from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.computation import compute_points
-from vibroimpact.points.regimes import Regime, regimes_of
+from vibroimpact.points.regimes import Regime
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.stages import Results, put_last, worst_of
+from vibroimpact.points.stages import put_last, worst_of
 from vibroimpact.status import Status
 
 #: How often a motion is continued, each time until it is four times as long.
@@ -46,12 +45,13 @@ _POINTS_AT_ONCE = 4_000
 
 
 def settle(
-    motions: np.ndarray, dataset: xr.Dataset, index: GridIndex, extensions: int
+    motions: np.ndarray, dataset: xr.Dataset, parameter: np.ndarray, extensions: int
 ) -> np.ndarray:
     """Continue motions that go to no known attractor, and write the regimes and orbits they reach.
 
     Motions of `motions`, of dtype ``MOTION``, shape (n,), that are not periodic get their last
-    states as starts. Returns the mask of those that were continued.
+    states as starts. `parameter` is the parameter point of each. Returns the mask of those that
+    were continued.
     """
     regime, continued = motions["regime"], np.zeros(len(motions), bool)
     without = (motions["m"] == 0) & (regime > Regime.FAILED)
@@ -61,7 +61,7 @@ def settle(
     motions["point"][without] = state[without]
     share, chatters = (dataset[name].values.ravel() for name in ("rest_fraction", "chatters"))
     rests = _rests_of(share, np.maximum(chatters, share > 0.0))
-    chaotic = _chaotic(regime, rests, index)
+    chaotic = _chaotic(regime, rests, parameter)
     going = np.flatnonzero((regime == Regime.UNKNOWN) | _rested_once(regime, rests) | chaotic)
     first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
     length = first - 1 + dataset.sizes["section"]
@@ -72,22 +72,18 @@ def settle(
             break
         continued[going] = True
         periods = 3 * length * 4**i + _CLASS_PERIODS
-        results = _extended(spec, state[going], periods)
-        reached, now = motions[going], state[going]
-        put_classes(reached, results["regime"], results)
-        put_last(now, results)
-        motions[going], state[going] = reached, now
-        rests[going] += results["rests"]
-        before, chaotic = chaotic, _chaotic(regime, rests, index)
+        motions[going], state[going], rested = _extended(spec, state[going], periods)
+        rests[going] += rested
+        before, chaotic = chaotic, _chaotic(regime, rests, parameter)
         unknown = regime == Regime.UNKNOWN
-        chaos_ends = _at_point_of(before & ~chaotic & ~unknown, index)
+        chaos_ends = _at_point_of(before & ~chaotic & ~unknown, parameter)
         on = unknown | _rested_once(regime, rests) | (chaotic & (chaos_ends | ~before))
         going, done = going[on[going]], done + periods
         planned += 3 * (length + done) * going.size
     aperiodic = continued & (motions["m"] == 0)
     motions["point"][aperiodic] = state[aperiodic]
     # All chaotic motions of a parameter point are on one attractor.
-    rests_again = _at_point_of(chaotic & (rests > 1), index)
+    rests_again = _at_point_of(chaotic & (rests > 1), parameter)
     if continued.any():
         regime[chaotic] = np.where(rests_again, Regime.REST, Regime.CHAOTIC)[chaotic]
         regime[chaotic & chaos_ends] = Regime.UNKNOWN
@@ -102,16 +98,17 @@ def _last_states(points: np.ndarray, dataset: xr.Dataset) -> np.ndarray:
     return last
 
 
-def _extended(spec: RunSpec, points: np.ndarray, periods: int) -> Results:
-    """Continue motions, and find their regimes; ``rests`` counts all their rests.
+def _extended(
+    spec: RunSpec, points: np.ndarray, periods: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Continue motions, and return where they go, their last states, and how often they rested.
 
     A motion that failed in any part has failed: its last state is a start, from which the next part
     begins anew.
     """
-    results = []
+    parts = []
     for state in np.array_split(points, -(-points.size // _POINTS_AT_ONCE)):
-        rests, omega = np.zeros(state.size, np.int64), state["omega"]
-        worst = np.full(state.size, Status.COMPUTED, np.int8)
+        rests, worst = np.zeros(state.size, np.int64), np.full(state.size, Status.COMPUTED, np.int8)
         for length in _lengths(periods - _CLASS_PERIODS):
             bare = replace(spec.part(0, length, 0, spec.impact == "exact"), period=False)
             before = compute_points(bare, state, None, at_section=True)
@@ -122,10 +119,11 @@ def _extended(spec: RunSpec, points: np.ndarray, periods: int) -> Results:
         rests += _rests_of(found["rest_fraction"], found["chatters"])
         share = np.maximum(before["rest_fraction"], found["rest_fraction"])
         whole = {"rest_fraction": share, "status": np.maximum(worst, found["status"])}
-        regime = regimes_of(before | found | whole, omega, length)
-        ends = {name: values[:, -1:] for name, values in found.items() if values.ndim > 1}
-        results.append(found | ends | {"regime": regime, "rests": rests})
-    return {name: np.concatenate([part[name] for part in results]) for name in results[0]}
+        reached = motions_from(bare, state, before | found | whole)
+        put_last(state, found)
+        parts.append((reached, state, rests))
+    reached, state, rests = map(np.concatenate, zip(*parts, strict=True))
+    return reached, state, rests
 
 
 def _lengths(periods: int) -> list[int]:
@@ -134,15 +132,15 @@ def _lengths(periods: int) -> list[int]:
     return [first] * (first > 0) + [_LYAPUNOV_PERIODS] * count
 
 
-def _at_point_of(which: np.ndarray, index: GridIndex) -> np.ndarray:
+def _at_point_of(which: np.ndarray, parameter: np.ndarray) -> np.ndarray:
     """Return the mask of the motions at whose parameter points there are motions in `which`."""
-    return (np.bincount(index.parameter[which], minlength=index.count) > 0)[index.parameter]
+    return np.isin(parameter, parameter[which])
 
 
-def _chaotic(regime: np.ndarray, rests: np.ndarray, index: GridIndex) -> np.ndarray:
+def _chaotic(regime: np.ndarray, rests: np.ndarray, parameter: np.ndarray) -> np.ndarray:
     """Return the mask of motions that are chaotic, or that rest where a rest leads to chaos."""
     chaotic = regime == Regime.CHAOTIC
-    return chaotic | ((regime == Regime.REST) & _at_point_of(chaotic & (rests > 0), index))
+    return chaotic | ((regime == Regime.REST) & _at_point_of(chaotic & (rests > 0), parameter))
 
 
 def _rested_once(regime: np.ndarray, rests: np.ndarray) -> np.ndarray:

@@ -103,27 +103,22 @@ def lead_to_each_other(
 ) -> np.ndarray:
     """Return the mask of the pairs of motions in which a seed from each leads to the other."""
     m, q, mask = motions["m"], motions["q"], np.zeros(len(a), bool)
+    spec = config.sweep.spec.part(_SEED_PERIODS, _SEED_RECORD, 0, False)
     at = np.flatnonzero(np.isin(m[b] / m[a], (0.5, 1.0, 2.0)) & (q[b] * m[a] == q[a] * m[b]))
     for own, other in ((a, b), (b, a)):
-        at = at[_leads_to(config, motions[own[at]], motions[other[at]])]
+        if not len(at):
+            break
+        from_, to = motions[own[at]], motions[other[at]]
+        seeds = to["point"].copy()
+        seeds["x0"] = np.minimum(from_["point"]["x0"], seeds["clearance"])
+        seeds["v0"] = from_["point"]["v0"]
+        ends = motions_from(spec, seeds, compute_points(spec, seeds, None, at_section=True))
+        there = (ends["m"] == to["m"]) & (ends["q"] == to["q"])
+        at, ends, to = at[there], ends[there], to[there]
+        pairs = np.arange(2 * len(at)).reshape(2, -1)
+        cycles = cycles_of(config, np.concatenate([ends, to]))
+        at = at[distances(cycles, *pairs) <= ORBIT_TOLERANCE]
     mask[at] = True
-    return mask
-
-
-def _leads_to(config: SweepConfig, motions: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the mask of the motions that lead to the others, with the parameters of these."""
-    if not len(motions):
-        return np.empty(0, bool)
-    seeds = others["point"].copy()
-    seeds["x0"] = np.minimum(motions["point"]["x0"], seeds["clearance"])
-    seeds["v0"] = motions["point"]["v0"]
-    spec = config.sweep.spec.part(_SEED_PERIODS, _SEED_RECORD, 0, False)
-    ends = motions_from(spec, seeds, compute_points(spec, seeds, None, at_section=True))
-    mask: np.ndarray = (ends["m"] == others["m"]) & (ends["q"] == others["q"])
-    there = np.flatnonzero(mask)
-    cycles = cycles_of(config, np.concatenate([ends[there], others[there]]))
-    pairs = np.arange(2 * len(there)).reshape(2, -1)
-    mask[there] = distances(cycles, *pairs) <= ORBIT_TOLERANCE
     return mask
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sweeps.bifurcation.bifurcation_table import other_axes
+from sweeps.opened.cuts import START_AXES
 from sweeps.opened.dataset import config_of
-from sweeps.opened.grouping import START_AXES
 from sweeps.store import DIRECTION
 from sweeps.text import fewest_digits, shown_count, shown_range, table
 from vibroimpact.points.regimes import Label

@@ -19,10 +19,9 @@ import xarray as xr
 
 from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.bifurcation.explanations import NO_LABEL, changes_of_class, explain, least_difference
-from sweeps.opened.cuts import Selection, chosen_axes, cut_at, swept_axes
+from sweeps.opened.cuts import START_AXES, Selection, chosen_axes, cut_at, swept_axes
 from sweeps.opened.dataset import check_diagnostic, config_of, headed, nomenclature_of
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.grouping import START_AXES
 from sweeps.opened.motions import OF_MOTIONS, labels, motions_of
 from sweeps.store import DIRECTION
 from vibroimpact.orbits.curves import KINDS

@@ -20,10 +20,9 @@ from sweeps.bifurcation.branch_set import BranchSet
 from sweeps.bifurcation.chords import with_short_chords
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, orbit_coordinates
-from sweeps.opened.cuts import Selection, chosen_axes, cut_at, split_directions
+from sweeps.opened.cuts import START_AXES, Selection, chosen_axes, cut_at, split_directions
 from sweeps.opened.dataset import config_of, nomenclature_of, orbits_on_axes
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.grouping import START_AXES
 from sweeps.opened.motions import motions_of, orbit_at
 from sweeps.store.variables import DIRECTION
 from sweeps.text import listed, shown_count

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sweeps.opened.grouping import START_AXES
+from sweeps.opened.cuts import START_AXES
 from sweeps.opened.motions import leads_to, orbit_of_motion
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.points.regimes import Label, Regime

@@ -90,10 +90,10 @@ def integrity_command(
 
 def _show_attractors(shown: xr.Dataset, found: xr.Dataset, csv: Path | None, json: bool) -> None:
     """Show the attractors found in a part of a sweep, and write them to a CSV file if given."""
-    from sweeps.attractor.attractor_report import attractor_report
     from sweeps.attractor.attractor_table import (
         attractor_frame,
         attractor_records,
+        attractor_report,
         attractor_rows,
     )
     from sweeps.opened.csv_tables import write_csv

@@ -13,6 +13,8 @@ from sweeps.opened.dataset import config_of
 from sweeps.store.variables import DIRECTION
 from sweeps.text import choice_of, listed, near_miss, suggestion, told_apart
 
+#: Axes along which only the start or the past differs, not the oscillator.
+START_AXES = ("x0", "v0", DIRECTION)
 #: Where a sweep is cut: a value for each swept axis, and a name for ``direction``.
 Selection = Mapping[str, float | str]
 

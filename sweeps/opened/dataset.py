@@ -1,4 +1,4 @@
-"""What an opened Dataset says of itself: configuration, names and units, oscillator, results."""
+"""What an opened Dataset says of itself: configuration, names and units, points, results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.store.variables import VARIABLES, columns_of
 from sweeps.text import unit_name
-from vibroimpact.oscillator import Oscillator
+from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator
 
 #: Attribute that marks a dataset with the names and in the units of its reader.
 IN_SI = "in_si"
@@ -26,6 +26,21 @@ def results_of(dataset: xr.Dataset, names: Collection[str]) -> dict[str, np.ndar
     """Return results as arrays in the shape of ``status``, without those that are not recorded."""
     axes = dataset["status"].dims
     return {name: dataset[name].transpose(*axes, ...).values for name in names if name in dataset}
+
+
+def points_of(dataset: xr.Dataset, at: np.ndarray | slice = np.s_[:]) -> np.ndarray:
+    """Return the points of an opened sweep, of dtype POINT, in C order; or those `at` these."""
+    columns = {name: parameter_at_points(dataset, name)[at] for name in PARAMETERS}
+    points = np.empty(len(columns["h"]), POINT)
+    for name, column in columns.items():
+        points[name] = column
+    return points
+
+
+def parameter_at_points(dataset: xr.Dataset, name: str) -> np.ndarray:
+    """Return a parameter, swept or not, at every point of an opened sweep, in C order."""
+    values: np.ndarray = dataset[name].variable.set_dims(dataset["status"].sizes).values
+    return values.ravel()
 
 
 def config_of(dataset: xr.Dataset) -> SweepConfig:

@@ -113,31 +113,24 @@ def _refuse_unfit(sweep: object) -> None:
     """Refuse what is no opened sweep, or a part of one that lacks what was in its file."""
     if not isinstance(sweep, xr.Dataset):
         raise Refused(f"{input_text(sweep)} is no sweep; expected: {_EXPECTED}")
-    problem = _problem(sweep)
-    if problem:
-        raise Refused(f"the Dataset {problem}; expected: {_EXPECTED}")
-
-
-def _problem(sweep: xr.Dataset) -> str:
-    """Return what a Dataset lacks of an opened sweep; empty if it lacks nothing."""
     if not isinstance(sweep.attrs.get("configuration"), str | SweepConfig):
-        return "has no attribute configuration"
+        raise Refused(f"the Dataset has no attribute configuration; expected: {_EXPECTED}")
     if "status" not in sweep:
-        return "has no status"
-    parameters, dims = (
-        nomenclature_of(sweep).parameters,
-        [str(name) for name in sweep["status"].dims],
-    )
-    for name in dims:
-        if name not in (*parameters, DIRECTION, TABLE):
-            return f"has the axis {name}, which no sweep has"
-        if not sweep.sizes[name]:
-            return f"has no value of {name}"
-    for name in (*parameters, *dims):
-        if name not in sweep.coords:
-            return f"has no coordinate {name}"
+        raise Refused(f"the Dataset has no status; expected: {_EXPECTED}")
+    parameters = nomenclature_of(sweep).parameters
+    dims = [str(name) for name in sweep["status"].dims]
+    problems = [
+        *(
+            f"has the axis {name}, which no sweep has"
+            for name in dims
+            if name not in (*parameters, DIRECTION, TABLE)
+        ),
+        *(f"has no value of {name}" for name in dims if not sweep.sizes[name]),
+        *(f"has no coordinate {name}" for name in (*parameters, *dims) if name not in sweep.coords),
+    ]
     for name, variable in VARIABLES.items():
         own = {*dims, *([variable.dimension] if variable.dimension else [])}
         if name in sweep and set(sweep[name].dims) != own:
-            return f"has {name} without its dimensions {', '.join(sorted(own))}"
-    return ""
+            problems.append(f"has {name} without its dimensions {', '.join(sorted(own))}")
+    if problems:
+        raise Refused(f"the Dataset {problems[0]}; expected: {_EXPECTED}")

@@ -15,18 +15,14 @@ import numpy as np
 import xarray as xr
 
 from sweeps.config.nomenclature import Nomenclature
-from sweeps.config.rig import MASS, QUANTITIES, RigConfig
+from sweeps.config.rig import MASS, QUANTITIES
+from sweeps.config.sweep import SweepConfig
 from sweeps.opened.dataset import IN_SI, config_of, nomenclature_of, orbits_on_axes
 from sweeps.store.variables import COLUMNS
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
-
-def rig_of(dataset: xr.Dataset) -> RigConfig | None:
-    """Return the rig of an opened sweep, if it has one."""
-    text = dataset.attrs["configuration"]
-    if isinstance(text, str) and not re.search("^rig:", text, re.MULTILINE):
-        return None  # without reading a table
-    return config_of(dataset).rig
+#: Finds the rig in a configuration without reading the table that may belong to it.
+_HAS_RIG = re.compile("^rig:", re.MULTILINE)
 
 
 def in_si(dataset: xr.Dataset) -> xr.Dataset:
@@ -35,8 +31,11 @@ def in_si(dataset: xr.Dataset) -> xr.Dataset:
     The axes are those of the rig; the parameters of the model stay as further coordinates. The
     results of the file are still read when they are used.
     """
-    rig = rig_of(dataset)
-    if rig is None or IN_SI in dataset.attrs:
+    text = dataset.attrs["configuration"]
+    if IN_SI in dataset.attrs or not (isinstance(text, SweepConfig) or _HAS_RIG.search(text)):
+        return dataset
+    rig = config_of(dataset).rig
+    if rig is None:
         return dataset
     seen = Nomenclature(rig)
     mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)

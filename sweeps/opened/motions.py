@@ -9,8 +9,13 @@ import numpy as np
 import xarray as xr
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.opened.dataset import config_of, oscillator_of, results_of
-from sweeps.opened.grouping import parameter_at_points, points_of
+from sweeps.opened.dataset import (
+    config_of,
+    oscillator_of,
+    parameter_at_points,
+    points_of,
+    results_of,
+)
 from sweeps.opened.section_distance import ORBIT_TOLERANCE, Cycles, distances
 from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
@@ -86,17 +91,12 @@ def motions_from(
         results = classified(spec, points, results, None, None)
     motions = np.empty(len(points), MOTION)
     motions["point"] = points
-    put_classes(motions, regimes_of(results, points["omega"], spec.periods), results)
-    return motions
-
-
-def put_classes(motions: np.ndarray, regime: np.ndarray, results: Mapping[str, np.ndarray]) -> None:
-    """Write the regimes of motions, and the classes and orbits in their results."""
-    periodic = regime == Regime.PERIODIC
-    motions["regime"] = regime
+    motions["point"]["x0"], motions["point"]["v0"] = results["orbit_x"], results["orbit_v"]
+    motions["regime"] = regimes_of(results, points["omega"], spec.periods)
+    periodic = motions["regime"] == Regime.PERIODIC
     motions["m"] = np.where(periodic, results["period"], 0)
     motions["q"] = np.where(periodic, results["period_impacts"], 0)
-    motions["point"]["x0"], motions["point"]["v0"] = results["orbit_x"], results["orbit_v"]
+    return motions
 
 
 def run_on(

@@ -74,16 +74,12 @@ def distances(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
             first = np.tile(cycles.states[a[part], :periods], (1, turns, 1))
             second, R = cycles.states[b[part], : turns * periods], cycles.R[b[part], None]
             turned = (np.roll(first, turn, axis=1) for turn in range(periods))
-            apart = [_row_maxima(section_distance(one, second, 0.0, R)) for one in turned]
+            apart = [section_distance(one, second, 0.0, R) for one in turned]
             both = np.concatenate([first, second], axis=1).reshape(len(part), -1)
-            greatest = _row_maxima(np.abs(both))
-            result[part] = reduce(np.minimum, apart) / np.where(greatest > 0.0, greatest, 1.0)
+            # Column by column: many short rows have their maxima sooner than by `max`.
+            *far, greatest = (reduce(np.maximum, one.T) for one in (*apart, np.abs(both)))
+            result[part] = reduce(np.minimum, far) / np.where(greatest > 0.0, greatest, 1.0)
     return result
-
-
-def _row_maxima(table: np.ndarray) -> np.ndarray:
-    """Return the maximum of each row; taking it column by column is fast for many short rows."""
-    return reduce(np.maximum, table.T)
 
 
 def same_motions(

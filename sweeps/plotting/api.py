@@ -13,9 +13,8 @@ from matplotlib.figure import Figure
 from sweeps.arguments import PATH, is_path
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
-from sweeps.opened.cuts import Selection, swept_axes
+from sweeps.opened.cuts import START_AXES, Selection, swept_axes
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.grouping import START_AXES
 from sweeps.plotting.basin_pictures import attractor_diagram, basins
 from sweeps.plotting.diagram import bifurcation
 from sweeps.plotting.erosion import integrity

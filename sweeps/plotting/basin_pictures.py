@@ -15,15 +15,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sweeps.attractor.attractor_report import classes_text, shown_speeds
-from sweeps.attractor.attractor_table import AttractorRow, attractor_rows, parameter_axes
+from sweeps.attractor.attractor_table import (
+    AttractorRow,
+    attractor_rows,
+    classes_text,
+    parameter_axes,
+    shown_speeds,
+)
 from sweeps.attractor.partition import attractors
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, records, shows_part
-from sweeps.opened.cuts import Selection, chosen_axes, cut_at, swept_axes
+from sweeps.opened.cuts import START_AXES, Selection, chosen_axes, cut_at, swept_axes
 from sweeps.opened.dataset import config_of
-from sweeps.opened.grouping import START_AXES
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Cells
 from sweeps.plotting.contents import choose_coordinate, refuse_empty, refuse_without_result

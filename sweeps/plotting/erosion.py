@@ -16,8 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
-from sweeps.attractor.attractor_report import classes_text
-from sweeps.attractor.attractor_table import AttractorRow, attractor_rows
+from sweeps.attractor.attractor_table import AttractorRow, attractor_rows, classes_text
 from sweeps.attractor.integrity import refuse_unfit, with_measures
 from sweeps.attractor.knocks import at_section, knocks
 from sweeps.errors import Refused

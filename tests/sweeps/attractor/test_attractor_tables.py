@@ -7,8 +7,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from sweeps import attractors
-from sweeps.attractor.attractor_report import attractor_report
-from sweeps.attractor.attractor_table import attractor_rows, cut
+from sweeps.attractor.attractor_table import attractor_report, attractor_rows, cut
 from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.errors import Refused
 from sweeps.plotting import attractor_diagram, basins, plot
