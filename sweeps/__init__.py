@@ -25,10 +25,7 @@ def __getattr__(name: str) -> object:
 
     A command imports this package before it can listen to signals, so it must import nothing else.
     """
-    import sys
-
-    # pdoc shows the names of ``__all__``, and help(sweeps) would print every docstring of these.
-    if name == "__all__" and "pdoc" not in sys.modules:
+    if name == "__all__":  # help(sweeps) would print the docstring of every name in it
         raise AttributeError(name)
     import lazy_loader
 
@@ -36,8 +33,6 @@ def __getattr__(name: str) -> object:
 
     attribute, names, _ = lazy_loader.attach_stub(__name__, __file__)
     globals().update(__dir__=names, __version__=__version__)
-    if name == "__all__":
-        return names()
     return __version__ if name == "__version__" else attribute(name)
 
 

@@ -37,6 +37,8 @@ class Status(IntEnum):
     def remark(self, impact: str) -> str:
         """Return what there is to say of a point with an impact rule; nothing of a usual one.
 
+        Examples
+        --------
         >>> from vibroimpact import Status
         >>> Status.COMPUTED.remark("plain"), Status.CUT_SHORT.remark("exact")
         ('', 'bounces too short to follow were taken for rest')

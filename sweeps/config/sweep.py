@@ -189,6 +189,8 @@ class SweepConfig(Group):
         With ``table=False`` the table of points is left out. With ``ascii=True`` all other
         characters are escaped.
 
+        Examples
+        --------
         >>> import sweeps
         >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
         >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}

@@ -57,12 +57,7 @@ def test_help_of_the_engine_is_a_screen_that_names_all_of_it():
     assert text.count("\n") < 60
     for name in dir(sweeps):
         assert re.search(rf"`(sweeps\.)?{name}`", text), name
-
-
-def test_pdoc_finds_every_public_name_and_help_stays_short(monkeypatch):
-    assert not hasattr(sweeps, "__all__")
-    monkeypatch.setitem(sys.modules, "pdoc", None)
-    assert sweeps.__all__ == dir(sweeps)
+    assert not hasattr(sweeps, "__all__")  # the text would have the docstrings of all its names
 
 
 @pytest.mark.slow

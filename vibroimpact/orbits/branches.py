@@ -249,6 +249,8 @@ class Branch:
     def oscillator_at(self, value: Any) -> Oscillator:
         """Return the oscillator at a value of the parameter, or at two values of a curve.
 
+        Examples
+        --------
         >>> from vibroimpact import Oscillator, one_impact_orbit
         >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.4, f=1.0))
         >>> branch(orbit, "omega", 2.3, 3.2).oscillator_at(2.5).omega
@@ -266,6 +268,8 @@ class Branch:
     def orbit(self, i: int) -> PeriodicOrbit:
         """Return the orbit at a point of the branch.
 
+        Examples
+        --------
         >>> from vibroimpact import Oscillator, one_impact_orbit
         >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.4, f=1.0))
         >>> branch(orbit, "omega", 2.3, 3.2).orbit(-1).oscillator.omega
@@ -279,6 +283,8 @@ class Branch:
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return the orbits of a branch at a value of its parameter, in the order of the branch.
 
+        Examples
+        --------
         >>> from vibroimpact import Oscillator, one_impact_orbit
         >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.4, f=1.0))
         >>> [there.speeds.round(6) for there in branch(orbit, "omega", 2.3, 3.2).at(2.6)]

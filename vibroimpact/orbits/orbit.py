@@ -154,6 +154,8 @@ class PeriodicOrbit:
 
         For an impact at `phase` itself this is the state after it.
 
+        Examples
+        --------
         >>> from vibroimpact import Oscillator, one_impact_orbit
         >>> one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0)).sections().round(6)
         array([[-0.553435,  1.296107]])
