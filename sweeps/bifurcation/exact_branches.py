@@ -201,7 +201,7 @@ def _as_dataset(
     rows = with_special_points(items, "branch", "kind", (found.parameter,))
     at_end = ~np.isin(rows["kind"].values, ["", *KINDS])  # not at a bifurcation
     within = (np.abs(np.concatenate(multipliers)) < 1.0).all(axis=1)
-    sizes = np.array([len(part.values) for part in parts], int)
+    sizes = np.array([len(part.points) for part in parts], int)
     m, q = np.array([(part.m, part.phases.shape[1]) for part in parts], int).reshape(-1, 2).T
     data: dict[str, Any] = {
         "m": ("point", np.repeat(m, sizes)),

@@ -88,7 +88,7 @@ def orbit_coordinates(orbits: Orbits, phase: float) -> dict[str, np.ndarray]:
     The phases of the impacts increase. `phase` is the phase of the section [rad].
     """
     x, v = np.moveaxis(orbits.sections(phase), 2, 0)
-    values = (x, v, orbits.values[:, 5, None] - x, orbits.speeds, orbits.phases)
+    values = (x, v, orbits.points["clearance"][:, None] - x, orbits.speeds, orbits.phases)
     return dict(zip(COORDINATES, values, strict=True))
 
 

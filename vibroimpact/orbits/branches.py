@@ -24,18 +24,14 @@ from vibroimpact.orbits.family import (
     ContinuationParameter,
     OrbitFamily,
     Point,
-    parameter_indices,
     units_along,
 )
-from vibroimpact.orbits.flights import parameters, values_of
 from vibroimpact.orbits.orbit import (
-    NAMES,
     Orbits,
     PeriodicOrbit,
     free_amplitude,
     free_orbit,
     orbit_of,
-    steady_amplitude,
     taken_twice,
 )
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
@@ -262,8 +258,8 @@ class Branch:
     @property
     def orbits(self) -> Orbits:
         """Its orbits as arrays."""
-        free, at = parameter_indices(self.parameters), self.values.reshape(len(self.values), -1)
-        return Orbits.along(self.oscillator, free, at, self.m, self.phases, self.speeds)
+        at = self.values.reshape(len(self.values), -1)
+        return Orbits.along(self.oscillator, self.parameters, at, self.m, self.phases, self.speeds)
 
     def orbit(self, i: int) -> PeriodicOrbit:
         """Return the orbit at a point of the branch.
@@ -419,13 +415,12 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
 
     units = units_along(orbit.oscillator, [axis])
     osc, unit = units.oscillator_into(orbit.oscillator), PARAMETERS[axis.name].unit
-    start, there = float(getattr(osc, axis.name)), values_of(osc)
+    start = float(getattr(osc, axis.name))
     first, last = units.into(unit, (axis.low, axis.high)).tolist()
 
     def gap_left(value: float) -> float:
-        there[NAMES.index(axis.name)] = value
-        pt = parameters.py_func(there)
-        return float(pt.clearance - min(abs(steady_amplitude(pt)), _INFINITE))
+        there = replace(osc, **{axis.name: value})
+        return there.clearance - min(abs(free_amplitude(there)), _INFINITE)
 
     def end(side: np.ndarray) -> tuple[str, float]:
         """Return how the branch ends towards one side, and the last value."""

@@ -57,8 +57,8 @@ def _do_each(task, system, points, rows, count, number, results):
         if task == _CORRECT_EACH:
             own[0] = corrector.newton_method(system, X, rows[k : k + 1], count)
         elif task == _SECTIONS:
-            values = corrector.parameters_at(system, X)
-            flights.set_sections(values, system.m, X, system.q, number, own)
+            pt = corrector.parameters_at(system, X)
+            flights.set_sections(pt, system.m, X, system.q, number, own)
         else:
             corrector.set_multipliers(system, X, own)
 
@@ -66,12 +66,12 @@ def _do_each(task, system, points, rows, count, number, results):
 @jit
 def _follow(task, system, X, i, phase, results):
     """Do a task for which flights are followed."""
-    values = corrector.parameters_at(system, X)
+    pt = corrector.parameters_at(system, X)
     if task == _PENETRATION:
-        found = flights.find_penetration(values, system.m, X, system.q)
+        found = flights.find_penetration(pt, system.m, X, system.q)
         results[0], results[1], results[2] = found
     else:
-        results[0], results[1] = flights.find_turning_point(values, X, i, phase)
+        results[0], results[1] = flights.find_turning_point(pt, X, i, phase)
 
 
 @jit

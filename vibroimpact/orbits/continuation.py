@@ -258,11 +258,10 @@ def _leaves(family: OrbitFamily, point: Point) -> bool:
 
 def _cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
     """Whether an impact is left without speed and acceleration, so that the next one meets it."""
-    _, R, omega, f, p, clearance, a = family.natural(X)
-    theta = phases(X, family.q)
-    pushed = -(f + a * omega * omega) * np.sin(theta) - p * p * clearance
+    pt, theta = family.natural(X), phases(X, family.q)
+    pushed = -pt.f * np.sin(theta) - pt.p * pt.p * pt.clearance
     short = np.diff(theta, append=theta[0] + 2.0 * math.pi * family.m) < NEARBY_DISTANCE
-    still = (R * speeds(X, family.q) < _GRAZES) & (np.abs(pushed) < _GRAZES)
+    still = (pt.R * speeds(X, family.q) < _GRAZES) & (np.abs(pushed) < _GRAZES)
     return bool((short & still).any())
 
 

@@ -45,7 +45,7 @@ import numpy as np
 from vibroimpact.jit import jit
 from vibroimpact.orbits.flights import (
     is_below,
-    parameters,
+    parameters_in,
     phase_of_landing,
     polynomials,
     residuals,
@@ -101,8 +101,8 @@ HEADING = 1e-5
 class System(NamedTuple):
     """The data that do not change in an iteration, in natural units."""
 
-    values: np.ndarray  # parameters of the oscillator, (7,); those of `free` are taken from X
-    free: np.ndarray  # indices of the free parameters, (k,); k <= 2 in an iteration, else k <= 7
+    point: np.ndarray  # the numbers of a ``POINT``; those of `free` are taken from X instead
+    free: np.ndarray  # indices of the free parameters, (k,); k <= 2 in an iteration
     spans: np.ndarray  # their units in X, (k,)
     m: int  # forcing periods
     q: int  # impacts
@@ -113,20 +113,26 @@ class System(NamedTuple):
 
 
 @jit
-def parameters_at(system, X):
-    """Return the parameters of the oscillator at a vector of unknowns, shape (7,)."""
-    values = system.values.copy()
+def _numbers_at(system, X):
+    """Return the numbers of the ``POINT`` at a vector of unknowns."""
+    numbers = system.point.copy()
     for j in range(system.free.size):
-        values[system.free[j]] = X[free_at(system.q, j)] * system.spans[j]
-    return values
+        numbers[system.free[j]] = X[free_at(system.q, j)] * system.spans[j]
+    return numbers
+
+
+@jit
+def parameters_at(system, X):
+    """Return the ``Parameters`` at a vector of unknowns."""
+    return parameters_in(_numbers_at(system, X))
 
 
 @jit
 def linearised_flights(system, X):
     """Return F, A and B of the flights at a vector of unknowns (``flights.residuals``)."""
-    values = parameters_at(system, X)
-    system.work[0] += time_steps(parameters(values), system.m, system.q)
-    return residuals(values, system.m, X, system.q)
+    pt = parameters_at(system, X)
+    system.work[0] += time_steps(pt, system.m, system.q)
+    return residuals(pt, system.m, X, system.q)
 
 
 @jit
@@ -140,18 +146,19 @@ def _largest(F):
 @jit
 def _parameter_slopes(system, X):
     """Return the derivatives of the residuals with respect to the free parameters, (q, 2, k)."""
-    q, values = system.q, parameters_at(system, X)
+    q, numbers = system.q, _numbers_at(system, X)
     D = pairs(q, system.free.size)
-    system.work[0] += 2 * system.free.size * time_steps(parameters(values), system.m, q)
+    steps = time_steps(parameters_in(numbers), system.m, q)
+    system.work[0] += 2 * system.free.size * steps
     for j in range(system.free.size):
         at, span = system.free[j], system.spans[j]
-        value = values[at]
+        value = numbers[at]
         step = FLIGHT_DIFFERENCE * larger(abs(value), 0.1 * span)
-        values[at] = value + step
-        above, _, _ = residuals(values, system.m, X, q)
-        values[at] = value - step
-        below, _, _ = residuals(values, system.m, X, q)
-        values[at] = value
+        numbers[at] = value + step
+        above, _, _ = residuals(parameters_in(numbers), system.m, X, q)
+        numbers[at] = value - step
+        below, _, _ = residuals(parameters_in(numbers), system.m, X, q)
+        numbers[at] = value
         for i in range(q):
             for row in range(2):
                 D[i, row, j] = (above[i, row] - below[i, row]) * (0.5 * span / step)
@@ -193,9 +200,9 @@ def _condition(system, X):
 
 
 @jit
-def determinant(h, R, omega, m, q):
+def determinant(pt, m, q):
     """Return the product of both Floquet multipliers: R^(2q) exp(-4 pi h m / omega)."""
-    return R ** (2.0 * q) * math.exp(-4.0 * math.pi * h * m / omega)
+    return pt.R ** (2.0 * q) * math.exp(-4.0 * math.pi * pt.h * m / pt.omega)
 
 
 @jit
@@ -204,8 +211,7 @@ def set_multipliers(system, X, parts):
     _, A, B = linearised_flights(system, X)
     _, c1, c2 = characteristic_polynomial(A, B)
     trace = -c1 / c2 if c2 != 0.0 else math.inf
-    p = parameters_at(system, X)
-    product = determinant(p[0], p[1], p[2], system.m, system.q)
+    product = determinant(parameters_at(system, X), system.m, system.q)
     discriminant = trace * trace - 4.0 * product
     root = math.copysign(math.sqrt(abs(discriminant)), trace)
     if discriminant < 0.0:
@@ -336,10 +342,9 @@ def _size_of_rounding(system):
 
     Over wide ranges the speeds of an orbit may be far below 1 in natural units.
     """
-    values = system.values
-    force = values[3] + values[6] * values[2] * values[2]
-    _, exponent = math.frexp(force / (values[2] + values[4]))
-    return math.ldexp(1.0, exponent) if force > 0.0 else 1.0
+    pt = parameters_in(system.point)
+    _, exponent = math.frexp(pt.f / (pt.omega + pt.p))
+    return math.ldexp(1.0, exponent) if pt.f > 0.0 else 1.0
 
 
 @jit
@@ -358,9 +363,9 @@ def _fill(system, X, bounds, values):
             # divided out.
             first, second = c0 - c1 + c2, (c0 + c1 + c2) / distance_of_halves(X, system.m, q)
         else:  # c1 and its rounding decay with the flow over the m periods; undo this
-            p = parameters_at(system, X)
-            T = 2.0 * math.pi * system.m / p[2]
-            first = c1 * math.exp(p[0] * T) / ((2.0 * p[0] + p[4] + p[2]) * T)
+            pt = parameters_at(system, X)
+            T = 2.0 * math.pi * system.m / pt.omega
+            first = c1 * math.exp(pt.h * T) / ((2.0 * pt.h + pt.p + pt.omega) * T)
     size = _size_of_rounding(system)
     values[2 * k], values[2 * k + 1] = first / size, second / size
 
@@ -399,11 +404,11 @@ def _may_have_more_roots(a, slope_a, b, slope_b):
 @jit
 def _oscillates_far(system, X, Y):
     """Whether the natural oscillation of a flight advances far between two points."""
-    p, p_Y, q = parameters_at(system, X), parameters_at(system, Y), system.q
+    pt, pt_Y, q = parameters_at(system, X), parameters_at(system, Y), system.q
     for i in range(q):
         flight = phase_of_landing(system.m, X, q, i) - X[phase_at(i)]
         flight_Y = phase_of_landing(system.m, Y, q, i) - Y[phase_at(i)]
-        advance, advance_Y = flight * p[4] / p[2], flight_Y * p_Y[4] / p_Y[2]
+        advance, advance_Y = flight * pt.p / pt.omega, flight_Y * pt_Y.p / pt_Y.omega
         if abs(advance_Y - advance) > _MOST_ADVANCE:
             return True
     return False
@@ -415,12 +420,9 @@ def _flights(system, X, tangent, i, n, zeros):
     step = larger(FLIGHT_DIFFERENCE, difference(system, X))
     above, below = moved(X, step, tangent), moved(X, -step, tangent)
     m, q = system.m, system.q
-    pt = parameters(parameters_at(system, X))
-    C, _ = polynomials(pt, m, X, q, i, n, zeros)
-    pt = parameters(parameters_at(system, above))
-    slopes, _ = polynomials(pt, m, above, q, i, n, zeros)
-    pt = parameters(parameters_at(system, below))
-    down, _ = polynomials(pt, m, below, q, i, n, zeros)
+    C, _ = polynomials(parameters_at(system, X), m, X, q, i, n, zeros)
+    slopes, _ = polynomials(parameters_at(system, above), m, above, q, i, n, zeros)
+    down, _ = polynomials(parameters_at(system, below), m, below, q, i, n, zeros)
     for k in range(n):
         for j in range(TERMS):
             slopes[k, j] = (slopes[k, j] - down[k, j]) / (2.0 * step)
@@ -439,7 +441,7 @@ def _may_meet(c, here, slopes, there, k, length):
 def _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
     """Whether a flight may meet the stop within a step from X to Y."""
     m, q, c = system.m, system.q, filled(TERMS, 0.0)
-    pt, pt_Y = parameters(parameters_at(system, X)), parameters(parameters_at(system, Y))
+    pt, pt_Y = parameters_at(system, X), parameters_at(system, Y)
     for i in range(q):
         # The flights of a difference must have the same number of steps.
         n, n_Y = 1 + steps_of(pt, m, X, q, i), 1 + steps_of(pt_Y, m, Y, q, i)

@@ -16,17 +16,18 @@ from vibroimpact.inputs import input_text, one_of
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, System, determinant
-from vibroimpact.orbits.flights import values_of
+from vibroimpact.orbits.flights import parameters_in
 from vibroimpact.orbits.orbit import (
     NAMES,
     Orbits,
     PeriodicOrbit,
     orbit_of,
+    point_of,
     system_of,
-    units_over,
 )
 from vibroimpact.orbits.unknowns import free, inner, phases, speeds, unknowns
-from vibroimpact.oscillator import PARAMETERS, Oscillator
+from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, mesh
+from vibroimpact.step.integrators import Parameters
 
 #: The condition that all orbits of a family meet: none, or a bifurcation.
 CONDITIONS = {"": NONE, "flip": FLIP, "fold": FOLD, "graze": GRAZE}
@@ -44,11 +45,6 @@ _TOUCHES = 1e-9
 #: The chord of a step deviates from the mean of both tangents by less than this share of the step.
 #: On a circle it does not deviate at all; of 20,000 steps, 11 deviate by more.
 _MOST_OFF = 0.05
-
-
-def parameter_indices(names: Sequence[str]) -> np.ndarray:
-    """Return the indices of parameters in ``flights.values_of``."""
-    return np.array([*map(NAMES.index, names)], np.int64)
 
 
 @dataclass(frozen=True)
@@ -87,11 +83,9 @@ class ContinuationParameter:
 
 def units_along(osc: Oscillator, axes: Sequence[ContinuationParameter]) -> NaturalUnits:
     """Return the natural units of an oscillator over the ranges of some parameters."""
-    values = values_of(osc)[None]
-    for axis in axes:
-        values = np.concatenate([values, values])
-        values[:, NAMES.index(axis.name)] = np.repeat([axis.low, axis.high], len(values) // 2)
-    return units_over(values)
+    ends = {axis.name: np.array([axis.low, axis.high]) for axis in axes}
+    points = point_of(osc)
+    return NaturalUnits.of(mesh(ends, {name: points[name][0] for name in POINT.names}))
 
 
 @dataclass(frozen=True)
@@ -141,7 +135,7 @@ class OrbitFamily:
         units = [PARAMETERS[name].unit for name in self.names]
         spans = [*map(self.units.into, units, self.spans)]
         self.system = system_of(self.osc, self.m, self.q, self.units)._replace(
-            free=parameter_indices(self.names),
+            free=np.array([*map(NAMES.index, self.names)], np.int64),
             spans=np.array(spans),
             condition=CONDITIONS[kind],
             graze=graze,
@@ -171,11 +165,12 @@ class OrbitFamily:
         """Return the free parameters at a point."""
         return free(X, self.q) * self.spans
 
-    def natural(self, X: np.ndarray) -> np.ndarray:
-        """Return the parameters of the oscillator at a point in natural units, shape (7,)."""
-        values = self.system.values.copy()
-        values[self.system.free] = free(X, self.q) * self.system.spans
-        return values
+    def natural(self, X: np.ndarray) -> Parameters:
+        """Return the parameters at a point in natural units."""
+        numbers = self.system.point.copy()
+        numbers[self.system.free] = free(X, self.q) * self.system.spans
+        pt: Parameters = parameters_in.py_func(numbers)  # not worth compiling
+        return pt
 
     def kept(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at points; a value within rounding of an edge becomes it."""
@@ -208,7 +203,7 @@ class OrbitFamily:
 
     def orbits(self, X: np.ndarray) -> Orbits:
         """Return the orbits at points, shape (n, 2 q + k), with impacts numbered as there."""
-        return Orbits.along(self.osc, self.system.free, self.kept(X), self.m, *self.impacts(X))
+        return Orbits.along(self.osc, self.names, self.kept(X), self.m, *self.impacts(X))
 
     def corrected(
         self,
@@ -265,9 +260,8 @@ class OrbitFamily:
 
     def stable(self, point: Point) -> bool:
         """Whether both multipliers are inside the unit circle (Jury); False at a bifurcation."""
-        h, R, omega, *_ = self.natural(point.X)
         flip, fold = point.tests[0, -2:]
-        product = determinant.py_func(h, R, omega, self.m, self.q)  # not worth compiling
+        product = determinant.py_func(self.natural(point.X), self.m, self.q)
         return bool(flip * fold > 0.0 and product < 1.0)
 
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:

@@ -30,11 +30,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from vibroimpact.jit import inlined, jit
 from vibroimpact.orbits.unknowns import filled, pairs, phase_at, speed_at, zero_rows
-from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.elementary import larger, sin_cos, smaller
 from vibroimpact.step.integrators import Parameters
 from vibroimpact.step.polynomial import (
@@ -64,15 +61,10 @@ class TimeSteps(NamedTuple):
 
 
 @jit
-def parameters(values):
-    """Return the ``Parameters`` stored in an array of seven, with the whole force as f."""
-    force = values[3] + values[6] * values[2] * values[2]
-    return Parameters(values[0], values[1], values[2], force, values[4], values[5])
-
-
-def values_of(osc: Oscillator) -> np.ndarray:
-    """Return the parameters of an oscillator in an array of seven."""
-    return np.array([osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance, osc.a])
+def parameters_in(numbers):
+    """Return the ``Parameters`` in the numbers of a ``POINT``, with the whole force as f."""
+    force = numbers[3] + numbers[6] * numbers[2] * numbers[2]
+    return Parameters(numbers[0], numbers[1], numbers[2], force, numbers[4], numbers[5])
 
 
 @jit
@@ -119,15 +111,15 @@ def phase_of_landing(m, X, q, i):
 
 
 @jit
-def residuals(values, m, X, q):
+def residuals(pt, m, X, q):
     """Return the residuals of all flights and their derivatives.
 
-    X are the unknowns (``unknowns.py``); free parameters in it are ignored. F, shape (q, 2), is inf
+    `pt` are the ``Parameters``, X the unknowns (``unknowns.py``), of which free parameters are
+    ignored. F, shape (q, 2), is inf
     if an impact does not come after the previous one, or if the repetition has more time steps than
     ``MOST_ORBIT_STEPS``. A and B, shape (q, 2, 2), are the derivatives with respect to the impact
     before the flight and the impact after it.
     """
-    pt = parameters(values)
     F, A, B = zero_rows(q, 2), pairs(q, 2), pairs(q, 2)
     coefficients, M = filled(TERMS, 0.0), zero_rows(2, 2)
     in_order = time_steps(pt, m, 0) <= MOST_ORBIT_STEPS
@@ -223,7 +215,7 @@ def is_below(c):
 
 
 @jit
-def find_penetration(values, m, X, q):
+def find_penetration(pt, m, X, q):
     """Find the first flight that meets the stop before its end; arguments as for `residuals`.
 
     An impact of speed 0 grazes, and is a double root of both its flights. Returns the number of the
@@ -232,7 +224,7 @@ def find_penetration(values, m, X, q):
     -inf if there is none. The number is -1 if no flight meets the stop. This proves that the orbit
     stays below the stop between its impacts.
     """
-    pt, highest = parameters(values), -math.inf
+    highest = -math.inf
     for i in range(q):
         n = steps_of(pt, m, X, q, i)
         C, rounding = polynomials(pt, m, X, q, i, n, zeros_of(pt.R, X, q, i))
@@ -260,13 +252,12 @@ def _state_at(pt, theta, v, phase):
 
 
 @jit
-def find_turning_point(values, X, i, phase):
+def find_turning_point(pt, X, i, phase):
     """Return the phase and x - clearance of the turning point of flight i near a phase.
 
     The other arguments are as for `residuals`.
     """
-    pt, y = parameters(values), 0.0
-    theta, v = X[phase_at(i)], X[speed_at(i)]
+    theta, v, y = X[phase_at(i)], X[speed_at(i)], 0.0
     for _ in range(_MOST_ITERATIONS):
         y, u = _state_at(pt, theta, v, phase)
         s = sin_cos(phase)[0]
@@ -279,12 +270,12 @@ def find_turning_point(values, X, i, phase):
 
 
 @jit
-def set_sections(values, m, X, q, phase, states):
+def set_sections(pt, m, X, q, phase, states):
     """Set x and v of an orbit at omega t = phase mod 2 pi, in time order, (2 m,).
 
     The other arguments are as for `residuals`.
     """
-    pt, first = parameters(values), X[phase_at(0)]
+    first = X[phase_at(0)]
     for j in range(m):
         at = phase % (2.0 * math.pi) + 2.0 * math.pi * j
         theta, i = first + (at - first) % (2.0 * math.pi * m), 0

@@ -8,7 +8,8 @@ loses no digits.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import NamedTuple, Self
 
@@ -18,19 +19,18 @@ from vibroimpact.destination.free_motion import steady_response
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import NONE, System
-from vibroimpact.orbits.flights import values_of
 from vibroimpact.orbits.unknowns import unknowns
-from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator
-from vibroimpact.step.integrators import Parameters
+from vibroimpact.oscillator import PARAMETERS, Oscillator
 
-#: The parameters of an oscillator, in the order of ``flights.values_of``.
+#: The parameters of an oscillator; the numbers of a ``POINT`` begin with them.
 NAMES = [field.name for field in fields(Oscillator)]
-UNITS = tuple(PARAMETERS[name].unit for name in NAMES)
+#: The units of the numbers of a ``POINT``.
+_UNITS = tuple(parameter.unit for parameter in PARAMETERS.values())
 _NONE_FREE, _NO_PARAMETERS = np.empty(0, np.int64), np.empty(0)
 #: Number of starts per period from which the turns of a flight are sought.
 _STARTS = 16
-#: Indices of all parameters of an oscillator, and their units where all are free.
-_ALL_FREE, _ONES = np.arange(7), np.ones(7)
+#: Indices of all numbers of a ``POINT``, and their units where all are free.
+_ALL_FREE, _ONES = np.arange(len(_UNITS)), np.ones(len(_UNITS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +101,12 @@ class PeriodicOrbit:
     @property
     def alone(self) -> Orbits:
         """The orbit as arrays."""
-        values = values_of(self.oscillator)[None]
-        return Orbits(values, self.m, self.phases[None], self.speeds[None])
+        return Orbits(point_of(self.oscillator), self.m, self.phases[None], self.speeds[None])
 
     @cached_property
     def equations(self) -> tuple[System, np.ndarray]:
         """Its equations and its vector of unknowns."""
-        units = units_over(values_of(self.oscillator)[None])
+        units = NaturalUnits.of(point_of(self.oscillator))
         return system_of(self.oscillator, self.m, self.q, units), _vectors(self, units)
 
     @property
@@ -146,7 +145,7 @@ class PeriodicOrbit:
                 phase, y = calls.turning_point(system, X, i, start)
                 if begin < phase < end and calls.turning_point(system, X, i, phase)[0] == phase:
                     turns.append(y)
-        units = units_over(values_of(osc)[None])
+        units = NaturalUnits.of(point_of(osc))
         return np.asarray(units.out_of("length", np.array(turns))) + osc.clearance
 
     def sections(self, phase: float = 0.0) -> np.ndarray:
@@ -166,33 +165,31 @@ class PeriodicOrbit:
 class Orbits(NamedTuple):
     """Orbits of one class as arrays."""
 
-    values: np.ndarray  # of their oscillators (``flights.values_of``), (n, 7)
+    points: np.ndarray  # their oscillators, of dtype ``POINT``, (n,)
     m: int
     phases: np.ndarray  # of the impacts, increasing, (n, q)
     speeds: np.ndarray  # (n, q)
 
     @classmethod
     def along(
-        cls, osc: Oscillator, free: np.ndarray, at: np.ndarray, m: int, *impacts: np.ndarray
+        cls, osc: Oscillator, names: Sequence[str], at: np.ndarray, m: int, *impacts: np.ndarray
     ) -> Self:
-        """Return orbits of oscillators that differ in the parameters of indices `free`.
-
-        `at` are their values, (n, k).
-        """
-        values = np.tile(values_of(osc), (len(at), 1))
-        values[:, free] = at
-        return cls(values, m, *impacts)
+        """Return orbits of oscillators that differ in some parameters; `at` are these, (n, k)."""
+        points = point_of(osc).repeat(len(at))
+        for name, values in zip(names, at.T, strict=True):
+            points[name] = values
+        return cls(points, m, *impacts)
 
     def sections(self, phase: float) -> np.ndarray:
         """Return x and v as ``PeriodicOrbit.sections``, shape (n, m, 2)."""
         at = phase % (2.0 * math.pi) + 2.0 * math.pi * np.arange(self.m)
         if not self.phases.shape[1]:
-            amplitudes = np.array(
-                [free_amplitude(Oscillator(*row)) for row in self.values.tolist()]
-            )
+            oscillators = (Oscillator(*row[: len(NAMES)]) for row in self.points.tolist())
+            amplitudes = np.array([*map(free_amplitude, oscillators)])
             responses = amplitudes[:, None] * np.exp(1j * at)
-            return np.stack([responses.imag, self.values[:, 2, None] * responses.real], axis=2)
-        units = units_over(self.values)
+            v = self.points["omega"][:, None] * responses.real
+            return np.stack([responses.imag, v], axis=2)
+        units = NaturalUnits.of(self.points)
         x, v = np.moveaxis(calls.sections(*self._equations(units), phase), 2, 0)
         return np.stack([units.out_of("length", x), units.out_of("length/time", v)], axis=2)
 
@@ -201,17 +198,17 @@ class Orbits(NamedTuple):
         system = System(
             _ONES, _ALL_FREE, _ONES, self.m, self.phases.shape[1], NONE, 0, False, np.zeros(1)
         )
-        return system, _vectors(self, units, units.into(UNITS, self.values))
+        return system, _vectors(self, units, numbers_in(units, self.points))
 
     @property
     def multipliers(self) -> np.ndarray:
         """Their Floquet multipliers as ``PeriodicOrbit.multipliers``, shape (n, 2)."""
         if not self.phases.shape[1]:
-            h, _, omega, _, p, *_ = self.values.T
+            h, omega, p = (self.points[name] for name in ("h", "omega", "p"))
             rate = np.sqrt(h * h - p * p + 0.0j)
             times = 2.0 * math.pi * self.m / omega
             return np.exp((np.stack([rate, -rate]) - h) * times).T
-        found = calls.multipliers(*self._equations(units_over(self.values)))
+        found = calls.multipliers(*self._equations(NaturalUnits.of(self.points)))
         found[~self.speeds.all(axis=1)] = math.inf, 0.0
         return found
 
@@ -232,12 +229,15 @@ def taken_twice(orbit: PeriodicOrbit) -> PeriodicOrbit:
     return PeriodicOrbit(orbit.oscillator, 2 * orbit.m, phases, np.tile(orbit.speeds, 2))
 
 
-def units_over(values: np.ndarray) -> NaturalUnits:
-    """Return the natural units of oscillators (``flights.values_of``), shape (n, 7)."""
-    points = np.zeros(len(values), POINT)
-    for name, column in zip(NAMES, values.T, strict=True):
-        points[name] = column
-    return NaturalUnits.of(points)
+def point_of(osc: Oscillator) -> np.ndarray:
+    """Return an oscillator as an array of one ``POINT``."""
+    return osc.at(min(0.0, osc.clearance))
+
+
+def numbers_in(units: NaturalUnits, points: np.ndarray) -> np.ndarray:
+    """Return the numbers of points of dtype ``POINT`` in natural units, a row for each."""
+    rows: np.ndarray = units.into(_UNITS, points.view(float).reshape(len(points), -1))
+    return rows
 
 
 def _vectors(
@@ -250,8 +250,8 @@ def _vectors(
 
 def system_of(osc: Oscillator, m: int, q: int, units: NaturalUnits) -> System:
     """Return the equations of orbits without free parameters."""
-    values = units.into(UNITS, values_of(osc))
-    return System(values, _NONE_FREE, _NO_PARAMETERS, m, q, NONE, 0, False, np.zeros(1))
+    (point,) = numbers_in(units, point_of(osc))
+    return System(point, _NONE_FREE, _NO_PARAMETERS, m, q, NONE, 0, False, np.zeros(1))
 
 
 def linearised_orbit(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -266,10 +266,6 @@ def free_orbit(osc: Oscillator) -> PeriodicOrbit:
 
 def free_amplitude(osc: Oscillator) -> complex:
     """Return A of the steady motion without impacts, x = Im A exp(i omega t); inf at resonance."""
-    return steady_amplitude(Parameters(osc.h, osc.R, osc.omega, osc.force, osc.p, osc.clearance))
-
-
-def steady_amplitude(pt: Parameters) -> complex:
-    """Return the same for parameters whose f is the whole force."""
     response = steady_response.py_func  # not worth compiling
+    pt = replace(osc, f=osc.force, a=0.0)
     return complex(response(pt, 1.0, 0.0)[0], response(pt, 0.0, 1.0)[0])
