@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sweeps.opened.motions import leads_to, orbit_of_motion
-from vibroimpact.orbits.branches import Branch, SpecialPoint
+from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.curves import KINDS, bifurcation_curve
 from vibroimpact.orbits.periodic import OrbitError
+from vibroimpact.orbits.special_points import SpecialPoint
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

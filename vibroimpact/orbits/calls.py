@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from vibroimpact.jit import compiled, jit
-from vibroimpact.orbits import corrector, flights, linear, unknowns
+from vibroimpact.orbits import corrector, flights, hidden_roots, unknowns
 from vibroimpact.orbits.corrector import System
 
 # The tasks of ``_do``.
@@ -35,11 +35,11 @@ def _do(task, system, here, there, rows, count, number, results):
     elif task == _TANGENT:
         corrector.set_tangent(system, X, results)
     elif task == _TESTS:
-        corrector.set_test_functions(system, X, along, rows, tests)
+        hidden_roots.set_test_functions(system, X, along, rows, tests)
     elif task == _MAY_MISS:
-        results[0] = corrector.step_may_miss(system, here, there, number)
+        results[0] = hidden_roots.step_may_miss(system, here, there, number)
     elif task == _HALVES:
-        results[0] = unknowns.distance_of_halves(X, system.m, system.q)
+        results[0] = hidden_roots.distance_of_halves(X, system.m, system.q)
     elif task == _PENETRATION or task == _TURNING:
         _follow(task, system, X, count, number, results)
     elif task >= _CORRECT_EACH:
@@ -79,10 +79,10 @@ def _linearise(task, system, X, number, results):
     """Do a task for which flights are linearised."""
     F, A, B = corrector.linearised_flights(system, X)
     if task == _CHARACTERISTIC:
-        c0, c1, c2 = linear.characteristic_polynomial(A, B)
+        c0, c1, c2 = unknowns.characteristic_polynomial(A, B)
         results[0], results[1], results[2] = c0, c1, c2
     elif task == _NULL_VECTOR:
-        linear.set_null_vector(A, B, number, results)
+        unknowns.set_null_vector(A, B, number, results)
     else:
         for i in range(system.q):
             for row in range(2):
@@ -138,19 +138,19 @@ def tangent(system: System, X: np.ndarray) -> np.ndarray:
 def test_functions(
     system: System, X: np.ndarray, tangent: np.ndarray, bounds: np.ndarray
 ) -> np.ndarray:
-    """Return the test functions, as ``corrector.set_test_functions`` sets them, (2, 2 k + 2)."""
+    """Return the test functions, as ``hidden_roots.set_test_functions`` sets them, (2, 2 k + 2)."""
     tests = np.empty((2, 2 * len(bounds) + 2))
     _done(_TESTS, system, (X, tangent, tests), rows=bounds)
     return tests
 
 
 def may_miss(system: System, here: Place, there: Place, length: float) -> bool:
-    """Do what ``corrector.step_may_miss`` does."""
+    """Do what ``hidden_roots.step_may_miss`` does."""
     return bool(_done(_MAY_MISS, system, here, there=there, number=length)[0])
 
 
 def halves_apart(system: System, X: np.ndarray) -> float:
-    """Do what ``unknowns.distance_of_halves`` does."""
+    """Do what ``hidden_roots.distance_of_halves`` does."""
     return float(_done(_HALVES, system, _at(X))[0])
 
 
@@ -179,7 +179,7 @@ def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 
 
 def characteristic(system: System, X: np.ndarray) -> tuple[float, float, float]:
-    """Return c0, c1, c2 (``linear.characteristic_polynomial``)."""
+    """Return c0, c1, c2 (``unknowns.characteristic_polynomial``)."""
     c0, c1, c2 = _done(_CHARACTERISTIC, system, _at(X), 3).tolist()
     return c0, c1, c2
 
@@ -190,5 +190,5 @@ def multipliers(system: System, X: np.ndarray) -> np.ndarray:
 
 
 def null_vector(system: System, X: np.ndarray, mu: float) -> np.ndarray:
-    """Return the vector that ``linear.set_null_vector`` sets for a multiplier, (2 q,)."""
+    """Return the vector that ``unknowns.set_null_vector`` sets for a multiplier, (2 q,)."""
     return _done(_NULL_VECTOR, system, _at(X), 2 * system.q, number=mu)

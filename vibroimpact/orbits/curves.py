@@ -11,10 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibroimpact.inputs import input_text, one_of, refuse_other
-from vibroimpact.orbits.branches import Branch, as_branch, both_ways, branch, without_touch
+from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
+from vibroimpact.orbits.special_points import both_ways
 from vibroimpact.orbits.unknowns import speeds
 
 #: The kinds of curves.

@@ -26,7 +26,7 @@ from vibroimpact.orbits.orbit import (
     system_of,
 )
 from vibroimpact.orbits.unknowns import free, inner, phases, speeds, unknowns
-from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, mesh
+from vibroimpact.oscillator import PARAMETERS, Oscillator, mesh
 from vibroimpact.step.integrators import Parameters
 
 #: The condition that all orbits of a family meet: none, or a bifurcation.
@@ -84,8 +84,8 @@ class ContinuationParameter:
 def units_along(osc: Oscillator, axes: Sequence[ContinuationParameter]) -> NaturalUnits:
     """Return the natural units of an oscillator over the ranges of some parameters."""
     ends = {axis.name: np.array([axis.low, axis.high]) for axis in axes}
-    points = point_of(osc)
-    return NaturalUnits.of(mesh(ends, {name: points[name][0] for name in POINT.names}))
+    point = point_of(osc)
+    return NaturalUnits.of(mesh(ends, {name: point[name][0] for name in PARAMETERS}))
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Point(NamedTuple):
 
     X: np.ndarray  # (2 q + k,)
     tangent: np.ndarray  # the direction of the path, (2 q + k,)
-    tests: np.ndarray  # the test functions and their slopes along it (``corrector.py``), (2, n)
+    tests: np.ndarray  # the test functions and their slopes along it (``hidden_roots.py``), (2, n)
     maximum: float  # greatest local maximum near the stop (``first_penetration``)
     inadmissible: Inadmissible | None
 
