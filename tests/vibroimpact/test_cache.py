@@ -15,9 +15,9 @@ import numba
 import pytest
 
 import vibroimpact
-from vibroimpact.jit import cache, called_before_passes, hooks, sharing
+from vibroimpact.jit import cache, called_before_passes, overloads, sharing
 from vibroimpact.jit.cache import CacheWarning
-from vibroimpact.jit.hooks import CompiledCode, _shared
+from vibroimpact.jit.overloads import CompiledCode
 
 
 def call(folder):
@@ -28,7 +28,7 @@ def call(folder):
         return x + x
 
     double._cache = CompiledCode(double.py_func, folder)
-    double.compile = _shared(double.compile, double._cache)
+    double.compile = double._cache.releasing(double.compile)
     cache.warn_once.cache_clear()
     assert double(21) == 42
     return sum(double.stats.cache_hits.values()) == 1
@@ -132,7 +132,7 @@ def test_a_lack_of_memory_is_not_blamed_on_the_folder(folder, monkeypatch, recwa
     def lacking(data):
         raise MemoryError
 
-    monkeypatch.setattr(hooks.pickle, "loads", lacking)
+    monkeypatch.setattr(overloads.pickle, "loads", lacking)
     with pytest.raises(MemoryError):
         call(folder)
     assert not [told for told in recwarn if told.category is CacheWarning]

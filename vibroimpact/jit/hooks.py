@@ -10,39 +10,34 @@ worth, in processor time, with AVX-512:
 - the types that an operator takes are found once, and passes are not timed: a tenth less;
 - so are those of indices, attributes, max and min, and lifetimes that nothing reads are not found:
   a twentieth less;
-- code is read from disk without all that numba can compile: a run starts in 0.4 s, not in 0.65.
+- code is read from disk without all that numba can compile (``overloads.py``): a run starts in
+  0.4 s, not in 0.65.
 """
 
 from __future__ import annotations
 
-import hashlib
-import inspect
 import operator
-import pickle
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numba
 from llvmlite.binding import Linkage
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, CompileResult, DefaultPassBuilder, Flags
+from numba.core.compiler import Compiler, DefaultPassBuilder, Flags
 from numba.core.compiler_machinery import PassManager, _pass_registry
 from numba.core.cpu import CPUContext
 from numba.core.errors import TypingError
 from numba.core.event import trigger_event
 from numba.core.ir_utils import build_definitions
-from numba.core.runtime import rtsys
-from numba.core.serialize import dumps
 from numba.core.ssa import reconstruct_ssa
 from numba.core.transforms import canonicalize_cfg
 from numba.core.typed_passes import PreLowerStripPhis
 from numba.core.types import Function, unliteral
 from numba.core.typing import Context
 
-from vibroimpact.jit.cache import cache_folder, read, syntax, warn_once, write
-from vibroimpact.jit.sharing import claimed, released, tell
+from vibroimpact.jit.cache import cache_folder
+from vibroimpact.jit.overloads import CompiledCode
 
 #: Passes for what this project does not use: generators, lifted loops, closures, raised exceptions
 #: that are computed, literal loops, overloads to merge, array expressions; and for what only a
@@ -68,7 +63,7 @@ def dispatcher(function: Callable, options: dict[str, Any]) -> Any:
     """Compile `function` together with all that it calls for Python, and alone for its callers."""
     whole: Any = numba.njit(function, pipeline_class=WholeCompiler, **options)
     whole._cache = CompiledCode(function, cache_folder("private"))
-    whole.compile = _shared(whole.compile, whole._cache)
+    whole.compile = whole._cache.releasing(whole.compile)
 
     alone: Any = {**options, "no_cpython_wrapper": True}
 
@@ -89,18 +84,6 @@ def dispatcher(function: Callable, options: dict[str, Any]) -> Any:
     )
     whole.get_overload = lambda signature: merged().get_overload(signature)
     return whole
-
-
-def _shared(compile_: Callable, code: CompiledCode) -> Callable:
-    """Let go of the claim on the code when its compilation ends, however it ends."""
-
-    def compiling(signature: Any) -> Any:
-        try:
-            return compile_(signature)
-        finally:
-            code.release()
-
-    return compiling
 
 
 class _MergedLibrary(JITCodeLibrary):
@@ -325,80 +308,3 @@ class WholeCompiler(_LeanCompiler):
         whole = _WholeLibrary(target.codegen(), "whole")
         whole.enable_object_caching()
         super().__init__(typing, target, whole, *arguments)
-
-
-class CompiledCode:
-    """The compiled forms of a Python function, with the interface of numba's dispatchers."""
-
-    def __init__(self, function: Callable, folder: Path) -> None:
-        self.cache_path = str(folder)
-        self._function = function
-        self._folder = folder
-        self._claim: Any = None
-
-    def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return the form for a signature, or None if no usable form is stored.
-
-        If another process is compiling it, this one waits for it. Afterwards the form is this
-        process's to compile, until `release`.
-        """
-        kept = self._loaded(signature, context)
-        if kept is None:
-            self._claim = claimed(self._path(self._key(signature, context.codegen())))
-            kept = self._loaded(signature, context)
-            tell("" if kept else "compiling, which takes some ten seconds, once on this machine")
-        return kept
-
-    def release(self) -> None:
-        """Give up the form that this process has claimed, if any."""
-        claim, self._claim = self._claim, None
-        released(claim)
-        tell("")
-
-    def _loaded(self, signature: Any, context: Any) -> Any:
-        """Return the form for a signature, or None if no usable form is stored.
-
-        Numba's own cache first refreshes `context`, which imports SciPy and all that numba can
-        compile: half the time of a short run. Code on disk needs only the memory of arrays.
-        """
-        key = self._key(signature, context.codegen())
-        data = read(self._path(key))
-        if data is None:
-            return None
-        try:
-            kept_key, kept = pickle.loads(data)
-            if kept_key != key:
-                return None
-            rtsys.initialize(context)
-            return CompileResult._rebuild(context, *kept)
-        except MemoryError:  # to compile takes more of it
-            raise
-        except Exception as error:  # although the file is intact, and of this code and Python
-            warn_once(self._folder, "read", f"{type(error).__name__}: {error}")
-            return None
-
-    def save_overload(self, signature: Any, result: Any) -> None:
-        """Store the form for a signature, or warn once that nothing can be stored."""
-        if result.library.has_dynamic_globals or any(not part.can_cache for part in result.lifted):
-            return
-        key = self._key(signature, result.library.codegen)
-        try:
-            write(self._path(key), dumps((key, result._reduce())))
-        except OSError as error:
-            warn_once(self._folder, "kept", error.strerror or type(error).__name__)
-        self.release()
-
-    def flush(self) -> None:
-        """Do nothing: recompiled code overwrites its file."""
-
-    def _key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
-        """Return what the compiled form depends on, besides the package that names the folder."""
-        cells = tuple(cell.cell_contents for cell in self._function.__closure__ or ())
-        source = syntax(Path(inspect.getfile(self._function)).read_bytes()).encode()
-        parts = (source, self._function.__code__.co_code, dumps(cells) if cells else b"")
-        digests = tuple(hashlib.sha256(part).hexdigest() for part in parts)
-        return (signature, codegen.magic_tuple(), *digests)
-
-    def _path(self, key: tuple[Any, ...]) -> Path:
-        digest = hashlib.sha256(repr(key).encode()).hexdigest()[:24]
-        return self._folder / f"{self._function.__name__}-{digest}"
