@@ -18,7 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from vibroimpact.inputs import input_text, real, refusal
+from vibroimpact.inputs import PHASE, input_text, real, refusal
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,13 @@ class Parameter:
     high: float = math.inf
     low_open: bool = False
     default: float | None = None  #: None if the parameter must be given.
+    turns: bool = False  #: Whether it is an angle, below one turn.
 
     @property
     def allowed(self) -> str:
         """The valid values, in words."""
+        if self.turns:
+            return PHASE.expected
         if self.high < math.inf:
             return f"a number from {self.low:g} to {self.high:g}"
         if self.low > -math.inf:
@@ -58,7 +61,11 @@ PARAMETERS: Mapping[str, Parameter] = {
     "a": Parameter("a", "amplitude of the base or unbalance", "length", low=0.0, default=0.0),
     "x0": Parameter("x_0", "initial displacement", "length", default=0.0),
     "v0": Parameter("v_0", "initial velocity", "length/time", default=0.0),
-}
+    "phase": Parameter(
+        r"\omega t_0", "forcing phase at the start", "rad", 0.0, math.nextafter(math.tau, 0.0),
+        default=0.0, turns=True,
+    ),
+}  # fmt: skip
 
 _FORCE = "the force f + a omega^2"
 #: Default of f, which becomes 0.
@@ -262,8 +269,15 @@ class Oscillator:
         """2 pi / omega [time]."""
         return 2.0 * math.pi / self.omega
 
-    def at(self, x0: float = 0.0, v0: float = 0.0) -> np.ndarray:
+    def at(self, x0: float = 0.0, v0: float = 0.0, phase: float = 0.0) -> np.ndarray:
         """Return this oscillator with a start, as one parameter point of dtype ``POINT``.
+
+        Parameters
+        ----------
+        x0, v0 : float
+            Displacement (<= clearance) [length] and velocity [length/time].
+        phase : float
+            omega t at the start, in [0, 2 pi) [rad].
 
         Returns
         -------
@@ -279,13 +293,13 @@ class Oscillator:
         >>> Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0).at(x0=-0.5)["x0"]
         array([-0.5])
         """
-        x0, v0 = checked("x0", x0), checked("v0", v0)
+        x0, v0, phase = checked("x0", x0), checked("v0", v0), checked("phase", phase)
         if x0 > self.clearance:
             raise ValueError(
                 f"x0 = {x0:g} lies beyond the stop: it must be <= clearance = {self.clearance:g}"
             )
         values = tuple(getattr(self, field.name) for field in fields(self))
-        return np.array([(*values, x0, v0)], dtype=POINT)
+        return np.array([(*values, x0, v0, phase)], dtype=POINT)
 
 
 def refuse_invalid(points: object, beyond_stop: bool) -> None:

@@ -218,7 +218,7 @@ def attractor_report(
         root = "" if "p" in nomenclature_of(dataset).parameters else ", p = sqrt(stiffness / mass)"
         lines.append(
             f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = "
-            f"{config_of(dataset).start.phase:g}; >=: the window's edge decided"
+            f"{config_of(dataset).record.phase:g}; >=: the window's edge decided"
         )
     return "\n".join(lines)
 

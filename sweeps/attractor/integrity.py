@@ -158,7 +158,12 @@ def refuse_unfit(dataset: xr.Dataset) -> None:
         raise Refused(f"integrity needs x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     if config.follow is not None:
         raise Refused("integrity needs starts at every point: run the sweep again without follow")
-    start, section = config.start.phase, config.record.phase
+    if "phase" in axes:
+        raise Refused(
+            "integrity needs starts at one phase; fix phase at that of the section, "
+            f"{config.record.phase:g}"
+        )
+    start, section = float(dataset["phase"]), config.record.phase
     if section != start:
         raise Refused(
             f"the starts are at omega t = {start:g}, and the section is at {section:g}: run the "

@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from contextlib import suppress
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -166,16 +165,14 @@ class _Motions:
 
         The attractor is -1 if it is unknown.
         """
-        points = np.repeat(self._oscillator.at(self._oscillator.clearance), len(states))
+        points = np.repeat(self._oscillator.at(self._oscillator.clearance, 0.0, phase), len(states))
         points["x0"], points["v0"] = states.T
         number, certified = np.full(len(states), -1), np.ones(len(states), bool)
         endless = np.ones(len(states), bool)
 
-        def run(points: np.ndarray, periods: int, started: bool) -> Results:
-            record = replace(self._spec, start=phase).part(
-                periods - _KNOCK_RECORD, _KNOCK_RECORD, 0, False
-            )
-            return compute_points(record, points, None, at_section=started)
+        def run(points: np.ndarray, periods: int) -> Results:
+            record = self._spec.part(periods - _KNOCK_RECORD, _KNOCK_RECORD, 0, False)
+            return compute_points(record, points, None)
 
         def goes_on(rows: np.ndarray, _: int, results: Results) -> np.ndarray:
             rest = rests(results)
@@ -184,7 +181,7 @@ class _Motions:
             endless[rows] = without_class(results["class_evidence"], results["status"]) & ~rest
             return endless[rows]
 
-        last, _ = in_stages(points, np.cumsum(_STAGES), run, goes_on)
+        last, _ = in_stages(points, np.cumsum(_STAGES), self._phase, run, goes_on)
         # Without a class a motion is taken for chaos, unless it lingers beside an orbit that has
         # just flipped, and therefore beside the orbit of twice the period.
         chaos = self._of_regime.get(Regime.CHAOTIC, -1)

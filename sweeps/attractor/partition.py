@@ -30,6 +30,7 @@ import xarray as xr
 
 from sweeps.attractor.settle import EXTENSIONS, settle
 from sweeps.attractor.tracking import lead_to_each_other, mutually_nearest, track
+from sweeps.config.groups import STARTS
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
@@ -38,6 +39,7 @@ from sweeps.opened.dataset import attributes_with_unit, config_of, diagnostics_w
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import cycles_of, different, motions_of
 from sweeps.opened.section_distance import ORBIT_TOLERANCE, same_motions
+from sweeps.text import listed
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import Regime, on_its_way
 
@@ -95,7 +97,9 @@ def _sets(points: np.ndarray) -> tuple[tuple[int, ...], tuple[str, ...], np.ndar
     rows = np.stack([points[name] for name in PARAMETERS if name not in START_AXES], axis=1)
     different, of_row = np.unique(rows, axis=0, return_inverse=True)
     if len(different) == len(rows) > 1:
-        raise Refused("attractors need several starts, and no rows of the table differ in x0 or v0")
+        raise Refused(
+            f"attractors need several starts, and no rows of the table differ in {listed(STARTS)}"
+        )
     order = np.argsort(of_row, kind="stable")
     start = np.empty(len(rows), np.int64)
     start[order] = np.arange(len(rows)) - np.searchsorted(of_row[order], of_row[order])

@@ -93,6 +93,7 @@ def settle(
 def _last_states(points: np.ndarray, dataset: xr.Dataset) -> np.ndarray:
     """Return points with their last states in the records as starts."""
     last = points.copy()
+    last["phase"] = config_of(dataset).record.phase
     for name in "xv":
         last[f"{name}0"] = dataset[f"poincare_{name}"].isel(section=-1).values.ravel()
     return last
@@ -111,16 +112,16 @@ def _extended(
         rests, worst = np.zeros(state.size, np.int64), np.full(state.size, Status.COMPUTED, np.int8)
         for length in _lengths(periods - _CLASS_PERIODS):
             bare = replace(spec.part(0, length, 0, spec.impact == "exact"), period=False)
-            before = compute_points(bare, state, None, at_section=True)
+            before = compute_points(bare, state, None)
             rests += _rests_of(before["rest_fraction"], before["chatters"])
             worst = worst_of(worst, before["status"])
-            put_last(state, before)
-        found = compute_points(spec.part(0, _CLASS_PERIODS, 0, False), state, None, at_section=True)
+            put_last(state, before, spec.phase)
+        found = compute_points(spec.part(0, _CLASS_PERIODS, 0, False), state, None)
         rests += _rests_of(found["rest_fraction"], found["chatters"])
         share = np.maximum(before["rest_fraction"], found["rest_fraction"])
         whole = {"rest_fraction": share, "status": np.maximum(worst, found["status"])}
         reached = motions_from(bare, state, before | found | whole)
-        put_last(state, found)
+        put_last(state, found, spec.phase)
         parts.append((reached, state, rests))
     reached, state, rests = map(np.concatenate, zip(*parts, strict=True))
     return reached, state, rests

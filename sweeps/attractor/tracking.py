@@ -112,7 +112,7 @@ def lead_to_each_other(
         seeds = to["point"].copy()
         seeds["x0"] = np.minimum(from_["point"]["x0"], seeds["clearance"])
         seeds["v0"] = from_["point"]["v0"]
-        ends = motions_from(spec, seeds, compute_points(spec, seeds, None, at_section=True))
+        ends = motions_from(spec, seeds, compute_points(spec, seeds, None))
         there = (ends["m"] == to["m"]) & (ends["q"] == to["q"])
         at, ends, to = at[there], ends[there], to[there]
         pairs = np.arange(2 * len(at)).reshape(2, -1)

@@ -192,9 +192,7 @@ def of_sweep(config: SweepConfig) -> Scene:
     points, spec = config.sweep.grid.spread(NEIGHBOURS), config.sweep.spec
     transient = spec.transient + spec.periods - 1
     try:
-        last = integrate(
-            points, transient=transient, periods=1, phase=spec.phase, start=spec.start, impacts=0
-        )
+        last = integrate(points, transient=transient, periods=1, phase=spec.phase, impacts=0)
     except ValueError as error:
         raise Refused(str(error)) from error
     good = np.array([not Status(status).failed for status in last["status"]])

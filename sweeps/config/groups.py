@@ -38,7 +38,7 @@ from sweeps.config.values import (
     null,
 )
 from sweeps.text import fewest_digits, near_miss, suggestion
-from vibroimpact.inputs import integer, real, typed
+from vibroimpact.inputs import PHASE, integer, real, typed
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
@@ -50,7 +50,7 @@ DIAGNOSTICS = ("period", "lyapunov", "extremes")
 LONGEST_TRANSIENT = 10_000
 
 #: The parameters of the start, which can be axes.
-STARTS = ("x0", "v0")
+STARTS = ("x0", "v0", "phase")
 
 #: Directions in which an axis can be followed.
 DIRECTIONS = ("up", "down", "both")
@@ -75,12 +75,6 @@ def parameter_field(parameter: Parameter, note: str = "") -> Any:
         description=text,
         json_schema_extra=partial(_with_bounds, parameter),
     )
-
-
-def phase_field(place: str) -> Any:
-    """Return the field of a phase of the force."""
-    text = f"forcing phase omega t {place} [rad]: a number >= 0 and < 2 pi"
-    return Field(0.0, ge=0.0, lt=2.0 * math.pi, description=text)
 
 
 def number_schema(parameter: Parameter) -> dict[str, Any]:
@@ -134,14 +128,11 @@ class ParameterConfig(Group):
             return {cls.FORCES[0]: 0.0, **given}
         return given
 
-    #: Keys that are a number all over the sweep, and no parameter of the model.
-    NUMBERS: ClassVar[tuple[str, ...]] = ()
-
     @field_validator("*")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse values outside the bounds of their parameter."""
-        if info.field_name not in cls.NUMBERS and not isinstance(value, Elsewhere):
+        if not isinstance(value, Elsewhere):
             refuse_out_of_bounds(Axis.of(value), PARAMETERS[str(info.field_name)])
         return value
 
@@ -151,7 +142,7 @@ class ParameterConfig(Group):
 
     def axes(self) -> dict[str, Axis]:
         """Return the values that are given here by the names and in the units of the model."""
-        return {name: Axis.of(value) for name, value in self.items() if name not in self.NUMBERS}
+        return {name: Axis.of(value) for name, value in self.items()}
 
 
 class OscillatorConfig(ParameterConfig):
@@ -171,11 +162,9 @@ class OscillatorConfig(ParameterConfig):
 class StartConfig(ParameterConfig):
     """The state at the start, and the phase of the force there."""
 
-    NUMBERS = ("phase",)
-
     x0: Values = parameter_field(PARAMETERS["x0"])
     v0: Values = parameter_field(PARAMETERS["v0"])
-    phase: Number = phase_field("at the start of every motion")
+    phase: Values = parameter_field(PARAMETERS["phase"])
 
 
 def _truth(value: object) -> object:
@@ -278,7 +267,12 @@ class RecordConfig(Group):
     periods: Integer = integer_field(
         "forcing periods kept, with one section each", 1, MOST_RECORDED, 100
     )
-    phase: Number = phase_field("of the section")
+    phase: Number = Field(
+        0.0,
+        ge=0.0,
+        lt=2.0 * math.pi,
+        description=f"forcing phase omega t of the section [rad]: {PHASE.expected}",
+    )
     impacts: Integer = integer_field("how many of the last impacts are kept", 0, MOST_RECORDED, 64)
     trajectory: Annotated[
         Annotated[Literal[False], BeforeValidator(_truth), Tag("<scalar>")]

@@ -100,7 +100,7 @@ def _columns_of(parameters: Mapping[str, Parameter]) -> Schema:
 #: The further columns of a table hold any scalars, as texts too.
 _COLUMNS = {
     "type": "object",
-    "propertyNames": {"pattern": COLUMN_NAME, **_not({"enum": [*StartConfig.NUMBERS]})},
+    "propertyNames": {"pattern": COLUMN_NAME},
     "additionalProperties": {
         "type": "array",
         "minItems": 1,

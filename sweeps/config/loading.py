@@ -15,7 +15,7 @@ import yaml
 from pydantic import ValidationError
 
 from sweeps.config.checks import with_defaults
-from sweeps.config.groups import DATE_UNITS, StartConfig, key_list
+from sweeps.config.groups import DATE_UNITS, key_list
 from sweeps.config.messages import (
     as_typed,
     conflict_at,
@@ -106,8 +106,8 @@ def stored_config(
     """Read the configuration in a sweep file, which stores its table of `points` apart from it.
 
     Columns of the model that were made from those of a rig are left out. Files of earlier versions
-    may name ``refine``, by which points were added to their grid, and may have a further column
-    ``phase`` in their table. Both are left out, too; units of dates become their short names.
+    may name ``refine``, by which points were added to their grid. It is left out, too; units of
+    dates become their short names.
     """
     data, sources = _keys(text, origin)
     data.pop("refine", None)
@@ -115,8 +115,7 @@ def stored_config(
         data["units"] = {key: DATE_UNITS.get(str(name), name) for key, name in units.items()}
     if points is not None:
         made = made_of_rig(points, data["rig"]) if "rig" in data else set()
-        without = {*StartConfig.NUMBERS, *made}
-        points = {key: values for key, values in points.items() if key not in without}
+        points = {key: values for key, values in points.items() if key not in made}
     return _checked({"name": name, "points": points, **data}, origin, sources, overrides)
 
 

@@ -74,10 +74,6 @@ def _ragged(header: int, cells: int, row: int) -> str:
 def with_columns(data: dict[str, Any]) -> dict[str, Any]:
     """Mark the columns of the table in their groups; refuse axes in addition to a table."""
     names, groups = data["points"].dtype.names, {}
-    for name in StartConfig.NUMBERS:
-        if name in names:  # it would look like a parameter of the rows, but be a comment
-            problem = f"start.{name} is one number; expected: another name"
-            raise MisplacedError(("points", name), f"cannot be a column; {problem}")
     of_rig = null(data.get("rig")) is not None
     parameters = ("rig", RigConfig) if of_rig else ("oscillator", OscillatorConfig)
     for title, group in (parameters, ("start", StartConfig)):

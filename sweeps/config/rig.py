@@ -109,7 +109,6 @@ class RigConfig(ParameterConfig):
     """A rig in SI units, with the arguments of `Oscillator.from_rig`."""
 
     FORCES = ("force", "base")
-    NUMBERS = ("mass",)
 
     # The first field, because the checks of the others need it.
     mass: Annotated[Number, WrapValidator(_number_or_column)] = Field(
@@ -155,7 +154,7 @@ class RigConfig(ParameterConfig):
 
     def axes(self) -> dict[str, Axis]:
         """Return the values that are given here by the names and in the units of the model."""
-        given = {model_name(name): axis for name, axis in super().axes().items()}
+        given = {model_name(name): Axis.of(value) for name, value in self.items() if name != "mass"}
         if self.mass_varies:  # these vary with it, and are columns of the table
             given = {name: axis for name, axis in given.items() if name not in _PER_MASS}
         return {name: _in_model(name, axis, self.mass) for name, axis in given.items()}

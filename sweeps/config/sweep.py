@@ -165,7 +165,6 @@ class SweepConfig(Group):
             longest=(record.longest or LONGEST_TRANSIENT) if record.transient is None else None,
             periods=record.periods,
             phase=record.phase,
-            start=self.start.phase,
             impacts=record.impacts,
             lyapunov="lyapunov" in record.diagnostics,
             period="period" in record.diagnostics,

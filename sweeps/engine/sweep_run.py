@@ -152,7 +152,7 @@ def _schema(config: SweepConfig, size: int) -> Schema:
         "name": config.name,
         "configuration": config.to_yaml(table=False),
         **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
-        "computation": yaml.safe_dump({**asdict(spec), **grid.fixed}, sort_keys=False),
+        "computation": yaml.safe_dump({**asdict(spec), "fixed": dict(grid.fixed)}, sort_keys=False),
         "numerics": NUMERICS,
         **({"scaled_along": "f"} if spec.scaled else {}),
     }

@@ -22,7 +22,7 @@ from bokeh.models import (
 
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.explorer.figures import symbol
-from sweeps.explorer.view import View, window_around
+from sweeps.explorer.view import RECORD, View, window_around
 from sweeps.opened.coordinates import COORDINATES
 from sweeps.plotting.labels import as_variable, named_unit
 from vibroimpact.oscillator import PARAMETERS
@@ -113,7 +113,12 @@ class Controls:
     def _record(self, name: str) -> LayoutDOM:
         """Return the field of a value of the record."""
         return self._field(
-            name, name, title=name, width=74, margin=(0, 0, 2, 0), description=_RECORD[name]
+            RECORD[name],
+            RECORD[name],
+            title=RECORD[name],
+            width=74,
+            margin=(0, 0, 2, 0),
+            description=_RECORD[name],
         )
 
     def _field(self, name: str, called: str, **look: Any) -> TextInput:
@@ -138,7 +143,7 @@ class Controls:
                 low, high = window_around(name, view.values, view.seen)
                 slider.update(start=low, end=high, step=(high - low) / 400.0)
             slider.value = value
-        values = {**view.values, **view.record}
+        values = {**view.values, **{RECORD[name]: one for name, one in view.record.items()}}
         for name, field in self.fields.items():
             field.value = f"{values[name]:.7g}"
 

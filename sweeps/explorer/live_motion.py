@@ -56,7 +56,7 @@ def motion_at(view: View) -> Drawn:
         if not np.isfinite(states).any():
             refuse_unrecorded(status, "poincare_x")
         periods = min(periods_shown(m), _MOST) if m else _UNREPEATED
-        oscillator, begun = oscillator_of(points[0]), config.start.phase
+        oscillator, begun = oscillator_of(points[0]), float(points["phase"][0])
         drawn = continued(oscillator, config, states, periods, begun)
     except Refused as error:
         return Drawn(f"{text}; {error}", *nothing)

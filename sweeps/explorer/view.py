@@ -26,7 +26,8 @@ Window = tuple[float, float]
 
 #: The tabs of the page, each with one picture.
 DIAGRAM, MAP, BASINS = range(3)
-_RECORD = ("transient", "periods", "phase", "impacts")
+#: What the page records, and what an address calls it.
+RECORD = {"transient": "transient", "periods": "periods", "phase": "section", "impacts": "impacts"}
 _WINDOWS = ("xlim", "ylim", "maplim", "x0lim", "v0lim")
 _NAMES = ("axis", "ordinate", "across")
 _FLAGS = ("marked", "exact")
@@ -34,7 +35,7 @@ _FLAGS = ("marked", "exact")
 
 def _record_of(config: SweepConfig) -> dict[str, Any]:
     """Return what the page records; a transient that is found becomes the default."""
-    record = config.record.model_dump(include=set(_RECORD))
+    record = config.record.model_dump(include=set(RECORD))
     if record["transient"] is None:
         record["transient"] = RecordConfig.model_fields["transient"].default
     return record
@@ -53,8 +54,8 @@ def _around_in_model(name: str, values: Mapping[str, float]) -> Window:
     if name in ("omega", "p"):
         return 0.5 * value, 2.0 * value
     if PARAMETERS[name].low == 0.0:
-        least = {"h": rate, "f": length * rate * rate, "a": length}.get(name, 1.0)
-        least *= 0.5
+        scales = {"h": rate, "f": length * rate * rate, "a": length, "phase": 2.0 * math.tau}
+        least = 0.5 * scales.get(name, 1.0)
         return 0.0, min(max(least, 2.0 * value), PARAMETERS[name].high)
     if name == "x0":
         return min(value, values["clearance"] - 3.0 * length), values["clearance"]
@@ -113,7 +114,6 @@ class View:
     exact: bool = False
     tab: int = DIAGRAM  # ``DIAGRAM``, ``MAP`` or ``BASINS``
     log: tuple[str, ...] = ()  # the parameters whose axes are logarithmic
-    start: float = 0.0  # omega t at the start of every motion
 
     @classmethod
     def of(cls, config: SweepConfig) -> Self:
@@ -148,7 +148,6 @@ class View:
             v0lim=window("v0"),
             tab=BASINS if starts else DIAGRAM,
             log=tuple(name for name in axes if axes[name].spacing == "log"),
-            start=config.start.phase,
         )
 
     @property
@@ -221,7 +220,7 @@ class View:
         data = {
             "name": self.name,
             self.seen.group: {**self.seen.constants, **given},
-            "start": {**entries, "phase": self.start},
+            "start": entries,
             "method": dict(self.method),
             "record": {**self.record, "diagnostics": diagnostics},
             "units": dict(self.seen.units),
@@ -233,7 +232,7 @@ class View:
         items: dict[str, Any] = {
             self.seen.name(name): repr(value) for name, value in self.values.items()
         }
-        items |= {name: self.record[name] for name in _RECORD}
+        items |= {called: self.record[name] for name, called in RECORD.items()}
         items |= {name: self.seen.name(getattr(self, name)) for name in _NAMES}
         items |= {name: int(getattr(self, name)) for name in ("tab", *_FLAGS)}
         for name in _WINDOWS:
@@ -248,7 +247,9 @@ class View:
         changes: dict[str, Any] = {
             name: named.get(entries[name], entries[name]) for name in _NAMES if name in entries
         }
-        changes["record"] = {**self.record, **{n: entries[n] for n in _RECORD if n in entries}}
+        changes["record"] = {
+            **self.record, **{n: entries[c] for n, c in RECORD.items() if c in entries}
+        }  # fmt: skip
         numbers = {
             own: _number(name, entries[name], self.seen.about(own))
             for name, own in named.items()
@@ -266,7 +267,7 @@ class View:
         view = replace(self.moved(**numbers), **changes)
         view.check()
         record = view.diagram(2).record  # its texts are converted to numbers
-        return replace(view, record={name: getattr(record, name) for name in _RECORD})
+        return replace(view, record={name: getattr(record, name) for name in RECORD})
 
     def check(self) -> None:
         """Raise ConfigError if a name is unknown, a window is empty, or a value is not allowed."""

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.dataset import config_of
@@ -14,7 +15,7 @@ from sweeps.store.variables import DIRECTION
 from sweeps.text import choice_of, listed, near_miss, suggestion, told_apart
 
 #: Axes along which only the start or the past differs, not the oscillator.
-START_AXES = ("x0", "v0", DIRECTION)
+START_AXES = (*STARTS, DIRECTION)
 #: Where a sweep is cut: a value for each swept axis, and a name for ``direction``.
 Selection = Mapping[str, float | str]
 

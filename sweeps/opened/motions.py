@@ -92,6 +92,7 @@ def motions_from(
     motions = np.empty(len(points), MOTION)
     motions["point"] = points
     motions["point"]["x0"], motions["point"]["v0"] = results["orbit_x"], results["orbit_v"]
+    motions["point"]["phase"] = spec.phase
     motions["regime"] = regimes_of(results, points["omega"], spec.periods)
     periodic = motions["regime"] == Regime.PERIODIC
     motions["m"] = np.where(periodic, results["period"], 0)
@@ -108,7 +109,9 @@ def run_on(
     last impacts, shape (n, impacts, 2).
     """
     spec = replace(config.sweep.spec.part(0, periods, impacts, False), period=False)
-    results = compute_points(spec, points, None, at_section=True)
+    points = points.copy()
+    points["phase"] = spec.phase
+    results = compute_points(spec, points, None)
     pairs = ("poincare_x", "poincare_v"), ("impact_phase", "impact_v")
     sections, hits = (np.stack([results[name] for name in pair], axis=2) for pair in pairs)
     return sections, hits

@@ -113,7 +113,7 @@ def _begun(point: xr.Dataset) -> float:
         first = values.min() if way == "up" else values.max()
         if values[np.argmin(np.abs(values - float(point[follow.axis])))] != first:
             return config.record.phase
-    return config.start.phase
+    return float(point["phase"])
 
 
 def _recorded_parts(point: xr.Dataset) -> Iterator[np.ndarray]:

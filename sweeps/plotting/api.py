@@ -11,6 +11,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.arguments import PATH, is_path
+from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.cuts import START_AXES, Selection, swept_axes
@@ -48,7 +49,7 @@ KINDS: Mapping[str, Kind] = {
         shown=(DIRECTION,),
     ),
     "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, shown=START_AXES),
-    "basins": Kind(basins, shown=("x0", "v0")),
+    "basins": Kind(basins, shown=STARTS),
     "integrity": Kind(integrity, shown=("x0", "v0")),
     "map": Kind(parameter_map, ("axes", "quantity", "exact", "overlay"), axes=2),
     "section": Kind(section, ("color",)),
@@ -160,8 +161,8 @@ def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: An
 
     - for a table ``table``, or ``trajectory`` if a row or `periods` are given;
     - with a `quantity` ``map``, and with `periods` ``trajectory``;
-    - if x0 or v0 was swept, the period recorded, and no start chosen: ``attractors`` if a parameter
-      was swept, ``basins`` if only x0 and v0 were;
+    - if x0, v0 or phase was swept and the period recorded: ``attractors`` if a parameter was swept,
+      too, and no start chosen, ``basins`` if only starts were, and two of them are not chosen;
     - if two parameters were swept, the period recorded, and neither chosen: ``map``;
     - if an axis was swept ``bifurcation``;
     - if a trajectory was recorded ``trajectory``, else ``section``.
@@ -173,12 +174,12 @@ def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: An
             return kind
     axes = swept_axes(dataset)
     chosen = {*(at or {}), *options.get("axes", ())} - {DIRECTION}
-    starts = {"x0", "v0"} & set(axes)
-    over_one_line = starts & chosen or {"exact", "below", "color"} & options.keys()
-    if starts and not over_one_line and "period" in dataset:
-        if set(axes) - set(START_AXES):
-            return "attractors"
-        if len(starts) == 2 and not options.keys() - {"overlay"}:
+    starts = {*STARTS} & {*axes}
+    if starts and "period" in dataset and not {"exact", "below", "color"} & options.keys():
+        if {*axes} - {*START_AXES}:
+            if not starts & chosen:
+                return "attractors"
+        elif len(starts - chosen) == 2 and not options.keys() - {"overlay"}:
             return "basins"
     only_adds = options.keys() <= {"exact", "overlay"}
     if len(axes) == 2 and "period" in dataset and not starts and not chosen and only_adds:

@@ -23,6 +23,7 @@ from sweeps.attractor.attractor_table import (
     shown_speeds,
 )
 from sweeps.attractor.partition import attractors
+from sweeps.config.groups import STARTS
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, records, shows_part
@@ -57,11 +58,11 @@ _MARK, _MARKS = 4.0, 20
 def basins(
     dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
 ) -> Figure:
-    """Draw the basins of attraction over x0 and v0: one cell per start, coloured by its attractor.
+    """Draw the basins of attraction over starts: one cell per start, coloured by its attractor.
 
     The first attractor of a class has the colour of the class, and further ones have colours of
-    their own. x0 and v0 must both be swept, and the period must be recorded. The periodic
-    attractors are marked if the section is at the phase of the starts.
+    their own. Two of x0, v0 and phase must be swept, and the period must be recorded. The periodic
+    attractors are marked over x0 and v0 if the section is at the phase of the starts.
 
     Examples
     --------
@@ -75,16 +76,24 @@ def basins(
     >>> plotting.basins(ds).savefig("basins.png")
     """
     axes = swept_axes(dataset)
-    if not {"x0", "v0"} <= set(axes):
-        raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
-    starts = cut_at(dataset, at, free=("x0", "v0"))
+    plane = [name for name in STARTS if name in axes and name not in (at or {})]
+    if len(plane) != 2:
+        fixed = [name for name in STARTS if name in axes and name not in plane]
+        raise Refused(
+            f"basins need two of {', '.join(STARTS)} as axes; the file has {listed(axes) or 'none'}"
+            + (f", and {listed(fixed)} is fixed here" if fixed else "")
+            + ("; one of them must be fixed" if len(plane) > 2 else "")
+        )
+    starts = cut_at(dataset, at, free=plane)
     panel = canvas.new_panel(ax, page)
     result, looks = attractors_in(starts, dataset, page.grey)
-    table, numbers = attractor_rows(starts, result), reached(result)
-    drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
+    if "phase" in plane:
+        plane.reverse()  # as abscissa
+    table, numbers = attractor_rows(starts, result), reached(result, *plane)
+    drawn = starts.sortby(plane).transpose(*plane[::-1], ...)
     handles = draw_cells(panel, drawn, basin_cells(table, numbers, looks, config_of(dataset)))
     page.set_limits(panel)
-    if config_of(dataset).record.phase == config_of(dataset).start.phase:
+    if "phase" not in plane and float(drawn["phase"]) == config_of(dataset).record.phase:
         handles += mark_attractors(panel, looks.split(table)[0])
     title = basins_title(config_of(dataset))
     figure = canvas.finish(panel, page, starts, handles, title)
@@ -110,9 +119,9 @@ def attractors_in(cut: xr.Dataset, dataset: xr.Dataset, grey: bool) -> tuple[xr.
     return found.sel({name: cut[name].item() for name in others}), Looks.of(found, grey)
 
 
-def reached(result: xr.Dataset) -> np.ndarray:
-    """Return the number of the attractor that each start reaches at one point, by (v0, x0)."""
-    return result["attractor"].sortby(["x0", "v0"]).transpose("v0", "x0", ...).values
+def reached(result: xr.Dataset, across: str = "x0", up: str = "v0") -> np.ndarray:
+    """Return the number of the attractor that each start reaches at one point, by (up, across)."""
+    return result["attractor"].sortby([across, up]).transpose(up, across, ...).values
 
 
 def basin_cells(
@@ -222,7 +231,7 @@ def attractor_diagram(
 
 def _starts_at_each(line: xr.Dataset) -> str:
     """Say how many motions there are at each value of the axis, and whether both ways."""
-    starts = math.prod(line.sizes[name] for name in ("x0", "v0") if name in line["status"].dims)
+    starts = math.prod(line.sizes[name] for name in STARTS if name in line["status"].dims)
     text = f"{shown_count(starts, 'start')} at each value"
     if DIRECTION not in line["status"].dims:
         return text

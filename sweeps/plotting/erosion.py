@@ -19,6 +19,7 @@ from matplotlib.patheffects import withStroke
 from sweeps.attractor.attractor_table import AttractorRow, attractor_rows, classes_text
 from sweeps.attractor.integrity import refuse_unfit, with_measures
 from sweeps.attractor.knocks import at_section, knocks
+from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.opened.cuts import Selection, cut_at, swept_axes
 from sweeps.opened.dataset import config_of, oscillator_of
@@ -80,7 +81,7 @@ def integrity(
     >>> from sweeps import plotting
     >>> plotting.integrity(ds).savefig("integrity.png")
     """
-    others = [name for name in swept_axes(dataset) if name not in ("x0", "v0")]
+    others = [name for name in swept_axes(dataset) if name not in STARTS]
     along = sorted(others, key=lambda name: -dataset.sizes[name])[:1]
     cuts = {name: value for name, value in (at or {}).items() if name not in along}
     line = cut_at(dataset, cuts, free=[*along, "x0", "v0"])

@@ -123,12 +123,10 @@ def status_name(outcome: Status) -> str:
 
 
 def record_text(drawn: xr.Dataset, coordinate: str = "poincare_x") -> str:
-    """Write phases that are not 0, the transient and the periods, and impacts left out."""
-    config = config_of(drawn)
-    kept, start = config.record, config.start.phase
+    """Write a phase that is not 0, the transient and the periods, and impacts left out."""
+    kept = config_of(drawn).record
     transient = "auto" if kept.transient is None else f"{kept.transient:,}"
-    parts = [f"start at phase {start:.6g} rad"] if start else []
-    parts += [f"phase {kept.phase:.6g} rad"] if kept.phase else []
+    parts = [f"section at phase {kept.phase:.6g} rad"] if kept.phase else []
     parts += [f"transient {transient}", f"record {kept.periods:,} periods"]
     if COORDINATES[coordinate].dimension == "impact" and (text := impacts_left_out(drawn)):
         parts.append(text)

@@ -151,6 +151,8 @@ RECORDS: Mapping[str, str] = {
 def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     """Return the columns of a sweep over a table, or of a selection from it; empty for a grid."""
     names = str(dataset.attrs.get(COLUMNS, "")).split()
+    if "phase" in names and "fixed:" not in dataset.attrs.get("computation", "fixed:"):
+        names.remove("phase")  # it was a comment in files of earlier versions
     return {name: np.atleast_1d(dataset[name].values) for name in names}
 
 

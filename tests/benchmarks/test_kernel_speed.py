@@ -142,7 +142,7 @@ def race_of_classes(race, name, points, transient, periods):
     steps = default_steps(points, "exact")
     without = RunSpec(
         integrator="exact", impact="exact", steps_per_period=steps, transient=transient,
-        longest=None, periods=periods, phase=0.0, start=0.0, impacts=0, lyapunov=False,
+        longest=None, periods=periods, phase=0.0, impacts=0, lyapunov=False,
         period=False, every=None, scaled=False, followed=None, directions=(),
     )  # fmt: skip
 

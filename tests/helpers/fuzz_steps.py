@@ -128,7 +128,8 @@ def fuzz_run(rng, integrator, rule):
     points = random_points(rng, rule)
     method = {"integrator": integrator, "impact": rule, "periods": 1}
     method["phase"] = float(rng.choice([0.0, 1.3, 6.28]))
-    method["at_section"] = bool(rng.random() < 0.5)
+    # At the section, before it or beyond it.
+    points["phase"] = rng.choice([method["phase"], 0.0, 3.0, 6.2], points.size)
     method["steps_per_period"] = 100 if rule == "exact" else int(rng.choice([1, 7, 40]))
     out = integrate(points, transient=0, impacts=4, threads=1, **method)
     done = out["status"] < Status.UNRESOLVED
@@ -146,9 +147,8 @@ def fuzz_run(rng, integrator, rule):
         assert (after <= allowed)[free].all(), points[free & ~(after <= allowed)]
     i = int(rng.integers(points.size))
     scheme = scheme_of(
-        points[i : i + 1], integrator, rule, method["steps_per_period"], method["phase"],
-        method["at_section"],
-    )  # fmt: skip
+        points[i : i + 1], integrator, rule, method["steps_per_period"], method["phase"]
+    )
     log, status = trace(points[i : i + 1], scheme, periods=1)
     if done[i]:
         alone, beside = (log[-1, 2], log[-1, 3], status), (x[i], v[i], out["status"][i])

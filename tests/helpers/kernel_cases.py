@@ -64,15 +64,16 @@ def wide_points(n, seed):
     return points
 
 
-def one(h=0.1, R=0.7, omega=2.3, f=1.0, clearance=0.0, x0=0.0, v0=0.0):
+def one(h=0.1, R=0.7, omega=2.3, f=1.0, clearance=0.0, x0=0.0, v0=0.0, phase=0.0):
     """Return one parameter point."""
-    return Oscillator(h=h, R=R, omega=omega, f=f, clearance=clearance).at(x0, v0)
+    return Oscillator(h=h, R=R, omega=omega, f=f, clearance=clearance).at(x0, v0, phase)
 
 
 def taken_apart(point):
-    """Return the oscillator of a point, and its start."""
+    """Return the oscillator of a point that starts at phase 0, and its start."""
     given = {name: float(point[name]) for name in POINT.names}
     x0, v0 = given.pop("x0"), given.pop("v0")
+    assert given.pop("phase") == 0.0
     return Oscillator(**given), x0, v0
 
 

@@ -29,7 +29,6 @@ def spec_of(widths=WIDTHS, diagnostics=DIAGNOSTICS):
         longest=100,
         periods=widths["section"],
         phase=0.0,
-        start=0.0,
         impacts=widths["impact"],
         lyapunov="lyapunov" in diagnostics,
         period="period" in diagnostics,

@@ -139,11 +139,11 @@ FUNCTIONS = [
     (Oscillator, {"h": 0.1, "R": 0.8, "omega": 2.3, "f": 1.0}, "h R omega f p clearance a"),
     (Oscillator.from_rig, RIG, " ".join([*RIG, "base"])),
     (OSC.to_rig, {}, "mass"),
-    (OSC.at, {}, "x0 v0"),
+    (OSC.at, {}, "x0 v0 phase"),
     (simulate, {"oscillator": OSC, "periods": 1},
      "oscillator periods integrator impact steps_per_period x0 v0 phase transient"),
     (integrate, {"points": OSC.at(), "periods": 1, "transient": 0},
-     "points integrator impact steps_per_period transient periods phase start at_section impacts "
+     "points integrator impact steps_per_period transient periods phase at_section impacts "
      "lyapunov threads"),
     (one_impact_orbit, {"osc": OSC}, "osc n"),
     (periodic_orbit, {"osc": OSC, "x": 0.0, "v": 1.0}, "osc x v m phase"),

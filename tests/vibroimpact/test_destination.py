@@ -25,7 +25,7 @@ def spec_of(points, impact="exact", transient=200, periods=100, phase=0.0):
     """Return what is computed of each point, with the least steps of the points."""
     steps = default_steps(points, impact)
     return RunSpec(
-        "exact", impact, steps, transient, None, periods, phase, 0.0, 0, False, True, None, False,
+        "exact", impact, steps, transient, None, periods, phase, 0, False, True, None, False,
         None, (),
     )  # fmt: skip
 
@@ -445,13 +445,13 @@ def test_a_doubled_orbit_is_found_from_beside_its_half():
 
 def test_a_rest_at_the_start_of_a_record_decides_nothing():
     """The start from rest is held for a moment; with one period of transient it is left out."""
-    points, phase = Oscillator(h=0.02, R=0.7, omega=1.8, f=1.0).at(), 4.0
+    phase = 4.0
+    points = Oscillator(h=0.02, R=0.7, omega=1.8, f=1.0).at(phase=phase)
     steps = default_steps(points, "exact")
     for transient in (0, 1):
         results = integrate(
-            points, steps_per_period=steps, transient=transient, periods=100, phase=phase,
-            start=phase, impacts=0,
-        )  # fmt: skip
+            points, steps_per_period=steps, transient=transient, periods=100, phase=phase, impacts=0
+        )
         assert (results["rest_fraction"] > 0.0) == (transient == 0)
         spec = spec_of(points, transient=transient, phase=phase)
         out = classified(spec, points, results, None, None)
@@ -490,6 +490,6 @@ def test_a_cycle_as_long_as_the_record_is_found(impact):
         m, point = int(settled["period"][i]), points[i : i + 1].copy()
         for transient in (4001, 0):  # the phase of a cycle does not matter
             one = replace(spec, transient=transient, periods=m)
-            out = compute_points(one, point, None, at_section=transient == 0)
+            out = compute_points(one, point, None)
             assert (out["period"], out["period_impacts"]) == (m, settled["period_impacts"][i])
             point["x0"], point["v0"] = out["poincare_x"][:, -1], out["poincare_v"][:, -1]

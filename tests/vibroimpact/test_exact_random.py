@@ -134,7 +134,7 @@ def graze(rng):
         or path.max() > osc.clearance - 1e-4
     ):
         return None
-    values = osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance, 0.0, x, v
+    values = osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance, 0.0, x, v, 0.0
     return values, top, a, height
 
 

@@ -184,7 +184,8 @@ def test_copied_periods_have_the_extremes_of_computed_ones(rule, integrator, tra
 def test_blocks_and_threads_change_no_bit(rule, integrator):
     points = mixed_points(70, 9)
     method = {"impact": rule, "integrator": integrator, "steps_per_period": steps_for(points, rule)}
-    record = {"transient": 40, "periods": 20, "phase": 0.7, "start": 2.0, "extremes": True}
+    points["phase"] = np.linspace(0.0, 6.2, points.size)
+    record = {"transient": 40, "periods": 20, "phase": 0.7, "extremes": True}
     whole = integrate(points, threads=2, **method, **record)
     for lo in range(0, 70, 23):
         part = integrate(points[lo : lo + 23], threads=1, **method, **record)

@@ -15,11 +15,11 @@ from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps
 
 
-def found_of(points, transient, periods, phase=0.0, start=0.0):
+def found_of(points, transient, periods, phase=0.0):
     """Return the results of points with their classes, and the steps per period."""
     steps = default_steps(points, "exact")
     spec = RunSpec(
-        "exact", "exact", steps, transient, None, periods, phase, start, 0, False, True, None,
+        "exact", "exact", steps, transient, None, periods, phase, 0, False, True, None,
         False, None, (),
     )  # fmt: skip
     return compute_points(spec, points, None), steps
@@ -94,8 +94,8 @@ def test_a_motion_that_keeps_meeting_the_stop_is_not_free():
     point["h"], point["R"], point["omega"] = 2.0585597301148978e-05, 0.0, 4.989606812339067
     point["f"], point["p"] = 0.7275900561147289, 1.226172184144561
     point["clearance"], point["a"] = 0.06851556136636196, 0.029224972219523544
-    phase, start = 1.1375526169090153, 5.850149461978729
-    out, _ = found_of(point, 1000, 33, phase, start)
+    point["phase"] = 5.850149461978729
+    out, _ = found_of(point, 1000, 33, 1.1375526169090153)
     assert out["period"] == 0 and out["class_evidence"] == Evidence.UNREACHED
 
 

@@ -255,7 +255,8 @@ def test_a_run_that_starts_at_the_section_of_another_continues_it(rule, integrat
     second = integrate(points, transient=3, periods=4, at_section=True, **common)
     for name in ("poincare_x", "poincare_v"):
         np.testing.assert_array_equal(second[name], whole[name][:, 8:])
-    scheme = scheme_of(points, integrator, rule, n_steps, phase, at_section=True)
+    points["phase"] = phase
+    scheme = scheme_of(points, integrator, rule, n_steps, phase)
     begin = trajectories(points, scheme, periods=1)
     assert [t[0] for t in begin["trajectory_t"]] == (phase / points["omega"]).tolist()
     assert [x[0] for x in begin["trajectory_x"]] == points["x0"].tolist()
@@ -263,8 +264,8 @@ def test_a_run_that_starts_at_the_section_of_another_continues_it(rule, integrat
 
 
 def test_an_approach_on_the_stop_is_an_impact_where_a_run_starts_at_a_section():
-    point = one(R=0.5, v0=1.0)
-    scheme = scheme_of(point, "exact", "exact", None, phase=2.0, at_section=True)
+    point = one(R=0.5, v0=1.0, phase=2.0)
+    scheme = scheme_of(point, "exact", "exact", None, phase=2.0)
     log = trajectories(point, scheme, periods=1)
     assert log["trajectory_v"][0][:2].tolist() == [1.0, -0.5]
     assert (log["trajectory_t"][0][:2] == 2.0 / point["omega"]).all()

@@ -205,7 +205,7 @@ def test_what_is_out_of_its_range_is_refused():
         {"transient": -1}, {"transient": 10**12}, {"periods": 0}, {"periods": 10**12},
         {"impacts": 2.0}, {"threads": 0}, {"steps_per_period": 10**9}, {"phase": 7.0},
         {"integrator": "euler2"}, {"impact": "soft"}, {"at_section": "False"}, {"lyapunov": "no"},
-        {"lyapunov": 1}, {"start": "0"}, {"phase": 10**400}, {"periods": 10**5000},
+        {"lyapunov": 1}, {"phase": "0"}, {"phase": 10**400}, {"periods": 10**5000},
     ):  # fmt: skip
         (name,) = wrong
         with pytest.raises(ValueError, match=f"^{name} = .* is not allowed; expected: "):

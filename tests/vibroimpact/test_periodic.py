@@ -176,8 +176,9 @@ def is_solved(root):
 
 def returns(osc, root):
     """Whether a motion that starts just after an impact of a root has the same impacts."""
-    point = osc.at(osc.clearance, -osc.R * root.speeds[0])
-    scheme = scheme_of(point, "exact", "exact", None, float(root.phases[0]), at_section=True)
+    phase = float(root.phases[0])
+    point = osc.at(osc.clearance, -osc.R * root.speeds[0], phase)
+    scheme = scheme_of(point, "exact", "exact", None, phase)
     log, _ = trace(point, scheme, periods=1)
     hits = log[log[:, 0] == 0]
     phases, speeds = hits[:, 1] * osc.omega, hits[:, 3]

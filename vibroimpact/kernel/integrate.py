@@ -23,7 +23,6 @@ from vibroimpact.step.scheme import (
     MOST_RECORDED,
     THETA,
     Scheme,
-    lead_in,
     scheme_of,
 )
 
@@ -48,7 +47,6 @@ def integrate(
     transient: int = 1000,
     periods: int = 100,
     phase: float = 0.0,
-    start: float = 0.0,
     at_section: bool = False,
     impacts: int = 64,
     lyapunov: bool = False,
@@ -75,11 +73,9 @@ def integrate(
     phase : float
         omega t mod 2 pi of the stroboscopic section, in [0, 2 pi) [rad]. It is always a point of
         the grid of steps.
-    start : float
-        omega t at the start, in [0, 2 pi) [rad].
     at_section : bool
-        Whether the start is the state at a passage of `phase` instead of at `start`. A run that
-        starts at the last section of another run continues it.
+        Whether every point starts at the phase `phase`, instead of its own. A run that starts at
+        the last section of another run continues it.
     impacts : int
         How many of the last impacts to keep, at most 1,000,000.
     lyapunov : bool
@@ -144,7 +140,10 @@ def integrate(
     lyapunov = FLAG.checked("lyapunov", lyapunov)
     extremes = FLAG.checked("extremes", extremes)
     refuse_invalid(points, beyond_stop=at_section and impact == "plain")
-    scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section, start)
+    scheme = scheme_of(points, integrator, impact, steps_per_period, phase)
+    if at_section:
+        points = points.copy()
+        points["phase"] = scheme.grid.table[THETA, 0]
     if lyapunov and scheme.method[0] != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
     length = Length(transient, periods, impacts)
@@ -185,17 +184,14 @@ def run_points(
 
 def record_begins(
     points: np.ndarray, scheme: Scheme, transient: int, begun: np.ndarray
-) -> tuple[np.ndarray, Scheme]:
-    """Return points that start where the record begins, and their scheme.
-
-    `begun` is that of ``run_points``.
-    """
+) -> np.ndarray:
+    """Return points that start where the record begins; `begun` is that of ``run_points``."""
     if transient == 0:
-        return points, scheme
+        return points
     points = points.copy()  # the record begins at a section
     points["x0"], points["v0"] = begun.T
-    phase = scheme.grid.table[THETA, 0]
-    return points, scheme._replace(lead=lead_in(phase, phase, scheme.grid.size))
+    points["phase"] = scheme.grid.table[THETA, 0]
+    return points
 
 
 def recorded_extremes(
@@ -207,7 +203,7 @@ def recorded_extremes(
     interrupt: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Return ``x_min`` and ``x_max`` of the record that ``run_points`` returned."""
-    begins, scheme = record_begins(points, scheme, length.transient, results["begun"])
+    begins = record_begins(points, scheme, length.transient, results["begun"])
     failed = (results["status"] >= Status.UNRESOLVED) | (results["status"] == Status.PENDING)
     values = extremes_of(begins, scheme, length.periods, length.transient, threads, interrupt)
     return {name: np.where(failed, np.nan, extreme) for name, extreme in values.items()}

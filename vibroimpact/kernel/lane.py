@@ -48,37 +48,8 @@ from vibroimpact.kernel.workspace import (
     put_pair,
     whole_vectors,
 )
-from vibroimpact.status import Status
-from vibroimpact.step.contact import start
-from vibroimpact.step.propagator import coefficients_of, propagator_of
-from vibroimpact.step.scheme import PLAIN, sine_at_start
-from vibroimpact.step.stepper import prepare, take_exact_grid_step, take_grid_step, to_state
-
-_CERTIFIED, _COMPUTED = int(Status.CERTIFIED), int(Status.COMPUTED)
-
-
-@specialised
-def first_section(scheme, pt, scratch, exactly):
-    """Take a point alone to its first section; return its state there, and the worst status."""
-    (rule, integrator), lead, grid = scheme
-    x, v, resting = start(pt, sine_at_start(lead, grid))
-    state = to_state(rule, x, v, resting and rule != PLAIN, pt)
-    status = _CERTIFIED if exactly else _COMPUTED
-    if lead.size > 0:
-        if exactly:
-            eq = coefficients_of(pt)
-            prepared = eq, propagator_of(eq, lead.phase_step, scratch.coefficients)
-        else:
-            prepared = prepare((rule, integrator), lead, pt)
-        for n in range(lead.size):
-            if exactly:
-                state, _, outcome = take_exact_grid_step(0, prepared, state, lead, n, pt, scratch)
-            else:
-                state, _, outcome = take_grid_step(
-                    (rule, integrator), prepared, state, lead, n, pt, scratch
-                )
-            status = max(status, outcome)
-    return state, status
+from vibroimpact.step.scheme import THETA
+from vibroimpact.step.stepper import first_section
 
 
 @specialised
@@ -87,20 +58,20 @@ def fill_lane(workspace, job, i, exactly):
     row = claim(job.claimed)
     if row >= job.points.size:
         return False
-    lanes, grid = workspace.lanes, job.scheme.grid
+    lanes, (method, grid) = workspace.lanes, job.scheme
     workspace.rows[i], workspace.points[i] = row, job.points[row]
     workspace.sums[i].skipped = workspace.sums[i].alone = 0
     pt = workspace.points[i]
     # With exact impacts these rows are Y and W.
     (lanes[POSITION + i], lanes[VELOCITY + i], resting), workspace.sums[i].status = first_section(
-        job.scheme, pt, workspace.scratch, exactly
+        method, grid, pt, workspace.scratch, False, exactly
     )
     lanes[CLEARANCE + i], lanes[OMEGA + i], lanes[RESTITUTION + i] = pt.clearance, pt.omega, pt.R
     lanes[LEVEL + i], lanes[WAKE + i] = AT_REST if resting else pt.clearance, AWAKE
     if exactly:
         exact_lanes.set_propagator(workspace, i, grid)
     else:
-        strides.set_map(workspace, i, job.scheme.method[1], grid)
+        strides.set_map(workspace, i, method[1], grid)
     lanes[PERIOD + i], lanes[DUE + i] = -job.transient, 1 - job.transient
     # The start is not marked: after a lead-in it is not rounded, as sections are.
     lanes[MARK_X + i] = math.nan
@@ -255,8 +226,8 @@ def close_lane(workspace, job, i, exactly, plain):
     if job.transient > 0:
         begun = job.record.begun[row]
         compare_ends(begun[0], begun[1], job.record.sections[row], sums)
-    elif job.scheme.lead.size == 0:  # else the record does not begin at the start
-        pt = workspace.points[i]
+    elif workspace.points[i].phase == job.scheme.grid.table[THETA, 0]:
+        pt = workspace.points[i]  # else the record does not begin at the start
         compare_ends(pt.x0, pt.v0, job.record.sections[row], sums)
     if exactly and job.lyapunov:
         sum_up_tangents(workspace, i)

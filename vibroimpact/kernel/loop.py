@@ -36,7 +36,7 @@ def run_lanes(workspace, job, memory, fill, find, exactly, plain):
     the loop of that rule is compiled.
     """
     lanes, met, record = workspace.lanes, workspace.met, job.record
-    (method, _, grid), size, offset = job.scheme, 0, ROW if exactly else 0
+    (method, grid), size, offset = job.scheme, 0, ROW if exactly else 0
     while size < job.lanes and fill(workspace, job, size):
         size += 1
     while size > 0 and not is_set(job.interrupt):

@@ -131,8 +131,8 @@ def _impacts_from(
     before = 0
     for later in _LATER:
         periods = m * (later - before + 1)
-        points = osc.at(*state)
-        scheme = scheme_of(points, "exact", "exact", None, phase, at_section=True)
+        points = osc.at(*state, phase)
+        scheme = scheme_of(points, "exact", "exact", None, phase)
         if later and m * (later + 1) * scheme.grid.size > _MOST_FOLLOWED:
             return
         log, status = trace(

@@ -38,12 +38,12 @@ def compute_box(
         advance(points.size)
         return results
 
-    def run(points: np.ndarray, at_section: bool) -> dict[str, np.ndarray]:
-        return _run(spec, points, threads, at_section, interrupt)
+    def run(points: np.ndarray) -> dict[str, np.ndarray]:
+        return _run(spec, points, threads, interrupt)
 
     box = points.reshape(tuple(map(len, axes.values())))
     along = list(axes).index(spec.followed)
-    results = follow_chains(box, along, spec.followed, spec.directions, run, advance)
+    results = follow_chains(box, along, spec.followed, spec.directions, spec.phase, run, advance)
     points = np.tile(points, len(spec.directions))
     return classified(spec, points, results, threads, interrupt) if spec.period else results
 
@@ -52,52 +52,42 @@ def compute_points(
     spec: RunSpec,
     points: np.ndarray,
     threads: int | None,
-    *,
-    at_section: bool = False,
     interrupt: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """Compute `points` of shape (n,), each from its own start; results as of `compute_box`.
+    """Compute `points` of shape (n,), each from its own start; results as of `compute_box`."""
 
-    x0 and v0 are the state at the phase of the start or, with `at_section`, of the section. The
-    results are then not those of a start at rest, and nothing is scaled.
-    """
-
-    def part(spec: RunSpec, points: np.ndarray, later: bool) -> dict[str, np.ndarray]:
-        return _run(spec, points, threads, at_section or later, interrupt)
+    def part(spec: RunSpec, points: np.ndarray) -> dict[str, np.ndarray]:
+        return _run(spec, points, threads, interrupt)
 
     def run(points: np.ndarray) -> dict[str, np.ndarray]:
         if spec.longest is None:
-            results = part(spec, points, False)
+            results = part(spec, points)
         else:
             results = run_with_own_transients(spec, points, part)
         return classified(spec, points, results, threads, interrupt) if spec.period else results
 
-    return computed_once(points, run) if spec.scaled and not at_section else run(points)
+    return computed_once(points, run) if spec.scaled else run(points)
 
 
 def _run(
     spec: RunSpec,
     points: np.ndarray,
     threads: int | None,
-    at_section: bool,
     interrupt: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
     """Compute points without scaling, following or period class."""
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
-    scheme = scheme_of(
-        points, spec.integrator, spec.impact, spec.steps_per_period, spec.phase, at_section,
-        spec.start,
-    )  # fmt: skip
+    scheme = scheme_of(points, spec.integrator, spec.impact, spec.steps_per_period, spec.phase)
     length = Length(spec.transient, spec.periods, spec.impacts)
     results = run_points(points, scheme, length, spec.lyapunov, threads, interrupt, spec.period)
     if spec.extremes:
         results |= recorded_extremes(points, scheme, length, results, threads, interrupt)
     begun = results.pop("begun")
     if spec.every is not None:
-        points, scheme = record_begins(points, scheme, spec.transient, begun)
         # A start beyond the phase of the section passes it in the next period of the clock.
-        first = spec.transient + (not at_section and spec.start > spec.phase)
+        first = spec.transient + (points["phase"] > spec.phase)
+        points = record_begins(points, scheme, spec.transient, begun)
         # A rest has two events besides its impacts, and may begin before the record.
         events = spec.periods * results["impacts_per_period"] + 2.0 * results["chatters"] + 2.0
         results |= trajectories(

@@ -18,8 +18,8 @@ import numpy as np
 
 from vibroimpact.points.stages import FAILED
 
-#: Computes points, given whether they start at the section; results of shape (n, ...).
-RunPoints = Callable[[np.ndarray, bool], dict[str, np.ndarray]]
+#: Computes points; results of shape (n, ...).
+RunPoints = Callable[[np.ndarray], dict[str, np.ndarray]]
 
 
 def follow_chains(
@@ -27,6 +27,7 @@ def follow_chains(
     along: int,
     axis: str,
     directions: Sequence[str],
+    phase: float,
     run: RunPoints,
     advance: Callable[[int], object],
 ) -> dict[str, np.ndarray]:
@@ -34,8 +35,9 @@ def follow_chains(
 
     `points` has the shape (box...) and all values of the parameter `axis`, which is swept along
     dimension `along`. `directions` holds ``up``, from the least value on, ``down``, from the
-    greatest, or both. `advance` receives the number of points after every call of `run`. Returns
-    arrays of shape (points, ...), one direction after the other, each in C order.
+    greatest, or both. `phase` is that of the section. `advance` receives the number of points after
+    every call of `run`. Returns arrays of shape (points, ...), one direction after the other, each
+    in C order.
     """
     size, flat = points.size, points.ravel()
     # The indices in `flat` of the points of each chain: shape (chains, values of the axis).
@@ -47,32 +49,28 @@ def follow_chains(
     before: dict[str, np.ndarray] = {}
     for order in zip(*orders, strict=True):  # one value of the axis for each direction
         rows = np.concatenate([chains[:, value] + i * size for i, value in enumerate(order)])
-        before = _next(flat[rows % size], before, run, moving_stop=axis == "clearance")
+        lanes = flat[rows % size]
+        if before:
+            _continue(lanes, before, phase, moving_stop=axis == "clearance")
+        before = run(lanes)
         collected.put(rows, before)
         advance(len(rows))
     return collected.arrays
 
 
-def _next(
-    lanes: np.ndarray, before: Mapping[str, np.ndarray], run: RunPoints, *, moving_stop: bool
-) -> dict[str, np.ndarray]:
-    """Compute one point of every chain, given the results of the points before them, if any.
+def _continue(
+    points: np.ndarray, before: Mapping[str, np.ndarray], phase: float, *, moving_stop: bool
+) -> None:
+    """Start one point of every chain at the section, where the point before it has ended.
 
-    `moving_stop` says whether the stop may have moved past the last states of those points.
+    `moving_stop` says whether the stop may have moved past that state.
     """
-    ended = np.zeros(len(lanes), bool)
-    if before:
-        x, v = before["poincare_x"][:, -1], before["poincare_v"][:, -1]
-        ended = np.isfinite(x) & np.isfinite(v) & ~np.isin(before["status"], FAILED)
-        lanes["x0"] = np.where(ended, x, lanes["x0"])
-        lanes["v0"] = np.where(ended, v, lanes["v0"])
-        if moving_stop:
-            lanes["x0"] = np.minimum(lanes["x0"], lanes["clearance"])
-    collected = _Collected(len(lanes))
-    for chosen, at_section in ((ended, True), (~ended, False)):
-        if chosen.any():
-            collected.put(np.flatnonzero(chosen), run(lanes[chosen], at_section))
-    return collected.arrays
+    x, v = before["poincare_x"][:, -1], before["poincare_v"][:, -1]
+    if moving_stop:
+        x = np.minimum(x, points["clearance"])
+    ended = np.isfinite(x) & np.isfinite(v) & ~np.isin(before["status"], FAILED)
+    for name, value in (("x0", x), ("v0", v), ("phase", phase)):
+        points[name] = np.where(ended, value, points[name])
 
 
 class _Collected:

@@ -17,7 +17,6 @@ class RunSpec:
     longest: int | None  #: Longest transient if each point has its own, see ``transient.py``.
     periods: int
     phase: float
-    start: float
     impacts: int
     lyapunov: bool
     period: bool  #: Whether to find the period class.

@@ -20,14 +20,15 @@ FAILED = [int(status) for status in Status if status.failed]
 def in_stages(
     points: np.ndarray,
     stops: Iterable[int],
-    run: Callable[[np.ndarray, int, bool], Results],
+    phase: float,
+    run: Callable[[np.ndarray, int], Results],
     goes_on: Callable[[np.ndarray, int, Results], np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Continue motions to one section after another, as long as they go on.
 
-    `stops` are the periods from the start to these sections, increasing. `run` is given points, the
-    periods of a stage, and whether the points start at a section; its results have the last
-    section. `goes_on` is given the rows of these points, the periods from the start, and the
+    `stops` are the periods from the start to these sections, increasing. `phase` is that of a
+    section. `run` is given points and the periods of a stage; its results have the last section.
+    `goes_on` is given the rows of these points, the periods from the start, and the
     results. Returns the last states as points, and their periods from the start, shape (n,).
     """
     state, done = points.copy(), np.zeros(points.size, np.int64)
@@ -35,20 +36,21 @@ def in_stages(
     for stop in stops:
         if not going.size:
             break
-        results = run(state[going], stop - before, before > 0)
         now = state[going]
-        put_last(now, results)
+        results = run(now, stop - before)
+        put_last(now, results, phase)
         state[going] = now
         done[going] = before = stop
         going = going[goes_on(going, stop, results)]
     return state, done
 
 
-def put_last(points: np.ndarray, results: Results) -> None:
+def put_last(points: np.ndarray, results: Results, phase: float) -> None:
     """Write the last sections in results as starts of points; a failed motion keeps its start."""
-    for name in "xv":
-        last = results[f"poincare_{name}"][:, -1]
-        points[f"{name}0"] = np.where(np.isfinite(last), last, points[f"{name}0"])
+    x, v = results["poincare_x"][:, -1], results["poincare_v"][:, -1]
+    ended = np.isfinite(x) & np.isfinite(v)
+    for name, value in (("x0", x), ("v0", v), ("phase", phase)):
+        points[name] = np.where(ended, value, points[name])
 
 
 def worst_of(before: np.ndarray, status: np.ndarray) -> np.ndarray:

@@ -32,8 +32,8 @@ _ROUNDING = 1e-15
 #: Motions that end their transient together wait for the longest of them; so many per doubling.
 _STEPS_PER_DOUBLING = 4
 
-#: Computes points by a specification, given whether they start at the section.
-Run = Callable[[RunSpec, np.ndarray, bool], dict[str, np.ndarray]]
+#: Computes points by a specification.
+Run = Callable[[RunSpec, np.ndarray], dict[str, np.ndarray]]
 
 
 def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict[str, np.ndarray]:
@@ -42,8 +42,8 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
     needed, longest = np.zeros(points.size, np.int64), spec.longest
     worst = np.full(points.size, Status.COMPUTED, np.int8)
 
-    def stage(points: np.ndarray, periods: int, started: bool) -> dict[str, np.ndarray]:
-        return run(_stage(spec, periods), points, started)
+    def stage(points: np.ndarray, periods: int) -> dict[str, np.ndarray]:
+        return run(_stage(spec, periods), points)
 
     def goes_on(going: np.ndarray, done: int, results: Results) -> np.ndarray:
         found = results["destination"]
@@ -55,7 +55,7 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
             on &= ~is_chaotic(results["lyapunov"], points["omega"][going], periods)
         return on
 
-    state, done = in_stages(points, _doubled(longest), stage, goes_on)
+    state, done = in_stages(points, _doubled(longest), spec.phase, stage, goes_on)
     results = _recorded(spec, points, state, done, needed, run)
     failed = np.isin(worst, FAILED)
     for name, values in results.items():
@@ -105,11 +105,11 @@ def _recorded(
 ) -> dict[str, np.ndarray]:
     """Record points after the periods that they still need from their states."""
     arrays: dict[str, np.ndarray] = {}
-    for started, more in np.unique(np.stack([done > 0, needed]), axis=1).T.tolist():
-        rows = np.flatnonzero((needed == more) & ((done > 0) == bool(started)))
+    for more in np.unique(needed).tolist():
+        rows = np.flatnonzero(needed == more)
         record = spec.part(more, spec.periods, spec.impacts, spec.lyapunov)
         record = replace(record, extremes=spec.extremes)
-        for name, values in run(record, state[rows], bool(started)).items():
+        for name, values in run(record, state[rows]).items():
             if name not in arrays:
                 arrays[name] = np.empty((points.size, *values.shape[1:]), values.dtype)
             arrays[name][rows] = values

@@ -39,12 +39,13 @@ class Scratch(NamedTuple):
 
     events: np.ndarray
     coefficients: np.ndarray
+    lead: np.ndarray  #: The phases of a step before the first section, as in a ``PhaseGrid``.
 
 
 @jit
 def new_scratch():
     """Return scratch memory; one per thread."""
-    return Scratch(np.empty(EVENTS_SHAPE), np.empty(TERMS))
+    return Scratch(np.empty(EVENTS_SHAPE), np.empty(TERMS), np.empty((3, 2)))
 
 
 @jit

@@ -180,7 +180,7 @@ def exact_step(eq, pt, flight, resting, bound, phase, phase_step, scratch, n):
     y, w, resting, the number of events, the phase spent at rest, the status, and the number of near
     grazes.
     """
-    events, coefficients = scratch
+    events, coefficients, _ = scratch
     y, w, s, c, passed = flight
     stop, per_time, rebounds = pt.clearance, 1.0 / pt.omega, passed > 0.0
     grazes, rested, status = 0, 0.0, _CERTIFIED

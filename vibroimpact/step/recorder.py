@@ -28,10 +28,10 @@ from vibroimpact.step.contact import (
     SPEED,
     TIME,
     new_scratch,
-    start,
 )
-from vibroimpact.step.scheme import EXACT, PLAIN, THETA, Scheme, sine_at_start
+from vibroimpact.step.scheme import EXACT, THETA, Scheme
 from vibroimpact.step.stepper import (
+    first_section,
     from_state,
     prepare,
     prepare_exact,
@@ -111,13 +111,8 @@ def _renewed(mark, due, state, period):
     return (back, state, period + 1 + period // 4) if period >= due else (back, mark, due)
 
 
-@specialised
-def _first_state(pt, rule, s, continued):
-    """Return the state at the start, where the phase has the sine `s`, or at a later section."""
-    x, v, resting = start(pt, s)
-    if continued:  # a run that came there at speed 0 rests, even if its release is due
-        resting = x == pt.clearance and v == 0.0
-    return to_state(rule, x, v, resting and rule != PLAIN, pt)
+#: Periods, first section of each point, every and most rows, as in ``TraceJob``.
+Extent = tuple[int, np.ndarray, int, int]
 
 
 class TraceJob(NamedTuple):
@@ -126,7 +121,7 @@ class TraceJob(NamedTuple):
     points: np.ndarray  #: Of dtype ``POINT``, shape (n,).
     scheme: Scheme
     periods: int
-    first: int  #: Number of the section at which the clock begins.
+    first: np.ndarray  #: Number of the section at which the clock of each point begins.
     every: int  #: Of so many states of the grid one is logged.
     most_rows: int  #: A motion with more rows ends within a step.
     #: Receives the rows for which there is room: t, x, v, or kind, t, x, v. Shape (3, room) or
@@ -144,39 +139,32 @@ class TraceJob(NamedTuple):
 
 
 @specialised
-def _trace(job, i, prepare, take, widen_by):
+def _trace(job, i, prepare, take, widen_by, exactly):
     """Run a point as the kernel's lanes do, and log its motion; return its rows and its status.
 
     Without room for a log, a motion that has come back to the same bits ends: it repeats.
     """
     reach = job.reach[i]
     pt, log = job.points[i], job.logs[:, job.starts[i] : job.starts[i + 1]]
-    first, every, periods = job.first, job.every, job.periods
-    scratch, (method, lead, grid) = new_scratch(), job.scheme
-    rule = method[0]
-    continued = first > 0 and lead.size == 0
-    state, status = _first_state(pt, rule, sine_at_start(lead, grid), continued), 0
+    first, every, periods = job.first[i], job.every, job.periods
+    scratch, (method, grid) = new_scratch(), job.scheme
+    rule, led = method[0], pt.phase != grid.table[THETA, 0]
+    state, status = first_section(method, grid, pt, scratch, first > 0, exactly)
     size, T = grid.size, grid.phase_step / pt.omega
     t = (2.0 * math.pi * first + grid.table[THETA, 0]) / pt.omega
-    rows, due, mark = 0, 1, (math.nan, math.nan, False)
-    for k in range(-1, periods):
+    rows = _put_first(log, t, pt, rule, state, first, led, reach)
+    prepared, due, mark = prepare(method, grid, pt), 1, (math.nan, math.nan, False)
+    for k in range(periods):
         if is_set(job.interrupt):
             reach[:] = math.nan
             return 0, _PENDING
-        phases = lead if k < 0 else grid
-        if k <= 0:
-            prepared = prepare(method, phases, pt)
-        if k == 0:
-            rows = _put_first(log, t, pt, rule, state, first, lead.size > 0, reach)
-        for n in range(phases.size):
+        for n in range(size):
             if rows > job.most_rows:
                 return 0, _PENDING
             before = state
-            state, n_events, outcome = take(method, prepared, state, phases, n, pt, scratch)
+            state, n_events, outcome = take(method, prepared, state, grid, n, pt, scratch)
             status = max(status, outcome)
-            if k < 0:
-                continue
-            widen_by(prepared, (before, state), n_events, phases, n, pt, scratch, reach)
+            widen_by(prepared, (before, state), n_events, grid, n, pt, scratch, reach)
             x, v = from_state(rule, state, pt)
             last = n + 1 == size
             if last:
@@ -195,15 +183,15 @@ def _trace(job, i, prepare, take, widen_by):
 
 
 @specialised
-def _trace_points(job, prepare, take, widen_by):
+def _trace_points(job, prepare, take, widen_by, exactly):
     """Log point after point until the threads have taken all of them.
 
-    `prepare`, `take` and `widen_by` are the functions of the rule, so that those of the others are
-    not compiled.
+    `prepare`, `take` and `widen_by` are the functions of the rule, and `exactly` says whether it is
+    ``exact``, so that what other rules need is not compiled.
     """
     i = claim(job.claimed)
     while i < job.points.size:  # terminates: the counter only rises
-        rows, status = _trace(job, i, prepare, take, widen_by)
+        rows, status = _trace(job, i, prepare, take, widen_by, exactly)
         job.outcomes[i, 0], job.outcomes[i, 1] = rows, status
         i = claim(job.claimed)
 
@@ -211,19 +199,19 @@ def _trace_points(job, prepare, take, widen_by):
 @jit
 def _trace_exact(job):
     """Log points with the rule ``exact``."""
-    _trace_points(job, prepare_exact, take_exact_grid_step, widen_by_exact_step)
+    _trace_points(job, prepare_exact, take_exact_grid_step, widen_by_exact_step, True)
 
 
 @jit
 def _trace_steps(job):
     """Log points with a rule of time stepping."""
-    _trace_points(job, prepare, take_grid_step, widen_by_step)
+    _trace_points(job, prepare, take_grid_step, widen_by_step, False)
 
 
 def _trace_on_threads(
     points: np.ndarray,
     scheme: Scheme,
-    extent: tuple[int, int, int, int],
+    extent: Extent,
     threads: int,
     interrupt: np.ndarray,
     columns: int,
@@ -246,7 +234,7 @@ def _trace_on_threads(
 def _logged(
     points: np.ndarray,
     scheme: Scheme,
-    extent: tuple[int, int, int, int],
+    extent: Extent,
     threads: int,
     interrupt: np.ndarray | None,
     columns: int,
@@ -292,7 +280,7 @@ def trace(
     """
     if periods * (scheme.grid.size // every) > most_rows:
         return np.empty((0, 4)), Status.PENDING
-    extent = (periods, first, every, most_rows)
+    extent = (periods, np.array([first]), every, most_rows)
     (log,), job = _logged(points, scheme, extent, 1, interrupt, 4)
     log, status = log.T, job.outcomes[0, 1]
     if reach is not None:
@@ -310,7 +298,7 @@ def trajectories(
     points: np.ndarray,
     scheme: Scheme,
     periods: int,
-    first: int = 0,
+    first: int | np.ndarray = 0,
     every: int = 1,
     threads: int | None = 1,
     interrupt: np.ndarray | None = None,
@@ -318,12 +306,13 @@ def trajectories(
 ) -> dict[str, np.ndarray]:
     """Log the motion of many parameter points, on all threads if `threads` is None.
 
-    The other arguments are those of `trace`. If a motion has more events than `events` says, by
-    default four in each period, a second pass is necessary. Returns ``trajectory_t``,
-    ``trajectory_x`` and ``trajectory_v``, of shape (n,): of each motion an array of its own length,
-    which is 0 for an interrupted point.
+    The other arguments are those of `trace`; `first` may have the shape (n,). If a motion has more
+    events than `events` says, by default four in each period, a second pass is necessary. Returns
+    ``trajectory_t``, ``trajectory_x`` and ``trajectory_v``, of shape (n,): of each motion an array
+    of its own length, which is 0 for an interrupted point.
     """
-    extent, n = (periods, first, every, _NO_LIMIT), points.size
+    n = points.size
+    extent = (periods, np.full(n, first), every, _NO_LIMIT)
     threads = min(ALL_THREADS if threads is None else threads, n)
     logs, _ = _logged(points, scheme, extent, threads, interrupt, 3, events)
     found = {name: np.empty(n, object) for name in TRAJECTORY}
@@ -347,6 +336,6 @@ def extremes_of(
     """
     points, n = with_one_force(points), points.size
     threads = min(ALL_THREADS if threads is None else threads, n)
-    extent, room = (periods, first, 1, _NO_LIMIT), np.zeros(n, np.int64)
+    extent, room = (periods, np.full(n, first), 1, _NO_LIMIT), np.zeros(n, np.int64)
     _, job = _trace_on_threads(points, scheme, extent, threads, interrupt, 3, room)
     return dict(zip(EXTREMES, job.reach.T, strict=True))

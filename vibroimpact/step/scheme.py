@@ -68,36 +68,13 @@ def _fill_waves(table):
         table[SIN, n], table[COS, n] = sin_cos(table[THETA, n])
 
 
-def _grid(start: float, span: float, count: int) -> PhaseGrid:
-    """Return `count` equal steps over a span of phases."""
-    table = np.empty((3, count + 1))
-    table[THETA] = start + span * np.arange(count + 1) / max(count, 1)
-    compiled(_fill_waves, table)(table)
-    return PhaseGrid(table, span / max(count, 1), count)
-
-
-def lead_in(start: float, phase: float, steps_per_period: int) -> PhaseGrid:
-    """Return the steps from a `start` to the section's `phase`; none is longer than a grid step.
-
-    There are no steps if the start is at the section.
-    """
-    span = (phase - start) % (2.0 * math.pi)
-    n = span / (2.0 * math.pi) * steps_per_period
-    return _grid(start, span, math.ceil(n * (1.0 - 1e-12)))
-
-
 def one_period(phase: float, steps_per_period: int) -> PhaseGrid:
     """Return the steps of one forcing period from the section's `phase`."""
-    phases = _grid(phase, 2.0 * math.pi, steps_per_period)
-    phases.table[SIN:, -1] = phases.table[SIN:, 0]  # the start of the next period, to the last bit
-    return phases
-
-
-@jit
-def sine_at_start(lead: PhaseGrid, grid: PhaseGrid) -> float:
-    """Return the sine of the phase at which a run starts: with its lead-in, or else its grid."""
-    first = lead if lead.size > 0 else grid
-    return first.table[SIN, 0]
+    table = np.empty((3, steps_per_period + 1))
+    table[THETA] = phase + math.tau * np.arange(steps_per_period + 1) / steps_per_period
+    compiled(_fill_waves, table)(table)
+    table[SIN:, -1] = table[SIN:, 0]  # the start of the next period, to the last bit
+    return PhaseGrid(table, math.tau / steps_per_period, steps_per_period)
 
 
 #: Most steps per forcing period. The program never chooses more, and refuses the rule ``exact``
@@ -135,7 +112,6 @@ class Scheme(NamedTuple):
     """How orbits are stepped."""
 
     method: tuple[int, int]  # codes of the impact rule and of the integrator
-    lead: PhaseGrid  # the steps before the first section
     grid: PhaseGrid  # the steps of a forcing period
 
 
@@ -145,15 +121,13 @@ def scheme_of(
     impact: str,
     steps_per_period: int | None,
     phase: float = 0.0,
-    at_section: bool = False,
-    start: float = 0.0,
 ) -> Scheme:
     """Check a method and lay out its steps; arguments as for ``integrate``.
 
     A ValueError says which name is unknown, which number is out of range, that the impact rule does
     not work with the integrator, or that the rule ``exact`` needs more steps.
     """
-    first, start = (float(PHASE.checked(*item)) for item in (("phase", phase), ("start", start)))
+    phase = float(PHASE.checked("phase", phase))
     one_of(INTEGRATORS).checked("integrator", integrator)
     one_of(IMPACT_RULES).checked("impact", impact)
     if impact == "exact" and integrator != "exact":
@@ -168,7 +142,5 @@ def scheme_of(
             allowed = integer(least, MOST_STEPS).expected
             raise ValueError(refusal(f"steps_per_period = {steps}", f"{allowed} for exact impacts"))
     return Scheme(
-        (IMPACT_RULES[impact].code, INTEGRATORS[integrator].code),
-        lead_in(first if at_section else start, first, steps),
-        one_period(first, steps),
+        (IMPACT_RULES[impact].code, INTEGRATORS[integrator].code), one_period(phase, steps)
     )

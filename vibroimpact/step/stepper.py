@@ -7,12 +7,15 @@ that starts from a recorded section continues the previous run to the last bit.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from vibroimpact.jit import jit, specialised, widest_vectors
 from vibroimpact.status import Status
 from vibroimpact.step.chatter import may_rest
-from vibroimpact.step.contact import IMPACT, SIDE_BY_SIDE, log_event
+from vibroimpact.step.contact import IMPACT, SIDE_BY_SIDE, log_event, start
+from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.exact_step import exact_step
 from vibroimpact.step.impact import (
     FIRST,
@@ -33,10 +36,10 @@ from vibroimpact.step.propagator import (
     propagator_of,
     to_dimensionless,
 )
-from vibroimpact.step.scheme import COS, EXACT, PLAIN, SIN, THETA
+from vibroimpact.step.scheme import COS, EXACT, PLAIN, SIN, THETA, PhaseGrid
 from vibroimpact.step.time_stepping import plain, reduced_step
 
-_COMPUTED = int(Status.COMPUTED)
+_CERTIFIED, _COMPUTED = int(Status.CERTIFIED), int(Status.COMPUTED)
 
 
 @jit
@@ -141,3 +144,42 @@ def take_exact_grid_step(_, prepared, state, grid, n, pt, scratch):
         eq, propagators, state, phase, end_wave, grid.phase_step, pt, scratch
     )
     return (y, w, resting), n_events, status
+
+
+@specialised
+def first_section(method, grid, pt, scratch, continued, exactly):
+    """Take a point alone to its first section; return its state there, and the worst status.
+
+    `continued` says whether the start is a state that another run has reached.
+    """
+    (rule, integrator), table = method, scratch.lead
+    table[THETA, 1] = pt.phase
+    table[SIN, 1], table[COS, 1] = sin_cos(pt.phase)
+    x, v, resting = start(pt, table[SIN, 1])
+    span = (grid.table[THETA, 0] - pt.phase) % (2.0 * math.pi)
+    # None of the steps is longer than one of the grid.
+    count = math.ceil(span / (2.0 * math.pi) * grid.size * (1.0 - 1e-12))
+    if continued and count == 0:  # a run that came there at speed 0 rests, even if released now
+        resting = x == pt.clearance and v == 0.0
+    state = to_state(rule, x, v, resting and rule != PLAIN, pt)
+    status = _CERTIFIED if exactly else _COMPUTED
+    if count > 0:
+        lead = PhaseGrid(table, span / count, 1)
+        if exactly:
+            eq = coefficients_of(pt)
+            prepared = eq, propagator_of(eq, lead.phase_step, scratch.coefficients)
+        else:
+            prepared = prepare((rule, integrator), lead, pt)
+        for n in range(1, count + 1):
+            for row in range(3):
+                table[row, 0] = table[row, 1]
+            table[THETA, 1] = pt.phase + span * n / count
+            table[SIN, 1], table[COS, 1] = sin_cos(table[THETA, 1])
+            if exactly:
+                state, _, outcome = take_exact_grid_step(0, prepared, state, lead, 0, pt, scratch)
+            else:
+                state, _, outcome = take_grid_step(
+                    (rule, integrator), prepared, state, lead, 0, pt, scratch
+                )
+            status = max(status, outcome)
+    return state, status

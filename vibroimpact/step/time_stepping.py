@@ -198,7 +198,7 @@ def reduced_step(method, start, end, phase, T, pt, scratch):
     cosine. Returns x and v, which are NaN if the step could not be resolved; resting; the number of
     events in `scratch`; the time spent at rest; and the status.
     """
-    events, coefficients = scratch
+    events, coefficients, _ = scratch
     (_, integrator), (x, v, resting), (x_T, v_T), (theta, s, c) = method, start, end, phase
     tau = 0.0
     n = 0

@@ -105,7 +105,7 @@ def widen_by_exact_step(prepared, ends, n_events, grid, n, pt, scratch, reach):
 
     A chatter that is summed has its lowest point in its first flight.
     """
-    (eq, _), ((y, w, resting), end), (events, coefficients) = prepared, ends, scratch
+    (eq, _), ((y, w, resting), end), (events, coefficients, _) = prepared, ends, scratch
     table, phase_step = grid.table, grid.phase_step
     theta, s, c, at = table[THETA, n], table[SIN, n], table[COS, n], 0.0
     for k in range(n_events):
@@ -141,7 +141,7 @@ def widen_by_step(_, ends, n_events, grid, n, pt, scratch, reach):
 
     The first flight of a chatter that is summed is a parabola, as its sum takes it to be.
     """
-    ((x, v, resting), end), (events, coefficients) = ends, scratch
+    ((x, v, resting), end), (events, coefficients, _) = ends, scratch
     at, launched = 0.0, False
     for k in range(n_events):
         kind, then = events[k, KIND], events[k, TIME]

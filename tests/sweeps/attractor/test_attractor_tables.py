@@ -148,7 +148,7 @@ def test_pictures_that_do_not_fit_are_refused(computed_starts, draw, options, te
 
 
 def test_basins_need_both_starts():
-    with pytest.raises(Refused, match="basins need x0 and v0 as axes; the file has x0"):
+    with pytest.raises(Refused, match="basins need two of x0, v0, phase as axes; the file has x0"):
         basins(given_sections([cycle((-1, 0))] * 2, 1))
 
 

@@ -95,6 +95,7 @@ def test_the_example_is_read_as_written():
     np.testing.assert_array_equal(config.sweep.grid.axes["omega"], linear_values(0.8, 4.0, 4096))
     assert config.sweep.grid.fixed == {
         "h": 0.1, "R": 0.8, "f": 1.0, "p": 1.0, "clearance": 0.0, "a": 0.0, "x0": 0.0, "v0": 0.0,
+        "phase": 0.0,
     }  # fmt: skip
 
 

@@ -97,7 +97,7 @@ class Documents:
                 for name, value in (
                     ("x0", -0.5),
                     ("v0", [0, 0.5]),
-                    ("phase", self.pick((0, 6, 6.5))),
+                    ("phase", self.pick((0, 6, 6.5, [0, 1], [7]))),
                 )
                 if self.chance(0.5)
             }

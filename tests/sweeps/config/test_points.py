@@ -13,8 +13,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from sweeps import attractors, load_config, open_sweep, plotting, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
-from sweeps.config.loading import stored_config
+from sweeps.config.groups import STARTS
 from sweeps.errors import ConfigError, Refused, StoreError
+from sweeps.opened.dataset import config_of
 from tests.helpers.commands import accepted, refused
 from tests.helpers.configurations import load
 
@@ -26,6 +27,7 @@ CONFIG = f"points: table.csv\n{FIXED}\n{RECORD}\n"
 GRIDS = {
     "plain": {"R": np.linspace(0.5, 0.9, 4), "omega": np.linspace(2.4, 3.5, 60)},
     "scaled": {"omega": np.linspace(2.4, 3.5, 20), "f": np.array([0.3, 1.0, 7.0])},
+    "starts": {"v0": np.linspace(-0.5, 0.5, 5), "phase": np.linspace(0.0, 6.2, 20)},
 }
 
 
@@ -49,10 +51,12 @@ def write_csv(columns, path="table.csv"):
 @pytest.mark.parametrize("name", GRIDS)
 def test_a_table_of_a_grid_has_its_bits_in_any_order(name):
     axes = GRIDS[name]
-    given = {"h": 0.05, "R": 0.8, "f": 1.0}
+    given = {"h": 0.05, "R": 0.8, "omega": 2.7, "f": 1.0}
     record = yaml.safe_load(RECORD)
     others = {key: value for key, value in given.items() if key not in axes}
-    run_sweep({"oscillator": {**others, **axes}, **record}, "grid.h5")
+    start = {key: values for key, values in axes.items() if key in STARTS}
+    own = {key: values for key, values in axes.items() if key not in start}
+    run_sweep({"oscillator": {**others, **own}, "start": start, **record}, "grid.h5")
     columns, order = shuffled(axes)
     write_csv({**columns, "label": [f"part {i}" for i in order], "serial": order})
     config = load({"points": "table.csv", "oscillator": others, **record})
@@ -168,24 +172,16 @@ def test_a_bad_table_is_refused_by_row_and_column(text, part):
     assert part in refused_table(text)
 
 
-@pytest.mark.parametrize("start", ["", "start: {phase: 1}\n"])
-def test_a_column_that_cannot_vary_is_refused(start):
-    """It would be a comment in the file beside the phase of the motions."""
-    text = f"points: {{omega: [1, 1], R: [1, 1], phase: [0, 1.5]}}\n{FIXED}\n{start}"
-    with pytest.raises(ConfigError) as refusal:
-        load(text)
-    assert "line 1: points.phase: cannot be a column; start.phase is one number" in str(
-        refusal.value
-    )
-
-
 def test_a_file_with_a_further_column_phase_still_opens():
-    """Earlier versions took it for a comment."""
+    """Earlier versions took it for a comment, in any unit."""
     columns = {"omega": [1.0, 1.2], "R": [0.5, 0.6], "phase": [0.0, 1.5], "serial": [7.0, 8.0]}
-    table = {name: np.array(values) for name, values in columns.items()}
-    config = stored_config(f"{FIXED}\n{RECORD}\n", "its configuration", "sweep", table)
-    assert config.points.dtype.names == ("omega", "R", "serial")
-    assert config.start.phase == 0.0
+    run_sweep({"points": columns, **yaml.safe_load(f"{FIXED}\n{RECORD}")}, "table.h5")
+    with open_sweep("table.h5") as dataset:
+        assert config_of(dataset).points["phase"].tolist() == [0.0, 1.5]
+        old = dataset.assign_coords(phase=("point", [0.0, 90.0]))
+        old.attrs["computation"] = "integrator: exact\nphase: 0.0\nh: 0.05\n"
+        assert config_of(old).points.dtype.names == ("omega", "R", "serial")
+        assert config_of(old).start.phase == 0.0
 
 
 def test_the_bytes_of_a_table_are_those_that_programs_write():
@@ -334,7 +330,7 @@ def test_commands_of_a_line_or_a_plane_refuse_a_table(unpainted):
     table = "needs a swept axis, and the points of this file are the rows of a table"
     for options in (["--kind", "map"], ["--kind", "bifurcation"], ["--kind", "attractors"]):
         assert table in refused("plot", "out.h5", *options)
-    assert "basins need x0 and v0" in refused("plot", "out.h5", "--kind", "basins")
+    assert "basins need two of x0, v0, phase" in refused("plot", "out.h5", "--kind", "basins")
     assert "not for table" in refused("plot", "out.h5", "--exact")
     assert table in refused("info", "out.h5", "--bifurcations")
     assert "no axis to zoom into" in refused("zoom", "out.h5", "omega=2:2.05")

@@ -87,8 +87,8 @@ def test_refused_settings(line, key, given, allowed):
     assert f"{key} = {given}" in message and allowed in message
 
 
-@pytest.mark.parametrize("phase", ["-0.1", "6.3", "[0, 1]", "{start: 0, stop: 1, num: 2}"])
-def test_the_phase_of_the_start_is_one_number(phase):
+@pytest.mark.parametrize("phase", ["-0.1", "6.3", "[0, 7]", "{start: 0, stop: 7, num: 2}"])
+def test_a_phase_of_the_start_beyond_one_turn_is_refused(phase):
     message = refusal(oscillator_yaml() + f"start: {{phase: {phase}}}\n")
     assert "start.phase = " in message and "a number >= 0 and < 2 pi" in message
 

@@ -94,7 +94,7 @@ def test_names_units_and_numbers_are_those_of_the_rig_or_of_the_model():
     ))  # fmt: skip
     assert model.parameters == PARAMETERS and model.unit("length/time^2") == "mm/s^2"
     assert [*of_rig.parameters] == ["mass", *map(of_rig.name, PARAMETERS)]
-    assert {of_rig.name(own) for own in PARAMETERS} == {*SWEPT, "R", "x0", "v0"}
+    assert {of_rig.name(own) for own in PARAMETERS} == {*SWEPT, "R", "x0", "v0", "phase"}
     for seen in (model, of_rig):
         for own in PARAMETERS:
             name = seen.name(own)

@@ -175,7 +175,7 @@ def test_a_table_beside_a_rig_is_read_in_si_units():
     )
     path = run_sweep(load(text + table), "table.h5")
     accepted("export", path, "-o", "table.csv")
-    head = "point,mass,damping,R,frequency,force,stiffness,gap,base,x0,v0,serial,"
+    head = "point,mass,damping,R,frequency,force,stiffness,gap,base,x0,v0,phase,serial,"
     assert Path("table.csv").read_text().startswith(head + "impacts_per_period,")
     nu, c, serial, x0 = columns_of("table.csv", "frequency", "damping", "serial", "x0")
     assert nu.tolist() == [omega / (2.0 * math.pi) for omega in (100, 200, 250)]

@@ -46,7 +46,8 @@ def by_hand(config, point, axis, values):
                 **common | {"transient": record.transient - 1, "periods": 1},
             )
             here["x0"], here["v0"] = before["poincare_x"][0], before["poincare_v"][0]
-            scheme = scheme_of(here, **method.arguments, phase=record.phase, at_section=True)
+            here["phase"] = record.phase
+            scheme = scheme_of(here, **method.arguments, phase=record.phase)
             every = record.trajectory.every
             found |= trajectories(here, scheme, record.periods, record.transient, every)
         state = found["poincare_x"][0, -1], found["poincare_v"][0, -1]
@@ -158,8 +159,8 @@ def test_only_the_chain_that_failed_begins_anew(status):
     config = configured("start.x0=-1", "follow.direction=up", "oscillator.clearance=0")
     calls = []
 
-    def run(points, at_section):
-        calls.append((at_section, points[["R", "omega", "x0", "v0"]].tolist()))
+    def run(points):
+        calls.append(points[["R", "omega", "x0", "v0", "phase"]].tolist())
         fails = (points["R"] == 0.5) & (points["omega"] == 1.3)
         x = np.where(fails & (status == Status.COMPUTED), math.nan, -points["omega"])
         return {
@@ -170,13 +171,13 @@ def test_only_the_chain_that_failed_begins_anew(status):
 
     counted = []
     box = config.sweep.grid.points(full_block(config)[-2:]).reshape(config.sweep.grid.shape)
-    results = follow_chains(box, 1, "omega", ["up"], run, counted.append)
+    results = follow_chains(box, 1, "omega", ["up"], 1.5, run, counted.append)
     assert counted == [3] * 5
-    assert calls[0] == (False, [(R, 0.6, -1.0, 0.0) for R in (0.5, 0.6, 0.8)])
-    assert calls[1] == (True, [(R, 1.3, -0.6, R) for R in (0.5, 0.6, 0.8)])
-    assert calls[2] == (True, [(R, 2.4, -1.3, R) for R in (0.6, 0.8)])
-    assert calls[3] == (False, [(0.5, 2.4, -1.0, 0.0)])
-    assert calls[4] == (True, [(R, 2.65, -2.4, R) for R in (0.5, 0.6, 0.8)])
+    assert calls[0] == [(R, 0.6, -1.0, 0.0, 0.0) for R in (0.5, 0.6, 0.8)]
+    assert calls[1] == [(R, 1.3, -0.6, R, 1.5) for R in (0.5, 0.6, 0.8)]
+    again = [(R, 2.4, -1.3, R, 1.5) for R in (0.6, 0.8)]
+    assert calls[2] == [(0.5, 2.4, -1.0, 0.0, 0.0), *again]
+    assert calls[3] == [(R, 2.65, -2.4, R, 1.5) for R in (0.5, 0.6, 0.8)]
     found = results["poincare_v"].reshape(3, 5, 2)[:, :, 1]
     np.testing.assert_array_equal(found, np.broadcast_to([[0.5], [0.6], [0.8]], (3, 5)))
 

@@ -27,12 +27,12 @@ record: {transient: 0, periods: 6, phase: 1.0, trajectory: {every: 1}}
 def test_a_free_motion_from_any_phase_is_the_closed_form(integrator):
     """To the error of the steps, from starts before and beyond the phase of the section."""
     free, error = naive.oscillator(0.05, 0.8, 1.3, clearance=50.0, a=0.2), []
-    points = Oscillator(**vars(free)).at(-0.7, 0.4)
     for start in (0.0, 0.9, 2.5, 6.1):
+        points = Oscillator(**vars(free)).at(-0.7, 0.4, start)
         flight = naive.ClosedForm(free, start / 1.3, -0.7, 0.4)
         run = integrate(
             points, integrator=integrator, impact="exact" if integrator == "exact" else "plain",
-            steps_per_period=1000, transient=0, periods=2, phase=1.7, start=start,
+            steps_per_period=1000, transient=0, periods=2, phase=1.7,
         )  # fmt: skip
         turns = np.arange(1, 3) + (start > 1.7)
         x, v = flight((1.7 + 2.0 * math.pi * turns) / 1.3)
@@ -44,23 +44,27 @@ def test_a_free_motion_from_any_phase_is_the_closed_form(integrator):
 def test_a_motion_goes_on_from_its_own_state_at_any_phase():
     """At the phase of the section with the same bits, at others to rounding."""
     first = integrate(OSC.at(-0.5), transient=3, periods=1, phase=4.0)
-    points = OSC.at(float(first["poincare_x"][0, 0]), float(first["poincare_v"][0, 0]))
-    for how in ({"start": 4.0, "phase": 4.0}, {"at_section": True, "phase": 4.0}):
-        again = integrate(points, transient=0, periods=5, **how)
+    state = float(first["poincare_x"][0, 0]), float(first["poincare_v"][0, 0])
+    points = OSC.at(*state, 4.0)
+    for start, at_section in ((points, False), (OSC.at(*state), True)):
+        again = integrate(start, transient=0, periods=5, phase=4.0, at_section=at_section)
         whole = integrate(OSC.at(-0.5), transient=4, periods=5, phase=4.0)
         for name in ("poincare_x", "poincare_v", "impact_phase", "impact_v"):
-            assert np.array_equal(again[name], whole[name], equal_nan=True), (how, name)
-    again = integrate(points, transient=0, periods=5, start=4.0, phase=1.0)
+            assert np.array_equal(again[name], whole[name], equal_nan=True), name
+    again = integrate(points, transient=0, periods=5, phase=1.0)
     whole = integrate(OSC.at(-0.5), transient=5, periods=5, phase=1.0)
     assert again["poincare_x"] == pytest.approx(whole["poincare_x"], abs=1e-12)
 
 
 @pytest.mark.parametrize("start", [-0.1, 2.0 * math.pi, math.nan, "1", True])
 def test_a_phase_that_cannot_be_is_refused(start):
-    with pytest.raises(
-        ValueError, match=r"start = .* is not allowed; expected: a number >= 0 and < 2 pi"
-    ):
-        integrate(OSC.at(), start=start)
+    said = r"phase \(forcing phase at the start\) = .*; expected: a number >= 0 and < 2 pi"
+    with pytest.raises((ValueError, TypeError), match=said):
+        OSC.at(phase=start)
+    points = OSC.at().repeat(2)
+    points["phase"][1] = 2.0 * math.pi
+    with pytest.raises(ValueError, match=r"points\[1\]: " + said):
+        integrate(points)
 
 
 def test_a_sweep_starts_at_the_phase_of_its_start():
@@ -133,8 +137,9 @@ def test_basins_at_another_phase(tmp_path):
         period = dataset["period"].values
         assert set(np.unique(period)) == {1, 2}
         points = load(BASINS).sweep.grid.points((slice(None),) * 2)
-        later = integrate(points, transient=0, periods=1, phase=0.0, start=1.1)
+        later = integrate(points, transient=0, periods=1, phase=0.0)
         points["x0"], points["v0"] = later["poincare_x"][:, 0], later["poincare_v"][:, 0]
+        points["phase"] = 0.0
         ends = integrate(points, transient=100, periods=4)["poincare_x"]
         twice = np.abs(ends[:, -1] - ends[:, -2]) > 1e-6
         assert np.array_equal(twice.reshape(period.shape), period == 2)
@@ -168,13 +173,15 @@ def test_the_phase_is_kept_and_shown(tmp_path):
     assert data(again).equals(data(path))
     view = View.of(load(CONFIG))
     assert view.diagram(3).start.phase == 4.0
+    assert view.with_query("phase=3.5&section=2").diagram(3).start.phase == 3.5
     with open_sweep(path) as dataset:
         figure = plotting.trajectory(dataset)
         title = figure.get_suptitle().replace("\n", " ")
         assert "after 6.52254 forcing periods" in title  # (14 pi - 3) / 2 pi
         figure = plotting.section(dataset)
         title = figure._suptitle.get_text().replace("\N{NO-BREAK SPACE}", " ")
-        assert "start at phase 4 rad, phase 1 rad, transient 0" in title.replace("\n", " ")
+        title = title.replace("\n", " ")
+        assert r"$\omega t_0=4$" in title and "section at phase 1 rad, transient 0" in title
 
 
 @pytest.mark.slow

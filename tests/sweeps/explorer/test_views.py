@@ -139,7 +139,8 @@ def test_a_view_returns_from_its_address(view, axis):
         ("axis=mass", "mass is not a parameter"),
         ("ordinate=z", "z is not an ordinate"),
         ("transient=-1", "record.transient = -1 is not allowed"),
-        ("phase=7", "record.phase = 7 is not allowed"),
+        ("section=7", "record.phase = 7 is not allowed"),
+        ("phase=7", "^phase = 7 is not allowed; expected: a number >= 0 and < 2 pi"),
     ],
 )
 def test_an_address_that_asks_for_too_much_is_refused(view, query, said):
