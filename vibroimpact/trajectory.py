@@ -131,8 +131,9 @@ def simulate(
     refuse_other("oscillator", oscillator, Oscillator)
     periods = integer(1, MOST_RECORDED).checked("periods", periods)
     transient = integer(0, MOST_PERIODS).checked("transient", transient)
-    points, interrupt = with_one_force(oscillator.at(x0, v0, phase)), np.zeros(1, np.int64)
+    points, interrupt = with_one_force(oscillator.at(x0, v0)), np.zeros(1, np.int64)
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase)
+    points["phase"] = phase
     before = Status.PENDING
     if transient > 0:
         run = run_points(points, scheme, Length(transient, 1, 0), False, 1, interrupt)

@@ -131,8 +131,9 @@ def _impacts_from(
     before = 0
     for later in _LATER:
         periods = m * (later - before + 1)
-        points = osc.at(*state, phase)
+        points = osc.at(*state)
         scheme = scheme_of(points, "exact", "exact", None, phase)
+        points["phase"] = phase
         if later and m * (later + 1) * scheme.grid.size > _MOST_FOLLOWED:
             return
         log, status = trace(
