@@ -15,8 +15,9 @@ from sweeps.reports.run_report import (
     destinations_text,
     outcomes,
     shown_axis,
+    status_counts,
 )
-from sweeps.store import VARIABLES, columns_of, status_counts
+from sweeps.store import VARIABLES, columns_of
 from sweeps.text import fewest_digits, shown_duration, table
 
 if TYPE_CHECKING:

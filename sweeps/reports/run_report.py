@@ -18,7 +18,6 @@ from sweeps.store import (
     kept_points,
     parts_path,
     per_point,
-    status_counts,
 )
 from sweeps.text import (
     shown_bytes,
@@ -135,6 +134,12 @@ def shown_axis(name: str, values: np.ndarray, unit: str) -> str:
         return f"{name}, {shown_count(len(values), 'text')}"
     ends = shown_range(values.tolist()) + ("" if unit == "1" else f" [{unit}]")
     return f"{name} = {ends}, {shown_count(len(values), 'value')}"
+
+
+def status_counts(variables: Mapping[Any, Any]) -> dict[Status, int]:
+    """Count the points of a sweep with each outcome, including the outcomes without points."""
+    values = np.asarray(variables["status"])
+    return {status: int(np.count_nonzero(values == status)) for status in Status}
 
 
 def outcomes(variables: Mapping[Any, Any], impact: str) -> str:

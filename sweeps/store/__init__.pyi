@@ -1,3 +1,4 @@
+from .complete_file import per_point as per_point
 from .lock import only_writer as only_writer
 from .parts import kept_points as kept_points
 from .paths import SCHEMA as SCHEMA
@@ -6,8 +7,6 @@ from .paths import check_room as check_room
 from .paths import identity as identity
 from .paths import is_sweep as is_sweep
 from .paths import parts_path as parts_path
-from .reading import per_point as per_point
-from .reading import status_counts as status_counts
 from .schema import Schema as Schema
 from .schema import refuse_columns as refuse_columns
 from .variables import DIRECTION as DIRECTION

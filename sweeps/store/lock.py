@@ -17,8 +17,8 @@ from sweeps.store.paths import (
     LOCK,
     NO_LOCKS,
     check_output,
+    check_parts,
     identity,
-    make_parts,
     parts_path,
     reason,
 )
@@ -68,7 +68,8 @@ def only_writer(
         before = identity(real)  # what appears from now on is not replaced
         check_output(path, overwrite=overwrite, resume=resume)
         try:
-            make_parts(real)
+            parts_path(real).mkdir(exist_ok=True)
+            check_parts(parts_path(real), overwrite)  # another user may have made it meanwhile
         except OSError as error:
             raise Failed(f"{path} cannot be created: {reason(error)}") from error
         try:
@@ -84,10 +85,11 @@ def only_writer(
 
 
 def _acquired(name: Path) -> BaseFileLock:
-    """Return the held lock of a file: a lock of the system, or the file itself where it has none.
+    """Return the held lock of a file, which names this process.
 
-    A killed process leaves such a file, which a process of the same machine, outside containers or
-    in the same one, then takes over.
+    It is a lock of the system, or the file itself where there are no locks. A killed process leaves
+    such a file, which a process of the same machine, outside containers or in the same one, then
+    takes over.
     """
     was_there = os.path.lexists(name)
     lock: BaseFileLock = FileLock(name, fallback_to_soft=False)
@@ -100,20 +102,15 @@ def _acquired(name: Path) -> BaseFileLock:
             name.unlink(missing_ok=True)
         lock = SoftFileLock(name)  # it writes a text of its own
         lock.acquire(blocking=False)
-    if not isinstance(lock, SoftFileLock):
-        with suppress(PermissionError):  # on Windows a locked file cannot be written
-            _write_text(name)
-    return lock
-
-
-def _write_text(name: Path) -> None:
-    """Name this process in its lock; a link that was put there meanwhile is not followed."""
+        return lock
     flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-    descriptor = os.open(name, os.O_WRONLY | os.O_TRUNC | flags)
-    try:
-        os.write(descriptor, b"vibroimpact lock of process %d\n" % os.getpid())
-    finally:
-        os.close(descriptor)
+    with suppress(PermissionError):  # on Windows a locked file cannot be written
+        descriptor = os.open(name, os.O_WRONLY | os.O_TRUNC | flags)  # follows no link put there
+        try:
+            os.write(descriptor, b"vibroimpact lock of process %d\n" % os.getpid())
+        finally:
+            os.close(descriptor)
+    return lock
 
 
 def _holder(name: Path) -> str:

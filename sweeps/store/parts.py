@@ -10,15 +10,19 @@ later; it counts as not computed, like a block that belongs to another sweep.
 
 from __future__ import annotations
 
+import errno
 import io
+import math
 import os
 import re
 import stat
+import sys
 import time
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +32,6 @@ import numpy as np
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.interrupts import check
-from sweeps.store.archive import GONE, array_in, opened_archive, padded, write_arrays
 from sweeps.store.complete_file import add_table, schema_of
 from sweeps.store.paths import (
     BLOCK,
@@ -36,11 +39,12 @@ from sweeps.store.paths import (
     SCHEMA,
     UnreadableError,
     identity,
+    open_regular,
     parts_path,
 )
-from sweeps.store.replacing import draft_of, drafted, replacing, sync_names
-from sweeps.store.schema import Schema, add_blocks, write_schema
-from sweeps.store.variables import VARIABLES, is_sampled
+from sweeps.store.replacing import draft_of, replacing, sync_names
+from sweeps.store.schema import Schema, write_schema
+from sweeps.store.variables import TRAJECTORIES, VARIABLES
 
 #: Array of a block file: checksum of the schema, number of the block, samples of its trajectories,
 #: duration of the run so far [s].
@@ -49,10 +53,14 @@ _ABOUT = np.dtype([("sweep", "u4"), ("number", "u4"), ("samples", "u8"), ("secon
 _SYNC = 1.0
 #: Array of a block file: the number of samples of each trajectory.
 _SAMPLES = "samples"
+#: Most bytes of blocks that are joined.
+_JOINED = 1 << 26
 #: Most bytes of trajectories that are filled up with NaN at a time, besides the first point.
 _PIECE = 1 << 26
 #: What to do with a block that the disk cannot read any more.
 _LOST = "delete that file, and the run computes its points again"
+#: What else may have happened to a block that a reader does not find.
+_GONE = "its sweep was completed or begun anew; open the sweep again"
 
 
 class Entry(NamedTuple):
@@ -69,12 +77,12 @@ def create(folder: Path, schema: Schema) -> None:
     with replacing(folder / SCHEMA) as new:  # from here on, no old block belongs to the sweep
         image = io.BytesIO()
         with h5py.File(image, "w", libver="earliest") as file:
-            write_schema(file, schema)
-            add_blocks(file, schema)
+            write_schema(file, schema, with_blocks=True)
         new.write(image.getvalue())
         add_table(new)
+    sync_names(folder)
     sync_names(folder.parent)
-    _remove(folder, f"{BLOCK}|{DRAFT}")
+    remove_files(folder, f"{BLOCK}|{DRAFT}")
 
 
 def remove(folder: Path) -> None:
@@ -86,18 +94,14 @@ def remove(folder: Path) -> None:
         with suppress(FileNotFoundError):
             os.replace(folder / SCHEMA, draft_of(folder / SCHEMA))
             sync_names(folder)  # a loss of power leaves no schema without its blocks
-        _remove(folder, BLOCK)
+        remove_files(folder, BLOCK)
         sync_names(folder)
-        _remove(folder, DRAFT)
+        remove_files(folder, DRAFT)
         folder.rmdir()
 
 
-def remove_drafts(folder: Path) -> None:
-    """Remove the drafts that killed writers left in a folder."""
-    _remove(folder, DRAFT)
-
-
-def _remove(folder: Path, names: str) -> None:
+def remove_files(folder: Path, names: str) -> None:
+    """Remove the files of a folder whose names match a pattern."""
     for path in folder.iterdir():
         if re.fullmatch(names, path.name) and not stat.S_ISDIR(path.lstat().st_mode):
             path.unlink()
@@ -119,8 +123,8 @@ class Parts:
             files = set(os.listdir(folder))
         except OSError as error:
             raise UnreadableError(folder, error) from error
-        single = [name for name in schema.variables if VARIABLES[name].dimension is None]
-        self._points = np.dtype([(name, VARIABLES[name].dtype) for name in single])
+        self._single = [name for name in schema.variables if VARIABLES[name].dimension is None]
+        self._points = np.dtype([(name, VARIABLES[name].dtype) for name in self._single])
         self._synced = time.monotonic()
         self.entries: dict[int, Entry] = {}
         self.damaged = 0
@@ -130,95 +134,118 @@ class Parts:
             if verify:  # without it, a sweep is also read after an interrupt, for the report
                 check()
             try:
-                self.entries[number] = self._entry(number)
-                if verify:
-                    self._verify(number)
+                self.entries[number] = self._entry(number, verify)
             except UnreadableError as error:
                 error.args = (f"{error}; if that stays so, {_LOST}",)
                 raise
             except StoreError:
-                self.entries.pop(number, None)
                 self.damaged += 1
 
-    @property
-    def samples(self) -> int:
-        """Number of samples of the longest trajectory."""
-        return max((entry.samples for entry in self.entries.values()), default=1)
+        self.seconds = max((entry.seconds for entry in self.entries.values()), default=0.0)
 
     @property
-    def seconds(self) -> float:
-        """Duration of the run [s] when its last block was written."""
-        return max((entry.seconds for entry in self.entries.values()), default=0.0)
+    def file_schema(self) -> Schema:
+        """The schema of a complete file of these blocks: as wide as the longest trajectory."""
+        records = dict(self.schema.records)
+        if "sample" in records:
+            longest = max((entry.samples for entry in self.entries.values()), default=1)
+            records["sample"] = np.arange(longest)
+        return replace(self.schema, records=records)
 
-    def box(self, number: int, name: str) -> Block:
-        """Return the part of a variable that a block holds; its trajectories may be shorter."""
-        block, dimension = self.schema.blocks[number], VARIABLES[name].dimension
-        if dimension is None:
-            return block
-        width = len(self.schema.records[dimension])
-        samples = self.entries[number].samples
-        return (*block, slice(0, samples if dimension == "sample" else width))
+    def values(
+        self, box: Block, names: Collection[str], numbers: Iterable[int]
+    ) -> dict[str, np.ndarray]:
+        """Return variables in a box of points, of shape (box..., record), from these blocks.
+
+        Points of no such block have the fill value. Raises StoreError as `read` does.
+        """
+        schema = self.file_schema
+        shapes = {name: tuple(schema.sizes(name, box).values()) for name in names}
+        found = {name: np.full(shapes[name], VARIABLES[name].fill_value) for name in names}
+        for number in numbers:
+            block = schema.blocks[number]
+            common = [
+                slice(max(a.start, b.start), min(a.stop, b.stop))
+                for a, b in zip(box, block, strict=True)
+            ]
+            if all(cut.start < cut.stop for cut in common):
+                there, here = within(box, common), within(block, common)
+                for name, array in self.read(number, names).items():
+                    record = (slice(width) for width in array.shape[len(box) :])
+                    found[name][(*there, *record)] = array[here]
+        return found
 
     def read(self, number: int, names: Collection[str]) -> dict[str, np.ndarray]:
-        """Return variables of a block, each of shape (box..., record).
+        """Return variables of a block, of shape (box..., record); trajectories may be shorter.
 
         Raises StoreError if they are damaged, or if the file is gone or another one.
         """
-        block, single, found = self.schema.blocks[number], set(self._points.names or ()), {}
-        with self._same(number) as file:
-            if single.intersection(names):
-                points = array_in(file, "points", self._points, box_shape(block))
-                found = {name: points[name] for name in single.intersection(names)}
-            for name in set(names) - single:
-                if is_sampled(name):
-                    ((_, found[name]),) = padded(block, *self._samples(file, number, name))
-                else:
-                    shape = self.schema.shape_of(name, box_shape(block))
-                    found[name] = array_in(file, name, VARIABLES[name].dtype, shape)
+        found: dict[str, np.ndarray] = {}
+        with self._opened(number) as (file, _):
+            for name in names:
+                if name in TRAJECTORIES:
+                    columns = _array(file, _SAMPLES), _array(file, name)
+                    ((_, found[name]),) = padded(self.schema.blocks[number], *columns)
+                elif name not in self._single:
+                    found[name] = _array(file, name)
+                elif name not in found:
+                    points = _array(file, "points")
+                    found |= {one: points[one] for one in names if one in self._single}
         return found
 
-    def pieces(self, number: int, name: str) -> Iterator[tuple[str, Block, np.ndarray]]:
-        """Yield the trajectories of a block in boxes of points that need little memory.
+    def pieces(self) -> Iterator[tuple[str, Block, np.ndarray]]:
+        """Yield all results for the complete file: a variable, a box of points, and an array.
 
-        Raises StoreError as `read` does.
+        The arrays have the shape (box..., record), but trajectories may be shorter; these come in
+        boxes that need little memory. Small blocks are joined, as each call of HDF5 costs, and so
+        that the chunks of a variable lie side by side. Raises StoreError as `read` does.
         """
-        with self._same(number) as file:
-            lengths, samples = self._samples(file, number, name)
-        room = 1 + _PIECE // (samples.itemsize * max(1, self.entries[number].samples))
-        for box, array in padded(self.schema.blocks[number], lengths, samples, room):
-            yield name, box, array
+        names = [name for name in self.schema.variables if name not in TRAJECTORIES]
+        first = self.schema.blocks[0]
+        size = sum(
+            math.prod(self.schema.sizes(name, first).values())
+            * np.dtype(VARIABLES[name].dtype).itemsize
+            for name in names
+        )
+        room = _JOINED * block_points(first) // size
+        for box, numbers in _joined(self.schema.blocks, room):
+            for name, array in self.values(box, names, numbers).items():
+                yield name, box, array
+        for number, block in enumerate(self.schema.blocks):
+            for name in filter(self.schema.variables.__contains__, TRAJECTORIES):
+                with self._opened(number) as (file, _):
+                    lengths, samples = _array(file, _SAMPLES), _array(file, name)
+                room = 1 + _PIECE // (samples.itemsize * max(1, self.entries[number].samples))
+                for box, array in padded(block, lengths, samples, room):
+                    yield name, box, array
 
     def write(self, number: int, arrays: Mapping[str, Any], seconds: float) -> None:
-        """Write a block, given by contiguous arrays; a loss of power may still lose its name.
+        """Write a block of arrays (box..., record); a loss of power may still lose its name.
 
         A column of the trajectories is given by an array for each point.
         """
         self.refuse_loss()
         points = np.empty(box_shape(self.schema.blocks[number]), self._points)
-        for name in self._points.names or ():
-            points[name] = arrays[name]
-        records = {
-            name: array if is_sampled(name) else [array]
-            for name, array in arrays.items()
-            if name not in (self._points.names or ())
-        }
+        members: dict[str, Any] = {"about": np.zeros((), _ABOUT), "points": points}
         longest = 0
-        for name in [name for name in records if is_sampled(name)][:1]:
-            lengths = np.array([len(samples) for samples in arrays[name]])
-            records[_SAMPLES], longest = [lengths], int(lengths.max())
-        about = np.array((self._sweep, number, longest, seconds), _ABOUT)
-        with drafted(self._file(number)) as new:
-            with zipfile.ZipFile(new, "w") as file:
-                for name, some in {"about": [about], "points": [points], **records}.items():
-                    write_arrays(file, name, some)
+        for name, array in arrays.items():
+            if name in self._single:
+                points[name] = array
+            else:
+                members[name] = array
+            if name in TRAJECTORIES:
+                members[_SAMPLES] = np.array([len(samples) for samples in array])
+                longest = int(members[_SAMPLES].max())
+        members["about"][()] = self._sweep, number, longest, seconds
+        with replacing(self._file(number)) as new, zipfile.ZipFile(new, "w") as file:
+            for name, array in members.items():
+                with file.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    whole = np.concatenate(array) if name in TRAJECTORIES else array
+                    np.lib.format.write_array(member, whole, allow_pickle=False)
         self.entries[number] = Entry(longest, seconds, identity(self._file(number)))
         if time.monotonic() > self._synced + _SYNC:
-            self.sync()
-
-    def sync(self) -> None:
-        """Wait until the names of all blocks are on the disk."""
-        sync_names(self.folder)
-        self._synced = time.monotonic()
+            sync_names(self.folder)
+            self._synced = time.monotonic()
 
     def refuse_loss(self) -> None:
         """Raise Failed if another program has removed or replaced the schema."""
@@ -232,34 +259,85 @@ class Parts:
         return self.folder / f"block-{number:06}.npz"
 
     @contextmanager
-    def _same(self, number: int) -> Iterator[zipfile.ZipFile]:
-        """Open the file of a block, if it is that of its entry."""
-        with opened_archive(self._file(number)) as (file, now):
-            if now != self.entries[number].file:
-                raise StoreError(f"{self._file(number)} was replaced by another program, or {GONE}")
-            yield file
+    def _opened(self, number: int) -> Iterator[tuple[zipfile.ZipFile, object]]:
+        """Open the file of a block, that of its entry if it has one; also return its `identity`.
 
-    def _samples(
-        self, file: zipfile.ZipFile, number: int, name: str
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lengths of the trajectories of a block, and a column of all of them."""
-        lengths = array_in(file, _SAMPLES, np.int64, (block_points(self.schema.blocks[number]),))
-        return lengths, array_in(file, name, VARIABLES[name].dtype, (int(lengths.sum()),))
+        Any error is a StoreError. An OSError is no damage, unless damage led to a place that no
+        file has (EINVAL).
+        """
+        path = self._file(number)
+        try:
+            with open_regular(path) as file, zipfile.ZipFile(file) as held:
+                now = identity(file.fileno())
+                if number in self.entries and now != self.entries[number].file:
+                    raise StoreError(f"{path} was replaced by another program, or {_GONE}")
+                yield held, now
+        except StoreError:
+            raise
+        except FileNotFoundError:
+            raise StoreError(f"{path} was removed by another program, or {_GONE}") from None
+        except Exception as error:  # zipfile and NumPy have many for damaged files
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:
+                raise UnreadableError(path, error) from error
+            raise StoreError(f"{path} is damaged, or cannot be read: {error}") from error
 
-    def _verify(self, number: int) -> None:
-        """Compare a block with its checksums; raise StoreError as `read` does."""
-        self.read(number, [name for name in self.schema.variables if not is_sampled(name)])
-        with self._same(number) as file:
-            for name in filter(is_sampled, self.schema.variables):
-                self._samples(file, number, name)
-
-    def _entry(self, number: int) -> Entry:
-        """Return the entry of a block; refuse the block of another sweep."""
-        with opened_archive(self._file(number)) as (file, now):
-            about = array_in(file, "about", _ABOUT, ())
-        if (about["sweep"], about["number"]) != (self._sweep, number):
-            raise StoreError(f"{self._file(number)} belongs to another sweep")
+    def _entry(self, number: int, verify: bool) -> Entry:
+        """Return the entry of a block; refuse the block of another sweep, or a damaged one."""
+        with self._opened(number) as (file, now):
+            about = _array(file, "about")
+            if (about["sweep"], about["number"]) != (self._sweep, number):
+                raise StoreError(f"{self._file(number)} belongs to another sweep")
+            records = set(self.schema.variables).difference(self._single)
+            lengths = {_SAMPLES} if records.intersection(TRAJECTORIES) else set()
+            for name in {"points", *records, *lengths} if verify else ():
+                _array(file, name)
         return Entry(int(about["samples"]), float(about["seconds"]), now)
+
+
+def _array(file: zipfile.ZipFile, name: str) -> np.ndarray:
+    """Return an array of a block, all of whose bytes have been compared with their checksum."""
+    return np.lib.format.read_array(io.BytesIO(file.read(f"{name}.npy")))
+
+
+def _joined(blocks: Sequence[Block], room: int) -> list[tuple[Block, list[int]]]:
+    """Join each block to those before it, if all form one box of at most `room` points."""
+    joined: list[tuple[Block, list[int]]] = []
+    for number, block in enumerate(blocks):
+        box, numbers = joined[-1] if joined else (block, [])
+        both = tuple(
+            slice(min(a.start, b.start), max(a.stop, b.stop))
+            for a, b in zip(box, block, strict=True)
+        )
+        if numbers and block_points(box) + block_points(block) == block_points(both) <= room:
+            numbers.append(number)
+            joined[-1] = both, numbers
+        else:
+            joined.append((block, [number]))
+    return joined
+
+
+def within(box: Sequence[slice], part: Sequence[slice]) -> tuple[slice, ...]:
+    """Return the slices of a part relative to the start of its box."""
+    pairs = zip(part, box, strict=True)
+    return tuple(slice(cut.start - of.start, cut.stop - of.start) for cut, of in pairs)
+
+
+def padded(
+    box: Block, lengths: np.ndarray, samples: np.ndarray, most: int = sys.maxsize
+) -> Iterator[tuple[Block, np.ndarray]]:
+    """Yield boxes of at most `most` points and their samples; shorter trajectories end in NaN."""
+    if len(lengths) > most:
+        axis = next(axis for axis, n in enumerate(box_shape(box)) if n > 1)
+        middle = (box[axis].start + box[axis].stop) // 2
+        for cut in (slice(box[axis].start, middle), slice(middle, box[axis].stop)):
+            half = (*box[:axis], cut, *box[axis + 1 :])
+            here, lengths = np.split(lengths, [block_points(half)])
+            own, samples = np.split(samples, [here.sum()])
+            yield from padded(half, here, own, most)
+    else:
+        array = np.full((len(lengths), lengths.max(initial=0)), np.nan)
+        array[np.arange(array.shape[1]) < lengths[:, None]] = samples
+        yield box, array.reshape(*box_shape(box), -1)
 
 
 def kept_points(path: Path) -> tuple[int, int] | None:

@@ -11,7 +11,6 @@ import os
 import re
 import shutil
 import stat
-from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 
@@ -51,18 +50,17 @@ def parts_path(path: Path) -> Path:
     return path.with_name(f"{path.name}{PARTS}")
 
 
-def identity(path: Path) -> tuple[int, ...] | None:
-    """Return a value that changes when the file is replaced or written; None without a file."""
+def identity(file: Path | int) -> tuple[int, ...] | None:
+    """Return a value that changes when a file is replaced or written; None without a file.
+
+    The file is given by its path or, if it is open, by its descriptor.
+    """
     try:
-        return identity_of(path.stat())
+        about = os.stat(file)
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError) as error:
-        raise UnreadableError(path, error) from error
-
-
-def identity_of(about: os.stat_result) -> tuple[int, ...]:
-    """Return the `identity` of a file from its status."""
+        raise UnreadableError(Path(str(file)), error) from error
     return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
 
 
@@ -154,20 +152,12 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             f"did you mean {path.with_suffix('.h5')}?"
         )
     parts = parts_path(path)
-    status = None
     try:
-        status = os.lstat(parts)
-    except FileNotFoundError:
-        pass
+        check_parts(parts, overwrite)
     except OSError as error:  # a name too long
         raise StoreError(
             f"the output {path} cannot be used: {parts.name}: {reason(error)}"
         ) from None
-    if status is not None:
-        _refuse_foreign(parts, status)
-        _refuse_folders(parts)
-        if not overwrite:
-            _refuse_incomplete_copy(parts)
     for file, named in ((path, path), (parts / SCHEMA, parts)):
         found = content(file)
         if found is None:
@@ -180,16 +170,16 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             )
 
 
-def make_parts(path: Path) -> None:
-    """Make the folder of an incomplete sweep, or take an own one that is there."""
-    parts = parts_path(path)
-    with suppress(FileExistsError):
-        parts.mkdir()
-    _refuse_foreign(parts, os.lstat(parts))
+def check_parts(parts: Path, overwrite: bool) -> None:
+    """Refuse what has the name of a folder of blocks, unless this program can write blocks there.
 
-
-def _refuse_foreign(parts: Path, status: os.stat_result) -> None:
-    """Refuse what has the name of a folder of blocks, if it is another user's or no folder."""
+    Blocks without their schema are an incomplete copy, which is only overwritten, unless a removal
+    was killed: it first turns the schema into a draft, which goes last.
+    """
+    try:
+        status = os.lstat(parts)
+    except FileNotFoundError:
+        return
     if not stat.S_ISDIR(status.st_mode):
         raise StoreError(
             f"{parts} is needed as a folder, but something else has that name; move it, or give "
@@ -200,31 +190,19 @@ def _refuse_foreign(parts: Path, status: os.stat_result) -> None:
             f"{parts} belongs to another user, who could change what is written; give another "
             "output"
         )
-
-
-def _refuse_folders(parts: Path) -> None:
-    """Refuse folders with the names of blocks, in whose place no block can be written."""
-    for name in _names_in(parts):
-        try:
-            is_folder = re.fullmatch(BLOCK, name) and (parts / name).is_dir()
-        except OSError as error:
-            raise UnreadableError(parts / name, error) from error
-        if is_folder:
-            raise StoreError(
-                f"{parts / name} is a directory in the place of a block; move it, or give another "
-                "output"
-            )
-
-
-def _refuse_incomplete_copy(parts: Path) -> None:
-    """Refuse a folder with blocks but without their schema, unless a killed removal left it.
-
-    A removal first turns the schema into a draft, which it removes last.
-    """
-    names = _names_in(parts)
-    if SCHEMA in names or any(re.fullmatch(DRAFT, name) and SCHEMA in name for name in names):
-        return
-    if any(re.fullmatch(BLOCK, name) for name in names):
+    try:
+        files = list(os.scandir(parts))
+        blocks = [file for file in files if re.fullmatch(BLOCK, file.name)]
+        folders = [file.path for file in blocks if file.is_dir()]
+    except OSError as error:
+        raise UnreadableError(parts, error) from error
+    if folders:
+        raise StoreError(
+            f"{folders[0]} is a directory in the place of a block; move it, or give another output"
+        )
+    schemas = [file for file in files if SCHEMA in file.name]
+    schema = any(re.fullmatch(rf"{SCHEMA}|{DRAFT}", file.name) for file in schemas)
+    if blocks and not schema and not overwrite:
         raise StoreError(
             f"{parts} has blocks but no {SCHEMA}, like a copy that was cut short; copy it again, "
             "overwrite it, or give another output"
@@ -237,16 +215,6 @@ def refuse_parts(path: Path) -> None:
         if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
             output = str(folder).removesuffix(PARTS)
             raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
-
-
-def _names_in(parts: Path) -> list[str]:
-    """Return the names in the folder of an incomplete sweep, none without the folder."""
-    try:
-        return os.listdir(parts)
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise UnreadableError(parts, error) from error
 
 
 def check_room(path: Path, size: int, *, resume: bool = False) -> None:

@@ -1,17 +1,26 @@
-"""Read a sweep: its complete file, or its blocks while it is incomplete; statuses are counted."""
+"""A sweep as an ``xarray.Dataset`` whose variables are read when they are used.
+
+They are read from the complete file, or from the blocks while the sweep is incomplete. The class of
+the arrays implements the interface of an xarray backend
+(https://docs.xarray.dev/en/stable/internals/how-to-add-new-backend.html). The engine ``h5netcdf``
+opens the same file, too, but asks HDF5 for the metadata of each variable some forty times.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import h5py
 import numpy as np
+import xarray as xr
+from xarray.backends import BackendArray, CachingFileManager
+from xarray.core import indexing
 
 from sweeps.errors import StoreError
-from sweeps.store.complete_file import check_file, open_despite_locks, open_unchanged, schema_of
+from sweeps.store.complete_file import check_file, open_file, schema_of
 from sweeps.store.parts import Parts
 from sweeps.store.paths import (
     SCHEMA,
@@ -22,75 +31,115 @@ from sweeps.store.paths import (
     reason,
     refuse_parts,
 )
-from sweeps.store.schema import schema_in
-from vibroimpact.status import Status
+from sweeps.store.schema import Schema, attributes_of, schema_in
+from sweeps.store.variables import VARIABLES
+from vibroimpact.oscillator import PARAMETERS
 
-if TYPE_CHECKING:
-    import xarray as xr
-    from xarray.backends import CachingFileManager
+#: What selects values along each dimension; at most one array.
+Key = tuple[int | slice | np.ndarray, ...]
 
-    from sweeps.store.lazy_dataset import Key
+_MISSING = (None, Content.NOTHING)
 
 
 def read_sweep(path: Path, verify: bool) -> xr.Dataset:
     """Return the Dataset of `open_sweep`, whose arrays are read each time they are used."""
+    folder = parts_path(path)
     try:
         refuse_parts(path)
-        if _is_missing(path) and identity(parts_path(path) / SCHEMA):
-            from sweeps.store.incomplete_dataset import open_parts
-
+        while True:  # a run may complete the file, or begin another one, between two steps
             try:
-                folder = parts_path(path)
-                parts = Parts(folder, schema_of(folder / SCHEMA), verify=verify)
-                if _is_missing(path):  # otherwise a run has just completed the file
-                    return open_parts(parts)
+                return _opened(path, check_file(path, verify=verify))
             except StoreError:
-                if _is_missing(path):
+                if content(path) not in _MISSING or identity(folder / SCHEMA) is None:
                     raise
-        digest = check_file(path, verify=verify)
-        return open_despite_locks(lambda options: _open_file(path, digest, options))
+            try:
+                parts = Parts(folder, schema_of(folder / SCHEMA), verify=verify)
+                if content(path) in _MISSING:
+                    return _incomplete(parts)
+            except StoreError:
+                if content(path) in _MISSING:
+                    raise
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
 
 
-def _open_file(path: Path, digest: str, options: dict[str, Any]) -> xr.Dataset:
+def _opened(path: Path, digest: str) -> xr.Dataset:
     """Open a complete file for the arrays of the Dataset, and again if xarray has closed it."""
-    from xarray.backends import CachingFileManager  # slow to import
-
-    from sweeps.store.lazy_dataset import lazy_dataset
-
-    manager = CachingFileManager(open_unchanged, path.absolute(), digest, mode="r", kwargs=options)
+    manager = CachingFileManager(open_file, path.absolute(), digest, mode="r")
     file = manager.acquire()
     schema, duration = schema_in(file), float(file.attrs["duration"])
-    chunks = {name: file[name].chunks or schema.shape_of(name) for name in schema.variables}
-    dataset = lazy_dataset(schema, duration, partial(_selected, manager), chunks)
+    chunks = {name: file[name].chunks or () for name in schema.variables}
+    dataset = _lazy(schema, duration, partial(_in_file, manager), chunks)
     dataset.set_close(manager.close)
     dataset.encoding["digest"] = digest
     return dataset
 
 
-def _selected(manager: CachingFileManager, name: str, key: Key) -> np.ndarray:
+def _in_file(manager: CachingFileManager, name: str, key: Key) -> np.ndarray:
     """Return the values of a variable that a key selects."""
     values: np.ndarray = manager.acquire()[name][key]
     return values
 
 
-def _is_missing(path: Path) -> bool:
-    return content(path) in (None, Content.NOTHING)
+def _incomplete(parts: Parts) -> xr.Dataset:
+    """Open the finished blocks of a sweep as a Dataset.
 
-
-def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:
-    """Return those of the variables, with a single value per point, that the file has.
-
-    Also returns the duration of the run [s].
+    Points that are not computed yet have the status ``PENDING`` and the values NaN or -1.
     """
-    check_file(path, verify=False)
-    with open_despite_locks(lambda options: h5py.File(path, "r", **options)) as file:
-        held = {name: file[name][()] for name in names if name in file}
-        return held, float(file.attrs["duration"])
+    schema = parts.file_schema
+    box = schema.blocks[0]
+    chunks = {name: tuple(schema.sizes(name, box).values()) for name in schema.variables}
+    return _lazy(schema, parts.seconds, partial(_in_blocks, parts), chunks)
 
 
-def status_counts(variables: Mapping[Any, Any]) -> dict[Status, int]:
-    """Count the points of a sweep with each outcome, including the outcomes without points."""
-    values = np.asarray(variables["status"])
-    return {status: int(np.count_nonzero(values == status)) for status in Status}
+def _in_blocks(parts: Parts, name: str, key: Key) -> np.ndarray:
+    """Return the values that a key selects, from all blocks that overlap them."""
+    box: list[slice] = []
+    rest: list[int | slice | np.ndarray] = []
+    for cut, values in zip(key, parts.schema.axes.values(), strict=False):
+        chosen = range(len(values))[cut] if isinstance(cut, slice) else np.atleast_1d(cut)
+        first, last = (int(chosen[0]), int(chosen[-1])) if len(chosen) else (0, -1)
+        box.append(slice(first, last + 1))
+        rest.append(slice(None, None, cut.step) if isinstance(cut, slice) else cut - first)
+    found = parts.values(tuple(box), [name], parts.entries)[name]
+    # One axis at a time, the last first: an array would move to the front beside an integer.
+    for axis, index in reversed(list(enumerate([*rest, *key[len(rest) :]]))):
+        found = found[(slice(None),) * axis + (index,)]
+    return found
+
+
+def _lazy(
+    schema: Schema,
+    duration: float,
+    read: Callable[[str, Key], np.ndarray],
+    chunks: Mapping[str, tuple[int, ...]],
+) -> xr.Dataset:
+    """Return a sweep whose variables are read by `read(name, key)`, best in such `chunks`."""
+    data = {}
+    for name in sorted(schema.variables):  # as in HDF5
+        sizes, dtype = schema.sizes(name), np.dtype(VARIABLES[name].dtype)
+        array = _Array(tuple(sizes.values()), dtype, partial(read, name))
+        data[name] = tuple(sizes), indexing.LazilyIndexedArray(array)
+    # A file of an earlier version lacks the parameters that came later.
+    coordinates: dict[str, Any] = {name: ((), one.default) for name, one in PARAMETERS.items()}
+    coordinates |= schema.coordinates()
+    dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})
+    for called, variable in dataset.variables.items():
+        variable.attrs = attributes_of(schema, str(called))
+    for name, lengths in chunks.items():
+        pairs = zip(dataset[name].dims, lengths, strict=False)
+        dataset.variables[name].encoding["preferred_chunks"] = dict(pairs)
+    return dataset
+
+
+@dataclass(eq=False)
+class _Array(BackendArray):
+    """A variable of a sweep."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    read: Callable[[Key], np.ndarray]
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        support = indexing.IndexingSupport.OUTER_1VECTOR
+        return indexing.explicit_indexing_adapter(key, self.shape, support, self.read)

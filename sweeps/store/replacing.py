@@ -144,7 +144,9 @@ def of_another_user(status: os.stat_result) -> bool:
 def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[BufferedRandom]:
     """Check a path, and replace its file as `replacing` does; errors name the path.
 
-    With `only_new` no file is replaced, not even one that was made meanwhile.
+    If `path` is a link, its target is replaced and the link stays. With `only_new` no file is
+    replaced, not even one that was made meanwhile. The draft of a killed process is removed by a
+    process that replaces the same file a day later.
 
     Raises
     ------
@@ -160,8 +162,11 @@ def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[Buffer
 
     refuse()
     try:
-        with replacing(path, refuse) as new:
+        target = _followed(path)
+        remove_leftovers(target, _DAY)
+        with replacing(target, refuse) as new:
             yield new
+        sync_names(target.parent)
     except OSError as error:
         raise Failed(f"{path} cannot be written: {error.strerror or error}") from error
 
@@ -170,36 +175,14 @@ def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[Buffer
 def replacing(path: Path, refuse: Callable[[], object] = lambda: None) -> Iterator[BufferedRandom]:
     """Yield a draft, a new and empty file open for writing and reading, which replaces `path`.
 
-    When the draft is complete, `refuse` may raise an error; then it does not replace the file.
+    When the draft is complete and on the disk, `refuse` may raise an error; then it does not
+    replace the file. If the ``with`` block raises, the file stays as it was and the draft is
+    removed. A loss of power may still lose the new name, until `sync_names` is called.
 
     Others may write to the folder, and may put a link in the place of the draft. Therefore it is
-    never opened by its name again.
-
-    If `path` is a link, its target is replaced and the link stays. If the ``with`` block raises,
-    the file stays as it was and the draft is removed. The draft of a killed process is removed by
-    a process that replaces the same file a day later.
+    never opened by its name again. `path` itself must not be a link.
     """
-    target = _followed(path)
-    remove_leftovers(target, _DAY)
-    with drafted(target, refuse) as new:
-        yield new
-    sync_names(target.parent)
-
-
-def draft_of(target: Path) -> Path:
-    """Return the path of a new draft of a file."""
-    return target.with_name(f"{_start_of_drafts(target)}{secrets.token_hex(4)}.new")
-
-
-def _start_of_drafts(target: Path) -> str:
-    """Return the start of the names of all drafts of a file, and of no other file."""
-    return f".{target.name[:_REPEATED]}.{zlib.crc32(os.fsencode(target.name)):08x}-"
-
-
-@contextmanager
-def drafted(target: Path, refuse: Callable[[], object] = lambda: None) -> Iterator[BufferedRandom]:
-    """Do the same without a search for leftovers; a loss of power may still lose the new name."""
-    new = draft_of(target)
+    new = draft_of(path)
     file = new.open("x+b")  # creates the file, so that no file of another user is opened
     try:
         with file:
@@ -210,9 +193,15 @@ def drafted(target: Path, refuse: Callable[[], object] = lambda: None) -> Iterat
         if not os.path.samestat(mine, os.lstat(new)):
             raise Failed(f"{new} was replaced by another program while it was written")
         refuse()
-        os.replace(new, target)
+        os.replace(new, path)
     finally:
         new.unlink(missing_ok=True)
+
+
+def draft_of(path: Path) -> Path:
+    """Return the path of a new draft of a file; only its last digits are random."""
+    crc = zlib.crc32(os.fsencode(path.name))
+    return path.with_name(f".{path.name[:_REPEATED]}.{crc:08x}-{secrets.token_hex(4)}.new")
 
 
 def sync_names(folder: Path) -> None:
@@ -237,7 +226,8 @@ def remove_leftovers(path: Path, age: float = 0.0) -> None:
     At age 0 these are all of them: the caller must hold the lock of `path`. Otherwise only the age
     tells a leftover, as a living writer may be on another machine or in another container.
     """
-    draft = re.compile(rf"{re.escape(_start_of_drafts(path))}[0-9a-f]{{8}}\.new")
+    start = draft_of(path).name.removesuffix(".new")[:-8]
+    draft = re.compile(rf"{re.escape(start)}[0-9a-f]{{8}}\.new")
     for entry in path.parent.iterdir():
         if draft.fullmatch(entry.name):
             with suppress(OSError):  # another user's, or removed by another process

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Self
 
@@ -114,39 +114,33 @@ class Schema:
             "platform": platform.platform(),
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
         }
-        axes = dict(grid.axes)
+        axes = {
+            name: values if name == TABLE else values.astype(float)
+            for name, values in grid.axes.items()
+        }
         if len(spec.directions) > 1:
             axes = {DIRECTION: np.array(spec.directions, object), **axes}
             blocks = ((slice(0, len(spec.directions)), *block) for block in blocks)
         variables = tuple(held_variables(spec))
         return cls(axes, grid.fixed, records, variables, tuple(blocks), attributes, column_units)
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Number of values along each axis."""
-        return tuple(len(values) for values in self.axes.values())
+    def sizes(self, name: str, box: Block | None = None) -> dict[str, int]:
+        """Return the length of each dimension of a variable, in a box of points or in the file."""
+        lengths = map(len, self.axes.values()) if box is None else box_shape(box)
+        found = dict(zip(self.axes, lengths, strict=True))
+        if dimension := VARIABLES[name].dimension:
+            found[dimension] = len(self.records[dimension])
+        return found
 
-    def dimensions(self, name: str) -> tuple[str, ...]:
-        """Return the names of the dimensions of a variable."""
-        dimension = VARIABLES[name].dimension
-        return (*self.axes, dimension) if dimension else tuple(self.axes)
-
-    def shape_of(self, name: str, box: tuple[int, ...] | None = None) -> tuple[int, ...]:
-        """Return the shape of a variable in a box of shape `box`, or in the whole file."""
-        dimension = VARIABLES[name].dimension
-        width = (len(self.records[dimension]),) if dimension else ()
-        return (self.shape if box is None else box) + width
-
-    def shown_unit(self, unit: str) -> str:
-        """Return a unit with the names that this sweep gives to length and time."""
-        called = {key: str(self.attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
-        return in_units(unit, called)
-
-    def with_samples(self, width: int) -> Self:
-        """Return a copy with another width of the trajectories, if there are any."""
-        if "sample" not in self.records:
-            return self
-        return replace(self, records={**self.records, "sample": np.arange(width)})
+    def coordinates(self) -> dict[str, tuple[tuple[str, ...], Any]]:
+        """Return dimensions and values of each axis, column, parameter and record of the file."""
+        found: dict[str, tuple[tuple[str, ...], Any]] = {}
+        for axis, values in self.axes.items():
+            found[axis] = (axis,), 1 + np.arange(len(values)) if axis == TABLE else values
+            for column in (axis == TABLE and values.dtype.names) or ():
+                found[column] = (axis,), values[column]
+        found |= {name: ((), float(value)) for name, value in self.fixed.items()}
+        return found | {record: ((record,), numbers) for record, numbers in self.records.items()}
 
 
 def refuse_columns(names: Iterable[str]) -> None:
@@ -157,42 +151,43 @@ def refuse_columns(names: Iterable[str]) -> None:
             raise StoreError(f"points: the column {name} {problem}")
 
 
-def write_schema(file: h5py.File, schema: Schema, *, compressed: bool = False) -> None:
+def write_schema(
+    file: h5py.File, schema: Schema, *, compressed: bool = False, with_blocks: bool = False
+) -> None:
     """Write the attributes and coordinates of a schema, and create its variables without data."""
     file.attrs.update(schema.attributes)
-    columns, scales = str(schema.attributes.get(COLUMNS, "")).split(), {}
+    columns = str(schema.attributes.get(COLUMNS, "")).split()
     file.attrs[_COORDINATES] = " ".join([*schema.fixed, *columns])
-    for axis, values in schema.axes.items():
-        if axis == TABLE:
-            scales[axis] = _add_scale(file, axis, 1 + np.arange(len(values)), schema)
-            for name in columns:
-                column = file.create_dataset(name, data=_stored(values[name]))
-                column.attrs.update(attributes_of(schema, name))
-                column.dims[0].attach_scale(scales[axis])
-        else:
-            values = values if axis == DIRECTION else values.astype(float)
-            scales[axis] = _add_scale(file, axis, values, schema)
-    for name, value in schema.fixed.items():
-        file.create_dataset(name, data=float(value)).attrs.update(attributes_of(schema, name))
-    for record, numbers in schema.records.items():
-        scales[record] = _add_scale(file, record, numbers, schema)
-    for name in schema.variables:
-        storage = _storage(schema, name, compressed)
-        dtype = VARIABLES[name].dtype
-        dataset = file.create_dataset(name, schema.shape_of(name), dtype, **storage)
+    for name, (dimensions, values) in schema.coordinates().items():
+        dtype = h5py.string_dtype() if np.asarray(values).dtype == object else None
+        dataset = file.create_dataset(name, data=values, dtype=dtype)
         dataset.attrs.update(attributes_of(schema, name))
-        for index, dimension in enumerate(schema.dimensions(name)):
-            dataset.dims[index].attach_scale(scales[dimension])
+        if dimensions == (name,):
+            dataset.make_scale(name)
+        elif dimensions:
+            dataset.dims[0].attach_scale(file[dimensions[0]])
+    for name in schema.variables:
+        sizes, dtype = schema.sizes(name), VARIABLES[name].dtype
+        storage = _storage(schema, name, compressed)
+        dataset = file.create_dataset(name, tuple(sizes.values()), dtype, **storage)
+        dataset.attrs.update(attributes_of(schema, name))
+        for index, dimension in enumerate(sizes):
+            dataset.dims[index].attach_scale(file[dimension])
+    if with_blocks:
+        bounds = [[(cut.start, cut.stop) for cut in block] for block in schema.blocks]
+        shape = (len(schema.blocks), len(schema.axes), 2)
+        file[_BLOCKS] = np.array(bounds, np.int64).reshape(shape)
 
 
 def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
     """Return what a file says of an axis, a parameter, a column, a record or a variable."""
+    called = {key: str(schema.attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
     if name in PARAMETERS:
         parameter = PARAMETERS[name]
-        about = parameter.meaning, schema.shown_unit(parameter.unit), parameter.symbol
+        about = parameter.meaning, in_units(parameter.unit, called), parameter.symbol
     elif name in VARIABLES:
         variable = VARIABLES[name]
-        about = variable.long_name, schema.shown_unit(variable.unit), variable.symbol
+        about = variable.long_name, in_units(variable.unit, called), variable.symbol
     else:
         about = _MEANINGS.get(name, name), schema.column_units.get(name, "1"), ""
     found: dict[str, Any] = dict(zip(("long_name", "units", "symbol"), about, strict=True))
@@ -202,50 +197,30 @@ def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
     return found
 
 
-def add_blocks(file: h5py.File, schema: Schema) -> None:
-    """Write the bounds of the blocks of a schema."""
-    bounds = [[(cut.start, cut.stop) for cut in block] for block in schema.blocks]
-    shape = (len(schema.blocks), len(schema.axes), 2)
-    file[_BLOCKS] = np.array(bounds, np.int64).reshape(shape)
-
-
 def schema_in(file: h5py.File) -> Schema:
-    """Read the schema that `write_schema` and `add_blocks` have written."""
+    """Read the schema that `write_schema` has written."""
     variables = tuple(name for name in VARIABLES if name in file)
     records = dict.fromkeys(VARIABLES[name].dimension for name in variables)
-    scales = [scale for dimension in file["status"].dims for scale in dimension.values()]
-    axes = {scale.name.strip("/"): _values(scale) for scale in scales}
-    fixed = {name: _values(file[name]) for name in str(file.attrs[_COORDINATES]).split()}
+    axes = [scale.name.strip("/") for dim in file["status"].dims for scale in dim.values()]
+    values = {
+        name: file[name].asstr()[()]
+        if h5py.check_string_dtype(file[name].dtype)
+        else file[name][()]
+        for name in [*axes, *str(file.attrs[_COORDINATES]).split()]
+    }
     columns = file.attrs[COLUMNS].split() if TABLE in axes else ()
     if columns:
-        axes[TABLE] = table_values({name: fixed.pop(name) for name in columns})
+        values[TABLE] = table_values({name: values[name] for name in columns})
     blocks = file[_BLOCKS][()].tolist() if _BLOCKS in file else ()
     return Schema(
-        axes,
-        {name: float(value) for name, value in fixed.items()},
+        {axis: values.pop(axis) for axis in axes},
+        {name: float(value) for name, value in values.items() if name not in columns},
         {record: file[record][()] for record in records if record},
         variables,
         [tuple(slice(*cut) for cut in block) for block in blocks],
         {k: v for k, v in file.attrs.items() if k not in ("duration", _COORDINATES)},
         {name: str(file[name].attrs["units"]) for name in columns},
     )
-
-
-def _values(scale: h5py.Dataset) -> np.ndarray:
-    return scale.asstr()[()] if h5py.check_string_dtype(scale.dtype) else scale[()]
-
-
-def _stored(values: np.ndarray) -> np.ndarray:
-    """Convert values to a type that HDF5 stores: texts of any length, or numbers."""
-    return values.astype(h5py.string_dtype()) if values.dtype == object else values
-
-
-def _add_scale(file: h5py.File, name: str, values: np.ndarray, schema: Schema) -> h5py.Dataset:
-    """Add the coordinate of a dimension, and return it."""
-    scale = file.create_dataset(name, data=_stored(values))
-    scale.attrs.update(attributes_of(schema, name))
-    scale.make_scale(name)
-    return scale
 
 
 def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
@@ -255,10 +230,10 @@ def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
     length, or an exact fraction of it. Each other dimension lies completely in a block, so chunks
     may split it anywhere.
     """
-    shape, fill_value = schema.shape_of(name), VARIABLES[name].fill_value
+    shape, fill_value = [*schema.sizes(name).values()], VARIABLES[name].fill_value
     if 0 in shape or not shape:
         return {}  # a single value has no chunks
-    chunk = list(schema.shape_of(name, box_shape(schema.blocks[0])))
+    chunk = [*schema.sizes(name, schema.blocks[0]).values()]
     for i, length in enumerate(chunk):
         while math.prod(chunk) > _CHUNK_VALUES and chunk[i] > 1:
             if chunk[i] % 2 and length < shape[i]:

@@ -126,6 +126,9 @@ VARIABLES: Mapping[str, Variable] = {
     "status": Variable(None, "1", "what became of the point", "", dtype="int8"),
 }
 
+#: The columns of the trajectories, whose lengths differ.
+TRAJECTORIES = tuple(name for name, one in VARIABLES.items() if one.dimension == "sample")
+
 #: The variables whose numbers stand for words, and these words.
 FLAGS: Mapping[str, type[Evidence] | type[Status]] = {
     "class_evidence": Evidence,
@@ -171,11 +174,6 @@ def widths_of(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
         "sample": samples,
         "exponent": 2 * spec.lyapunov,
     }
-
-
-def is_sampled(name: str) -> bool:
-    """Return whether a variable is a column of the trajectories, whose lengths differ."""
-    return VARIABLES[name].dimension == "sample"
 
 
 def held_variables(spec: RunSpec) -> dict[str, Variable]:

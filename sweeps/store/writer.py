@@ -12,10 +12,11 @@ import numpy as np
 import yaml
 
 from sweeps.errors import Failed, StoreError
-from sweeps.grid import Block, block_points, box_shape
+from sweeps.grid import Block, block_points
 from sweeps.store.complete_file import schema_of, write_file
-from sweeps.store.parts import Parts, create, remove, remove_drafts
+from sweeps.store.parts import Parts, create, remove, remove_files
 from sweeps.store.paths import (
+    DRAFT,
     SCHEMA,
     Content,
     content,
@@ -23,9 +24,9 @@ from sweeps.store.paths import (
     parts_path,
     reason,
 )
-from sweeps.store.replacing import remove_leftovers, replacing
+from sweeps.store.replacing import remove_leftovers, replacing, sync_names
 from sweeps.store.schema import Schema
-from sweeps.store.variables import VARIABLES, is_sampled
+from sweeps.store.variables import TRAJECTORIES, VARIABLES
 
 
 @contextmanager
@@ -48,7 +49,7 @@ def sweep_writer(
     schema_file = identity(folder / SCHEMA)
     if resume and schema_file is not None:
         with _failure(path, "written"):
-            remove_drafts(folder)
+            remove_files(folder, DRAFT)
         old = schema_of(folder / SCHEMA)
         _refuse_other(folder, old, schema)
         schema = old  # its blocks may be others
@@ -68,7 +69,7 @@ def sweep_writer(
         raise Failed(str(error)) from error
     finally:
         with suppress(OSError):  # an earlier error matters more; a completed sweep has no folder
-            parts.sync()
+            sync_names(folder)
 
 
 class SweepWriter:
@@ -79,16 +80,14 @@ class SweepWriter:
     """
 
     def __init__(self, path: Path, parts: Parts, before: object) -> None:
-        self._path, self._parts, self._schema = path, parts, parts.schema
-        self._began, self._spent = time.monotonic(), parts.seconds
+        self._path, self._parts, self._before = path, parts, before
+        self._began = time.monotonic() - parts.seconds  # as if computed without a pause
         self.damaged = parts.damaged  #: Blocks that are pending again.
-        self._before = before
-        self._numbers = {_corners(block): i for i, block in enumerate(self._schema.blocks)}
 
     def pending(self) -> list[Block]:
         """Return the blocks that are not written yet."""
         there = self._parts.entries
-        return [block for i, block in enumerate(self._schema.blocks) if i not in there]
+        return [block for i, block in enumerate(self._parts.schema.blocks) if i not in there]
 
     def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
         """Write the results of one block; no kill of the process can then lose them.
@@ -98,28 +97,32 @@ class SweepWriter:
         length; otherwise KeyError or ValueError is raised. Variables that the file does not hold
         are ignored.
         """
-        number, arrays = self._numbers[_corners(block)], self._checked(block, results)
+        schema = self._parts.schema
+        number = schema.blocks.index(block)
+        if unknown := sorted(set(results) - set(VARIABLES)):
+            raise ValueError(f"the store has no variable {', '.join(unknown)}")
+        arrays = {}
+        for name in schema.variables:
+            array, ragged = results[name], name in TRAJECTORIES
+            shape = tuple(schema.sizes(name, block).values())
+            expected = (block_points(block), *(() if ragged else shape[len(block) :]))
+            given = np.shape(array)[: len(expected)]
+            if given != expected:
+                raise ValueError(f"{name} has the shape {given} instead of {expected}")
+            dtype = VARIABLES[name].dtype
+            arrays[name] = array if ragged else np.asarray(array, dtype).reshape(shape)
         with _failure(self._path, "written"):
-            self._parts.write(number, arrays, self._seconds())
+            self._parts.write(number, arrays, time.monotonic() - self._began)
 
     def finish(self, *, compressed: bool = False) -> None:
         """Write the complete file and remove the blocks, all of which must be written."""
-        schema, parts = self._schema.with_samples(self._parts.samples), self._parts
+        parts = self._parts
         parts.refuse_loss()
-        names = [name for name in schema.variables if not is_sampled(name)]
-        numbers = range(len(schema.blocks))
-        blocks = ((schema.blocks[number], parts.read(number, names)) for number in numbers)
-        pieces = (
-            piece
-            for number in numbers
-            for name in set(schema.variables).difference(names)
-            for piece in parts.pieces(number, name)
-        )
-        with (
-            _failure(self._path, "completed"),
-            replacing(self._path, self._refuse_other_file) as new,
-        ):
-            write_file(new, schema, blocks, pieces, self._seconds, compressed=compressed)
+        with _failure(self._path, "completed"):
+            with replacing(self._path, self._refuse_other_file) as new:
+                pieces = parts.pieces()
+                write_file(new, parts.file_schema, pieces, self._began, compressed=compressed)
+            sync_names(self._path.parent)
         remove(parts.folder)
 
     def _refuse_other_file(self) -> None:
@@ -130,33 +133,6 @@ class SweepWriter:
                 f"{self._path} was written by another program while the sweep was computed, "
                 "and is not replaced; move it, and resume the run"
             )
-
-    def _seconds(self) -> float:
-        return self._spent + time.monotonic() - self._began
-
-    def _checked(self, block: Block, results: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Check the arrays, and reshape them from (points, ...) to (box..., ...)."""
-        unknown = sorted(set(results) - set(VARIABLES))
-        if unknown:
-            raise ValueError(f"the store has no variable {', '.join(unknown)}")
-        arrays = {}
-        for name in self._schema.variables:
-            shape = np.shape(results[name])
-            shape = shape[:1] if is_sampled(name) else shape
-            record = () if is_sampled(name) else self._schema.shape_of(name, ())
-            expected = (block_points(block), *record)
-            if shape != expected:
-                raise ValueError(f"{name} has the shape {shape} instead of {expected}")
-            if is_sampled(name):
-                arrays[name] = results[name]
-            else:
-                array = np.ascontiguousarray(results[name], VARIABLES[name].dtype)
-                arrays[name] = array.reshape((*box_shape(block), *record))
-        return arrays
-
-
-def _corners(block: Block) -> tuple[tuple[int, int], ...]:
-    return tuple((cut.start, cut.stop) for cut in block)
 
 
 def _refuse_other(path: Path, old: Schema, new: Schema) -> None:

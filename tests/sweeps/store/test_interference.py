@@ -13,7 +13,7 @@ import xarray as xr
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import estimate, executors
 from sweeps.errors import Failed, StoreError
-from sweeps.store import SweepWriter, lock, reading
+from sweeps.store import SweepWriter, reading
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import FOUR_BLOCKS, block_results, contents, fill_blocks, schema
@@ -192,7 +192,7 @@ def test_a_file_that_appears_at_any_call_before_the_first_block_is_left_alone(mo
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
 def test_the_folder_of_the_blocks_is_taken_before_the_run_is_planned(monkeypatch):
     """In a shared folder, nobody else can then make it, and change the blocks in it."""
-    make, planned, write, folders = lock.make_parts, estimate.trial, SweepWriter.write, []
+    mkdir, planned, write, folders = Path.mkdir, estimate.trial, SweepWriter.write, []
 
     def planning(*arguments):
         assert PARTS.stat().st_uid == os.geteuid() and not os.listdir(PARTS)
@@ -204,18 +204,19 @@ def test_the_folder_of_the_blocks_is_taken_before_the_run_is_planned(monkeypatch
         folders.append(PARTS.stat().st_ino)
         write(*arguments)
 
-    def late(path):
-        PARTS.mkdir()
-        os.chown(PARTS, 65534, 65534)
-        make(path)
+    def late(path, **options):
+        if path.name == PARTS.name:
+            os.mkdir(path)
+            os.chown(path, 65534, 65534)
+        mkdir(path, **options)
 
     monkeypatch.setattr(SweepWriter, "write", writing)
     monkeypatch.setattr(estimate, "trial", planning)
-    monkeypatch.setattr(lock, "make_parts", late)
+    monkeypatch.setattr(Path, "mkdir", late)
     result = call("run", "sweep.yaml", "--quiet")
     assert result.exit_code == 2 and "out.h5.parts belongs to another user" in result.stderr
     PARTS.rmdir()
-    monkeypatch.setattr(lock, "make_parts", make)
+    monkeypatch.setattr(Path, "mkdir", mkdir)
     assert call("run", "sweep.yaml", "--quiet").exit_code == 0
     assert not PARTS.exists() and len(set(folders)) == 1 < len(folders)
 
