@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import errno
 import io
-import math
 import os
 import re
 import stat
@@ -140,7 +139,6 @@ class Parts:
                 raise
             except StoreError:
                 self.damaged += 1
-
         self.seconds = max((entry.seconds for entry in self.entries.values()), default=0.0)
 
     @property
@@ -169,7 +167,13 @@ class Parts:
                 for a, b in zip(box, block, strict=True)
             ]
             if all(cut.start < cut.stop for cut in common):
-                there, here = within(box, common), within(block, common)
+                there, here = (
+                    tuple(
+                        slice(cut.start - of.start, cut.stop - of.start)
+                        for cut, of in zip(common, whole, strict=True)
+                    )
+                    for whole in (box, block)
+                )
                 for name, array in self.read(number, names).items():
                     record = (slice(width) for width in array.shape[len(box) :])
                     found[name][(*there, *record)] = array[here]
@@ -185,7 +189,7 @@ class Parts:
             for name in names:
                 if name in TRAJECTORIES:
                     columns = _array(file, _SAMPLES), _array(file, name)
-                    ((_, found[name]),) = padded(self.schema.blocks[number], *columns)
+                    ((_, found[name]),) = _padded(self.schema.blocks[number], *columns)
                 elif name not in self._single:
                     found[name] = _array(file, name)
                 elif name not in found:
@@ -201,22 +205,18 @@ class Parts:
         that the chunks of a variable lie side by side. Raises StoreError as `read` does.
         """
         names = [name for name in self.schema.variables if name not in TRAJECTORIES]
-        first = self.schema.blocks[0]
-        size = sum(
-            math.prod(self.schema.sizes(name, first).values())
-            * np.dtype(VARIABLES[name].dtype).itemsize
-            for name in names
-        )
-        room = _JOINED * block_points(first) // size
+        columns = [name for name in self.schema.variables if name in TRAJECTORIES]
+        size = sum(array.nbytes for array in self.read(0, names).values())
+        room = _JOINED * block_points(self.schema.blocks[0]) // size
         for box, numbers in _joined(self.schema.blocks, room):
             for name, array in self.values(box, names, numbers).items():
                 yield name, box, array
         for number, block in enumerate(self.schema.blocks):
-            for name in filter(self.schema.variables.__contains__, TRAJECTORIES):
+            for name in columns:
                 with self._opened(number) as (file, _):
                     lengths, samples = _array(file, _SAMPLES), _array(file, name)
                 room = 1 + _PIECE // (samples.itemsize * max(1, self.entries[number].samples))
-                for box, array in padded(block, lengths, samples, room):
+                for box, array in _padded(block, lengths, samples, room):
                     yield name, box, array
 
     def write(self, number: int, arrays: Mapping[str, Any], seconds: float) -> None:
@@ -316,13 +316,7 @@ def _joined(blocks: Sequence[Block], room: int) -> list[tuple[Block, list[int]]]
     return joined
 
 
-def within(box: Sequence[slice], part: Sequence[slice]) -> tuple[slice, ...]:
-    """Return the slices of a part relative to the start of its box."""
-    pairs = zip(part, box, strict=True)
-    return tuple(slice(cut.start - of.start, cut.stop - of.start) for cut, of in pairs)
-
-
-def padded(
+def _padded(
     box: Block, lengths: np.ndarray, samples: np.ndarray, most: int = sys.maxsize
 ) -> Iterator[tuple[Block, np.ndarray]]:
     """Yield boxes of at most `most` points and their samples; shorter trajectories end in NaN."""
@@ -333,7 +327,7 @@ def padded(
             half = (*box[:axis], cut, *box[axis + 1 :])
             here, lengths = np.split(lengths, [block_points(half)])
             own, samples = np.split(samples, [here.sum()])
-            yield from padded(half, here, own, most)
+            yield from _padded(half, here, own, most)
     else:
         array = np.full((len(lengths), lengths.max(initial=0)), np.nan)
         array[np.arange(array.shape[1]) < lengths[:, None]] = samples

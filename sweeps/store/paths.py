@@ -40,7 +40,7 @@ NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
 class UnreadableError(StoreError):
     """The system does not let a file be read now, so nothing is known about what it holds."""
 
-    def __init__(self, path: Path, error: Exception) -> None:
+    def __init__(self, path: Path | int, error: Exception) -> None:
         super().__init__(f"{str(path)!r} cannot be read: {reason(error)}")
 
 
@@ -60,7 +60,7 @@ def identity(file: Path | int) -> tuple[int, ...] | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError) as error:
-        raise UnreadableError(Path(str(file)), error) from error
+        raise UnreadableError(file, error) from error
     return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
 
 
@@ -171,10 +171,10 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
 
 
 def check_parts(parts: Path, overwrite: bool) -> None:
-    """Refuse what has the name of a folder of blocks, unless this program can write blocks there.
+    """Refuse what has the name of the folder of blocks, if no blocks can be written there.
 
-    Blocks without their schema are an incomplete copy, which is only overwritten, unless a removal
-    was killed: it first turns the schema into a draft, which goes last.
+    Blocks without their schema are an incomplete copy, and are only overwritten. A killed removal
+    leaves a draft of the schema beside them, as it first renames the schema and removes it last.
     """
     try:
         status = os.lstat(parts)

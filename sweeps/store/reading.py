@@ -43,13 +43,13 @@ _MISSING = (None, Content.NOTHING)
 
 def read_sweep(path: Path, verify: bool) -> xr.Dataset:
     """Return the Dataset of `open_sweep`, whose arrays are read each time they are used."""
-    folder = parts_path(path)
     try:
         refuse_parts(path)
         while True:  # a run may complete the file, or begin another one, between two steps
             try:
                 return _opened(path, check_file(path, verify=verify))
             except StoreError:
+                folder = parts_path(path)
                 if content(path) not in _MISSING or identity(folder / SCHEMA) is None:
                     raise
             try:
