@@ -27,6 +27,7 @@ WORDS = PICTURES / "words.json"
 #: For each scene that is drawn by ``plot``, its arguments.
 ARGUMENTS = {
     "basins": "",
+    "basins-at-impact": "",
     "basins-clearance": "",
     "bouncing-ball": "--coordinate poincare_height --exact",
     "cascade": "--below lyapunov --dpi 200",

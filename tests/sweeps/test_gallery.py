@@ -15,7 +15,14 @@ from sweeps.opened.motions import classify
 from sweeps.plotting import KINDS
 from tests.helpers import naive
 from tests.helpers.places import CONFIGS
-from vibroimpact import Oscillator, branch, integrate, one_impact_orbit, one_impact_orbits
+from vibroimpact import (
+    Oscillator,
+    branch,
+    integrate,
+    one_impact_orbit,
+    one_impact_orbits,
+    periodic_orbit,
+)
 from vibroimpact.orbits.orbit import free_orbit
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.regimes import Regime
@@ -165,6 +172,26 @@ def test_basins(scene):
         for i, j in places[:: len(places) // 2][:2]:
             start = {"x": dataset["x0"].values[i], "v": dataset["v0"].values[j]}
             assert_allclose(slow_speeds(osc, row.q, **start), row.speeds, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_basins_on_the_stop(scene):
+    """The launch of each orbit at its impact leads to it, and the basins go on beyond one turn."""
+    v0, phase = "{start: -2.99, stop: -0.01, num: 61}", "{start: 0, stop: 6.28, num: 67}"
+    grid = f"start={{x0: 0, v0: {v0}, phase: {phase}}}"
+    dataset = scene("basins-at-impact", grid)
+    found = attractors(dataset)
+    table = {row.name: row for row in attractor_rows(dataset, found)}
+    assert set(table) == {"1/1", "2/3"}
+    assert table["1/1"].fraction == pytest.approx(0.244, abs=0.012)
+    osc = Oscillator(0.0, 0.8, 1.3, 1.0)
+    twice = periodic_orbit(osc, *table["2/3"].states[0], m=2)
+    for orbit, name in ((one_impact_orbit(osc), "1/1"), (twice, "2/3")):
+        for phase, speed in zip(orbit.phases % (2.0 * np.pi), orbit.speeds, strict=True):
+            start = {"phase": phase, "v0": -0.8 * speed}
+            assert found["attractor"].sel(start, method="nearest") == table[name].number
+    first, last = found["attractor"].sel(phase=[0.0, 6.28]).transpose("phase", ...).values
+    assert (first != last).mean() < 0.05
 
 
 @pytest.mark.slow

@@ -5,15 +5,18 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from sweeps import attractors, knocks, open_sweep, plotting
+from sweeps.errors import ConfigError, Refused
 from sweeps.explorer.view import View
 from sweeps.opened.trajectories import continued_motion
+from sweeps.plotting.api import default_kind
 from tests.helpers import naive
-from tests.helpers.commands import accepted
+from tests.helpers.commands import accepted, refused
 from tests.helpers.configurations import load
 from tests.helpers.sweep_files import data, run_and_read, run_in
-from vibroimpact import INTEGRATORS, Oscillator, integrate, simulate
+from vibroimpact import INTEGRATORS, Oscillator, integrate, one_impact_orbit, simulate
 
 OSC = Oscillator(h=0.05, R=0.8, omega=1.3, f=0.4, clearance=0.3, a=0.2)
 CONFIG = """
@@ -181,7 +184,7 @@ def test_the_phase_is_kept_and_shown(tmp_path):
         figure = plotting.section(dataset)
         title = figure._suptitle.get_text().replace("\N{NO-BREAK SPACE}", " ")
         title = title.replace("\n", " ")
-        assert r"$\omega t_0=4$" in title and "section at phase 1 rad, transient 0" in title
+        assert r"$\omega t_0=4$" in title and "phase 1 rad, transient 0" in title
 
 
 @pytest.mark.slow
@@ -208,3 +211,118 @@ def test_the_times_of_a_followed_sweep(tmp_path):
             for periods, more in ((None, 0), (4, 5)) if way == "up" else ((None, 0),):
                 title = plotting.trajectory(dataset, at=at, periods=periods).get_suptitle()
                 assert f"after {since + more:.6g} forcing periods" in title.replace("\n", " ")
+
+
+PHASES = [0.0, 0.4, 1.0, 2.5, 4.0, 6.283185307179585]
+OVER_PHASE = """
+oscillator: {h: 0.05, R: 0.8, omega: 2.6, f: 1.0}
+start: {x0: 0.0, v0: [-0.5, 0.3], phase: [0.0, 0.4, 1.0, 2.5, 4.0, 6.283185307179585]}
+record: {transient: 0, periods: 6, phase: 1.0, trajectory: {every: 1}}
+"""
+
+
+def test_known_orbits_go_on_from_their_states_at_every_phase():
+    """One call has starts before, at and beyond the section; all reach its closed-form state."""
+    orbit = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=2.5, f=1.0))
+    phases = np.linspace(0.0, 6.28, 40)
+    points = np.concatenate([orbit.oscillator.at(*orbit.sections(p)[0], p) for p in phases])
+    found = integrate(points, transient=0, periods=2, phase=2.0)
+    x, v = orbit.sections(2.0)[0]
+    np.testing.assert_allclose(found["poincare_x"], x, atol=1e-12)
+    np.testing.assert_allclose(found["poincare_v"], v, atol=1e-12)
+    np.testing.assert_allclose(found["impact_v"][:, :2], orbit.speeds[0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "method", ["{}", "{integrator: rk4, impact: plain}", "{integrator: rk4, impact: cubic}"]
+)
+def test_a_sweep_over_the_phase_is_a_sweep_of_every_phase(method):
+    """To the last bit, with the times of each; the longer way has as many periods."""
+    swept = run_and_read(load(OVER_PHASE, f"method={method}"))
+    assert swept["status"].dims == ("v0", "phase") and swept["phase"].attrs["units"] == "rad"
+    for phase in PHASES:
+        one = run_and_read(load(OVER_PHASE, f"method={method}", f"start.phase={phase!r}"))
+        here = swept.sel(phase=phase)
+        for name in one.data_vars:
+            assert_array_equal(here[name], one[name].reindex_like(here[name]), err_msg=name)
+
+
+def test_a_point_of_a_sweep_over_the_phase_is_that_of_simulate():
+    """From a phase at the section with the same bits, and with the impacts from every other."""
+    swept = run_and_read(load(OVER_PHASE))
+    osc = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)
+    for phase, v0 in product(PHASES, (-0.5, 0.3)):
+        one, run = swept.sel(phase=phase, v0=v0), simulate(osc, 8, phase=phase, v0=v0)
+        if phase == 1.0:
+            assert_array_equal(one["poincare_x"], run.section_x[:6])
+        turn = 2.0 * math.pi
+        begin = (1.0 + turn * (phase > 1.0)) / 2.6
+        kept = (run.impact_t > begin) & (run.impact_t < begin + 6 * turn / 2.6)
+        hits = one["impact_v"].values[np.isfinite(one["impact_v"])]
+        assert len(hits) == kept.sum() > 3
+        np.testing.assert_allclose(hits, run.impact_v[kept], atol=1e-10)
+
+
+def test_phases_are_scaled_with_f_as_other_results():
+    """One f is computed for each phase, and the others follow."""
+    text = OVER_PHASE.replace("v0: [-0.5, 0.3]", "v0: 0").replace("f: 1.0", "f: [0.3, 1.0, 7.0]")
+    config = load(text)
+    assert config.sweep.spec.scaled
+    swept = run_and_read(config)
+    for f in (0.3, 1.0, 7.0):
+        expected = integrate(
+            load(text, f"oscillator.f={f}").sweep.grid.points(), transient=0, periods=6, phase=1.0
+        )
+        found = swept["poincare_x"].sel(f=f)
+        np.testing.assert_allclose(found, expected["poincare_x"], rtol=1e-10, atol=1e-12)
+    assert np.ptp(swept["poincare_x"].sel(f=1.0, section=1).values) > 0.1
+
+
+BASINS_OVER_PHASE = """
+oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
+start: {x0: 0.6, v0: {start: -3, stop: 0, num: 12}, phase: {start: 0, stop: 6.2, num: 15}}
+record: {transient: 200, periods: 16}
+"""
+
+
+def test_basins_over_phase_and_velocity(tmp_path):
+    """Each start leads where the same start without the axis leads; the phase is the abscissa."""
+    path = run_in(tmp_path, BASINS_OVER_PHASE)
+    with open_sweep(path) as dataset:
+        found = attractors(dataset)
+        assert found["attractors"].item() == 2 and found["attractor"].dims == ("v0", "phase")
+        points = Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0, clearance=0.6).at(0.6).repeat(180)
+        points["v0"], points["phase"] = np.repeat(dataset["v0"], 15), np.tile(dataset["phase"], 12)
+        ends = integrate(points, transient=600, periods=2)["poincare_x"]
+        twice = np.abs(ends[:, 1] - ends[:, 0]) > 1e-6
+        assert 10 < twice.sum() < 170
+        assert_array_equal(dataset["period"].values.ravel(), 1 + twice)
+        assert default_kind(dataset) == "basins"
+        panel = plotting.basins(dataset).axes[0]
+        assert "at the start" in panel.get_xlabel() and r"v_0" in panel.get_ylabel()
+        with pytest.raises(Refused, match="integrity needs x0 and v0 as axes"):
+            plotting.integrity(dataset)
+    accepted("export", path, "-o", tmp_path / "rows.csv")
+    head, *rows = (tmp_path / "rows.csv").read_text().splitlines()
+    assert head.startswith("v0,phase,") and len(rows) == 180
+    assert "1/0" in (said := accepted("attractors", path)) and "2/1" in said
+
+
+@pytest.mark.slow
+def test_the_three_starts_as_axes(tmp_path):
+    """A plane of two is drawn at a value of the third, which must be said."""
+    change = "start={x0: [-1, 0, 0.6], v0: [-1, 0, 1], phase: [0, 2, 4]}"
+    path = run_in(tmp_path, BASINS_OVER_PHASE, change)
+    assert "one of them must be fixed" in refused("plot", path, "--kind", "basins")
+    for fixed, axes in (("x0=0.6", "phase v0"), ("v0=1", "phase x0"), ("phase=2", "x0 v0")):
+        picture = tmp_path / "basins.svg"
+        accepted("plot", path, "--at", fixed, "-o", picture)
+        assert len(axes.split()) == 2 and picture.exists()
+    assert "fix phase at that of the section, 0" in refused("integrity", path)
+    zoomed = tmp_path / "zoomed.h5"
+    accepted("zoom", path, "phase=1:3", "-o", zoomed, "--set", "start.v0=1", "--set", "start.x0=0")
+    with open_sweep(zoomed) as dataset:
+        assert dataset["phase"].values.tolist() == [1.0, 2.0, 3.0]
+    chain = "follow={axis: phase, direction: up}"
+    with pytest.raises(ConfigError, match="phase is a start, but only the first"):
+        load(BASINS_OVER_PHASE, chain)
