@@ -1,28 +1,14 @@
-"""Words and numbers for messages: near misses, units, tables, digits, bytes and durations."""
+"""Words and numbers for messages: missing files, units, tables, digits, bytes and durations."""
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
-
-def near_miss(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
-    """Return the valid word most similar to `name`, ignoring case; None if none is similar.
-
-    `least` is the smallest similarity accepted, from 0 to 1, as defined by `difflib`.
-    """
-    folded = {word.casefold(): word for word in valid}
-    match = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=least)
-    return folded[match[0]] if match else None
-
-
-def suggestion(word: str | None) -> str:
-    """Return " (did you mean WORD?)" to append to an error; "" without a word."""
-    return f" (did you mean {word}?)" if word else ""
+from vibroimpact.inputs import near_miss, suggestion
 
 
 def missing_text(path: Path) -> str:

@@ -6,9 +6,10 @@ of several names, and says with the same words what is allowed.
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from numbers import Integral, Real
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ class Allowed(NamedTuple):
 
     fits: Callable[[object], bool]
     expected: str
+    names: Collection[str] = ()
 
     def refusal(self, given: str) -> str:
         """Say that what was given is not allowed, and what is."""
@@ -31,13 +33,29 @@ class Allowed(NamedTuple):
     def checked(self, name: str, value: object) -> Any:
         """Return a value, of Python if it is a number of NumPy; ValueError if it does not fit."""
         if not self.fits(value):
-            raise ValueError(self.refusal(f"{name} = {input_text(value)}"))
+            meant = near_miss(value, self.names) if isinstance(value, str) else None
+            raise ValueError(self.refusal(f"{name} = {input_text(value)}") + suggestion(meant))
         return of_python(value)
 
 
 def refusal(given: str, expected: str) -> str:
     """Say that what was given is not allowed, and what is."""
     return f"{given} is not allowed; expected: {expected}"
+
+
+def near_miss(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
+    """Return the valid word most similar to `name`, ignoring case; None if none is similar.
+
+    `least` is the smallest similarity accepted, from 0 to 1, as defined by `difflib`.
+    """
+    folded = {word.casefold(): word for word in valid}
+    match = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=least)
+    return folded[match[0]] if match else None
+
+
+def suggestion(word: str | None) -> str:
+    """Return " (did you mean WORD?)" to append to a refusal; "" without a word."""
+    return f" (did you mean {word}?)" if word else ""
 
 
 def of_python(value: object) -> object:
@@ -108,7 +126,7 @@ def integer(least: int, most: float = math.inf) -> Allowed:
 def one_of(names: Collection[str]) -> Allowed:
     """Allow one of several words."""
     expected = f"one of {', '.join(names)}"
-    return Allowed(lambda value: isinstance(value, str) and value in names, expected)
+    return Allowed(lambda value: isinstance(value, str) and value in names, expected, names)
 
 
 def refuse_other(name: str, value: object, kind: type) -> None:

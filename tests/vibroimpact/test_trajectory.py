@@ -146,6 +146,9 @@ def test_an_approach_on_the_stop_at_the_start_is_an_impact_at_once(truth, rule):
             {"impact": "soft"},
             "impact = 'soft' is not allowed; expected: one of plain, reduced-step, cubic, exact",
         ),
+        ({"integrator": "newmrk"}, r"'newmrk' is not allowed; .* \(did you mean newmark\?\)$"),
+        ({"impact": "reduced_step"}, r"allowed; .* \(did you mean reduced-step\?\)$"),
+        ({"integrator": "backward"}, "'backward' is not allowed; .* exact$"),
         ({"integrator": "rk4"}, "impact 'exact' needs the integrator 'exact', not 'rk4'"),
         (
             {"steps_per_period": 14},
