@@ -92,7 +92,8 @@ def run_command(
     for source in configs:
         check()
         config = read_config(source, overrides or ())
-        refuse_columns(() if config.points is None else config.points.dtype.names or ())
+        with named(source):
+            refuse_columns(() if config.points is None else config.points.dtype.names or ())
         loaded.append(config)
     paths = targets(configs, output, [config.output for config in loaded])
     for path in paths:

@@ -317,7 +317,7 @@ def test_a_column_with_the_name_of_a_result_is_refused(name):
     write_csv({"R": [0.5], "omega": [2.0], name: [1]})
     for options in ([], ["--dry-run"]):
         said = refused("run", "sweep.yaml", *options)
-        assert f"points: the column {name} has the name of a result" in said
+        assert f"sweep.yaml: points: the column {name} has the name of a result" in said
 
 
 # Pictures and attractors
