@@ -68,8 +68,10 @@ def integrate(
     steps_per_period : int, optional
         Steps of length T = 2 pi / (omega steps_per_period), from 1 to 1,000,000, stable or not. The
         default is that of `simulate`, the largest for all points.
-    transient, periods : int
-        Forcing periods left out, at most 1,000,000,000; recorded, at most 1,000,000.
+    transient : int
+        Forcing periods left out, at most 1,000,000,000.
+    periods : int
+        Forcing periods recorded, at most 1,000,000.
     phase : float
         omega t mod 2 pi of the stroboscopic section, in [0, 2 pi) [rad]. It is always a point of
         the grid of steps.
