@@ -163,7 +163,7 @@ class PixelFigure:
         """Set the label, the scale, the window and the bounds of axis x or y."""
         axis, log, allowed = getattr(self.figure, f"{side}axis"), name in view.log, None
         if name in view.values:
-            allowed = bounds(name, view)
+            allowed = bounds(name, view, window)
         scale = LogScale if log else LinearScale
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())

@@ -43,9 +43,14 @@ def _record_of(config: SweepConfig) -> dict[str, Any]:
 
 def window_around(name: str, values: Mapping[str, float], seen: Nomenclature) -> Window:
     """Return a default window of a parameter around its value at the point `values`."""
-    model = {name: float(seen.in_model(name, value)) for name, value in values.items()}
-    low, high = (float(seen.value(name, end)) for end in _around_in_model(name, model))
+    ends = _around_in_model(name, _in_model(values, seen))
+    low, high = (float(seen.value(name, end)) for end in ends)
     return low, high
+
+
+def _in_model(values: Mapping[str, float], seen: Nomenclature) -> dict[str, float]:
+    """Return the values of a point in the units of the model."""
+    return {name: float(seen.in_model(name, value)) for name, value in values.items()}
 
 
 def _around_in_model(name: str, values: Mapping[str, float]) -> Window:
@@ -304,10 +309,13 @@ def _number(name: str, text: str, parameter: Parameter) -> float:
         raise ConfigError(f"{name} = {text} is not a number; expected: {allowed}") from None
 
 
-def bounds(name: str, view: View) -> tuple[float | None, float | None] | None:
-    """Return the limits of a window; None where there is no limit."""
+def bounds(name: str, view: View, window: Window) -> tuple[float | None, float | None] | None:
+    """Return the limits of a window that is shown; None where there is no limit."""
     parameter = PARAMETERS[name]
-    low = float(view.seen.value(name, 1e-3)) if parameter.low_open else parameter.low
+    low = parameter.low
+    if parameter.low_open:
+        _, rate = _scales(_in_model(view.values, view.seen))
+        low = min(float(view.seen.value(name, 1e-3 * rate)), window[0])
     low = view.values["x0"] if name == "clearance" else low
     high = view.values["clearance"] if name == "x0" else parameter.high
     ends = (low if math.isfinite(low) else None, high if math.isfinite(high) else None)

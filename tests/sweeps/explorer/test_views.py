@@ -20,7 +20,7 @@ from sweeps.explorer.live_diagram import Diagram, density, numbers, ordinates, r
 from sweeps.explorer.live_maps import Filling
 from sweeps.explorer.live_motion import motion_at
 from sweeps.explorer.live_page import LivePage
-from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
+from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View, bounds
 from sweeps.explorer.worker import Step, Worker
 from sweeps.interrupts import check
 from sweeps.opened.motions import classes_of
@@ -109,6 +109,18 @@ def test_the_windows_are_of_the_size_of_the_motion():
     assert view.x0lim[0] == pytest.approx(0.0005 - 0.003) and view.x0lim[1] == 0.0005
     assert view.v0lim == pytest.approx((-0.253, 0.253), abs=1e-3)
     assert view.with_axis("clearance").xlim == pytest.approx((0.0, 0.0025))
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_an_axis_ends_near_zero_in_every_unit_of_time(unit):
+    """Two rates are never zero, so their axes end above it; a configuration may begin below."""
+    omega = {"start": 0.8 * unit, "stop": 4.0 * unit, "num": 50}
+    scene = {"h": 0.1 * unit, "R": 0.8, "omega": omega, "f": unit**2, "p": unit}
+    view = View.of(load_config({"oscillator": scene}))
+    for name in ("omega", "p"):
+        low, _ = bounds(name, view, (0.5 * unit, unit))
+        assert 0.0 < low < 0.01 * unit
+    assert bounds("omega", view, (1e-9 * unit, unit))[0] == 1e-9 * unit
 
 
 @pytest.mark.parametrize("axis", PARAMETERS)
