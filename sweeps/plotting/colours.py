@@ -133,12 +133,13 @@ def period_cells(
     return cells
 
 
-def class_numbers(cut: xr.Dataset) -> tuple[np.ndarray, dict[int, str]]:
-    """Return a number for the class at each point of a cut, and the names of classes.
+def class_numbers(
+    regimes: np.ndarray, m: np.ndarray, q: np.ndarray
+) -> tuple[np.ndarray, dict[int, str]]:
+    """Return a number for the class of each motion, and the names of classes.
 
     Those of chaotic, unknown and failed points have no name.
     """
-    regimes, m, q = classes_of(cut)
     numbers = np.where(regimes == Regime.PERIODIC, m << 32 | q, -1 - regimes)
     names = {-1 - regime: regime.word for regime in (Regime.REST, Regime.UNBOUNDED)}
     for number in np.unique(numbers[numbers >= 0]).tolist():

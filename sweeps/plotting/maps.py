@@ -19,7 +19,7 @@ from matplotlib.path import Path
 from sweeps.bifurcation.exact_curves import map_axes
 from sweeps.errors import Refused
 from sweeps.opened.cuts import Selection, cut_at
-from sweeps.opened.motions import approaching
+from sweeps.opened.motions import approaching, classes_of
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Cells, class_numbers, failed_cells, paint
 from sweeps.plotting.contents import Wanted, with_number
@@ -122,7 +122,7 @@ def parameter_map(
     handles += draw_overlay(points, [(panel, abscissa, ordinate)], page, scale)
     figure = canvas.finish(panel, page, cut, handles, shown.title, rarest=rarest)
     if name == "period":
-        name_and_bound(panel, page, cut, *class_numbers(cut))
+        name_and_bound(panel, page, cut, *class_numbers(*classes_of(cut)))
     return figure
 
 

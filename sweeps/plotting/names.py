@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -39,34 +39,53 @@ def name_regions(
     canvas.lay_out(panel)
     raster = _as_seen(panel, edges, classes)
     _leave_marks_free(panel, raster)
-    number, sizes = _regions(raster)
-    count = 0
-    for region in np.argsort(-sizes, kind="stable").tolist():
-        rows, columns = np.nonzero(number == region)
-        name = names.get(int(raster[rows[0], columns[0]]))
-        if count >= _MOST_NAMES or sizes[region] < 60:
-            break
-        if name is None:
-            continue
-        text = panel.text(
+
+    def write(name: str) -> Text:
+        """Return a new text in the panel."""
+        return panel.text(
             0.0, 0.0, name, size="x-small", color=ink(), zorder=6,
             ha="center", va="center_baseline",
             clip_on=True, path_effects=[withStroke(linewidth=1.8, foreground=ground())],
         )  # fmt: skip
-        corner = rows.min(), columns.min()
-        own = number[corner[0] : rows.max() + 1, corner[1] : columns.max() + 1] == region
-        height, width = _box_of(text)
-        place = _widest(own, height, width)
-        if place is None:
-            place = _widest(own, width, height)
-            text.set_rotation(90.0)
-        if place is None:
-            text.remove()
-            continue
-        at = np.add(corner, place) + 0.5
+
+    def box(name: str) -> tuple[int, int]:
+        """Return the height and the width of a name."""
+        text = write(name)
+        size = _box_of(text)
+        text.remove()
+        return size
+
+    for name, row, column, upright in placed_names(raster, names, box):
+        text = write(name)
+        text.set_rotation(90.0 if upright else 0.0)
         text.set_transform(panel.transAxes)
-        text.set_position((at[1] / raster.shape[1], at[0] / raster.shape[0]))
-        count += 1
+        text.set_position(((column + 0.5) / raster.shape[1], (row + 0.5) / raster.shape[0]))
+
+
+def placed_names(
+    classes: np.ndarray, names: Mapping[int, str], box: Callable[[str], tuple[int, int]]
+) -> Iterator[tuple[str, int, int, bool]]:
+    """Yield a name for every region with room for it, its row and column, and if it is upright.
+
+    `classes` are those of pixels; `box` returns the height and the width of a name in pixels.
+    """
+    number, sizes = _regions(classes)
+    count = 0
+    for region in np.argsort(-sizes, kind="stable").tolist():
+        if count >= _MOST_NAMES or sizes[region] < 60:
+            break
+        rows, columns = np.nonzero(number == region)
+        name = names.get(int(classes[rows[0], columns[0]]))
+        if name is None:
+            continue
+        top, left = rows.min(), columns.min()
+        own = number[top : rows.max() + 1, left : columns.max() + 1] == region
+        height, width = box(name)
+        level = _widest(own, height, width)
+        place = level or _widest(own, width, height)
+        if place is not None:
+            yield name, int(top) + place[0], int(left) + place[1], level is None
+            count += 1
 
 
 def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> np.ndarray:
