@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sweeps.explorer.figures import value_text
 from sweeps.explorer.live_maps import Tiles
 from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.server import Explorer
@@ -55,7 +56,8 @@ class Window:
     address : str, optional
         By default the address of the explorer.
     size : (int, int), optional
-        Small by default, since every pixel is computed, painted and compared.
+        Small by default, since every pixel is computed, painted and compared, but wide enough for
+        the controls beside the picture.
     """
 
     def __init__(
@@ -63,7 +65,7 @@ class Window:
         browser: Any,
         explorer: Explorer,
         address: str | None = None,
-        size: tuple[int, int] = (560, 360),
+        size: tuple[int, int] = (720, 360),
     ) -> None:
         self.requests: list[str] = []
         self.problems: list[str] = []
@@ -73,6 +75,8 @@ class Window:
         self.tab.on("request", lambda request: self.requests.append(request.url))
         self.tab.on("pageerror", lambda error: self.problems.append(str(error)))
         self.tab.goto(address or explorer.address)
+        # A page that took long to load is made again.
+        self.tab.wait_for_function("window.Bokeh?.documents?.length")
         self.page: LivePage = explorer.pages[-1]
         self.settle(lambda: self.page.diagram.kept is not None)
         # A drag that begins with 300 ms of rest is ignored, and a busy machine may be that slow.
@@ -104,7 +108,13 @@ class Window:
         deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
             filling = picture.filling
-            if self.idle() and filling and filling.config == picture.finest(self.page.view):
+            shown = self.page._picture is picture
+            if (
+                self.idle()
+                and shown
+                and filling
+                and filling.config == picture.finest(self.page.view)
+            ):
                 advance, size = filling.advance, filling.config.sweep.grid.size
                 tiles = self.page.worker.submit(advance, size).result(PATIENCE)
                 expected = [*tiles.pixels.shape, int(tiles.pixels.sum(dtype=int))]
@@ -112,6 +122,11 @@ class Window:
                     return tiles
             self.tab.wait_for_timeout(20)
         raise AssertionError(f"no map: {self.page.controls.error.text}")
+
+    def shows_motion(self) -> bool:
+        """Whether the text is on the motion at the mark, and not on one that was closed."""
+        view = self.page.view
+        return view.marked and value_text(view.axis, view) in self.page.motion.text.text
 
     def idle(self) -> bool:
         """Wait until all requests are computed and sent by the server."""
