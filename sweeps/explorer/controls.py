@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from html import escape
 from typing import Any
 from urllib.parse import urlencode
 
@@ -21,19 +20,25 @@ from bokeh.models import (
 )
 
 from sweeps.config.nomenclature import Nomenclature
-from sweeps.explorer.figures import symbol
+from sweeps.explorer.figures import narrow, symbol
 from sweeps.explorer.view import RECORD, View, window_around
 from sweeps.opened.coordinates import COORDINATES
 from sweeps.plotting.labels import as_variable, named_unit
 from vibroimpact.oscillator import PARAMETERS
 
 _WIDTH = 232
-#: Low enough for a screen of 400 pixels; titles stand beside the drop-down lists.
+#: Low enough for a screen of 400 pixels, and higher for fingers on a narrow page.
 _COMPACT = (
     ".bk-input { height: 22px; min-height: 22px; padding: 0 4px; font-size: 12px; }"
-    "select.bk-input { padding-right: 18px; } label { min-width: 54px; }"
+    "select.bk-input { padding-right: 18px; }"
+    "@media (max-width: 699px) { :host { width: auto !important; height: auto !important; }"
+    ".bk-input { height: 34px; min-height: 34px; font-size: 16px; } }"
 )
-_BESIDE = ".bk-input-group { flex-direction: row; align-items: center; }"
+#: The title stands beside the field.
+_BESIDE = (
+    ".bk-input-group { flex-direction: row; align-items: center; gap: 2px; }"
+    "label { flex: none; min-width: %dpx; text-align: %s; white-space: nowrap; }"
+)
 #: The fields of the record and their tooltips.
 _RECORD = {
     "transient": "forcing periods before anything is shown",
@@ -52,11 +57,9 @@ class Controls:
         save: Callable[[], None],  # writes the configuration of the picture shown
     ) -> None:
         self._change = change
-        self.axis = self._choice(
-            "abscissa", [(name, meaning(name, view.seen)) for name in PARAMETERS]
-        )
+        self.axis = choice("abscissa", "abscissa", parameter_choices(view.seen))
         names = [(name, as_variable(name, view.seen).attrs["long_name"]) for name in COORDINATES]
-        self.ordinate = self._choice("ordinate", names)
+        self.ordinate = choice("ordinate", "ordinate", names)
         connect(self.axis, "value", change, View.with_axis)
         connect(
             self.ordinate,
@@ -74,18 +77,13 @@ class Controls:
         save_button.on_click(save)
         self.status, self.saved = _message("status", "inherit"), _message("saved", "#005A32")
         self.error = _message("error", "#B00020")
+        self.saved.html_attributes = self.error.html_attributes = {"role": "alert"}
         self.layout = column(
             self.ordinate, self.axis, *rows, row(*records, spacing=4), row(self.exact, save_button),
             self.error, self.saved, self.status,
             width=_WIDTH + 12, spacing=1, sizing_mode="stretch_height",
             styles={"overflow-y": "auto", "overflow-x": "hidden", "padding-left": "4px"},
-        )  # fmt: skip
-
-    def _choice(self, title: str, options: list[tuple[str, str]]) -> Select:
-        """Return a drop-down list with its title."""
-        return Select(
-            options=options, name=title, title=title, width=_WIDTH, margin=(1, 0, 1, 0),
-            stylesheets=[_COMPACT, _BESIDE],
+            stylesheets=[narrow(flex="none", align_self="stretch", width="auto", height="auto")],
         )  # fmt: skip
 
     def _parameter(self, name: str, view: View) -> LayoutDOM:
@@ -93,22 +91,24 @@ class Controls:
         parameter, value = view.seen.about(name), view.values[name]
         named = named_unit(as_variable(name, view.seen))
         unit = f" [{named}]" if named else ""
-        tip = f"{parameter.meaning}{unit}: {parameter.allowed}"
+        tip = f"{_meaning(name, view.seen)}{unit}, {parameter.allowed}"
         low, high = window_around(name, view.values, view.seen)
         # Room for the longest unit, N s/m, beside the symbol.
-        beside, typed, slides = (64, 74, 66) if view.seen.in_si else (22, 94, 88)
-        look = {"width": typed, "height": 22, "margin": (0, 2, 0, 0)}
-        field = self._field(name, view.seen.name(name), **look)
+        beside, typed = (64, 74) if view.seen.in_si else (22, 94)
+        field = self._field(
+            name, view.seen.name(name), height=22, width=beside + typed, margin=0,
+            title=symbol(name, view.seen) + (unit if view.seen.in_si else ""),
+            html_attributes={"title": tip},
+        )  # fmt: skip
+        field.stylesheets = [_COMPACT, _BESIDE % (beside, "right")]
         slider = Slider(
             start=low, end=high, value=value, step=(high - low) / 400.0, show_value=False,
-            title=None, width=slides, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
+            title=None, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
+            sizing_mode="stretch_width", html_attributes={"title": tip},
         )  # fmt: skip
         connect(slider, "value", self._change, lambda view, new: view.moved(**{name: float(new)}))
         self.sliders[name] = slider
-        shown = symbol(name, view.seen) + (unit if view.seen.in_si else "")
-        label = Div(text=f'<span title="{escape(tip)}">{escape(shown)}</span>', width=beside)
-        label.styles = {"text-align": "right", "padding-top": "2px", "white-space": "nowrap"}
-        return row(label, field, slider, spacing=2)
+        return row(field, slider, spacing=2, sizing_mode="stretch_width")
 
     def _record(self, name: str) -> LayoutDOM:
         """Return the field of a value of the record."""
@@ -123,7 +123,7 @@ class Controls:
 
     def _field(self, name: str, called: str, **look: Any) -> TextInput:
         """Return a field for a number in the view, which is called so in an address."""
-        field = TextInput(name=name, stylesheets=[_COMPACT], **look)
+        field = TextInput(name=name, **look, stylesheets=[_COMPACT])
         connect(
             field,
             "value",
@@ -154,7 +154,20 @@ def _message(name: str, colour: str) -> Div:
     return Div(name=name, width=_WIDTH, text="", styles=styles, render_as_text=True)
 
 
-def meaning(name: str, seen: Nomenclature) -> str:
+def choice(name: str, title: str, options: list[tuple[str, str]]) -> Select:
+    """Return a drop-down list with its title."""
+    return Select(
+        options=options, name=name, title=title, width=_WIDTH, margin=(1, 0, 1, 0),
+        stylesheets=[_COMPACT, _BESIDE % (54, "left")],
+    )  # fmt: skip
+
+
+def parameter_choices(seen: Nomenclature) -> list[tuple[str, str]]:
+    """Return the options of a drop-down list of parameters."""
+    return [(name, _meaning(name, seen)) for name in PARAMETERS]
+
+
+def _meaning(name: str, seen: Nomenclature) -> str:
     """Return the symbol and the meaning of a parameter."""
     return f"{symbol(name, seen)}: {seen.about(name).meaning}"
 

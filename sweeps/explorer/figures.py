@@ -38,8 +38,9 @@ Report = Callable[[SweepConfig, int, float, float], None]
 _CLEAR = "#00000000"
 #: Fewest and most columns and rows of a picture.
 LEAST, _MOST = 16, 4096
-#: A label may be longer than its axis by the space beside the canvas [px].
-_BESIDE = 40.0
+#: A label may be longer than its axis by the space beside the canvas, and the label of the ordinate
+#: lies above the canvas, beside the tools [px].
+_BESIDE, _TOOLS = 40.0, 230.0
 #: Unicode in place of TeX: a typesetter of formulas would add a megabyte to the page.
 _LETTERS = {
     r"\omega": "ω", r"\nu": "ν", r"\sigma": "σ", r"\lambda": "λ", r"\pi": "π", r"\dot{x}^{-}": "ẋ⁻",
@@ -55,6 +56,14 @@ if (log || ticks.length < 2) return String(Number(value.toPrecision(6)));
 const digits = Math.ceil(-Math.log10(Math.abs(ticks[1] - ticks[0]) / factor) - 1e-6);
 return value.toFixed(Math.min(Math.max(digits, 0), 15)).replace("-", "\u2212");
 """
+
+
+def narrow(**rules: str) -> str:
+    """Return a style sheet with the rules of a model on a narrow page, as that of a phone."""
+    listed = "".join(
+        f"{name.replace('_', '-')}: {value} !important;" for name, value in rules.items()
+    )
+    return f"@media (max-width: 699px) {{ :host {{ {listed} }} }}"
 
 
 def without_tex(text: str) -> str:
@@ -77,22 +86,21 @@ def value_text(name: str, view: View) -> str:
     return without_tex(f"{variable.symbol} = {value / factor:.6g}{unit}")
 
 
-def label_live_axis(
-    axis: Any, name: str, view: View, size: float, pixels: float = math.inf
-) -> None:
-    """Label an axis and its ticks, with the prefix that `plot` gives to numbers of this size.
+def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math.inf) -> str:
+    """Return the label of an axis, and write its ticks with the prefix of the label.
 
-    The label has the meaning, the symbol and the unit of a parameter or of a result. If it needs
-    more than `pixels`, the meaning is left out.
+    The prefix is the one that `plot` gives to numbers of this size. The label has the meaning, the
+    symbol and the unit of a parameter or of a result. If it needs more than `pixels`, the meaning
+    is left out.
     """
     variable = as_variable(name, view.seen)
     prefix, factor = prefix_of(variable, size)
-    text = without_tex(label(variable, prefix))
-    fits = 7.0 * len(text) < pixels
-    axis.axis_label = text if fits else text.removeprefix(variable.long_name).strip()
     log = isinstance(axis.ticker, LogTicker)
     if (axis.formatter.tags or _UNTAGGED) != [log, factor]:
         axis.formatter = _formatter(log, factor)
+    text = without_tex(label(variable, prefix))
+    fits = 7.0 * len(text) < pixels
+    return text if fits else text.removeprefix(variable.long_name).strip()
 
 
 def _formatter(log: bool, factor: float) -> TickFormatter:
@@ -116,8 +124,11 @@ class PixelFigure:
             tools="pan,wheel_zoom,box_zoom,undo,redo,reset,save", active_scroll="wheel_zoom",
             x_range=x_range or Range1d(0.0, 1.0), y_range=Range1d(0.0, 1.0), name=name,
             sizing_mode="stretch_both", min_height=120, lod_threshold=None,
+            # The ordinate is named above, so that the plot has the whole width of a narrow page.
+            title="", toolbar_location="above",
         )  # fmt: skip
         self.figure.toolbar.logo = None
+        self.figure.title.update(text_font_style="italic", text_color="#444444")
         #: The content of the tab of this figure.
         self.layout: LayoutDOM = self.figure
         #: Columns and rows of the canvas; 0 until the browser reports them.
@@ -173,8 +184,11 @@ class PixelFigure:
 
     def label(self, side: str, name: str, view: View, window: Window) -> None:
         """Set the label and the ticks of axis x or y for a window."""
-        axis, pixels = getattr(self.figure, f"{side}axis"), self.size[side == "y"] + _BESIDE
-        label_live_axis(axis, name, view, max(map(abs, window)), pixels)
+        figure, size, pixels = self.figure, max(map(abs, window)), self.size[0] + _BESIDE
+        if side == "x":
+            figure.xaxis.axis_label = label_of(figure.xaxis, name, view, size, pixels)
+        else:
+            figure.title.text = label_of(figure.yaxis, name, view, size, pixels - _TOOLS)
 
     def move(self, across: float, upwards: float, size: float) -> None:
         """Move the window by fractions of its width and height, and scale it about its centre."""

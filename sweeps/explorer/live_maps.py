@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -17,7 +18,7 @@ from sweeps.attractor.partition import COUNTED, attractors_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.block_results import compute
 from sweeps.engine.estimate import block_size
-from sweeps.explorer.figures import PixelFigure, Report, outer_edges, without_tex
+from sweeps.explorer.figures import PixelFigure, Report, narrow, outer_edges, without_tex
 from sweeps.explorer.view import BASINS, View
 from sweeps.explorer.worker import Step
 from sweeps.opened.motions import MOTION, motions_from
@@ -30,12 +31,14 @@ from vibroimpact.status import Status
 _STRIDES = (27, 9, 3, 1)
 #: A map is shown at least this many times until it is complete.
 _SHOWN = 20
-#: A higher and wider legend for pages that are narrow and high enough.
-_HIGHER = (
-    "@media (max-width: 700px) and (min-height: 600px) { :host {"
-    "flex: 0 0 108px !important; height: 108px !important;"
-    "width: calc(100% - 16px) !important; margin-left: 8px !important; } }"
-)
+#: A higher and wider legend.
+_HIGHER = {"flex": "none", "height": "min(108px, 15vh)", "margin_left": "8px"}
+#: Names are placed on every so many columns and rows, as soon as these are computed.
+_NAMED = 3
+#: Height of a name and width of one of its characters, with the space around it [px].
+_LINE, _CHARACTER = 18.0, 8.0
+#: A name of a region: its text, the column and row of its middle, and whether it is upright.
+Name = tuple[str, int, int, bool]
 #: The columns of a disc: x and v of its centre, and its size along each.
 _DISC = ("x", "y", "width", "height")
 Disc = tuple[float, float, float, float]
@@ -53,6 +56,7 @@ class Tiles:
     #: 1 + the index of the kind; a point not computed yet has the value of a point beside it;
     #: uint8, shape (rows, columns).
     pixels: np.ndarray
+    names: list[Name]
     discs: list[Disc]  # the largest disc in each basin, once the map is complete
     points: int  # number of computed points
     seconds: float  # time to compute their results
@@ -112,14 +116,16 @@ class Filling:
     def _tiles(self) -> Tiles:
         """Colour the computed points by the kinds that `plot` uses."""
         from sweeps.plotting.basin_pictures import basin_cells
-        from sweeps.plotting.colours import failed_cells, period_cells
+        from sweeps.plotting.colours import class_numbers, failed_cells, period_cells
         from sweeps.plotting.looks import Looks
 
         discs = list[Disc]()
         if self._basins:
-            table, numbers = self._ranked()
+            table, classes = self._ranked()
+            named = [row for row in table if row.regime in (Regime.PERIODIC, Regime.REST)]
+            names = {row.number: row.name for row in named}
             looks = Looks.of_rows(table)
-            cells = basin_cells(table, numbers, looks, self.config)
+            cells = basin_cells(table, classes, looks, self.config)
             for i, row in enumerate(looks.split(table)[0]):
                 if self._done == self._order.size and row.regime in COUNTED:
                     disc, said = self._disc(cells[i].where)
@@ -127,14 +133,42 @@ class Filling:
                     cells[i] = cells[i]._replace(label=f"{cells[i].label}; {said}")
         else:
             cells = period_cells(*self._classes.values())
+            classes, names = class_numbers(*self._classes.values())
         pixels, kinds = np.zeros(self._order.size, np.uint8), []
         for cell in (*cells, *failed_cells(self._status)):
             if count := np.count_nonzero(cell.where):
                 kinds.append((without_tex(cell.label), cell.colour, float(count) / self._done))
                 pixels[cell.where.ravel()] = len(kinds)
-        pixels = _filled(pixels.reshape(self.config.sweep.grid.shape))
-        pixels = pixels.T if next(iter(self.config.sweep.grid.axes)) == self._x else pixels
-        return Tiles(self.config, kinds, pixels, discs, self._done, self._seconds)
+        placed = self._placed(classes, names)
+        return Tiles(
+            self.config, kinds, _filled(self._as_seen(pixels)), placed, discs, self._done,
+            self._seconds,
+        )  # fmt: skip
+
+    def _as_seen(self, values: np.ndarray) -> np.ndarray:
+        """Return the values of the points, shape (rows, columns)."""
+        grid = self.config.sweep.grid
+        values = values.reshape(grid.shape)
+        return values.T if next(iter(grid.axes)) == self._x else values
+
+    def _placed(self, classes: np.ndarray, names: dict[int, str]) -> list[Name]:
+        """Return the names of the regions of a map; none until enough of it is computed."""
+        from sweeps.plotting.names import placed_names
+
+        seen = self._as_seen(classes)
+        rows, columns = (_middles(size, _NAMED) for size in seen.shape)
+        computed = self._as_seen(self._status != Status.PENDING)[np.ix_(rows, columns)]
+        if not computed.all():
+            return []
+
+        def box(name: str) -> tuple[int, int]:
+            """Return the height and the width of a name in the columns and rows of its place."""
+            return math.ceil(_LINE / _NAMED), math.ceil(_CHARACTER * len(name) / _NAMED)
+
+        return [
+            (name, int(columns[column]), int(rows[row]), upright)
+            for name, row, column, upright in placed_names(seen[np.ix_(rows, columns)], names, box)
+        ]
 
     def _disc(self, basin: np.ndarray) -> tuple[Disc, str]:
         """Return the largest disc in a basin, and its radius as text."""
@@ -208,10 +242,17 @@ class Map(PixelFigure):
         self.discs = ColumnDataSource({column: [] for column in _DISC}, name=f"{name} discs")
         look = {"fill_alpha": 0.0, "line_color": "black"}
         self.figure.ellipse(*_DISC, source=self.discs, **look)
+        self.names = ColumnDataSource(
+            {column: [] for column in ("x", "y", "text", "angle")}, name=f"{name} names"
+        )
+        self.figure.text(
+            source=self.names, text_align="center", text_baseline="middle", text_font_size="12px",
+            background_fill_color="white", background_fill_alpha=0.7, padding=1,
+        )  # fmt: skip
         self.legend = Div(name=f"{name} legend", text="", sizing_mode="stretch_width")
         # Its height is fixed: a different height of the figure would need other points.
         self.legend.update(margin=(0, 8, 4, 60), height=36, styles={"overflow-y": "auto"})
-        self.legend.stylesheets = [_HIGHER]
+        self.legend.stylesheets = [narrow(**_HIGHER)]
         self.layout = column(self.figure, self.legend, sizing_mode="stretch_both")
 
     def resize(self, side: str, pixels: int) -> None:
@@ -246,8 +287,14 @@ class Map(PixelFigure):
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
         """Show a map and its legend."""
         axes, seen = tiles.config.sweep.grid.axes, tiles.config.nomenclature
-        names = [name for name, _ in view.plane(self._tab)]
-        x, y = (outer_edges(seen.value(name, axes[name]), name in view.log) for name in names)
+        sides = [(name, seen.value(name, axes[name])) for name, _ in view.plane(self._tab)]
+        x, y = (outer_edges(values, name in view.log) for name, values in sides)
+        self.names.data = {
+            "x": [sides[0][1][column] for _, column, _, _ in tiles.names],
+            "y": [sides[1][1][row] for _, _, row, _ in tiles.names],
+            "text": [name for name, *_ in tiles.names],
+            "angle": [0.5 * math.pi * upright for *_, upright in tiles.names],
+        }
         self.set_colours([colour for _, colour, _ in tiles.kinds])
         self.set_pixels(tiles.pixels, x, y)
         discs = np.reshape(tiles.discs, (-1, len(_DISC))).T.tolist()

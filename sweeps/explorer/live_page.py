@@ -15,11 +15,13 @@ from bokeh.core.templates import FILE
 from bokeh.document import Document
 from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady, Reset, Tap
 from bokeh.layouts import column, row
-from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs, TextInput
+from bokeh.models import CustomJS, Div, RadioButtonGroup, TabPanel, Tabs, TextInput
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError, StoreError, SweepError
-from sweeps.explorer.controls import Controls, connect, meaning
+from sweeps.explorer.controls import Controls, choice, connect, parameter_choices
+from sweeps.explorer.figures import narrow
+from sweeps.explorer.keyboard import DESCRIBE, LISTEN, MOVES, labelled
 from sweeps.explorer.live_branches import Branches
 from sweeps.explorer.live_diagram import Diagram
 from sweeps.explorer.live_maps import Map
@@ -27,7 +29,6 @@ from sweeps.explorer.live_motion import MotionPanel
 from sweeps.explorer.saved_view import write_yaml
 from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
 from sweeps.explorer.worker import Step, Worker
-from vibroimpact.oscillator import PARAMETERS
 
 _ENDED = (
     "<b>vibroimpact explore has ended</b>, or the connection to it is lost: what is shown stays as "
@@ -38,25 +39,7 @@ SECRET = "token"
 #: Time to wait for all four ends of a window [ms].
 _GATHER = 8
 _TABS = ("diagram", "map of classes", "basins")
-#: Effect of a key on the window: shifts as fractions of its width and height, and scale factor.
-_MOVES = {
-    "ArrowLeft": (-0.1, 0.0, 1.0),
-    "ArrowRight": (0.1, 0.0, 1.0),
-    "ArrowDown": (0.0, -0.1, 1.0),
-    "ArrowUp": (0.0, 0.1, 1.0),
-    "+": (0.0, 0.0, 0.5),
-    "-": (0.0, 0.0, 2.0),
-}
-#: Sends every key that no widget uses; a counter makes each value different from the last.
-_LISTEN = """
-document.getElementById("opening")?.remove();
-let number = 0;
-window.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.altKey || event.metaKey) return;
-  if (event.composedPath()[0].closest?.("input, select, .noUi-handle")) return;
-  if (KEYS.includes(event.key)) { event.preventDefault(); to.value = `${++number} ${event.key}`; }
-});
-""".replace("KEYS", str([*_MOVES, "Home", "Escape"]))
+_CONTROLS_LEFT = ":host { flex-direction: row-reverse !important; }"
 #: Shows a text while the browser loads the scripts, for about a second. Without an icon a browser
 #: requests one whenever the address changes, and Tornado logs each refusal. The name of Bokeh's own
 #: template depends on its version.
@@ -86,11 +69,7 @@ class LivePage:
         self._pictures = (self.diagram, self.map, self.basins)
         self.motion = MotionPanel(self._close)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
-        self._across = Select(
-            options=[(name, meaning(name, home.seen)) for name in PARAMETERS],
-            width=220,
-            name="across",
-        )
+        self._across = choice("across", "ordinate", parameter_choices(home.seen))
         self._tabs = self._new_tabs()
         self.worker = Worker(document.add_next_tick_callback, self._refuse)
         self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")
@@ -99,30 +78,50 @@ class LivePage:
         self._key = TextInput(visible=False, name="key")
         self._connect()
         self._show()
-        body = row(self.controls.layout, self._tabs, sizing_mode="stretch_both")
+        own = {"height": "auto", "flex": "none"}
+        pictures = column(
+            self._tabs, self.motion.layout, sizing_mode="stretch_both", stylesheets=[narrow(**own)]
+        )
+        # The Tab key comes to the pictures first; on a wide page they are on the right.
+        body = row(
+            pictures, self.controls.layout, sizing_mode="stretch_both",
+            stylesheets=[_CONTROLS_LEFT, narrow(**own, flex_direction="column")],
+        )  # fmt: skip
         hidden = (self._address, self._key, self.diagram.painted, self.diagram.fits)
         # Last, because Bokeh visits all models of a document after each change of its models.
-        document.add_root(column(self._ended, body, *hidden, sizing_mode="stretch_both"))
+        document.add_root(
+            column(
+                self._ended,
+                body,
+                *hidden,
+                sizing_mode="stretch_both",
+                stylesheets=[narrow(height="auto")],
+            )
+        )
         document.template, document.title = _TEMPLATE, f"{home.name}: vibroimpact"
 
     def _new_tabs(self) -> Tabs:
         """Return the three tabs: the diagram, the map, and the basins."""
         choices = (self._across, Div(text="a click shows its"), self._line)
-        keys = "Keys: arrows, + and −, Home."
-        narrow: Any = {"sizing_mode": "stretch_width", "styles": {"flex-wrap": "wrap"}}
+        keys = "Keys: arrows, + and −, Home, Enter."
+        wrapped: Any = {"sizing_mode": "stretch_width", "styles": {"flex-wrap": "wrap"}}
         abouts = (
             Div(text=f"A click shows the motion there. {keys}", sizing_mode="stretch_width"),
-            row(Div(text="ordinate"), *choices, Div(text="as a diagram."), **narrow),
+            row(*choices, Div(text="as a diagram."), **wrapped),
             Div(
                 text=f"The starts of the oscillator: a click shows the motion of one. {keys}",
                 sizing_mode="stretch_width",
             ),
         )
+        for title, picture in zip(_TABS, self._pictures, strict=True):
+            picture.figure.html_attributes = labelled(title)
         panels = [
             TabPanel(title=title, child=column(about, picture.layout, sizing_mode="stretch_both"))
             for title, about, picture in zip(_TABS, abouts, self._pictures, strict=True)
         ]
-        return Tabs(tabs=panels, sizing_mode="stretch_both", name="tabs")
+        # Part of the controls is seen below, and a finger beside the plot moves the page.
+        part = narrow(flex="none", height="75vh")
+        return Tabs(tabs=panels, sizing_mode="stretch_both", name="tabs", stylesheets=[part])
 
     def _connect(self) -> None:
         """Connect the figures, the address, the keys and the connection to the page."""
@@ -151,7 +150,8 @@ class LivePage:
         document.on_session_destroyed(lambda _: self.worker.shutdown())
         document.add_periodic_callback(self._show_progress, 200)
         self._key.on_change("value", self._pressed)
-        document.js_on_event(DocumentReady, CustomJS(args={"to": self._key}, code=_LISTEN))
+        document.js_on_event(DocumentReady, CustomJS(args={"to": self._key}, code=LISTEN))
+        document.js_on_event(DocumentReady, CustomJS(code=DESCRIBE))
         # The address holds the view: the page reads it when it opens, then keeps it up to date.
         connect(self._address, "value", self.change, View.with_query)
         read = CustomJS(args={"to": self._address}, code="to.value = location.search")
@@ -185,13 +185,9 @@ class LivePage:
     def _show(self) -> None:
         """Set all parts of the page to the view, and request its pictures."""
         self._showing = True
-        for part in (self.controls, *self._pictures, self.branches):
+        for part in (self.controls, *self._pictures, self.branches, self.motion):
             part.show(self.view)
         self._tabs.active, self._across.value = self.view.tab, self.view.across
-        for number, tab in enumerate(self._tabs.tabs):
-            about, picture = tab.child.children[:2]
-            below = number == self.view.tab and self.view.shows_motion
-            tab.child.children = [about, picture, *[self.motion.layout] * below]
         self._showing = False
         self._address.title = self.view.query()
         self._compute()
@@ -228,8 +224,11 @@ class LivePage:
     def _pressed(self, attr: str, old: str, new: str) -> None:
         """Carry out the action of a key."""
         key = new.partition(" ")[2]
-        if key in _MOVES:
-            self._picture.move(*_MOVES[key])
+        if key in MOVES:
+            self._picture.move(*MOVES[key])
+        elif key == "Enter":
+            names = [name for name, _ in self.view.plane(self.view.tab)]
+            self._mark(*(self.view.values[name] for name in names))
         elif key == "Home":
             self.change(self._at_home)
         elif key == "Escape":
@@ -274,10 +273,12 @@ class LivePage:
         return replace(view, xlim=xlim, maplim=home.maplim if unchanged else view.maplim)
 
     def _tapped(self, event: Tap) -> None:
-        """Mark the clicked point; on the map of classes, also show the diagram through it."""
-        if event.x is None or event.y is None:
-            return
-        view, x, y = self.view, float(event.x), float(event.y)
+        if event.x is not None and event.y is not None:
+            self._mark(float(event.x), float(event.y))
+
+    def _mark(self, x: float, y: float) -> None:
+        """Mark a point of the open tab; on the map of classes, also show the diagram through it."""
+        view = self.view
         if view.tab == DIAGRAM:
             low, high = view.xlim
             clicked = view.moved(**{view.axis: min(max(x, low), high)})

@@ -220,6 +220,26 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
         np.testing.assert_array_equal(tiles.pixels == number, cell.where)
 
 
+@pytest.mark.slow
+def test_a_map_has_the_name_of_its_class_in_every_region_with_room(view):
+    """A name stands on points of its class, and the two largest classes have one."""
+    view = replace(view, record={**view.record, "transient": 100, "periods": 20})
+    config = view.tiles(MAP, 240, 180)
+    filling = Filling(config, view.axis, basins=False)
+    third = [stop for stop in filling.stops if stop <= 240 * 180 / 9]
+    assert filling.advance(third[-2]).names == []
+    at_third, complete = (filling.advance(stop).names for stop in (third[-1], 240 * 180))
+    assert at_third == complete != []
+    m, q = (filling._as_seen(filling._classes[name]) for name in ("m", "q"))
+    shares = {}
+    for name, column, row, _ in complete:
+        if name != "rest":
+            assert name == f"{m[row, column]}/{q[row, column]}"
+            shares[name] = np.mean((m == m[row, column]) & (q == q[row, column]))
+    assert {"1/1", "2/2"} <= set(shares)
+    assert sum(shares.values()) > 0.4
+
+
 def test_the_shares_of_a_part_of_a_map_are_those_of_the_whole(view):
     """A class that fills the left or the lower half has half of the points at every stop."""
     config = view.tiles(MAP, 160, 120)

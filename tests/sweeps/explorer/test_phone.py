@@ -1,0 +1,155 @@
+"""The live picture in a real browser on a phone, by keys alone, and with the mass that moves."""
+
+import numpy as np
+import pytest
+
+import sweeps
+from sweeps import load_config
+from tests.helpers.browser import Window, chromium
+
+pytestmark = pytest.mark.slow
+#: The element that has the focus: its role or tag, its name, and whether it is open or pressed.
+FOCUS = """(() => {
+  let e = document.activeElement;
+  while (e.shadowRoot?.activeElement) e = e.shadowRoot.activeElement;
+  const name = e.ariaLabel || e.title || e.labels?.[0]?.textContent || e.textContent;
+  return [e.role || e.tagName, name.trim(), e.ariaSelected ?? e.ariaPressed];
+})()"""
+
+#: Lets the Tab key begin at the start of the page.
+START = "document.body.tabIndex = -1; document.body.focus(); document.body.blur()"
+
+
+@pytest.fixture(scope="module")
+def phone():
+    """A window as wide as a phone."""
+    oscillator = {"h": 0.05, "R": 0.8, "omega": {"start": 2.4, "stop": 3.5, "num": 50}, "f": 1.0}
+    record = {"transient": 60, "periods": 10, "impacts": 8}
+    explorer = sweeps.explore(load_config({"oscillator": oscillator, "record": record}))
+    with chromium() as browser:
+        window = Window(browser, explorer, size=(390, 844))
+        yield window
+        assert window.problems == []
+    explorer.close()
+
+
+@pytest.fixture
+def window(phone):
+    """The window with the first view, from its top."""
+    phone.show(phone.page.home)
+    phone.tab.emulate_media(reduced_motion="no-preference")
+    phone.tab.evaluate("scrollTo(0, 0)")
+    return phone
+
+
+def show_motion(window):
+    """Click at the motion with one impact per period."""
+    window.click(0.1, 0.5)
+    window.settle(window.shows_motion)
+
+
+def test_the_plot_has_the_width_of_a_phone_and_the_controls_are_below(window):
+    fits = "document.documentElement.scrollWidth <= innerWidth"
+    assert window.box()["width"] > 330
+    show_motion(window)
+    assert window.tab.evaluate(fits)
+    time_history = window.box("motion: x over t")
+    assert time_history["width"] > 300
+    assert time_history["y"] > window.box()["y"] + window.box()["height"]
+    button = window.tab.get_by_text("exact branches").bounding_box()
+    phase_plane = window.box("motion: v over x")
+    assert button["y"] > phase_plane["y"] + phase_plane["height"] > time_history["y"]
+    for text, name in (("map of classes", "map"), ("basins", "basins")):
+        window.tab.get_by_text(text, exact=True).first.click()
+        window.settle(lambda name=name: window.box(name)["width"] > 330)
+        assert window.tab.evaluate(fits)
+
+
+def test_the_tab_key_comes_to_tabs_plot_and_controls_and_each_says_what_it_is(window):
+    key, stops = window.tab.keyboard.press, []
+    window.tab.evaluate(START)
+    key("Tab")
+    while (stop := window.tab.evaluate(FOCUS))[0] != "BODY":
+        stops.append(stop)
+        key("Tab")
+    assert stops[:3] == [
+        ["tab", "diagram", "true"],
+        ["tab", "map of classes", "false"],
+        ["tab", "basins", "false"],
+    ]
+    assert stops[3][:2] == ["application", "diagram"]
+    kinds = [kind for kind, *_ in stops]
+    assert set(kinds[4 : kinds.index("SELECT")]) == {"button"}  # the tools of the plot
+    names = [name for _, name, _ in stops]
+    assert "" not in names
+    for part in ("R: coefficient of restitution", "ω: forcing frequency"):
+        both = [kind for kind, name, _ in stops if name.startswith(part)]
+        assert both == ["INPUT", "slider"]
+    assert names[-2:] == ["exact branches", "save as YAML"]
+
+
+def test_keys_alone_open_a_tab_move_a_value_and_show_a_motion(window):
+    key, page = window.tab.keyboard.press, window.page
+    window.tab.evaluate(START)
+    for _ in range(3):
+        key("Tab")
+    key("Enter")
+    window.settle(lambda: page.view.tab == 2)
+    key("Shift+Tab")
+    key("Shift+Tab")
+    key(" ")
+    window.settle(lambda: page.view.tab == 0)
+    for _ in range(3):
+        key("Tab")
+    assert window.tab.evaluate(FOCUS)[1] == "diagram"
+    key("Enter")
+    window.settle(window.shows_motion)
+    assert page.view.values == page.home.values
+    while not window.tab.evaluate(FOCUS)[1].startswith("ω: forcing") or (
+        window.tab.evaluate(FOCUS)[0] != "slider"
+    ):
+        key("Tab")
+    key("ArrowRight")
+    window.settle(lambda: page.view.values["omega"] > 2.4 and window.shows_motion())
+    key("Escape")
+    window.settle(lambda: not page.view.marked)
+
+
+def mass(window):
+    """Return time, displacement and velocity of the mass."""
+    return window.model("mass", "{return [m.data.t[0], m.data.x[0], m.data.v[0]]}")
+
+
+def test_a_button_moves_the_mass_along_its_motion_and_stops_it(window):
+    show_motion(window)
+    line = window.model("motion", "{return [[...m.data.t], [...m.data.x]]}")
+    button = window.tab.get_by_text("move the mass")
+    start = mass(window)
+    assert start[0] == 0.0
+    button.click()
+    seen = [start]
+    while len(seen) < 5:
+        window.tab.wait_for_timeout(50)
+        if (now := mass(window)) != seen[-1]:
+            seen.append(now)
+    for time, x, _ in seen:
+        assert x == pytest.approx(np.interp(time, *line), abs=1e-9)
+    button.click()
+    window.settle(lambda: not window.model("moving", "{return m.active}"))
+    frame = "new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))"
+    window.tab.evaluate(frame)
+    at_rest = mass(window)
+    for _ in range(5):
+        window.tab.evaluate(frame)
+    assert mass(window) == at_rest
+
+
+def test_the_mass_stands_still_where_the_browser_asks_for_reduced_motion(window):
+    window.tab.emulate_media(reduced_motion="reduce")
+    show_motion(window)
+    start = mass(window)
+    window.tab.get_by_text("move the mass").click()
+    for _ in range(10):
+        window.tab.wait_for_timeout(30)
+        assert mass(window) == start
+    assert not window.model("moving", "{return m.active}")
