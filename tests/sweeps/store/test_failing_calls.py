@@ -95,7 +95,7 @@ def test_whichever_call_fails_a_reader_sees_all_that_is_there_or_is_refused(monk
             with suppress(StoreError):
                 assert kept_points(Path("out.h5")) == counts
         which += 1
-    assert which > 5
+    assert which > 4 and {"stat", "open"} <= {name for name, _ in made}
 
 
 def test_a_run_that_fails_while_its_blocks_cannot_be_read_does_not_say_that_none_is_kept(
