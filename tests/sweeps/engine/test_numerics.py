@@ -61,7 +61,7 @@ def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, nam
     with open_sweep("out.h5") as dataset:
         given = yaml.safe_load(dataset.attrs["computation"])
         for computation, axes, fixed, results in calls:
-            expected = {**asdict(computation), **fixed}
+            expected = {**asdict(computation), "fixed": fixed}
             assert given == {**expected, "directions": list(computation.directions)}
             part = dataset.sel({axis: values for axis, values in axes.items()})
             for axis, values in axes.items():
