@@ -87,7 +87,7 @@ def curvature(c, m, u):
 
 
 @inlined
-def _greatest_third_derivative(c, m):
+def greatest_third_derivative(c, m):
     """Return a bound of the third derivative of sum_k c[m + k] u^k on [0, 1]."""
     even, odd = 0.0, 0.0  # two sums, to shorten the chain of additions
     for k in range(m + 3, c.size - 1, 2):
@@ -163,7 +163,7 @@ def first_crossing(c, m, end):
     does not meet the stop, and NaN if a coefficient or a derivative is not finite. The turn is the
     greatest x - stop of the turning points before u, -inf if there is none.
     """
-    jerk = _greatest_third_derivative(c, m)
+    jerk = greatest_third_derivative(c, m)
     turn, a, width = -math.inf, 0.0, end
     value_a, slope_a = c[m], c[m + 1]
     if not jerk < math.inf:

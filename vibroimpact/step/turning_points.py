@@ -11,7 +11,13 @@ from __future__ import annotations
 from vibroimpact.jit import inlined, jit
 from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME, pressing
 from vibroimpact.step.elementary import sin_cos
-from vibroimpact.step.polynomial import curvature, expand, turn_between, value_and_slope
+from vibroimpact.step.polynomial import (
+    curvature,
+    expand,
+    greatest_third_derivative,
+    turn_between,
+    value_and_slope,
+)
 from vibroimpact.step.scheme import COS, SIN, THETA
 
 # A flight in which the mass may turn is searched in so many equal pieces, so that it turns at most
@@ -34,6 +40,17 @@ def _may_turn(slope_0, second_0, slope_1, second_1):
     if rises:
         return second_0 < 0.0 < second_1
     return True
+
+
+@inlined
+def _keeps_sign(slope_0, second_0, slope_1, second_1, jerk, width):
+    """Whether a slope with the same sign at both ends of a piece is proved to keep it between them.
+
+    `jerk` bounds the third derivative. Each end vouches for the half of the piece beside it.
+    """
+    half = 0.5 * width
+    least = min(abs(slope_0) - half * abs(second_0), abs(slope_1) - half * abs(second_1))
+    return least > 0.5 * jerk * half * half
 
 
 @jit
@@ -67,17 +84,18 @@ def _widen_between(c, low, high, slope_0, slope_1, clearance, reach):
 @jit
 def _widen_by_polynomial(c, end, clearance, reach):
     """Widen `reach` by the turning points of the polynomial x(u) - stop from 0 to u = `end`."""
-    low = 0.0
+    low, jerk = 0.0, greatest_third_derivative(c, 0)
     slope_0, second_0 = c[1], 2.0 * c[2]
     for j in range(_PIECES):
         high = end if j + 1 == _PIECES else end * ((j + 1) / _PIECES)
         _, slope_1 = value_and_slope(c, 0, high)
         second_1 = curvature(c, 0, high)
+        proved = _keeps_sign(slope_0, second_0, slope_1, second_1, jerk, high - low)
         if slope_0 == 0.0:  # the curve begins with a turn
             slope_0 = second_0
         if _may_turn(slope_0, second_0, slope_1, second_1):
             middle, slope = high, slope_1
-            if (slope_0 < 0.0) == (slope_1 < 0.0):
+            if (slope_0 < 0.0) == (slope_1 < 0.0) and not proved:
                 middle = _root_of_curvature(c, low, high)
                 _, slope = value_and_slope(c, 0, middle)
             _widen_between(c, low, middle, slope_0, slope, clearance, reach)
