@@ -37,7 +37,7 @@ def turns_of_flight(osc, t, x, v, t_T):
     first = form(grid[1])
     if v * first[1] < 0.0:  # the first turn of a short flight
         found.append(form(brentq(lambda q: form(q)[1], t, grid[1], xtol=1e-300))[0])
-    return [min(x, osc.clearance) for x in found]
+    return found
 
 
 def exact_extremes(osc, tr, x0, v0):
@@ -55,7 +55,7 @@ def exact_extremes(osc, tr, x0, v0):
         after = events[events > t]
         if len(after):
             found += turns_of_flight(osc, t, x, v, after[0])
-    return min(found), max(found)
+    return min(found), min(max(found), osc.clearance)
 
 
 def exact_points(count, seed):
@@ -226,15 +226,39 @@ ORBITS = [
 ]
 
 
+def assert_as_wide_as_in_closed_form(orbit):
+    osc = orbit.oscillator
+    begin = orbit.phase / osc.omega
+    end = begin + orbit.m * 2.0 * math.pi / osc.omega
+    turns = turns_of_flight(osc, begin, osc.clearance, -osc.R * orbit.v, end)
+    assert orbit.x_min == pytest.approx(min(turns), rel=1e-12, abs=1e-12 * orbit.v)
+    if orbit.exists:
+        assert orbit.x_max == osc.clearance
+    else:  # its flight passes the stop
+        assert orbit.x_max == pytest.approx(max(turns), rel=1e-12, abs=1e-12 * orbit.v)
+        assert orbit.x_max > osc.clearance
+
+
 @pytest.mark.parametrize(("osc", "n"), ORBITS)
 def test_a_periodic_orbit_turns_where_the_closed_form_does(osc, n):
     """Stable or not, over one or several forcing periods, and with a fast natural vibration."""
     for orbit in one_impact_orbits(osc, n):
-        begin = orbit.phase / osc.omega
-        end = begin + n * 2.0 * math.pi / osc.omega
-        turns = turns_of_flight(osc, begin, osc.clearance, -osc.R * orbit.v, end)
-        assert orbit.x_min == pytest.approx(min(turns), rel=1e-12, abs=1e-12 * orbit.v)
-        assert (orbit.x_max == osc.clearance) == orbit.exists  # beyond the stop it is no orbit
+        assert_as_wide_as_in_closed_form(orbit)
+
+
+@pytest.mark.slow
+def test_the_extremes_of_an_orbit_are_those_of_all_its_turns():
+    """Of up to ninety in a flight, any may be the lowest, or beyond the stop the highest."""
+    rng, passing = np.random.default_rng(3), 0
+    for h, R, p, clearance, n in zip(
+        rng.choice([0.0, 0.01, 0.05], 60), rng.uniform(0.3, 0.95, 60), rng.uniform(3.0, 30.0, 60),
+        rng.choice([0.0, 0.01, 0.05], 60), rng.integers(1, 4, 60), strict=True,
+    ):  # fmt: skip
+        osc = Oscillator(h=h, R=R, omega=1.0, f=1.0, p=p, clearance=clearance)
+        for orbit in one_impact_orbits(osc, int(n)):
+            assert_as_wide_as_in_closed_form(orbit)
+            passing += not orbit.exists
+    assert passing > 10
 
 
 def test_the_free_oscillation_turns_at_its_amplitude():

@@ -257,16 +257,16 @@ def find_turning_point(pt, X, i, phase):
 
     The other arguments are as for `residuals`.
     """
-    theta, v, y = X[phase_at(i)], X[speed_at(i)], 0.0
+    theta, v = X[phase_at(i)], X[speed_at(i)]
     for _ in range(_MOST_ITERATIONS):
         y, u = _state_at(pt, theta, v, phase)
         s = sin_cos(phase)[0]
         a = -2.0 * pt.h * u - pt.p * pt.p * (y + pt.clearance) - pt.f * s
         change = pt.omega * u / a
         if not abs(change) > 1e-12 * (phase - theta):
-            break
+            return phase, y
         phase -= change
-    return phase, y
+    return phase, _state_at(pt, theta, v, phase)[0]
 
 
 @jit

@@ -143,7 +143,7 @@ class PeriodicOrbit:
             count = _STARTS + math.ceil((end - begin) / spacing)
             for start in np.linspace(begin, end, count, endpoint=False)[1:].tolist():
                 phase, y = calls.turning_point(system, X, i, start)
-                if begin < phase < end and calls.turning_point(system, X, i, phase)[0] == phase:
+                if begin < phase < end:  # a point of the flight, also if it is not a turn
                     turns.append(y)
         units = NaturalUnits.of(point_of(osc))
         return np.asarray(units.out_of("length", np.array(turns))) + osc.clearance
