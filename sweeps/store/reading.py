@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+import yaml
 from xarray.backends import BackendArray, CachingFileManager
 from xarray.core import indexing
 
@@ -122,6 +123,8 @@ def _lazy(
         data[name] = tuple(sizes), indexing.LazilyIndexedArray(array)
     # A file of an earlier version lacks the parameters that came later.
     coordinates: dict[str, Any] = {name: ((), one.default) for name, one in PARAMETERS.items()}
+    computed = yaml.safe_load(str(schema.attributes.get("computation", "{}")))
+    coordinates["phase"] = (), float(computed.get("start", 0.0))  # it was the same for all points
     coordinates |= schema.coordinates()
     dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})
     for called, variable in dataset.variables.items():

@@ -281,3 +281,11 @@ def test_a_file_from_before_a_parameter_was_added_has_its_default(tmp_path, bloc
         assert dataset["a"].attrs == {
             "long_name": PARAMETERS["a"].meaning, "units": "mm", "symbol": "a",
         }  # fmt: skip
+
+
+def test_a_file_from_before_the_phase_was_a_parameter_has_that_of_its_computation(tmp_path):
+    plan = schema()
+    plan.attributes["computation"] = "start: 1.5\nh: 0.1\n"
+    fill_blocks(tmp_path / "out.h5", plan=plan)
+    with open_sweep(tmp_path / "out.h5") as dataset:
+        assert dataset["phase"].item() == 1.5 and dataset["phase"].attrs["units"] == "rad"
