@@ -93,8 +93,8 @@ class Controls:
         unit = f" [{named}]" if named else ""
         tip = f"{_meaning(name, view.seen)}{unit}, {parameter.allowed}"
         low, high = window_around(name, view.values, view.seen)
-        # Room for the longest unit, N s/m, beside the symbol.
-        beside, typed = (64, 74) if view.seen.in_si else (22, 94)
+        # Room for the longest unit, N s/m, beside the symbol, or for ω t₀.
+        beside, typed = (64, 74) if view.seen.in_si else (30, 86)
         field = self._field(
             name, view.seen.name(name), height=22, width=beside + typed, margin=0,
             title=symbol(name, view.seen) + (unit if view.seen.in_si else ""),
