@@ -14,7 +14,7 @@ import sweeps.plotting
 import vibroimpact
 
 #: Methods that only the packages call.
-INTERNAL = {"set_limits", "fit_ordinate", "refuse_looks", "parameters", "model_post_init"}
+INTERNAL = {"set_limits", "fit_ordinate", "parameters", "model_post_init"}
 
 
 def public(package: ModuleType) -> dict[str, object]:

@@ -91,7 +91,8 @@ def branches(
           periods.
 
         The attribute ``summary`` says what was found, and ``given_up`` what was not followed.
-        ``range`` holds the ends of the axis, and ``phase`` is the phase of the section.
+        ``range`` holds the ends of the axis, and ``phase`` is the phase of the section. ``chosen``
+        is 1 if `classes` or `most` are given: then a diagram draws all branches.
 
     Raises
     ------
@@ -113,6 +114,7 @@ def branches(
     lines = [motions_of(line) for line in lines_of(dataset, axis, at)]
     name, phase = nomenclature_of(dataset).parameter(axis), config_of(dataset).record.phase
     found = branches_of(lines, name, phase, report, classes=classes, most=most)
+    found.attrs["chosen"] = int(bool(classes) or most != MOST_BRANCHES)
     return orbits_on_axes(dataset, found)
 
 

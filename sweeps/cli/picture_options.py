@@ -46,8 +46,8 @@ At = Annotated[
     typer.Option(
         metavar="NAME=VALUE[,...]",
         help="Value at which a swept parameter is cut, or direction=up or down for a sweep that "
-        "was followed both ways; for a section, impacts or trajectory also several values, as "
-        "omega=2.7,2.8; repeatable.",
+        "was followed both ways; for a section, impacts, trajectory or basins also several "
+        "values, as omega=2.7,2.8; repeatable.",
     ),
 ]
 Coordinate = Annotated[
@@ -92,6 +92,15 @@ Below = Annotated[
         metavar="NAME",
         help="A number per point, e.g. lyapunov, in a panel below a bifurcation diagram; "
         "repeatable.",
+    ),
+]
+PanelNames = Annotated[
+    str | None,
+    typer.Option(
+        "--panels",
+        metavar="NAME,...",
+        help="Only these panels, in this order: of an integrity picture fraction, "
+        "integrity_factor, local_integrity, basins; of a table its columns.",
     ),
 ]
 OverlayFile = Annotated[
@@ -148,8 +157,7 @@ Grey = Annotated[
     bool,
     typer.Option(
         "--grey",
-        help="Draw for print in greys, hatches, markers and dashes; no table, and no map of "
-        "another quantity than the class.",
+        help="Draw for print in greys, hatches, markers and dashes.",
     ),
 ]
 NoLegend = Annotated[bool, typer.Option("--no-legend", help="Leave out the legend.")]

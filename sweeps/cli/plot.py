@@ -49,6 +49,7 @@ from sweeps.cli.picture_options import (
     OrdinateLabel,
     OrdinateLimits,
     OverlayFile,
+    PanelNames,
     Periods,
     Quantity,
     Resolution,
@@ -65,8 +66,8 @@ if TYPE_CHECKING:
     from sweeps.opened.cuts import Selection
 
 
-#: The kinds of pictures that show the motions of single points.
-_OF_MOTIONS = ("section", "impacts", "trajectory")
+#: The kinds of pictures that show several values of an axis.
+_OF_SEVERAL = ("section", "impacts", "trajectory", "basins")
 
 
 def plot_command(
@@ -85,6 +86,7 @@ def plot_command(
     below: Below = None,
     color: Color = None,
     overlay: OverlayFile = None,
+    panels: PanelNames = None,
     periods: Periods = None,
     width: Width = None,
     height: Height = None,
@@ -136,12 +138,16 @@ def plot_command(
         "below": tuple(below) if below else None,
         "color": color,
         "overlay": overlay,
+        "panels": _words(panels) if panels is not None else None,
         "periods": periods,
     }
     values = {name: "-".join(map(fewest_digits, given)) for name, given in lists.items()}
     names = [_name(file, kind, cuts | values, options) for file in files]
     figures = targets(files, output, names)
-    options["color"] = color or next(iter(lists), None)
+    if kind == "basins":
+        options["beside"] = lists or None
+    else:
+        options["color"] = color or next(iter(lists), None)
     with ExitStack() as stack:
         datasets = []
         for file, figure in zip(files, figures, strict=True):  # check all before drawing any
@@ -149,7 +155,7 @@ def plot_command(
             datasets.append(stack.enter_context(opened_in_si(file)))
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with named(file):
-                shown = several(dataset, lists)
+                shown = dataset if kind == "basins" else several(dataset, lists)
                 draw_picture(shown, figure, kind, cuts, page, csv, **options)
                 for name, value in ((axis, one) for axis in lists for one in lists[axis]):
                     say_moved({name: value}, on_grid(dataset, {name: value}), "drawn")
@@ -158,18 +164,23 @@ def plot_command(
 def _check_several(lists: Mapping[str, list[float]], kind: str | None, color: str | None) -> None:
     """Refuse several values of an axis in a picture that does not show single motions."""
     given = " ".join(f"--at {name}={','.join(map(fewest_digits, lists[name]))}" for name in lists)
-    if kind not in _OF_MOTIONS:
+    if kind not in _OF_SEVERAL:
         raise Refused(
-            f"{given} is not allowed here; expected: with --kind {' or '.join(_OF_MOTIONS)}"
+            f"{given} is not allowed here; expected: with --kind {' or '.join(_OF_SEVERAL)}"
         )
-    if len(lists) > 1 and color is None:
+    if len(lists) > 1 and kind != "basins" and color is None:
         raise Refused(f"{given} is not allowed here; expected: with --color, as --color period")
 
 
 def _chosen_orbits(classes: str | None, most: int | None, kinds: str | None) -> dict[str, Any]:
     """Convert the choice of exact branches or curves to arguments of `branches` or `curves`."""
     chosen = branch_options(classes, most)
-    return chosen if kinds is None else chosen | {"kinds": re.split(r"\s*,\s*", kinds.strip())}
+    return chosen if kinds is None else chosen | {"kinds": _words(kinds)}
+
+
+def _words(text: str) -> list[str]:
+    """Split a text at its commas."""
+    return re.split(r"\s*,\s*", text.strip())
 
 
 def _name(file: Path, kind: str | None, cuts: Selection, options: Mapping[str, Any]) -> Path:
@@ -223,7 +234,8 @@ def draw_picture(
         written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **chosen)
     say_moved(cuts, cut, "drawn")
     picks = chosen.get("axes", ()), chosen.get("color")
-    for name, value in silent_cuts(dataset, kind, cut, *picks).items():
+    fixed = {**cut, **dict.fromkeys(chosen.get("beside", ()), 0.0)}
+    for name, value in silent_cuts(dataset, kind, fixed, *picks).items():
         shown, size = f"{value:g}" if isinstance(value, float) else value, dataset.sizes[name]
         say(f"{name} = {shown}, the first of {size}: --at {name}=VALUE takes another", error=True)
     for line in lines:
@@ -240,10 +252,11 @@ def _exact(
     dataset: xr.Dataset, kind: str, cut: Selection, options: Mapping[str, Any]
 ) -> tuple[xr.Dataset, list[str], pd.DataFrame]:
     """Find the exact branches, or the curves of a map; return them, lines to print and a table."""
-    from sweeps.bifurcation.exact_branches import branches
+    from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches
     from sweeps.bifurcation.exact_curves import curves, map_axes
     from sweeps.bifurcation.kept import with_cache
     from sweeps.opened import csv_tables
+    from sweeps.plotting.branch_lines import without_idle
     from sweeps.plotting.contents import select_line
     from sweeps.plotting.maps import shown_quantity
     from sweeps.plotting.overlay import read_overlay
@@ -264,9 +277,14 @@ def _exact(
         return found, [*found.attrs["summary"].split("\n"), *notes], csv_tables.curve_table(found)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
-    _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
+    line, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
     read_overlay(overlay, dataset, [[axis], [coordinate, *options.get("below", ())]])
     with progress_shown("following exact orbits") as report:
         found = with_cache(branches, notes.append)(dataset, axis, cut, report, **chosen)
     lines = [*found.attrs["summary"].split("\n"), *notes]
+    if idle := without_idle(found, line)[1]:
+        lines.append(
+            f"branches not drawn, because no motion goes to them: {idle}; "
+            f"--most {MOST_BRANCHES + 1} draws all, and --classes those of some classes"
+        )
     return found, lines, csv_tables.branch_table(found, coordinate)

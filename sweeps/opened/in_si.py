@@ -104,11 +104,13 @@ def arguments_in_si(
             continue
         if option == "at" and value:
             converted[option] = seen.selection(value)
+        elif option == "beside" and value:
+            converted[option] = seen.selection({name: np.array(of) for name, of in value.items()})
         elif option == "exact" and value is not None:
             converted[option] = orbits_on_axes(si, value)
         elif option in ("quantity", "color") or isinstance(value, str | xr.DataArray):
             converted[option] = number(value)
-        elif option in ("below", "axes"):
+        elif option in ("below", "axes", "panels"):
             converted[option] = [number(one) for one in value]
     return si, converted
 

@@ -49,13 +49,13 @@ KINDS: Mapping[str, Kind] = {
         shown=(DIRECTION,),
     ),
     "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, shown=START_AXES),
-    "basins": Kind(basins, shown=STARTS),
-    "integrity": Kind(integrity, shown=("x0", "v0")),
+    "basins": Kind(basins, ("beside",), shown=STARTS),
+    "integrity": Kind(integrity, ("panels",), shown=("x0", "v0")),
     "map": Kind(parameter_map, ("axes", "quantity", "exact", "overlay"), axes=2),
     "section": Kind(section, ("color",)),
     "impacts": Kind(impacts, ("color",)),
     "trajectory": Kind(trajectory, ("periods", "color")),
-    "table": Kind(table_panels, ("axes", "quantity", "color", "overlay"), shown=(TABLE,)),
+    "table": Kind(table_panels, ("axes", "quantity", "color", "overlay", "panels"), shown=(TABLE,)),
 }
 
 
@@ -94,9 +94,10 @@ def plot(
     **options
         ``axes``, ``coordinate``, ``exact``, ``below``, ``color`` and ``overlay`` of `bifurcation`;
         ``axes`` and ``coordinate`` of `attractor_diagram`; ``axes``, ``quantity``, ``exact`` and
-        ``overlay`` of `parameter_map`; ``axes``, ``quantity``, ``color`` and ``overlay`` of
-        `table_panels`; ``color`` of `section` and `impacts`; ``periods`` and ``color`` of
-        `trajectory`. With None the picture chooses.
+        ``overlay`` of `parameter_map`; ``axes``, ``quantity``, ``color``, ``overlay`` and
+        ``panels`` of `table_panels`; ``beside`` of `basins`; ``panels`` of `integrity`; ``color``
+        of `section` and `impacts`; ``periods`` and ``color`` of `trajectory`. With None the picture
+        chooses.
 
     Returns
     -------

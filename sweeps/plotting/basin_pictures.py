@@ -5,9 +5,10 @@ from __future__ import annotations
 import functools
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
@@ -27,7 +28,14 @@ from sweeps.config.groups import STARTS
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, records, shows_part
-from sweeps.opened.cuts import START_AXES, Selection, chosen_axes, cut_at, swept_axes
+from sweeps.opened.cuts import (
+    START_AXES,
+    Selection,
+    chosen_axes,
+    cut_at,
+    several,
+    swept_axes,
+)
 from sweeps.opened.dataset import config_of
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Cells
@@ -47,22 +55,36 @@ from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import PARTIAL, Look, ground, ink
 from sweeps.store import DIRECTION
-from sweeps.text import choice_of, listed, shown_count
+from sweeps.text import choice_of, fewest_digits, listed, shown_count
 from vibroimpact.points.regimes import NO_CLASS, Regime
 
-#: Size of a marker [pt], and the greatest number of markers of one look across a panel.
-_MARK, _MARKS = 4.0, 20
+#: Most basins beside each other, and the width from which three are [inch].
+_MOST_BESIDE, _WIDE = 6, 5.0
+#: Height of the labels of each row of these [inch], and of the panel as a share of its width.
+_LABELS, _SHAPE = 0.5, 0.75
+#: Size of a marker in the legend [pt].
+_MARK = 4.0
 
 
-@functools.partial(styled, looks=("grey",))
+@styled
 def basins(
-    dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
+    dataset: xr.Dataset,
+    *,
+    at: Selection | None = None,
+    beside: Mapping[str, Sequence[float]] | None = None,
+    page: Page = PAGE,
+    ax: Axes | None = None,
 ) -> Figure:
     """Draw the basins of attraction over starts: one cell per start, coloured by its attractor.
 
     The first attractor of a class has the colour of the class, and further ones have colours of
     their own. Two of x0, v0 and phase must be swept, and the period must be recorded. The periodic
     attractors are marked over x0 and v0 if the section is at the phase of the starts.
+
+    Parameters
+    ----------
+    beside : mapping of str to sequence of float, optional
+        Several values of one swept axis, at most six: the basins at each have a panel.
 
     Examples
     --------
@@ -75,6 +97,23 @@ def basins(
     >>> from sweeps import plotting
     >>> plotting.basins(ds).savefig("basins.png")
     """
+    plane = _plane_of(dataset, at)
+    if beside is not None:
+        return _basins_beside(dataset, at or {}, beside, plane, page, ax)
+    starts = cut_at(dataset, at, free=plane)
+    panel = canvas.new_panel(ax, page)
+    result, looks = attractors_in(starts, dataset, page.grey)
+    table, numbers = attractor_rows(starts, result), reached(result, *plane)
+    drawn = over_starts(starts, *plane)
+    cells = basin_cells(table, numbers, looks, config_of(dataset))
+    handles = _draw_basins(panel, page, drawn, table, cells, looks)
+    figure = canvas.finish(panel, page, starts, handles, basins_title(config_of(dataset)))
+    name_basins(panel, page, drawn, table, numbers)
+    return figure
+
+
+def _plane_of(dataset: xr.Dataset, at: Selection | None) -> tuple[str, str]:
+    """Return the abscissa and the ordinate of basins: the two axes of starts that are not fixed."""
     axes = swept_axes(dataset)
     plane = [name for name in STARTS if name in axes and name not in (at or {})]
     if len(plane) != 2:
@@ -84,21 +123,99 @@ def basins(
             + (f", and {listed(fixed)} is fixed here" if fixed else "")
             + ("; one of them must be fixed" if len(plane) > 2 else "")
         )
-    starts = cut_at(dataset, at, free=plane)
-    panel = canvas.new_panel(ax, page)
-    result, looks = attractors_in(starts, dataset, page.grey)
     if "phase" in plane:
         plane.reverse()  # as abscissa
-    table, numbers = attractor_rows(starts, result), reached(result, *plane)
-    drawn = starts.sortby(plane).transpose(*plane[::-1], ...)
-    handles = draw_cells(panel, drawn, basin_cells(table, numbers, looks, config_of(dataset)))
+    return plane[0], plane[1]
+
+
+def _draw_basins(
+    panel: Axes,
+    page: Page,
+    drawn: xr.Dataset,
+    table: Sequence[AttractorRow],
+    cells: Sequence[Cells],
+    looks: Looks,
+) -> list[Artist]:
+    """Draw the basins at one parameter point; return the entries of the legend."""
+    handles = draw_cells(panel, drawn, cells)
     page.set_limits(panel)
-    if "phase" not in plane and float(drawn["phase"]) == config_of(dataset).record.phase:
+    phase = config_of(drawn).record.phase
+    if "phase" not in drawn["status"].dims and float(drawn["phase"]) == phase:
         handles += mark_attractors(panel, looks.split(table)[0])
-    title = basins_title(config_of(dataset))
-    figure = canvas.finish(panel, page, starts, handles, title)
-    name_basins(panel, page, drawn, table, numbers)
+    return handles
+
+
+def _basins_beside(
+    dataset: xr.Dataset,
+    at: Selection,
+    beside: Mapping[str, Sequence[float]],
+    plane: tuple[str, str],
+    page: Page,
+    ax: Axes | None,
+) -> Figure:
+    """Draw the basins at several values of one axis, a panel for each, with one legend."""
+    if ax is not None:
+        raise Refused("basins beside each other need a figure of their own: leave out ax or beside")
+    if len(beside) != 1:
+        raise Refused(f"basins are beside each other for values of one axis, not {len(beside)}")
+    name, values = next((name, [*map(float, given)]) for name, given in beside.items())
+    if name in START_AXES:
+        raise Refused(f"{name} is a start: basins are beside each other for values of a parameter")
+    if not 1 <= len(values) <= _MOST_BESIDE:
+        raise Refused(
+            f"{name} = {', '.join(map(fewest_digits, values))}: {shown_count(len(values), 'value')}"
+            f" beside each other; expected: at most {_MOST_BESIDE}"
+        )
+    line = cut_at(several(dataset, {name: values}), at, free=[name, *plane])
+    across = min(len(values), 3 if canvas.width_of(page) >= _WIDE else 2)
+    row = _LABELS + _SHAPE * canvas.width_of(page) / across
+    row /= mpl.rcParams["figure.figsize"][1]
+    panels = canvas.panel_grid(page, len(values), across, row, sharex=True)
+    found, looks = attractors_in(cut_at(dataset, at, free=[name, *plane]), dataset, page.grey)
+    drawn, further = [], dict[str, Artist]()
+    for panel, value in zip(panels, line[name].values.tolist(), strict=True):
+        starts, result = line.sel({name: value}), found.sel({name: value})
+        table, numbers = attractor_rows(starts, result), reached(result, *plane)
+        starts = over_starts(starts, *plane)
+        cells = basin_cells(table, numbers, looks, config_of(dataset))
+        own = {cell.label for cell in cells}
+        for handle in _draw_basins(panel, page, starts, table, cells, looks):
+            if (text := str(handle.get_label())) not in own:
+                further[text] = handle
+        panel.set_title(equation(line[name].symbol, line[name], value), loc="left")
+        drawn.append((panel, starts, table, numbers))
+    for number, panel in enumerate(panels):
+        if number % across:
+            panel.set_ylabel("")
+        has_below = number + across < len(panels)
+        panel.tick_params(labelbottom=not has_below)
+        if has_below:
+            panel.set_xlabel("")
+    handles = [*_shared_handles([table for *_, table, _ in drawn], looks), *further.values()]
+    title = f"{CLASSES_TITLE},\nshare of the starts in each panel"
+    figure = canvas.finish(panels[0], page, line, handles, title)
+    for panel, starts, table, numbers in drawn:
+        name_basins(panel, page, starts, table, numbers)
     return figure
+
+
+def _shared_handles(tables: Sequence[Sequence[AttractorRow]], looks: Looks) -> list[Artist]:
+    """Return an entry of a legend for each look and class in several panels, with the shares."""
+    shares: dict[tuple[Look, str], np.ndarray] = {}
+    for number, table in enumerate(tables):
+        for row in table:
+            name = class_names([row]) if looks.has_own(row) else "other periodic attractors"
+            of_panels = shares.setdefault((looks.look(row), name), np.zeros(len(tables)))
+            of_panels[number] += 100.0 * row.fraction
+    return [
+        Cells(f"{name}: {', '.join(f'{share:.1f}' for share in each)} %", look, each).handle()
+        for (look, name), each in shares.items()
+    ]
+
+
+def over_starts(starts: xr.Dataset, across: str = "x0", up: str = "v0") -> xr.Dataset:
+    """Return the starts at one parameter point in the order in which basins are drawn."""
+    return starts.sortby([across, up]).transpose(up, across, ...)
 
 
 def mark_attractors(panel: Axes, table: Sequence[AttractorRow]) -> list[Artist]:
@@ -136,12 +253,12 @@ def basin_cells(
     for row, (name, place) in zip(own, names_of([[row] for row in own], config), strict=True):
         speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
         text = f"{name}: {speeds}{100.0 * row.fraction:.1f} %{place}"
-        cells.append(Cells.of(text, looks.look(row), numbers == row.number))
+        cells.append(Cells(text, looks.look(row), numbers == row.number))
     if others:
         share = 100.0 * sum(row.fraction for row in others)
         text = f"{shown_count(len(others), 'other periodic attractor')}: {share:.1f} %"
         where = np.isin(numbers, [row.number for row in others])
-        cells.append(Cells.of(text, looks.look(others[0]), where))
+        cells.append(Cells(text, looks.look(others[0]), where))
     return cells
 
 
@@ -150,10 +267,11 @@ def name_basins(
 ) -> None:
     """Write the names of classes into the basins; in grey, draw their boundaries."""
     named = [row for row in table if row.regime in (Regime.PERIODIC, Regime.REST)]
-    name_and_bound(panel, page, starts, numbers, {row.number: row.name for row in named})
+    names = {row.number: row.name for row in named}
+    name_and_bound(panel, page, starts, numbers, names)
 
 
-@functools.partial(styled, looks=("grey", "marks"))
+@functools.partial(styled, marks=True)
 def attractor_diagram(
     dataset: xr.Dataset,
     *,
@@ -248,12 +366,8 @@ class _Series(NamedTuple):
 
 def _mark_series(panel: Axes, series: Sequence[_Series]) -> None:
     """Mark some points of each series, about evenly in the finished panel, with its marker."""
-    panel.autoscale_view()  # matplotlib delays it, and the transformations do not ask for it
     for _, look, points in series:
-        places = panel.transAxes.inverted().transform(panel.transData.transform(points))
-        _, some = np.unique(np.floor(_MARKS * places), axis=0, return_index=True)
-        (marks,) = panel.plot(*points[some].T, look.marker, color=look.ink, rasterized=True)
-        marks.set(markersize=_MARK, markeredgewidth=0, zorder=4.0)
+        canvas.mark_some(panel, points, look.marker, look.ink)
 
 
 def _draw_rows(

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 
 from sweeps.bifurcation.exact_branches import wide_branches
+from sweeps.opened.motions import classes_of
 from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION, ground, ink
 
 #: Names of the lines in the legend, with their dashes.
@@ -20,6 +21,8 @@ LINES: dict[str, Any] = {STABLE: "-", UNSTABLE: (0, (4, 2))}
 _THIN_LINES = "thin: chaotic, unknown, narrow"
 #: Markers of the bifurcations of a branch.
 MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
+#: If there are more branches, only those to which motions go, and what bounds these, are drawn.
+_FEW = 12
 #: Look of the lines over points of one colour and of several colours, which thin lines leave
 #: visible.
 _OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
@@ -65,6 +68,35 @@ def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
             yield Part(kind, found[axis].values[here], y)
 
 
+def without_idle(found: xr.Dataset, line: xr.Dataset) -> tuple[xr.Dataset, int]:
+    """Return the branches that a diagram of a line draws, and the number of those left out.
+
+    Of more than a few branches that were not chosen, these are those to which motions of the line
+    go, and those that meet one of these at a bifurcation, which bound the motions.
+    """
+    (axis,), count = map(str, found.coords), len(wide_branches(found))
+    if count <= _FEW or found.attrs.get("chosen") or "period" not in line:
+        return found, 0
+    _, m, q = (each.ravel() for each in classes_of(line))
+    places = line[axis].broadcast_like(line["status"]).transpose(*line["status"].dims).values
+    numbers, kinds, values = (found[name].values for name in ("branch", "kind", axis))
+    drawn = np.zeros(count, bool)
+    for number in range(count):
+        own = numbers == number
+        x = values[own & found["stable"].values]
+        same = (m == found["m"].values[own][0]) & (q == found["q"].values[own][0])
+        seen = places.ravel()[same]
+        drawn[number] = len(x) > 0 and ((x.min() <= seen) & (seen <= x.max())).any()
+    low, high = found.attrs["range"]
+    meetings = list(zip(kinds, np.rint(1e7 * (values - low) / (high - low)), strict=True))
+    special = np.isin(kinds, [*MARKERS])
+    of_drawn = {meetings[i] for i in np.flatnonzero(special & drawn[numbers])}
+    drawn[[numbers[i] for i in np.flatnonzero(special) if meetings[i] in of_drawn]] = True
+    kept = found.isel(point=drawn[numbers])
+    _, renumbered = np.unique(kept["branch"].values, return_inverse=True)
+    return kept.assign(branch=("point", renumbered)), int(count - drawn.sum())
+
+
 def _wrapped(values: np.ndarray, coordinate: str) -> np.ndarray:
     """Return values of a coordinate, with phases reduced to 0 to 2 pi."""
     return values % (2.0 * np.pi) if coordinate == "impact_phase" else values
@@ -95,7 +127,7 @@ def draw_branches(
     """Draw `sweeps.branches`, with solid lines where stable; return the lines by their names.
 
     The lines are thin and have the colour of texts unless the ground `is_plain`, that is, in one
-    colour. Unstable orbits and bifurcations at values of the axis `in_chaos` are drawn thinly.
+    colour. Unstable orbits at values of the axis `in_chaos` are drawn thinly.
     Bifurcations are marked if `marks` is true.
     """
     look = _OVER_ONE if is_plain else {"color": ink(), **_OVER_COLOURS}
@@ -112,14 +144,12 @@ def draw_branches(
                     x[run], y[run], zorder=4, label="_", ls=LINES[name], **stroke
                 )
             continue
-        for where, size in ((~hidden, 3.5), (hidden, 2.0)):
-            seen = np.isfinite(y) & where[:, None]
-            if marks and seen.any():
-                places = np.broadcast_to(x[:, None], y.shape)[seen]
-                (dots,) = panel.plot(places, y[seen], MARKERS[name], label="_", zorder=5)
-                dots.set(color=look["color"], markerfacecolor=ground(), markersize=size)
-                dots.set_markeredgewidth(0.2 * size)
-                drawn[name].append(dots)
+        if marks:
+            places = np.broadcast_to(x[:, None], y.shape)
+            (dots,) = panel.plot(places[np.isfinite(y)], y[np.isfinite(y)], MARKERS[name], zorder=5)
+            dots.set(color=look["color"], markerfacecolor=ground(), markersize=3.0, label="_")
+            dots.set_markeredgewidth(0.6)
+            drawn[name].append(dots)
     return drawn
 
 

@@ -6,6 +6,7 @@ import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import matplotlib as mpl
@@ -18,11 +19,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
+from matplotlib.ticker import MaxNLocator
 
 from sweeps.errors import Refused
 from sweeps.plotting.labels import equation, status_name
 from sweeps.plotting.labels import title as title_of
-from sweeps.plotting.legend import SHARE, legend_below, legend_within
+from sweeps.plotting.legend import SHARE, legend_below, legend_of_all, legend_within
 from sweeps.plotting.page import Page
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
@@ -34,12 +36,16 @@ from sweeps.plotting.style import (
     user_style,
     visible,
 )
-from sweeps.text import shortened
+from sweeps.text import choice_of, near_miss, shortened, suggestion
 
 #: Greatest height of a picture unless the page gives it, so that it fits a printed page [inch].
 HIGHEST = 9.0
 #: Least height of the panels, as a share of the usual one.
 _LEAST_PANELS = 0.35
+#: Least distance between the labels of ticks [inch].
+_GAP = 0.06
+#: Most markers of one look across a panel.
+_MARKS = 20
 
 
 class Picture(Figure):
@@ -50,8 +56,7 @@ class Picture(Figure):
 
     def __init__(self, page: Page, stretch: float = 1.0) -> None:
         """Make a figure with the width of the page, `stretch` times as high as usual."""
-        width, height = mpl.rcParams["figure.figsize"]
-        size = (page.width or width, stretch * height)
+        size = (width_of(page), stretch * mpl.rcParams["figure.figsize"][1])
         super().__init__(figsize=size, layout="constrained")
         self._usual = size[1]  #: Height of the panels unless the page has its own [inch].
         FigureCanvasAgg(self)  # measures all texts with the same renderer
@@ -100,18 +105,21 @@ class Picture(Figure):
     def set_height(self, height: float | None) -> None:
         """Set the height; refuse one that leaves too little of the panels.
 
-        Without one, a higher figure gets the height of a page, or the least that the panels take.
+        Without one, a higher figure gets the height of a page.
         """
         beside = self.get_figheight() - self._usual
         least = math.ceil(10.0 * (beside + _LEAST_PANELS * self._usual)) / 10.0
-        if height is None:
-            height = min(self.get_figheight(), max(HIGHEST, least))
-        elif height < least:
+        if height is None and least > HIGHEST:
+            raise Refused(
+                f"the picture would be at least {least:g} in high; expected: at most {HIGHEST:g} "
+                "in, with fewer panels or a larger width, or a height that is given"
+            )
+        if height is not None and height < least:
             raise Refused(
                 f"height = {height:g} in is not allowed; expected: at least {least:g} in, of which "
                 f"title and legend take {beside:.1f} in"
             )
-        self.set_figheight(height)
+        self.set_figheight(min(self.get_figheight(), HIGHEST) if height is None else height)
 
     def add_legend(
         self,
@@ -122,12 +130,16 @@ class Picture(Figure):
     ) -> None:
         """Put a legend below the panels, and increase the height of the figure.
 
-        If labels of the `rarest` entries are given, it takes at most a fifth of the height: as many
-        of these entries as necessary are left out. If the others need more, the panels become
-        higher, too, but by at most a half; then, or at a final `height`, others are left out.
+        It has all entries for which a page has room. If labels of the `rarest` entries are given,
+        it takes at most a fifth of the height: as many of these entries as necessary are left out.
+        If the others need more, the panels become higher, too, but by at most a half; then, or at a
+        final `height`, others are left out.
         """
         if rarest is None:
-            self.make_room(legend_below(self, handles, title, math.inf))
+            room = SHARE / (1.0 - SHARE) * self.get_figheight()
+            beside = self.get_figheight() - (1.0 - _LEAST_PANELS) * self._usual
+            most = (HIGHEST if height is None else height) - beside
+            self.make_room(legend_of_all(self, handles, title, self.dpi * room, self.dpi * most))
             return
         below = partial(legend_below, self, handles, title, rarest=rarest)
         room = SHARE / (1.0 - SHARE)
@@ -168,22 +180,56 @@ def _set_labels(panel: Axes, page: Page) -> None:
             refuse_undrawable(name, axis.label)
 
 
+def width_of(page: Page) -> float:
+    """Return the width of a figure [inch]."""
+    return float(page.width or mpl.rcParams["figure.figsize"][0])
+
+
 def new_panel(ax: Axes | None, page: Page) -> Axes:
     """Return the panel to draw into: `ax`, or the only panel of a new figure."""
     return Picture(page).add_subplot() if ax is None else ax
 
 
-def stacked_panels(page: Page, heights: Sequence[float], shared: int) -> list[Axes]:
+def stacked_panels(page: Page, heights: Sequence[float], shared: Sequence[int]) -> list[Axes]:
     """Return stacked panels of a new figure, with `heights` in units of the usual height.
 
-    The first `shared` panels share their abscissa, which only the last of them labels.
+    The `shared` panels share their abscissa, which only the last of them labels.
     """
     figure = Picture(page, sum(heights))
     panels = figure.subplots(len(heights), height_ratios=heights, squeeze=False)[:, 0]
-    for panel in panels[: max(0, shared - 1)]:
-        panel.sharex(panels[shared - 1])
-        panel.tick_params(labelbottom=False)
+    for number in shared[:-1]:
+        panels[number].sharex(panels[shared[-1]])
+        panels[number].tick_params(labelbottom=False)
     return list(panels)
+
+
+def panel_grid(
+    page: Page, count: int, across: int, height: float, sharex: bool = False
+) -> list[Axes]:
+    """Return so many panels of a new figure, with so many beside each other.
+
+    `height` is that of a row in units of the usual height. The panels share the ordinate.
+    """
+    down = math.ceil(count / across)
+    grid = (
+        Picture(page, height * down)
+        .subplots(down, across, squeeze=False, sharex=sharex, sharey=True)
+        .ravel()
+    )
+    for unused in grid[count:]:
+        unused.remove()
+    return list(grid[:count])
+
+
+def chosen_panels(asked: Sequence[str], there: Sequence[str]) -> list[str]:
+    """Return the names of the panels that are asked for, by default all that are there."""
+    for name in asked:
+        if name not in there:
+            meant = suggestion(near_miss(name, there))
+            raise Refused(f"there is no panel {name or repr(name)}{meant}; {choice_of(there)}")
+        if asked.count(name) > 1:
+            raise Refused(f"the panel {name} is asked for twice; expected: once")
+    return [*(asked or there)]
 
 
 def figure_of(panel: Axes) -> Figure:
@@ -198,6 +244,24 @@ def lay_out(panel: Axes) -> None:
     figure = figure_of(panel)
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)
+
+
+def _thin_ticks(panel: Axes) -> None:
+    """Choose fewer ticks of the abscissa where their labels would touch."""
+    locator = panel.xaxis.get_major_locator()
+    for most in range(7, 1, -1):
+        boxes = [
+            tick.label1.get_window_extent()
+            for tick in panel.xaxis.get_major_ticks()
+            if tick.label1.get_visible() and tick.label1.get_text()
+        ]
+        gaps = [after.x0 - box.x1 for box, after in pairwise(boxes)]
+        if min(gaps, default=np.inf) >= _GAP * figure_of(panel).dpi or not isinstance(
+            locator, MaxNLocator
+        ):
+            return
+        locator.set_params(nbins=most)
+        lay_out(panel)
 
 
 def finish(
@@ -227,6 +291,9 @@ def finish(
         if handles:
             figure.add_legend(handles, legend_title, rarest, page.height)
         figure.set_height(page.height)
+        lay_out(panel)
+        for each in figure.axes:
+            _thin_ticks(each)
     else:
         if page.title is not None:
             panel.set_title(page.title)
@@ -262,6 +329,16 @@ def draw_points(
         points.set(markersize=size, markeredgewidth=0)
     else:
         panel.scatter(x, y, size**2, colour, alpha=alpha, linewidths=0, rasterized=True)
+
+
+def mark_some(panel: Axes, points: np.ndarray, marker: str, colour: str) -> None:
+    """Mark some of the points, shape (n, 2), about evenly in a panel that has its limits."""
+    panel.autoscale_view()  # matplotlib delays it, and the transformations do not ask for it
+    points = points[np.isfinite(points).all(axis=1)]
+    places = panel.transAxes.inverted().transform(panel.transData.transform(points))
+    _, some = np.unique(np.floor(_MARKS * places), axis=0, return_index=True)
+    (marks,) = panel.plot(*points[some].T, marker, color=colour, rasterized=True)
+    marks.set(markersize=4.0, markeredgewidth=0, zorder=4.0)
 
 
 def marker_size(x: np.ndarray, y: np.ndarray, least: float, most: float) -> float:
@@ -320,4 +397,4 @@ def mark_status(
         (marks,) = panel.plot(x, np.full(x.shape, 0.015), "|", transform=strip, rasterized=True)
         marks.set(markersize=6, color=colour)
         text = f"{text} ({len(x):,} of {status.size:,})"
-        panel.plot([], [], linewidth=5, color=colour, label=text)
+        panel.plot([], [], linewidth=5, solid_capstyle="butt", color=colour, label=text)

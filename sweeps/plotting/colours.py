@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -12,6 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_hex, to_rgba
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from sweeps.errors import Refused
@@ -33,7 +34,13 @@ from sweeps.plotting.style import (
     BLUE,
     CLASSES,
     DIRECTION_COLOURS,
+    DIRECTION_DASHES,
+    DIRECTION_MARKERS,
     EVIDENCE,
+    GREY_DIRECTIONS,
+    GREY_FAILED,
+    GREY_SERIES,
+    GREY_SPECIAL,
     HATCH,
     NO_VALUE,
     PALE,
@@ -44,6 +51,7 @@ from sweeps.plotting.style import (
     VERMILION,
     WHITE,
     Look,
+    grey_ramp,
     ink,
     visible,
 )
@@ -81,31 +89,33 @@ _SIGNED, _SIGNED_DOTS = (
 
 
 class Cells(NamedTuple):
-    """The points of a picture with the same look: a label, the colour, the points, the hatch."""
+    """The points of a picture with the same look."""
 
     label: str
-    colour: str
+    look: Look
     where: np.ndarray
-    hatch: str = ""
 
-    @classmethod
-    def of(cls, label: str, look: Look, where: np.ndarray) -> Self:
-        """Return the points with the look of an attractor, a class or a regime."""
-        return cls(label, look.colour, where, look.hatch)
+    @property
+    def colour(self) -> str:
+        """The colour of the cells."""
+        return self.look.colour
 
     def handle(self) -> Patch:
         """Return the patch for the legend."""
-        edge = HATCH if self.hatch else ink()
-        look: dict[str, Any] = {"edgecolor": edge, "hatch": self.hatch, "linewidth": 0.4}
+        edge = HATCH if self.look.hatch else ink()
+        look: dict[str, Any] = {"edgecolor": edge, "hatch": self.look.hatch, "linewidth": 0.4}
         return Patch(facecolor=self.colour, label=self.label, **look)
 
 
-def failed_cells(status: np.ndarray) -> list[Cells]:
-    """Return the failed points, by outcome."""
+def failed_cells(status: np.ndarray, hatched: bool = False) -> list[Cells]:
+    """Return the failed points, by outcome; `hatched` beside a scale of greys."""
     return [
-        Cells(status_name(outcome), colour, status == outcome)
-        for outcome, colour in STATUS_COLOURS.items()
-        if outcome is not Status.PENDING
+        Cells(
+            status_name(outcome),
+            look if hatched else Look.plain(STATUS_COLOURS[outcome]),
+            status == outcome,
+        )
+        for outcome, look in GREY_FAILED.items()
     ]
 
 
@@ -121,15 +131,15 @@ def period_cells(
     for periods, impacts in CLASSES:
         where = periodic & (m == periods) & (q == impacts)
         text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
-        cells.append(Cells.of(text, look_of_class(periods, impacts, grey), where))
+        cells.append(Cells(text, look_of_class(periods, impacts, grey), where))
         periodic = periodic & ~where
-    cells.append(Cells.of("other m/q", look_of_class(0, 0, grey), periodic))
+    cells.append(Cells("other m/q", look_of_class(0, 0, grey), periodic))
     results = max(1, int((regimes > Regime.FAILED).sum()))
     for regime in REGIMES:
         where, text = regimes == regime, regime.word
         if regime in NO_CLASS:
             text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
-        cells.append(Cells.of(text, look_of_regime(regime, grey), where))
+        cells.append(Cells(text, look_of_regime(regime, grey), where))
     return cells
 
 
@@ -148,7 +158,10 @@ def class_numbers(
 
 
 class Paint(NamedTuple):
-    """The colours of a number per point, each field in the shape of ``status``."""
+    """The colours of a number per point, each field in the shape of ``status``.
+
+    In grey, the dots and curves of `cells` also have markers and dashes.
+    """
 
     variable: xr.DataArray  # describes the values
     cells: list[Cells]  # have a colour in the legend
@@ -156,6 +169,8 @@ class Paint(NamedTuple):
     norm: Normalize
     ramp: Colormap
     title: str | None = None  # of the legend
+    of_dots: bool = False
+    grey: bool = False
 
     def colours(self) -> np.ndarray:
         """Return the colour of each point, shape (..., 4); transparent without a result."""
@@ -164,9 +179,40 @@ class Paint(NamedTuple):
             rgba[cell.where] = to_rgba(cell.colour)
         return rgba
 
-    def handles(self) -> list[Artist]:
-        """Return the patches for the legend, of the cells that have points."""
-        return [cell.handle() for cell in self.cells if cell.where.any()]
+    def dashes(self) -> np.ndarray:
+        """Return the dashes of the curve of each point, an array of objects."""
+        found = np.full(self.values.shape, "-", object)
+        for cell in self.cells if self.grey else ():
+            for index in np.argwhere(cell.where).tolist():
+                found[tuple(index)] = cell.look.dash
+        return found
+
+    def mark(self, panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
+        """In grey, give some of the dots the marker of their cells, in a panel with its limits.
+
+        `x` and `y` are values of each point, in the shape of ``status`` and one further dimension,
+        with NaN for no value.
+        """
+        for cell in self.cells if self.grey else ():
+            if cell.look.marker != ".":
+                points = np.stack([x[cell.where].ravel(), y[cell.where].ravel()], axis=1)
+                canvas.mark_some(panel, points, cell.look.marker, cell.colour)
+
+    def handles(self, curves: bool = False) -> list[Artist]:
+        """Return the entries of the legend, of the cells that have points."""
+        cells = [cell for cell in self.cells if cell.where.any()]
+        if not (self.grey and self.of_dots):
+            return [cell.handle() for cell in cells]
+        looks: list[dict[str, Any]] = [
+            {"linestyle": cell.look.dash}
+            if curves
+            else {"linestyle": "", "marker": cell.look.marker}
+            for cell in cells
+        ]
+        return [
+            Line2D([], [], color=cell.colour, markersize=4.0, label=cell.label, **look)
+            for cell, look in zip(cells, looks, strict=True)
+        ]
 
     def add_bar(self, panels: Sequence[Axes]) -> None:
         """Add the colour bar, if any value has a colour; an arrow marks values below its range."""
@@ -194,19 +240,26 @@ def has_scale(name: str) -> bool:
 def paint(cut: xr.Dataset, name: str, *, dots: bool = False, grey: bool = False) -> Paint:
     """Return the colours of a number at the points of a cut.
 
-    With `dots` no colour is that of the ground; with `grey` classes are greys and hatches.
+    With `dots` no colour is that of the ground; with `grey` all are greys, hatches or markers.
     """
-    shown = _paint(cut, name, dots, grey)
-    if not dots:
-        return shown
-    cells = [cell._replace(colour=visible(cell.colour)) for cell in shown.cells]
-    return shown._replace(cells=cells)
+    shown = _paint(cut, name, dots, grey)._replace(of_dots=dots, grey=grey)
+    return _of_dots(shown) if dots else shown
+
+
+def _of_dots(shown: Paint) -> Paint:
+    """Return the colours with those of cells in ink, so that dots and curves are visible."""
+    cells = [
+        cell._replace(look=cell.look._replace(colour=visible(cell.look.ink), hatch=""))
+        for cell in shown.cells
+    ]
+    return shown._replace(cells=cells, of_dots=True)
 
 
 def _paint(cut: xr.Dataset, name: str, dots: bool, grey: bool) -> Paint:
     """Return the colours of a number before those of dots are made visible."""
     variable = number_at(cut, name)
     ramp = mpl.colormaps[mpl.rcParams["image.cmap"]]
+    ramp = grey_ramp(0.3 if dots else 0.1) if grey else ramp
     nothing = np.ma.masked_all(variable.shape, float)
     if name == "period":
         cells = period_cells(*classes_of(cut), grey=grey)
@@ -214,24 +267,26 @@ def _paint(cut: xr.Dataset, name: str, dots: bool, grey: bool) -> Paint:
     if name in _WORDS:
         found = np.where(has_result(cut["status"].values), variable.values, Status.PENDING)
         cells = [
-            Cells(text, colour, found == number) for number, (text, colour) in _WORDS[name].items()
+            Cells(text, GREY_SERIES[i] if grey else Look.plain(colour), found == number)
+            for i, (number, (text, colour)) in enumerate(_WORDS[name].items())
         ]
         return Paint(variable, cells, nothing, Normalize(), ramp)
     values = variable.values.astype(float)
     has_value = has_result(cut["status"].values)
     if dots and name in cut.dims and 1 < cut.sizes[name] <= _FEW:
-        cells = _cells_of_few(cut[name], variable, has_value, ramp)
+        cells = _cells_of_few(cut[name], variable, has_value, None if grey else ramp)
         return Paint(variable, cells, nothing, Normalize(), ramp)
-    cells = _special_cells(cut, name, values, has_value, PALE if dots else WHITE)
+    pale, *_ = looks = GREY_SPECIAL if grey else _special_looks(PALE if dots else WHITE)
+    cells = _special_cells(cut, name, values, has_value, looks)
     for cell in cells:
         has_value &= ~cell.where
     rounding = _ROUNDING * float(cut["omega"].max()) if name == "lyapunov" else 0.0
     norm = _scale(name, values[has_value], rounding)
     if isinstance(norm, LogNorm):
         zero = has_value & (values == 0.0)
-        cells.append(Cells("0", PALE if dots else WHITE, zero))
+        cells.append(Cells("0", pale, zero))
         has_value &= ~zero
-    elif norm(0.0) == 0.5:
+    elif norm(0.0) == 0.5 and not grey:
         ramp = _SIGNED_DOTS if dots else _SIGNED
     if not any(cell.where.any() for cell in cells[1:]) and cells[0].where.all():
         raise Refused(f"there is nothing to draw: {name} is 0 at every point")
@@ -239,7 +294,7 @@ def _paint(cut: xr.Dataset, name: str, dots: bool, grey: bool) -> Paint:
 
 
 def coloured_points(
-    dataset: xr.Dataset, at: Selection | None, color: Wanted
+    dataset: xr.Dataset, at: Selection | None, color: Wanted, grey: bool
 ) -> tuple[xr.Dataset, Paint]:
     """Return the points that `at` leaves and their colours; refuse a single point.
 
@@ -247,13 +302,17 @@ def coloured_points(
     """
     of_directions = colours_directions(dataset, color)
     if not of_directions:
-        dataset, color = with_number(dataset, color)
+        dataset, color = with_colour(dataset, color)
     left = {*dataset["status"].dims} - {*(at or {}), *(() if of_directions else (DIRECTION,))}
     points = cut_at(dataset, at, free=[*map(str, left)])
     if points["status"].size == 1:
         both = f"; color = {DIRECTION} shows both directions" if directions(dataset) else ""
         raise Refused(f"a color tells several motions apart, and only one point is left{both}")
-    shown = _paint_directions(points) if of_directions else paint(points, str(color), dots=True)
+    shown = (
+        _paint_directions(points, grey)
+        if of_directions
+        else paint(points, str(color), dots=True, grey=grey)
+    )
     refuse_without_result(points["status"].values)
     return points, shown
 
@@ -261,6 +320,11 @@ def coloured_points(
 def colours_directions(dataset: xr.Dataset, color: Wanted) -> bool:
     """Whether colours are to tell apart the two directions in which an axis was followed."""
     return bool(directions(dataset)) and isinstance(color, str) and color == DIRECTION
+
+
+def with_colour(dataset: xr.Dataset, color: Wanted) -> tuple[xr.Dataset, str]:
+    """Return the dataset with the number that colours the points, and its name there."""
+    return with_number(dataset, color, [DIRECTION] if directions(dataset) else [])
 
 
 def direction_names(dataset: xr.Dataset) -> tuple[str, str]:
@@ -271,36 +335,50 @@ def direction_names(dataset: xr.Dataset) -> tuple[str, str]:
     return rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
 
 
-def _paint_directions(points: xr.Dataset) -> Paint:
+def _paint_directions(points: xr.Dataset, grey: bool) -> Paint:
     """Return the colours of the directions of points."""
     way, status = points[DIRECTION].broadcast_like(points["status"]), points["status"]
     result = has_result(status.values)
-    looks = zip(("up", "down"), direction_names(points), DIRECTION_COLOURS, strict=True)
+    colours = GREY_DIRECTIONS if grey else DIRECTION_COLOURS
     cells = [
-        Cells(text, colour, result & (way.transpose(*status.dims).values == name))
-        for name, text, colour in looks
+        Cells(
+            text,
+            Look(colour, colour, "", marker, dash),
+            result & (way.transpose(*status.dims).values == name),
+        )
+        for name, text, colour, marker, dash in zip(
+            ("up", "down"),
+            direction_names(points),
+            colours,
+            DIRECTION_MARKERS,
+            DIRECTION_DASHES,
+            strict=True,
+        )
     ]
     nothing = np.ma.masked_all(status.shape, float)
-    return Paint(points[DIRECTION], cells, nothing, Normalize(), mpl.colormaps["gray"])
+    shown = Paint(points[DIRECTION], cells, nothing, Normalize(), mpl.colormaps["gray"], grey=grey)
+    return _of_dots(shown) if grey else shown
 
 
 def _cells_of_few(
-    axis: xr.DataArray, variable: xr.DataArray, has_value: np.ndarray, ramp: Colormap
+    axis: xr.DataArray, variable: xr.DataArray, has_value: np.ndarray, ramp: Colormap | None
 ) -> list[Cells]:
-    """Return the points at each of the few values of an axis."""
-    colours = ramp(np.linspace(0.0, 1.0, axis.size))
+    """Return the points at each of the few values of an axis, without a ramp in grey."""
+    looks = list(GREY_SERIES[: axis.size])
+    if ramp is not None:
+        looks = [Look.plain(to_hex(each)) for each in ramp(np.linspace(0.0, 1.0, axis.size))]
     return [
         Cells(
             equation(variable.symbol or rf"\mathrm{{{axis.name}}}", variable, value),
-            to_hex(colour),
+            look,
             has_value & (variable.values == value),
         )
-        for value, colour in zip(axis.values.tolist(), colours, strict=True)
+        for value, look in zip(axis.values.tolist(), looks, strict=True)
     ]
 
 
 def _special_cells(
-    cut: xr.Dataset, name: str, values: np.ndarray, result: np.ndarray, pale: str
+    cut: xr.Dataset, name: str, values: np.ndarray, result: np.ndarray, looks: Sequence[Look]
 ) -> list[Cells]:
     """Return the points with a result whose value is not on a scale, the value 0 first."""
     rests = np.zeros(values.shape, bool)
@@ -309,12 +387,13 @@ def _special_cells(
     zero = result & ~rests & ~(values > 0.0) & (name in _ZERO)
     infinite = result & np.isneginf(values) & (name == "lyapunov")
     none = result & ~np.isfinite(values) & ~zero & ~rests & ~infinite
-    return [
-        Cells(_ZERO.get(name, ""), pale, zero),
-        Cells(Regime.REST.word, REST, rests),
-        Cells(r"rest, $\lambda_1 = -\infty$", "#F0E442", infinite),
-        Cells("no value", NO_VALUE, none),
-    ]
+    words = (_ZERO.get(name, ""), Regime.REST.word, r"rest, $\lambda_1 = -\infty$", "no value")
+    return list(map(Cells, words, looks, (zero, rests, infinite, none)))
+
+
+def _special_looks(pale: str) -> tuple[Look, ...]:
+    """Return the looks of the value 0, of rest, of its exponent, and of no value."""
+    return tuple(map(Look.plain, (pale, REST, "#F0E442", NO_VALUE)))
 
 
 def _scale(name: str, values: np.ndarray, rounding: float) -> Normalize:

@@ -78,8 +78,13 @@ def _is_of_points(dataset: xr.Dataset, values: xr.DataArray, *further: str) -> b
     return bool(own) and own <= set(dataset["status"].dims)
 
 
-def with_number(dataset: xr.Dataset, wanted: Wanted) -> tuple[xr.Dataset, str]:
-    """Return the dataset with what is wanted, described like a result, and its name there."""
+def with_number(
+    dataset: xr.Dataset, wanted: Wanted, further: Sequence[str] = ()
+) -> tuple[xr.Dataset, str]:
+    """Return the dataset with what is wanted, described like a result, and its name there.
+
+    A refusal also names what else is allowed, the `further` names.
+    """
     if isinstance(wanted, str):
         name = wanted
     else:
@@ -89,6 +94,7 @@ def with_number(dataset: xr.Dataset, wanted: Wanted) -> tuple[xr.Dataset, str]:
         check_diagnostic(dataset, needed)
     available = numbers_of(dataset)
     if name not in available:
+        available += further
         problem = f"there is no {name or repr(name)}{suggestion(near_miss(name, available))}"
         if name in dataset:
             problem = f"{name} is not a number for each point"

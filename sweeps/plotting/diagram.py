@@ -11,6 +11,7 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, recorded_coordinate, shows_part
@@ -18,12 +19,12 @@ from sweeps.opened.cuts import Selection, split_directions
 from sweeps.opened.dataset import config_of
 from sweeps.opened.motions import approaching, classify
 from sweeps.plotting import canvas
-from sweeps.plotting.branch_lines import draw_branches, name_parts
-from sweeps.plotting.colours import Paint, colours_directions, direction_names, paint
+from sweeps.plotting.branch_lines import draw_branches, name_parts, without_idle
+from sweeps.plotting.colours import Paint, colours_directions, direction_names, paint, with_colour
 from sweeps.plotting.contents import Wanted, refuse_empty, select_line, with_number
 from sweeps.plotting.density import draw_density, value_range
 from sweeps.plotting.directions import agreeing, draw_jumps
-from sweeps.plotting.labels import as_variable, label, label_axis, record_text
+from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import (
@@ -49,7 +50,7 @@ _LOWER = 0.4
 _EXPONENTS = 1.0, 0.45
 
 
-@functools.partial(styled, looks=("marks", "grey"))
+@functools.partial(styled, marks=True)
 def bifurcation(
     dataset: xr.Dataset,
     *,
@@ -103,29 +104,22 @@ def bifurcation(
     """
     if ax is not None and len(below):
         raise Refused("panels below a diagram need a figure of their own: leave out ax or below")
-    names, tint = [], None
-    for wanted in [below] if isinstance(below, str | xr.DataArray) else below:
-        dataset, name = with_number(dataset, wanted)
-        names.append(name)
-    if color is not None and not colours_directions(dataset, color):
-        dataset, tint = with_number(dataset, color)
+    dataset, names, tint = _with_numbers(dataset, below, color)
     line, axis, coordinate = select_line(dataset, axes, at, coordinate)
     if tint is not None:
         line = split_directions(line)[0]
     _check(dataset, axis, exact, names)
     points = read_overlay(overlay, dataset, [[axis], [coordinate, *names]])
-    shown = None if tint is None else paint(line, tint, dots=True)
+    shown = None if tint is None else paint(line, tint, dots=True, grey=page.grey)
     drawn = _Drawn.of(line, axis, coordinate, shown, page.grey)
-    heights = [1.0] + [_LOWER] * len(names)
-    panel, *lower = canvas.stacked_panels(page, heights, len(heights)) if ax is None else [ax]
+    heights, shared = [1.0] + [_LOWER] * len(names), range(len(names) + 1)
+    panel, *lower = canvas.stacked_panels(page, heights, shared) if ax is None else [ax]
     label_axis((lower or [panel])[-1].xaxis, drawn.line[drawn.axis])
     label_axis(panel.yaxis, as_variable(coordinate, config_of(dataset).nomenclature))
     low, high = drawn.draw_points(panel)
-    parts = {}
+    parts, idle = dict[str, list[Line2D]](), list[Artist]()
     if exact is not None:
-        is_plain = len(drawn.ways) == 1 and shown is None and not page.grey
-        in_chaos = _in_chaos(line, drawn.values)
-        parts = draw_branches(panel, exact, coordinate, is_plain, in_chaos, page.marks)
+        parts, idle = drawn.draw_exact(panel, exact, page.marks)
         low, high = panel.dataLim.intervaly
     if len(drawn.values) > 100:
         panel.set_xlim(drawn.values.min(), drawn.values.max())
@@ -133,6 +127,8 @@ def bifurcation(
     page.fit_ordinate(panel, *drawn.ranges_within(page.xlim))
     page.set_limits(panel)
     drawn.draw_below(lower, names, page)
+    if shown is not None:
+        drawn.mark_cells(panel, shown)
     panels = zip([panel, *lower], [coordinate, *names], strict=True)
     measured = draw_overlay(points, [(each, axis, name) for each, name in panels], page)
     name_parts(panel, parts)
@@ -149,12 +145,25 @@ def bifurcation(
         others, title = [*shown.handles(), *others], shown.title
     record = record_text(line, coordinate)
     figure = canvas.finish(
-        panel, page, line, [*others, *jumps, *of_parts, *measured], title, record
+        panel, page, line, [*others, *jumps, *of_parts, *idle, *measured], title, record
     )
     if drawn.dense:
         colours = drawn.direction_colours()
         draw_density(panel, drawn.values, drawn.ways, coordinate, colours, drawn.tint)
     return figure
+
+
+def _with_numbers(
+    dataset: xr.Dataset, below: Wanted | Sequence[Wanted], color: Wanted | None
+) -> tuple[xr.Dataset, list[str], str | None]:
+    """Return the dataset with what is wanted, the names below, and that of what colours points."""
+    names, tint = [], None
+    for wanted in [below] if isinstance(below, str | xr.DataArray) else below:
+        dataset, name = with_number(dataset, wanted)
+        names.append(name)
+    if color is not None and not colours_directions(dataset, color):
+        dataset, tint = with_colour(dataset, color)
+    return dataset, names, tint
 
 
 def _check(dataset: xr.Dataset, axis: str, exact: xr.Dataset | None, below: Sequence[str]) -> None:
@@ -248,6 +257,24 @@ class _Drawn(NamedTuple):
                 colour = np.broadcast_to(colour[:, None], (*y.shape, 4))[where]
             canvas.draw_points(panel, x, y[where], colour, marker=marker, **look)
 
+    def draw_exact(
+        self, panel: Axes, exact: xr.Dataset, marks: bool
+    ) -> tuple[dict[str, list[Line2D]], list[Artist]]:
+        """Draw exact branches; return their lines by name, and a handle that counts the others."""
+        exact, idle = without_idle(exact, self.line)
+        is_plain = len(self.ways) == 1 and self.tint is None and not self.grey
+        in_chaos = _in_chaos(self.line, self.values)
+        parts = draw_branches(panel, exact, self.coordinate, is_plain, in_chaos, marks)
+        counted = Line2D([], [], linestyle="", label=f"branches not drawn: {idle}")
+        return parts, [counted] if idle else []
+
+    def mark_cells(self, panel: Axes, shown: Paint) -> None:
+        """In grey, give some of the points the marker of their class or word; of many, the last."""
+        last = slice(-4, None) if self.dense else slice(None)
+        (way,) = (way.isel({COORDINATES[self.coordinate].dimension: last}) for way in self.ways)
+        y = recorded_coordinate(way, self.coordinate).values
+        shown.mark(panel, np.broadcast_to(self.values[:, None], y.shape), y)
+
     def direction_colours(self) -> tuple[str, str]:
         """Return the colours of both directions."""
         up, down = GREY_DIRECTIONS if self.grey else DIRECTION_COLOURS
@@ -310,4 +337,4 @@ class _Drawn(NamedTuple):
             colour = data_colour() if is_plain else visible(BOTH_COLOUR)
             for text, alpha in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
                 panel.plot([], [], "o", color=colour, alpha=alpha, markersize=4, label=text)
-        panel.set_title(label(self.ways[0][name]), loc="left", wrap=True)
+        label_axis(panel.yaxis, self.ways[0][name], heading=True)

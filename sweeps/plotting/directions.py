@@ -45,6 +45,28 @@ def agreeing(up: np.ndarray, down: np.ndarray) -> list[np.ndarray]:
     return [nearest_distances(up, down, size) < _SAME, nearest_distances(down, up, size) < _SAME]
 
 
+def in_both(columns: np.ndarray, axis: int) -> np.ndarray:
+    """Return the mask of the values of both directions, which are along an axis of the points.
+
+    `columns` are the coordinates of points in a panel, shape (2, ..., k), with NaN for no value;
+    the result has the shape (..., k).
+    """
+    from scipy.spatial import cKDTree
+
+    low, high = (of(columns.reshape(2, -1), axis=1) for of in (np.nanmin, np.nanmax))
+    size = np.where(high > low, high - low, 1.0)
+    ways = np.moveaxis(np.moveaxis(columns, 0, -1) / size, axis, 0)  # (direction, ..., k, 2)
+    both = np.zeros(ways.shape[:-1], bool)
+    for point in np.ndindex(ways.shape[1:-2]):
+        finite = [np.isfinite(way[point]).all(axis=-1) for way in ways]
+        up, down = (way[point][kept] for way, kept in zip(ways, finite, strict=True))
+        if len(up) and len(down):
+            for number, (own, other) in enumerate(((up, down), (down, up))):
+                away, _ = cKDTree(other).query(own, p=np.inf)
+                both[(number, *point)][finite[number]] = away < _SAME
+    return np.moveaxis(both, 0, axis)
+
+
 def _apart(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
     """Whether the motions in each row differ, shape (n,)."""
     away = [nearest_distances(a, b, size) for a, b in ((one, other), (other, one))]

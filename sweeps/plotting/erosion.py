@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,10 +30,18 @@ from sweeps.plotting.basin_pictures import (
     mark_attractors,
     name_basins,
     names_of,
+    over_starts,
     reached,
 )
 from sweeps.plotting.colours import Cells
-from sweeps.plotting.labels import as_variable, basins_title, equation, label_axis, named_unit
+from sweeps.plotting.labels import (
+    CLASSES_TITLE,
+    as_variable,
+    basins_title,
+    equation,
+    label_axis,
+    named_unit,
+)
 from sweeps.plotting.looks import Looks
 from sweeps.plotting.maps import draw_cells
 from sweeps.plotting.names import name_lines
@@ -41,21 +49,25 @@ from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import Look, ground, ink
 from sweeps.text import shown_count
 
-#: The panels of the profile: the measure, the flag that the edge decided it, and the title.
-_MEASURES = (
-    ("fraction", "", "share of the starts"),
-    ("integrity_factor", "factor_at_edge", "integrity factor, a radius"),
-    ("local_integrity", "local_at_edge", "local integrity, a distance"),
-)
+#: The panels of the profile: for each measure the flag that the edge decided it, and the title.
+_MEASURES = {
+    "fraction": ("", "share of the starts"),
+    "integrity_factor": ("factor_at_edge", "integrity factor, a radius"),
+    "local_integrity": ("local_at_edge", "local integrity, a distance"),
+}
+#: The panel of the basins, and the heights of all.
+BASINS = "basins"
+_HEIGHTS = {"fraction": 0.35, "integrity_factor": 0.5, "local_integrity": 0.5, BASINS: 1.0}
 #: Marker of a lower bound unless each attractor has one.
 _BOUND_MARKER = "^"
 
 
-@functools.partial(styled, panels=(1, 4), looks=("grey",))
+@functools.partial(styled, panels=(1, 4))
 def integrity(
     dataset: xr.Dataset,
     *,
     at: Selection | None = None,
+    panels: Sequence[str] = (),
     page: Page = PAGE,
     ax: Axes | Sequence[Axes] | None = None,
 ) -> Figure:
@@ -68,6 +80,12 @@ def integrity(
     least knock: from the state in which the motion next reaches the section to the state in which
     the knocked motion does. `ax` are four panels, or one panel if only x0 and v0 were swept. The
     limits of the page apply to the basins.
+
+    Parameters
+    ----------
+    panels : sequence of str, optional
+        Which panels there are, from top to bottom, out of ``fraction``, ``integrity_factor``,
+        ``local_integrity`` and ``basins``; by default all.
 
     Examples
     --------
@@ -86,40 +104,63 @@ def integrity(
     cuts = {name: value for name, value in (at or {}).items() if name not in along}
     line = cut_at(dataset, cuts, free=[*along, "x0", "v0"])
     refuse_unfit(line)
+    names = canvas.chosen_panels(panels, [*(_MEASURES if along else ()), BASINS])
+    drawn = dict(zip(names, _panels_for(names, page, ax), strict=True))
+    basins, profile = drawn.get(BASINS), {name: drawn[name] for name in names if name != BASINS}
     found, looks = attractors_in(line, dataset, page.grey)
-    found = with_measures(line, found)
+    found, config = with_measures(line, found), config_of(line)
     starts = cut_at(line, {name: at[name] for name in along if at and name in at}, ["x0", "v0"])
     there = found.sel({name: float(starts[name]) for name in along})
-    table = attractor_rows(line, found)
-    heights = [0.35, 0.5, 0.5, 1.0] if along else [1.0]
-    if ax is None:
-        ax = canvas.stacked_panels(page, heights, shared=len(heights) - 1)
-    *profile, panel = [ax] if isinstance(ax, Axes) else ax
-    if len(profile) + 1 != len(heights):
-        raise Refused(f"ax has {len(profile) + 1} panels; expected: {len(heights)}")
-    marks, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
-    if along:
-        axis = line[along[0]]
-        here = float(starts[along[0]])
+    table, rows_there = attractor_rows(line, found), attractor_rows(starts, there)
+    handles, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
+    if basins is not None:
+        cells = basin_cells(rows_there, reached(there), looks, config)
+        handles += draw_cells(basins, over_starts(starts), cells)
+    if profile:
+        of_basins = rows_there if basins is not None else []
+        handles += _handles_of_profile(table, of_basins, looks, line, along[0])
         marks, lines = _draw_profile(profile, found, along[0], table, looks)
-        for each in profile:
-            each.axvline(here, color=ink(), linewidth=0.6, linestyle=":")
-        label_axis(profile[-1].xaxis, axis)
-        panel.set_title(f"basins at {equation(axis.symbol, axis, here)}", loc="left")
-    drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
-    rows_there = attractor_rows(starts, there)
-    numbers = reached(there)
-    handles = draw_cells(panel, drawn, basin_cells(rows_there, numbers, looks, config_of(line)))
-    if along:
-        handles += _handles_of_profile(table, rows_there, looks, line, along[0])
-    handles += marks + _draw_disturbances(panel, starts, there, rows_there, looks)
+        handles += marks
+        label_axis([*profile.values()][-1].xaxis, line[along[0]])
+    if basins is not None:
+        if along:
+            handles += _mark_place(profile.values(), basins, line[along[0]], starts)
+        handles += _draw_disturbances(basins, starts, there, rows_there, looks)
+    panel = drawn[names[0]] if basins is None else basins
     page.set_limits(panel)
-    figure = canvas.finish(panel, page, line, handles, basins_title(config_of(line)))
-    name_basins(panel, page, drawn, rows_there, numbers)
+    title = CLASSES_TITLE if basins is None else basins_title(config)
+    figure = canvas.finish(panel, page, line, handles, title)
+    if basins is not None:
+        name_basins(basins, page, over_starts(starts), rows_there, reached(there))
     if page.grey:
-        for each, drawn_there in zip(profile, lines, strict=True):
+        for each, drawn_there in zip(profile.values(), lines, strict=True):
             name_lines(each, drawn_there)
     return figure
+
+
+def _panels_for(
+    names: Sequence[str], page: Page, ax: Axes | Sequence[Axes] | None
+) -> Sequence[Axes]:
+    """Return the panels to draw into, or refuse an `ax` with another number of them."""
+    if ax is None:
+        profile = [i for i, name in enumerate(names) if name != BASINS]
+        return canvas.stacked_panels(page, [_HEIGHTS[name] for name in names], profile)
+    given = [ax] if isinstance(ax, Axes) else [*ax]
+    if len(given) != len(names):
+        raise Refused(f"ax has {len(given)} panels; expected: {len(names)}")
+    return given
+
+
+def _mark_place(
+    profile: Iterable[Axes], basins: Axes, axis: xr.DataArray, starts: xr.Dataset
+) -> list[Artist]:
+    """Mark the value of the axis at which the basins are; return a handle if there is a mark."""
+    here = float(starts[str(axis.name)])
+    text = f"basins at {equation(axis.symbol, axis, here)}"
+    basins.set_title(text, loc="left")
+    look: dict[str, Any] = {"color": ink(), "linewidth": 0.6, "linestyle": ":"}
+    lines = [panel.axvline(here, **look) for panel in profile]
+    return [Line2D([], [], label=text, **look)] if lines else []
 
 
 def _handles_of_profile(
@@ -143,7 +184,7 @@ def _handles_of_profile(
             text = "".join(names) if looks.has_own(own[0]) else "other periodic attractors"
             dashes: dict[str, Any] = {"linestyle": look.dash, "linewidth": 1.0}
             of_line = Line2D([], [], label=text, **dashes, **_of_points(look, looks.grey))
-            patch = Cells.of(text, look, np.empty(0)).handle()
+            patch = Cells(text, look, np.empty(0)).handle()
             handles.append(of_line if looks.grey else patch)
     return handles
 
@@ -159,7 +200,7 @@ def _of_points(look: Look, grey: bool) -> dict[str, Any]:
 
 
 def _draw_profile(
-    panels: Sequence[Axes],
+    panels: Mapping[str, Axes],
     found: xr.Dataset,
     axis: str,
     table: Sequence[AttractorRow],
@@ -170,7 +211,8 @@ def _draw_profile(
     Return a handle, and for each panel the classes and the points of each line, shape (n, 2).
     """
     bounded, drawn = False, list[list[tuple[str, np.ndarray]]]()
-    for panel, (name, at_edge, title) in zip(panels, _MEASURES, strict=True):
+    for name, panel in panels.items():
+        at_edge, title = _MEASURES[name]
         panel.set_title(title, loc="left")
         if named_unit(found[name]):
             label_axis(panel.yaxis, found[name].assign_attrs(long_name="", symbol=""))

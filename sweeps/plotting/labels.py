@@ -25,6 +25,7 @@ from vibroimpact.status import Status
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
+    from matplotlib.text import Text
 
     from sweeps.config.sweep import SweepConfig
 
@@ -55,7 +56,8 @@ def label(variable: xr.DataArray, prefix: str = "") -> str:
 
     Spaces occur only between words, because matplotlib breaks long labels at spaces.
     """
-    unit = f" [{prefix}{named}]" if (named := named_unit(variable)) else ""
+    named = named_unit(variable).replace(" ", _JOINT)
+    unit = f" [{prefix}{named}]" if named else ""
     symbol = variable.attrs["symbol"].replace(r"\ ", "~").replace(" ", "\t")
     return variable.attrs["long_name"] + (f" ${symbol}$" if symbol else "") + unit
 
@@ -133,8 +135,17 @@ def record_text(drawn: xr.Dataset, coordinate: str = "poincare_x") -> str:
     return ", ".join(part.replace(" ", _JOINT) for part in parts)
 
 
+def method_text(config: SweepConfig) -> list[str]:
+    """Write integrator, impact rule and steps per period, unless both are exact."""
+    method = config.method
+    if method.integrator == method.impact == "exact":
+        return []
+    steps = f"{method.steps_per_period:,}{_JOINT}steps{_JOINT}per{_JOINT}period"
+    return [method.integrator, f"impact{_JOINT}rule{_JOINT}{method.impact}", steps]
+
+
 def title(drawn: xr.Dataset, record: str | None = None) -> str:
-    """Write the title of a picture: name, parameters that differ from their defaults, and record.
+    """Write the title of a picture: name, parameters that are not the defaults, record, method.
 
     Parameters have units if names were chosen for these. The record is by default that of
     `record_text`.
@@ -152,6 +163,7 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
     if config.follow is not None and DIRECTION not in drawn.dims:  # else it is in the legend
         parts.append(followed(drawn))
     parts.append(record_text(drawn) if record is None else record)
+    parts += method_text(config)
     if not drawn["status"].dims:
         parts += filter(None, [Status(int(drawn["status"])).remark(config.method.impact)])
     name = config.name.replace("$", r"\$")
@@ -181,19 +193,19 @@ class _Prefixed(Formatter):
     The prefix follows the limits of the axis; `written` writes the numbers in front of it.
     """
 
-    def __init__(self, axis: Axis, variable: xr.DataArray, written: Formatter) -> None:
-        self._of, self._variable, self._written = axis, variable, written
+    def __init__(self, axis: Axis, variable: xr.DataArray, written: Formatter, text: Text) -> None:
+        self._of, self._variable, self._written, self._text = axis, variable, written, text
         self._prefix, self._factor = "", 1.0
         written.create_dummy_axis()
 
     def set_locs(self, locs: Any) -> None:
         """Choose the prefix for the limits of the axis."""
         ends = np.array(self._of.get_view_interval())
-        text, old = self._of.get_label_text(), label(self._variable, self._prefix)
+        text, old = self._text.get_text(), label(self._variable, self._prefix)
         written = None if text == old else text
         self._prefix, self._factor = prefix_of(self._variable, np.abs(ends).max(), written)
         if written is None:
-            self._of.set_label_text(label(self._variable, self._prefix))
+            self._text.set_text(label(self._variable, self._prefix))
         assert self._written.axis is not None
         self._written.axis.set_view_interval(*ends / self._factor)
         self._written.set_locs((np.asarray(locs) / self._factor).tolist())
@@ -207,9 +219,13 @@ class _Prefixed(Formatter):
         return self._written.get_offset()
 
 
-def label_axis(axis: Axis, variable: xr.DataArray) -> None:
-    """Label the axis of a variable; make it logarithmic if the values have that spacing."""
-    axis.set_label_text(label(variable), wrap=True)
+def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Text:
+    """Label the axis of a variable, and return the label; make it logarithmic if the values are.
+
+    As a `heading`, the label stands above the panel.
+    """
+    text = axis.axes.set_title("", loc="left") if heading else axis.label
+    text.set(text=label(variable), wrap=True)
     logarithmic = variable.dims == (variable.name,) and log_spaced(variable.values)
     if logarithmic:
         panel = axis.axes
@@ -217,7 +233,8 @@ def label_axis(axis: Axis, variable: xr.DataArray) -> None:
         tick_in_decades(axis)
     if variable.attrs.get("units") in _PREFIXED:
         written = StrMethodFormatter("{x:g}") if logarithmic else ScalarFormatter()
-        axis.set_major_formatter(_Prefixed(axis, variable, written))
+        axis.set_major_formatter(_Prefixed(axis, variable, written, text))
+    return text
 
 
 def tick_in_decades(axis: Axis) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import partial
+from statistics import median
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
@@ -17,8 +19,11 @@ from sweeps.plotting.style import user_style
 
 #: Greatest share of the height that a legend takes, if it has one.
 SHARE = 0.2
-#: Greatest share of the width, and most columns.
-_WIDTH, _MOST_COLUMNS = 0.95, 8
+#: Greatest share of the width, since texts are up to a tenth wider at other numbers of pixels per
+#: inch, and most columns.
+_WIDTH, _MOST_COLUMNS = 0.9, 8
+#: Length of an entry that is broken into two lines where there is little room.
+_LONG = 24
 #: Sizes of the texts of a legend that has a greatest height.
 _SMALL = {"fontsize": "small", "title_fontsize": "small"}
 
@@ -40,6 +45,48 @@ def legend_below(
     if rarest is not None:
         make = partial(make, **_SMALL)
     return _fitted(make, handles, rarest, final, (_WIDTH * figure.bbox.width, height))
+
+
+def legend_of_all(
+    figure: Figure, handles: Sequence[Artist], title: str | None, height: float, most: float
+) -> Legend:
+    """Put a legend with all entries below the panels of a figure, and return it.
+
+    If it is higher than `height` [px], its texts are small, then short entries come first, so that
+    more columns fit, and then long entries are broken into lines. Only if it is still higher than
+    `most` are entries at its end left out.
+    """
+    plain = partial(figure.legend, title=title, loc="outside lower center")
+    small = partial(plain, **_SMALL)
+    lengths = [len(str(handle.get_label())) for handle in handles]
+    short = sorted(handles, key=lambda handle: len(str(handle.get_label())) > median(lengths))
+    tried = ((plain, handles), (small, handles), (small, short), (small, _broken(short)))
+    legends = list[tuple[float, int]]()
+    for make, entries in tried:
+        legend = _fitted(make, entries, None, False, (_WIDTH * figure.bbox.width, height))
+        if legend.get_window_extent().height <= height:
+            break
+        legends.append((legend.get_window_extent().height, len(legends)))
+        legend.remove()
+    else:
+        make, entries = tried[min(legends)[1]]
+        legend = _fitted(make, entries, None, True, (_WIDTH * figure.bbox.width, most))
+    return legend
+
+
+def _broken(handles: Sequence[Artist]) -> list[Artist]:
+    """Return entries of which those that are long have two lines."""
+    broken = []
+    for handle in handles:
+        text = str(handle.get_label())
+        # Spaces outside of formulas, and the one nearest to the middle.
+        spaces = [at for at, one in enumerate(text) if one == " " and text[:at].count("$") % 2 == 0]
+        entry = copy(handle)
+        if len(text) > _LONG and spaces and "\n" not in text:
+            at = min(spaces, key=lambda place: abs(place - len(text) / 2))
+            entry.set_label(f"{text[:at]}\n{text[at + 1 :]}")
+        broken.append(entry)
+    return broken
 
 
 def legend_within(

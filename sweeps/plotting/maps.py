@@ -48,7 +48,7 @@ _PENDING: dict[str, Any] = {
 _APPROACHING: dict[str, Any] = {"edgecolor": "white", "hatch": "////////", "linewidth": 0.0}
 
 
-@functools.partial(styled, looks=("marks", "grey"))
+@functools.partial(styled, marks=True)
 def parameter_map(
     dataset: xr.Dataset,
     *,
@@ -101,14 +101,12 @@ def parameter_map(
     dataset, name = with_number(dataset, shown_quantity(dataset, quantity))
     points = read_overlay(overlay, dataset, [[abscissa], [ordinate]], name)
     cut = cut_at(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
-    if page.grey and name != "period":
-        raise Refused(f"greys and hatches are for classes, and {name} is none; leave out grey")
     shown = paint(cut, name, grey=page.grey)
     panel = canvas.new_panel(ax, page)
     if shown.values.count():
         _draw_mesh(panel, cut, shown.values, shown.norm, shown.ramp)
         shown.add_bar([panel])
-    handles = draw_cells(panel, cut, shown.cells)
+    handles = draw_cells(panel, cut, shown.cells, hatched=page.grey and name != "period")
     rarest = None
     if name == "period" and page.marks:
         handles += _mark_approaching(panel, cut)
@@ -153,16 +151,19 @@ def name_and_bound(
     name_regions(panel, edges, classes, names)
 
 
-def draw_cells(panel: Axes, cut: xr.Dataset, cells: Iterable[Cells]) -> list[Artist]:
+def draw_cells(
+    panel: Axes, cut: xr.Dataset, cells: Iterable[Cells], hatched: bool = False
+) -> list[Artist]:
     """Draw the cells and those of failed points, and label the axes; return the legend's patches.
 
     The dimensions of ``status`` in the cut must be the ordinate and the abscissa, both increasing.
+    Failed points can be `hatched`.
     """
     y, x = _axes_of(cut)
     label_axis(panel.xaxis, x)
     label_axis(panel.yaxis, y)
     status = cut["status"].values
-    cells = [cell for cell in (*cells, *failed_cells(status)) if cell.where.any()]
+    cells = [cell for cell in (*cells, *failed_cells(status, hatched)) if cell.where.any()]
     index = np.full(status.shape, -1)
     for number, cell in enumerate(cells):
         index[cell.where] = number
@@ -171,8 +172,8 @@ def draw_cells(panel: Axes, cut: xr.Dataset, cells: Iterable[Cells]) -> list[Art
         norm = Normalize(-0.5, len(cells) - 0.5)
         _draw_mesh(panel, cut, np.ma.masked_equal(index, -1), norm, colours)
     for cell in cells:
-        if cell.hatch:
-            _draw_hatch(panel, cut, cell.where, hatch=cell.hatch, edgecolor=HATCH)
+        if cell.look.hatch:
+            _draw_hatch(panel, cut, cell.where, hatch=cell.look.hatch, edgecolor=HATCH)
     handles: list[Artist] = [cell.handle() for cell in cells]
     pending = np.count_nonzero(status == Status.PENDING)
     if pending:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -37,7 +37,7 @@ _NARROW = 4.5
 _MOST_MOTIONS = MOST_PERIODS // 4
 
 
-@functools.partial(styled, panels=(3,), looks=("grey",))
+@functools.partial(styled, panels=(3,))
 def trajectory(
     dataset: xr.Dataset,
     *,
@@ -81,7 +81,7 @@ def trajectory(
         _draw_curves(panels, motions[0])
         _mark_impacts(panels, motions[0], page.grey)
     else:
-        drawn, shown, found = *coloured_points(dataset, at, color), None
+        drawn, shown, found = *coloured_points(dataset, at, color, page.grey), None
         motions = _draw_coloured(panels, drawn, shown, periods)
     seen = config_of(dataset).nomenclature
     if not drawn["clearance"].dims:
@@ -105,7 +105,7 @@ def trajectory(
     handles, title = phase_plane.get_legend_handles_labels()[0], None
     if shown is not None:
         shown.add_bar(panels)
-        handles, title = [*shown.handles(), *handles], shown.title
+        handles, title = [*shown.handles(curves=True), *handles], shown.title
     return canvas.finish(over_time, page, drawn, handles, title, _record(motions, time, found))
 
 
@@ -136,11 +136,12 @@ def _draw_coloured(
     most = MOST_PERIODS // len(with_result)
     dims, colours, motions = points["status"].dims, shown.colours(), []
     at_each = dict(zip(dims, [("motion", place) for place in with_result.T], strict=True))
-    classes = _classes(points.isel(at_each))
+    classes, dashes = _classes(points.isel(at_each)), shown.dashes()
     for index, found in zip(with_result, classes, strict=True):
         point = points.isel(dict(zip(dims, index.tolist(), strict=True)))
         motions.append(_motion_at(point, None, periods, found, most))
-        _draw_curves(panels, motions[-1], colours[tuple(index)])
+        look = colours[tuple(index)], dashes[tuple(index)]
+        _draw_curves(panels, motions[-1], *look)
     return motions
 
 
@@ -170,7 +171,7 @@ def _classes(line: xr.Dataset) -> list[Label | None]:
 
 def _new_panels(page: Page) -> list[Axes]:
     """Return new panels for x over t, v over t, and the phase plane beside or below them."""
-    narrow = (page.width or mpl.rcParams["figure.figsize"][0]) < _NARROW
+    narrow = canvas.width_of(page) < _NARROW
     layout, heights = ("x;v;p", [1.0, 1.0, 1.6]) if narrow else ("xp;vp", [1.0, 1.0])
     figure = canvas.Picture(page, 1.6 if narrow else 1.25)
     panels = figure.subplot_mosaic(layout, height_ratios=heights)
@@ -182,7 +183,10 @@ def _new_panels(page: Page) -> list[Axes]:
 
 
 def _draw_curves(
-    panels: Sequence[Axes], motion: PointMotion, colour: str | np.ndarray | None = None
+    panels: Sequence[Axes],
+    motion: PointMotion,
+    colour: str | np.ndarray | None = None,
+    dash: Any = "-",
 ) -> None:
     """Draw the motion in each panel, by default in the plain colour."""
     colour = data_colour() if colour is None else colour
@@ -190,7 +194,7 @@ def _draw_curves(
     t = t - motion.rows[0, 0]
     width = 0.9 if motion.rows.shape[1] < 5000 else 0.4
     for panel, line in zip(panels, ((t, x), (t, v), (x, v)), strict=True):
-        (curve,) = panel.plot(*line, color=colour, linewidth=width, zorder=2.0)
+        (curve,) = panel.plot(*line, color=colour, ls=dash, linewidth=width, zorder=2.0)
         curve.set_rasterized(len(t) > 50_000)
 
 

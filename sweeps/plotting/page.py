@@ -57,8 +57,7 @@ class Page:
         failed are always marked.
     grey : bool
         Whether the picture is drawn without colour: in greys, hatches, markers and dashes, with
-        boundaries and names. Pictures of tables, maps of other quantities than the class, and
-        points with a color are not.
+        boundaries and names.
 
     Examples
     --------
@@ -86,19 +85,6 @@ class Page:
     def __post_init__(self) -> None:
         """Refuse a size, title or limit that is not allowed."""
         require_all({name: one for name, one in vars(self).items() if one is not None}, _OF_PAGE)
-
-    def refuse_looks(self, looks: Collection[str]) -> None:
-        """Refuse a page with a look that is not among the `looks` of a picture."""
-        for name, usual, which in (
-            (
-                "marks",
-                True,
-                "only maps and diagrams can leave out marks",
-            ),
-            ("grey", False, "a picture of a table cannot be grey"),
-        ):
-            if getattr(self, name) != usual and name not in looks:
-                raise Refused(which)
 
     def set_limits(self, panel: Axes) -> None:
         """Set the given limits; raise Refused if they contain no data."""
@@ -194,6 +180,13 @@ def _are_orbits(value: object) -> bool:
     return isinstance(value, xr.Dataset) and "kind" in value and "point" in value.dims
 
 
+def _is_beside(value: object) -> bool:
+    return isinstance(value, Mapping) and all(
+        isinstance(name, str) and isinstance(several, Sequence) and all(map(is_number, several))
+        for name, several in value.items()
+    )
+
+
 def _are_panels(value: object, panels: Collection[int]) -> bool:
     if isinstance(value, Axes):
         return 1 in panels
@@ -210,6 +203,10 @@ ARGUMENTS: Mapping[str, Allowed] = {
     "color": Allowed(_is_wanted, "a name or a DataArray"),
     "quantity": Allowed(_is_wanted, "a name or a DataArray"),
     "axes": Allowed(_are_wanted, "names of axes, as ['omega', 'R']"),
+    "beside": Allowed(_is_beside, "values of one axis, as {'omega': [2.5, 2.7]}"),
+    "panels": Allowed(
+        lambda value: _are_wanted(value) and not isinstance(value, str), "names, as ['basins']"
+    ),
     "periods": integer(1, MOST_RECORDED),
     "overlay": Allowed(
         lambda value: is_path(value) or hasattr(value, "items"), "a CSV file or a DataFrame"
@@ -218,12 +215,12 @@ ARGUMENTS: Mapping[str, Allowed] = {
 
 
 def styled(
-    draw: Callable[..., Figure], panels: Collection[int] = (1,), looks: Collection[str] = ()
+    draw: Callable[..., Figure], panels: Collection[int] = (1,), marks: bool = False
 ) -> Callable[..., Figure]:
     """Decorate a picture function: check its arguments, draw in the common style, document it.
 
     The first parameter of the function must be the dataset; `ax` has one of these numbers of
-    `panels`. Of the looks of a page, the picture has only these `looks`.
+    `panels`. Only with `marks` has the picture marks that can be left out.
     """
     panel = " or ".join("a panel" if one == 1 else f"{one} panels" for one in panels)
     of_panels = Allowed(lambda value: _are_panels(value, panels), f"{panel} of matplotlib")
@@ -233,9 +230,8 @@ def styled(
     def _in_style(dataset: xr.Dataset, **options: Any) -> Figure:
         """Draw with the names of a rig, and in the common style unless `ax` has its own."""
         page = options.get("page", PAGE)
-        page.refuse_looks(looks)
-        if page.grey and options.get("color") is not None:
-            raise Refused("color gives points colours, and in grey there is none; leave out one")
+        if not (page.marks or marks):
+            raise Refused("only maps and diagrams can leave out marks")
         with _style(options.get("ax") is None, page.grey):
             dataset, options = arguments_in_si(dataset, options)
             return draw(dataset, **options)

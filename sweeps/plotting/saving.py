@@ -60,10 +60,12 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
     text = "computed with " + ", ".join(f"{name} {value}" for name, value in about.items())
     text += f"\ncommand: {printable(command)}" if command else ""
     stored = dataset.attrs["configuration"]
-    stored = stored.to_yaml(table=False) if isinstance(stored, SweepConfig) else stored
+    name = dataset.attrs.get("name", "")
+    if isinstance(stored, SweepConfig):  # of a table in SI units
+        name, stored = stored.name, stored.to_yaml(table=False)
     text += f"\nconfiguration:\n{stored}"
     program = f"vibroimpact {__version__}, matplotlib {mpl.__version__}"
-    return dataset.attrs["name"], program, text
+    return name, program, text
 
 
 def refuse_replacing(data: str | Path, output: Path, what: str = "picture") -> None:

@@ -2,31 +2,38 @@
 
 from __future__ import annotations
 
-import functools
+from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from sweeps.opened.coordinates import recorded
 from sweeps.opened.cuts import Selection
 from sweeps.opened.dataset import config_of
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import Paint, coloured_points
+from sweeps.plotting.colours import Cells, Paint, coloured_points, colours_directions
 from sweeps.plotting.contents import Wanted
+from sweeps.plotting.directions import in_both
 from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.page import PAGE, Page, styled
+from sweeps.plotting.style import BOTH_COLOUR, Look, visible
+from sweeps.store import DIRECTION
 
 
 class _Records(NamedTuple):
     """Values recorded at one point, or at several points with a colour each, as flat columns."""
 
     points: xr.Dataset
-    columns: list[np.ndarray]
+    columns: Sequence[np.ndarray]
     colours: np.ndarray | None = None
     shown: Paint | None = None
+    by_point: Sequence[np.ndarray] = ()  # the columns in the shape of ``status`` and a record
+    common: Sequence[Artist] = ()  # for the legend: values that both directions have
 
     @classmethod
     def of(
@@ -35,27 +42,37 @@ class _Records(NamedTuple):
         names: tuple[str, str],
         at: Selection | None,
         color: Wanted | None,
+        grey: bool,
     ) -> Self:
         """Read the values of one point or, with a colour, of all points that `at` leaves."""
         if color is None:
             return cls(*recorded(dataset, names, at))
-        points, shown = coloured_points(dataset, at, color)
-        columns = np.array([points[name].transpose(*points["status"].dims, ...) for name in names])
+        points, shown = coloured_points(dataset, at, color, grey)
+        dims = points["status"].dims
+        columns = np.array([points[name].transpose(*dims, ...) for name in names])
         seen = np.isfinite(columns).all(axis=0)
-        colours = np.broadcast_to(shown.colours()[..., None, :], (*seen.shape, 4))[seen]
-        return cls(points, list(columns[:, seen]), colours, shown)
+        colours = np.broadcast_to(shown.colours()[..., None, :], (*seen.shape, 4)).copy()
+        flat, common = columns[:, seen], list[Artist]()
+        if DIRECTION in dims and colours_directions(dataset, color):
+            both = in_both(columns, dims.index(DIRECTION))
+            look = Look.plain(visible(BOTH_COLOUR))
+            colours[both] = to_rgba(look.colour)
+            columns[:, both & grey] = np.nan  # without the marker of a direction
+            common = [Cells("both", look, both).handle()] * bool(both.any())
+        return cls(points, list(flat), colours[seen], shown, list(columns), common)
 
     def finish(self, panel: Axes, page: Page, coordinate: str) -> Figure:
         """Draw the legend or the colour bar of the colours, if any, and return the figure."""
         handles, title = panel.get_legend_handles_labels()[0], None
         if self.shown is not None:
+            self.shown.mark(panel, *self.by_point)
             self.shown.add_bar([panel])
-            handles, title = [*self.shown.handles(), *handles], self.shown.title
+            handles, title = [*self.shown.handles(), *self.common, *handles], self.shown.title
         record = record_text(self.points, coordinate)
         return canvas.finish(panel, page, self.points, handles, title, record)
 
 
-@functools.partial(styled, looks=("grey",))
+@styled
 def section(
     dataset: xr.Dataset,
     *,
@@ -82,7 +99,7 @@ def section(
     >>> from sweeps import plotting
     >>> plotting.section(ds, at={"omega": 2.7}).savefig("section.png")
     """
-    found = _Records.of(dataset, ("poincare_x", "poincare_v"), at, color)
+    found = _Records.of(dataset, ("poincare_x", "poincare_v"), at, color, page.grey)
     (x, v), clearance = found.columns, found.points["clearance"]
     panel = canvas.new_panel(ax, page)
     canvas.draw_points(panel, x, v, found.colours)
@@ -100,7 +117,7 @@ def section(
     return found.finish(panel, page, "poincare_x")
 
 
-@functools.partial(styled, looks=("grey",))
+@styled
 def impacts(
     dataset: xr.Dataset,
     *,
@@ -128,7 +145,7 @@ def impacts(
     >>> from sweeps import plotting
     >>> plotting.impacts(ds, at={"omega": 2.7}).savefig("impacts.png")
     """
-    found = _Records.of(dataset, ("impact_phase", "impact_v"), at, color)
+    found = _Records.of(dataset, ("impact_phase", "impact_v"), at, color, page.grey)
     panel = canvas.new_panel(ax, page)
     phase, v = found.columns
     canvas.draw_points(panel, phase, v, found.colours)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import to_hex, to_rgb, to_rgba
+from matplotlib.colors import LinearSegmentedColormap, to_hex, to_rgb, to_rgba
 from matplotlib.rcsetup import cycler
 
 from vibroimpact.points.regimes import ON_ITS_WAY, Regime
@@ -27,6 +27,10 @@ STATUS_COLOURS = {
 }
 
 
+#: Dashes of a line, as matplotlib takes them.
+Dash = str | tuple[float, tuple[float, ...]]
+
+
 class Look(NamedTuple):
     """The look of an attractor, a class or a regime: its cells, and its lines and dots in ink."""
 
@@ -34,7 +38,12 @@ class Look(NamedTuple):
     ink: str
     hatch: str = ""
     marker: str = "o"
-    dash: str | tuple[float, tuple[float, ...]] = "-"
+    dash: Dash = "-"
+
+    @classmethod
+    def plain(cls, colour: str) -> Self:
+        """Return a look that has nothing but a colour."""
+        return cls(colour, colour)
 
     def on_ground(self) -> Self:
         """Return the look with lines and dots that are visible on the ground."""
@@ -66,7 +75,7 @@ OTHER_CLASS = "#EDEBD8"
 #: In grey the hatch says m, and the darker, the more impacts.
 _HATCHES = {1: "", 2: "////", 3: "....", 4: "\\\\\\\\", 8: "xxxx"}
 #: The marker and the dashes of lines and dots in grey, by the hatch of the cells.
-_SHAPES: dict[str, tuple[str, str | tuple[float, tuple[float, ...]]]] = {
+_SHAPES: dict[str, tuple[str, Dash]] = {
     "": ("o", "-"),
     "////": ("^", (0.0, (3.0, 1.0))),
     "....": ("s", (0.0, (1.0, 1.0))),
@@ -143,6 +152,18 @@ GREY_FURTHER = tuple(
     for i, hatch in enumerate(("----", "oo", "++", "||||", "**"))
 )
 
+#: Looks in grey of what has none of its own: words, and a few values of an axis; of values that are
+#: not on a scale of greys; and of failed points beside these.
+GREY_SERIES = tuple(_grey(_FURTHER_GREYS[i % 2], hatch) for i, hatch in enumerate([*_SHAPES][:7]))
+GREY_SPECIAL = (
+    _grey((WHITE, "#999999"), ""),
+    *(_grey((WHITE, "#000000"), hatch) for hatch in ("////", "xxxx", "....")),
+)
+GREY_FAILED = {
+    Status.UNRESOLVED: _grey((WHITE, "#000000"), "||||"),
+    Status.NON_FINITE: _grey((WHITE, "#000000"), "**"),
+}
+
 #: Colours of the two directions in which an axis was followed, and of points in both.
 DIRECTION_COLOURS = (BLUE, ORANGE)
 BOTH_COLOUR = "#333333"
@@ -150,6 +171,7 @@ BOTH_COLOUR = "#333333"
 #: The same in grey, where the markers say the direction, too.
 GREY_DIRECTIONS = ("#000000", "#8C8C8C")
 DIRECTION_MARKERS = ("^", "v")
+DIRECTION_DASHES: tuple[Dash, Dash] = ("-", (0.0, (3.0, 1.0)))
 #: Colours of the marks in a diagram, in grey.
 GREY_MARKS = {PARTIAL: "#C8C8C8", APPROACHING: "#000000"}
 
@@ -211,6 +233,14 @@ def grey_style() -> dict[Any, Any]:
     """Return settings of matplotlib with which data without a meaning are grey."""
     greys = [mix(ink(), ground(), share) for share in (0.6, 1.0)]
     return {"axes.prop_cycle": cycler(color=greys)}
+
+
+def grey_ramp(least: float) -> LinearSegmentedColormap:
+    """Return the greys of numbers, each darker than those of less, or lighter on a dark ground.
+
+    The first has a `least` share of the ink.
+    """
+    return LinearSegmentedColormap.from_list("grey", [mix(ink(), ground(), least), ink()])
 
 
 def visible(colour: str) -> str:

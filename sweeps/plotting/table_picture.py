@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -18,9 +17,9 @@ from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.cuts import Selection, cut_at
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import paint
+from sweeps.plotting.colours import Paint, paint
 from sweeps.plotting.contents import Wanted, number_at, refuse_without_result, with_number
-from sweeps.plotting.labels import label, label_axis
+from sweeps.plotting.labels import label_axis
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.store import columns_of
@@ -41,6 +40,7 @@ def table_panels(
     quantity: Wanted | None = None,
     color: Wanted | None = None,
     overlay: Any = None,
+    panels: Sequence[str] = (),
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
@@ -51,6 +51,8 @@ def table_panels(
     axes : sequence of str or DataArray, optional
         Abscissas: columns of numbers or results, by default the columns that vary, as many
         as fit a page; the legend says how many are left out. With `ax`, only one.
+    panels : sequence of str, optional
+        Which of these have a panel, in this order.
     quantity : str or DataArray, optional
         The ordinate: a result or a column of numbers, by default ``impacts_per_period``.
     color : str or DataArray, optional
@@ -76,53 +78,54 @@ def table_panels(
     columns = [name for name, values in columns_of(dataset).items() if values.dtype.kind in "iuf"]
     varying = [name for name in columns if np.ptp(dataset[name].values) > 0.0] or columns[:1]
     color = ("period" if "period" in dataset else "status") if color is None else color
-    width = page.width or mpl.rcParams["figure.figsize"][0]
-    columns_beside = max(1, int(width / _NARROWEST))
-    most = 1 if ax is not None else _MOST_ROWS * columns_beside
     names = []
     for wanted in (
         color,
         "impacts_per_period" if quantity is None else quantity,
-        *([*axes] or varying[:most]),
+        *([*axes] or varying),
     ):
         dataset, name = with_number(dataset, wanted)
         names.append(name)
-    shown, (ordinate, *abscissas) = paint(dataset, names[0], dots=True), names[1:]
+    tint, ordinate, *there = names
+    beside = max(1, int(canvas.width_of(page) / _NARROWEST))
+    abscissas = canvas.chosen_panels(panels, there)
+    if not (axes or panels):
+        abscissas = there[: 1 if ax is not None else _MOST_ROWS * beside]
+    shown = paint(dataset, tint, dots=True, grey=page.grey)
     points = read_overlay(overlay, dataset, [abscissas, [ordinate]])
-    status = dataset["status"].values
-    refuse_without_result(status)
-    across = min(math.ceil(math.sqrt(len(abscissas))), columns_beside)
-    down = math.ceil(len(abscissas) / across)
-    if ax is None:
-        grid = canvas.Picture(page, 0.75 * down).subplots(down, across, sharey=True, squeeze=False)
-        panels = grid.ravel()
-    else:
-        panels = np.array([ax])
-    colours = shown.colours()
-    size = float(np.clip(4e2 / math.sqrt(status.size), 0.0, 16.0))  # of a few rows [pt^2]
-    size = max(size, float(np.clip(4e3 / math.sqrt(status.size), 0.3, 4.0))) / across
+    refuse_without_result(dataset["status"].values)
+    across = min(math.ceil(math.sqrt(len(abscissas))), beside)
+    drawn = [ax] if ax is not None else None
+    drawn = drawn or canvas.panel_grid(page, len(abscissas), across, 0.75)
     y = number_at(dataset, ordinate)
-    for panel, name in zip(panels, abscissas, strict=False):
-        x = number_at(dataset, name)
-        panel.scatter(x, y, size, colours, linewidths=0, rasterized=True)
-        canvas.mark_status(panel, x.values, status)
-        label_axis(panel.xaxis, x)
-        panel.locator_params(axis="x", nbins=5 - across)
     if ax is None:  # the panels share the ordinate, whose label may not fit beside one of them
-        text = label(y) if page.ylabel is None else page.ylabel
-        heading = panels[0].set_title(text, loc="left", wrap=True)
+        heading = label_axis(drawn[0].yaxis, y, heading=True)
+        if page.ylabel is not None:
+            heading.set_text(page.ylabel)
         canvas.refuse_undrawable("ylabel", heading)
-        page = replace(page, ylabel=None)
     else:
         label_axis(ax.yaxis, y)
-    for unused in panels[len(abscissas) :]:
-        unused.remove()
-    page.set_limits(panels[0])
-    drawn = zip(panels, abscissas, strict=False)
-    measured = draw_overlay(points, [(each, name, ordinate) for each, name in drawn], page)
-    shown.add_bar(list(panels[: len(abscissas)]))
-    handles = shown.handles() + panels[0].get_legend_handles_labels()[0] + measured
-    if ax is None and not axes and (left := len(varying) - len(abscissas)):
-        text = shown_count(left, "further column")
-        handles.append(Line2D([], [], linestyle="", label=text))
-    return canvas.finish(panels[0], page, dataset, handles, shown.title)
+    places = list(zip(drawn, abscissas, strict=False))
+    for panel, name in places:
+        x = number_at(dataset, name)
+        _draw_points(panel, x, y, shown, across)
+        canvas.mark_status(panel, x.values, dataset["status"].values, grey=page.grey)
+        panel.locator_params(axis="x", nbins=5 - across)
+    page = page if ax is not None else replace(page, ylabel=None)
+    page.set_limits(drawn[0])
+    for panel, name in places:
+        shown.mark(panel, number_at(dataset, name).values[:, None], y.values[:, None])
+    measured = draw_overlay(points, [(each, name, ordinate) for each, name in places], page)
+    shown.add_bar(drawn)
+    handles = shown.handles() + drawn[0].get_legend_handles_labels()[0] + measured
+    if ax is None and not (axes or panels) and (left := len(there) - len(abscissas)):
+        handles.append(Line2D([], [], linestyle="", label=shown_count(left, "further column")))
+    return canvas.finish(drawn[0], page, dataset, handles, shown.title)
+
+
+def _draw_points(panel: Axes, x: xr.DataArray, y: xr.DataArray, shown: Paint, across: int) -> None:
+    """Draw the rows of the table in one of the panels of which so many are beside each other."""
+    label_axis(panel.xaxis, x)
+    size = float(np.clip(4e2 / math.sqrt(x.size), 0.0, 16.0))  # of a few rows [pt^2]
+    size = max(size, float(np.clip(4e3 / math.sqrt(x.size), 0.3, 4.0))) / across
+    panel.scatter(x, y, size, shown.colours(), linewidths=0, rasterized=True)

@@ -54,7 +54,7 @@ def legends(figure):
     """Return all texts of the legends of a figure, without their titles."""
     panels = [panel.get_legend() for panel in figure.axes]
     every = [*figure.legends, *(legend for legend in panels if legend is not None)]
-    return [text.get_text() for legend in every for text in legend.get_texts()]
+    return [text.get_text().replace("\n", " ") for one in every for text in one.get_texts()]
 
 
 @pytest.fixture(scope="module")

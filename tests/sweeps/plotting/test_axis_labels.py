@@ -76,3 +76,16 @@ def test_a_label_that_cannot_be_drawn_is_refused(files):
     given = ("plot", files / "rig.h5", "--dpi", "40", "-o", picture, "--xlabel", "")
     assert accepted(*given, "--ylabel", "x [m]") == f"{picture}\n"
     assert "ylabel = 'a $x_$'" in refused(*given, "--ylabel", "a $x_$")
+
+
+def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(tmp_path):
+    text = RIG.replace("[period]", "[period, extremes]")
+    with open_sweep(run_in(tmp_path, text)) as dataset:
+        figure = bifurcation(dataset, below=["peak_to_peak", "impulse"], page=Page(width=3.4))
+    figure.draw_without_rendering()
+    _, travel, impulse = figure.axes
+    assert travel.get_title(loc="left").endswith("[mm]")
+    ticks = [tick.label1.get_text() for tick in travel.yaxis.get_major_ticks()]
+    shown = [float(text) for text in ticks if text]
+    np.testing.assert_allclose(shown, 1e3 * travel.get_yticks()[: len(shown)], rtol=1e-9)
+    assert impulse.get_title(loc="left").endswith("[N\N{NO-BREAK SPACE}s]")

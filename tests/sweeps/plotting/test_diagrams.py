@@ -86,7 +86,7 @@ def test_the_title_names_what_is_fixed_and_how_it_was_computed(random_sweep):
     assert r"$\sigma=0.25$" in title
     assert "omega" not in title
     assert "phase 0.5 rad, transient 1,000, record 7 periods" in plain(title)
-    assert "newmark" not in title
+    assert "newmark" in title  # whose rule and steps `test_titles.py` tests
     point = section(dataset, at={"omega": 1.5}).get_suptitle()
     shown = {name for name, about in PARAMETERS.items() if f"${about.symbol}=" in point}
     assert shown == {"h", "R", "omega", "f", "clearance"}  # p, x0 and v0 are at their defaults

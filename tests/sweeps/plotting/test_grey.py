@@ -1,15 +1,17 @@
-"""Pictures without colour: diagrams, both directions of a sweep, sections and motions."""
+"""Pictures without colour: diagrams, both directions of a sweep, sections, motions, numbers."""
 
 import io
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from sweeps import branches, open_sweep
-from sweeps.errors import Refused
+from sweeps import branches, open_sweep, run_sweep
 from sweeps.plotting import KINDS, Page, bifurcation, diagram
+from sweeps.plotting.style import grey_ramp
 from tests.helpers.commands import accepted
+from tests.helpers.equal_points import equal_points
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.plotting.test_marks import FOLLOWED
 
@@ -69,9 +71,54 @@ def test_each_direction_has_its_marker(stored):
     assert list(markers.values())[:3] == ["^", "v", "o"]
 
 
-def test_points_with_a_color_have_no_greys(stored):
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ("bifurcation", {"color": "period"}),
+        ("bifurcation", {"color": "impacts_per_period"}),
+        ("section", {"color": "period"}),
+        ("section", {"color": "direction"}),
+        ("impacts", {"color": "impulse"}),
+        ("trajectory", {"color": "direction"}),
+    ],
+)
+def test_points_with_a_color_are_grey(stored, kind, options):
     with open_sweep(stored) as dataset:
-        for kind in ("bifurcation", "section"):
-            with pytest.raises(Refused, match="color gives points colours, and in grey"):
-                KINDS[kind].draw(dataset, color="period", page=PAGE)
+        assert colourful(KINDS[kind].draw(dataset, page=PAGE, **options)) < 0.01
     assert accepted("plot", stored, "--grey", "--dpi", "40", "-o", "a.png") == "a.png\n"
+
+
+def test_classes_differ_by_their_markers_and_motions_by_their_dashes(stored):
+    with open_sweep(stored) as dataset:
+        figure = bifurcation(dataset, color="period", page=PAGE)
+        curves = KINDS["trajectory"].draw(dataset, color="direction", page=PAGE).legends[0]
+    looks = {
+        line.get_label(): (line.get_marker(), line.get_color())
+        for line in figure.legends[0].get_lines()
+    }
+    assert {"1/0, no impact", "1/1"} <= looks.keys() and len({*looks.values()}) == len(looks)
+    drawn = {(line.get_marker(), line.get_color()) for line in figure.axes[0].lines}
+    assert {looks["1/1"], looks["1/0, no impact"]} <= drawn
+    up, down = curves.get_lines()[:2]
+    assert up.get_linestyle() != down.get_linestyle()
+
+
+def test_a_map_and_a_table_of_numbers_are_grey(tmp_path):
+    dataset = equal_points(lyapunov={(0, 1): 0.5, (1, 2): -np.inf}, rest_fraction={(1, 2): 0.1})
+    for name in ("lyapunov", "impulse", "status", "class_evidence", "impacts_per_period"):
+        assert colourful(KINDS["map"].draw(dataset, quantity=name, page=PAGE)) < 0.01, name
+    rows = {"R": [0.8, 0.7, 0.75], "omega": [2.4, 2.6, 2.9]}
+    scene = {"oscillator": {"h": 0.1, "f": 1.0}, "points": rows, "record": {"transient": 20}}
+    with open_sweep(run_sweep(scene, tmp_path / "table.h5")) as table:
+        for color in (None, "impulse"):
+            assert colourful(KINDS["table"].draw(table, color=color, page=PAGE)) < 0.01
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_greys_of_numbers_are_monotone_in_lightness(dark):
+    colours = {"axes.facecolor": "black", "text.color": "white"} if dark else {}
+    with mpl.rc_context(colours):
+        levels = grey_ramp(0.1)(np.linspace(0.0, 1.0, 64))
+    assert np.ptp(levels[:, :3], axis=1).max() == 0.0
+    steps = np.diff(levels[:, 0])
+    assert (steps > 0.0).all() if dark else (steps < 0.0).all()

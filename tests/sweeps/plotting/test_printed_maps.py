@@ -214,8 +214,6 @@ def test_a_look_that_a_picture_does_not_have_is_refused(tmp_path):
     for page, which in ((Page(marks=False), "only maps and diagrams can leave out marks"),):
         with pytest.raises(Refused, match=which):
             section(dataset, page=page)
-    with pytest.raises(Refused, match="greys and hatches are for classes, and impulse is none"):
-        parameter_map(dataset, quantity="impulse", page=Page(grey=True))
     with pytest.raises(Refused, match="grey = 1 is not allowed; expected: True or False"):
         Page(grey=1)
 

@@ -2,12 +2,18 @@
 
 import pytest
 
+from sweeps import load_config
 from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting.canvas import Picture
+from sweeps.plotting.labels import method_text
 from tests.helpers.commands import call
 from tests.helpers.written_files import OMEGA
 
+NEWMARK = {
+    "oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0},
+    "method": {"integrator": "newmark", "impact": "reduced-step", "steps_per_period": 120},
+}
 LOOSE = "$h=0.05$, $R=0.8$, costs 5$"  # an odd number of signs: all are drawn as such
 
 
@@ -44,6 +50,16 @@ def test_a_title_of_too_many_levels_is_refused():
     for braces in ("{" * 300, "{" * 300 + "x" + "}" * 300):
         with pytest.raises(Refused, match=r"^title = .* but matplotlib cannot draw it"):
             Picture(Page(width=6.0)).add_title(f"${braces}$")
+
+
+def test_a_title_names_the_method_unless_it_is_exact():
+    named = method_text(load_config(NEWMARK))
+    assert [part.replace("\N{NO-BREAK SPACE}", " ") for part in named] == [
+        "newmark",
+        "impact rule reduced-step",
+        "120 steps per period",
+    ]
+    assert method_text(load_config({**NEWMARK, "method": {}})) == []
 
 
 @pytest.mark.slow

@@ -1,0 +1,92 @@
+"""Room for legends and ticks in narrow pictures, and branches that a diagram leaves out."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.lines import Line2D
+
+from sweeps import branches, open_sweep
+from sweeps.plotting import Page, bifurcation
+from sweeps.plotting.branch_lines import _FEW, without_idle
+from sweeps.plotting.canvas import Picture
+from tests.helpers.commands import call
+from tests.helpers.sweep_files import run_in
+
+#: A cascade beside many unstable branches of windows to which no motion goes.
+RICH = """\
+oscillator: {h: 0.0, R: 0.8, omega: {start: 2.62, stop: 2.8, num: 150}, f: 1.0}
+follow: {axis: omega, direction: up}
+record: {transient: 300, periods: 64, diagnostics: [period]}
+"""
+
+
+def columns(legend):
+    return len({round(text.get_window_extent().x0) for text in legend.get_texts()})
+
+
+def with_legend(labels):
+    figure = Picture(Page(width=3.4))
+    figure.add_subplot()
+    figure.add_legend([Line2D([], [], label=label) for label in labels], None)
+    figure.draw_without_rendering()
+    return figure
+
+
+def test_a_legend_higher_than_a_fifth_has_two_columns_also_with_long_entries():
+    long = ["on its way to m/q (12 of 4,096)", "least knock, 1/0: +0.6078 at the phase"]
+    figure = with_legend([*"abcdefgh", *long, *long])
+    legend = figure.legends[0]
+    box = legend.get_window_extent()
+    assert columns(legend) >= 2
+    assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1
+    words = " ".join(text.get_text().replace("\n", " ") for text in legend.get_texts())
+    assert all(one in words for one in long)
+
+
+def test_a_legend_with_room_is_left_as_it_is():
+    long = "on its way to m/q (12 of 4,096)"
+    first, *_ = with_legend([long, "up", "down"]).legends[0].get_texts()
+    (alone,) = with_legend(["a"]).legends[0].get_texts()
+    assert first.get_text() == long and first.get_fontsize() == alone.get_fontsize()
+
+
+def test_a_legend_that_no_page_has_room_for_counts_what_is_left_out():
+    figure = with_legend([f"entry {i}, so long that it has its line" for i in range(90)])
+    figure.set_height(None)
+    assert figure.get_figheight() <= 9.0
+    assert figure.legends[0].get_texts()[-1].get_text().startswith("+")
+
+
+@pytest.mark.parametrize("ends", ["2.7121:2.7168", "2.71:2.76", "2.4:3.5"])
+def test_labels_of_ticks_do_not_touch(folder, ends):
+    run_in(folder, "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 50}, f: 1.0}")
+    low, high = map(float, ends.split(":"))
+    with open_sweep("out.h5") as dataset:
+        figure = bifurcation(dataset, page=Page(width=2.0, xlim=(low, high)))
+    figure.dpi = 300
+    figure.draw_without_rendering()
+    axis = figure.axes[0].xaxis
+    boxes = [tick.label1.get_window_extent() for tick in axis.get_major_ticks()]
+    assert len(boxes) >= 2
+    assert min(after.x0 - box.x1 for box, after in pairwise(boxes)) > 0.0
+
+
+@pytest.mark.slow
+def test_branches_to_which_no_motion_goes_are_counted_and_drawn_on_request(folder):
+    run_in(folder, RICH)
+    with open_sweep("out.h5") as dataset:
+        found = branches(dataset)
+        chosen = branches(dataset, most=61)
+        kept, idle = without_idle(found, dataset)
+        figure = bifurcation(dataset, exact=found)
+        assert without_idle(chosen, dataset)[1] == 0
+        m, q = dataset["period"].values, dataset["period_impacts"].values
+    count = found["branch"].values.max() + 1
+    assert count > _FEW and 0 < idle < count
+    np.testing.assert_array_equal(np.unique(kept["branch"].values), np.arange(count - idle))
+    classes = {*zip(kept["m"].values.tolist(), kept["q"].values.tolist(), strict=True)}
+    assert {(1, 1), (2, 2), (4, 4)} <= classes & {*zip(m.tolist(), q.tolist(), strict=True)}
+    assert f"branches not drawn: {idle}" in {t.get_text() for t in figure.legends[0].get_texts()}
+    told = call("plot", "out.h5", "--exact", "--dpi", "40").stdout
+    assert f"branches not drawn, because no motion goes to them: {idle}; --most 61" in told

@@ -1,0 +1,111 @@
+"""The panels of a picture that are asked for, and basins beside each other."""
+
+import numpy as np
+import pytest
+
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.errors import Refused
+from sweeps.plotting import Page, basins, integrity, table_panels
+from tests.helpers.commands import accepted, refused
+
+STARTS = {"x0": {"start": -3, "stop": 0, "num": 6}, "v0": {"start": -2, "stop": 2, "num": 6}}
+SCENE = {
+    "oscillator": {"h": 0.05, "R": 0.8, "omega": [2.6, 2.65, 2.7], "f": 1.0},
+    "start": STARTS,
+    "record": {"transient": 200},
+}
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    return run_sweep(load_config(SCENE), tmp_path_factory.mktemp("starts") / "out.h5")
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    rows = {"R": [0.8, 0.7, 0.75], "omega": [2.4, 2.6, 2.9], "f": [1.0, 1.1, 1.2]}
+    scene = {"oscillator": {"h": 0.1}, "points": rows, "record": {"transient": 20}}
+    return run_sweep(scene, tmp_path_factory.mktemp("table") / "out.h5")
+
+
+def titles(figure):
+    return [panel.get_title(loc="left") for panel in figure.axes]
+
+
+def test_an_integrity_picture_has_the_panels_in_the_order_typed(stored):
+    with open_sweep(stored) as dataset:
+        figure = integrity(dataset, panels=["local_integrity", "fraction"])
+        one = integrity(dataset, panels=["basins"], at={"omega": 2.65})
+    assert titles(figure) == ["local integrity, a distance", "share of the starts"]
+    assert [panel.get_xlabel() for panel in figure.axes].count("") == 1
+    words = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert not {"largest disc", "attractors at the section"} & words
+    assert titles(one) == [r"basins at $\omega=2.65$"]
+    assert "lower bound" not in {text.get_text() for text in one.legends[0].get_texts()}
+
+
+def test_a_table_has_the_panels_in_the_order_typed(table):
+    with open_sweep(table) as dataset:
+        figure = table_panels(dataset, panels=["omega", "R"])
+    labels = [panel.get_xlabel() for panel in figure.axes if panel.get_xlabel()]
+    assert [label.split(" $")[0] for label in labels] == [
+        "forcing frequency",
+        "coefficient of restitution",
+    ]
+    assert "further" not in "".join(text.get_text() for text in figure.legends[0].get_texts())
+
+
+def test_other_panels_are_refused_with_the_nearest_name(stored, table):
+    wrong = refused(
+        "plot", stored, "--kind", "integrity", "--panels", "basins,fractoin", "-o", "a.png"
+    )
+    assert "there is no panel fractoin (did you mean fraction?)" in wrong
+    assert "integrity_factor" in wrong and "basins" in wrong
+    assert "there is no panel h; choose from: R, omega, f" in refused(
+        "plot", table, "--panels", "h", "-o", "a.png"
+    )
+    assert "the panel R is asked for twice" in refused("plot", table, "--panels", "R, R")
+    assert "panels can be chosen for integrity or table only" in refused(
+        "plot", stored, "--kind", "basins", "--panels", "basins", "-o", "a.png"
+    )
+
+
+def test_too_many_panels_are_refused_by_default_and_drawn_at_a_height(table):
+    axes = ["omega", "R", "f", "impulse", "energy_lost", "period", "period_impacts", "status"]
+    axes += ["rest_fraction", "max_penetration", "orbit_x", "orbit_v", "chatters", "near_grazes"]
+    with open_sweep(table) as dataset:
+        with pytest.raises(Refused, match=r"at least 1[0-9.]+ in high; expected: at most 9 in"):
+            table_panels(dataset, axes=axes, page=Page(width=2.0))
+        high = table_panels(dataset, axes=axes, page=Page(width=2.0, height=30.0))
+        assert high.get_figheight() == 30.0
+        fit = table_panels(dataset, axes=axes, panels=axes[:3], page=Page(width=2.0))
+        assert fit.get_figheight() <= 9.0
+
+
+def test_basins_of_several_values_have_one_legend_with_all_shares(stored):
+    with open_sweep(stored) as dataset:
+        figure = basins(dataset, beside={"omega": [2.6, 2.7]})
+        alone = [basins(dataset, at={"omega": value}) for value in (2.6, 2.7)]
+    assert titles(figure) == [r"$\omega=2.6$", r"$\omega=2.7$"]
+    for panel, one in zip(figure.axes, alone, strict=True):
+        cells = [axes.collections[0].get_array() for axes in (panel, one.axes[0])]
+        colours = [
+            axes.collections[0].to_rgba(array)
+            for axes, array in zip((panel, one.axes[0]), cells, strict=True)
+        ]
+        np.testing.assert_array_equal(*colours)
+    shown = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert len(figure.legends) == 1 and len(shown) == len({*shown})
+    shares = [[float(one) for one in text.split(": ")[1].removesuffix(" %").split(", ")]
+              for text in shown if text.endswith("%")]  # fmt: skip
+    np.testing.assert_allclose(np.sum(shares, axis=0), 100.0, atol=0.3)
+
+
+def test_several_values_of_basins_are_drawn_and_limited(stored):
+    given = ("plot", stored, "--kind", "basins", "--dpi", "40", "-o", "a.png")
+    assert accepted(*given, "--at", "omega=2.6,2.7") == "a.png\n"
+    many = ",".join(f"{2.6 + 0.01 * i:.2f}" for i in range(7))
+    assert "7 values beside each other; expected: at most 6" in refused(
+        *given, "--at", f"omega={many}"
+    )
+    assert "the same nearest grid value" in refused(*given, "--at", "omega=2.6,2.601")
