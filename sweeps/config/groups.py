@@ -201,20 +201,6 @@ class MethodConfig(Group):
         """Integrator, impact rule and steps per period: keyword arguments of `integrate`."""
         return self.model_dump(exclude={"allow_unstable"})
 
-    @model_validator(mode="before")
-    @classmethod
-    def _no_accuracy(cls, given: object) -> object:
-        """Refuse the key ``accuracy``, with which earlier versions chose the method."""
-        if isinstance(given, dict) and "accuracy" in given:
-            raise MisplacedError(
-                ("method", "accuracy"),
-                "is not a key any more, because exact impacts, the default, cost less than every "
-                "other method at every error below 1e-2; expected: no accuracy, or an integrator, "
-                "an impact rule and steps_per_period, which `vibroimpact bench accuracy-speed "
-                "CONFIG` compares",
-            )
-        return given
-
     @model_validator(mode="after")
     def _exact_with_exact(self) -> Self:
         """Refuse exact impacts with another integrator."""

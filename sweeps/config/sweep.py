@@ -29,7 +29,7 @@ from sweeps.config.groups import (
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.points import in_model, with_columns
 from sweeps.config.rig import RIG_PARAMETERS, RigConfig, with_rig
-from sweeps.config.values import Axis, Group, MisplacedError, Table, known_word, null
+from sweeps.config.values import Axis, Group, Table, known_word, null
 from sweeps.grid import TABLE, Grid, Sweep
 from sweeps.text import printable
 from vibroimpact.points.run_spec import RunSpec
@@ -114,13 +114,6 @@ class SweepConfig(Group):
         """Name the output after the sweep, and mark what comes from a rig or a table."""
         if not isinstance(data, dict):
             return data
-        if "refine" in data:
-            raise MisplacedError(
-                ("refine",),
-                "is not a key any more; `vibroimpact info OUT.h5 --bifurcations` lists the changes "
-                "of class, with exact values of flips, folds and grazes, and `vibroimpact zoom "
-                "OUT.h5` computes the interval of another change; expected: no refine",
-            )
         if isinstance(data.get("name"), str) and "output" not in data:
             data = {**data, "output": f"{data['name']}.h5"}
         data = data if null(data.get("rig")) is None else with_rig(data)

@@ -82,7 +82,10 @@ def block_size(
     """
     spec, chain, lanes = sweep.spec, _chain(sweep), _lanes(sweep)
     chain_memory = chain * _memory_per_point(sweep, at_impacts)
-    available = check_memory(sweep, chain, _smallest_block(sweep), at_impacts)
+    smallest, ways = "one point", " and ".join(spec.directions)
+    if spec.followed:
+        smallest = f"one chain of {chain:,} points, followed {ways} along {spec.followed},"
+    available = check_memory(sweep, chain, smallest, at_impacts)
     # Full sets of lanes may take more memory than a normal block.
     wished = _BLOCK_MEMORY if spec.every else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
@@ -114,14 +117,6 @@ def check_memory(sweep: Sweep, points: int, what: str, at_impacts: float = 0.0) 
 def _chain(sweep: Sweep) -> int:
     """Return the number of grid points in a chain: those that are computed one after the other."""
     return len(sweep.grid.axes[sweep.spec.followed]) if sweep.spec.followed else 1
-
-
-def _smallest_block(sweep: Sweep) -> str:
-    """Name the smallest content of a block, for a message."""
-    if sweep.spec.followed is None:
-        return "one point"
-    ways = " and ".join(sweep.spec.directions)
-    return f"one chain of {_chain(sweep):,} points, followed {ways} along {sweep.spec.followed},"
 
 
 def _memory_per_point(sweep: Sweep, at_impacts: float) -> int:

@@ -25,42 +25,21 @@ _WAIT = 0.1
 
 
 @contextmanager
-def cancelled_by(flag: np.ndarray) -> Iterator[None]:
-    """End the work of this thread in the block with `Cancelled` once `flag` is set."""
-    set_thread_flag(flag)
-    try:
-        check()
-        with called_before_passes(check):  # a pass takes 3 s at most
-            yield
-    finally:
-        set_thread_flag(None)
-
-
-class LocalExecutor(ThreadPoolExecutor):
-    """A single thread, whose work is cancelled when the executor is shut down."""
-
-    def __init__(self) -> None:
-        super().__init__(1)
-        self._cancelled = np.zeros(1, np.int64)
-
-    def submit(self, function: Callable[..., T], /, *arguments: Any, **options: Any) -> Future[T]:
-        """Call a function in the thread, after all calls submitted earlier."""
-
-        def call() -> T:
-            with cancelled_by(self._cancelled):
-                return function(*arguments, **options)
-
-        return super().submit(call)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
-        """Cancel the work, and wait for the thread to end."""
-        self._cancelled[0] = 1
-        super().shutdown(wait, cancel_futures=cancel_futures)
+def other_thread() -> Iterator[ThreadPoolExecutor]:
+    """Yield an executor of one thread, whose work ends with `Cancelled` at the end of the block."""
+    cancelled = np.zeros(1, np.int64)
+    executor = ThreadPoolExecutor(1, initializer=set_thread_flag, initargs=(cancelled,))
+    with executor, called_before_passes(check):  # a pass takes 3 s at most
+        try:
+            yield executor
+        finally:
+            cancelled[0] = 1
+            executor.shutdown(cancel_futures=True)
 
 
 def in_thread(function: Callable[..., T], *arguments: Any) -> T:
     """Call a function in another thread, and check for signals while waiting for its result."""
-    with LocalExecutor() as executor:
+    with other_thread() as executor:
         future = executor.submit(function, *arguments)
         while not wait([future], _WAIT).done:
             check()
@@ -129,10 +108,11 @@ class LocalComputer:
         self, sweep: Sweep, blocks: Iterable[Block], advance: Callable[[int], object]
     ) -> Generator[tuple[Block, Results], None, None]:
         """Yield the blocks in order; one is computed while another is written."""
-        with LocalExecutor() as executor:
-
-            def submit(block: Block) -> Future[Results]:
-                return executor.submit(compute_block, sweep, block, self.threads, advance)
-
-            for block, future in as_completed(submit, blocks, lambda: 2):
+        with other_thread() as executor:
+            done = as_completed(
+                lambda block: executor.submit(compute_block, sweep, block, self.threads, advance),
+                blocks,
+                lambda: 2,
+            )
+            for block, future in done:
                 yield block, future.result()

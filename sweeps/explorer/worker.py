@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.engine.executors import cancelled_by
 from sweeps.errors import SweepError
-from sweeps.interrupts import Cancelled
+from sweeps.interrupts import Cancelled, check, set_thread_flag
+from vibroimpact.jit import called_before_passes
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,9 @@ class Worker(ThreadPoolExecutor):
         begin = perf_counter()
         self.busy = step.name, first, begin
         try:
-            with cancelled_by(self._closed if first else stale):
+            set_thread_flag(self._closed if first else stale)
+            check()
+            with called_before_passes(check):  # a pass takes 3 s at most
                 result = step.compute()
         except Cancelled:
             return

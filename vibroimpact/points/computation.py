@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -38,9 +39,7 @@ def compute_box(
         advance(points.size)
         return results
 
-    def run(points: np.ndarray) -> dict[str, np.ndarray]:
-        return _run(spec, points, threads, interrupt)
-
+    run = partial(_run, spec, threads=threads, interrupt=interrupt)
     box = points.reshape(tuple(map(len, axes.values())))
     along = list(axes).index(spec.followed)
     results = follow_chains(box, along, spec.followed, spec.directions, spec.phase, run, advance)
@@ -55,9 +54,7 @@ def compute_points(
     interrupt: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Compute `points` of shape (n,), each from its own start; results as of `compute_box`."""
-
-    def part(spec: RunSpec, points: np.ndarray) -> dict[str, np.ndarray]:
-        return _run(spec, points, threads, interrupt)
+    part = partial(_run, threads=threads, interrupt=interrupt)
 
     def run(points: np.ndarray) -> dict[str, np.ndarray]:
         if spec.longest is None:

@@ -13,7 +13,7 @@ import pytest
 from sweeps.engine import estimate as limits
 from sweeps.engine.block_results import compute, compute_block
 from sweeps.engine.estimate import block_size, expected_cost, trial
-from sweeps.engine.executors import LocalComputer, LocalExecutor, as_completed
+from sweeps.engine.executors import LocalComputer, as_completed, other_thread
 from sweeps.engine.memory import available_memory
 from sweeps.engine.sweep_run import _schema, run_sweep
 from sweeps.errors import StoreError
@@ -251,7 +251,7 @@ def test_the_expected_time_is_not_that_of_other_processes(monkeypatch):
 
 
 def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_is_left():
-    begun, executor = [], LocalExecutor()
+    begun = []
 
     def compute(block):
         begun.append(block)
@@ -259,7 +259,7 @@ def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_i
             raise ValueError("the end")
         return {}
 
-    with executor, pytest.raises(ValueError, match="the end"):
+    with other_thread() as executor, pytest.raises(ValueError, match="the end"):
         for block, future in as_completed(partial(executor.submit, compute), count(), lambda: 2):
             assert future.result() == {}
             time.sleep(0.02)
