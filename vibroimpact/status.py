@@ -75,6 +75,7 @@ class Evidence(IntEnum):
     FREE = 4
     CAPTURED = 5
     FALLING = 6
+    RELEASED = 7
 
     @property
     def meaning(self) -> str:
@@ -91,4 +92,5 @@ _EVIDENCE = {
     Evidence.FREE: "it has no impact any more, which is a proof",
     Evidence.CAPTURED: "an ellipse of motions around the orbit, and through this one, shrinks",
     Evidence.FALLING: "its distance from the orbit falls as the multipliers say",
+    Evidence.RELEASED: "the motion repeats without the rest that is in its record",
 }

@@ -27,7 +27,7 @@ from sweeps.opened.dataset import (
 from sweeps.opened.motions import different, run_on
 from sweeps.store import columns_of
 from sweeps.text import choice_of, shown_count, shown_range, table
-from vibroimpact.points.regimes import Regime
+from vibroimpact.points.regimes import Label, Regime, rest_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,8 +74,9 @@ class AttractorRow(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The class m/q, or the regime."""
-        return f"{self.m}/{self.q}" if self.m else self.regime.word
+        """The class m/q, or the regime, with the periods of one with rest."""
+        known = self.regime is not Regime.UNKNOWN
+        return str(Label(self.regime, self.m, self.q)) if known else self.regime.word
 
     @property
     def shown_number(self) -> str:
@@ -117,7 +118,8 @@ def attractor_rows(dataset: xr.Dataset, result: xr.Dataset) -> list[AttractorRow
     points = points_of(dataset, place)
     swept = {name: parameter_at_points(dataset, name)[place] for name in parameter_axes(dataset)}
     points["x0"], points["v0"] = frame["section_x"], frame["section_v"]
-    orbits = orbits_of(config_of(dataset), points, frame["m"].values, frame["q"].values)
+    m = np.where(frame["motion"] == Regime.PERIODIC, frame["m"], 0)
+    orbits = orbits_of(config_of(dataset), points, m, frame["q"].values)
     measures = {
         name: frame[name].tolist() for name in map(str, columns) if name not in _NO_MEASURES
     }
@@ -283,7 +285,7 @@ def _over_parameters(
     for count, times in zip(*np.unique(counted.values, return_counts=True), strict=True):
         found = shown_count(count, "attractor")
         lines.append(f"{found} at {times:,} of {counted.size:,} parameter points")
-    untracked = int(((result["m"] > 0).sum("coexisting") > MOST_TRACKED).sum())
+    untracked = int(((result["motion"] == Regime.PERIODIC).sum("coexisting") > MOST_TRACKED).sum())
     if untracked and SETS not in counted.dims:
         lines.append(
             f"at {untracked:,} parameter points more than {MOST_TRACKED} attractors are periodic: "
@@ -293,7 +295,9 @@ def _over_parameters(
 
 
 def classes_text(appearances: Sequence[AttractorRow], most: int = 3) -> str:
-    """List the classes m/q of one attractor along the axes, for example 1/1, 2/2."""
+    """List the classes of one attractor along the axes: 1/1, 2/2 or rest, 1, 3 periods."""
+    if appearances[0].regime is Regime.REST:
+        return rest_of(row.m for row in appearances)
     names = {row.name: None for row in sorted(appearances, key=lambda row: (row.m, row.q))}
     more = ", ..." if len(names) > most else ""
     return ", ".join(list(names)[:most]) + more

@@ -150,11 +150,13 @@ class _Motions:
         motion = np.zeros(1, MOTION)
         motion["point"] = self._oscillator.at(self._oscillator.clearance)
         for one in (
-            found[["number", "m", "q", "section_x", "section_v"]].to_dataframe().itertuples()
+            found[["number", "motion", "m", "q", "section_x", "section_v"]]
+            .to_dataframe()
+            .itertuples()
         ):
             motion["point"]["x0"], motion["point"]["v0"] = one.section_x, one.section_v
             motion["m"], motion["q"] = one.m, one.q
-            if one.m > 0:
+            if one.motion == Regime.PERIODIC:
                 with suppress(OrbitError):  # too many periods: motions that end there are unknown
                     orbit = orbit_of_motion(motion[0], self._phase)
                     self.orbits[one.number] = orbit

@@ -54,8 +54,8 @@ _ATTRACTOR_COLUMNS = {
     "number": ("number of the attractor", "1"),
     "fraction": ("share of the starts", "1"),
     "motion": ("kind of motion", "1"),
-    "m": ("forcing periods per repetition, 0: not periodic", "1"),
-    "q": ("impacts per repetition, 0: not periodic", "1"),
+    "m": ("forcing periods per repetition, 0: none known", "1"),
+    "q": ("impacts per repetition, 0: not periodic, or with rest", "1"),
     "from_record": ("whether its record shows it", "1"),
     "section_x": ("displacement at the section", "length"),
     "section_v": ("velocity at the section", "length/time"),
@@ -149,7 +149,8 @@ def attractors(
         - ``number``: the number of the attractor.
         - ``fraction``: its share of the starts with a result.
         - ``motion``: its kind, named by the attribute ``flag_meanings``.
-        - ``m``, ``q``: forcing periods and impacts per repetition; 0 if it is not periodic.
+        - ``m``, ``q``: forcing periods and impacts per repetition; 0 if it is not periodic. With
+          rest m is 0 if it was not shown to repeat, and q is 0: the impacts are not counted.
         - ``section_x``, ``section_v``: a state on it.
         - ``representative``: the start that leads to this state, as its index in C order over the
           axes of starts in the order of the file.
@@ -187,10 +188,11 @@ def attractors(
     fraction = members / np.bincount(parameter, members)[parameter]
     number = _numbers(config, index, motions[heads], parameter, fraction)
     shown = _recorded_members(of_point, heads, followed)
-    motion = motions[shown]
+    motion, m = motions[shown], np.zeros(len(heads) + 1, np.int64)
+    np.maximum.at(m, of_point, motions["m"])  # not every motion with rest shows after how many
     x, v = motion["point"]["x0"], motion["point"]["v0"]
     columns = (
-        number, fraction, motion["regime"], motion["m"], motion["q"], ~followed[shown], x, v,
+        number, fraction, motion["regime"], m[:-1], motion["q"], ~followed[shown], x, v,
         index.start[shown],
     )  # fmt: skip
     data = _by_rank(config, index, parameter, dict(zip(_ATTRACTOR_COLUMNS, columns, strict=True)))
@@ -240,9 +242,9 @@ def attractors_of(
     `parameter` are the parameter points of the `motions`. Periodic motions are on one attractor if
     their parameter points, m and q agree, and their orbits; of all others, those of one regime are.
     """
-    m, regime = motions["m"], motions["regime"]
-    representative = np.full(len(motions), -1)
-    rows = np.flatnonzero(m > 0)
+    regime, representative = motions["regime"], np.full(len(motions), -1)
+    periodic = regime == Regime.PERIODIC
+    rows = np.flatnonzero(periodic)
     own = motions[rows]
     group = different([parameter[rows], own["m"], own["q"]])[1]
     points, share = own["point"], max(tolerance / _FINER, 1e-15)
@@ -252,7 +254,7 @@ def attractors_of(
     one, of_row = different([group, exponent, *rounded])
     same = same_motions(cycles_of(config, own[one]), group[one], tolerance)
     representative[rows] = rows[one[same[of_row]]]
-    others = np.flatnonzero((m == 0) & (regime > Regime.FAILED))
+    others = np.flatnonzero(~periodic & (regime > Regime.FAILED))
     first, number = different([parameter[others], regime[others]])
     representative[others] = others[first[number]]
     heads = np.unique(representative[representative >= 0])
@@ -276,7 +278,7 @@ def _numbers(
     fraction: np.ndarray,
 ) -> np.ndarray:
     """Number attractors: the periodic ones in decreasing order of their share of all starts."""
-    number, periodic = np.empty(len(motions), np.int64), motions["m"] > 0
+    number, periodic = np.empty(len(motions), np.int64), motions["regime"] == Regime.PERIODIC
     at = np.flatnonzero(periodic)
     at = at[np.argsort(parameter[at], kind="stable")]
     chain = np.arange(len(at))

@@ -54,7 +54,7 @@ def settle(
     were continued.
     """
     regime, continued = motions["regime"], np.zeros(len(motions), bool)
-    without = (motions["m"] == 0) & (regime > Regime.FAILED)
+    without = (regime != Regime.PERIODIC) & (regime > Regime.FAILED)
     if not without.any():
         return continued
     state = _last_states(motions["point"], dataset)
@@ -80,13 +80,14 @@ def settle(
         on = unknown | _rested_once(regime, rests) | (chaotic & (chaos_ends | ~before))
         going, done = going[on[going]], done + periods
         planned += 3 * (length + done) * going.size
-    aperiodic = continued & (motions["m"] == 0)
+    aperiodic = continued & (regime != Regime.PERIODIC)
     motions["point"][aperiodic] = state[aperiodic]
     # All chaotic motions of a parameter point are on one attractor.
     rests_again = _at_point_of(chaotic & (rests > 1), parameter)
     if continued.any():
         regime[chaotic] = np.where(rests_again, Regime.REST, Regime.CHAOTIC)[chaotic]
         regime[chaotic & chaos_ends] = Regime.UNKNOWN
+        motions["m"][chaotic] = 0
     return continued
 
 

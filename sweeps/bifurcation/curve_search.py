@@ -122,7 +122,8 @@ class CurveSearch:
     ) -> None:
         self._motions, self._axes, self._values, self._phase = motions, axes, values, phase
         self._chosen, self._kinds = chosen, kinds
-        self._classes = np.stack([self._motions["m"], self._motions["q"]], axis=2)
+        periodic = motions["regime"] == Regime.PERIODIC
+        self._classes = np.stack([np.where(periodic, motions[one], 0) for one in "mq"], axis=2)
         self._cells = cells_of_change(self._classes, self._motions["regime"])
         sides = (self._classes[i, j].tolist() for i, j in self._cells.transpose(1, 2, 0))
         #: The two classes of each change, and which changes have a curve.

@@ -30,6 +30,7 @@ from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.curves import KINDS
 from vibroimpact.orbits.orbit import Orbits
 from vibroimpact.orbits.periodic import OrbitError
+from vibroimpact.points.regimes import Regime
 
 #: Shares of the work, measured, that are done when the branches are found, and are smooth lines.
 _FOUND, _SMOOTH = 0.5, 0.9
@@ -168,9 +169,9 @@ def _seeds(lines: Sequence[np.ndarray]) -> list[tuple[np.void, int]]:
     runs = []
     for line in lines:
         begin = 0
-        for mq, run in groupby(line[["m", "q"]].tolist()):
-            length = len(list(run))
-            if mq[0]:
+        for (regime, m, q), run in groupby(line[["regime", "m", "q"]].tolist()):
+            mq, length = (m, q), len(list(run))
+            if regime == Regime.PERIODIC:
                 runs.append((mq, line[begin + length // 2], length))
                 points[mq] += length
             begin += length

@@ -163,7 +163,7 @@ def _open(values: np.ndarray, change: Change, value: float, *, after: bool) -> C
 
 def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> _Onward:
     """Return the first special point on the branch of the orbit of a motion towards another one."""
-    if motion["m"]:
+    if motion["regime"] == Regime.PERIODIC:
         with suppress(ValueError):  # no orbit is found, or it cannot be followed
             orbit = orbit_of_motion(motion, phase)
             if orbit.stable:

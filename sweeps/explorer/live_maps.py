@@ -132,7 +132,7 @@ class Filling:
                     discs.append(disc)
                     cells[i] = cells[i]._replace(label=f"{cells[i].label}; {said}")
         else:
-            cells = period_cells(*self._classes.values())
+            cells = period_cells(*self._classes.values(), hatched=False)
             classes, names = class_numbers(*self._classes.values())
         pixels, kinds = np.zeros(self._order.size, np.uint8), []
         for cell in (*cells, *failed_cells(self._status)):
@@ -194,7 +194,7 @@ class Filling:
         number[order[np.argsort(aperiodic[order], kind="stable")]] = np.arange(len(order))
         shares = (counts / counts.sum()).tolist()
         m, q, regime = (found[name] for name in ("m", "q", "regime"))
-        orbits = orbits_of(self.config, found["point"], m, q)
+        orbits = orbits_of(self.config, found["point"], np.where(aperiodic, 0, m), q)
         table = [
             AttractorRow(
                 {}, int(number[i]), Regime(regime[i]), int(m[i]), int(q[i]), shares[i], *orbits[i]

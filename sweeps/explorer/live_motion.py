@@ -37,7 +37,7 @@ from sweeps.opened.motions import motions_from, orbit_of_motion
 from sweeps.opened.trajectories import continued, periods_shown
 from sweeps.plotting.style import BLUE, ORANGE
 from vibroimpact.orbits.periodic import OrbitError
-from vibroimpact.points.regimes import ON_ITS_WAY, SETTLED, Regime, on_its_way
+from vibroimpact.points.regimes import ON_ITS_WAY, SETTLED, Regime, on_its_way, rest_of
 from vibroimpact.status import Status
 
 #: Seconds in which the mass moves through a forcing period.
@@ -110,10 +110,10 @@ def _in_words(motion: np.void, found: Results, phase: float) -> str:
             if first.imag:
                 shown = f"{first.real:.4g} ± {abs(first.imag):.4g} i"
             return f"{text}; Floquet multipliers {shown}"
+    elif regime is Regime.REST:
+        return f"{rest_of([motion['m']])}, {100.0 * found['rest_fraction'][0]:.3g} % of the time"
     else:
         text = regime.word
-    if regime is Regime.REST:
-        return f"{text}, {100.0 * found['rest_fraction'][0]:.3g} % of the time"
     if "lyapunov" in found:
         first, second = found["lyapunov"][0]
         text += f"; Lyapunov exponents {first:.4g} and {second:.4g} per unit time"

@@ -25,10 +25,10 @@ from vibroimpact.points.destinations import RECORD, classified
 from vibroimpact.points.regimes import (
     OF_REGIMES,
     Label,
-    Regime,
     labels_of,
     on_its_way,
     regimes_of,
+    repetitions,
 )
 from vibroimpact.points.run_spec import RunSpec
 
@@ -49,10 +49,9 @@ def approaching(dataset: xr.Dataset) -> np.ndarray:
 
 
 def classes_of(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return regime, m and q at every point, in the shape of ``status``; m = q = 0 if aperiodic."""
+    """Return regime, m and q at every point, in the shape of ``status``, as `repetitions`."""
     regimes, results = classify(dataset), results_of(dataset, ("period", "period_impacts"))
-    m, q = (np.where(regimes == Regime.PERIODIC, one, 0) for one in results.values())
-    return regimes, m, q
+    return regimes, *repetitions(regimes, *results.values())
 
 
 def labels(line: xr.Dataset) -> list[Label | None]:
@@ -62,8 +61,7 @@ def labels(line: xr.Dataset) -> list[Label | None]:
 
 
 #: The motion of a point. The start of its `point` is the state of its orbit at the last section,
-#: NaN without one. m and q are the forcing periods and impacts per repetition, 0 if it is not
-#: periodic.
+#: NaN without one. m and q are the forcing periods and impacts per repetition, as `repetitions`.
 MOTION = np.dtype([("point", POINT), ("regime", np.int64), ("m", np.int64), ("q", np.int64)])
 #: The results from which motions are taken where classes were recorded.
 OF_MOTIONS = frozenset({*OF_REGIMES, "period_impacts", "orbit_x", "orbit_v"})
@@ -93,10 +91,9 @@ def motions_from(
     motions["point"] = points
     motions["point"]["x0"], motions["point"]["v0"] = results["orbit_x"], results["orbit_v"]
     motions["point"]["phase"] = spec.phase
-    motions["regime"] = regimes_of(results, points["omega"], spec.periods)
-    periodic = motions["regime"] == Regime.PERIODIC
-    motions["m"] = np.where(periodic, results["period"], 0)
-    motions["q"] = np.where(periodic, results["period_impacts"], 0)
+    regimes = regimes_of(results, points["omega"], spec.periods)
+    m, q = repetitions(regimes, results["period"], results["period_impacts"])
+    motions["regime"], motions["m"], motions["q"] = regimes, m, q
     return motions
 
 

@@ -220,7 +220,7 @@ def over_starts(starts: xr.Dataset, across: str = "x0", up: str = "v0") -> xr.Da
 
 def mark_attractors(panel: Axes, table: Sequence[AttractorRow]) -> list[Artist]:
     """Mark the periodic attractors of a table at the section; return a handle for the legend."""
-    states = [row.states for row in table if row.m]
+    states = [row.states for row in table if len(row.states)]
     if not states:
         return []
     look: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": 4.0}
@@ -421,7 +421,9 @@ def names_of(
     Where two series have a class in common, a second line says which is which by a state at the
     section, for several values of an `axis` with that value.
     """
-    counts = Counter(name for own in series for name in {row.name for row in own if row.m})
+    counts = Counter(
+        name for own in series for name in {row.name for row in own if len(row.states)}
+    )
     names = list[tuple[str, str]]()
     for own in series:
         place = ""
@@ -442,7 +444,5 @@ def names_of(
 
 def class_names(attractor: Sequence[AttractorRow]) -> str:
     """Name the classes of one attractor over several parameter points, or its regime."""
-    regime = attractor[0].regime
-    if regime is not Regime.PERIODIC:
-        return regime.word
-    return classes_text(attractor) + ("" if any(row.q for row in attractor) else ", no impact")
+    free = attractor[0].regime is Regime.PERIODIC and not any(row.q for row in attractor)
+    return classes_text(attractor) + (", no impact" if free else "")

@@ -28,7 +28,7 @@ from sweeps.plotting.contents import (
     with_number,
 )
 from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
-from sweeps.plotting.looks import look_of_class, look_of_regime
+from sweeps.plotting.looks import look_of_class, look_of_regime, look_of_rest
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
     BLUE,
@@ -46,6 +46,7 @@ from sweeps.plotting.style import (
     PALE,
     REGIMES,
     REST,
+    RESTS,
     RESULTS,
     STATUS_COLOURS,
     VERMILION,
@@ -56,7 +57,7 @@ from sweeps.plotting.style import (
     visible,
 )
 from sweeps.store import DIRECTION
-from vibroimpact.points.regimes import NO_CLASS, Regime, has_result
+from vibroimpact.points.regimes import NO_CLASS, Label, Regime, has_result, rest_of
 from vibroimpact.status import Status
 
 #: Names of the value 0 of quantities that are 0 or not defined without impacts.
@@ -120,11 +121,12 @@ def failed_cells(status: np.ndarray, hatched: bool = False) -> list[Cells]:
 
 
 def period_cells(
-    regimes: np.ndarray, m: np.ndarray, q: np.ndarray, *, grey: bool = False
+    regimes: np.ndarray, m: np.ndarray, q: np.ndarray, *, grey: bool = False, hatched: bool = True
 ) -> list[Cells]:
     """Return the points of each regime, those of each class of ``CLASSES`` apart.
 
-    The labels say how many points are chaotic or unknown, as a share of those with a result.
+    Motions with rest are apart by their periods if the picture can be `hatched`. The labels say how
+    many points are chaotic or unknown, as a share of those with a result.
     """
     periodic = regimes == Regime.PERIODIC
     cells = []
@@ -139,8 +141,24 @@ def period_cells(
         where, text = regimes == regime, regime.word
         if regime in NO_CLASS:
             text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
-        cells.append(Cells(text, look_of_regime(regime, grey), where))
+        if regime is Regime.REST:
+            cells += _rest_cells(where, m, grey, hatched)
+        else:
+            cells.append(Cells(text, look_of_regime(regime, grey), where))
     return cells
+
+
+def _rest_cells(rest: np.ndarray, m: np.ndarray, grey: bool, hatched: bool) -> list[Cells]:
+    """Return the points with `rest`, those of each period of ``RESTS`` apart if `hatched`."""
+    if not hatched:
+        look = look_of_regime(Regime.REST, grey)
+        return [Cells(rest_of(np.unique(m[rest]).tolist()), look, rest)]
+    others = rest & ~np.isin(m, [*RESTS])
+    groups = [*((periods, rest & (m == periods)) for periods in RESTS), (-1, others)]
+    return [
+        Cells(rest_of(np.unique(m[where]).tolist()), look_of_rest(periods, grey), where)
+        for periods, where in groups
+    ]
 
 
 def class_numbers(
@@ -150,11 +168,11 @@ def class_numbers(
 
     Those of chaotic, unknown and failed points have no name.
     """
-    numbers = np.where(regimes == Regime.PERIODIC, m << 32 | q, -1 - regimes)
-    names = {-1 - regime: regime.word for regime in (Regime.REST, Regime.UNBOUNDED)}
-    for number in np.unique(numbers[numbers >= 0]).tolist():
-        names[number] = f"{number >> 32}/{number % 2**32}"
-    return numbers, names
+    numbers = m << 40 | q << 8 | regimes
+    found = np.unique(numbers).tolist()
+    classes = {n: Label(Regime(n % 256), n >> 40, (n >> 8) % 2**32) for n in found}
+    named = (Regime.PERIODIC, Regime.REST, Regime.UNBOUNDED)
+    return numbers, {n: str(label) for n, label in classes.items() if label.regime in named}
 
 
 class Paint(NamedTuple):
@@ -262,7 +280,7 @@ def _paint(cut: xr.Dataset, name: str, dots: bool, grey: bool) -> Paint:
     ramp = grey_ramp(0.3 if dots else 0.1) if grey else ramp
     nothing = np.ma.masked_all(variable.shape, float)
     if name == "period":
-        cells = period_cells(*classes_of(cut), grey=grey)
+        cells = period_cells(*classes_of(cut), grey=grey, hatched=not dots)
         return Paint(variable, cells, nothing, Normalize(), ramp, CLASSES_TITLE)
     if name in _WORDS:
         found = np.where(has_result(cut["status"].values), variable.values, Status.PENDING)

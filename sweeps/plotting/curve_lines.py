@@ -15,6 +15,7 @@ from matplotlib.patheffects import withStroke
 from sweeps.opened.motions import classes_of
 from sweeps.plotting.style import ground, ink
 from sweeps.text import shown_count
+from vibroimpact.points.regimes import Regime
 
 #: If there are more curves, only those that bound a class with a colour of its own are drawn.
 _FEW = 12
@@ -48,7 +49,8 @@ def _pieces(
     """
     from scipy.ndimage import binary_closing, binary_opening, maximum_filter
 
-    classes = np.stack(classes_of(cut)[1:])
+    regimes, *mq = classes_of(cut)
+    classes = np.where(regimes == Regime.PERIODIC, mq, 0)
     window = np.ones(_PER_CELL * _GAP, bool)
     values = np.stack([found[name].values for name in found.coords], axis=1)
     each = _one_point_each(found)

@@ -17,7 +17,9 @@ from sweeps.plotting.style import (
     GREY_OTHER,
     GREY_REGIMES,
     OTHER_CLASS,
+    OTHER_RESTS,
     REGIMES,
+    RESTS,
     Look,
 )
 from vibroimpact.points.regimes import Regime
@@ -37,6 +39,11 @@ def look_of_regime(regime: Regime, grey: bool = False) -> Look:
     return look.on_ground()
 
 
+def look_of_rest(m: int, grey: bool = False) -> Look:
+    """Return the look of motions with rest that repeat after m periods; 0: not known to repeat."""
+    return look_of_regime(Regime.REST, grey)._replace(hatch=RESTS.get(m, OTHER_RESTS))
+
+
 class Looks(NamedTuple):
     """The looks of the attractors of a sweep, the same in all pictures of its file.
 
@@ -50,14 +57,16 @@ class Looks(NamedTuple):
     @classmethod
     def of(cls, found: xr.Dataset, grey: bool = False) -> Self:
         """Return the looks of the result of `sweeps.attractors`."""
-        columns = (found[name].transpose(..., "coexisting").values for name in ("number", "m", "q"))
+        periodic = found[["number", "m", "q"]].where(found["motion"] == Regime.PERIODIC, -1)
+        columns = (periodic[name].transpose(..., "coexisting").values for name in periodic)
         return cls(_further(*(column.reshape(-1, column.shape[-1]) for column in columns)), grey)
 
     @classmethod
     def of_rows(cls, table: Sequence[AttractorRow]) -> Self:
         """Return the looks of attractors at one parameter point."""
-        columns = ([[row.number for row in table]], [[row.m for row in table]])
-        return cls(_further(*map(np.array, (*columns, [[row.q for row in table]]))), grey=False)
+        orbits = [row for row in table if row.regime is Regime.PERIODIC]
+        columns = ([[getattr(row, name) for row in orbits]] for name in ("number", "m", "q"))
+        return cls(_further(*map(np.array, columns)), grey=False)
 
     def has_own(self, row: AttractorRow) -> bool:
         """Whether an attractor has a look that it shares with none beside it."""

@@ -29,7 +29,7 @@ from sweeps.plotting.contents import Wanted
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import VERMILION, data_colour, ink
-from vibroimpact.points.regimes import Label, has_result
+from vibroimpact.points.regimes import Label, Regime, has_result
 
 #: In a figure narrower than this [inch] the phase plane is below the other panels.
 _NARROW = 4.5
@@ -157,7 +157,7 @@ def _record(motions: Sequence[PointMotion], time: xr.DataArray, found: Label | N
         return None
     record = f"{equation('t_0', time, starts[0])}, {after}" if len(motions) == 1 else after
     if found is not None:
-        record = f"{'class ' if found.m else ''}{found}, {record}"
+        record = f"{'class ' if found.regime is Regime.PERIODIC else ''}{found}, {record}"
     most = MOST_PERIODS // len(motions)
     periods = sum(motion.periods for motion in motions)
     drawn = sum(min(motion.periods, most) for motion in motions)

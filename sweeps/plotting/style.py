@@ -104,6 +104,10 @@ REGIMES = {
     Regime.UNKNOWN: "#CCCCCC",
 }
 
+#: The hatch of motions with rest in maps says after how many periods they repeat, 0: not known.
+RESTS = {1: "", 2: "////", 3: "....", 4: "\\\\\\\\", 6: "xxxx", 0: "----"}
+OTHER_RESTS = "++"
+
 
 def _grey(greys: tuple[str, str], hatch: str) -> Look:
     """Return a look in grey."""
@@ -136,6 +140,7 @@ EVIDENCE = {
     Evidence.FREE: "#56B4E9",
     Evidence.CAPTURED: "#009E73",
     Evidence.FALLING: "#F0E442",
+    Evidence.RELEASED: "#CC79A7",
     Evidence.NONE: "#000000",
     Evidence.UNSTABLE: "#4B0082",
     Evidence.UNREACHED: REST,

@@ -17,6 +17,9 @@ it. A rest counts only if the motion rests again in the next repetition; one at 
 record does not.
 
 With another impact rule, a record that repeats is all the evidence, to the same bits or nearly.
+
+``RELEASED`` takes the place of ``REPEATS`` where the mass rested in the record, but not in the
+repetition.
 """
 
 from __future__ import annotations
@@ -75,7 +78,7 @@ DESTINATION = np.dtype(
 
 _UNSTABLE, _UNREACHED = int(Evidence.UNSTABLE), int(Evidence.UNREACHED)
 _UNRESOLVED = int(Status.UNRESOLVED)
-_REPEATS, _FREE = int(Evidence.REPEATS), int(Evidence.FREE)
+_REPEATS, _FREE, _RELEASED = int(Evidence.REPEATS), int(Evidence.FREE), int(Evidence.RELEASED)
 
 #: A multiplier below this shows without a proof of its own that a record is on a stable orbit, and
 #: one above the second number that the orbit is unstable, rounding included.
@@ -218,6 +221,8 @@ def judge_exact_repetition(flow, sections, sums, m, off, size, found):
     if off == 0.0:
         q = sums.cycle_impacts * m // sums.cycle
         put_repetition(found, sections, m, off, math.nan, q)
+        if smooth and kind == _RESTS:
+            found.evidence = _RELEASED
     elif neutral or not smooth:
         q = replay(flow, y, w, m, True)[2]
         put_repetition(found, sections, m, off, 1.0 if neutral else 0.0, q)
@@ -280,7 +285,8 @@ def find_exact(pt, sections, sums, grid, memory, found):
 @jit
 def find_repetition(pt, sections, sums, grid, memory, found):
     """Find after how many periods a record repeats, which is all that other rules show."""
-    if kind_of(sums) == _NO_RESULT:
+    kind = kind_of(sums)
+    if kind == _NO_RESULT:
         return
     cycle, impacts = sums.cycle, sums.cycle_impacts
     counted = cycle > 0
@@ -293,6 +299,8 @@ def find_repetition(pt, sections, sums, grid, memory, found):
         q = -1
     if m > 0:
         put_repetition(found, sections, m, off, math.nan, q)
+        if q >= 0 and kind == _RESTS and not sums.cycle_rests:
+            found.evidence = _RELEASED
 
 
 def no_destinations(n: int) -> np.ndarray:

@@ -71,18 +71,21 @@ def _destinations(
     found[np.isin(results["status"], _NOWHERE)] = no_destinations(1)
     uncounted = np.flatnonzero(found["q"] < 0)
     last = np.stack([results[f"poincare_{name}"][uncounted, -1] for name in "xv"], axis=1)
-    found["q"][uncounted] = _impacts(spec, points[uncounted], last, found["m"][uncounted], threads)
+    q, rests = _repeated(spec, points[uncounted], last, found["m"][uncounted], threads)
+    found["q"][uncounted] = q
+    released = (results["rest_fraction"][uncounted] > 0.0) & ~rests
+    found["evidence"][uncounted[released]] = Evidence.RELEASED
     return found
 
 
-def _impacts(
+def _repeated(
     spec: RunSpec, points: np.ndarray, last: np.ndarray, m: np.ndarray, threads: int | None
-) -> np.ndarray:
-    """Count the impacts of motions over m periods from their `last` section on.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Count the impacts of motions over m periods from their `last` section on; say which rest.
 
     The record may begin before the motion repeats.
     """
-    counted = np.zeros(points.size)
+    counted, rests = np.zeros(points.size), np.zeros(points.size, bool)
     for repetition in np.unique(m).tolist():
         rows = np.flatnonzero(m == repetition)
         starts = points[rows]
@@ -100,4 +103,5 @@ def _impacts(
             threads=threads,
         )
         counted[rows] = once["impacts_per_period"] * repetition
-    return np.rint(counted).astype(np.int64)
+        rests[rows] = once["rest_fraction"] > 0.0
+    return np.rint(counted).astype(np.int64), rests

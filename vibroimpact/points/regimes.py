@@ -4,8 +4,9 @@ The record of a point determines its regime. The first of these rules that appli
 
 1. not computed, failed or unbounded: according to ``status``;
 2. rest: the mass rested on the stop during the record, after a complete chatter or, with R = 0,
-   after an impact, unless it was shown to go to an orbit without rest. Such a motion may be
-   periodic, but its number of impacts depends on where a chatter is cut off;
+   after an impact, unless it was shown to go to an orbit without rest. If such a motion was shown
+   to repeat, its forcing periods are known, but its number of impacts depends on where a chatter
+   is cut off;
 3. periodic: the periodic orbit is known to which the motion goes (`vibroimpact.destination`);
 4. chaotic: the larger Lyapunov exponent is recorded, and `is_chaotic`;
 5. unknown: all others. They may be quasi-periodic, chaotic or on their way to an orbit.
@@ -15,7 +16,7 @@ The class of a motion is its regime with m and q.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -42,15 +43,17 @@ class Regime(IntEnum):
         return self.name.lower()
 
 
+#: Most periods of motions with rest that are listed.
+_MOST_PERIODS = 3
 #: What is said of a periodic motion; of other motions, the word of their regime.
 SETTLED, ON_ITS_WAY = "settled on m/q", "on its way to m/q"
-UNKNOWN = Regime.UNKNOWN.word
+UNKNOWN, REST = Regime.UNKNOWN.word, Regime.REST.word
 #: Regimes of motions that go to no known attractor but chaos.
 NO_CLASS = (Regime.CHAOTIC, Regime.UNKNOWN)
 #: The results that determine a regime.
 OF_REGIMES = ("status", "rest_fraction", "period", "class_evidence", "lyapunov")
 #: What shows that a motion goes to an orbit without rest.
-_WITHOUT_REST = (Evidence.FREE, Evidence.CAPTURED, Evidence.FALLING)
+_WITHOUT_REST = (Evidence.FREE, Evidence.CAPTURED, Evidence.FALLING, Evidence.RELEASED)
 #: Regimes that are classes; of the others the attractor is not known.
 _CLASSIFIED = (Regime.UNBOUNDED, Regime.REST, Regime.PERIODIC, Regime.CHAOTIC)
 
@@ -58,8 +61,8 @@ _CLASSIFIED = (Regime.UNBOUNDED, Regime.REST, Regime.PERIODIC, Regime.CHAOTIC)
 class Label(NamedTuple):
     """The class of a motion: its regime, with m forcing periods and q impacts if known, else 0.
 
-    m and q are known for periodic motions, and for motions with rest at R = 0, which have no
-    chatter that is cut off.
+    Both are known for periodic motions, and m for motions with rest that were shown to repeat. With
+    R = 0 these have q, too: no chatter is cut off.
     """
 
     regime: Regime
@@ -69,12 +72,28 @@ class Label(NamedTuple):
     def __str__(self) -> str:
         if self.regime is Regime.UNKNOWN:
             return "?"
-        word = "" if self.regime is Regime.PERIODIC else self.regime.word
-        return " ".join(filter(None, [word, f"{self.m}/{self.q}" if self.m else ""]))
+        if self.regime is Regime.PERIODIC:
+            return f"{self.m}/{self.q}"
+        if self.regime is Regime.REST:
+            return f"{REST} {self.m}/{self.q}" if self.q else rest_of([self.m])
+        return self.regime.word
 
     def doubles_to(self, other: Label) -> bool:
         """Whether the other motion has twice m and q of this periodic motion, as after a flip."""
         return self.regime is Regime.PERIODIC and other == (self.regime, 2 * self.m, 2 * self.q)
+
+
+def rest_of(periods: Iterable[int]) -> str:
+    """Name motions with rest by the forcing periods after which they repeat, 0 where not known.
+
+    >>> rest_of([1]), rest_of([3, 6, 3]), rest_of([0])
+    ('rest, 1 period', 'rest, 3, 6 periods', 'rest')
+    """
+    known = sorted({m for m in periods if m})
+    if not known:
+        return REST
+    listed = [*map(str, known[:_MOST_PERIODS]), *["..."] * (len(known) > _MOST_PERIODS)]
+    return f"{REST}, {', '.join(listed)} period{'s' * (known != [1])}"
 
 
 def has_result(status: np.ndarray) -> np.ndarray:
@@ -162,15 +181,27 @@ def partition(regimes: np.ndarray, distance: np.ndarray) -> dict[str, np.ndarray
     }
 
 
+def repetitions(
+    regimes: np.ndarray, period: np.ndarray, impacts: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return m and q of motions, given their results; 0 if the motion has none.
+
+    Motions with rest have m if they were shown to repeat, and no q.
+    """
+    repeats = np.isin(regimes, (Regime.PERIODIC, Regime.REST))
+    return np.where(repeats, period, 0), np.where(regimes == Regime.PERIODIC, impacts, 0)
+
+
 def labels_of(
     regimes: np.ndarray, period: np.ndarray, impacts: np.ndarray, R: np.ndarray
 ) -> list[Label | None]:
     """Return the class of each motion, given arrays of shape (n,); None if it is not known.
 
-    Motions with rest have m and q only if R is 0 at all points.
+    Motions with rest have q only if R is 0 at all points.
     """
-    counted = (regimes == Regime.PERIODIC) | ((regimes == Regime.REST) & (not R.any()))
-    m, q = np.where(counted, period, 0), np.where(counted, impacts, 0)
+    m, q = repetitions(regimes, period, impacts)
+    if not R.any():
+        q = np.where(regimes == Regime.REST, impacts, q)
     return [
         Label(Regime(regime), *mq) if regime in _CLASSIFIED else None
         for regime, *mq in zip(regimes.tolist(), m.tolist(), q.tolist(), strict=True)

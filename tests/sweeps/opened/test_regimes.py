@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from sweeps import bifurcations, open_sweep, run_sweep
 from sweeps.bifurcation.bifurcation_report import cascades
 from sweeps.bifurcation.explanations import Change, changes_of_class
-from sweeps.opened.motions import classify
+from sweeps.opened.motions import classify, labels
+from tests.helpers import naive
 from vibroimpact.points.regimes import Label, Regime
 from vibroimpact.status import Evidence, Status
 
@@ -69,6 +71,56 @@ def test_the_shape_is_that_of_the_grid_in_any_order():
     assert classify(both).tolist() == [expected, expected]
     turned = both.transpose("omega", "R", ...)
     assert classify(turned).tolist() == np.transpose([expected, expected]).tolist()
+
+
+# Motions with rest
+
+#: A preload, with which rests repeat after 1, 3 and 6 periods.
+PRELOADED = {"h": 0.0, "R": 0.5, "omega": [0.5, 3.9, 4.5], "f": 1.0, "clearance": -0.2}
+
+
+def rests(path, transient=100, **method):
+    """Return an opened sweep of preloaded motions that start on the stop."""
+    scene = {"oscillator": PRELOADED, "start": {"x0": -0.2}, "method": method}
+    scene["record"] = {"transient": transient, "periods": 40}
+    return open_sweep(run_sweep(scene, path))
+
+
+def slow_period(omega):
+    """Return after how many periods a slow solver, by many small steps, is where it was."""
+    osc = naive.oscillator(0.0, 0.5, omega, clearance=-0.2)
+    states, _ = naive.plain(osc, naive.rk4_step, 22, 400, x=-0.2)
+    sections = states[399::400][8:]
+    return next(m for m in range(1, 8) if np.abs(sections[m:] - sections[:-m]).max() < 1e-12)
+
+
+@pytest.mark.slow
+def test_a_rest_is_named_after_its_periods(tmp_path):
+    with rests(tmp_path / "exact.h5") as exact:
+        periods = [slow_period(omega) for omega in PRELOADED["omega"]]
+        assert periods == [1, 3, 6]
+        expected = ["rest, 1 period", "rest, 3 periods", "rest, 6 periods"]
+        assert [*map(str, labels(exact))] == expected
+        found = bifurcations(exact)
+        listed = found[["before", "after"]].values.tolist()
+        assert [expected[:2], expected[1:]] == listed
+    with rests(tmp_path / "steps.h5", integrator="rk4", impact="cubic") as steps:
+        assert [*map(str, labels(steps))] == expected
+
+
+@pytest.mark.parametrize("impact", ["cubic", "reduced-step"])
+def test_a_rest_before_the_motion_repeats_is_not_in_its_name(tmp_path, impact):
+    """The mass starts on the stop, which presses until the force releases it, and never rests."""
+    scene = {
+        "oscillator": {"h": 0.1, "R": 0.6, "omega": [1.6, 2.0, 2.4], "f": 1.0, "clearance": -0.2},
+        "start": {"x0": -0.2},
+        "method": {"integrator": "rk4", "impact": impact},
+        "record": {"transient": 0, "periods": 200},
+    }
+    with open_sweep(run_sweep(scene, tmp_path / "a.h5")) as dataset:
+        assert (dataset["rest_fraction"] > 0.0).all()
+        assert (dataset["class_evidence"] == Evidence.RELEASED).all()
+        assert [*map(str, labels(dataset))] == ["1/1"] * 3
 
 
 # Changes of the class: their kinds and cascades

@@ -3,7 +3,7 @@ import pytest
 
 from sweeps import open_sweep
 from sweeps.errors import Refused
-from sweeps.plotting import plot
+from sweeps.plotting import Page, bifurcation, plot
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.pixels import cell_edges
 from tests.helpers.equal_points import OMEGA, PLAIN, R, colours, equal_points, legend, texts
@@ -24,7 +24,7 @@ def test_every_class_has_its_colour_and_its_label():
     )
     assert texts(figure)[:2].tolist() == [
         ["1/1", "2/1", "2/3", "1/1"],
-        ["chaotic (10 %)", "unknown (20 %)", "unknown (20 %)", "rest"],
+        ["chaotic (10 %)", "unknown (20 %)", "unknown (20 %)", "rest, 1 period"],
     ]
     assert texts(figure)[2, [0, 1, 3]].tolist() == ["unbounded", "non-finite", "1/0, no impact"]
     assert colours(figure)[2, 2] is None  # the hatched background is visible
@@ -32,6 +32,25 @@ def test_every_class_has_its_colour_and_its_label():
     assert "not computed yet (1 of 12)" in legend(figure)
     assert len(set(legend(figure).values())) == len(legend(figure))
     assert figure.legends[0].get_title().get_text().startswith("m/q")
+
+
+def test_rests_of_different_periods_are_told_apart():
+    """By hatches, since no further colours can be told apart from those of the classes."""
+    periods = [1, 2, 3, 4, 6, 5, 9]
+    dataset = equal_points(
+        axes={"omega": np.arange(1.0, 9.0), "R": np.array([0.5, 0.6])},
+        period={(i, j): m for i, m in enumerate([*periods, 0]) for j in (0, 1)},
+        rest_fraction={(i, j): 0.2 for i in range(8) for j in (0, 1)},
+    )
+    for page in (Page(), Page(grey=True)):
+        figure = parameter_map(dataset, page=page)
+        (one,) = figure.legends
+        hatches = {patch.get_label(): patch.get_hatch() for patch in one.get_patches()}
+        named = [f"rest, {m} period{'s' * (m > 1)}" for m in periods[:5]]
+        assert {*hatches} == {*named, "rest, 5, 9 periods", "rest"}
+        assert len({*hatches.values()}) == 7
+    figure = bifurcation(dataset, at={"R": 0.5}, color="period")
+    assert "rest, 1, 2, 3, ... periods" in legend(figure)
 
 
 def test_the_legend_has_only_what_there_is():

@@ -41,12 +41,12 @@ def names(figure):
 def test_every_name_is_in_a_region_of_its_class_and_has_room():
     dataset = blocks()
     found = names(parameter_map(dataset))
-    assert sorted(name for name, _, _ in found) == ["1/1", "2/2", "4/4", "rest"]
+    assert sorted(name for name, _, _ in found) == ["1/1", "2/2", "4/4", "rest, 1 period"]
     for name, (R, omega), rotation in found:
         there = dataset.sel(R=R, omega=omega, method="nearest")
         rests = there["rest_fraction"] > 0.0
         m, q = int(there["period"]), int(there["period_impacts"])
-        assert name == ("rest" if rests else f"{m}/{q}")
+        assert name == ("rest, 1 period" if rests else f"{m}/{q}")
         assert rotation == (90.0 if name == "4/4" else 0.0)
     (widest,) = (place for name, place, _ in found if name == "2/2")
     np.testing.assert_allclose(widest, (0.6, 2.4), atol=0.1)  # the middle of its block
@@ -54,7 +54,7 @@ def test_every_name_is_in_a_region_of_its_class_and_has_room():
 
 def test_names_are_those_of_the_shown_part():
     page = Page(xlim=(3.6, 4.0))
-    assert [name for name, *_ in names(parameter_map(blocks(), page=page))] == ["rest"]
+    assert [name for name, *_ in names(parameter_map(blocks(), page=page))] == ["rest, 1 period"]
 
 
 def test_a_map_in_grey_has_no_colour_and_boundaries_between_regions():
@@ -62,7 +62,7 @@ def test_a_map_in_grey_has_no_colour_and_boundaries_between_regions():
     panel = figure.axes[0]
     colours = [to_hex(rgba) for mesh in panel.collections[:1] for rgba in mesh.get_cmap().colors]
     assert all(colour[1:3] == colour[3:5] == colour[5:] for colour in colours)
-    assert legend(figure).keys() == {"1/1", "2/2", "4/4", "8/8", "rest"}
+    assert legend(figure).keys() == {"1/1", "2/2", "4/4", "8/8", "rest, 1 period"}
     hatched = {patch.get_hatch() for patch in panel.patches}
     assert {GREY_CLASSES[2, 2].hatch, GREY_CLASSES[4, 4].hatch} <= hatched
     (lines,) = (lines for lines in panel.collections if hasattr(lines, "get_segments"))
@@ -140,7 +140,7 @@ def test_a_legend_has_the_commonest_classes_on_every_page(width, grey):
     figure.draw_without_rendering()
     (one,) = figure.legends
     shown = entries(one)
-    assert {"1/1", "2/1", "rest", "chaotic (3.01 %)"} <= set(shown)
+    assert {"1/1", "2/1", "rest, 1 period", "chaotic (3.01 %)"} <= set(shown)
     assert_most_frequent(shown)
     assert one.get_window_extent().height < 0.203 * figure.bbox.height
     panel = figure.axes[0].get_window_extent().height / figure.dpi
@@ -195,7 +195,7 @@ def test_entries_of_one_width_are_beside_each_other_in_a_legend_within_the_figur
     figure.draw_without_rendering()
     (one,) = figure.legends
     texts = [text.get_text() for text in one.get_texts()]
-    assert {"rest", "other m/q"} <= set(texts)
+    assert {"rest, 1 period", "other m/q"} <= set(texts)
     assert [len(text) for text in texts] == sorted(map(len, texts))
     box = one.get_window_extent()
     assert figure.bbox.x0 < box.x0 and box.x1 < figure.bbox.x1
