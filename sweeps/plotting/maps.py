@@ -35,7 +35,7 @@ from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import cell_edges
 from sweeps.plotting.style import CLASSES, HATCH, ground
 from sweeps.text import listed
-from vibroimpact.points.regimes import ON_ITS_WAY, has_result
+from vibroimpact.points.regimes import ON_ITS_WAY, REST, has_result
 from vibroimpact.status import Status
 
 #: A legend always has the classes with at least this share of the points.
@@ -135,7 +135,8 @@ def _by_share(handles: Sequence[Artist], cells: Sequence[Cells]) -> tuple[list[A
     """Return the handles, those of most points first, and the rare classes, from the rarest."""
     counts = {cell.label: np.count_nonzero(cell.where) for cell in cells}
     ordered = sorted(handles, key=lambda handle: -counts.get(str(handle.get_label()), 0))
-    classes = [cell.label for cell in cells if cell.label[0].isdigit() and cell.where.any()]
+    there = [cell.label for cell in cells if cell.where.any()]
+    classes = [text for text in there if text[0].isdigit() or text.startswith(REST)]
     classes.sort(key=counts.__getitem__)
     common = _COMMON * sum(counts.values())
     return ordered, [text for text in classes[:-1] if counts[text] < common]

@@ -57,7 +57,8 @@ def name_regions(
 
     for name, row, column, upright in placed_names(raster, names, box):
         text = write(name)
-        text.set_rotation(90.0 if upright else 0.0)
+        if upright:
+            text.set(rotation=90.0, va="center")  # at center_baseline it would be below its place
         text.set_transform(panel.transAxes)
         text.set_position(((column + 0.5) / raster.shape[1], (row + 0.5) / raster.shape[0]))
 
