@@ -82,8 +82,8 @@ def bifurcations(
         - ``low`` and ``high``: the nearest values of the axis on both sides of it, with known
           classes where the class changes;
         - ``before`` and ``after``: the classes of the motions there, for example ``1/1``,
-          ``rest, 3 periods`` or ``chaotic``; for a bifurcation of the branches, those of the stable orbits that meet;
-          ``?`` if not known;
+          ``rest, 3 periods`` or ``chaotic``; for a bifurcation of the branches, those of the stable
+          orbits that meet; ``?`` if not known;
         - ``between``: the number of points between them whose class is unknown;
         - ``orbit``: the class of the orbit that bifurcates at ``value``; at a graze, q counts the
           impact of speed zero;
