@@ -197,7 +197,7 @@ def test_a_sweep_without_impacts_has_no_errors_of_them():
 
 
 def test_the_points_are_spread_over_the_grid():
-    fixed = dict.fromkeys(("f", "p", "clearance", "a", "x0", "v0"), 0.0)
+    fixed = dict.fromkeys(("f", "p", "clearance", "a", "x0", "v0", "phase"), 0.0)
     axes = {"h": np.arange(5.0), "omega": np.arange(1.0, 401.0), "R": np.arange(4.0)}
     points = Grid(axes, fixed).spread(64)
     assert 60 < len(points) <= 64 and len(np.unique(points)) == len(points)
