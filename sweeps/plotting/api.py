@@ -16,7 +16,8 @@ from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.cuts import START_AXES, Selection, swept_axes
 from sweeps.opened.doors import takes_sweep
-from sweeps.plotting.basin_pictures import attractor_diagram, basins
+from sweeps.plotting.basin_pictures import basins
+from sweeps.plotting.coexistence import attractor_diagram
 from sweeps.plotting.diagram import bifurcation
 from sweeps.plotting.erosion import integrity
 from sweeps.plotting.maps import parameter_map

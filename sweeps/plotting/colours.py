@@ -17,7 +17,6 @@ from matplotlib.patches import Patch
 
 from sweeps.errors import Refused
 from sweeps.opened.cuts import Selection, cut_at, directions
-from sweeps.opened.dataset import config_of
 from sweeps.opened.motions import classes_of
 from sweeps.plotting import canvas
 from sweeps.plotting.contents import (
@@ -25,8 +24,8 @@ from sweeps.plotting.contents import (
     Wanted,
     number_at,
     refuse_without_result,
-    with_number,
 )
+from sweeps.plotting.directions import colours_directions, direction_names, with_colour
 from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
 from sweeps.plotting.looks import look_of_class, look_of_regime, look_of_rest
 from sweeps.plotting.pixels import widened
@@ -333,24 +332,6 @@ def coloured_points(
     )
     refuse_without_result(points["status"].values)
     return points, shown
-
-
-def colours_directions(dataset: xr.Dataset, color: Wanted) -> bool:
-    """Whether colours are to tell apart the two directions in which an axis was followed."""
-    return bool(directions(dataset)) and isinstance(color, str) and color == DIRECTION
-
-
-def with_colour(dataset: xr.Dataset, color: Wanted) -> tuple[xr.Dataset, str]:
-    """Return the dataset with the number that colours the points, and its name there."""
-    return with_number(dataset, color, [DIRECTION] if directions(dataset) else [])
-
-
-def direction_names(dataset: xr.Dataset) -> tuple[str, str]:
-    """Return the names of the two directions for a legend, with the symbol of the followed axis."""
-    config = config_of(dataset)
-    assert config.follow is not None
-    symbol = config.nomenclature.about(config.follow.axis).symbol
-    return rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
 
 
 def _paint_directions(points: xr.Dataset, grey: bool) -> Paint:

@@ -20,10 +20,16 @@ from sweeps.opened.dataset import config_of
 from sweeps.opened.motions import approaching, classify
 from sweeps.plotting import canvas
 from sweeps.plotting.branch_lines import draw_branches, name_parts, without_idle
-from sweeps.plotting.colours import Paint, colours_directions, direction_names, paint, with_colour
+from sweeps.plotting.colours import Paint, paint
 from sweeps.plotting.contents import Wanted, refuse_empty, select_line, with_number
 from sweeps.plotting.density import draw_density, value_range
-from sweeps.plotting.directions import agreeing, draw_jumps
+from sweeps.plotting.directions import (
+    agreeing,
+    colours_directions,
+    direction_names,
+    draw_jumps,
+    with_colour,
+)
 from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled

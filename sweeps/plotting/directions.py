@@ -1,4 +1,4 @@
-"""The two directions of a followed axis: where they agree, and where a motion jumps."""
+"""The two directions of a followed axis: their names, where they agree, where a motion jumps."""
 
 from __future__ import annotations
 
@@ -6,15 +6,38 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from sweeps.opened.cuts import directions
+from sweeps.opened.dataset import config_of
+from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.style import ink
+from sweeps.store import DIRECTION
 
 #: Values of both directions are one if they differ by less than this share of the panel. Motions
 #: differ if their values are farther apart on the mean, and a jump with an arrow is longer.
 _SAME, _APART, _JUMP = 0.004, 0.01, 0.04
+
+
+def colours_directions(dataset: xr.Dataset, color: Wanted) -> bool:
+    """Whether colours are to tell apart the two directions in which an axis was followed."""
+    return bool(directions(dataset)) and isinstance(color, str) and color == DIRECTION
+
+
+def direction_names(dataset: xr.Dataset) -> tuple[str, str]:
+    """Return the names of the two directions for a legend, with the symbol of the followed axis."""
+    config = config_of(dataset)
+    assert config.follow is not None
+    symbol = config.nomenclature.about(config.follow.axis).symbol
+    return rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
+
+
+def with_colour(dataset: xr.Dataset, color: Wanted) -> tuple[xr.Dataset, str]:
+    """Return the dataset with the number that colours the points, and its name there."""
+    return with_number(dataset, color, [DIRECTION] if directions(dataset) else [])
 
 
 def nearest_distances(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:

@@ -16,9 +16,9 @@ from sweeps.opened.coordinates import recorded
 from sweeps.opened.cuts import Selection
 from sweeps.opened.dataset import config_of
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import Cells, Paint, coloured_points, colours_directions
+from sweeps.plotting.colours import Cells, Paint, coloured_points
 from sweeps.plotting.contents import Wanted
-from sweeps.plotting.directions import in_both
+from sweeps.plotting.directions import colours_directions, in_both
 from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import BOTH_COLOUR, Look, visible
