@@ -74,9 +74,7 @@ class Speed(NamedTuple):
     impacts: float
     share: float  # share of the peak that the multiply-adds of the computed steps reach
     alone: float  # share of the computed steps that left the vector; NaN unless impacts are exact
-    spread: float = (
-        math.nan
-    )  # of its time on one thread: by what share the median is above the best
+    spread: float = math.nan  # of the time on one thread: how far the median is above the best
 
 
 def points_over(scene: OmegaRange, count: int) -> np.ndarray:
