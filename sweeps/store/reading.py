@@ -46,13 +46,10 @@ def read_sweep(path: Path, verify: bool) -> xr.Dataset:
     """Return the Dataset of `open_sweep`, whose arrays are read each time they are used."""
     try:
         refuse_parts(path)
+        folder = parts_path(path)
         while True:  # a run may complete the file, or begin another one, between two steps
-            try:
+            if content(path) not in _MISSING or identity(folder / SCHEMA) is None:
                 return _opened(path, check_file(path, verify=verify))
-            except StoreError:
-                folder = parts_path(path)
-                if content(path) not in _MISSING or identity(folder / SCHEMA) is None:
-                    raise
             try:
                 parts = Parts(folder, schema_of(folder / SCHEMA), verify=verify)
                 if content(path) in _MISSING:

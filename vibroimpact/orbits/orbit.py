@@ -236,7 +236,7 @@ def point_of(osc: Oscillator) -> np.ndarray:
 
 def numbers_in(units: NaturalUnits, points: np.ndarray) -> np.ndarray:
     """Return the numbers of points of dtype ``POINT`` in natural units, a row for each."""
-    rows: np.ndarray = units.into(_UNITS, points.view(float).reshape(len(points), -1))
+    rows: np.ndarray = units.into(_UNITS, points.view(float).reshape(len(points), len(_UNITS)))
     return rows
 
 

@@ -20,7 +20,7 @@ from vibroimpact.step.stability import spectral_radius
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["accuracy-speed", "absent.yaml"], ["absent.yaml", "cannot be read"]),
+        (["accuracy-speed", "absent.yaml"], ["absent.yaml does not exist"]),
         (["accuracy-speed", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf, .eps"]),
         (["accuracy-speed", "-o", "nowhere/a.png"], ["folder nowhere of the picture a.png does"]),
         (["accuracy-speed", "--csv", "a.txt"], ["--csv a.txt ", ".csv"]),
