@@ -120,9 +120,10 @@ def _lazy(
         data[name] = tuple(sizes), indexing.LazilyIndexedArray(array)
     # A file of an earlier version lacks the parameters that came later.
     coordinates: dict[str, Any] = {name: ((), one.default) for name, one in PARAMETERS.items()}
-    computed = yaml.safe_load(str(schema.attributes.get("computation", "{}")))
-    coordinates["phase"] = (), float(computed.get("start", 0.0))  # it was the same for all points
     coordinates |= schema.coordinates()
+    computed = yaml.safe_load(str(schema.attributes.get("computation", "fixed:")))
+    if "fixed" not in computed:  # all points had one phase, and a column phase was a comment
+        coordinates["phase"] = (), float(computed.get("start", 0.0))
     dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})
     for called, variable in dataset.variables.items():
         variable.attrs = attributes_of(schema, str(called))

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS
-from sweeps.grid import Grid
+from sweeps.grid import TABLE, Grid, table_values
 from sweeps.reports.run_report import status_counts
 from sweeps.store import VARIABLES, open_sweep, sweep_writer
 from sweeps.store.variables import held_variables
@@ -289,3 +289,12 @@ def test_a_file_from_before_the_phase_was_a_parameter_has_that_of_its_computatio
     fill_blocks(tmp_path / "out.h5", plan=plan)
     with open_sweep(tmp_path / "out.h5") as dataset:
         assert dataset["phase"].item() == 1.5 and dataset["phase"].attrs["units"] == "rad"
+
+
+def test_a_column_phase_of_an_earlier_version_is_not_the_phase_of_the_points(tmp_path):
+    rows = table_values({"omega": np.array([1.0, 1.2]), "phase": np.array([7.0, 8.0])})
+    plan = schema(Grid({TABLE: rows}, GRID.fixed))
+    plan.attributes["computation"] = "start: 1.5\nh: 0.1\n"
+    fill_blocks(tmp_path / "out.h5", plan=plan)
+    with open_sweep(tmp_path / "out.h5") as dataset:
+        assert dataset["phase"].item() == 1.5 and dataset["omega"].values.tolist() == [1.0, 1.2]
