@@ -137,13 +137,13 @@ class SweepWriter:
 
 def _refuse_other(path: Path, old: Schema, new: Schema) -> None:
     """Refuse to resume a file of another sweep or other code; the error names what differs."""
-    differing: list[str] = []
-    # The computation follows from the configuration: compare it only if that does not differ.
-    for attribute in ("configuration", "computation"):
-        was, now = (str(schema.attributes.get(attribute, "{}")) for schema in (old, new))
-        differing = differing or _differences(was, now)
-    if old.attributes["numerics"] != new.attributes["numerics"]:
+    was, now = (schema.attributes for schema in (old, new))
+    differing = _differences(str(was["configuration"]), str(now["configuration"]))
+    if was["numerics"] != now["numerics"]:
         differing.append("the code that computes is another version")
+    # The computation follows from these two, and other code may name its parts differently.
+    if not differing:
+        differing = _differences(*(str(of.get("computation", "{}")) for of in (was, now)))
     if not differing and not _has_grid(old, new):
         differing.append("the points have other values or another order")
     if differing:

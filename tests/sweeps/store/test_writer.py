@@ -111,6 +111,18 @@ def test_another_sweep_is_not_resumed(changed, parts, blocks):
     assert contents(Path(name)) == before
 
 
+def test_a_computation_that_other_code_writes_differently_is_not_listed():
+    plan = schema()
+    plan.attributes["computation"] = "start: 1.5\nh: 0.1\n"
+    fill_blocks("out.h5", 2, plan=plan)
+    now = schema(numerics="2")
+    now.attributes["computation"] = "fixed: {h: 0.1, phase: 1.5}\n"
+    only = "cannot be resumed: the code that computes is another version; overwrite it"
+    with pytest.raises(StoreError, match=only):
+        with sweep_writer("out.h5", now, resume=True):
+            pass
+
+
 def test_another_name_or_compression_is_no_other_sweep():
     with sweep_writer("out.h5", schema(configuration="name: a\nh: 1\n")):
         pass
