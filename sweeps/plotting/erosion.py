@@ -62,7 +62,7 @@ _HEIGHTS = {"fraction": 0.35, "integrity_factor": 0.5, "local_integrity": 0.5, B
 _BOUND_MARKER = "^"
 
 
-@functools.partial(styled, panels=(1, 4))
+@functools.partial(styled, panels=range(1, 5))
 def integrity(
     dataset: xr.Dataset,
     *,
@@ -78,8 +78,8 @@ def integrity(
     of the panels, and a bound beyond it is marked at the upper end. The basins show the attractors
     at the section, and for those with a colour of their own the largest discs and an arrow for each
     least knock: from the state in which the motion next reaches the section to the state in which
-    the knocked motion does. `ax` are four panels, or one panel if only x0 and v0 were swept. The
-    limits of the page apply to the basins.
+    the knocked motion does. `ax` has as many panels as are drawn: all four by default, or one if
+    only x0 and v0 were swept. The limits of the page apply to the basins.
 
     Parameters
     ----------

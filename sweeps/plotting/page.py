@@ -222,7 +222,7 @@ def styled(
     The first parameter of the function must be the dataset; `ax` has one of these numbers of
     `panels`. Only with `marks` has the picture marks that can be left out.
     """
-    panel = " or ".join("a panel" if one == 1 else f"{one} panels" for one in panels)
+    panel = "a panel" if max(panels) == 1 else f"{' or '.join(map(str, panels))} panels"
     of_panels = Allowed(lambda value: _are_panels(value, panels), f"{panel} of matplotlib")
 
     @takes_sweep({**ARGUMENTS, "ax": of_panels})

@@ -382,8 +382,10 @@ def test_integrity_is_drawn_into_panels_of_another_figure(two, no_knocks):
     assert draw_integrity(two.isel(omega=0), ax=one) is one.figure and one.collections
     with pytest.raises(Refused, match="ax has 1 panels; expected: 4"):
         draw_integrity(two, ax=one)
-    with pytest.raises(Refused, match="expected: a panel or 4 panels of matplotlib"):
+    with pytest.raises(Refused, match="ax has 2 panels; expected: 4"):
         draw_integrity(two, ax=four[:2])
+    with pytest.raises(Refused, match="expected: 1 or 2 or 3 or 4 panels of matplotlib"):
+        draw_integrity(two, ax=Figure().subplots(5))
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.errors import Refused
@@ -42,6 +43,13 @@ def test_an_integrity_picture_has_the_panels_in_the_order_typed(stored):
     assert not {"largest disc", "attractors at the section"} & words
     assert titles(one) == [r"basins at $\omega=2.65$"]
     assert "lower bound" not in {text.get_text() for text in one.legends[0].get_texts()}
+
+
+def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(stored):
+    own = Figure().subplots(2)
+    with open_sweep(stored) as dataset:
+        assert integrity(dataset, panels=["fraction", "basins"], ax=own) is own[0].figure
+    assert own[0].lines and own[1].collections
 
 
 def test_a_table_has_the_panels_in_the_order_typed(table):
