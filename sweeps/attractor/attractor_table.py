@@ -92,8 +92,11 @@ def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
 
 
 def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
-    """Fix parameters at the grid values nearest to `at` and keep all starts; refuse other names."""
-    axes = parameter_axes(dataset)
+    """Fix parameters and the phase of the starts at the grid values nearest to `at`.
+
+    All starts there are kept; other names are refused.
+    """
+    axes = [*parameter_axes(dataset), *(name for name in swept_axes(dataset) if name == "phase")]
     for name in at:
         if name not in axes:
             raise Refused(f"{name} cannot be fixed here; {choice_of(axes)}")
