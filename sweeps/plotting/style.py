@@ -159,7 +159,9 @@ GREY_FURTHER = tuple(
 
 #: Looks in grey of what has none of its own: words, and a few values of an axis; of values that are
 #: not on a scale of greys; and of failed points beside these.
-GREY_SERIES = tuple(_grey(_FURTHER_GREYS[i % 2], hatch) for i, hatch in enumerate([*_SHAPES][:7]))
+GREY_SERIES = tuple(
+    _grey(_FURTHER_GREYS[i % 2], hatch) for i, hatch in enumerate([*_SHAPES][: len(EVIDENCE)])
+)
 GREY_SPECIAL = (
     _grey((WHITE, "#999999"), ""),
     *(_grey((WHITE, "#000000"), hatch) for hatch in ("////", "xxxx", "....")),
