@@ -95,7 +95,7 @@ def with_measures(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
     state = (found[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
     points = points_of(dataset.isel(x0=0, v0=0), at[0])
     points["x0"], points["v0"] = state
-    periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if not periodic
+    periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if m is not known
     longest = int(periods.max(initial=1))
     sections, _ = run_on(config, points, longest)
     measures = np.full((len(_BASIN_MEASURES), *number.shape), np.nan)
