@@ -258,6 +258,7 @@ def find_turning_point(pt, X, i, phase):
     The other arguments are as for `residuals`.
     """
     theta, v = X[phase_at(i)], X[speed_at(i)]
+    longest = MOST_ORBIT_STEPS * LONGEST_STEP * pt.omega / (2.0 * pt.h + pt.p + pt.omega)
     for _ in range(_MOST_ITERATIONS):
         y, u = _state_at(pt, theta, v, phase)
         s = sin_cos(phase)[0]
@@ -266,6 +267,8 @@ def find_turning_point(pt, X, i, phase):
         if not abs(change) > 1e-12 * (phase - theta):
             return phase, y
         phase -= change
+        if phase - theta > longest:  # beyond every flight, perhaps by more steps than can be taken
+            return phase, math.nan
     return phase, _state_at(pt, theta, v, phase)[0]
 
 
