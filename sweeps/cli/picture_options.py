@@ -131,7 +131,7 @@ Height = Annotated[
 Resolution = Annotated[
     int | None,
     typer.Option(
-        metavar="N", parser=integer_option("--dpi"), help="Pixels per inch, 300 if not given."
+        metavar="N", parser=integer_option("--dpi", 10), help="Pixels per inch, 300 if not given."
     ),
 ]
 Title = Annotated[

@@ -164,7 +164,7 @@ def _draw_rows(
     values = records(line, coordinate, np.array([row.point for row in table]))
     if coordinate.startswith("poincare"):
         for record, row in zip(values, table, strict=True):
-            record[: -row.m] = np.nan  # nothing of a motion with m = 0
+            record[: -row.m] = np.nan  # where m = 0, the whole record is drawn
     finite = values[np.isfinite(values)]
     if not len(finite):
         refuse_empty(line, coordinate)

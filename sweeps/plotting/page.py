@@ -42,7 +42,7 @@ class Page:
         Height of the figure [inch], by default the height of its panels, title and legend, up to
         that of a printed page, 9 inches.
     dpi : int, optional
-        Pixels per inch, by default matplotlib's ``savefig.dpi``.
+        Pixels per inch, at least 10, by default matplotlib's ``savefig.dpi``.
     title : str, optional
         Title instead of the name, the parameters and the record of the sweep; may be empty.
     xlim, ylim : (float, float), optional
@@ -133,7 +133,7 @@ _LIMITS = Allowed(
 _OF_PAGE = {
     "width": _LENGTH,
     "height": _LENGTH,
-    "dpi": integer(1),
+    "dpi": integer(10),
     "title": TEXT,
     "xlim": _LIMITS,
     "ylim": _LIMITS,

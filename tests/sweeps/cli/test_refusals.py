@@ -95,8 +95,8 @@ def test_more_than_the_disk_holds(monkeypatch, dry):
         ("run sweep.yaml --set", "option '--set' requires an argument; vibroimpact run --help"),
         ("run sweep.yaml --quite", "no option --quite (did you mean --quiet?); vibroimpact run"),
         ("run a --threads x", "--threads x is not allowed; expected: an integer from 1 to"),
-        ("plot a.h5 --dpi abc", "--dpi abc is not allowed; expected: an integer >= 1"),
-        ("plot a.h5 --dpi 0", "--dpi 0 is not allowed; expected: an integer >= 1"),
+        ("plot a.h5 --dpi abc", "--dpi abc is not allowed; expected: an integer >= 10"),
+        ("plot a.h5 --dpi 5", "--dpi 5 is not allowed; expected: an integer >= 10"),
         ("plot a.h5 --dpi 1_0", "--dpi 1_0 is not allowed"),
         ("plot a.h5 --exact --most 1.5", "--most 1.5 is not allowed; expected: an integer >= 1"),
         (
