@@ -47,7 +47,7 @@ ARGUMENTS = {
     "restitution": "--dpi 220",
     "shaker": "--exact --below impulse",
     "two-periods-near-resonance": "--kind map --exact",
-    "unstable-skeleton": "--exact --most 61",
+    "unstable-skeleton": "--exact --most=61",
     "vibrating-table": "--kind map --exact",
 }
 #: Pictures of benches, which take no sweep, and that of a script.
@@ -65,7 +65,7 @@ def words_of(figure):
     legends = [legend for legend in legends if legend is not None]
     return {
         "title": figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " "),
-        "labels": sorted(set(labels)),
+        "labels": sorted({label.replace("\N{NO-BREAK SPACE}", " ") for label in labels}),
         "legend": [legend.get_title().get_text() for legend in legends]
         + [text.get_text() for legend in legends for text in legend.get_texts()],
     }
@@ -78,7 +78,7 @@ def drawn(name, *overrides, exact=True):
     accepted("run", CONFIGS / f"{name}.yaml", *sets, "-o", file, "--quiet", "--overwrite")
     arguments = ARGUMENTS[name].split()
     if not exact:
-        arguments = [word for word in arguments if word != "--exact"]
+        arguments = [word for word in arguments if not word.startswith(("--exact", "--most"))]
 
     def save(figure, *about):
         kept.append(figure)

@@ -62,7 +62,7 @@ def line(exact):
 def test_settled_points_are_on_the_exact_orbits_to_rounding(line):
     """Their impacts, found by Newton's method for the equations of the flights."""
     motions, compared = motions_of(line), set()
-    for i in np.flatnonzero((motions["m"] > 0) & (line["orbit_distance"].values < 1e-13)).tolist():
+    for i in np.flatnonzero((motions["q"] > 0) & (line["orbit_distance"].values < 1e-13)).tolist():
         orbit = orbit_of_motion(motions[i], 1.0)
         assert orbit.stable
         cycle = orbit.sections(1.0)

@@ -320,7 +320,7 @@ def test_a_diagram_of_a_rig_is_in_hertz(joint):
         speed, impacts = ds["fastest_impact"].values, ds["impacts_per_period"].values
     panel, below = figure.axes
     assert below.get_xlabel() == r"forcing frequency $\nu$ [Hz]"
-    assert below.get_title(loc="left").endswith("per forcing period $J$ [N s]")
+    assert below.get_title(loc="left").endswith("per forcing period $J$ [N\N{NO-BREAK SPACE}s]")
     x, y = panel.lines[0].get_data()
     frequencies = linear_values(22, 41, 39)
     assert np.unique(x).tolist() == frequencies.tolist()

@@ -158,7 +158,9 @@ def test_results_are_those_of_the_mass_of_their_row(unpainted):
         assert one["poincare_x"].values.tobytes() == other["poincare_x"].values.tobytes()
         assert other["mass"].values.tolist() == [0.5, 1.0] and other["mass"].units == "kg"
         panel = plotting.table_panels(one, axes=["mass"], quantity="impulse").axes[0]
-    assert panel.get_xlabel().endswith("[kg]") and panel.get_title(loc="left").endswith("[N s]")
+    assert panel.get_xlabel().endswith("[kg]") and panel.get_title(loc="left").endswith(
+        "[N\N{NO-BREAK SPACE}s]"
+    )
     fixed = run_sweep(load(f"rig: {{stiffness: 8000, damping: 4, force: 8, gap: {GAP}, R: {R}, "
                            "frequency: 36}\npoints: {mass: [0.5, 0.6]}\n"), "fixed.h5")  # fmt: skip
     accepted("export", fixed, "-o", "fixed.csv")
@@ -184,6 +186,6 @@ def test_a_table_beside_a_rig_is_read_in_si_units():
         figure = plotting.table_panels(ds, quantity="impulse")
         assert ds["omega"].values.tolist() == [100, 200, 250]
     assert figure.axes[0].get_xlabel().endswith("[Hz]")
-    assert figure.axes[0].get_title(loc="left").endswith("[N s]")
+    assert figure.axes[0].get_title(loc="left").endswith("[N\N{NO-BREAK SPACE}s]")
     offsets = figure.axes[0].collections[0].get_offsets()
     assert np.asarray(offsets)[:, 0] == pytest.approx(nu)
