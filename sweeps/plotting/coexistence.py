@@ -64,8 +64,8 @@ def attractor_diagram(
 
     They have the colours of their classes, as in `basins`.
 
-    The motion from one start of each attractor is drawn: one repetition of a periodic motion, or
-    the whole record of another motion. The period must be recorded.
+    The motion from one start of each attractor is drawn: one repetition of a motion that repeats,
+    or the whole record of another one. The period must be recorded.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from sweeps.plotting.labels import label_axis
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.store import columns_of
-from sweeps.text import shown_count
+from sweeps.text import listed, shown_count
 
 #: Least width of a panel, for its labels [inch].
 _NARROWEST = 2.3
@@ -91,6 +91,8 @@ def table_panels(
     abscissas = canvas.chosen_panels(panels, there)
     if not (axes or panels):
         abscissas = there[: 1 if ax is not None else _MOST_ROWS * beside]
+    if ax is not None and len(abscissas) > 1:
+        raise Refused(f"ax is one panel, and {listed(abscissas)} take {len(abscissas)}: choose one")
     shown = paint(dataset, tint, dots=True, grey=page.grey)
     points = read_overlay(overlay, dataset, [abscissas, [ordinate]])
     refuse_without_result(dataset["status"].values)
