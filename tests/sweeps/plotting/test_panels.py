@@ -56,7 +56,7 @@ def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(stored):
 def test_a_panel_of_another_figure_takes_no_second_abscissa(table, choice):
     own = Figure().subplots()
     with open_sweep(table) as dataset:
-        with pytest.raises(Refused, match="ax is one panel, and R and omega take 2: choose one"):
+        with pytest.raises(Refused, match="ax is one panel, and R, omega take 2: choose one"):
             table_panels(dataset, ax=own, **{choice: ["R", "omega"]})
         assert table_panels(dataset, ax=own, **{choice: ["omega"]}) is own.figure
 
