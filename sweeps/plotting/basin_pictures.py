@@ -33,14 +33,13 @@ from sweeps.opened.cuts import (
 )
 from sweeps.opened.dataset import config_of
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import Cells
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
     as_variable,
     basins_title,
     equation,
 )
-from sweeps.plotting.looks import Looks
+from sweeps.plotting.looks import Cells, Looks
 from sweeps.plotting.maps import draw_cells, name_and_bound
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import Look, ground, ink

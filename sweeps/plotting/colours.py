@@ -1,4 +1,4 @@
-"""Numbers per point as colours: classes and words with a legend, others with a ramp and a bar."""
+"""Numbers per point as colours: words and classes with a legend, others with a ramp and a bar."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_hex, to_rgba
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from sweeps.errors import Refused
 from sweeps.opened.cuts import Selection, cut_at, directions
@@ -27,36 +26,29 @@ from sweeps.plotting.contents import (
 )
 from sweeps.plotting.directions import colours_directions, direction_names, with_colour
 from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
-from sweeps.plotting.looks import look_of_class, look_of_regime, look_of_rest
+from sweeps.plotting.looks import Cells, period_cells
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
     BLUE,
-    CLASSES,
     DIRECTION_COLOURS,
     DIRECTION_DASHES,
     DIRECTION_MARKERS,
     EVIDENCE,
     GREY_DIRECTIONS,
-    GREY_FAILED,
     GREY_SERIES,
     GREY_SPECIAL,
-    HATCH,
     NO_VALUE,
     PALE,
-    REGIMES,
     REST,
-    RESTS,
     RESULTS,
-    STATUS_COLOURS,
     VERMILION,
     WHITE,
     Look,
     grey_ramp,
-    ink,
     visible,
 )
 from sweeps.store import DIRECTION
-from vibroimpact.points.regimes import NO_CLASS, Label, Regime, has_result, rest_of
+from vibroimpact.points.regimes import Regime, has_result
 from vibroimpact.status import Status
 
 #: Names of the value 0 of quantities that are 0 or not defined without impacts.
@@ -86,92 +78,6 @@ _SIGNED, _SIGNED_DOTS = (
     LinearSegmentedColormap.from_list("signed", ["#00263D", BLUE, middle, VERMILION, "#4A1D00"])
     for middle in ("#F7F7F7", "#A0A0A0")
 )
-
-
-class Cells(NamedTuple):
-    """The points of a picture with the same look."""
-
-    label: str
-    look: Look
-    where: np.ndarray
-
-    @property
-    def colour(self) -> str:
-        """The colour of the cells."""
-        return self.look.colour
-
-    def handle(self) -> Patch:
-        """Return the patch for the legend."""
-        edge = HATCH if self.look.hatch else ink()
-        look: dict[str, Any] = {"edgecolor": edge, "hatch": self.look.hatch, "linewidth": 0.4}
-        return Patch(facecolor=self.colour, label=self.label, **look)
-
-
-def failed_cells(status: np.ndarray, hatched: bool = False) -> list[Cells]:
-    """Return the failed points, by outcome; `hatched` beside a scale of greys."""
-    return [
-        Cells(
-            status_name(outcome),
-            look if hatched else Look.plain(STATUS_COLOURS[outcome]),
-            status == outcome,
-        )
-        for outcome, look in GREY_FAILED.items()
-    ]
-
-
-def period_cells(
-    regimes: np.ndarray, m: np.ndarray, q: np.ndarray, *, grey: bool = False, hatched: bool = True
-) -> list[Cells]:
-    """Return the points of each regime, those of each class of ``CLASSES`` apart.
-
-    Motions with rest are apart by their periods if the picture can be `hatched`. The labels say how
-    many points are chaotic or unknown, as a share of those with a result.
-    """
-    periodic = regimes == Regime.PERIODIC
-    cells = []
-    for periods, impacts in CLASSES:
-        where = periodic & (m == periods) & (q == impacts)
-        text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
-        cells.append(Cells(text, look_of_class(periods, impacts, grey), where))
-        periodic = periodic & ~where
-    cells.append(Cells("other m/q", look_of_class(0, 0, grey), periodic))
-    results = max(1, int((regimes > Regime.FAILED).sum()))
-    for regime in REGIMES:
-        where, text = regimes == regime, regime.word
-        if regime in NO_CLASS:
-            text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
-        if regime is Regime.REST:
-            cells += _rest_cells(where, m, grey, hatched)
-        else:
-            cells.append(Cells(text, look_of_regime(regime, grey), where))
-    return cells
-
-
-def _rest_cells(rest: np.ndarray, m: np.ndarray, grey: bool, hatched: bool) -> list[Cells]:
-    """Return the points with `rest`, those of each period of ``RESTS`` apart if `hatched`."""
-    if not hatched:
-        look = look_of_regime(Regime.REST, grey)
-        return [Cells(rest_of(np.unique(m[rest]).tolist()), look, rest)]
-    others = rest & ~np.isin(m, [*RESTS])
-    groups = [*((periods, rest & (m == periods)) for periods in RESTS), (-1, others)]
-    return [
-        Cells(rest_of(np.unique(m[where]).tolist()), look_of_rest(periods, grey), where)
-        for periods, where in groups
-    ]
-
-
-def class_numbers(
-    regimes: np.ndarray, m: np.ndarray, q: np.ndarray
-) -> tuple[np.ndarray, dict[int, str]]:
-    """Return a number for the class of each motion, and the names of classes.
-
-    Those of chaotic, unknown and failed points have no name.
-    """
-    numbers = m << 40 | q << 8 | regimes
-    found = np.unique(numbers).tolist()
-    classes = {n: Label(Regime(n % 256), n >> 40, (n >> 8) % 2**32) for n in found}
-    named = (Regime.PERIODIC, Regime.REST, Regime.UNBOUNDED)
-    return numbers, {n: str(label) for n, label in classes.items() if label.regime in named}
 
 
 class Paint(NamedTuple):

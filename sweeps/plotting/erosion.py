@@ -33,7 +33,6 @@ from sweeps.plotting.basin_pictures import (
     over_starts,
     reached,
 )
-from sweeps.plotting.colours import Cells
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
     as_variable,
@@ -42,7 +41,7 @@ from sweeps.plotting.labels import (
     label_axis,
     named_unit,
 )
-from sweeps.plotting.looks import Looks
+from sweeps.plotting.looks import Cells, Looks
 from sweeps.plotting.maps import draw_cells
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled

@@ -1,28 +1,34 @@
-"""The looks of classes, of regimes, and of attractors: of their class, or one of their own."""
+"""The looks of classes, regimes and attractors, and the points of a picture that have one look."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
+from matplotlib.patches import Patch
 
 from sweeps.attractor.attractor_table import AttractorRow
+from sweeps.plotting.labels import status_name
 from sweeps.plotting.style import (
     CLASSES,
     FURTHER,
     GREY_CLASSES,
+    GREY_FAILED,
     GREY_FURTHER,
     GREY_OTHER,
     GREY_REGIMES,
+    HATCH,
     OTHER_CLASS,
     OTHER_RESTS,
     REGIMES,
     RESTS,
+    STATUS_COLOURS,
     Look,
+    ink,
 )
-from vibroimpact.points.regimes import Regime
+from vibroimpact.points.regimes import NO_CLASS, Label, Regime, rest_of
 
 
 def look_of_class(m: int, q: int, grey: bool = False) -> Look:
@@ -42,6 +48,92 @@ def look_of_regime(regime: Regime, grey: bool = False) -> Look:
 def look_of_rest(m: int, grey: bool = False) -> Look:
     """Return the look of motions with rest that repeat after m periods; 0: not known to repeat."""
     return look_of_regime(Regime.REST, grey)._replace(hatch=RESTS.get(m, OTHER_RESTS))
+
+
+class Cells(NamedTuple):
+    """The points of a picture with the same look."""
+
+    label: str
+    look: Look
+    where: np.ndarray
+
+    @property
+    def colour(self) -> str:
+        """The colour of the cells."""
+        return self.look.colour
+
+    def handle(self) -> Patch:
+        """Return the patch for the legend."""
+        edge = HATCH if self.look.hatch else ink()
+        look: dict[str, Any] = {"edgecolor": edge, "hatch": self.look.hatch, "linewidth": 0.4}
+        return Patch(facecolor=self.colour, label=self.label, **look)
+
+
+def failed_cells(status: np.ndarray, hatched: bool = False) -> list[Cells]:
+    """Return the failed points, by outcome; `hatched` beside a scale of greys."""
+    return [
+        Cells(
+            status_name(outcome),
+            look if hatched else Look.plain(STATUS_COLOURS[outcome]),
+            status == outcome,
+        )
+        for outcome, look in GREY_FAILED.items()
+    ]
+
+
+def period_cells(
+    regimes: np.ndarray, m: np.ndarray, q: np.ndarray, *, grey: bool = False, hatched: bool = True
+) -> list[Cells]:
+    """Return the points of each regime, those of each class of ``CLASSES`` apart.
+
+    Motions with rest are apart by their periods if the picture can be `hatched`. The labels say how
+    many points are chaotic or unknown, as a share of those with a result.
+    """
+    periodic = regimes == Regime.PERIODIC
+    cells = []
+    for periods, impacts in CLASSES:
+        where = periodic & (m == periods) & (q == impacts)
+        text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
+        cells.append(Cells(text, look_of_class(periods, impacts, grey), where))
+        periodic = periodic & ~where
+    cells.append(Cells("other m/q", look_of_class(0, 0, grey), periodic))
+    results = max(1, int((regimes > Regime.FAILED).sum()))
+    for regime in REGIMES:
+        where, text = regimes == regime, regime.word
+        if regime in NO_CLASS:
+            text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
+        if regime is Regime.REST:
+            cells += _rest_cells(where, m, grey, hatched)
+        else:
+            cells.append(Cells(text, look_of_regime(regime, grey), where))
+    return cells
+
+
+def _rest_cells(rest: np.ndarray, m: np.ndarray, grey: bool, hatched: bool) -> list[Cells]:
+    """Return the points with `rest`, those of each period of ``RESTS`` apart if `hatched`."""
+    if not hatched:
+        look = look_of_regime(Regime.REST, grey)
+        return [Cells(rest_of(np.unique(m[rest]).tolist()), look, rest)]
+    others = rest & ~np.isin(m, [*RESTS])
+    groups = [*((periods, rest & (m == periods)) for periods in RESTS), (-1, others)]
+    return [
+        Cells(rest_of(np.unique(m[where]).tolist()), look_of_rest(periods, grey), where)
+        for periods, where in groups
+    ]
+
+
+def class_numbers(
+    regimes: np.ndarray, m: np.ndarray, q: np.ndarray
+) -> tuple[np.ndarray, dict[int, str]]:
+    """Return a number for the class of each motion, and the names of classes.
+
+    Those of chaotic, unknown and failed points have no name.
+    """
+    numbers = m << 40 | q << 8 | regimes
+    found = np.unique(numbers).tolist()
+    classes = {n: Label(Regime(n % 256), n >> 40, (n >> 8) % 2**32) for n in found}
+    named = (Regime.PERIODIC, Regime.REST, Regime.UNBOUNDED)
+    return numbers, {n: str(label) for n, label in classes.items() if label.regime in named}
 
 
 class Looks(NamedTuple):

@@ -21,7 +21,7 @@ from sweeps.errors import Refused
 from sweeps.opened.cuts import Selection, cut_at
 from sweeps.opened.motions import approaching, classes_of
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import Cells, class_numbers, failed_cells, paint
+from sweeps.plotting.colours import paint
 from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.curve_lines import draw_curves
 from sweeps.plotting.labels import (
@@ -29,6 +29,7 @@ from sweeps.plotting.labels import (
     log_spaced,
     status_name,
 )
+from sweeps.plotting.looks import Cells, class_numbers, failed_cells
 from sweeps.plotting.names import draw_boundaries, name_regions
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled

@@ -16,10 +16,11 @@ from sweeps.opened.coordinates import recorded
 from sweeps.opened.cuts import Selection
 from sweeps.opened.dataset import config_of
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import Cells, Paint, coloured_points
+from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.contents import Wanted
 from sweeps.plotting.directions import colours_directions, in_both
 from sweeps.plotting.labels import as_variable, label_axis, record_text
+from sweeps.plotting.looks import Cells
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import BOTH_COLOUR, Look, visible
 from sweeps.store import DIRECTION

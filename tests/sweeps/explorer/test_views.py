@@ -26,8 +26,7 @@ from sweeps.interrupts import check
 from sweeps.opened.motions import classes_of
 from sweeps.plotting import style
 from sweeps.plotting.basin_pictures import basin_cells
-from sweeps.plotting.colours import period_cells
-from sweeps.plotting.looks import Looks
+from sweeps.plotting.looks import Looks, period_cells
 from sweeps.plotting.style import PARTIAL
 from tests.helpers.commands import refused
 from tests.helpers.places import CONFIGS

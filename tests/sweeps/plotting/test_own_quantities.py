@@ -20,7 +20,7 @@ from sweeps.plotting import (
     table_panels,
     trajectory,
 )
-from sweeps.plotting.colours import period_cells
+from sweeps.plotting.looks import period_cells
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Status
 
