@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterable
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any, NamedTuple
 
 #: How NumPy writes what is in a list: np.int64(-1), np.str_('a'), np.True_.
@@ -30,11 +31,11 @@ class Allowed(NamedTuple):
         """Say that what was given is not allowed, and what is."""
         return refusal(given, self.expected)
 
-    def checked(self, name: str, value: object) -> Any:
-        """Return a value, of Python if it is a number of NumPy; ValueError if it does not fit."""
+    def checked(self, name: str, value: object, error: type[Exception] = ValueError) -> Any:
+        """Return a value, a number of NumPy as Python has it; raise `error` if it does not fit."""
         if not self.fits(value):
             meant = near_miss(value, self.names) if isinstance(value, str) else None
-            raise ValueError(self.refusal(f"{name} = {input_text(value)}") + suggestion(meant))
+            raise error(self.refusal(f"{name} = {input_text(value)}") + suggestion(meant))
         return of_python(value)
 
 
@@ -139,6 +140,7 @@ def refuse_other(name: str, value: object, kind: type) -> None:
 PHASE = number(lambda phase: 0.0 <= phase < 2.0 * math.pi, "a number >= 0 and < 2 pi")
 FLAG = Allowed(lambda value: isinstance(of_python(value), bool), "True or False")
 TEXT = Allowed(lambda value: isinstance(value, str), "a text")
+PATH = Allowed(lambda value: isinstance(value, str | Path), "the path of a file")
 
 
 def input_text(value: object, most: int = 80) -> str:

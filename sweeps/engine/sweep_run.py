@@ -13,7 +13,6 @@ import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from sweeps.arguments import PATH, require_all
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.cluster import ClusterComputer, is_client
@@ -25,7 +24,7 @@ from sweeps.interrupts import check, raised_by_check
 from sweeps.reports.run_report import plan
 from sweeps.store import Schema, only_writer, sweep_writer
 from sweeps.text import printable
-from vibroimpact.inputs import FLAG, Allowed, integer
+from vibroimpact.inputs import FLAG, PATH, Allowed, integer
 from vibroimpact.jit import ALL_THREADS, NUMERICS, watched
 
 if TYPE_CHECKING:
@@ -109,7 +108,9 @@ def run_sweep(
         "resume": resume,
         "progress": progress,
     }
-    require_all({name: one for name, one in given.items() if one is not None}, _ARGUMENTS)
+    for name, value in given.items():
+        if value is not None:
+            _ARGUMENTS[name].checked(name, value, Refused)
     if overwrite and resume:
         raise Refused("resume and overwrite exclude each other; give one of them")
     if client is not None and threads is not None:

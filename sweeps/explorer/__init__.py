@@ -52,15 +52,16 @@ def explore(
     True
     >>> page.close()
     """
-    from sweeps.arguments import is_path, require
     from sweeps.config.loading import load_config
     from sweeps.config.sweep import SweepConfig
     from sweeps.errors import Refused
     from vibroimpact.inputs import Allowed, integer
 
-    require("port", port, integer(0, 65535))
-    existing = Allowed(lambda value: is_path(value) and Path(value).is_dir(), "an existing folder")
-    require("folder", Path() if folder is None else folder, existing)
+    integer(0, 65535).checked("port", port, Refused)
+    existing = Allowed(
+        lambda value: isinstance(value, str | Path) and Path(value).is_dir(), "an existing folder"
+    )
+    existing.checked("folder", Path() if folder is None else folder, Refused)
     if not isinstance(config, SweepConfig):
         config = load_config(config)
     if config.points is not None:

@@ -10,7 +10,6 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import xarray as xr
 
-from sweeps.arguments import require_all
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
@@ -86,6 +85,7 @@ def takes_sweep(
         signature = inspect.signature(function)
         first = next(iter(signature.parameters))
         defaults = {name: one.default for name, one in signature.parameters.items()}
+        known = {**ARGUMENTS, **allowed}
 
         @functools.wraps(function)
         def checked(*arguments: Any, **options: Any) -> T:
@@ -93,8 +93,9 @@ def takes_sweep(
             given = dict(bound.arguments)
             sweep = given.pop(first)
             given |= given.pop("options", {})  # of `plot`
-            chosen = {name: one for name, one in given.items() if one is not defaults.get(name)}
-            require_all(chosen, {**ARGUMENTS, **allowed})
+            for name, value in given.items():
+                if value is not defaults.get(name) and name in known:
+                    known[name].checked(name, value, Refused)
             if isinstance(at := bound.arguments.get("at"), Mapping):
                 bound.arguments["at"] = {name: of_python(value) for name, value in at.items()}
             if not isinstance(sweep, str | Path):

@@ -10,7 +10,6 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
-from sweeps.arguments import PATH, is_path
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
@@ -29,7 +28,7 @@ from sweeps.plotting.style import user_style
 from sweeps.plotting.table_picture import table_panels
 from sweeps.store import DIRECTION
 from sweeps.text import choice_of, listed, near_miss, suggestion
-from vibroimpact.inputs import TEXT
+from vibroimpact.inputs import PATH, TEXT
 
 
 class Kind(NamedTuple):
@@ -122,7 +121,7 @@ def plot(
     """
     output = Path(output)
     read = [str(dataset.encoding.get("source", "")), options.get("overlay")]
-    check_picture(output, *(file for file in read if is_path(file)))
+    check_picture(output, *(file for file in read if isinstance(file, str | Path)))
     options = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(dataset, at, **options) if kind is None else kind
     check_options(kind, options)

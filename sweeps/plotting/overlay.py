@@ -16,7 +16,6 @@ from matplotlib.axis import Axis
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.lines import Line2D
 
-from sweeps.arguments import is_path
 from sweeps.config.points import check_header, read_columns
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES
@@ -68,7 +67,7 @@ def read_overlay(
     names = [name for group in needed for name in group]
     names += [quantity] if quantity and has_scale(quantity) else []
     seen = {name: _described(dataset, name) for name in names}
-    heads = dict[str, tuple[str, str]]()
+    heads, is_file = dict[str, tuple[str, str]](), isinstance(given, str | Path)
 
     def check(columns: list[str]) -> Mapping[str, Parameter]:
         check_header(columns)
@@ -90,15 +89,15 @@ def read_overlay(
         table = read_columns(given, Path(), check)
         known = {head: units_of(seen[name]) for head, (name, _) in heads.items()}
         units = {name: known[head][unit] for head, (name, unit) in heads.items() if unit}
-        stem = Path(given).stem if is_path(given) else "overlay"
+        stem = Path(given).stem if is_file else "overlay"
         own = table[LABEL] if LABEL in (table.dtype.names or ()) else [stem] * len(table)
         labels = np.array([_label(one, stem) for one in own])
         if len({*labels}) > len(_MARKERS):
             most = f"expected: at most {len(_MARKERS)}, each with a marker of its own"
-            where = f"{given}: " if is_path(given) else ""
+            where = f"{given}: " if is_file else ""
             raise ValueError(f"{where}there are {len({*labels})} labels; {most}")
     except ValueError as error:
-        raise Refused(f"overlay{' ' if is_path(given) else ': '}{error}") from None
+        raise Refused(f"overlay{' ' if is_file else ': '}{error}") from None
     return Overlay({name: table[head] for head, (name, _) in heads.items()}, units, seen, labels)
 
 

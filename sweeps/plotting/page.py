@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -20,7 +21,6 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.arguments import is_path, require_all
 from sweeps.errors import Refused
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.in_si import arguments_in_si
@@ -84,7 +84,9 @@ class Page:
 
     def __post_init__(self) -> None:
         """Refuse a size, title or limit that is not allowed."""
-        require_all({name: one for name, one in vars(self).items() if one is not None}, _OF_PAGE)
+        for name, value in vars(self).items():
+            if value is not None:
+                _OF_PAGE[name].checked(name, value, Refused)
 
     def set_limits(self, panel: Axes) -> None:
         """Set the given limits; raise Refused if they contain no data."""
@@ -209,7 +211,8 @@ ARGUMENTS: Mapping[str, Allowed] = {
     ),
     "periods": integer(1, MOST_RECORDED),
     "overlay": Allowed(
-        lambda value: is_path(value) or hasattr(value, "items"), "a CSV file or a DataFrame"
+        lambda value: isinstance(value, str | Path) or hasattr(value, "items"),
+        "a CSV file or a DataFrame",
     ),
 }
 

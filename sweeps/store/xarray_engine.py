@@ -14,7 +14,7 @@ from typing import Any
 import xarray as xr
 from xarray.backends import BackendEntrypoint
 
-from sweeps.errors import StoreError
+from sweeps.errors import Refused, StoreError
 from sweeps.store.paths import SCHEMA, open_regular, parts_path
 from sweeps.store.replacing import TRAILER
 
@@ -51,11 +51,10 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     >>> ds["period"].values
     array([1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2])
     """
-    from sweeps.arguments import PATH, require
-    from vibroimpact.inputs import FLAG
+    from vibroimpact.inputs import FLAG, PATH
 
-    require("path", path, PATH)
-    require("verify", verify, FLAG)
+    PATH.checked("path", path, Refused)
+    FLAG.checked("verify", verify, Refused)
     return xr.open_dataset(path, engine=SweepEngine, verify=verify)
 
 
@@ -72,12 +71,11 @@ class SweepEngine(BackendEntrypoint):
         verify: bool = True,
     ) -> xr.Dataset:
         """Open a sweep as `open_sweep` does; xarray then caches it, or cuts it into chunks."""
-        from sweeps.arguments import PATH, require
         from sweeps.store.reading import read_sweep
-        from vibroimpact.inputs import FLAG
+        from vibroimpact.inputs import FLAG, PATH
 
-        require("filename_or_obj", filename_or_obj, PATH)
-        require("verify", verify, FLAG)
+        PATH.checked("filename_or_obj", filename_or_obj, Refused)
+        FLAG.checked("verify", verify, Refused)
         dataset = read_sweep(Path(filename_or_obj), verify)
         dropped = [drop_variables] if isinstance(drop_variables, str) else [*(drop_variables or ())]
         return dataset.drop_vars(dropped, errors="ignore") if dropped else dataset
