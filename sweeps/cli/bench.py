@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.options import Csv, read_threads, say
+from sweeps.cli.options import Csv, number_option, read_threads, say
 from sweeps.errors import Failed, Refused
-from vibroimpact.inputs import number, typed
+from vibroimpact.inputs import number
 
 Figure = Annotated[
     Path, typer.Option("-o", "--output", metavar="FIGURE", help="The picture to write.")
@@ -126,12 +126,7 @@ def _check_json(path: Path | None) -> Path | None:
     return path
 
 
-def _read_share(value: object) -> float:
-    """Read a share; refuse all but numbers above 0, up to 1."""
-    allowed = number(lambda given: 0.0 < given <= 1.0, "a number above 0, at most 1, as 0.05")
-    if not allowed.fits(given := typed(str(value))):
-        raise Refused(allowed.refusal(f"--fail-below {value}"))
-    return float(given or 0.0)
+_SHARE = number(lambda given: 0.0 < given <= 1.0, "a number above 0, at most 1, as 0.05")
 
 
 def speed(
@@ -144,7 +139,7 @@ def speed(
         float | None,
         typer.Option(
             metavar="SHARE",
-            parser=_read_share,
+            parser=number_option("--fail-below", _SHARE),
             help="Exit with 1 if the geometric mean of the shares of the peak is below SHARE.",
         ),
     ] = None,

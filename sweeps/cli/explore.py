@@ -7,14 +7,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sweeps.cli.options import integer_option, say
+from sweeps.cli.options import number_option, say
 from sweeps.interrupts import signal_came
+from vibroimpact.inputs import integer
 
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
 
 #: Interval of the checks for signals [s].
 _WAIT = 0.05
+
+
+Port = Annotated[
+    int,
+    typer.Option(
+        metavar="N",
+        parser=number_option("--port", integer(0, 65535)),
+        help="Port on this machine; a free one if not given.",
+    ),
+]
 
 
 def explore_command(
@@ -25,14 +36,7 @@ def explore_command(
             help="A configuration or a sweep file; the quickstart if not given.",
         ),
     ] = None,
-    port: Annotated[
-        int,
-        typer.Option(
-            metavar="N",
-            parser=integer_option("--port", 0, 65535),
-            help="Port on this machine; a free one if not given.",
-        ),
-    ] = 0,
+    port: Port = 0,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Show the address without opening a browser.")
     ] = False,

@@ -81,16 +81,6 @@ def _show_version(requested: bool) -> None:
         raise typer.Exit
 
 
-def _check_folder() -> None:
-    """Refuse to work in a folder that was removed."""
-    try:
-        os.getcwd()
-    except FileNotFoundError:
-        raise Refused("the working folder was removed; change to one that exists") from None
-    except OSError as error:
-        raise Refused(f"the working folder cannot be used: {error.strerror}") from None
-
-
 def _check_numba() -> None:
     """Refuse settings that numba cannot read or use, with the error of numba."""
     file = Path(".numba_config.yaml")
@@ -132,7 +122,12 @@ def _common(
     ] = False,
 ) -> None:
     """Sweeps of a forced oscillator with impacts: YAML in, HDF5 and pictures out."""
-    _check_folder()
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise Refused("the working folder was removed; change to one that exists") from None
+    except OSError as error:
+        raise Refused(f"the working folder cannot be used: {error.strerror}") from None
     _check_numba()
     if context.invoked_subcommand not in ("run", "zoom", "explore"):
         context.with_resource(raised_at_once())
@@ -144,16 +139,17 @@ def _scenes() -> Iterable[str]:
     return scenes()
 
 
-def init_command(
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE",
-            autocompletion=completion(_scenes),
-            help="The name of a scene of the gallery.",
-        ),
-    ] = "quickstart",
-) -> None:
+Scene = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        autocompletion=completion(_scenes),
+        help="The name of a scene of the gallery.",
+    ),
+]
+
+
+def init_command(scene: Scene = "quickstart") -> None:
     """Write a scene to this folder: its configuration with comments, and its table, if any."""
     from sweeps.config.scenes import scenes
     from sweeps.store.replacing import check_target, writing

@@ -20,7 +20,7 @@ import typer
 
 from sweeps.errors import Refused
 from sweeps.text import printable, shortened, suggestion, told_apart
-from vibroimpact.inputs import integer, is_number, refusal, typed
+from vibroimpact.inputs import Allowed, integer, is_number, refusal, typed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,15 +28,14 @@ if TYPE_CHECKING:
     from sweeps.opened.cuts import Selection
 
 
-def integer_option(option: str, least: int = 1, most: float = math.inf) -> Callable[[object], int]:
-    """Return a function that reads the value of an option, and refuses all but such integers."""
-    allowed = integer(least, most)
+def number_option(option: str, allowed: Allowed) -> Callable[[object], Any]:
+    """Return a function that reads the number of an option, and refuses all but allowed ones."""
 
-    def read(value: object) -> int:
+    def read(value: object) -> int | float | None:
         number = typed(str(value))
         if not allowed.fits(number):
             raise Refused(allowed.refusal(f"{option} {value}"))
-        return int(number or 0)
+        return number
 
     return read
 
@@ -55,7 +54,8 @@ def read_threads(value: object) -> int:
     import numba
 
     cores: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    return integer_option("--threads", 1, cores)(value)
+    threads: int = number_option("--threads", integer(1, cores))(value)
+    return threads
 
 
 def _check_csv(path: Path | None) -> Path | None:
@@ -90,7 +90,7 @@ MostBranches = Annotated[
     typer.Option(
         "--most",
         metavar="N",
-        parser=integer_option("--most"),
+        parser=number_option("--most", integer(1)),
         help="Follow at most N exact branches.",
     ),
 ]
@@ -166,13 +166,6 @@ def limits_option(option: str, text: str | None) -> tuple[float, float] | None:
             "is smaller, as 2.4:3"
         )
     return ends
-
-
-def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:
-    """Return arguments of `run_sweep` for an existing output; refuse both options together."""
-    if resume and overwrite:
-        raise Refused("--resume and --overwrite exclude each other; give one of them")
-    return {"overwrite": overwrite, "resume": resume}
 
 
 def resuming() -> str:

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.options import completion, integer_option
+from sweeps.cli.options import completion, number_option
+from vibroimpact.inputs import integer
 
 Files = Annotated[list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")]
 FigureFile = Annotated[
@@ -117,7 +118,7 @@ Periods = Annotated[
     int | None,
     typer.Option(
         metavar="N",
-        parser=integer_option("--periods"),
+        parser=number_option("--periods", integer(1)),
         help="For a trajectory, compute N periods from the last stored state.",
     ),
 ]
@@ -131,7 +132,9 @@ Height = Annotated[
 Resolution = Annotated[
     int | None,
     typer.Option(
-        metavar="N", parser=integer_option("--dpi", 10), help="Pixels per inch, 300 if not given."
+        metavar="N",
+        parser=number_option("--dpi", integer(10)),
+        help="Pixels per inch, 300 if not given.",
     ),
 ]
 Title = Annotated[

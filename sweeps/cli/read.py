@@ -23,6 +23,7 @@ from sweeps.cli.options import (
     branch_options,
     completion,
     named,
+    number_option,
     opened_in_si,
     opened_sweep,
     progress_shown,
@@ -31,7 +32,7 @@ from sweeps.cli.options import (
     selection_of,
 )
 from sweeps.errors import Refused
-from vibroimpact.inputs import number, typed
+from vibroimpact.inputs import number
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -216,12 +217,7 @@ def _show_bifurcations(
         say(csv, error=json)
 
 
-def _read_rtol(value: object) -> float:
-    """Read a relative difference; refuse all but numbers from 0 to below 1."""
-    allowed = number(lambda given: 0.0 <= given < 1.0, "a number from 0 to below 1, as 1e-9")
-    if not allowed.fits(given := typed(str(value))):
-        raise Refused(allowed.refusal(f"--rtol {value}"))
-    return float(given or 0.0)
+_RTOL = number(lambda given: 0.0 <= given < 1.0, "a number from 0 to below 1, as 1e-9")
 
 
 def compare_command(
@@ -231,7 +227,7 @@ def compare_command(
         float,
         typer.Option(
             metavar="NUMBER",
-            parser=_read_rtol,
+            parser=number_option("--rtol", _RTOL),
             help="Relative difference of two numbers that still counts as equal.",
         ),
     ] = 0.0,
@@ -247,20 +243,23 @@ def compare_command(
         raise typer.Exit(1)
 
 
+Rows = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        autocompletion=completion(lambda: ("points", "sections", "impacts")),
+        help="What has a row: points, sections or impacts.",
+    ),
+]
+
+
 def export_command(
     file: SweepFile,
     output: Annotated[
         Path,
         typer.Option("-o", "--output", metavar="FILE", help="The .csv file to write."),
     ],
-    rows: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            autocompletion=completion(lambda: ("points", "sections", "impacts")),
-            help="What has a row: points, sections or impacts.",
-        ),
-    ] = "points",
+    rows: Rows = "points",
     at: At = None,
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""

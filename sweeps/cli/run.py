@@ -17,7 +17,6 @@ from sweeps.cli.options import (
     Overwrite,
     Resume,
     Threads,
-    existing_output,
     named,
     progress_shown,
     resuming,
@@ -87,7 +86,7 @@ def run_command(
     from sweeps.engine.configurations import read_config
     from sweeps.store import check_output, refuse_columns
 
-    existing = existing_output(resume, overwrite)
+    existing = {"overwrite": overwrite, "resume": resume}
     loaded = []
     for source in configs:
         check()

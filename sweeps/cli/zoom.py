@@ -18,7 +18,6 @@ from sweeps.cli.options import (
     Resume,
     SweepFile,
     Threads,
-    existing_output,
     inches,
     interval,
     opened_in_si,
@@ -76,7 +75,7 @@ def zoom_command(
     from sweeps.plotting.saving import check_picture
     from sweeps.store import check_output
 
-    existing = existing_output(resume, overwrite)
+    existing = {"overwrite": overwrite, "resume": resume}
     limits = dict(map(_piece, pieces))
     drawn = [name for name in limits if name in COORDINATES]
     if len(drawn) > 1 or len(drawn) == len(pieces) or len(limits) < len(pieces):

@@ -138,6 +138,8 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
     The folder must exist, and the ending must not belong to another kind of file. An existing file
     or incomplete sweep must be overwritten or resumed.
     """
+    if resume and overwrite:
+        raise StoreError("resume and overwrite exclude each other; give one of them")
     path = Path(path)
     check_place(path, "output")
     refuse_parts(path)

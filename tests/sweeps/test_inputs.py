@@ -92,10 +92,10 @@ def test_the_words_of_a_configuration_and_of_an_option_are_the_same():
     text = "oscillator: {h: 0.1, R: 0.8, omega: 2, f: 1}\nrecord: {periods: 0}\n"
     assert refusal(text).endswith(allowed)
     with pytest.raises(Refused, match=f"^--most 0 is not allowed; expected: {allowed}$"):
-        options.integer_option("--most", 1, 1_000_000)("0")
+        options.number_option("--most", inputs.integer(1, 1_000_000))("0")
     with pytest.raises(ValueError, match=f"^periods = 0 is not allowed; expected: {allowed}$"):
         simulate(OSC, periods=0)
-    assert options.integer_option("--most")("1e3") == 1000
+    assert options.number_option("--most", inputs.integer(1))("1e3") == 1000
 
 
 @pytest.mark.parametrize("text", ["omega=1_0", "omega=nan", "omega=1e999", "omega=١", "omega="])
