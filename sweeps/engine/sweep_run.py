@@ -5,11 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -25,7 +23,7 @@ from sweeps.reports.run_report import plan
 from sweeps.store import Schema, only_writer, sweep_writer
 from sweeps.text import printable
 from vibroimpact.inputs import FLAG, PATH, Allowed, integer
-from vibroimpact.jit import ALL_THREADS, NUMERICS, watched
+from vibroimpact.jit import ALL_THREADS, watched
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -127,7 +125,12 @@ def run_sweep(
             watched(lambda text: status.update(text or "preparing")),
         ):
             cost = expected_cost(config.sweep, path, computer, resume)
-        schema = _schema(config, cost.block)
+        about = {
+            "name": config.name,
+            "configuration": config.to_yaml(table=False),
+            **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
+        }
+        schema = Schema.of(config.sweep, cost.block, about, config.column_units)
         console.print(printable(plan(config, path, cost)))
         with sweep_writer(real, schema, resume=resume, before=before) as writer:
             if writer is None:  # the file is complete
@@ -142,23 +145,6 @@ def run_sweep(
                         writer.write(block, results)
             writer.finish(compressed=config.compression != "none")
     return path
-
-
-def _schema(config: SweepConfig, size: int) -> Schema:
-    """Return the schema of a sweep in blocks of about `size` points."""
-    spec, grid = config.sweep.spec, config.sweep.grid
-    attributes = {
-        "name": config.name,
-        "configuration": config.to_yaml(table=False),
-        **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
-        "computation": yaml.safe_dump({**asdict(spec), "fixed": dict(grid.fixed)}, sort_keys=False),
-        "numerics": NUMERICS,
-        **({"scaled_along": "f"} if spec.scaled else {}),
-    }
-    unsplit = spec.followed
-    if spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1):
-        unsplit = "f"  # all its values share one computation
-    return Schema.of(grid, grid.blocks(size, unsplit), spec, attributes, config.column_units)
 
 
 @contextmanager

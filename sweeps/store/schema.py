@@ -9,15 +9,16 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any, Self
 
 import h5py
 import numpy as np
+import yaml
 
 from sweeps.errors import StoreError
-from sweeps.grid import TABLE, Block, Grid, box_shape, table_values
+from sweeps.grid import TABLE, Block, Sweep, box_shape, table_values
 from sweeps.store.paths import FORMAT, FORMAT_VERSION
 from sweeps.store.variables import (
     COLUMNS,
@@ -32,7 +33,6 @@ from sweeps.store.variables import (
 from sweeps.text import in_units
 from vibroimpact import __version__
 from vibroimpact.oscillator import PARAMETERS
-from vibroimpact.points.run_spec import RunSpec
 
 #: Attribute that names the fixed parameters and the columns: coordinates for xarray (CF 5).
 _COORDINATES = "coordinates"
@@ -79,32 +79,35 @@ class Schema:
     @classmethod
     def of(
         cls,
-        grid: Grid,
-        blocks: Iterable[Block],
-        spec: RunSpec,
+        sweep: Sweep,
+        size: int,
         attributes: Mapping[str, Any],
         column_units: Mapping[str, str],
     ) -> Self:
-        """Return the schema of a new sweep that computes `spec` for every point.
+        """Return the schema of a new sweep, in blocks of about `size` points.
 
-        `blocks` must cover every point of the grid once. `attributes` must contain ``name``,
-        ``configuration`` (as YAML) and ``numerics`` (which identifies the code that computes the
-        data). They may contain ``length_unit``, ``time_unit`` and further attributes of the file.
-        `column_units` has the units of columns of the table, if they have one. If an axis is
-        followed in two directions, the data get a leading dimension for them.
+        `attributes` must contain ``name`` and ``configuration`` (as YAML); they may contain
+        ``length_unit``, ``time_unit`` and further attributes of the file. `column_units` has the
+        units of columns of the table, if they have one. If an axis is followed in two directions,
+        the data get a leading dimension for them.
         """
         import numba  # takes half a second, and files are also opened without it
 
-        from vibroimpact.jit import WAY
+        from vibroimpact.jit import NUMERICS, WAY
 
+        grid, spec = sweep.grid, sweep.spec
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
         refuse_columns(columns)
         records = {name: np.arange(width) for name, width in widths_of(spec).items() if width}
         records["section"] += spec.transient + 1
+        computation = {**asdict(spec), "fixed": dict(grid.fixed)}
         attributes = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
             **attributes,
+            "computation": yaml.safe_dump(computation, sort_keys=False),
+            "numerics": NUMERICS,  # identifies the code that computes the data
+            **({"scaled_along": "f"} if spec.scaled else {}),
             **({COLUMNS: " ".join(columns)} if columns else {}),
             "vibroimpact_version": __version__,
             "numba_version": numba.__version__,
@@ -118,6 +121,10 @@ class Schema:
             name: values if name == TABLE else values.astype(float)
             for name, values in grid.axes.items()
         }
+        unsplit = spec.followed
+        if spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1):
+            unsplit = "f"  # all its values share one computation
+        blocks = grid.blocks(size, unsplit)
         if len(spec.directions) > 1:
             axes = {DIRECTION: np.array(spec.directions, object), **axes}
             blocks = ((slice(0, len(spec.directions)), *block) for block in blocks)

@@ -7,7 +7,7 @@ import numpy as np
 
 from sweeps import load_config, open_sweep
 from sweeps.config.groups import DIAGNOSTICS
-from sweeps.grid import Grid, block_points
+from sweeps.grid import Grid, Sweep, block_points
 from sweeps.store import VARIABLES, Schema, only_writer, sweep_writer
 from vibroimpact.points.run_spec import RunSpec
 
@@ -49,13 +49,16 @@ def schema(
     configuration=CONFIGURATION,
     numerics="1",
 ):
-    return Schema.of(
-        grid,
-        grid.blocks(block_size),
-        spec_of(widths, diagnostics),
-        {"name": "a test", "configuration": configuration, "numerics": numerics},
-        column_units={},
-    )
+    about = {"name": "a test", "configuration": configuration}
+    plan = Schema.of(Sweep(grid, spec_of(widths, diagnostics)), block_size, about, {})
+    plan.attributes["numerics"] = numerics
+    return plan
+
+
+def planned(config, size):
+    """Return the schema of a run of a configuration, in blocks of about `size` points."""
+    about = {"name": config.name, "configuration": config.to_yaml(table=False)}
+    return Schema.of(config.sweep, size, about, config.column_units)
 
 
 #: Four blocks of few variables, for tests in which any of the calls for each file fails.
@@ -180,17 +183,8 @@ def random_sweeps(folder):
         }
         widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
         path = folder / f"{len(opened)}.h5"
-        schema = Schema.of(
-            grid,
-            grid.blocks(grid.size),
-            spec_of(widths, diagnostics),
-            {
-                "name": name,
-                "configuration": load_config(configuration).to_yaml(),
-                "numerics": "",
-            },
-            column_units={},
-        )
+        about = {"name": name, "configuration": load_config(configuration).to_yaml()}
+        schema = Schema.of(Sweep(grid, spec_of(widths, diagnostics)), grid.size, about, {})
         with sweep_writer(path, schema) as store:
             store.write(
                 tuple(slice(0, n) for n in grid.shape),

@@ -15,12 +15,13 @@ from sweeps.engine.block_results import compute, compute_block
 from sweeps.engine.estimate import block_size, expected_cost, trial
 from sweeps.engine.executors import LocalComputer, as_completed, other_thread
 from sweeps.engine.memory import available_memory
-from sweeps.engine.sweep_run import _schema, run_sweep
+from sweeps.engine.sweep_run import run_sweep
 from sweeps.errors import StoreError
 from sweeps.grid import block_points
 from sweeps.store import sweep_writer
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
+from tests.helpers.written_files import planned
 from vibroimpact.kernel.threads import lanes_per_thread
 from vibroimpact.kernel.workspace import LANES
 
@@ -133,7 +134,7 @@ def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_f
 ):
     config = load(CONFIG, *changes)
     told = cost_of(config.sweep, threads)
-    with sweep_writer("blocks.h5", _schema(config, told.block)) as writer:
+    with sweep_writer("blocks.h5", planned(config, told.block)) as writer:
         points = max(map(block_points, writer.pending())) // (2 if changes else 1)
     assert 0.9 * told.block < points <= told.block
     block = (slice(0, told.block),)

@@ -128,11 +128,12 @@ def resumed(folder, *names):
     script = (
         "import sweeps, sys\n"
         "from sweeps import load_config\n"
-        "from sweeps.engine.sweep_run import _schema\n"
-        "from sweeps.store import sweep_writer\n"
+        "from sweeps.store import Schema, sweep_writer\n"
         f"assert sweeps.__file__.startswith({str(folder)!r}), sweeps.__file__\n"
         "for name in sys.argv[1:]:\n"
-        "    schema = _schema(load_config(f'{name}.yaml'), 128)\n"
+        "    config = load_config(f'{name}.yaml')\n"
+        "    about = {'name': name, 'configuration': config.to_yaml(table=False)}\n"
+        "    schema = Schema.of(config.sweep, 128, about, config.column_units)\n"
         "    with sweep_writer(f'{name}.h5', schema, resume=True): pass\n"
     )
     environment = {"PYTHONPATH": str(folder), "HOME": str(folder)}

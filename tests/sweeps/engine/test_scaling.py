@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from sweeps import open_sweep, run_sweep
-from sweeps.engine import sweep_run
 from sweeps.engine.block_results import compute
 from sweeps.grid import Grid
 from sweeps.store.variables import VARIABLES
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
+from tests.helpers.written_files import planned
 from vibroimpact.points import computation
 
 SWEEP = {
@@ -116,7 +116,7 @@ def test_the_axis_is_not_split():
 def test_an_axis_longer_than_a_block_is_split():
     config = scaled_sweep()
     for size, shape in ((3, (1, 3)), (4, (4, 1))):
-        blocks = sweep_run._schema(config, size).blocks
+        blocks = planned(config, size).blocks
         assert {config.sweep.grid.points(block).size for block in blocks} == {math.prod(shape)}
         assert {tuple(cut.stop - cut.start for cut in block) for block in blocks} == {shape}
 

@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 
 from sweeps import open_sweep, run_sweep
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
-from sweeps.engine.sweep_run import _schema
 from sweeps.errors import Refused
 from sweeps.plotting import (
     KINDS,
@@ -22,7 +21,7 @@ from sweeps.plotting import (
 )
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
-from tests.helpers.written_files import FIXED, OMEGA, R, fill_blocks
+from tests.helpers.written_files import FIXED, OMEGA, R, fill_blocks, planned
 from vibroimpact.status import Status
 
 
@@ -246,7 +245,7 @@ def test_every_command_draws_or_refuses_every_file(shape, blocks, laid_out):
     if blocks is None:
         run_sweep(config, "a.h5")
     else:
-        fill_blocks("a.h5", blocks, plan=_schema(config, 2), results=None)
+        fill_blocks("a.h5", blocks, plan=planned(config, 2), results=None)
     for command in (["info"], ["info", "--bifurcations"], ["attractors", "--csv", "a.csv"],
                     ["integrity", "--csv", "b.csv"], ["export", "-o", "c.csv"], ["plot"],
                     ["plot", "--exact"], ["plot", "--quantity", "impulse"]):  # fmt: skip

@@ -96,7 +96,10 @@ def test_the_duration_is_that_of_all_sessions(monkeypatch):
              "record.impacts was not given and is 3"],
         ),
         ({"numerics": "2"}, ["the code that computes is another version"]),
-        ({"grid": Grid(dict(reversed(GRID.axes.items())), {})}, ["values or another order"]),
+        (
+            {"grid": Grid(dict(reversed(GRID.axes.items())), GRID.fixed)},
+            ["values or another order"],
+        ),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("blocks", [2, None])
