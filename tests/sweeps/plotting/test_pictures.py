@@ -192,6 +192,19 @@ def test_the_dots_of_attractors_of_many_starts_are_visible():
     assert len(sizes) > 2 and min(sizes) > 72.0 / 100.0
 
 
+def test_the_impacts_of_attractors_are_drawn_beside_one_without_impacts():
+    """It has no dot, and is in the legend."""
+    oscillator = {"h": 0.1, "R": 0.8, "omega": [2.5, 2.6], "f": 1.0, "clearance": 0.6}
+    start = {"x0": {"start": -2, "stop": 0.5, "num": 4}, "v0": [-1.0, 1.0]}
+    run_sweep({"oscillator": oscillator, "start": start}, "free.h5")
+    with open_sweep("free.h5") as dataset:
+        figure = plotting.attractor_diagram(dataset, coordinate="impact_v")
+    (dots,) = [line for line in figure.axes[0].lines if len(line.get_xdata())]
+    assert {*dots.get_xdata().tolist()} == {2.5, 2.6}
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names == ["1/0, no impact", "2/1"]
+
+
 @pytest.mark.slow
 def test_a_motion_goes_on_from_the_stored_state(dataset):
     """On the closed-form orbit at omega = 2.3: one impact per period, at its speed."""
