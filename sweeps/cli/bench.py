@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from sweeps.cli.options import Csv, number_option, read_threads, say
+from sweeps.cli.run import read_config
 from sweeps.errors import Failed, Refused
 from vibroimpact.inputs import number
 
@@ -59,7 +60,6 @@ def accuracy_speed(
     from sweeps.bench.accuracy_picture import accuracy_picture
     from sweeps.bench.accuracy_speed import FULL, QUICK, measure_methods, plan_for_sweep
     from sweeps.bench.event_solvers import PEERS
-    from sweeps.engine.configurations import read_config
     from sweeps.opened.csv_tables import write_csv
     from sweeps.plotting.saving import save_chart
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sweeps.cli.options import number_option, say
+from sweeps.cli.run import read_config
 from sweeps.interrupts import signal_came
 from vibroimpact.inputs import integer
 
@@ -69,7 +70,6 @@ def _configuration(source: Path | None) -> SweepConfig:
     """Read the configuration to show; a sweep file is verified completely, as for a picture."""
     from sweeps.config.loading import parse_config
     from sweeps.config.scenes import scenes
-    from sweeps.engine.configurations import read_config
     from sweeps.store import is_sweep, open_sweep
 
     if source is None:

@@ -1,4 +1,4 @@
-"""The command ``run``: its plan, the run here or on a cluster, and its report.
+"""The command ``run``: its configuration and plan, the run here or on a cluster, its report.
 
 As in ``main.py``, modules are imported inside the command.
 """
@@ -6,7 +6,8 @@ As in ``main.py``, modules are imported inside the command.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,7 +25,7 @@ from sweeps.cli.options import (
     targets,
 )
 from sweeps.errors import Failed, Refused
-from sweeps.interrupts import Cancelled, check
+from sweeps.interrupts import Cancelled, check, raised_at_once
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -83,7 +84,6 @@ def run_command(
     quiet: Quiet = False,
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
-    from sweeps.engine.configurations import read_config
     from sweeps.store import check_output, refuse_columns
 
     existing = {"overwrite": overwrite, "resume": resume}
@@ -110,6 +110,40 @@ def run_command(
             run_and_report(config, path, quiet, threads=threads, client=client, **existing)
     if not quiet:
         say(f"next: vibroimpact plot {shlex.join(map(str, paths))}")
+
+
+def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
+    """Read the configuration of a sweep from a YAML file or from a sweep file.
+
+    The configuration of a sweep file has that file as its output. The overrides are those of
+    `sweeps.load_config`.
+    """
+    import yaml
+
+    from sweeps.config.loading import load_config, stored_config
+    from sweeps.store import columns_of, is_sweep
+
+    if not is_sweep(path):
+        if path.suffix == ".h5" and path.is_file():
+            raise Refused(
+                f"{path} is no file of a sweep; a configuration must not have the ending .h5"
+            )
+        with raised_at_once():  # reading from a pipe may never end
+            return load_config(path, overrides)
+    from sweeps.store import open_sweep  # it imports xarray, which is slow
+
+    with open_sweep(path, verify=False) as dataset:
+        text, table = dataset.attrs["configuration"], columns_of(dataset) or None
+        if "refine" in yaml.safe_load(text):
+            warnings.warn(
+                f"an earlier version added points to those of the configuration of {path}, which "
+                f"has {dataset['status'].size:,}; the added points are not computed again",
+                stacklevel=2,
+            )
+    config = stored_config(text, f"{path}, its configuration", path.stem, table, overrides)
+    if any(override.partition("=")[0].strip() == "output" for override in overrides):
+        return config
+    return config.model_copy(update={"output": path})
 
 
 @contextmanager

@@ -6,7 +6,7 @@ As in ``main.py``, modules are imported inside the command.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 from zlib import crc32
@@ -25,10 +25,10 @@ from sweeps.cli.options import (
 )
 from sweeps.cli.picture_options import Coordinate, Width
 from sweeps.cli.plot import draw_picture
-from sweeps.cli.run import DryRun, Overrides, planned_text, run_and_report
+from sweeps.cli.run import DryRun, Overrides, planned_text, read_config, run_and_report
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.text import fewest_digits
+from sweeps.text import fewest_digits, near_miss, suggestion
 
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
@@ -69,7 +69,6 @@ def zoom_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
-    from sweeps.engine.configurations import zoomed
     from sweeps.opened.coordinates import COORDINATES
     from sweeps.plotting.contents import choose_coordinate
     from sweeps.plotting.saving import check_picture
@@ -111,14 +110,44 @@ def zoom_command(
 
 def _overridden(file: Path, overrides: Sequence[str], axes: Iterable[str]) -> SweepConfig:
     """Read the configuration of a file with overrides; refuse those that a piece replaces."""
-    from sweeps.engine.configurations import read_config
-
     replaced = {f"{name}.{end}" for name in axes for end in ("start", "stop")}
     for text in overrides:
         key = text.partition("=")[0].strip()
         if key.partition(".")[2] in replaced:
             raise Refused(f"--set {text} is not allowed; the piece chooses {key}")
     return read_config(file, overrides)
+
+
+def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> SweepConfig:
+    """Return the same sweep over pieces (low, high) of its axes, with as many points along each.
+
+    A range keeps its linear or logarithmic spacing; a list becomes a linear range. The number of
+    steps per period is raised if exact impacts need more steps beyond the ends of the sweep. Raises
+    Refused if an axis is not swept, and ConfigError if the sweep is not valid over a piece.
+    """
+    import yaml
+
+    from sweeps.config.loading import load_config
+
+    if config.points is not None:
+        raise Refused("the rows of a table have no axis to zoom into")
+    data = yaml.safe_load(config.to_yaml())
+    seen = config.nomenclature
+    axes = {seen.name(own): values for own, values in config.sweep.grid.axes.items()}
+    for name, (low, high) in pieces.items():
+        if name not in axes:
+            raise Refused(
+                f"{name} is not a swept axis{suggestion(near_miss(name, axes))}; "
+                f"expected: {' or '.join(axes) or 'none, since this is a single point'}"
+            )
+        group = data[seen.group if name in data[seen.group] else "start"]
+        spacing = group[name]["spacing"] if isinstance(group[name], dict) else "linear"
+        group[name] = {"start": low, "stop": high, "num": len(axes[name]), "spacing": spacing}
+    if config.method.impact == "exact":  # find the number of steps that the piece needs
+        enough = load_config({**data, "method": {**data["method"], "steps_per_period": None}})
+        steps = max(each.sweep.spec.steps_per_period for each in (config, enough))
+        data["method"]["steps_per_period"] = steps
+    return load_config(data)
 
 
 def _check_recorded(coordinate: str, config: SweepConfig) -> None:

@@ -16,7 +16,7 @@ import pytest
 from scipy.optimize import brentq
 
 from sweeps import bifurcations, load_config, open_sweep, run_sweep
-from sweeps.engine.configurations import zoomed
+from sweeps.cli.zoom import zoomed
 from tests.helpers.oscillators import TAU, Dux, bifurcation
 from tests.helpers.places import CONFIGS
 from vibroimpact import Oscillator, bifurcation_curve, branch, integrate, one_impact_orbit, simulate

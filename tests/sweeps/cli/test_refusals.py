@@ -179,7 +179,7 @@ def test_an_interrupted_command_exits_with_1(small_file, monkeypatch, command):
         raise Cancelled  # as the handlers of a process do
 
     monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
-    monkeypatch.setattr("sweeps.engine.configurations.read_config", interrupt)
+    monkeypatch.setattr("sweeps.cli.run.read_config", interrupt)
     monkeypatch.setattr("sweeps.config.json_schema.json_schema", interrupt)
     monkeypatch.setattr("sweeps.bench.accuracy_speed.measure_methods", interrupt)
     result = call(*command)
