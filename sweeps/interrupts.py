@@ -26,7 +26,16 @@ _SIGNALS = [signal.SIGINT, signal.SIGTERM]
 if sys.platform == "win32":
     _SIGNALS.append(signal.SIGBREAK)  # Ctrl-Break, which is also sent to end a process group
 _came = False
-_this_thread = threading.local()
+
+
+class _ThisThread(threading.local):
+    """What belongs to the thread that asks."""
+
+    #: Once it is set, `check` raises in this thread: an int64 array of shape (1,), or None.
+    flag: np.ndarray | None = None
+
+
+this_thread = _ThisThread()
 
 
 class Cancelled(BaseException):
@@ -43,19 +52,9 @@ def signal_came() -> bool:
 
 def check() -> None:
     """Raise `Cancelled` if a signal was received or the flag of this thread is set."""
-    flag = thread_flag()
+    flag = this_thread.flag
     if _came or (flag is not None and flag[0]):
         raise Cancelled
-
-
-def thread_flag() -> np.ndarray | None:
-    """Return the cancellation flag of this thread, or None if it has none."""
-    return getattr(_this_thread, "flag", None)
-
-
-def set_thread_flag(flag: np.ndarray | None) -> None:
-    """Make `check` raise in this thread once `flag`, an int64 array of shape (1,), is set."""
-    _this_thread.flag = flag
 
 
 def listen(came: Sequence[int] = ()) -> None:

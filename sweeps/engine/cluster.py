@@ -27,8 +27,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from sweeps.engine.block_results import Results, compute_block
-from sweeps.engine.executors import as_completed
+from sweeps.engine.executors import Results, as_completed, compute_block
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block, Sweep, block_points
 from sweeps.interrupts import raised_at_once

@@ -6,13 +6,12 @@ import math
 import os
 import time
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 
-from sweeps.engine.block_results import compute
-from sweeps.engine.executors import Computer, in_thread
-from sweeps.engine.memory import available_memory
+from sweeps.engine.executors import Computer, compute, in_thread
 from sweeps.errors import StoreError
 from sweeps.grid import Cost, Sweep
 from sweeps.store import bytes_per_point, check_room, widths_of
@@ -54,6 +53,23 @@ _TYPICAL = 1000
 #: Time to write a byte of results twice, to its block and to the file [s], as measured.
 _WRITING = 5e-9
 
+#: For a control group of either version: its limit, what it uses, and what of that is a copy of
+#: files, which the system drops when memory is needed.
+_V2 = ("memory.max", "memory.current", ("inactive_file", "active_file"))
+_V1 = (
+    "memory.limit_in_bytes",
+    "memory.usage_in_bytes",
+    ("total_inactive_file", "total_active_file"),
+)
+
+
+class _Chain(NamedTuple):
+    """What is computed one after the other: all values of a followed axis, or else one point."""
+
+    points: int  #: Of the grid.
+    memory: int  #: Of its results [bytes].
+    lanes: int  #: How many chains a thread computes side by side.
+
 
 def expected_cost(sweep: Sweep, path: Path, computer: Computer, resume: bool) -> Cost:
     """Return the cost of a sweep; refuse the sweep if disk space or memory is too small."""
@@ -64,8 +80,8 @@ def expected_cost(sweep: Sweep, path: Path, computer: Computer, resume: bool) ->
     disk = 2 * sweep.size * bytes_per_point(sweep.spec, max(at_impacts, _AT_IMPACTS))
     check_room(path, disk, resume=resume)
     points, limits = sweep.grid.size, computer.block_limits(seconds, sweep.grid.size)
-    block = min(block_size(sweep, at_impacts, **limits), points)
-    memory = _BLOCKS_HELD * block * _memory_per_point(sweep, at_impacts)
+    block, chain = min(block_size(sweep, at_impacts, **limits), points), _chain(sweep, at_impacts)
+    memory = _BLOCKS_HELD * block * chain.memory // chain.points
     return Cost(seconds + _WRITING * file, file, memory, block)
 
 
@@ -80,15 +96,14 @@ def block_size(
     sets of lanes. Trajectories have `at_impacts` samples at impacts in a period. Raises StoreError
     if there is not enough memory for one point, or one chain of points.
     """
-    spec, chain, lanes = sweep.spec, _chain(sweep), _lanes(sweep)
-    chain_memory = chain * _memory_per_point(sweep, at_impacts)
+    spec, (chain, memory, lanes) = sweep.spec, _chain(sweep, at_impacts)
     smallest, ways = "one point", " and ".join(spec.directions)
     if spec.followed:
         smallest = f"one chain of {chain:,} points, followed {ways} along {spec.followed},"
-    available = check_memory(sweep, chain, smallest, at_impacts)
+    available = check_memory(memory, smallest)
     # Full sets of lanes may take more memory than a normal block.
-    wished = _BLOCK_MEMORY if spec.every else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
-    fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
+    wished = _BLOCK_MEMORY if spec.every else max(_BLOCK_MEMORY, 2 * lanes * memory)
+    fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // memory)
     left_out = spec.transient if spec.longest is None else min(spec.longest, _TYPICAL)
     work = _BLOCK_STEPS // ((left_out + spec.periods) * spec.steps_per_period * chain)
     most = max(sweep.grid.size // chain // max(blocks, _BLOCKS), 2 * lanes, _LEAST_BLOCK)
@@ -97,12 +112,20 @@ def block_size(
     return chain * (min(fits, wanted) // lanes * lanes or fits)
 
 
-def check_memory(sweep: Sweep, points: int, what: str, at_impacts: float = 0.0) -> int:
-    """Refuse points, named `what` in the error, that do not fit into memory when computed at once.
+def _chain(sweep: Sweep, at_impacts: float = 0.0) -> _Chain:
+    """Return the chains of a sweep; `at_impacts` is that of `block_size`."""
+    spec = sweep.spec
+    points = len(sweep.grid.axes[spec.followed]) if spec.followed else 1
+    of_point = bytes_per_point(spec, max(at_impacts, _AT_IMPACTS)) * max(1, len(spec.directions))
+    return _Chain(points, points * of_point, lanes_per_thread(sweep.grid.size // points, 1))
 
-    Return the memory in bytes that is available for them.
+
+def check_memory(results: int, what: str) -> int:
+    """Refuse to compute `what` at once if its results, in bytes, need more memory than there is.
+
+    Return the memory in bytes that is available.
     """
-    needed = _BLOCKS_HELD * points * _memory_per_point(sweep, at_impacts)
+    needed = _BLOCKS_HELD * results
     own = _OWN_MEMORY if os.path.exists(cache_folder(WAY.name)) else _COMPILING
     available = max(0, available_memory() - own)
     if needed > available:
@@ -114,15 +137,38 @@ def check_memory(sweep: Sweep, points: int, what: str, at_impacts: float = 0.0) 
     return available
 
 
-def _chain(sweep: Sweep) -> int:
-    """Return the number of grid points in a chain: those that are computed one after the other."""
-    return len(sweep.grid.axes[sweep.spec.followed]) if sweep.spec.followed else 1
+def available_memory(
+    process: Path = Path("/proc/self/cgroup"), groups: Path = Path("/sys/fs/cgroup")
+) -> int:
+    """Return the available memory in bytes: the least of the machine and of all control groups.
+
+    They are those of this process, and those above them. In a container its own group is the root,
+    although `process` may name the path outside.
+    """
+    import psutil
+
+    left = [int(psutil.virtual_memory().available)]
+    for line in _lines(process):
+        _, controllers, group = line.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        root, (limit, used, copies) = (groups / "memory", _V1) if controllers else (groups, _V2)
+        inside = PurePosixPath(group.lstrip("/"))
+        for folder in (root / part for part in (inside, *inside.parents)):
+            most, taken = _lines(folder / limit), _lines(folder / used)
+            if most and taken and most[0].isdigit():  # "max" is no limit
+                statistics = dict(line.split(" ", 1) for line in _lines(folder / "memory.stat"))
+                dropped = sum(int(statistics.get(name, 0)) for name in copies)
+                left.append(max(0, int(most[0]) - max(0, int(taken[0]) - dropped)))
+    return min(left)
 
 
-def _memory_per_point(sweep: Sweep, at_impacts: float) -> int:
-    """Return the bytes for the results of a grid point."""
-    in_one_direction = bytes_per_point(sweep.spec, max(at_impacts, _AT_IMPACTS))
-    return in_one_direction * max(1, len(sweep.spec.directions))
+def _lines(path: Path) -> list[str]:
+    """Return the lines of a file of the system; none if it cannot be read, or does not exist."""
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return []
 
 
 def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
@@ -164,9 +210,9 @@ def _tried(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
     """Return the points of each call of a trial, and the number of points of the sweep."""
     # Try no more points than a block computes side by side: a full set of lanes takes hardly longer
     # than a few.
-    chains = min(block_size(sweep), sweep.grid.size) // _chain(sweep)
-    beside = chains * max(1, len(sweep.spec.directions))
-    count = min(2 * _lanes(sweep) * threads, beside)
+    chain = _chain(sweep)
+    chains = min(block_size(sweep), sweep.grid.size) // chain.points
+    count = min(2 * chain.lanes * threads, chains * max(1, len(sweep.spec.directions)))
     # With few lanes, try several sets: a few points may not be typical.
     number, size = -(-_LEAST_TRIED // count) if sweep.spec.followed else 1, sweep.size
     tried = sweep.grid.spread(number * count)
@@ -175,11 +221,6 @@ def _tried(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
         calls[0]["f"] = 1.0
         calls, size = [np.unique(calls[0])], size // len(sweep.grid.axes.get("f", "1"))
     return calls, size
-
-
-def _lanes(sweep: Sweep) -> int:
-    """Return the number of points that one thread computes side by side."""
-    return lanes_per_thread(sweep.grid.size // _chain(sweep), 1)
 
 
 def _shortened(sweep: Sweep, total: int) -> RunSpec:

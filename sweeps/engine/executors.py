@@ -1,6 +1,7 @@
 """Computing the blocks of a sweep, in a thread of this process or on Dask (``cluster.py``).
 
 The main thread only waits for results and writes them, so it reacts to Ctrl-C and SIGTERM at once.
+`vibroimpact.points` alone determines the numbers in a file, which records the version of that code.
 """
 
 from __future__ import annotations
@@ -13,22 +14,56 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from sweeps.engine.block_results import Results, compute_block
 from sweeps.grid import Block, Sweep
-from sweeps.interrupts import check, set_thread_flag
+from sweeps.interrupts import check, this_thread
 from vibroimpact.jit import ALL_THREADS, called_before_passes
 from vibroimpact.kernel.threads import FEWEST_LANES
+from vibroimpact.points.computation import compute_box, compute_points
+from vibroimpact.points.run_spec import RunSpec
 
 T = TypeVar("T")
+#: The variables of the file by name, of shape (points, ...).
+Results = Mapping[str, np.ndarray]
 #: Interval of the checks for signals [s]: a signal caught by another thread does not wake the main.
 _WAIT = 0.1
+
+
+def compute_block(
+    sweep: Sweep,
+    block: Block,
+    threads: int | None,
+    advance: Callable[[int], object] = lambda points: None,
+) -> dict[str, np.ndarray]:
+    """Compute a block of a sweep; results have the shape (points of the block, ...), in C order.
+
+    If an axis is followed up and down, the block starts with a slice over the directions.
+    `advance` is called with the number of points computed since its last call: after every value of
+    a followed axis, otherwise once. `threads` is None for all; the results do not depend on it.
+    """
+    grid, spec = sweep.grid, sweep.spec
+    values = grid.within(block[len(block) - len(grid.axes) :])
+
+    def unless_cancelled(points: int) -> None:
+        check()
+        advance(points)
+
+    results = compute_box(spec, values, grid.fixed, threads, unless_cancelled, this_thread.flag)
+    check()  # the classes of the last points may be missing
+    return results
+
+
+def compute(spec: RunSpec, points: np.ndarray, threads: int | None) -> dict[str, np.ndarray]:
+    """Compute parameter points, each from its own start; see `vibroimpact.points`."""
+    results = compute_points(spec, points, threads, interrupt=this_thread.flag)
+    check()
+    return results
 
 
 @contextmanager
 def other_thread() -> Iterator[ThreadPoolExecutor]:
     """Yield an executor of one thread, whose work ends with `Cancelled` at the end of the block."""
     cancelled = np.zeros(1, np.int64)
-    executor = ThreadPoolExecutor(1, initializer=set_thread_flag, initargs=(cancelled,))
+    executor = ThreadPoolExecutor(1, initializer=setattr, initargs=(this_thread, "flag", cancelled))
     with executor, called_before_passes(check):  # a pass takes 3 s at most
         try:
             yield executor

@@ -22,8 +22,8 @@ from bokeh.models import (
 from bokeh.palettes import interp_palette
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.block_results import Results, compute
 from sweeps.engine.estimate import check_memory
+from sweeps.engine.executors import Results, compute
 from sweeps.errors import StoreError
 from sweeps.explorer.figures import LEAST, PixelFigure, Report, outer_edges, set_range
 from sweeps.explorer.view import View, Window
@@ -40,6 +40,7 @@ from sweeps.plotting.style import (
     WHITE,
     shades,
 )
+from sweeps.store import bytes_per_point
 from vibroimpact.points.regimes import has_result, shown_in_part
 from vibroimpact.status import Status
 
@@ -241,7 +242,8 @@ class Diagram(PixelFigure):
             longer = {name: times * view.record[name] for name in ("periods", "impacts")}
             config = replace(view, record={**view.record, **longer}).diagram(columns)
             try:
-                check_memory(config.sweep, columns, f"a picture of {columns:,} points")
+                results = columns * bytes_per_point(config.sweep.spec)
+                check_memory(results, f"a picture of {columns:,} points")
             except StoreError:
                 if configs:
                     break

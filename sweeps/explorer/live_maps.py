@@ -16,8 +16,8 @@ from sweeps.attractor.attractor_table import AttractorRow, orbits_of
 from sweeps.attractor.integrity import measures_of
 from sweeps.attractor.partition import COUNTED, attractors_of
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.block_results import compute
 from sweeps.engine.estimate import block_size
+from sweeps.engine.executors import compute
 from sweeps.explorer.figures import PixelFigure, Report, narrow, outer_edges, without_tex
 from sweeps.explorer.view import BASINS, View
 from sweeps.explorer.worker import Step

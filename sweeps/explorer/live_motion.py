@@ -24,7 +24,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from sweeps.engine.block_results import Results
+from sweeps.engine.executors import Results
 from sweeps.errors import Refused
 from sweeps.explorer.figures import label_of, narrow, value_text
 from sweeps.explorer.keyboard import labelled

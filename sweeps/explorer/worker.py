@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sweeps.errors import SweepError
-from sweeps.interrupts import Cancelled, check, set_thread_flag
+from sweeps.interrupts import Cancelled, check, this_thread
 from vibroimpact.jit import called_before_passes
 
 
@@ -88,7 +88,7 @@ class Worker(ThreadPoolExecutor):
         begin = perf_counter()
         self.busy = step.name, first, begin
         try:
-            set_thread_flag(self._closed if first else stale)
+            this_thread.flag = self._closed if first else stale
             check()
             with called_before_passes(check):  # a pass takes 3 s at most
                 result = step.compute()

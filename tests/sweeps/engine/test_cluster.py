@@ -14,9 +14,9 @@ import pytest
 import xarray as xr
 from distributed import Client, LocalCluster
 
-from sweeps.engine.block_results import compute_block
 from sweeps.engine.cluster import ClusterComputer
 from sweeps.engine.estimate import block_size
+from sweeps.engine.executors import compute_block
 from sweeps.engine.sweep_run import run_sweep
 from sweeps.errors import Failed, Refused
 from sweeps.store import SweepWriter, open_sweep

@@ -13,10 +13,10 @@ import yaml
 from sweeps import open_sweep, run_sweep
 from sweeps.engine import estimate as limits
 from sweeps.engine import executors
-from sweeps.engine.block_results import compute, compute_block
 from sweeps.engine.estimate import block_size, expected_cost
+from sweeps.engine.executors import compute, compute_block
 from sweeps.errors import Failed, StoreError
-from sweeps.interrupts import thread_flag
+from sweeps.interrupts import this_thread
 from sweeps.store import SweepWriter
 from tests.helpers.commands import call
 from tests.helpers.configurations import configured, full_block
@@ -106,7 +106,7 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
             begun.release()
             if next(numbers) >= 6:  # until the run is abandoned
                 deadline = time.monotonic() + 300
-                while not thread_flag()[0] and time.monotonic() < deadline:
+                while not this_thread.flag[0] and time.monotonic() < deadline:
                     time.sleep(0.01)
 
         return compute_block(sweep, block, threads, told)

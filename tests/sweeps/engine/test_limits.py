@@ -11,10 +11,14 @@ import numpy as np
 import pytest
 
 from sweeps.engine import estimate as limits
-from sweeps.engine.block_results import compute, compute_block
-from sweeps.engine.estimate import block_size, expected_cost, trial
-from sweeps.engine.executors import LocalComputer, as_completed, other_thread
-from sweeps.engine.memory import available_memory
+from sweeps.engine.estimate import available_memory, block_size, expected_cost, trial
+from sweeps.engine.executors import (
+    LocalComputer,
+    as_completed,
+    compute,
+    compute_block,
+    other_thread,
+)
 from sweeps.engine.sweep_run import run_sweep
 from sweeps.errors import StoreError
 from sweeps.grid import block_points

@@ -18,7 +18,7 @@ import yaml
 import sweeps
 import vibroimpact
 from sweeps import open_sweep, run_sweep
-from sweeps.engine import block_results
+from sweeps.engine import executors
 from sweeps.errors import StoreError
 from tests.helpers.configurations import load
 from vibroimpact.jit import NUMERICS, name_of
@@ -53,8 +53,8 @@ def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, nam
         calls.append((computation, axes, fixed, results))
         return results
 
-    compute_box = block_results.compute_box
-    monkeypatch.setattr(block_results, "compute_box", recorded)
+    compute_box = executors.compute_box
+    monkeypatch.setattr(executors, "compute_box", recorded)
     config = load(SWEEPS[name], f"compression={compression}")
     run_sweep(config, "out.h5")
     assert len(calls) >= 1

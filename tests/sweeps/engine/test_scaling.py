@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sweeps import open_sweep, run_sweep
-from sweeps.engine.block_results import compute
+from sweeps.engine.executors import compute
 from sweeps.grid import Grid
 from sweeps.store.variables import VARIABLES
 from tests.helpers.commands import call

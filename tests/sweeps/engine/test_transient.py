@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sweeps import open_sweep
-from sweeps.engine.block_results import compute
+from sweeps.engine.executors import compute
 from sweeps.opened.dataset import config_of
 from tests.helpers.configurations import load, refusal
 from tests.helpers.sweep_files import run_in
