@@ -19,7 +19,7 @@ from vibroimpact.inputs import FLAG, integer, refuse_other
 from vibroimpact.oscillator import Oscillator
 
 #: Most forcing periods, and most steps in each.
-_MOST = 1_000_000
+_MOST_PERIODS_AND_STEPS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,10 @@ def paper_procedure(
     True
     """
     refuse_other("oscillator", oscillator, Oscillator)
-    periods = integer(1, _MOST).checked("periods", periods)
-    steps_per_period = integer(1, _MOST).checked("steps_per_period", steps_per_period)
+    periods = integer(1, _MOST_PERIODS_AND_STEPS).checked("periods", periods)
+    steps_per_period = integer(1, _MOST_PERIODS_AND_STEPS).checked(
+        "steps_per_period", steps_per_period
+    )
     procedure = FLAG.checked("procedure", procedure)
     if oscillator.clearance != 0.0:
         raise ValueError(f"the paper's stop is at 0, not at {oscillator.clearance:g}")

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from sweeps.bench.method_scenes import CHATTER, GRAZING, ORBIT_ERRORS, Method
+from sweeps.bench.method_scenes import CHATTERING, GRAZING, ORBIT_ERRORS, Method
 from sweeps.bench.work_precision import MEAN, METHOD, NO_DIGIT, efficient_frontier, main_scene
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from vibroimpact.step.integrators import INTEGRATORS
@@ -23,13 +23,13 @@ PANELS = (
     ("section state, geometric mean of five scenes", MEAN, ORBIT_ERRORS[0]),
     ("impact time, same scenes", MEAN, ORBIT_ERRORS[1]),
     ("penetration, same scenes", MEAN, ORBIT_ERRORS[3]),
-    ("section state: chatter and rest", CHATTER.name, ORBIT_ERRORS[0]),
+    ("section state: chatter and rest", CHATTERING.name, ORBIT_ERRORS[0]),
     ("section state: near grazing", GRAZING.name, ORBIT_ERRORS[0]),
 )
 # Colours of Okabe and Ito. Each rule has a colour, each integrator a marker.
 _GREEN, _PURPLE, _SKY, _YELLOW = "#009E73", "#CC79A7", "#56B4E9", "#F0E442"
 RULES = {"plain": VERMILION, "reduced-step": BLUE, "cubic": _GREEN, "exact": "black"}
-MARKERS = dict(zip(INTEGRATORS, "x+^sDov<>PXp", strict=False))
+MARKER_OF_INTEGRATOR = dict(zip(INTEGRATORS, "x+^sDov<>PXp", strict=False))
 PEER_COLOURS = {"SciPy RK45": ORANGE, "SciPy DOP853": _PURPLE, "heyoka": _SKY}
 # The methods whose order is written next to their line.
 _LABELLED = (
@@ -39,7 +39,12 @@ _LABELLED = (
     Method("verlet", "cubic"),
     Method("euler", "cubic"),
 )
-_THIN = {"linewidth": 0.7, "markersize": 3.0, "markerfacecolor": "none", "markeredgewidth": 0.6}
+_SMALL_MARKS = {
+    "linewidth": 0.7,
+    "markersize": 3.0,
+    "markerfacecolor": "none",
+    "markeredgewidth": 0.6,
+}
 _BAND: dict[str, Any] = {"color": _YELLOW, "linewidth": 6.0, "alpha": 0.6}
 
 
@@ -108,8 +113,8 @@ def _coordinates(group: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
 def _look(method: Method) -> dict[str, Any]:
     name, rule = method
     if rule in RULES:
-        return {"color": RULES[rule], "marker": MARKERS[name], **_THIN}
-    return {"color": PEER_COLOURS[name], "marker": "*", "linestyle": "--", **_THIN}
+        return {"color": RULES[rule], "marker": MARKER_OF_INTEGRATOR[name], **_SMALL_MARKS}
+    return {"color": PEER_COLOURS[name], "marker": "*", "linestyle": "--", **_SMALL_MARKS}
 
 
 def _label_orders(panel: Axes, drawn: pd.DataFrame) -> None:
@@ -157,26 +162,30 @@ def _handles(measured: pd.DataFrame) -> tuple[list[Line2D], int]:
     peers = [Method(*row) for row in rows if row.impact not in RULES]
     columns = [
         [
-            _text("impact rule"),
+            _words_of_legend("impact rule"),
             *(Line2D([], [], color=colour, label=rule) for rule, colour in RULES.items()),
             Line2D([], [], **_BAND, label="efficient frontier"),
         ],
         [
-            _text("integrator"),
+            _words_of_legend("integrator"),
             *(
                 Line2D([], [], **_look(Method(name, "exact")) | {"linestyle": ""}, label=name)
-                for name in MARKERS
+                for name in MARKER_OF_INTEGRATOR
             ),
         ],
     ]
     if peers:
         looks = [Line2D([], [], **_look(peer), label=peer.integrator) for peer in peers]
-        columns.append([_text("solver with events"), *looks])
+        columns.append([_words_of_legend("solver with events"), *looks])
     length = max(map(len, columns))
-    filled = [m for column in columns for m in (*column, *[_text(" ")] * (length - len(column)))]
+    filled = [
+        m
+        for column in columns
+        for m in (*column, *[_words_of_legend(" ")] * (length - len(column)))
+    ]
     return filled, len(columns)
 
 
-def _text(words: str) -> Line2D:
+def _words_of_legend(words: str) -> Line2D:
     """Return an entry of the legend without a line."""
     return Line2D([], [], linestyle="", label=words)

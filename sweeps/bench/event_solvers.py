@@ -151,10 +151,10 @@ class Peer:
             flights = [follow(*start) for start in arguments]
             seconds = time.perf_counter() - began
             spent, best = spent + seconds, min(best, seconds)
-        return _results(points, flights), best / (len(points) * periods)
+        return _as_results(points, flights), best / (len(points) * periods)
 
 
-def _results(points: np.ndarray, flights: list[SolverFlight]) -> dict[str, np.ndarray]:
+def _as_results(points: np.ndarray, flights: list[SolverFlight]) -> dict[str, np.ndarray]:
     """Name the results as `vibroimpact.integrate` does, with the last eight impacts."""
     last = np.full((len(points), 8, 2), np.nan)
     for row, omega, flight in zip(last, points["omega"], flights, strict=True):

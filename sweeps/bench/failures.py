@@ -13,12 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sweeps.bench.method_scenes import EXACT, Method
+from sweeps.bench.paper_cases import CHATTER
 from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
 
 LETTER = Method("newmark", "to the letter")
 #: The integrator ``exact`` with the rules of time stepping is left out: it fails as ``rk4`` does.
-METHODS: Sequence[Method] = (
+TESTED_METHODS: Sequence[Method] = (
     LETTER,
     *(
         Method(integrator, impact)
@@ -36,12 +37,10 @@ MARK = "!"
 # Columns of a table that fit into 80 characters.
 _PER_TABLE = 4
 #: Columns of the CSV file.
-COLUMNS = ("method", "figure", "scene", "value")
+FAILURE_COLUMNS = ("method", "figure", "scene", "value")
 
 Figures = Mapping[tuple[Method, str], float]
 
-#: The chatter of a slow force, which ends at 12.41264; the mass then rests for 8.53.
-CHATTER = Oscillator(h=0.0, R=0.3, omega=0.3, f=1.0)
 #: Long chatters that never become complete: nothing rests.
 ENDLESS = (Oscillator(h=0.5, R=0.8, omega=0.6, f=1.0), Oscillator(h=0.5, R=0.95, omega=0.4, f=1.0))
 #: The paper's fully dissipative case: four impacts per period, the slowest at the speed 0.0365.
@@ -72,7 +71,7 @@ class Failure(NamedTuple):
 FAILURES: list[Failure] = []
 
 
-def _failure(
+def _in_failures(
     name: str, scene: str, digits: str, fails: Callable[[float], bool], to_the_letter: bool = True
 ) -> Callable[[Callable[[Method], float]], None]:
     """Return a decorator that adds a function to ``FAILURES``."""
@@ -81,7 +80,7 @@ def _failure(
     )
 
 
-def measure_failures(methods: Sequence[Method] = METHODS) -> Figures:
+def measure_failures(methods: Sequence[Method] = TESTED_METHODS) -> Figures:
     """Return every figure, by method and name of the failure."""
     return {
         (method, failure.name): failure.measure(method)
@@ -116,51 +115,51 @@ def failure_text(failure: Failure, figure: float) -> str:
 
 
 def failure_rows(figures: Figures) -> Iterator[tuple[str, str, str, float]]:
-    """Yield every figure as a row of ``COLUMNS``."""
+    """Yield every figure as a row of ``FAILURE_COLUMNS``."""
     scenes = {failure.name: failure.scene for failure in FAILURES}
     for (method, name), figure in figures.items():
         if not math.isnan(figure):
             yield " ".join(method), name, scenes[name], figure
 
 
-def _follow(
+def _motion_by(
     method: Method, oscillator: Oscillator, periods: int, x0: float = 0.0, v0: float = 0.0
 ) -> Trajectory | PaperRun:
     """Run an oscillator, by default from rest at the stop."""
     if method == LETTER:
         return paper_procedure(oscillator, periods, STEPS)
-    return simulate(oscillator, periods, *method, _steps(method), x0, v0)
+    return simulate(oscillator, periods, *method, _steps_of(method), x0, v0)
 
 
-def _steps(method: Method, steps: int = STEPS) -> int | None:
+def _steps_of(method: Method, steps: int = STEPS) -> int | None:
     return None if method.impact == "exact" else steps
 
 
-@_failure(
+@_in_failures(
     "stalls at",
     "chatter, h = 0, R = 0.3, omega = 0.3: time at which time stops advancing",
     ".2f",
     lambda t: t < math.inf,
 )
 def _stall(method: Method) -> float:
-    run = _follow(method, CHATTER, 2)
+    run = _motion_by(method, CHATTER, 2)
     if isinstance(run, PaperRun):
         return math.inf if run.stalled_at is None else run.stalled_at
     return run.t[-1] if run.status.failed else math.inf
 
 
-@_failure(
+@_in_failures(
     "at rest", "the same: impacts while the mass in truth rests", ".0f", lambda count: count > 0
 )
 def _impacts_at_rest(method: Method) -> float:
-    run = _follow(method, CHATTER, 1)
+    run = _motion_by(method, CHATTER, 1)
     if isinstance(run, PaperRun) and run.stalled_at is not None:
         return math.nan
     begin, end = simulate(CHATTER, 1).rests[0]
     return float(np.count_nonzero((run.impact_t > begin + 1e-6) & (run.impact_t < end - 1e-6)))
 
 
-@_failure(
+@_in_failures(
     "false rests",
     "h = 0.5, R = 0.8, omega = 0.6 and h = 0.5, R = 0.95, omega = 0.4: rests in 20 periods "
     "each, where nothing rests",
@@ -169,11 +168,11 @@ def _impacts_at_rest(method: Method) -> float:
     to_the_letter=False,  # the literal procedure has no rests
 )
 def _false_rests(method: Method) -> float:
-    runs = [simulate(oscillator, 20, *method, _steps(method)) for oscillator in ENDLESS]
+    runs = [simulate(oscillator, 20, *method, _steps_of(method)) for oscillator in ENDLESS]
     return float(sum(len(run.rests) for run in runs))
 
 
-@_failure(
+@_in_failures(
     "depth",
     "fully dissipative case of the paper: deepest penetration, over the speed of the fastest "
     "impact times T",
@@ -181,11 +180,11 @@ def _false_rests(method: Method) -> float:
     lambda depth: depth > 1e-12,
 )
 def _penetration(method: Method) -> float:
-    run = _follow(method, PAPER, 20)
+    run = _motion_by(method, PAPER, 20)
     return run.max_penetration * PAPER.omega * STEPS / (2.0 * math.pi * run.impact_v.max())
 
 
-@_failure(
+@_in_failures(
     "touch from",
     "a touch that begins and ends within a step: least depth that is seen, over |a| T^2 / 8; "
     "below 0, an impact is seen where there is no touch",
@@ -202,22 +201,22 @@ def _smallest_touch(method: Method) -> float:
         depth = 0.5 * (missed + seen)
         stop = 1.0 - depth * T * T / 8.0
         osc = Oscillator(h=0.0, R=0.8, omega=1.0, f=0.0, clearance=max(stop, x0))
-        impacts = _follow(method, osc, 1, x0, v0).impact_t
+        impacts = _motion_by(method, osc, 1, x0, v0).impact_t
         missed, seen = (missed, depth) if (impacts < 5.0 * T).any() else (depth, seen)
     return round(seen, 9) + 0.0
 
 
-@_failure(
+@_in_failures(
     "graze at",
     "h = 0.1, R = 0.8, omega = 3.0383: time of the first impact, a touch at t = 2.8308",
     ".4f",
     lambda t: abs(t - GRAZE_TIME) > 2.0 * math.pi / (GRAZE.omega * STEPS),
 )
 def _first_graze(method: Method) -> float:
-    return _follow(method, GRAZE, 3).impact_t[0]
+    return _motion_by(method, GRAZE, 3).impact_t[0]
 
 
-@_failure(
+@_in_failures(
     "energy",
     "f = 0, h = 0, R = 1, T = 2 pi / 101.37: share of the energy after 100 impacts",
     ".3g",
@@ -225,31 +224,31 @@ def _first_graze(method: Method) -> float:
     to_the_letter=False,
 )
 def _energy(method: Method) -> float:
-    return _follow(method, FREE, 60, x0=-1.0).impact_v[99] ** 2
+    return _motion_by(method, FREE, 60, x0=-1.0).impact_v[99] ** 2
 
 
-@_failure(
+@_in_failures(
     "impacts",
     "fully dissipative case of the paper: impacts in 20 periods, of which there are 80",
     ".0f",
     lambda count: count != PAPER_IMPACTS,
 )
 def _impacts(method: Method) -> float:
-    return float(len(_follow(method, PAPER, 20).impact_t))
+    return float(len(_motion_by(method, PAPER, 20).impact_t))
 
 
-@_failure(
+@_in_failures(
     "slowest",
     "the same: speed of the slowest impact, which is 0.0365",
     ".4f",
     lambda speed: abs(speed - PAPER_SLOWEST) > 0.05 * PAPER_SLOWEST,
 )
 def _slowest_impact(method: Method) -> float:
-    run = _follow(method, PAPER, 20)
+    run = _motion_by(method, PAPER, 20)
     return run.impact_v[run.impact_t > 10 * PAPER.forcing_period].min()
 
 
-@_failure(
+@_in_failures(
     "astray",
     "h = 0.02, R = 0.8, omega = 1.3, two attractors: of 64 starts, those that end on the wrong one",
     ".0f",
@@ -261,12 +260,12 @@ def _astray(method: Method) -> float:
     points = np.concatenate([COEXISTING.at(*start) for start in starts])
     options: dict[str, Any] = {"transient": 1500, "periods": 60}
     true = integrate(points, **options)["impacts_per_period"]
-    options |= method._asdict() | {"steps_per_period": _steps(method)}
+    options |= method._asdict() | {"steps_per_period": _steps_of(method)}
     impacts = integrate(points, **options)["impacts_per_period"]
     return float(np.count_nonzero(~(np.abs(impacts - true) < 0.1)))
 
 
-@_failure(
+@_in_failures(
     "p T = pi",
     "h = 0, R = 0.8, omega = 0.5 at 4 steps per period: greatest speed in 400 periods, which "
     "is 1.62; inf: overflow",
@@ -275,5 +274,5 @@ def _astray(method: Method) -> float:
     to_the_letter=False,
 )
 def _greatest_speed(method: Method) -> float:
-    run = simulate(COARSE, 400, *method, _steps(method, COARSE_STEPS))
+    run = simulate(COARSE, 400, *method, _steps_of(method, COARSE_STEPS))
     return math.inf if run.status.failed else float(np.abs(run.v).max())

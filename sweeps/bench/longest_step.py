@@ -44,7 +44,7 @@ _COLOURS = ListedColormap(
 )
 _NORM = BoundaryNorm(_LEVELS, _COLOURS.N, extend="max")
 # Rounding may lift a marginal radius above 1 by less than this.
-_MARGIN = 1e-9
+_MARGINAL = 1e-9
 
 #: By integrator and source, the greatest stable p T at ``ZETAS``; inf where every step is stable.
 Limits = Mapping[str, Mapping[str, np.ndarray]]
@@ -106,7 +106,7 @@ def stability_chart(quick: bool = False) -> Figure:
     for panel in panels.flat[len(INTEGRATORS) :]:
         panel.set_visible(False)
     for panel, (name, integrator) in zip(panels.flat, INTEGRATORS.items(), strict=False):
-        radius = spectral_radius(name, step, zeta[:, None]) - _MARGIN
+        radius = spectral_radius(name, step, zeta[:, None]) - _MARGINAL
         panel.pcolormesh(step, zeta, radius, norm=_NORM, cmap=_COLOURS, rasterized=True)
         limit = integrator.limit(zeta)
         panel.plot(limit, zeta, color="black", linewidth=1.4)

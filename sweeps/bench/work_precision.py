@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from sweeps.bench.method_scenes import CHATTER, EXACT, GRAZING, ORBIT_ERRORS, REGULAR
+from sweeps.bench.method_scenes import CHATTERING, EXACT, GRAZING, ORBIT_ERRORS, REGULAR
 from sweeps.text import table
 
 #: Name of the scene that stands for the mean of all regular scenes.
@@ -104,7 +104,7 @@ def of_methods(measured: pd.DataFrame) -> str:
     main = main_scene(measured)
     columns = {"order": main}
     if main == MEAN:
-        columns = {"regular": MEAN, "chatter": CHATTER.name, "graze": GRAZING.name}
+        columns = {"regular": MEAN, "chatter": CHATTERING.name, "graze": GRAZING.name}
     taken = measured["steps_per_period"]
     exact_steps = taken[(measured[METHOD] == list(EXACT)).all(axis=1) & (taken >= STEPS)]
     steps = STEPS if exact_steps.empty else exact_steps.min()
@@ -119,7 +119,10 @@ def of_methods(measured: pd.DataFrame) -> str:
         rows.append(
             (
                 *method,
-                *(_order(orders_of.get((name, *method), math.nan)) for name in columns.values()),
+                *(
+                    _shown_order(orders_of.get((name, *method), math.nan))
+                    for name in columns.values()
+                ),
                 _error(errors[STATE]),
                 _error(errors[PENETRATION]) if PENETRATION in errors else "",
                 _cost(group),
@@ -157,7 +160,7 @@ def _cost(measured: pd.DataFrame) -> str:
     return f"{measured['seconds_per_period'].iloc[0] * 1e9:,.0f}"
 
 
-def _order(value: float) -> str:
+def _shown_order(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.1f}"
 
 

@@ -24,7 +24,7 @@ from sweeps.opened.dataset import check_diagnostic, config_of, headed, nomenclat
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import OF_MOTIONS, labels, motions_of
 from sweeps.store import DIRECTION
-from vibroimpact.orbits.curves import KINDS
+from vibroimpact.orbits.curves import CURVE_KINDS
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.points.regimes import Label, Regime
 
@@ -276,7 +276,7 @@ def _special_points(exact: xr.Dataset, near: float) -> Iterator[tuple[str, float
     """
     (axis,) = exact.coords
     kinds, values, m, q = (exact[name].values for name in ("kind", axis, "m", "q"))
-    rows = np.flatnonzero(np.isin(kinds, KINDS))
+    rows = np.flatnonzero(np.isin(kinds, CURVE_KINDS))
     rows = rows[np.lexsort([values[rows], q[rows], m[rows], kinds[rows]])]
     names = np.stack([kinds[rows], m[rows].astype(str), q[rows].astype(str)])
     differ = (names[:, 1:] != names[:, :-1]).any(axis=0)

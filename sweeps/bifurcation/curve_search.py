@@ -18,7 +18,7 @@ import numpy as np
 
 from sweeps.opened.motions import leads_to, orbit_of_motion
 from vibroimpact.orbits.branches import Branch
-from vibroimpact.orbits.curves import KINDS, bifurcation_curve
+from vibroimpact.orbits.curves import CURVE_KINDS, bifurcation_curve
 from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.orbits.special_points import SpecialPoint
 
@@ -238,7 +238,7 @@ class CurveSearch:
                 points.append(self._leads_to(cell, axis, end))
             except OrbitError as error:
                 reason = str(error)
-        bifurcations = [point for point in points if point.kind in KINDS]
+        bifurcations = [point for point in points if point.kind in CURVE_KINDS]
         asked = [p for p in bifurcations if self._is_asked(p.kind, (p.orbit.m, p.orbit.q))]
         if asked:
             middle = 0.5 * (ends[0] + ends[1])

@@ -27,7 +27,7 @@ from sweeps.opened.motions import motions_of, orbit_at
 from sweeps.store.variables import DIRECTION
 from sweeps.text import listed, shown_count
 from vibroimpact.orbits.branches import Branch
-from vibroimpact.orbits.curves import KINDS
+from vibroimpact.orbits.curves import CURVE_KINDS
 from vibroimpact.orbits.orbit import Orbits
 from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.points.regimes import Regime
@@ -202,7 +202,7 @@ def _as_dataset(
         records.append(orbit_coordinates(part, phase))
         multipliers.append(part.multipliers)
     rows = with_special_points(items, "branch", "kind", (found.parameter,))
-    at_end = ~np.isin(rows["kind"].values, ["", *KINDS])  # not at a bifurcation
+    at_end = ~np.isin(rows["kind"].values, ["", *CURVE_KINDS])  # not at a bifurcation
     within = (np.abs(np.concatenate(multipliers)) < 1.0).all(axis=1)
     sizes = np.array([len(part.points) for part in parts], int)
     m, q = np.array([(part.m, part.phases.shape[1]) for part in parts], int).reshape(-1, 2).T

@@ -23,7 +23,7 @@ from sweeps.opened.motions import motions_of
 from sweeps.text import choice_of, listed, near_miss, shown_count, suggestion
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.continuation import lost_text
-from vibroimpact.orbits.curves import KINDS
+from vibroimpact.orbits.curves import CURVE_KINDS
 
 #: Most pairs of classes that are named with a reason.
 _EXAMPLES = 3
@@ -87,9 +87,9 @@ def curves(
     """
     kinds = [kinds] if isinstance(kinds, str) else kinds
     for kind in kinds:
-        if kind not in KINDS:
-            meant = suggestion(near_miss(kind, KINDS))
-            raise Refused(f"there is no curve of kind {kind!r}{meant}; {choice_of(KINDS)}")
+        if kind not in CURVE_KINDS:
+            meant = suggestion(near_miss(kind, CURVE_KINDS))
+            raise Refused(f"there is no curve of kind {kind!r}{meant}; {choice_of(CURVE_KINDS)}")
     chosen = [axes] if isinstance(axes, str) else axes
     across, up = map_axes(dataset, chosen, at)
     if len(chosen) == 1:
@@ -101,7 +101,7 @@ def curves(
     phase = config_of(cut).record.phase
     names = [nomenclature_of(dataset).parameter(axis) for axis in (across, up)]
     values = [cut[name].values for name in names]
-    search = CurveSearch(motions_of(cut), names, values, phase, classes, kinds or KINDS)
+    search = CurveSearch(motions_of(cut), names, values, phase, classes, kinds or CURVE_KINDS)
     reasons = search.run(report)
     found = _as_dataset(search.curves, names)
     of_pairs: dict[str, Counter[str]] = {}
@@ -135,7 +135,7 @@ def curves_summary(
 ) -> str:
     """Write lines on the curves found in a cut, and on the reasons why changes have no curve."""
     seen, kinds = nomenclature_of(cut), Counter(curve.kind for curve in curves)
-    counted = listed([f"{kinds[kind]} of {kind}s" for kind in KINDS if kinds[kind]]) or "none"
+    counted = listed([f"{kinds[kind]} of {kind}s" for kind in CURVE_KINDS if kinds[kind]]) or "none"
     lines = [f"{shown_count(len(curves), 'exact curve')}: {counted}"]
     found = {(curve.m, curve.q) for curve in curves}
     if missing := [f"{m}/{q}" for m, q in classes if (m, q) not in found]:

@@ -18,7 +18,7 @@ def main() -> None:
     from sweeps import interrupts
 
     interrupts.listen(came)
-    code = _run()
+    code = _exit_code()
     interrupts.ignore()  # the outcome is decided
     try:
         if sys.stdout is not None:  # it may be closed
@@ -44,7 +44,7 @@ def _noted() -> list[int]:
     return came
 
 
-def _run() -> int:
+def _exit_code() -> int:
     """Run the command, and report its error; return the exit code."""
     from sweeps import interrupts
 

@@ -100,7 +100,7 @@ def stability(
         save_chart(output, longest_step.stability_chart, quick)
         if csv is not None:
             rows = [*longest_step.stability_rows(limits), *failures.failure_rows(figures)]
-            write_csv(csv, pd.DataFrame(rows, columns=failures.COLUMNS))
+            write_csv(csv, pd.DataFrame(rows, columns=failures.FAILURE_COLUMNS))
 
 
 def paper(output: Figure = Path("paper.png")) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
 
 #: Interval of the checks for signals [s].
-_WAIT = 0.05
+_BETWEEN_CHECKS = 0.05
 
 
 Port = Annotated[
@@ -58,10 +58,10 @@ def explore_command(
             say(f"follow is left out here: {reason}", error=True)
         say(f"{explorer.address}\nCtrl-C ends it.")
         with TemporaryDirectory(prefix="vibroimpact-") as private:
-            if not no_browser and not _open(_redirection(explorer.address, Path(private))):
+            if not no_browser and not _open_browser(_redirection(explorer.address, Path(private))):
                 say("no browser can be opened here; open the address in one", error=True)
             while not signal_came():
-                time.sleep(_WAIT)
+                time.sleep(_BETWEEN_CHECKS)
     finally:
         explorer.close()
 
@@ -92,7 +92,7 @@ def _redirection(address: str, private: Path) -> str:
     return page.as_uri()
 
 
-def _open(address: str) -> bool:
+def _open_browser(address: str) -> bool:
     """Open a browser that does not occupy the terminal; return False if there is none."""
     import webbrowser
 

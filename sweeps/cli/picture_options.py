@@ -26,7 +26,7 @@ KIND_NAMES = (
     *("bifurcation", "attractors", "basins", "integrity", "map", "section"),
     *("impacts", "trajectory", "table"),
 )
-Kind = Annotated[
+PictureKind = Annotated[
     str | None,
     typer.Option(
         metavar="KIND",
@@ -42,7 +42,7 @@ AxisNames = Annotated[
         "or a result; repeatable.",
     ),
 ]
-At = Annotated[
+PictureAt = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME=VALUE[,...]",
@@ -58,7 +58,7 @@ Coordinate = Annotated[
         help="poincare_x, poincare_v, poincare_height, impact_v or impact_phase, as ordinate.",
     ),
 ]
-Quantity = Annotated[
+QuantityOption = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",

@@ -32,7 +32,6 @@ from sweeps.cli.options import (
 from sweeps.cli.picture_options import (
     AbscissaLabel,
     AbscissaLimits,
-    At,
     AxisNames,
     Below,
     Color,
@@ -42,7 +41,6 @@ from sweeps.cli.picture_options import (
     Files,
     Grey,
     Height,
-    Kind,
     Kinds,
     NoLegend,
     NoMarks,
@@ -51,7 +49,9 @@ from sweeps.cli.picture_options import (
     OverlayFile,
     PanelNames,
     Periods,
-    Quantity,
+    PictureAt,
+    PictureKind,
+    QuantityOption,
     Resolution,
     Title,
     Width,
@@ -73,11 +73,11 @@ _OF_SEVERAL = ("section", "impacts", "trajectory", "basins")
 def plot_command(
     files: Files,
     output: FigureFile = None,
-    kind: Kind = None,
+    kind: PictureKind = None,
     axis: AxisNames = None,
-    at: At = None,
+    at: PictureAt = None,
     coordinate: Coordinate = None,
-    quantity: Quantity = None,
+    quantity: QuantityOption = None,
     exact: Exact = False,
     classes: Classes = None,
     most: MostBranches = None,
@@ -138,7 +138,7 @@ def plot_command(
         "below": tuple(below) if below else None,
         "color": color,
         "overlay": overlay,
-        "panels": _words(panels) if panels is not None else None,
+        "panels": _at_commas(panels) if panels is not None else None,
         "periods": periods,
     }
     values = {name: "-".join(map(fewest_digits, given)) for name, given in lists.items()}
@@ -175,10 +175,10 @@ def _check_several(lists: Mapping[str, list[float]], kind: str | None, color: st
 def _chosen_orbits(classes: str | None, most: int | None, kinds: str | None) -> dict[str, Any]:
     """Convert the choice of exact branches or curves to arguments of `branches` or `curves`."""
     chosen = branch_options(classes, most)
-    return chosen if kinds is None else chosen | {"kinds": _words(kinds)}
+    return chosen if kinds is None else chosen | {"kinds": _at_commas(kinds)}
 
 
-def _words(text: str) -> list[str]:
+def _at_commas(text: str) -> list[str]:
     """Split a text at its commas."""
     return re.split(r"\s*,\s*", text.strip())
 

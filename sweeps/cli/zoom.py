@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
 #: Most characters of overrides in the name of a file.
-_LONGEST = 100
+_MOST_CHARACTERS = 100
 
 Pieces = Annotated[
     list[str],
@@ -45,7 +45,7 @@ Pieces = Annotated[
         "poincare_x=-1:0, the range that is drawn.",
     ),
 ]
-Output = Annotated[
+ZoomOutput = Annotated[
     Path | None,
     typer.Option(
         "-o",
@@ -59,7 +59,7 @@ Output = Annotated[
 def zoom_command(
     file: SweepFile,
     pieces: Pieces,
-    output: Output = None,
+    output: ZoomOutput = None,
     overrides: Overrides = None,
     coordinate: Coordinate = None,
     width: Width = None,
@@ -94,7 +94,9 @@ def zoom_command(
     if coordinate is not None:
         _check_recorded(coordinate, whole)
     path = output or (
-        file.with_name(_name(file, axes, overrides or ())) if whole.output == file else whole.output
+        file.with_name(_named_after(file, axes, overrides or ()))
+        if whole.output == file
+        else whole.output
     )
     config = zoomed(whole, axes)
     figure = path.with_suffix(".png")
@@ -170,7 +172,7 @@ def _piece(text: str) -> tuple[str, tuple[float, float]]:
     return name.strip(), piece
 
 
-def _name(file: Path, axes: dict[str, tuple[float, float]], overrides: Sequence[str]) -> str:
+def _named_after(file: Path, axes: dict[str, tuple[float, float]], overrides: Sequence[str]) -> str:
     """Name a file after its pieces and overrides.
 
     They replace those of the same names in the name of a file that was zoomed. Long overrides are
@@ -187,7 +189,7 @@ def _name(file: Path, axes: dict[str, tuple[float, float]], overrides: Sequence[
         stem = re.sub(rf"-{re.escape(key.strip())}-.+?(?=-[A-Za-z]|$)", "", stem)
         chosen[key.strip()] = value.strip()
     told = "-".join(f"{key}-{value}" for key, value in chosen.items())
-    if len(told) > _LONGEST:
+    if len(told) > _MOST_CHARACTERS:
         told = f"set-{crc32(told.encode()):08x}"
     valid = re.sub(r"[^\w.+-]+", "_", "-".join([*words, *[told] * bool(told)]))
     return f"{stem}-{valid.rstrip('._')}.h5"  # a name on every system

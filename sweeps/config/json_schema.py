@@ -15,13 +15,13 @@ from sweeps.config.rig import QUANTITIES, RIG_PARAMETERS, SI_UNITS, RigConfig
 from sweeps.config.sweep import SweepConfig
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
-Schema = dict[str, Any]
+JsonSchema = dict[str, Any]
 
 #: Identifier of the JSON schema, which is not an address: nothing is downloaded.
 _SCHEMA_ID = "urn:vibroimpact:sweep-schema"
 
 
-def json_schema() -> Schema:
+def json_schema() -> JsonSchema:
     """Return the JSON schema of a configuration file, including the bounds of every number."""
     about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": _SCHEMA_ID}
     schema = SweepConfig.model_json_schema()
@@ -56,28 +56,28 @@ def json_schema() -> Schema:
 # The parts of a schema
 
 
-def _all(*schemas: Schema) -> Schema:
+def _all(*schemas: JsonSchema) -> JsonSchema:
     return {"allOf": [*schemas]}
 
 
-def _either(*schemas: Schema) -> Schema:
+def _either(*schemas: JsonSchema) -> JsonSchema:
     return {"anyOf": [*schemas]}
 
 
-def _not(schema: Schema) -> Schema:
+def _not(schema: JsonSchema) -> JsonSchema:
     return {"not": schema}
 
 
-def _if(condition: Schema, then: Schema, otherwise: Schema | None = None) -> Schema:
+def _if(condition: JsonSchema, then: JsonSchema, otherwise: JsonSchema | None = None) -> JsonSchema:
     return {"if": condition, "then": then, **({} if otherwise is None else {"else": otherwise})}
 
 
-def _with(**properties: Schema) -> Schema:
+def _with(**properties: JsonSchema) -> JsonSchema:
     """Describe a mapping that has these keys, with such values."""
     return {"type": "object", "required": [*properties], "properties": properties}
 
 
-def _where_given(**properties: Any) -> Schema:
+def _where_given(**properties: Any) -> JsonSchema:
     """Describe a mapping that may have these keys, with such values."""
     return {"properties": properties}
 
@@ -91,7 +91,7 @@ _SEVERAL = _either({"type": "array", "minItems": 2}, _with(num={"minimum": 2}), 
 _AUTO = _with(record=_with(transient={"const": "auto"}))
 
 
-def _columns_of(parameters: Mapping[str, Parameter]) -> Schema:
+def _columns_of(parameters: Mapping[str, Parameter]) -> JsonSchema:
     """Describe columns of numbers of which one at least is that of a parameter."""
     numbers = {name: {"items": number_schema(one)} for name, one in parameters.items()}
     return _where_given(**numbers) | _either(*({"required": [name]} for name in parameters))
@@ -122,7 +122,7 @@ def _names_of(key: str) -> list[str]:
     return [key, *own]
 
 
-def _required(group: type[ParameterConfig], keys: list[str]) -> Iterator[Schema]:
+def _required(group: type[ParameterConfig], keys: list[str]) -> Iterator[JsonSchema]:
     """Require each key of a group, or a column in its place; of two forces, one that acts."""
     title = "rig" if group is RigConfig else "oscillator"
     columns = {key: [_with(points=_with(**{name: {}})) for name in _names_of(key)] for key in keys}
@@ -140,7 +140,7 @@ def _required(group: type[ParameterConfig], keys: list[str]) -> Iterator[Schema]
     )
 
 
-def _rules_of_a_rig() -> Iterator[Schema]:
+def _rules_of_a_rig() -> Iterator[JsonSchema]:
     yield _where_given(oscillator=False)
     yield _where_given(
         units=_where_given(**{name: {"enum": [unit, name]} for name, unit in SI_UNITS.items()})
@@ -154,13 +154,13 @@ def _rules_of_a_rig() -> Iterator[Schema]:
             yield _not(_with(points=_with(**{name: {} for name in names})))
 
 
-def _rules_of_the_model() -> Iterator[Schema]:
+def _rules_of_the_model() -> Iterator[JsonSchema]:
     yield _where_given(units=_where_given(mass=False))
     yield _where_given(follow=_where_given(axis={"enum": [*OscillatorConfig.model_fields]}))
     yield _if(_with(points={"type": "object"}), _where_given(points=_columns_of(PARAMETERS)))
 
 
-def _rules_of_a_table() -> Iterator[Schema]:
+def _rules_of_a_table() -> Iterator[JsonSchema]:
     one_number = {"additionalProperties": _not({"type": ["array", "object"]})}
     yield _where_given(
         oscillator=one_number, rig=one_number, start=one_number, follow={"type": "null"}
@@ -175,7 +175,7 @@ def _rules_of_a_table() -> Iterator[Schema]:
             yield _not(_all(_with(**{title: _with(**{key: {}})}), _either(*columns)))
 
 
-def _rules_of_follow() -> Iterator[Schema]:
+def _rules_of_follow() -> Iterator[JsonSchema]:
     """Require several values along the axis, and transients of a given length."""
     yield _if(_with(follow=_GIVEN), _not(_AUTO))
     for group, title in ((OscillatorConfig, "oscillator"), (RigConfig, "rig")):
@@ -186,7 +186,7 @@ def _rules_of_follow() -> Iterator[Schema]:
             yield _if(followed, _with(**{title: _with(**{key: _SEVERAL})}))
 
 
-def _rules_of_a_record() -> Iterator[Schema]:
+def _rules_of_a_record() -> Iterator[JsonSchema]:
     """Require of the record and the method that they go together."""
     with_period, with_lyapunov = ({"contains": {"const": name}} for name in ("period", "lyapunov"))
     yield _if(

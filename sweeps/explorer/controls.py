@@ -21,7 +21,7 @@ from bokeh.models import (
 
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.explorer.figures import narrow, symbol
-from sweeps.explorer.view import RECORD, View, window_around
+from sweeps.explorer.view import RECORD_FIELDS, View, window_around
 from sweeps.opened.coordinates import COORDINATES
 from sweeps.plotting.labels import as_variable, named_unit
 from vibroimpact.oscillator import PARAMETERS
@@ -35,7 +35,7 @@ _COMPACT = (
     ".bk-input { height: 34px; min-height: 34px; font-size: 16px; } }"
 )
 #: The title stands beside the field.
-_BESIDE = (
+_TITLE_BESIDE = (
     ".bk-input-group { flex-direction: row; align-items: center; gap: 2px; }"
     "label { flex: none; min-width: %dpx; text-align: %s; white-space: nowrap; }"
 )
@@ -57,9 +57,9 @@ class Controls:
         save: Callable[[], None],  # writes the configuration of the picture shown
     ) -> None:
         self._change = change
-        self.axis = choice("abscissa", "abscissa", parameter_choices(view.seen))
+        self.axis = selector("abscissa", "abscissa", parameter_choices(view.seen))
         names = [(name, as_variable(name, view.seen).attrs["long_name"]) for name in COORDINATES]
-        self.ordinate = choice("ordinate", "ordinate", names)
+        self.ordinate = selector("ordinate", "ordinate", names)
         connect(self.axis, "value", change, View.with_axis)
         connect(
             self.ordinate,
@@ -100,7 +100,7 @@ class Controls:
             title=symbol(name, view.seen) + (unit if view.seen.in_si else ""),
             html_attributes={"title": tip},
         )  # fmt: skip
-        field.stylesheets = [_COMPACT, _BESIDE % (beside, "right")]
+        field.stylesheets = [_COMPACT, _TITLE_BESIDE % (beside, "right")]
         slider = Slider(
             start=low, end=high, value=value, step=(high - low) / 400.0, show_value=False,
             title=None, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
@@ -113,9 +113,9 @@ class Controls:
     def _record(self, name: str) -> LayoutDOM:
         """Return the field of a value of the record."""
         return self._field(
-            RECORD[name],
-            RECORD[name],
-            title=RECORD[name],
+            RECORD_FIELDS[name],
+            RECORD_FIELDS[name],
+            title=RECORD_FIELDS[name],
             width=74,
             margin=(0, 0, 2, 0),
             description=_RECORD[name],
@@ -143,7 +143,7 @@ class Controls:
                 low, high = window_around(name, view.values, view.seen)
                 slider.update(start=low, end=high, step=(high - low) / 400.0)
             slider.value = value
-        values = {**view.values, **{RECORD[name]: one for name, one in view.record.items()}}
+        values = {**view.values, **{RECORD_FIELDS[name]: one for name, one in view.record.items()}}
         for name, field in self.fields.items():
             field.value = f"{values[name]:.7g}"
 
@@ -154,11 +154,11 @@ def _message(name: str, colour: str) -> Div:
     return Div(name=name, width=_WIDTH, text="", styles=styles, render_as_text=True)
 
 
-def choice(name: str, title: str, options: list[tuple[str, str]]) -> Select:
+def selector(name: str, title: str, options: list[tuple[str, str]]) -> Select:
     """Return a drop-down list with its title."""
     return Select(
         options=options, name=name, title=title, width=_WIDTH, margin=(1, 0, 1, 0),
-        stylesheets=[_COMPACT, _BESIDE % (54, "left")],
+        stylesheets=[_COMPACT, _TITLE_BESIDE % (54, "left")],
     )  # fmt: skip
 
 

@@ -50,7 +50,7 @@ _LETTERS = {
 #: The tags of a formatter that Bokeh made: for a linear axis, without a factor.
 _UNTAGGED = [False, 1.0]
 #: Writes a tick divided by the factor of a prefix; steps are 1, 2 or 5 times a power of ten.
-_PREFIXED = """
+_TICK_WITH_PREFIX = """
 const value = tick / factor;
 if (log || ticks.length < 2) return String(Number(value.toPrecision(6)));
 const digits = Math.ceil(-Math.log10(Math.abs(ticks[1] - ticks[0]) / factor) - 1e-6);
@@ -108,7 +108,7 @@ def _formatter(log: bool, factor: float) -> TickFormatter:
     tags = [log, factor]
     if factor != 1.0:
         args = {"factor": factor, "log": log}
-        return CustomJSTickFormatter(args=args, code=_PREFIXED, tags=tags)
+        return CustomJSTickFormatter(args=args, code=_TICK_WITH_PREFIX, tags=tags)
     return PrintfTickFormatter(format="%g", tags=tags) if log else BasicTickFormatter(tags=tags)
 
 

@@ -19,10 +19,10 @@ from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION
 
 #: The dash style of each line and the marker of each special point, by name in the legend.
 _LINES = {STABLE: "solid", UNSTABLE: "dashed"}
-_MARKERS = {"flip": "circle", "fold": "square", "graze": "triangle"}
+_GLYPHS = {"flip": "circle", "fold": "square", "graze": "triangle"}
 
 #: Columns of data by the same names: abscissas, ordinates and class of every piece or mark.
-Parts = dict[str, dict[str, list[Any]]]
+Columns = dict[str, dict[str, list[Any]]]
 
 
 class Branches:
@@ -46,7 +46,7 @@ class Branches:
             if name in _LINES:
                 marks = figure.multi_line("x", "y", line_dash=_LINES[name], **look)
             else:
-                look |= {"marker": _MARKERS[name], "size": 6, "fill_color": "white"}
+                look |= {"marker": _GLYPHS[name], "size": 6, "fill_color": "white"}
                 marks = figure.scatter("x", "y", **look)
             said = f"{name}: class @orbit" if name in _LINES else f"{name} at @x{{0.0[000000]}}"
             figure.add_tools(HoverTool(renderers=[marks], tooltips=said, visible=False))
@@ -66,7 +66,7 @@ class Branches:
         find, show = partial(self._find, view, config), partial(self._paint, _depends_on(view))
         return [Step("exact branches", (config, view.ordinate), find, show)]
 
-    def _find(self, view: View, config: SweepConfig) -> Parts:
+    def _find(self, view: View, config: SweepConfig) -> Columns:
         """Follow the branches from the points of the diagram; return the data of each part."""
         from sweeps.plotting.branch_lines import parts_of  # this import takes a second
 
@@ -87,7 +87,7 @@ class Branches:
                 columns["orbit"] += [orbit] if name in _LINES else [""] * len(x)
         return parts
 
-    def _paint(self, depends_on: Any, parts: Parts, seconds: float) -> None:
+    def _paint(self, depends_on: Any, parts: Columns, seconds: float) -> None:
         """Show the parts of the branches."""
         self._painted = depends_on
         for name, source in self.sources.items():
@@ -102,9 +102,9 @@ class Branches:
         self._diagram.show_legend()
 
 
-def _nothing() -> Parts:
+def _nothing() -> Columns:
     """Return the data for no branches: empty columns."""
-    return {name: {"x": [], "y": [], "orbit": []} for name in (*_LINES, *_MARKERS)}
+    return {name: {"x": [], "y": [], "orbit": []} for name in (*_LINES, *_GLYPHS)}
 
 
 def _depends_on(view: View) -> Any:

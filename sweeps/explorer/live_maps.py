@@ -155,7 +155,7 @@ class Filling:
         from sweeps.plotting.names import placed_names
 
         seen = self._as_seen(classes)
-        rows, columns = (_middles(size, _NAMED) for size in seen.shape)
+        rows, columns = (_middles_of_cells(size, _NAMED) for size in seen.shape)
         computed = self._as_seen(self._status != Status.PENDING)[np.ix_(rows, columns)]
         if not computed.all():
             return []
@@ -203,7 +203,7 @@ class Filling:
         return table, np.append(number, -1)[self._reached]
 
 
-def _middles(size: int, stride: int) -> np.ndarray:
+def _middles_of_cells(size: int, stride: int) -> np.ndarray:
     """Return the middle of every cell of `stride` columns."""
     return np.minimum(np.arange(stride // 2, size + stride // 2, stride), size - 1)
 
@@ -212,7 +212,7 @@ def _levels(size: int) -> np.ndarray:
     """Return, for each of `size` columns, the index of the first stride that computes it."""
     levels = np.empty(size, int)
     for level in reversed(range(len(_STRIDES))):
-        levels[_middles(size, _STRIDES[level])] = level
+        levels[_middles_of_cells(size, _STRIDES[level])] = level
     return levels
 
 
@@ -220,7 +220,7 @@ def _filled(pixels: np.ndarray) -> np.ndarray:
     """Fill pixels that are 0 from the middle of the smallest cell around them with a value."""
     filled = np.zeros_like(pixels)
     for stride in _STRIDES:
-        at = (_middles(size, stride)[np.arange(size) // stride] for size in pixels.shape)
+        at = (_middles_of_cells(size, stride)[np.arange(size) // stride] for size in pixels.shape)
         finer = pixels[np.ix_(*at)]
         filled = np.where(finer, finer, filled)
     return filled

@@ -19,7 +19,7 @@ from bokeh.models import CustomJS, Div, RadioButtonGroup, TabPanel, Tabs, TextIn
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError, StoreError, SweepError
-from sweeps.explorer.controls import Controls, choice, connect, parameter_choices
+from sweeps.explorer.controls import Controls, connect, parameter_choices, selector
 from sweeps.explorer.figures import narrow
 from sweeps.explorer.keyboard import DESCRIBE, LISTEN, MOVES, labelled
 from sweeps.explorer.live_branches import Branches
@@ -69,7 +69,7 @@ class LivePage:
         self._pictures = (self.diagram, self.map, self.basins)
         self.motion = MotionPanel(self._close)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
-        self._across = choice("across", "ordinate", parameter_choices(home.seen))
+        self._across = selector("across", "ordinate", parameter_choices(home.seen))
         self._tabs = self._new_tabs()
         self.worker = Worker(document.add_next_tick_callback, self._refuse)
         self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")

@@ -18,13 +18,13 @@ def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
     names = (f"{view.name}-view-{number}" for number in itertools.count(1))
     name = next(name for name in names if not os.path.lexists(folder / f"{name}.yaml"))
     path = folder / f"{name}.yaml"
-    text = _heading(view, name) + config.model_copy(update={"name": name}).to_yaml()
+    text = _commands(view, name) + config.model_copy(update={"name": name}).to_yaml()
     with writing(path, "configuration", only_new=True) as new:
         new.write(text.encode())
     return path
 
 
-def _heading(view: View, name: str) -> str:
+def _commands(view: View, name: str) -> str:
     """Return a comment with the commands that draw the picture."""
     config, file = shlex.quote(f"{name}.yaml"), shlex.quote(f"{name}.h5")
     options = f"--kind {('bifurcation', 'map', 'basins')[view.tab]}"

@@ -27,15 +27,20 @@ Window = tuple[float, float]
 #: The tabs of the page, each with one picture.
 DIAGRAM, MAP, BASINS = range(3)
 #: What the page records, and what an address calls it.
-RECORD = {"transient": "transient", "periods": "periods", "phase": "section", "impacts": "impacts"}
+RECORD_FIELDS = {
+    "transient": "transient",
+    "periods": "periods",
+    "phase": "section",
+    "impacts": "impacts",
+}
 _WINDOWS = ("xlim", "ylim", "maplim", "x0lim", "v0lim")
-_NAMES = ("axis", "ordinate", "across")
+_CHOSEN = ("axis", "ordinate", "across")
 _FLAGS = ("marked", "exact")
 
 
-def _record_of(config: SweepConfig) -> dict[str, Any]:
+def _typed_record(config: SweepConfig) -> dict[str, Any]:
     """Return what the page records; a transient that is found becomes the default."""
-    record = config.record.model_dump(include=set(RECORD))
+    record = config.record.model_dump(include=set(RECORD_FIELDS))
     if record["transient"] is None:
         record["transient"] = RecordConfig.model_fields["transient"].default
     return record
@@ -43,12 +48,12 @@ def _record_of(config: SweepConfig) -> dict[str, Any]:
 
 def window_around(name: str, values: Mapping[str, float], seen: Nomenclature) -> Window:
     """Return a default window of a parameter around its value at the point `values`."""
-    ends = _around_in_model(name, _in_model(values, seen))
+    ends = _around_in_model(name, _model_values(values, seen))
     low, high = (float(seen.value(name, end)) for end in ends)
     return low, high
 
 
-def _in_model(values: Mapping[str, float], seen: Nomenclature) -> dict[str, float]:
+def _model_values(values: Mapping[str, float], seen: Nomenclature) -> dict[str, float]:
     """Return the values of a point in the units of the model."""
     return {name: float(seen.in_model(name, value)) for name, value in values.items()}
 
@@ -142,7 +147,7 @@ class View:
         return cls(
             name=config.name,
             method=method,
-            record=_record_of(config),
+            record=_typed_record(config),
             seen=seen,
             values=values,
             axis=axis,
@@ -237,8 +242,8 @@ class View:
         items: dict[str, Any] = {
             self.seen.name(name): repr(value) for name, value in self.values.items()
         }
-        items |= {called: self.record[name] for name, called in RECORD.items()}
-        items |= {name: self.seen.name(getattr(self, name)) for name in _NAMES}
+        items |= {called: self.record[name] for name, called in RECORD_FIELDS.items()}
+        items |= {name: self.seen.name(getattr(self, name)) for name in _CHOSEN}
         items |= {name: int(getattr(self, name)) for name in ("tab", *_FLAGS)}
         for name in _WINDOWS:
             if (window := getattr(self, name)) is not None:
@@ -250,13 +255,13 @@ class View:
         entries = dict(parse_qsl(query.removeprefix("?"), keep_blank_values=True))
         named = {self.seen.name(name): name for name in PARAMETERS}
         changes: dict[str, Any] = {
-            name: named.get(entries[name], entries[name]) for name in _NAMES if name in entries
+            name: named.get(entries[name], entries[name]) for name in _CHOSEN if name in entries
         }
         changes["record"] = {
-            **self.record, **{n: entries[c] for n, c in RECORD.items() if c in entries}
+            **self.record, **{n: entries[c] for n, c in RECORD_FIELDS.items() if c in entries}
         }  # fmt: skip
         numbers = {
-            own: _number(name, entries[name], self.seen.about(own))
+            own: _typed_number(name, entries[name], self.seen.about(own))
             for name, own in named.items()
             if name in entries
         }
@@ -272,7 +277,7 @@ class View:
         view = replace(self.moved(**numbers), **changes)
         view.check()
         record = view.diagram(2).record  # its texts are converted to numbers
-        return replace(view, record={name: getattr(record, name) for name in RECORD})
+        return replace(view, record={name: getattr(record, name) for name in RECORD_FIELDS})
 
     def check(self) -> None:
         """Raise ConfigError if a name is unknown, a window is empty, or a value is not allowed."""
@@ -300,7 +305,7 @@ class View:
             self.tiles(self.tab, 2, 2)
 
 
-def _number(name: str, text: str, parameter: Parameter) -> float:
+def _typed_number(name: str, text: str, parameter: Parameter) -> float:
     """Return the value of a parameter from the text of a field or of an address."""
     try:
         return float(text)
@@ -314,7 +319,7 @@ def bounds(name: str, view: View, window: Window) -> tuple[float | None, float |
     parameter = PARAMETERS[name]
     low = parameter.low
     if parameter.low_open:
-        _, rate = _scales(_in_model(view.values, view.seen))
+        _, rate = _scales(_model_values(view.values, view.seen))
         low = min(float(view.seen.value(name, 1e-3 * rate)), window[0])
     low = view.values["x0"] if name == "clearance" else low
     high = view.values["clearance"] if name == "x0" else parameter.high

@@ -17,7 +17,7 @@ from sweeps.text import listed, shown_count, told_apart
 from vibroimpact.oscillator import PARAMETERS
 
 #: Most values of a variable of each sweep in memory.
-_PART = 1_000_000
+_VALUES_COMPARED = 1_000_000
 #: The dimension of the only record whose width follows from the motions.
 _SAMPLE = "sample"
 
@@ -85,7 +85,7 @@ def _compared(one: xr.Dataset, other: xr.Dataset, name: str, rtol: float) -> Dif
     shape = one["status"].variable.to_base_variable()
     joint = xr.Dataset({"status": shape, "one": own, "other": others})
     width = math.prod(own.shape[len(axes) :])
-    for part, points in in_parts(joint, _PART // max(1, width)):
+    for part, points in in_parts(joint, _VALUES_COMPARED // max(1, width)):
         first, second = part["one"].values, part["other"].values
         _count(found, first, second, own.sizes, points.start, rtol, width)
     return found

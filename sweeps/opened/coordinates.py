@@ -93,14 +93,14 @@ def orbit_coordinates(orbits: Orbits, phase: float) -> dict[str, np.ndarray]:
 
 
 #: Number of section states read at a time.
-_PART = 500_000
+_STATES_READ = 500_000
 
 
 def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
     """Return a coordinate at points given in C order, shape (k, record), reading in parts."""
     width = dataset.sizes[COORDINATES[name].dimension]
     result = np.empty((len(at), width))
-    for part, cut in in_parts(dataset, _PART // width):
+    for part, cut in in_parts(dataset, _STATES_READ // width):
         wanted = np.flatnonzero((at >= cut.start) & (at < cut.stop))
         if len(wanted):
             values = recorded_coordinate(part, name).values.reshape(-1, width)

@@ -20,7 +20,7 @@ from vibroimpact.inputs import Allowed, input_text, integer, is_number, number, 
 P = ParamSpec("P")
 T = TypeVar("T")
 #: An opened sweep, or the path of its file.
-Sweep = xr.Dataset | str | Path
+OpenedSweep = xr.Dataset | str | Path
 
 _EXPECTED = "an opened sweep, a selection from one, or the path of its file"
 
@@ -73,7 +73,7 @@ ARGUMENTS: Mapping[str, Allowed] = {
 
 def takes_sweep(
     allowed: Mapping[str, Allowed],
-) -> Callable[[Callable[Concatenate[xr.Dataset, P], T]], Callable[Concatenate[Sweep, P], T]]:
+) -> Callable[[Callable[Concatenate[xr.Dataset, P], T]], Callable[Concatenate[OpenedSweep, P], T]]:
     """Decorate a function of a sweep: open the file of a path, and refuse unfit arguments.
 
     What the arguments may be is in ``ARGUMENTS``, or in `allowed` for those of this function.
@@ -81,7 +81,7 @@ def takes_sweep(
 
     def decorated(
         function: Callable[Concatenate[xr.Dataset, P], T],
-    ) -> Callable[Concatenate[Sweep, P], T]:
+    ) -> Callable[Concatenate[OpenedSweep, P], T]:
         signature = inspect.signature(function)
         first = next(iter(signature.parameters))
         defaults = {name: one.default for name, one in signature.parameters.items()}

@@ -24,7 +24,7 @@ RECORDED = ("trajectory_t", "trajectory_x", "trajectory_v")
 #: Most forcing periods of a motion that are kept: more than a picture has columns of pixels.
 MOST_PERIODS = 1000
 #: Number of samples read at a time.
-_PART = 1_000_000
+_SAMPLES_READ = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,8 @@ def _begun(point: xr.Dataset) -> float:
 
 def _recorded_parts(point: xr.Dataset) -> Iterator[np.ndarray]:
     """Read the recorded trajectory of a point in parts, shape (3, k), without the padding."""
-    for start in range(0, point.sizes["sample"], _PART):
-        part = point.isel(sample=slice(start, start + _PART))
+    for start in range(0, point.sizes["sample"], _SAMPLES_READ):
+        part = point.isel(sample=slice(start, start + _SAMPLES_READ))
         rows = np.stack([part[name].values for name in RECORDED])
         if not (seen := np.isfinite(rows).all(axis=0)).any():
             return

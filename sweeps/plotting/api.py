@@ -21,7 +21,7 @@ from sweeps.plotting.diagram import bifurcation
 from sweeps.plotting.erosion import integrity
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.motion import trajectory
-from sweeps.plotting.page import ARGUMENTS, PAGE, Page
+from sweeps.plotting.page import PAGE, PICTURE_ARGUMENTS, Page
 from sweeps.plotting.saving import check_picture, description, save
 from sweeps.plotting.sections import impacts, section
 from sweeps.plotting.style import user_style
@@ -59,7 +59,7 @@ KINDS: Mapping[str, Kind] = {
 }
 
 
-@takes_sweep({**ARGUMENTS, "kind": TEXT, "output": PATH})
+@takes_sweep({**PICTURE_ARGUMENTS, "kind": TEXT, "output": PATH})
 def plot(
     dataset: xr.Dataset,
     output: str | Path,

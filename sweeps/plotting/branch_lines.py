@@ -22,12 +22,12 @@ _THIN_LINES = "thin: chaotic, unknown, narrow"
 #: Markers of the bifurcations of a branch.
 MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
 #: If there are more branches, only those to which motions go, and what bounds these, are drawn.
-_FEW = 12
+_MOST_BRANCHES = 12
 #: Look of the lines over points of one colour and of several colours, which thin lines leave
 #: visible.
 _OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
 _OVER_COLOURS: dict[str, Any] = {"linewidth": 0.4}
-_THIN: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
+_THIN_BRANCHES: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
 
 
 class Part(NamedTuple):
@@ -50,7 +50,7 @@ def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
         branch = found.isel(point=own)
         x, y, stable = (branch[name].values for name in (axis, coordinate, "stable"))
         m, q = (int(branch[name].values[0]) for name in ("m", "q"))
-        y = _wrapped(y[:, np.isfinite(y).any(axis=0)], coordinate)
+        y = _within_a_turn(y[:, np.isfinite(y).any(axis=0)], coordinate)
         if not y.shape[1]:  # the free oscillation has no impact
             continue
         # A special point ends the pieces on both sides, and belongs to the stable one.
@@ -64,7 +64,7 @@ def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
     for kind in MARKERS:
         here = (found["kind"].values == kind) & wide[found["branch"].values]
         if here.any():
-            y = _wrapped(found[coordinate].values[here], coordinate)
+            y = _within_a_turn(found[coordinate].values[here], coordinate)
             yield Part(kind, found[axis].values[here], y)
 
 
@@ -75,7 +75,7 @@ def without_idle(found: xr.Dataset, line: xr.Dataset) -> tuple[xr.Dataset, int]:
     go, and those that meet one of these at a bifurcation, which bound the motions.
     """
     (axis,), count = map(str, found.coords), len(wide_branches(found))
-    if count <= _FEW or found.attrs.get("chosen") or "period" not in line:
+    if count <= _MOST_BRANCHES or found.attrs.get("chosen") or "period" not in line:
         return found, 0
     _, m, q = (each.ravel() for each in classes_of(line))
     places = line[axis].broadcast_like(line["status"]).transpose(*line["status"].dims).values
@@ -97,7 +97,7 @@ def without_idle(found: xr.Dataset, line: xr.Dataset) -> tuple[xr.Dataset, int]:
     return kept.assign(branch=("point", renumbered)), int(count - drawn.sum())
 
 
-def _wrapped(values: np.ndarray, coordinate: str) -> np.ndarray:
+def _within_a_turn(values: np.ndarray, coordinate: str) -> np.ndarray:
     """Return values of a coordinate, with phases reduced to 0 to 2 pi."""
     return values % (2.0 * np.pi) if coordinate == "impact_phase" else values
 
@@ -139,7 +139,7 @@ def draw_branches(
             for is_faint, group in groupby(range(len(x)), key=faint.__getitem__):
                 (first, *_, last) = 2 * list(group)
                 run, of = slice(first, last + 2), _THIN_LINES if is_faint else name
-                stroke = look | _THIN if is_faint else look
+                stroke = look | _THIN_BRANCHES if is_faint else look
                 drawn[of] += panel.plot(
                     x[run], y[run], zorder=4, label="_", ls=LINES[name], **stroke
                 )

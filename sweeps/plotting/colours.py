@@ -40,7 +40,7 @@ from sweeps.plotting.style import (
     NO_VALUE,
     PALE,
     REST,
-    RESULTS,
+    RESULT_COLOURS,
     VERMILION,
     WHITE,
     Look,
@@ -63,15 +63,15 @@ _ZERO = {
 _NOT_AT_REST = ("impacts_per_period", "slowest_impact", MEAN_FORCE)
 #: Quantities whose numbers stand for words: for each number the word and its colour.
 _WORDS: Mapping[str, Mapping[int, tuple[str, str]]] = {
-    "status": {one: (status_name(one), colour) for one, colour in RESULTS.items()},
+    "status": {one: (status_name(one), colour) for one, colour in RESULT_COLOURS.items()},
     "class_evidence": {one: (one.name.lower(), colour) for one, colour in EVIDENCE.items()},
 }
 #: Positive values are on a logarithmic scale if the greatest is this many times the least.
 _LOG_FROM = 10.0
 #: Lyapunov exponents up to this share of omega are rounding.
-_ROUNDING = 1e-12
+_ROUNDING_OF_EXPONENTS = 1e-12
 #: The values of an axis with at most so many are named in a legend, instead of a colour bar.
-_FEW = 6
+_MOST_NAMED = 6
 
 
 _SIGNED, _SIGNED_DOTS = (
@@ -196,14 +196,14 @@ def _paint(cut: xr.Dataset, name: str, dots: bool, grey: bool) -> Paint:
         return Paint(variable, cells, nothing, Normalize(), ramp)
     values = variable.values.astype(float)
     has_value = has_result(cut["status"].values)
-    if dots and name in cut.dims and 1 < cut.sizes[name] <= _FEW:
+    if dots and name in cut.dims and 1 < cut.sizes[name] <= _MOST_NAMED:
         cells = _cells_of_few(cut[name], variable, has_value, None if grey else ramp)
         return Paint(variable, cells, nothing, Normalize(), ramp)
     pale, *_ = looks = GREY_SPECIAL if grey else _special_looks(PALE if dots else WHITE)
     cells = _special_cells(cut, name, values, has_value, looks)
     for cell in cells:
         has_value &= ~cell.where
-    rounding = _ROUNDING * float(cut["omega"].max()) if name == "lyapunov" else 0.0
+    rounding = _ROUNDING_OF_EXPONENTS * float(cut["omega"].max()) if name == "lyapunov" else 0.0
     norm = _scale(name, values[has_value], rounding)
     if isinstance(norm, LogNorm):
         zero = has_value & (values == 0.0)

@@ -18,13 +18,13 @@ from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
 
 #: If there are more curves, only those that bound a class with a colour of its own are drawn.
-_FEW = 12
+_MOST_CURVES = 12
 #: Points of a curve in each cell; interruptions of so many cells are ignored.
 _PER_CELL, _GAP = 3, 6
 #: Dashes of the curves of each kind.
 _CURVES: dict[str, Any] = {"flip": "-", "fold": (0, (4, 2)), "graze": (0, (1, 1.5))}
 #: Look of curves that do not bound a motion.
-_THIN: dict[str, Any] = {"color": "#666666", "linewidth": 0.3}
+_THIN_CURVES: dict[str, Any] = {"color": "#666666", "linewidth": 0.3}
 
 
 class _Piece(NamedTuple):
@@ -100,7 +100,7 @@ def draw_curves(
     """
     limits = panel.get_xlim(), panel.get_ylim()
     kinds = _one_point_each(found)["kind"].values
-    is_many = len(kinds) > _FEW
+    is_many = len(kinds) > _MOST_CURVES
     pieces = list(_pieces(found, cut, axes, coloured if is_many else None))
     strong = [piece for piece in pieces if piece.bounds]
     bounding = {piece.number for piece in strong}
@@ -108,7 +108,7 @@ def draw_curves(
     bold: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
     edge = [withStroke(linewidth=1.8, foreground=ground(), alpha=0.9)]  # on cells of any colour
     for piece in shown:
-        look = {"path_effects": edge, "zorder": 4, **bold} if piece.bounds else _THIN
+        look = {"path_effects": edge, "zorder": 4, **bold} if piece.bounds else _THIN_CURVES
         panel.plot(*piece.points.T, ls=_CURVES[kinds[piece.number]], **look)
     drawn = kinds[[piece.number for piece in shown]]
     handles = [
@@ -119,12 +119,12 @@ def draw_curves(
     handles += _mark_special(panel, found, strong) if marks else []
     if left := len(kinds) - len(bounding):
         text = f"{shown_count(left, 'further curve')}{' not shown' if is_many else ''}"
-        handles.append(Line2D([], [], ls="" if is_many else "-", label=text, **_THIN))
+        handles.append(Line2D([], [], ls="" if is_many else "-", label=text, **_THIN_CURVES))
     panel.set(xlim=limits[0], ylim=limits[1])
     return handles
 
 
-def _places(panel: Axes, points: np.ndarray) -> np.ndarray:
+def _in_panel(panel: Axes, points: np.ndarray) -> np.ndarray:
     """Return points of a panel as shares of its width and height."""
     shares: np.ndarray = panel.transAxes.inverted().transform(panel.transData.transform(points))
     return shares
@@ -136,8 +136,8 @@ def _mark_special(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> l
     special = np.stack([marked[name].values for name in marked.coords], axis=1)
     if not len(special) or not strong:
         return []
-    lines = _places(panel, np.concatenate([piece.points for piece in strong]))
-    away = [np.abs(lines - place).max(axis=1).min() for place in _places(panel, special)]
+    lines = _in_panel(panel, np.concatenate([piece.points for piece in strong]))
+    away = [np.abs(lines - place).max(axis=1).min() for place in _in_panel(panel, special)]
     shown = special[np.array(away) < 0.01]
     if not len(shown):
         return []

@@ -27,7 +27,7 @@ from vibroimpact.points.regimes import has_result
 
 #: Number of values read at a time.
 _PART_SIZE = 1_000_000
-_NORM = LogNorm(LEAST_SHARE, 1.0, clip=True)
+_SCALE_OF_SHARES = LogNorm(LEAST_SHARE, 1.0, clip=True)
 
 
 def computed_parts(line: xr.Dataset, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -85,7 +85,9 @@ def draw_density(
     figure = canvas.figure_of(panel)
     ramps = _ramps(colours if len(ways) > 1 else ())
     if tint is None:
-        bar = figure.colorbar(ScalarMappable(_NORM, ramps[-1]), ax=panel, pad=0.01, aspect=40)
+        bar = figure.colorbar(
+            ScalarMappable(_SCALE_OF_SHARES, ramps[-1]), ax=panel, pad=0.01, aspect=40
+        )
         bar.set_label("share of the points of a column")
     figure.draw_without_rendering()  # computes the layout
     box, scale = panel.get_window_extent(), dots_per_inch() / figure.dpi
@@ -111,7 +113,7 @@ def draw_density(
         shares = [*(np.where(in_both, 0.0, share) for share in shares), mean]
     for share, ramp in zip(shares, ramps, strict=True):
         cells = np.ma.masked_equal(share, 0.0).T
-        panel.pcolormesh(x_edges, y_edges, cells, norm=_NORM, cmap=ramp, rasterized=True)
+        panel.pcolormesh(x_edges, y_edges, cells, norm=_SCALE_OF_SHARES, cmap=ramp, rasterized=True)
 
 
 class _Pixels:

@@ -90,7 +90,7 @@ def in_both(columns: np.ndarray, axis: int) -> np.ndarray:
     return np.moveaxis(both, 0, axis)
 
 
-def _apart(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
+def _motions_differ(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
     """Whether the motions in each row differ, shape (n,)."""
     away = [nearest_distances(a, b, size) for a, b in ((one, other), (other, one))]
     means = [
@@ -111,7 +111,7 @@ def draw_jumps(
     shape (n,), increases; `up` and `down` are values of the points, shape (n, k).
     """
     size, handles = _extent(up, down) or 1.0, list[Artist]()
-    for start, stop in _ranges(_apart(up, down, size)):
+    for start, stop in _ranges(_motions_differ(up, down, size)):
         for motion, i, j, colour in (
             (up, stop - 1, stop, colours[0]),
             (down, start, start - 1, colours[1]),

@@ -23,7 +23,7 @@ SHARE = 0.2
 #: inch, and most columns.
 _WIDTH, _MOST_COLUMNS = 0.9, 8
 #: Length of an entry that is broken into two lines where there is little room.
-_LONG = 24
+_LONG_ENTRY = 24
 #: Sizes of the texts of a legend that has a greatest height.
 _SMALL = {"fontsize": "small", "title_fontsize": "small"}
 
@@ -82,7 +82,7 @@ def _broken(handles: Sequence[Artist]) -> list[Artist]:
         # Spaces outside of formulas, and the one nearest to the middle.
         spaces = [at for at, one in enumerate(text) if one == " " and text[:at].count("$") % 2 == 0]
         entry = copy(handle)
-        if len(text) > _LONG and spaces and "\n" not in text:
+        if len(text) > _LONG_ENTRY and spaces and "\n" not in text:
             at = min(spaces, key=lambda place: abs(place - len(text) / 2))
             entry.set_label(f"{text[:at]}\n{text[at + 1 :]}")
         broken.append(entry)

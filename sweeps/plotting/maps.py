@@ -42,7 +42,7 @@ from vibroimpact.status import Status
 #: A legend always has the classes with at least this share of the points.
 _COMMON = 0.1
 #: Look of points that are not computed yet.
-_PENDING: dict[str, Any] = {
+_LOOK_OF_PENDING: dict[str, Any] = {
     "edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0
 }  # fmt: skip
 #: Look of the lines over points that are not on their orbit yet.
@@ -179,7 +179,7 @@ def draw_cells(
     handles: list[Artist] = [cell.handle() for cell in cells]
     pending = np.count_nonzero(status == Status.PENDING)
     if pending:
-        look = {"facecolor": ground(), **_PENDING}
+        look = {"facecolor": ground(), **_LOOK_OF_PENDING}
         panel.patch.set(**look)
         text = f"{status_name(Status.PENDING)} ({pending:,} of {status.size:,})"
         handles.append(Patch(label=text, **look))

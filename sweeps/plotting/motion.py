@@ -106,7 +106,9 @@ def trajectory(
     if shown is not None:
         shown.add_bar(panels)
         handles, title = [*shown.handles(curves=True), *handles], shown.title
-    return canvas.finish(over_time, page, drawn, handles, title, _record(motions, time, found))
+    return canvas.finish(
+        over_time, page, drawn, handles, title, _text_of_motions(motions, time, found)
+    )
 
 
 def _motion_at(
@@ -145,7 +147,9 @@ def _draw_coloured(
     return motions
 
 
-def _record(motions: Sequence[PointMotion], time: xr.DataArray, found: Label | None) -> str | None:
+def _text_of_motions(
+    motions: Sequence[PointMotion], time: xr.DataArray, found: Label | None
+) -> str | None:
     """Write what the title says of the motions instead of the record; None if they differ."""
     turns = 2.0 * np.pi / np.array([motion.oscillator.omega for motion in motions])
     starts = np.array([motion.rows[0, 0] for motion in motions])

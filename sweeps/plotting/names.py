@@ -20,11 +20,11 @@ _PER_INCH, _LEAST_SHARE = 72.0, 0.97
 #: Space around a name, and half the size of a marker [px].
 _MARGIN, _MARK = 1, 2
 #: Most names in a panel.
-_MOST_NAMES = 60
+_MOST_IN_PANEL = 60
 #: Least share of a map on both sides of a boundary that is drawn.
 _LARGE = 4e-4
 #: Greatest distance of a name from its line, in heights of the name.
-_NEAR = 1.0
+_NAME_TO_LINE = 1.0
 
 
 def name_regions(
@@ -73,7 +73,7 @@ def placed_names(
     number, sizes = _regions(classes)
     count = 0
     for region in np.argsort(-sizes, kind="stable").tolist():
-        if count >= _MOST_NAMES or sizes[region] < 60:
+        if count >= _MOST_IN_PANEL or sizes[region] < 60:
             break
         rows, columns = np.nonzero(number == region)
         name = names.get(int(classes[rows[0], columns[0]]))
@@ -211,7 +211,7 @@ def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
         free = ~maximum_filter(edge, (height, width))[1:-1, 1:-1]
         away = np.where(free, distance_transform_edt(~own), np.inf)
         least = away.min()
-        if least > (0.5 + _NEAR) * height:
+        if least > (0.5 + _NAME_TO_LINE) * height:
             text.remove()
             continue
         places = np.argwhere(away <= least + 1.0)

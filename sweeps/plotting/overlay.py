@@ -66,7 +66,7 @@ def read_overlay(
         return None
     names = [name for group in needed for name in group]
     names += [quantity] if quantity and has_scale(quantity) else []
-    seen = {name: _described(dataset, name) for name in names}
+    seen = {name: _in_shown_unit(dataset, name) for name in names}
     heads, is_file = dict[str, tuple[str, str]](), isinstance(given, str | Path)
 
     def check(columns: list[str]) -> Mapping[str, Parameter]:
@@ -91,7 +91,7 @@ def read_overlay(
         units = {name: known[head][unit] for head, (name, unit) in heads.items() if unit}
         stem = Path(given).stem if is_file else "overlay"
         own = table[LABEL] if LABEL in (table.dtype.names or ()) else [stem] * len(table)
-        labels = np.array([_label(one, stem) for one in own])
+        labels = np.array([_label_in(one, stem) for one in own])
         if len({*labels}) > len(_MARKERS):
             most = f"expected: at most {len(_MARKERS)}, each with a marker of its own"
             where = f"{given}: " if is_file else ""
@@ -101,7 +101,7 @@ def read_overlay(
     return Overlay({name: table[head] for head, (name, _) in heads.items()}, units, seen, labels)
 
 
-def _described(dataset: xr.Dataset, name: str) -> xr.DataArray:
+def _in_shown_unit(dataset: xr.Dataset, name: str) -> xr.DataArray:
     """Return a variable with the unit in which the picture shows it."""
     if name in COORDINATES:
         return as_variable(name, config_of(dataset).nomenclature)
@@ -127,7 +127,7 @@ def _name_and_unit(head: str, seen: Mapping[str, xr.DataArray]) -> tuple[str, st
     return name, unit
 
 
-def _label(cell: Any, otherwise: str) -> str:
+def _label_in(cell: Any, otherwise: str) -> str:
     """Return the text of a label for the legend, which would not show one that begins with _."""
     text = fewest_digits(cell) if isinstance(cell, float) else str(cell).strip()
     text = shortened(printable(text or otherwise), 40).replace("$", r"\$")

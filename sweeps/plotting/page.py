@@ -149,7 +149,7 @@ _OF_PAGE = {
 PAGE = Page()
 
 #: Docstring of the common parameters; `styled` appends it to the docstring of each picture.
-_COMMON = """\
+_COMMON_PARAMETERS = """\
 at : mapping of str to float, optional
     Values of the swept axes that are not drawn. The nearest grid value is used; the default is the
     first. If an axis was followed both ways, ``direction`` selects one direction; by default, a
@@ -197,7 +197,7 @@ def _are_panels(value: object, panels: Collection[int]) -> bool:
 
 
 #: What the arguments of pictures may be, besides those of all functions of a sweep.
-ARGUMENTS: Mapping[str, Allowed] = {
+PICTURE_ARGUMENTS: Mapping[str, Allowed] = {
     "page": Allowed(lambda value: isinstance(value, Page), "a Page, as Page(width=3.4)"),
     "coordinate": TEXT,
     "exact": Allowed(_are_orbits, "the result of sweeps.branches, or for a map of sweeps.curves"),
@@ -228,7 +228,7 @@ def styled(
     panel = "a panel" if max(panels) == 1 else f"{' or '.join(map(str, panels))} panels"
     of_panels = Allowed(lambda value: _are_panels(value, panels), f"{panel} of matplotlib")
 
-    @takes_sweep({**ARGUMENTS, "ax": of_panels})
+    @takes_sweep({**PICTURE_ARGUMENTS, "ax": of_panels})
     @functools.wraps(draw)
     def _in_style(dataset: xr.Dataset, **options: Any) -> Figure:
         """Draw with the names of a rig, and in the common style unless `ax` has its own."""
@@ -259,4 +259,4 @@ def _documented(own: str) -> str:
     text, _, parameters = written.partition("\n\nParameters\n----------")
     head = "Parameters\n----------\ndataset : Dataset or str or Path"
     head += "\n    From `sweeps.open_sweep`, or the path of its file."
-    return f"{text}\n\n{head}{parameters}\n{_COMMON}{mark}{example}"
+    return f"{text}\n\n{head}{parameters}\n{_COMMON_PARAMETERS}{mark}{example}"

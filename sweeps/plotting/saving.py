@@ -44,7 +44,7 @@ FORMATS = tuple(_FIELDS)
 #: A figure must have fewer pixels than this in each direction.
 _MOST_PIXELS = 2**16
 #: Most characters of a comment in one line: by Adobe's conventions, a line has at most 255.
-_LONGEST = 240
+_MOST_IN_LINE = 240
 
 
 def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
@@ -201,5 +201,5 @@ def _with_comments(image: bytes, title: str, text: str) -> bytes:
 def _comment(mark: str, line: str) -> bytes:
     """Return a comment of PostScript, in further lines that begin with a plus if it is long."""
     escaped = "".join(one if " " <= one <= "~" else ascii(one)[1:-1] for one in line)
-    parts = [escaped[i : i + _LONGEST] for i in range(0, len(escaped), _LONGEST)]
+    parts = [escaped[i : i + _MOST_IN_LINE] for i in range(0, len(escaped), _MOST_IN_LINE)]
     return (mark + f"\n{mark}+".join(parts) + "\n").encode("ascii")

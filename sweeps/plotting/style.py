@@ -127,7 +127,7 @@ GREY_REGIMES = {
     Regime.UNKNOWN: Look("#4A4A4A", "#4A4A4A", "", ".", (0.0, (6.0, 3.0))),
 }
 #: Colours of the outcomes with a result in a map of ``status``.
-RESULTS = {
+RESULT_COLOURS = {
     Status.COMPUTED: "#56B4E9",
     Status.CERTIFIED: BLUE,
     Status.CUT_SHORT: ORANGE,

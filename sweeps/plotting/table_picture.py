@@ -26,7 +26,7 @@ from sweeps.store import columns_of
 from sweeps.text import listed, shown_count
 
 #: Least width of a panel, for its labels [inch].
-_NARROWEST = 2.3
+_LEAST_WIDTH = 2.3
 #: Most rows of panels unless the columns are chosen: more would not fit a printed page.
 _MOST_ROWS = 6
 
@@ -87,7 +87,7 @@ def table_panels(
         dataset, name = with_number(dataset, wanted)
         names.append(name)
     tint, ordinate, *there = names
-    beside = max(1, int(canvas.width_of(page) / _NARROWEST))
+    beside = max(1, int(canvas.width_of(page) / _LEAST_WIDTH))
     abscissas = canvas.chosen_panels(panels, there)
     if not (axes or panels):
         abscissas = there[: 1 if ax is not None else _MOST_ROWS * beside]

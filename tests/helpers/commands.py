@@ -14,7 +14,7 @@ from sweeps.cli.main import app
 #: Made once: from the types of all their arguments it takes as long as a short command.
 COMMANDS = get_command(app)
 #: What a process does between its signals and its exit.
-PROCESS = SimpleNamespace(main=lambda **_: sys.exit(process._run()))
+PROCESS = SimpleNamespace(main=lambda **_: sys.exit(process._exit_code()))
 #: Ten points, computed in a moment.
 SMALL = """\
 name: small

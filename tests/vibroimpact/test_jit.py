@@ -224,5 +224,5 @@ def test_without_a_private_part_and_an_option_the_plainest_way_is_taken(
 def test_a_name_that_numba_lacks_is_told_though_the_version_was_tried(
     monkeypatch, changed, without_a_name
 ):
-    monkeypatch.setattr(way, "_failure", {"options": ""}.get)
+    monkeypatch.setattr(way, "_why_it_fails", {"options": ""}.get)
     assert_told_once("options", "options alone, .* cannot import name 'JITCodeLibrary'")

@@ -41,8 +41,8 @@ from vibroimpact.destination.nearby_orbit import (
     nearby_orbit,
 )
 from vibroimpact.destination.repetition import (
+    MOST_REPETITIONS,
     TOLERANCE,
-    TRIED,
     last_return,
     near_repetitions,
     repetition,
@@ -94,7 +94,7 @@ class Memory(NamedTuple):
 
     scratch: Scratch
     passed: np.ndarray  #: That of a ``Flow``.
-    tried: np.ndarray  #: Receives the ``near_repetitions`` of a record, shape (TRIED,).
+    tried: np.ndarray  #: Receives the ``near_repetitions`` of a record, shape (MOST_REPETITIONS,).
 
 
 @inlined
@@ -276,7 +276,7 @@ def find_exact(pt, sections, sums, grid, memory, found):
         judge_repetition(flow, sections, kind, m, units, found)
     elif not neutral:
         near_repetitions(sections, size, memory.tried)
-        for k in range(TRIED):
+        for k in range(MOST_REPETITIONS):
             m = memory.tried[k]
             if m > 0 and judge(flow, y, w, m, units, found):
                 return

@@ -15,12 +15,12 @@ _MOST_FOLLOWED = 1000
 #: Share of the clearance by which a proof must hold, for rounding.
 _MARGIN = 1e-12
 #: Rounding error of the phase, in turns, per forcing period.
-_ROUNDING = 1e-14
+_ROUNDING_OF_PHASE = 1e-14
 #: After so many periods it is tried to skip others, with a bound found in so many cells; after the
 #: second number in so many, if the first bound is too wide. Most motions have met the stop before.
 _TRIED, _CELLS = (2, 10), (16, 512)
 #: Most steps of Euclid's algorithm; each halves the modulus at least.
-_DEEPEST = 64
+_MOST_EUCLID_STEPS = 64
 
 
 @jit
@@ -137,7 +137,7 @@ def quiet_periods(pt, x, v, steady, cells, stack):
     level = pt.clearance * (1.0 - _MARGIN)
     most = log(amplitude / (level - steady[2])) / (pt.h * per_period) + 2.0
     ratio = frequency / pt.omega
-    slack = _ROUNDING * (1.0 + ratio) * (100.0 + max(most, 0.0))
+    slack = _ROUNDING_OF_PHASE * (1.0 + ratio) * (100.0 + max(most, 0.0))
     first = (ratio * lead - phase) / (2.0 * math.pi)
     widest = widest_angle(pt, amplitude, frequency, level, steady[2], cells)
     if widest < 0.0:
@@ -181,7 +181,7 @@ def first_multiple(step, low, high, stack):
     the modulus, modulo the step.
     """
     modulus, depth, k = 1.0, 0, 0.0
-    while low > 0.0 and depth < _DEEPEST:
+    while low > 0.0 and depth < _MOST_EUCLID_STEPS:
         if 2.0 * step > modulus:  # count backwards
             step, low, high = modulus - step, modulus - high, modulus - low
         if not step > 0.0:

@@ -9,7 +9,7 @@ from vibroimpact.destination.section_map import follow
 from vibroimpact.jit import inlined, jit
 
 #: Most iterations.
-_MOST_ITERATIONS = 10
+_MOST_NEWTON_STEPS = 10
 #: An iteration has converged when its correction is below this; the correction is still made.
 _CONVERGED = 1e-9
 #: An orbit farther than this from the last section, in the units of the record, is not near it.
@@ -79,7 +79,7 @@ def correction(flow, y, w, m, size):
 def orbit_from(flow, y, w, m, size):
     """Return the ``Orbit`` of m periods to which Newton's method leads; it may repeat a part."""
     most, start_y, start_w = _NEARNESS, y, w
-    for _ in range(_MOST_ITERATIONS):
+    for _ in range(_MOST_NEWTON_STEPS):
         dy, dw, J, q = correction(flow, y, w, m, size)
         length = max(abs(dy), abs(dw))
         if q < 0 or not length <= most:

@@ -20,11 +20,11 @@ _LEAST_SHARE = 1e-3
 LONGEST_PERIOD = 64
 #: Sections of a motion that came back to the same bits agree if they differ by less than this share
 #: of the size of its record, which is rounding; they do not if they differ by ``TOLERANCE``.
-_ROUNDING = 1e-10
+_SAME_SECTIONS = 1e-10
 #: Largest deviation from a repetition at the end of a record that nearly repeats.
 _NEARLY = 0.1
 #: How many repetitions of a record that nearly repeats are tried.
-TRIED = 3
+MOST_REPETITIONS = 3
 
 
 @jit
@@ -123,13 +123,13 @@ def repetition_of_cycle(sections, cycle, impacts, pt):
         if cycle % m == 0:
             off = _deviation(last, m, size, TOLERANCE)
             if off < math.inf:
-                return m if off <= _ROUNDING and impacts * m % cycle == 0 else 0
+                return m if off <= _SAME_SECTIONS and impacts * m % cycle == 0 else 0
     return cycle
 
 
 @jit
 def near_repetitions(sections, size, found):
-    """List in `found`, shape (TRIED,), the m after which a record nearly repeats; 0 for none.
+    """List in `found`, shape (MOST_REPETITIONS,), the m of near repetitions; 0 for none.
 
     Listed are numbers of periods for which the last sections deviate by less than half as much as
     for every smaller number: of these the best, in increasing order.
@@ -144,6 +144,6 @@ def near_repetitions(sections, size, found):
                 break
         if off < 0.5 * least:
             least = off
-            for i in range(TRIED - 1):
+            for i in range(MOST_REPETITIONS - 1):
                 found[i] = found[i + 1]
-            found[TRIED - 1] = m
+            found[MOST_REPETITIONS - 1] = m

@@ -11,7 +11,7 @@ from typing import Any
 from vibroimpact.jit.cache import make_folder
 
 #: Longest wait for another process [s], many times that of a compilation: it may be stopped.
-_LONGEST = 120.0
+_LONGEST_WAIT = 120.0
 _INTERVAL = 0.05  # between two attempts [s]
 
 #: Called while this process waits; each may raise an exception, which ends the wait.
@@ -44,7 +44,7 @@ def claimed(path: Path) -> Any:
     """
     from filelock import FileLock, Timeout  # takes longer to import than code to load
 
-    last = time.monotonic() + _LONGEST
+    last = time.monotonic() + _LONGEST_WAIT
     try:
         make_folder(path.parent)
         lock = FileLock(path.with_suffix(".lock"))

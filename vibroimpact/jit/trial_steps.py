@@ -20,7 +20,7 @@ def _positive(x):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _fill(lanes, x):  # type: ignore[no-untyped-def]
+def _fill_lanes(lanes, x):  # type: ignore[no-untyped-def]
     """Fill the lanes with e squared in odd places and -1 in the others."""
     widest_vectors()
     for i in range(LANES):
@@ -31,7 +31,7 @@ def _fill(lanes, x):  # type: ignore[no-untyped-def]
 def run_steps(job, lanes, k):  # type: ignore[no-untyped-def]
     """Add the lanes that are not negative to a point, one by one."""
     point = job.points[k]
-    _fill(lanes, point.x)
+    _fill_lanes(lanes, point.x)
     bits = not_negative(lanes, 0)
     while bits:
         i = lowest_bit(bits)

@@ -57,7 +57,7 @@ def _chosen() -> Way:
         return Way(asked, f"{_VARIABLE}={asked}")
     if numba.__version__.rpartition(".")[0] in TRIED and not lacking:
         return Way("private", "this version was tried")
-    return _checked(lacking)
+    return _checked_way(lacking)
 
 
 def _lacking() -> str:
@@ -69,7 +69,7 @@ def _lacking() -> str:
     return ""
 
 
-def _checked(lacking: str) -> Way:
+def _checked_way(lacking: str) -> Way:
     """Return the fastest way that holds here, which is checked once and then stored."""
     processor = llvmlite.binding.get_host_cpu_name()
     here = (NUMERICS, numba.__file__, llvmlite.__version__, sys.version, processor, lacking)
@@ -85,16 +85,16 @@ def _checked(lacking: str) -> Way:
 
 def _fastest(lacking: str) -> Way:
     """Check one way after the other until one holds."""
-    reason = lacking or _failure("private")
+    reason = lacking or _why_it_fails("private")
     if not reason:
         return Way("private", f"{TRIED[0]} to {TRIED[-1]} were tried; here a check held")
     reason = f"its private parts failed: {reason}"
-    if further := _failure("options"):
+    if further := _why_it_fails("options"):
         return Way("plain", f"{reason}; its options failed: {further}")
     return Way("options", reason)
 
 
-def _failure(name: str) -> str:
+def _why_it_fails(name: str) -> str:
     """Return why a way fails in a process of its own, or an empty text.
 
     The first process compiles and stores the code, the second one loads it.

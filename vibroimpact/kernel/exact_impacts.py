@@ -66,7 +66,7 @@ AT, W_I, PROVED = _rows.take(), _rows.take(), _rows.take()
 _LATE, _T, _NONE = _rows.take(), _rows.take(), _rows.take()
 _LENGTH, _R = _rows.take(), _rows.take()
 _VALUES = _rows.take(3)
-_SERIES = _rows.take(17)
+_SERIES_ROWS = _rows.take(17)
 #: Numbers in the rows of the columns together.
 EXACT_COLUMNS = _rows.size
 
@@ -101,7 +101,7 @@ def _free_end_in(c, j):
 @inlined
 def _series_in(c, j):
     """Return the series of column `j`."""
-    k, d = _SERIES + j, COLUMN_ROW
+    k, d = _SERIES_ROWS + j, COLUMN_ROW
     return (
         c[k], c[k + d], c[k + 2 * d], c[k + 3 * d], c[k + 4 * d], c[k + 5 * d], c[k + 6 * d],
         c[k + 7 * d], c[k + 8 * d], c[k + 9 * d], c[k + 10 * d], c[k + 11 * d], c[k + 12 * d],
@@ -112,7 +112,7 @@ def _series_in(c, j):
 @inlined
 def _put_series(c, j, terms):
     """Set the series of column `j`."""
-    k, d = _SERIES + j, COLUMN_ROW
+    k, d = _SERIES_ROWS + j, COLUMN_ROW
     (
         c[k], c[k + d], c[k + 2 * d], c[k + 3 * d], c[k + 4 * d], c[k + 5 * d], c[k + 6 * d],
         c[k + 7 * d], c[k + 8 * d], c[k + 9 * d], c[k + 10 * d], c[k + 11 * d], c[k + 12 * d],

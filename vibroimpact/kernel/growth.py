@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 #: Rounding of omega / (2 p), for parameters that come from a computation.
-_ROUNDING = 1e-12
+_ROUNDING_OF_RATIO = 1e-12
 #: A motion grows if its speed does so at least at this share of the rate of the resonance. One that
 #: is not in step with the force has less, or falls again.
 _SHARE = 0.5
@@ -30,7 +30,7 @@ def rate_of_growth(points: np.ndarray) -> np.ndarray:
     with np.errstate(all="ignore"):  # extreme values, whose rate is then NaN or 0
         ratio = points["omega"] / (2.0 * p)
         k = np.rint(ratio)
-        resonant = (k >= 1.0) & (np.abs(ratio - k) <= _ROUNDING * k)
+        resonant = (k >= 1.0) & (np.abs(ratio - k) <= _ROUNDING_OF_RATIO * k)
         sine = p * p * stop * (4.0 * k * k - 1.0) / f
         rate = 4.0 * f / (p * (4.0 * k * k - 1.0)) * np.sqrt(1.0 - sine * sine)  # k periods each
         lossless = (points["R"] == 1.0) & (points["h"] == 0.0)

@@ -107,7 +107,7 @@ def begin_sums(sums):
 
 
 @inlined
-def _repeated(total, before, times):
+def _with_repetitions(total, before, times):
     """Return a sum to which what came since `before` is added again; one that overflowed stays."""
     return total + times * (total - before) if total < math.inf else total
 
@@ -116,9 +116,9 @@ def _repeated(total, before, times):
 def add_cycles(sums, before, times):
     """Add the sums since `before` to the sums so many times again."""
     sums.impacts += times * (sums.impacts - before.impacts)
-    sums.speeds = _repeated(sums.speeds, before.speeds, times)
-    sums.squared_speeds = _repeated(sums.squared_speeds, before.squared_speeds, times)
-    sums.rested = _repeated(sums.rested, before.rested, times)
+    sums.speeds = _with_repetitions(sums.speeds, before.speeds, times)
+    sums.squared_speeds = _with_repetitions(sums.squared_speeds, before.squared_speeds, times)
+    sums.rested = _with_repetitions(sums.rested, before.rested, times)
     sums.chatters += times * (sums.chatters - before.chatters)
     sums.near_grazes += times * (sums.near_grazes - before.near_grazes)
 

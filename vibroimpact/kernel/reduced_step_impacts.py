@@ -32,7 +32,7 @@ REDUCED_STEP_COLUMNS = _rows.size
 
 
 @specialised
-def parameters_in(c, j):
+def parameters_of_column(c, j):
     """Return the parameters of column `j`."""
     return Parameters(
         c[OF_H + j], c[OF_R + j], c[OF_OMEGA + j], c[OF_F + j], c[OF_P + j], c[OF_CLEARANCE + j]
@@ -44,7 +44,7 @@ def shorten_steps(c, count, phase_step):
     """Take the first columns to their impacts by eqs (6)-(9)."""
     widest_vectors()
     for j in range((count + VECTOR - 1) // VECTOR * VECTOR):
-        pt = parameters_in(c, j)
+        pt = parameters_of_column(c, j)
         T = phase_step / pt.omega
         T_r, c[V_TR + j], c[S_TR + j], c[C_TR + j], sure = single_linear_impact(
             c[X_0 + j], c[V_0 + j], c[X_T + j], c[V_T + j], c[THETA_0 + j], T, pt
@@ -55,7 +55,7 @@ def shorten_steps(c, count, phase_step):
 @specialised
 def launch(c, j):
     """Return the arguments of an integrator for the remainder of the step of column `j`."""
-    pt = parameters_in(c, j)
+    pt = parameters_of_column(c, j)
     return pt.clearance, -pt.R * c[V_TR + j], c[S_TR + j], c[C_TR + j], c[REMAINDER + j], pt
 
 
@@ -67,13 +67,13 @@ def land(c, j, end):
 
 
 @specialised
-def _one_by_one(c, count, integrator):
+def _by_any_step(c, count, integrator):
     for j in range(count):
         x, v, sin, cos, T, pt = launch(c, j)
         land(c, j, integrator_step(integrator, x, v, sin, cos, T, pt))
 
 
-def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:
+def _loop_with(code: int, chosen: Callable, otherwise: Callable) -> Callable:
     """Return a loop over the columns with the step `chosen` if the integrator has that code."""
 
     @inlined
@@ -88,10 +88,10 @@ def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:
     return loop
 
 
-_chosen_loop = _one_by_one
+_chosen_loop = _by_any_step
 for _row in INTEGRATORS.values():
     if _row.order is not None and _row.order > 1:
-        _chosen_loop = _choice(_row.code, _row.step, _chosen_loop)
+        _chosen_loop = _loop_with(_row.code, _row.step, _chosen_loop)
 
 
 @jit

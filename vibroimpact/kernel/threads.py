@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.destination.find import Memory, find_exact, find_repetition
-from vibroimpact.destination.repetition import TRIED
+from vibroimpact.destination.repetition import MOST_REPETITIONS
 from vibroimpact.destination.section_map import MOST_SECTIONS
 from vibroimpact.jit import claim, compiled, jit, on_threads, specialised
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
@@ -122,7 +122,7 @@ def run_on_threads(threads: int, job: KernelJob) -> None:
 
     def memory_of_thread() -> tuple[Workspace, Memory]:
         workspace = new_workspace(columns)
-        sections, tried = np.zeros((MOST_SECTIONS, 2)), np.zeros(TRIED, np.int64)
+        sections, tried = np.zeros((MOST_SECTIONS, 2)), np.zeros(MOST_REPETITIONS, np.int64)
         return workspace, Memory(workspace.scratch, sections, tried)
 
     work = compiled(loop, job, *memory_of_thread())

@@ -96,7 +96,7 @@ def _at(X: np.ndarray) -> Place:
     return X, _NO_VECTOR, _NO_ROWS
 
 
-def _rows(X: np.ndarray) -> Place:
+def _place_of_impacts(X: np.ndarray) -> Place:
     return _NO_VECTOR, _NO_VECTOR, X
 
 
@@ -127,7 +127,7 @@ def correct(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> boo
 
 def correct_each(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> np.ndarray:
     """Do what ``corrector.newton_method`` does for each row of X, with one plane each, (n,)."""
-    return _done(_CORRECT_EACH, system, _rows(X), len(X), rows=planes, count=most) > 0.0
+    return _done(_CORRECT_EACH, system, _place_of_impacts(X), len(X), rows=planes, count=most) > 0.0
 
 
 def tangent(system: System, X: np.ndarray) -> np.ndarray:
@@ -168,7 +168,7 @@ def turning_point(system: System, X: np.ndarray, i: int, phase: float) -> tuple[
 
 def sections(system: System, X: np.ndarray, phase: float) -> np.ndarray:
     """Return the states that ``flights.set_sections`` sets for each row of X, shape (n, m, 2)."""
-    states = _done(_SECTIONS, system, _rows(X), 2 * system.m * len(X), number=phase)
+    states = _done(_SECTIONS, system, _place_of_impacts(X), 2 * system.m * len(X), number=phase)
     return states.reshape(-1, system.m, 2)
 
 
@@ -186,7 +186,9 @@ def characteristic(system: System, X: np.ndarray) -> tuple[float, float, float]:
 
 def multipliers(system: System, X: np.ndarray) -> np.ndarray:
     """Return the complex numbers that ``corrector.set_multipliers`` sets for each row, (n, 2)."""
-    return _done(_MULTIPLIERS, system, _rows(X), 4 * len(X)).view(complex).reshape(-1, 2)
+    return (
+        _done(_MULTIPLIERS, system, _place_of_impacts(X), 4 * len(X)).view(complex).reshape(-1, 2)
+    )
 
 
 def null_vector(system: System, X: np.ndarray, mu: float) -> np.ndarray:

@@ -19,10 +19,10 @@ from vibroimpact.orbits.special_points import both_ways
 from vibroimpact.orbits.unknowns import speeds
 
 #: The kinds of curves.
-KINDS = tuple(filter(None, CONDITIONS))
+CURVE_KINDS = tuple(filter(None, CONDITIONS))
 #: A bifurcation that was found belongs to the orbit if it is closer to it than this, in scaled
 #: unknowns.
-_BESIDE = 0.2
+_BELONGS = 0.2
 #: A natural vibration repeats if its turns are a whole number, to this share.
 _REPEATS = 1e-9
 #: If no impact is faster than this, in natural units, the orbit is the free oscillation.
@@ -75,7 +75,7 @@ def bifurcation_curve(
     """
     refuse_other("orbit", orbit, PeriodicOrbit)
     refuse_long(orbit.oscillator, orbit.m, orbit.q)
-    one_of(KINDS).checked("kind", kind)
+    one_of(CURVE_KINDS).checked("kind", kind)
     ranges: tuple[object, object] = (first, second)
     for bounds in ranges:
         if not isinstance(bounds, (tuple, list)) or len(bounds) != 3:
@@ -125,7 +125,7 @@ def _bifurcation(
         for axis in axes:
             family = OrbitFamily(orbit, (axis,))
             X = family.bifurcation(family.start, kind, int(np.argmin(orbit.speeds)))
-            if X is not None and family.distance(X, family.start) < _BESIDE:
+            if X is not None and family.distance(X, family.start) < _BELONGS:
                 if family.inadmissible(X)[0] is None:
                     return family.orbit(X)
     for axis in axes:

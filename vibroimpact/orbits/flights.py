@@ -46,7 +46,7 @@ from vibroimpact.step.propagator import Coefficients, coefficients_of, impulse
 #: A flight counts as below the stop if it passes the stop by less than this number of roundings.
 _ROUNDINGS = 32.0 * 2.0**-52
 #: Most iterations to the turning point of a flight.
-_MOST_ITERATIONS = 20
+_MOST_TO_TURN = 20
 #: Most time steps of a repetition.
 MOST_ORBIT_STEPS = 2**15
 
@@ -259,7 +259,7 @@ def find_turning_point(pt, X, i, phase):
     """
     theta, v = X[phase_at(i)], X[speed_at(i)]
     longest = MOST_ORBIT_STEPS * LONGEST_STEP * pt.omega / (2.0 * pt.h + pt.p + pt.omega)
-    for _ in range(_MOST_ITERATIONS):
+    for _ in range(_MOST_TO_TURN):
         y, u = _state_at(pt, theta, v, phase)
         s = sin_cos(phase)[0]
         a = -2.0 * pt.h * u - pt.p * pt.p * (y + pt.clearance) - pt.f * s

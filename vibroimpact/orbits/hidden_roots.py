@@ -68,7 +68,7 @@ _MOST_ADVANCE = 1.0
 HEADING = 1e-5
 #: The difference of the halves of an orbit falls in a step along a curve of folds to no less than
 #: this share. The curve ends where it vanishes (``special_points.py``).
-_LEAST_SHARE = 0.25
+_LEAST_FALL = 0.25
 
 
 @jit
@@ -94,7 +94,7 @@ def _size_of_rounding(system):
 
 
 @jit
-def _fill(system, X, bounds, values):
+def _fill_tests(system, X, bounds, values):
     """Set the test functions at a point."""
     q, k = system.q, system.free.size
     for j in range(k):
@@ -117,7 +117,7 @@ def _fill(system, X, bounds, values):
 
 
 @jit
-def _apart(X, m, q, i):
+def _halves_apart(X, m, q, i):
     """Return how far impact i of the second half is from that of the first: phase and speed."""
     j = i + q // 2
     phase = X[phase_at(j)] - X[phase_at(i)] - math.pi * m
@@ -134,7 +134,7 @@ def distance_of_halves(X, m, q):
         return 1.0
     square = 0.0
     for i in range(q // 2):
-        phase, speed = _apart(X, m, q, i)
+        phase, speed = _halves_apart(X, m, q, i)
         square += phase * phase / q
         square += speed * speed / q
     return square if square > ROUNDING else math.nan
@@ -147,13 +147,13 @@ def halves_may_meet(X, Y, m, q):
         return False
     product, square = 0.0, 0.0
     for i in range(q // 2):
-        phase, speed = _apart(X, m, q, i)
-        phase_Y, speed_Y = _apart(Y, m, q, i)
+        phase, speed = _halves_apart(X, m, q, i)
+        phase_Y, speed_Y = _halves_apart(Y, m, q, i)
         product += phase * phase_Y
         product += speed * speed_Y
         square += phase * phase
         square += speed * speed
-    return product < _LEAST_SHARE * square
+    return product < _LEAST_FALL * square
 
 
 @jit
@@ -164,8 +164,8 @@ def set_test_functions(system, X, tangent, bounds, tests):
     shape (k, 2), are the edges of the free parameters in their units in X.
     """
     q, k, step = system.q, system.free.size, difference(system, X)
-    _fill(system, X, bounds, tests[0])
-    _fill(system, moved(X, step, tangent), bounds, tests[1])
+    _fill_tests(system, X, bounds, tests[0])
+    _fill_tests(system, moved(X, step, tangent), bounds, tests[1])
     for i in range(2 * k + 2):
         tests[1, i] = (tests[1, i] - tests[0, i]) / step
     for j in range(k):

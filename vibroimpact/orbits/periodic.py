@@ -31,12 +31,12 @@ from vibroimpact.step.scheme import scheme_of
 #: Most impacts per repetition of an orbit that is solved for.
 MOST_IMPACTS = 4096
 #: Most time steps, and most impacts and sections, over which a motion is followed.
-_MOST_FOLLOWED = 16 * MOST_ORBIT_STEPS
+_MOST_EVENTS = 16 * MOST_ORBIT_STEPS
 #: Newton's method starts from the given state, then from later states of the motion, after these
 #: numbers of repetitions.
 _LATER = (0, 1, 4, 16, 64, 256)
 #: Most iterations. Near a flip each of the first ones removes only a third of the error.
-_MOST_ITERATIONS = 80
+_MOST_TO_ORBIT = 80
 #: The impacts of an orbit miss the stop by less than this share of its size.
 _RESIDUAL = 1e-11
 #: An orbit repeats a part of itself if its impacts do so to within the first. If they do so only to
@@ -134,11 +134,9 @@ def _impacts_from(
         points = osc.at(*state)
         scheme = scheme_of(points, "exact", "exact", None, phase)
         points["phase"] = phase
-        if later and m * (later + 1) * scheme.grid.size > _MOST_FOLLOWED:
+        if later and m * (later + 1) * scheme.grid.size > _MOST_EVENTS:
             return
-        log, status = trace(
-            points, scheme, periods, every=scheme.grid.size, most_rows=_MOST_FOLLOWED
-        )
+        log, status = trace(points, scheme, periods, every=scheme.grid.size, most_rows=_MOST_EVENTS)
         if status is Status.PENDING:
             yield "the motion has more impacts than are followed"
             return
@@ -168,7 +166,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
             raise OrbitError("the free oscillation reaches the stop")
         return free_orbit(osc)
     family = OrbitFamily(PeriodicOrbit(osc, m, phases, speeds), ())
-    converged = correct(family.system, family.start, np.empty((0, 2 * q)), _MOST_ITERATIONS)
+    converged = correct(family.system, family.start, np.empty((0, 2 * q)), _MOST_TO_ORBIT)
     orbit = family.orbit(family.start)
     # If the guess is an orbit at its flip taken twice, the iteration ends in rounding.
     if not converged and not np.abs(linearised_orbit(orbit)[0]).max() < _NEARLY**2:
@@ -204,10 +202,10 @@ def why_inadmissible(orbit: PeriodicOrbit) -> str:
         return f"its impacts miss the stop by {missed:.1e} of its size"
     family = OrbitFamily(orbit, ())
     found, _ = family.inadmissible(family.start)
-    return _reason(found) if found else ""
+    return _why_inadmissible(found) if found else ""
 
 
-def _reason(found: Inadmissible) -> str:
+def _why_inadmissible(found: Inadmissible) -> str:
     return _REASONS[found.kind].format(found.where)
 
 
@@ -215,7 +213,7 @@ def refuse_inadmissible(family: OrbitFamily) -> None:
     """Raise an OrbitError if a family begins at a solution that is not an orbit."""
     start = family.point(family.start, np.zeros(family.start.size))
     if start.inadmissible is not None and not is_orbit(family, start):
-        raise OrbitError(f"the orbit does not exist: {_reason(start.inadmissible)}")
+        raise OrbitError(f"the orbit does not exist: {_why_inadmissible(start.inadmissible)}")
 
 
 def least(orbit: PeriodicOrbit) -> PeriodicOrbit:

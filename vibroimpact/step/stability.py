@@ -14,7 +14,7 @@ from vibroimpact.step.integrators import INTEGRATORS, Parameters, affine_map
 
 # Tolerance of Jury's conditions, for maps that are marginal at every step: the rounding of the
 # terms of a step, the greatest of which is of the order of p^2 T^2.
-_ROUNDING = 1e-14
+_JURY_TOLERANCE = 1e-14
 
 
 def free_map(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
@@ -59,7 +59,7 @@ def is_stable(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
     M = free_map(integrator, step, zeta)
     trace = M[..., 0, 0] + M[..., 1, 1]
     det = M[..., 0, 0] * M[..., 1, 1] - M[..., 0, 1] * M[..., 1, 0]
-    allowance = _ROUNDING * (1.0 + np.asarray(step, float) ** 2)
+    allowance = _JURY_TOLERANCE * (1.0 + np.asarray(step, float) ** 2)
     return (np.abs(det) <= 1.0 + allowance) & (np.abs(trace) <= 1.0 + det + allowance)
 
 

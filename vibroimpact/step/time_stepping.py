@@ -62,7 +62,7 @@ _MAX_CUTS_OF_STEP = 4 * MAX_FLIGHTS
 _SLOWEST = 1e-6
 
 # Rounding of a phase: this long after a release the force certainly no longer presses.
-_ROUNDING = 2e-14
+_AFTER_RELEASE = 2e-14
 
 _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
 
@@ -215,7 +215,7 @@ def reduced_step(method, start, end, phase, T, pt, scratch):
             tau += wait
             rested += wait
             n = log_event(events, n, RELEASE, tau, 0.0, pt.clearance)
-            s, c = sin_cos(theta + pt.omega * tau + _ROUNDING)
+            s, c = sin_cos(theta + pt.omega * tau + _AFTER_RELEASE)
             x, v, resting, undisturbed = pt.clearance, 0.0, False, undisturbed and tau == 0.0
         if not undisturbed:
             x_T, v_T = integrator_step(integrator, x, v, s, c, T - tau, pt)

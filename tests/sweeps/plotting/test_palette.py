@@ -72,7 +72,7 @@ IN_A_MAP = {
 }
 PICTURES = {
     "map": IN_A_MAP,
-    "status": style.RESULTS | style.STATUS_COLOURS,
+    "status": style.RESULT_COLOURS | style.STATUS_COLOURS,
     "evidence": style.EVIDENCE | style.STATUS_COLOURS,
     "attractors": dict(enumerate(style.FURTHER)),
     "directions": dict(enumerate((*style.DIRECTION_COLOURS, style.BOTH_COLOUR))),

@@ -291,7 +291,7 @@ def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it(tmp_path, monkey
         assert np.nanmax(x) < 1e-9 and np.nanmin(x) < -0.3
         assert "1,000 of 3,000 periods" in figure.get_suptitle().replace("\n", " ")
         if recorded:
-            monkeypatch.setattr("sweeps.opened.trajectories._PART", 1001)
+            monkeypatch.setattr("sweeps.opened.trajectories._SAMPLES_READ", 1001)
             again = plotting.trajectory(dataset)
             np.testing.assert_array_equal(again.axes[0].lines[0].get_xdata(), t)
 
