@@ -20,7 +20,7 @@ from sweeps.errors import Refused
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
 from sweeps.reports.run_report import plan
-from sweeps.store import Schema, only_writer, sweep_writer
+from sweeps.store import Schema, sweep_writer
 from sweeps.text import printable
 from vibroimpact.inputs import FLAG, PATH, Allowed, integer
 from vibroimpact.jit import ALL_THREADS, watched
@@ -117,8 +117,7 @@ def run_sweep(
     console = Console(
         stderr=True, quiet=not progress, soft_wrap=True, highlight=False, markup=False
     )
-    existing = {"overwrite": overwrite, "resume": resume}
-    with raised_by_check(), only_writer(path, **existing) as (real, before):
+    with raised_by_check(), sweep_writer(path, overwrite=overwrite, resume=resume) as writer:
         computer = LocalComputer(threads) if client is None else ClusterComputer(client)
         with (
             console.status("preparing") as status,
@@ -132,18 +131,17 @@ def run_sweep(
         }
         schema = Schema.of(config.sweep, cost.block, about, config.column_units)
         console.print(printable(plan(config, path, cost)))
-        with sweep_writer(real, schema, resume=resume, before=before) as writer:
-            if writer is None:  # the file is complete
-                return path
-            if writer.damaged:
-                console.print(f"damaged blocks, which are computed again: {writer.damaged}")
-            pending = writer.pending()
-            with _progress(config, pending, computer, console) as advance:
-                with closing(computer.computed(config.sweep, pending, advance)) as computed:
-                    for block, results in computed:
-                        check()
-                        writer.write(block, results)
-            writer.finish(compressed=config.compression != "none")
+        pending = writer.begin(schema)
+        if pending is None:  # the file is complete
+            return path
+        if writer.damaged:
+            console.print(f"damaged blocks, which are computed again: {writer.damaged}")
+        with _progress(config, pending, computer, console) as advance:
+            with closing(computer.computed(config.sweep, pending, advance)) as computed:
+                for block, results in computed:
+                    check()
+                    writer.write(block, results)
+        writer.finish(compressed=config.compression != "none")
     return path
 
 

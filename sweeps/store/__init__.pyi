@@ -1,5 +1,4 @@
 from .complete_file import per_point as per_point
-from .lock import only_writer as only_writer
 from .parts import kept_points as kept_points
 from .paths import SCHEMA as SCHEMA
 from .paths import check_output as check_output

@@ -72,7 +72,6 @@ class Entry(NamedTuple):
 
 def create(folder: Path, schema: Schema) -> None:
     """Begin a sweep in a folder, and remove the blocks of another one."""
-    folder.mkdir(exist_ok=True)
     with replacing(folder / SCHEMA) as new:  # from here on, no old block belongs to the sweep
         image = io.BytesIO()
         with h5py.File(image, "w", libver="earliest") as file:

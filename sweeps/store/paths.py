@@ -153,13 +153,8 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             f"the output {path} must be an HDF5 file, whose name does not end in {path.suffix}; "
             f"did you mean {path.with_suffix('.h5')}?"
         )
+    check_parts(path, overwrite)
     parts = parts_path(path)
-    try:
-        check_parts(parts, overwrite)
-    except OSError as error:  # a name too long
-        raise StoreError(
-            f"the output {path} cannot be used: {parts.name}: {reason(error)}"
-        ) from None
     for file, named in ((path, path), (parts / SCHEMA, parts)):
         found = content(file)
         if found is None:
@@ -172,16 +167,21 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             )
 
 
-def check_parts(parts: Path, overwrite: bool) -> None:
-    """Refuse what has the name of the folder of blocks, if no blocks can be written there.
+def check_parts(path: Path, overwrite: bool) -> None:
+    """Refuse what has the name of the folder of its blocks, if no blocks can be written there.
 
     Blocks without their schema are an incomplete copy, and are only overwritten. A killed removal
     leaves a draft of the schema beside them, as it first renames the schema and removes it last.
     """
+    parts = parts_path(path)
     try:
         status = os.lstat(parts)
     except FileNotFoundError:
         return
+    except OSError as error:  # a name too long
+        raise StoreError(
+            f"the output {path} cannot be used: {parts.name}: {reason(error)}"
+        ) from None
     if not stat.S_ISDIR(status.st_mode):
         raise StoreError(
             f"{parts} is needed as a folder, but something else has that name; move it, or give "

@@ -149,6 +149,22 @@ class Schema:
         found |= {name: ((), float(value)) for name, value in self.fixed.items()}
         return found | {record: ((record,), numbers) for record, numbers in self.records.items()}
 
+    def differences(self, old: Schema) -> list[str]:
+        """Say what makes this sweep, or the code that computes it, another one than an old one."""
+        was, now = old.attributes, self.attributes
+        found = _differing_keys(str(was["configuration"]), str(now["configuration"]))
+        if was["numerics"] != now["numerics"]:
+            found.append("the code that computes is another version")
+        # The computation follows from these two, and other code may name its parts differently.
+        if not found:
+            found = _differing_keys(*(str(of.get("computation", "{}")) for of in (was, now)))
+        same = list(old.axes) == list(self.axes) and all(
+            _same(old.axes[axis], self.axes[axis]) for axis in self.axes
+        )
+        if not found and not same:
+            found.append("the points have other values or another order")
+        return found
+
 
 def refuse_columns(names: Iterable[str]) -> None:
     """Refuse columns of a table whose names the file needs itself."""
@@ -248,3 +264,35 @@ def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
             chunk[i] = (chunk[i] + 1) // 2
     gzip = {"shuffle": True, "compression": "gzip", "compression_opts": 1} if compressed else {}
     return {"chunks": tuple(chunk), "fletcher32": True, "fillvalue": fill_value, **gzip}
+
+
+def _differing_keys(old: str, new: str) -> list[str]:
+    """List the keys in which two configurations differ, with both values.
+
+    Neither the name nor the compression of the complete file makes another sweep.
+    """
+    if old == new:
+        return []
+    was, now = _flat(yaml.safe_load(old)), _flat(yaml.safe_load(new))
+    return [
+        f"{key} was {was.get(key, 'not given')} and is {now.get(key, 'not given')}"
+        for key in sorted({*was, *now} - {"name", "compression"})
+        if was.get(key) != now.get(key)
+    ]
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
+    """Return the leaves of a tree by their dotted keys."""
+    leaves: dict[str, object] = {}
+    for key, value in tree.items():
+        deeper = isinstance(value, dict)
+        leaves |= _flat(value, f"{prefix}{key}.") if deeper else {f"{prefix}{key}": value}
+    return leaves
+
+
+def _same(old: np.ndarray, new: np.ndarray) -> bool:
+    """Return whether the values of an axis, or the columns of a table, are the same."""
+    if old.dtype.names is None or old.dtype.names != new.dtype.names:
+        return old.dtype.names == new.dtype.names and np.array_equal(old, new)
+    columns = [(old[name], new[name]) for name in old.dtype.names]
+    return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in columns)

@@ -1,15 +1,17 @@
-"""Write a sweep: its blocks, and the complete file from them; refuse to resume another sweep."""
+"""The only writer of a sweep: its lock ``OUT.h5.lock``, its blocks, and the complete file."""
 
 from __future__ import annotations
 
+import os
+import re
+import stat
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
+from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points
@@ -17,77 +19,174 @@ from sweeps.store.complete_file import schema_of, write_file
 from sweeps.store.parts import Parts, create, remove, remove_files
 from sweeps.store.paths import (
     DRAFT,
+    LOCK,
+    NO_LOCKS,
     SCHEMA,
     Content,
+    check_output,
+    check_parts,
     content,
     identity,
     parts_path,
     reason,
 )
-from sweeps.store.replacing import remove_leftovers, replacing, sync_names
+from sweeps.store.replacing import check_place, remove_leftovers, replacing, sync_names
 from sweeps.store.schema import Schema
 from sweeps.store.variables import TRAJECTORIES, VARIABLES
+
+#: More bytes than a lock has, also one of filelock, with the names of a host and of a container.
+_MOST_TEXT = 1024
+#: Valid contents of a lock: this program's text, the text that filelock writes on systems without
+#: locks, nothing if the writer was killed early, or zeros, which a loss of power may leave.
+_LOCK_TEXT = re.compile(rb"vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?|\0{,99}")
 
 
 @contextmanager
 def sweep_writer(
-    path: str | Path, schema: Schema, *, resume: bool = False, before: object = None
-) -> Iterator[SweepWriter | None]:
-    """Start the sweep at `path`, or continue it; call this inside `only_writer`.
+    path: Path, *, overwrite: bool = False, resume: bool = False
+) -> Iterator[SweepWriter]:
+    """Hold the lock ``<path>.lock`` in the block, and yield the only writer of the sweep.
 
-    `before` is the `identity` of the file at `path` that may be replaced, None if there was none.
-    Yields None if the file is complete. An existing incomplete sweep is replaced at once; with
-    `resume` it keeps its blocks, and damaged blocks become pending again. Raises StoreError if the
-    resumed sweep is another one or is damaged, and Failed if the folder of the blocks cannot be
-    created; in that case no new one is left behind, and an old one is unchanged.
+    However the process dies, the system releases the lock. The file left behind is then unlocked,
+    and the next writer takes it over. Readers need no lock. Once the lock is held, the folder of
+    the blocks is made, so that nobody else can make it before the first block is computed; it is
+    removed if it stays empty. Raises StoreError if another process holds the lock, if the file
+    cannot be created, or as `check_output` does, and Failed if the folder cannot be made.
     """
-    # Follow a link only once, so that everything works on the file that was checked and locked.
-    path = Path(path).resolve()
-    folder = parts_path(path)
-    with _failure(path, "written"):
-        remove_leftovers(path)  # drafts may be large
-    schema_file = identity(folder / SCHEMA)
-    if resume and schema_file is not None:
-        with _failure(path, "written"):
-            remove_files(folder, DRAFT)
-        old = schema_of(folder / SCHEMA)
-        _refuse_other(folder, old, schema)
-        schema = old  # its blocks may be others
-    elif resume and content(path) not in (None, Content.NOTHING):
-        _refuse_other(path, schema_of(path), schema)
-        remove(folder)  # a run was killed while it did so
-        yield None
-        return
-    else:
-        with _failure(path, "created"):
-            create(folder, schema)
-    with _failure(path, "written"):
-        parts = Parts(folder, schema)
+    check_place(path, "output")
+    real = path.resolve()  # everything works on the file that is checked, also if a link changes
+    lock_file, folder = real.with_name(f"{real.name}{LOCK}"), parts_path(real)
     try:
-        yield SweepWriter(path, parts, before)
-    except StoreError as error:  # a block has changed since it passed its checks
-        raise Failed(str(error)) from error
+        _lock_text(lock_file)  # refuses another file of that name
+        lock = _acquired(lock_file)
+    except Timeout:
+        if not os.path.lexists(lock_file):
+            raise StoreError(
+                f"no file can be made in the folder {real.parent} of the output {path.name}"
+            ) from None
+        raise StoreError(f"{path} is being written by {_holder(lock_file)}") from None
+    except OSError as error:
+        raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
+    try:
+        writer = SweepWriter(real, resume)
+        check_output(path, overwrite=overwrite, resume=resume)
+        with _failure(path, "created"):
+            folder.mkdir(exist_ok=True)
+        check_parts(real, overwrite)  # another user may have made it meanwhile
+        try:
+            yield writer
+        finally:
+            with suppress(OSError):  # an earlier error matters more; a complete sweep has no folder
+                sync_names(folder)
+                folder.rmdir()  # which fails if it has blocks
     finally:
-        with suppress(OSError):  # an earlier error matters more; a completed sweep has no folder
-            sync_names(folder)
+        with suppress(PermissionError):  # on Windows a locked file cannot be removed
+            if not isinstance(lock, SoftFileLock):  # which removes the file itself
+                lock_file.unlink(missing_ok=True)
+        lock.release()
+
+
+def _acquired(name: Path) -> BaseFileLock:
+    """Return the held lock of a file, which names this process.
+
+    It is a lock of the system, or the file itself where there are no locks. A killed process leaves
+    such a file, which a process of the same machine, outside containers or in the same one, then
+    takes over.
+    """
+    was_there = os.path.lexists(name)
+    lock: BaseFileLock = FileLock(name, fallback_to_soft=False)
+    try:
+        lock.acquire(blocking=False)
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+        if not was_there:
+            name.unlink(missing_ok=True)
+        lock = SoftFileLock(name)  # it writes a text of its own
+        lock.acquire(blocking=False)
+        return lock
+    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    with suppress(PermissionError):  # on Windows a locked file cannot be written
+        descriptor = os.open(name, os.O_WRONLY | os.O_TRUNC | flags)  # follows no link put there
+        try:
+            os.write(descriptor, b"vibroimpact lock of process %d\n" % os.getpid())
+        finally:
+            os.close(descriptor)
+    return lock
+
+
+def _holder(name: Path) -> str:
+    """Name the process that holds a lock, and say what the user can do."""
+    text = _lock_text(name).decode(errors="replace")
+    found = re.search(r"(\d+)\n?(.*)", text)
+    number, host = found.groups() if found else ("of an unknown number", "")
+    process = f"process {number}{f' on {host}' if host else ''}"
+    ended = f"if it has ended, remove {name}, " if host else ""
+    return f"{process}; wait for it, stop it with Ctrl-C or kill, {ended}or give another output"
+
+
+def _lock_text(name: Path) -> bytes:
+    """Return the content of a lock, if it can be read; refuse another file of its name."""
+    text = b""
+    with suppress(FileNotFoundError, PermissionError):
+        if stat.S_ISREG(os.lstat(name).st_mode):
+            with name.open("rb") as file:
+                text = file.read(_MOST_TEXT)
+        else:
+            text = b"another"
+    if not _LOCK_TEXT.fullmatch(text):
+        raise StoreError(
+            f"{name} is needed as a lock, but something else has that name; move it, or give "
+            "another output"
+        )
+    return text
 
 
 class SweepWriter:
-    """Writes a sweep block by block, and completes it; made by `sweep_writer`.
+    """Begins a sweep, writes it block by block, and completes it; made by `sweep_writer`.
 
     Every method raises Failed if a block or the file cannot be written, for example on a full
     disk, or if another program has removed or changed the blocks.
     """
 
-    def __init__(self, path: Path, parts: Parts, before: object) -> None:
-        self._path, self._parts, self._before = path, parts, before
-        self._began = time.monotonic() - parts.seconds  # as if computed without a pause
-        self.damaged = parts.damaged  #: Blocks that are pending again.
+    def __init__(self, path: Path, resume: bool) -> None:
+        self._path, self._resume = path, resume
+        self._before = identity(path)  # what appears from now on is not replaced
 
-    def pending(self) -> list[Block]:
-        """Return the blocks that are not written yet."""
-        there = self._parts.entries
-        return [block for i, block in enumerate(self._parts.schema.blocks) if i not in there]
+    def begin(self, schema: Schema) -> list[Block] | None:
+        """Begin the sweep, or resume it; return the blocks to write, None if it is complete.
+
+        An incomplete sweep that is not resumed is replaced at once. If it is resumed, it keeps its
+        own blocks, and those that are damaged, `damaged` in number, are to be written again. Raises
+        StoreError if the resumed sweep is another one or is damaged, and Failed if the schema
+        cannot be written; an old sweep is then unchanged.
+        """
+        path, folder = self._path, parts_path(self._path)
+        with _failure(path, "written"):
+            remove_leftovers(path)  # drafts may be large
+        begun = identity(folder / SCHEMA) is not None
+        if self._resume and (begun or content(path) not in (None, Content.NOTHING)):
+            if begun:
+                with _failure(path, "written"):
+                    remove_files(folder, DRAFT)
+            old = schema_of(folder / SCHEMA if begun else path)
+            if differing := schema.differences(old):
+                raise StoreError(
+                    f"{folder if begun else path} cannot be resumed: {'; '.join(differing)}; "
+                    "overwrite it, or give another output"
+                )
+            if not begun:
+                remove(folder)  # a run was killed while it did so
+                return None
+            schema = old  # its blocks may be others
+        else:
+            with _failure(path, "created"):
+                create(folder, schema)
+        with _failure(path, "written"):
+            self._parts = parts = Parts(folder, schema)
+        self._began = time.monotonic() - parts.seconds  # as if computed without a pause
+        self.damaged = parts.damaged
+        return [block for i, block in enumerate(schema.blocks) if i not in parts.entries]
 
     def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
         """Write the results of one block; no kill of the process can then lose them.
@@ -133,63 +232,6 @@ class SweepWriter:
                 f"{self._path} was written by another program while the sweep was computed, "
                 "and is not replaced; move it, and resume the run"
             )
-
-
-def _refuse_other(path: Path, old: Schema, new: Schema) -> None:
-    """Refuse to resume a file of another sweep or other code; the error names what differs."""
-    was, now = (schema.attributes for schema in (old, new))
-    differing = _differences(str(was["configuration"]), str(now["configuration"]))
-    if was["numerics"] != now["numerics"]:
-        differing.append("the code that computes is another version")
-    # The computation follows from these two, and other code may name its parts differently.
-    if not differing:
-        differing = _differences(*(str(of.get("computation", "{}")) for of in (was, now)))
-    if not differing and not _has_grid(old, new):
-        differing.append("the points have other values or another order")
-    if differing:
-        raise StoreError(
-            f"{path} cannot be resumed: {'; '.join(differing)}; overwrite it, or give "
-            "another output"
-        )
-
-
-def _differences(old: str, new: str) -> list[str]:
-    """List the keys in which two configurations differ, with both values.
-
-    Neither the name nor the compression of the complete file makes another sweep.
-    """
-    if old == new:
-        return []
-    was, now = _flat(yaml.safe_load(old)), _flat(yaml.safe_load(new))
-    return [
-        f"{key} was {was.get(key, 'not given')} and is {now.get(key, 'not given')}"
-        for key in sorted({*was, *now} - {"name", "compression"})
-        if was.get(key) != now.get(key)
-    ]
-
-
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
-    """Return the leaves of a tree by their dotted keys."""
-    leaves: dict[str, object] = {}
-    for key, value in tree.items():
-        deeper = isinstance(value, dict)
-        leaves |= _flat(value, f"{prefix}{key}.") if deeper else {f"{prefix}{key}": value}
-    return leaves
-
-
-def _has_grid(old: Schema, new: Schema) -> bool:
-    """Return whether two grids are equal."""
-    if list(old.axes) != list(new.axes):
-        return False
-    return all(_same(old.axes[axis], new.axes[axis]) for axis in new.axes)
-
-
-def _same(old: np.ndarray, new: np.ndarray) -> bool:
-    """Return whether the values of an axis, or the columns of a table, are the same."""
-    if old.dtype.names is None or old.dtype.names != new.dtype.names:
-        return old.dtype.names == new.dtype.names and np.array_equal(old, new)
-    columns = [(old[name], new[name]) for name in old.dtype.names]
-    return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in columns)
 
 
 @contextmanager

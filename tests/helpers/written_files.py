@@ -8,7 +8,7 @@ import numpy as np
 from sweeps import load_config, open_sweep
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid, Sweep, block_points
-from sweeps.store import VARIABLES, Schema, only_writer, sweep_writer
+from sweeps.store import VARIABLES, Schema, sweep_writer
 from vibroimpact.points.run_spec import RunSpec
 
 CONFIGURATION = "oscillator: {h: 0.1}\n"
@@ -87,6 +87,13 @@ def block_results(block, samples=None, widths=WIDTHS):
     return random_results(block_points(block), {**widths, "sample": samples}, seed)
 
 
+@contextmanager
+def begun(path, plan, *, resume=False):
+    """Begin a sweep anew, or resume it; yield its writer and the blocks to write."""
+    with sweep_writer(Path(path), overwrite=not resume, resume=resume) as store:
+        yield store, store.begin(plan)
+
+
 def fill_blocks(
     path, blocks=None, compressed=False, *, plan=None, results=block_results, **options
 ):
@@ -94,16 +101,13 @@ def fill_blocks(
 
     A file with pending blocks is left incomplete. Returns the number of damaged blocks.
     """
-    plan = schema() if plan is None else plan
-    with (
-        only_writer(Path(path), **options) as (real, before),
-        sweep_writer(real, plan, resume=options.get("resume", False), before=before) as store,
-    ):
-        if store is None:
+    with sweep_writer(Path(path), **options) as store:
+        pending = store.begin(schema() if plan is None else plan)
+        if pending is None:
             return 0
-        for block in store.pending()[:blocks]:
+        for block in pending[:blocks]:
             store.write(block, results(block))
-        if not store.pending():
+        if blocks is None or blocks >= len(pending):
             store.finish(compressed=compressed)
         return store.damaged
 
@@ -185,7 +189,7 @@ def random_sweeps(folder):
         path = folder / f"{len(opened)}.h5"
         about = {"name": name, "configuration": load_config(configuration).to_yaml()}
         schema = Schema.of(Sweep(grid, spec_of(widths, diagnostics)), grid.size, about, {})
-        with sweep_writer(path, schema) as store:
+        with begun(path, schema) as (store, _):
             store.write(
                 tuple(slice(0, n) for n in grid.shape),
                 {**picture_results(grid.size, widths), **changed},

@@ -22,10 +22,9 @@ from sweeps.engine.executors import (
 from sweeps.engine.sweep_run import run_sweep
 from sweeps.errors import StoreError
 from sweeps.grid import block_points
-from sweeps.store import sweep_writer
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
-from tests.helpers.written_files import planned
+from tests.helpers.written_files import begun, planned
 from vibroimpact.kernel.threads import lanes_per_thread
 from vibroimpact.kernel.workspace import LANES
 
@@ -138,8 +137,8 @@ def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_f
 ):
     config = load(CONFIG, *changes)
     told = cost_of(config.sweep, threads)
-    with sweep_writer("blocks.h5", planned(config, told.block)) as writer:
-        points = max(map(block_points, writer.pending())) // (2 if changes else 1)
+    with begun("blocks.h5", planned(config, told.block)) as (_, pending):
+        points = max(map(block_points, pending)) // (2 if changes else 1)
     assert 0.9 * told.block < points <= told.block
     block = (slice(0, told.block),)
     block = (slice(0, 2), *block) if changes else block

@@ -127,6 +127,7 @@ def resumed(folder, *names):
     """Resume complete files with the code of a folder, in a separate process."""
     script = (
         "import sweeps, sys\n"
+        "from pathlib import Path\n"
         "from sweeps import load_config\n"
         "from sweeps.store import Schema, sweep_writer\n"
         f"assert sweeps.__file__.startswith({str(folder)!r}), sweeps.__file__\n"
@@ -134,7 +135,8 @@ def resumed(folder, *names):
         "    config = load_config(f'{name}.yaml')\n"
         "    about = {'name': name, 'configuration': config.to_yaml(table=False)}\n"
         "    schema = Schema.of(config.sweep, 128, about, config.column_units)\n"
-        "    with sweep_writer(f'{name}.h5', schema, resume=True): pass\n"
+        "    with sweep_writer(Path(f'{name}.h5'), resume=True) as writer:\n"
+        "        writer.begin(schema)\n"
     )
     environment = {"PYTHONPATH": str(folder), "HOME": str(folder)}
     command = [sys.executable, "-c", script, *names]

@@ -19,7 +19,7 @@ import pytest
 from filelock import FileLock, Timeout
 
 from sweeps.errors import StoreError
-from sweeps.store import check_output, check_room, only_writer, open_sweep
+from sweeps.store import check_output, check_room, open_sweep, sweep_writer
 from sweeps.store.paths import FORMAT, FORMAT_VERSION
 from tests.helpers.commands import accepted, call
 from tests.helpers.places import ROOT
@@ -248,8 +248,8 @@ CONTAINER = ["unshare", "-U", "--map-root-user", "-p", "-f", "--kill-child", "--
 def holder(path, first="", launcher=()):
     """Hold the lock of `path` in another process; it prints a line when it has it."""
     code = first + (
-        "import sys, time; from pathlib import Path; from sweeps.store import only_writer\n"
-        "with only_writer(Path(sys.argv[1])):\n"
+        "import sys, time; from pathlib import Path; from sweeps.store import sweep_writer\n"
+        "with sweep_writer(Path(sys.argv[1])):\n"
         "    print('held', flush=True); time.sleep(1000)\n"
     )
     environment = {"PYTHONPATH": str(ROOT)}
@@ -267,10 +267,10 @@ def test_a_second_writer_is_refused_by_number_and_a_dead_one_is_not():
     with holder("out.h5") as other:
         for name in ("out.h5", "link.h5", "out.h5"):
             with pytest.raises(StoreError, match=f"being written by process {other.pid};"):
-                with only_writer(Path(name)):
+                with sweep_writer(Path(name)):
                     pass
     assert Path("out.h5.lock").exists()  # its process was killed
-    with only_writer(Path("out.h5")):
+    with sweep_writer(Path("out.h5")):
         assert re.search(rf"process {os.getpid()}\n", Path("out.h5.lock").read_text())
     assert not Path("out.h5.lock").exists()
 
@@ -283,7 +283,7 @@ def test_a_folder_without_room_for_a_lock_is_not_taken_for_another_writer(monkey
 
     monkeypatch.setattr(FileLock, "acquire", refuse)
     with pytest.raises(StoreError, match=r"no file can be made in the folder .* of .* out\.h5$"):
-        with only_writer(Path("out.h5")):
+        with sweep_writer(Path("out.h5")):
             pass
 
 
@@ -318,7 +318,7 @@ def test_a_lock_that_lost_its_text_with_the_power_is_a_leftover(text):
 
 def test_a_pipe_where_the_lock_goes_does_not_block():
     os.mkfifo("out.h5.lock")
-    with pytest.raises(StoreError, match="needed as a lock"), only_writer(Path("out.h5")):
+    with pytest.raises(StoreError, match="needed as a lock"), sweep_writer(Path("out.h5")):
         pass
 
 
@@ -327,7 +327,7 @@ def test_on_a_disk_without_locks_the_file_itself_is_the_lock(monkeypatch, error)
     """A dead process of this machine loses it; a living or a distant one is named."""
     monkeypatch.setattr("fcntl.flock", partial(refuse_lock, error=error))
     fill_blocks("out.h5", 2)
-    with only_writer(Path("out.h5"), resume=True):
+    with sweep_writer(Path("out.h5"), resume=True):
         mine = Path("out.h5.lock").read_text()
         with pytest.raises(StoreError, match=rf"by process {os.getpid()} on .*, remove .*out\.h5"):
             fill_blocks("out.h5", resume=True)
@@ -360,14 +360,14 @@ def test_a_lock_of_another_container_is_not_taken_over(monkeypatch):
     number = f'echo {ended.pid - 1} > /proc/sys/kernel/ns_last_pid; "$@"; true'
     with holder("out.h5", WITHOUT_LOCKS, [*CONTAINER, "sh", "-c", number, "sh"]):
         with pytest.raises(StoreError, match=rf"by process {ended.pid} on .*; wait .*if it has"):
-            with only_writer(Path("out.h5")):
+            with sweep_writer(Path("out.h5")):
                 pass
 
 
 def test_the_lock_of_a_host_with_a_long_name_is_known(monkeypatch):
     monkeypatch.setattr("fcntl.flock", refuse_lock)
     monkeypatch.setattr("socket.gethostname", lambda: "n" * 64)  # the longest on Linux
-    with only_writer(Path("out.h5")):
+    with sweep_writer(Path("out.h5")):
         assert Path("out.h5.lock").stat().st_size > 100
         with pytest.raises(StoreError, match=f"by process {os.getpid()} on n{{64}}"):
             fill_blocks("out.h5")

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps.store import only_writer, sweep_writer
 from tests.helpers.sweep_files import data
-from tests.helpers.written_files import FOUR_BLOCKS, block_results, fill_blocks
+from tests.helpers.written_files import FOUR_BLOCKS, begun, block_results, fill_blocks
 
 #: The calls that change names or synchronize; each is a moment at which the power may be lost.
 CALLS = {os: ("open", "mkdir", "rmdir", "replace", "unlink", "fsync"), io: ("open",)}
@@ -118,16 +117,15 @@ def moments(monkeypatch, tmp_path):
         disk = Disk(folder)
         disk.watch(patch)
         for count in (2, None):
-            with only_writer(Path("out.h5"), resume=True) as (path, before):
-                with sweep_writer(path, FOUR_BLOCKS, resume=True, before=before) as store:
-                    for i, block in enumerate(store.pending()[:count], 4 - len(store.pending())):
-                        clock[0] += (0.4, 1.1)[i % 2]
-                        store.write(block, block_results(block))
-                        if i % 2:  # more than a second after the one before
-                            disk.promised = i + 1
-                    if count is None:
-                        store.finish()
-                disk.promised = max(disk.promised, count or 4)
+            with begun("out.h5", FOUR_BLOCKS, resume=True) as (store, pending):
+                for i, block in enumerate(pending[:count], 4 - len(pending)):
+                    clock[0] += (0.4, 1.1)[i % 2]
+                    store.write(block, block_results(block))
+                    if i % 2:  # more than a second after the one before
+                        disk.promised = i + 1
+                if count is None:
+                    store.finish()
+            disk.promised = max(disk.promised, count or 4)
     return disk.moments
 
 

@@ -19,10 +19,9 @@ import xarray as xr
 from sweeps import open_sweep
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
-from sweeps.store import sweep_writer
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
-from tests.helpers.written_files import GRID, block_results, contents, fill_blocks, schema
+from tests.helpers.written_files import GRID, begun, block_results, contents, fill_blocks, schema
 from vibroimpact.status import Status
 
 CONFIG = """\
@@ -68,8 +67,8 @@ def test_a_resumed_sweep_ends_with_the_same_data(whole, compressed):
 
 def test_an_incomplete_sweep_keeps_its_own_blocks():
     fill_blocks("out.h5", 2)
-    with sweep_writer("out.h5", schema(block_size=5), resume=True) as store:
-        assert store.pending() == list(GRID.blocks(2))[2:]
+    with begun("out.h5", schema(block_size=5), resume=True) as (_, pending):
+        assert pending == list(GRID.blocks(2))[2:]
 
 
 @pytest.mark.slow
@@ -77,11 +76,11 @@ def test_the_duration_is_that_of_all_sessions(monkeypatch):
     now = 0.0
     monkeypatch.setattr("time.monotonic", lambda: now)
     for session, blocks in enumerate((1, 1, None), 1):
-        with sweep_writer("out.h5", schema(), resume=True) as store:
+        with begun("out.h5", schema(), resume=True) as (store, pending):
             now += 1000.0
-            for block in store.pending()[:blocks]:
+            for block in pending[:blocks]:
                 store.write(block, block_results(block))
-            if not store.pending():
+            if blocks is None:
                 store.finish()
         with open_sweep("out.h5") as dataset:
             assert dataset.attrs["duration"] == 1000.0 * session
@@ -108,7 +107,7 @@ def test_another_sweep_is_not_resumed(changed, parts, blocks):
     name = "out.h5" if blocks is None else "out.h5.parts"
     before = contents(Path(name))
     with pytest.raises(StoreError, match=rf"{name} cannot be resumed: ") as caught:
-        with sweep_writer("out.h5", schema(**changed), resume=True):
+        with begun("out.h5", schema(**changed), resume=True):
             pass
     assert all(part in str(caught.value) for part in (*parts, "overwrite it"))
     assert contents(Path(name)) == before
@@ -122,15 +121,15 @@ def test_a_computation_that_other_code_writes_differently_is_not_listed():
     now.attributes["computation"] = "fixed: {h: 0.1, phase: 1.5}\n"
     only = "cannot be resumed: the code that computes is another version; overwrite it"
     with pytest.raises(StoreError, match=only):
-        with sweep_writer("out.h5", now, resume=True):
+        with begun("out.h5", now, resume=True):
             pass
 
 
 def test_another_name_or_compression_is_no_other_sweep():
-    with sweep_writer("out.h5", schema(configuration="name: a\nh: 1\n")):
+    with begun("out.h5", schema(configuration="name: a\nh: 1\n")):
         pass
     other = "h: 1\nname: b\ncompression: gzip\n"
-    with sweep_writer("out.h5", schema(configuration=other), resume=True):
+    with begun("out.h5", schema(configuration=other), resume=True):
         pass
 
 
@@ -138,12 +137,12 @@ def test_the_names_of_the_blocks_are_on_the_disk_after_a_second(monkeypatch):
     """A loss of power may lose the names of the blocks since then only, until the run ends."""
     now, synced, fsync = [0.0], [], os.fsync
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    with sweep_writer("out.h5", schema()) as store:
+    with begun("out.h5", schema()) as (store, pending):
         folder = PARTS.stat().st_ino
         monkeypatch.setattr(
             os, "fsync", lambda file: (synced.append(os.fstat(file).st_ino), fsync(file))
         )
-        for block, now[0] in zip(store.pending(), (0.5, 0.9, 1.1, 1.5, 2.0, 2.2), strict=True):
+        for block, now[0] in zip(pending, (0.5, 0.9, 1.1, 1.5, 2.0, 2.2), strict=True):
             store.write(block, block_results(block))
     assert [file == folder for file in synced] == [0, 0, 0, 1, 0, 0, 0, 1, 1]
 
@@ -214,8 +213,8 @@ def test_a_block_file_that_is_cut_off_anywhere_counts_as_not_computed(whole):
         last_block().write_bytes(content[:length])
         done = 6 if length == len(content) else 4
         assert done_of("out.h5", whole) == done
-        with sweep_writer("out.h5", schema(), resume=True) as store:
-            assert 12 - 2 * len(store.pending()) == done and store.damaged == (done < 6)
+        with begun("out.h5", schema(), resume=True) as (store, pending):
+            assert 12 - 2 * len(pending) == done and store.damaged == (done < 6)
     last_block().write_bytes(content[: len(content) // 2])
     resumed(whole)
 
@@ -260,8 +259,8 @@ def test_zeros_in_the_directory_of_a_block_are_no_empty_array(whole):
 @pytest.mark.slow
 def test_a_block_of_another_sweep_or_of_another_number_is_not_used(whole):
     fill_blocks("out.h5", 2)
-    with sweep_writer("other.h5", schema(numerics="2")) as store:
-        for block in store.pending()[:1]:
+    with begun("other.h5", schema(numerics="2")) as (store, pending):
+        for block in pending[:1]:
             store.write(block, block_results(block))
     blocks = sorted(PARTS.iterdir())[:2]
     shutil.copy(Path("other.h5.parts") / blocks[0].name, blocks[0])
@@ -366,21 +365,21 @@ def test_each_block_is_on_the_disk_before_it_has_its_name_and_the_file_before_th
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", replaced)
     monkeypatch.setattr(Path, "unlink", unlinked)
-    with sweep_writer("out.h5", schema()) as store:
+    with begun("out.h5", schema()) as (store, pending):
         folders = [os.stat(folder).st_ino for folder in (PARTS, ".")]
         assert events[-3] == ("replaced", "schema.h5")
         assert [event[1] for event in events[-2:]] == folders
-        for block in store.pending():
+        for block in pending:
             store.write(block, block_results(block))
             assert events[-1] == ("replaced", last_block().name)
         folder = os.stat(".").st_ino
         store.finish()
-    at = events.index(("replaced", "out.h5"))
-    assert events[at + 1][:2] == ("sync", folder)
-    kinds = ["replaced", "sync", *["removed"] * 6, "sync", "removed"]
-    assert [event[0] for event in events[at + 2 :]] == kinds
-    # The schema gets the name of a draft first, and goes last.
-    assert events[at + 2][1] == events[-1][1] and "schema.h5" in events[-1][1]
+        at = events.index(("replaced", "out.h5"))
+        assert events[at + 1][:2] == ("sync", folder)
+        kinds = ["replaced", "sync", *["removed"] * 6, "sync", "removed"]
+        assert [event[0] for event in events[at + 2 :]] == kinds
+        # The schema gets the name of a draft first, and goes last.
+        assert events[at + 2][1] == events[-1][1] and "schema.h5" in events[-1][1]
 
 
 # A full disk
@@ -424,8 +423,8 @@ def test_a_disk_that_is_full_at_the_end_loses_nothing(whole, compressed, sizes):
     fill_blocks("size.h5", compressed=compressed)
     full = Path("size.h5").stat().st_size
     Path("size.h5").unlink()
-    with sweep_writer("out.h5", schema()) as store:
-        for block in store.pending():
+    with begun("out.h5", schema()) as (store, pending):
+        for block in pending:
             store.write(block, block_results(block))
         for size in np.linspace(0, full - 100, sizes):
             with pytest.raises(Failed, match=r"out\.h5 cannot be completed: File too large$"):
