@@ -164,7 +164,7 @@ def init_command(scene: Scene = "quickstart") -> None:
     new_texts = {Path(f"{scene}.csv"): tables[scene]} if scene in tables else {}
     new_texts[Path(f"{scene}.yaml")] = texts[scene]
     for path in new_texts:
-        if check_target(path, "configuration"):
+        if check_target(path, "configuration").exists():
             raise Refused(f"{path} exists, and is not replaced; remove it, or rename it")
     for path, text in new_texts.items():
         with writing(path, "configuration", only_new=True) as new:

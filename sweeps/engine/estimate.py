@@ -14,7 +14,7 @@ import numpy as np
 from sweeps.engine.executors import Computer, compute, in_thread
 from sweeps.errors import StoreError
 from sweeps.grid import Cost, Sweep
-from sweeps.store import bytes_per_point, check_room, widths_of
+from sweeps.store import bytes_per_point, check_room, held_variables
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS, WAY
 from vibroimpact.jit.cache import cache_folder
@@ -194,7 +194,7 @@ def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
         whole, alone = time.process_time() - whole, time.thread_time() - alone
         elapsed = alone + (whole - alone) / parallel
         # A motion may have most impacts while it settles, or when it has settled.
-        more = (samples - widths_of(shorter)["sample"]) / shorter.periods
+        more = (samples - held_variables(shorter).get("trajectory_t", 0)) / shorter.periods
         at_impacts = max(at_impacts, more)
         if elapsed > _TRIAL or periods == total_periods:
             if sweep.spec.longest is None:  # otherwise most motions need no longest transient

@@ -12,7 +12,7 @@ from .variables import DIRECTION as DIRECTION
 from .variables import VARIABLES as VARIABLES
 from .variables import bytes_per_point as bytes_per_point
 from .variables import columns_of as columns_of
-from .variables import widths_of as widths_of
+from .variables import held_variables as held_variables
 from .writer import SweepWriter as SweepWriter
 from .writer import sweep_writer as sweep_writer
 from .xarray_engine import open_sweep as open_sweep

@@ -126,8 +126,9 @@ class Parts:
         self._synced = time.monotonic()
         self.entries: dict[int, Entry] = {}
         self.damaged = 0
-        for number in range(len(self.schema.blocks)):
-            if self._file(number).name not in files:
+        self._files = [folder / f"block-{i:06}.npz" for i in range(len(schema.blocks))]
+        for number, file in enumerate(self._files):
+            if file.name not in files:
                 continue
             if verify:  # without it, a sweep is also read after an interrupt, for the report
                 check()
@@ -236,12 +237,12 @@ class Parts:
                 members[_SAMPLES] = np.array([len(samples) for samples in array])
                 longest = int(members[_SAMPLES].max())
         members["about"][()] = self._sweep, number, longest, seconds
-        with replacing(self._file(number)) as new, zipfile.ZipFile(new, "w") as file:
+        with replacing(self._files[number]) as new, zipfile.ZipFile(new, "w") as file:
             for name, array in members.items():
                 with file.open(f"{name}.npy", "w", force_zip64=True) as member:
                     whole = np.concatenate(array) if name in TRAJECTORIES else array
                     np.lib.format.write_array(member, whole, allow_pickle=False)
-        self.entries[number] = Entry(longest, seconds, identity(self._file(number)))
+        self.entries[number] = Entry(longest, seconds, identity(self._files[number]))
         if time.monotonic() > self._synced + _SYNC:
             sync_names(self.folder)
             self._synced = time.monotonic()
@@ -253,10 +254,6 @@ class Parts:
             loss = "removed" if now is None else "replaced"
             raise Failed(f"{self.folder} was {loss} by another program while it was written")
 
-    def _file(self, number: int) -> Path:
-        """Return the path of the file of a block."""
-        return self.folder / f"block-{number:06}.npz"
-
     @contextmanager
     def _opened(self, number: int) -> Iterator[tuple[zipfile.ZipFile, object]]:
         """Open the file of a block, that of its entry if it has one; also return its `identity`.
@@ -264,7 +261,7 @@ class Parts:
         Any error is a StoreError. An OSError is no damage, unless damage led to a place that no
         file has (EINVAL).
         """
-        path = self._file(number)
+        path = self._files[number]
         try:
             with open_regular(path) as file, zipfile.ZipFile(file) as held:
                 now = identity(file.fileno())
@@ -285,7 +282,7 @@ class Parts:
         with self._opened(number) as (file, now):
             about = _array(file, "about")
             if (about["sweep"], about["number"]) != (self._sweep, number):
-                raise StoreError(f"{self._file(number)} belongs to another sweep")
+                raise StoreError(f"{self._files[number]} belongs to another sweep")
             records = set(self.schema.variables).difference(self._single)
             lengths = {_SAMPLES} if records.intersection(TRAJECTORIES) else set()
             for name in {"points", *records, *lengths} if verify else ():

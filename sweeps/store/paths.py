@@ -45,7 +45,14 @@ class UnreadableError(StoreError):
 
 
 def parts_path(path: Path) -> Path:
-    """Return the folder of an incomplete sweep; for a link, it lies beside the link's target."""
+    """Return the folder of an incomplete sweep; for a link, it lies beside the link's target.
+
+    Refuse the path of such a folder, or of a file in it, and name the path to give.
+    """
+    for folder in (path, path.parent):
+        if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
+            output = str(folder).removesuffix(PARTS)
+            raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
     path = path.resolve() if os.path.islink(path) else path
     return path.with_name(f"{path.name}{PARTS}")
 
@@ -142,7 +149,7 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
         raise StoreError("resume and overwrite exclude each other; give one of them")
     path = Path(path)
     check_place(path, "output")
-    refuse_parts(path)
+    parts = parts_path(path)
     if path.suffix.lower() in (PARTS, LOCK):
         raise StoreError(
             f"the output {path} must not end in {path.suffix}, like the files beside an output "
@@ -154,7 +161,6 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             f"did you mean {path.with_suffix('.h5')}?"
         )
     check_parts(path, overwrite)
-    parts = parts_path(path)
     for file, named in ((path, path), (parts / SCHEMA, parts)):
         found = content(file)
         if found is None:
@@ -209,14 +215,6 @@ def check_parts(path: Path, overwrite: bool) -> None:
             f"{parts} has blocks but no {SCHEMA}, like a copy that was cut short; copy it again, "
             "overwrite it, or give another output"
         )
-
-
-def refuse_parts(path: Path) -> None:
-    """Refuse the folder of an incomplete sweep and its files, and name the path to give."""
-    for folder in (path, path.parent):
-        if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
-            output = str(folder).removesuffix(PARTS)
-            raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
 
 
 def check_room(path: Path, size: int, *, resume: bool = False) -> None:

@@ -30,7 +30,6 @@ from sweeps.store.paths import (
     identity,
     parts_path,
     reason,
-    refuse_parts,
 )
 from sweeps.store.schema import Schema, attributes_of, schema_in
 from sweeps.store.variables import VARIABLES
@@ -45,7 +44,6 @@ _MISSING = (None, Content.NOTHING)
 def read_sweep(path: Path, verify: bool) -> xr.Dataset:
     """Return the Dataset of `open_sweep`, whose arrays are read each time they are used."""
     try:
-        refuse_parts(path)
         folder = parts_path(path)
         while True:  # a run may complete the file, or begin another one, between two steps
             if content(path) not in _MISSING or identity(folder / SCHEMA) is None:

@@ -34,36 +34,27 @@ TRAILER = b"\x89VIBRO5\n"
 _DAY = 86400.0
 
 
-def check_target(path: Path, what: str) -> bool:
+def check_target(path: Path, what: str) -> Path:
     """Do the same as `check_place`, and refuse to replace the complete file of a sweep."""
-    exists = check_place(path, what)
-    end = b""
-    if exists:
-        with suppress(OSError), path.open("rb") as file:
-            file.seek(max(0, os.fstat(file.fileno()).st_size - len(TRAILER)))
-            end = file.read()
+    target, end = check_place(path, what), b""
+    with suppress(OSError), target.open("rb") as file:
+        file.seek(max(0, os.fstat(file.fileno()).st_size - len(TRAILER)))
+        end = file.read()
     if end.startswith(TRAILER[:-2]):  # of any version
         raise StoreError(
             f"{path} is the file of a sweep and will not be replaced; give the {what} another name"
         )
-    return exists
+    return target
 
 
-def check_place(path: Path, what: str) -> bool:
-    """Refuse a path to which no file can be written; return whether a file exists there.
+def check_place(path: Path, what: str) -> Path:
+    """Return the path of the file to write, for a link its target; refuse what cannot be written.
 
-    Parameters
-    ----------
-    path : Path
-    what : str
-        The word for the file in messages, such as "output".
-
-    Raises
-    ------
-    StoreError
-        If another system could not hold a file of that name, if the folder of the path does not
-        exist, if the path is too long, if it exists and is not a regular file (but a directory, a
-        FIFO or a device), or if it is a link made by another user.
+    `what` is the word for the file in messages, such as "output". Raises StoreError if another
+    system could not hold a file of that name, if the folder does not exist, if the path is too
+    long, if it exists and is not a regular file (but a directory, a FIFO or a device), or if it is
+    a link made by another user. In a folder where others may write, the kernel follows no link of
+    theirs when a file is opened; a link that is resolved here is not opened.
     """
     if problem := _unportable(path.name):
         name = shortened(repr(str(path)), 300)
@@ -71,8 +62,16 @@ def check_place(path: Path, what: str) -> bool:
             f"the {what} {name} cannot be used: on Windows no file {problem}; give the {what} "
             "another name"
         )
+    target = path
     try:
-        target = _followed(path)
+        with suppress(FileNotFoundError):
+            status = path.lstat()
+            if stat.S_ISLNK(status.st_mode):
+                if of_another_user(status):
+                    raise StoreError(
+                        f"{path} is a link of another user and is not followed; remove it"
+                    )
+                target = Path(os.path.realpath(path))
         if not target.parent.is_dir():
             link = "" if target is path else f", a link to {target},"
             home = "; only a shell replaces ~ by the home folder" * str(path).startswith("~")
@@ -81,7 +80,7 @@ def check_place(path: Path, what: str) -> bool:
             )
         mode = os.stat(target).st_mode
     except FileNotFoundError:
-        return False
+        return target
     except (OSError, ValueError) as error:  # a name too long, a null byte, a loop of links
         reason = getattr(error, "strerror", None) or error
         name = shortened(repr(str(path)), 300)
@@ -92,7 +91,7 @@ def check_place(path: Path, what: str) -> bool:
         raise StoreError(
             f"{path} is {kind(mode)} and will not be replaced; give the {what} another name"
         )
-    return True
+    return target
 
 
 def _unportable(name: str) -> str:
@@ -118,23 +117,6 @@ def kind(mode: int) -> str:
     return f"{kinds.get(stat.S_IFMT(mode), 'something else')}, not a regular file,"
 
 
-def _followed(path: Path) -> Path:
-    """Return the path itself or, for a link of this user, the target of the link.
-
-    In a folder where others may write, the kernel follows no link of theirs when a file is opened.
-    A link that is resolved here is not opened, so its owner must be checked here.
-    """
-    try:
-        status = path.lstat()
-    except FileNotFoundError:
-        return path
-    if not stat.S_ISLNK(status.st_mode):
-        return path
-    if of_another_user(status):
-        raise StoreError(f"{path} is a link of another user and is not followed; remove it")
-    return Path(os.path.realpath(path))
-
-
 def of_another_user(status: os.stat_result) -> bool:
     """Whether a file belongs neither to this user nor to root; Windows has no owners."""
     return hasattr(os, "geteuid") and status.st_uid not in (os.geteuid(), 0)
@@ -156,15 +138,16 @@ def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[Buffer
         If the ``with`` block or the replacement raises OSError.
     """
 
-    def refuse() -> None:
-        if check_target(path, what) and only_new:
+    def checked() -> Path:
+        target = check_target(path, what)
+        if only_new and target.exists():
             raise StoreError(f"{path} exists, and is not replaced; remove it, or rename it")
+        return target
 
-    refuse()
+    target = checked()
     try:
-        target = _followed(path)
         remove_leftovers(target, _DAY)
-        with replacing(target, refuse) as new:
+        with replacing(target, checked) as new:
             yield new
         sync_names(target.parent)
     except OSError as error:

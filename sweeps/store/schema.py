@@ -28,7 +28,6 @@ from sweeps.store.variables import (
     RECORDS,
     VARIABLES,
     held_variables,
-    widths_of,
 )
 from sweeps.text import in_units
 from vibroimpact import __version__
@@ -98,7 +97,9 @@ class Schema:
         grid, spec = sweep.grid, sweep.spec
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
         refuse_columns(columns)
-        records = {name: np.arange(width) for name, width in widths_of(spec).items() if width}
+        held = held_variables(spec)
+        dimensions = {VARIABLES[name].dimension: width for name, width in held.items()}
+        records = {name: np.arange(width) for name, width in dimensions.items() if name}
         records["section"] += spec.transient + 1
         computation = {**asdict(spec), "fixed": dict(grid.fixed)}
         attributes = {
@@ -128,8 +129,7 @@ class Schema:
         if len(spec.directions) > 1:
             axes = {DIRECTION: np.array(spec.directions, object), **axes}
             blocks = ((slice(0, len(spec.directions)), *block) for block in blocks)
-        variables = tuple(held_variables(spec))
-        return cls(axes, grid.fixed, records, variables, tuple(blocks), attributes, column_units)
+        return cls(axes, grid.fixed, records, tuple(held), tuple(blocks), attributes, column_units)
 
     def sizes(self, name: str, box: Block | None = None) -> dict[str, int]:
         """Return the length of each dimension of a variable, in a box of points or in the file."""

@@ -159,38 +159,31 @@ def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     return {name: np.atleast_1d(dataset[name].values) for name in names}
 
 
-def widths_of(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
-    """Return the width of every record dimension; 0 if nothing is recorded along it.
+def held_variables(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
+    """Return how many values of a point each variable of a file for `spec` holds.
 
-    The width of ``sample`` counts `at_impacts` samples at impacts in every period.
+    Trajectories have `at_impacts` samples at impacts in every period.
     """
     samples = 0
     if spec.every is not None:
         samples = spec.periods * spec.steps_per_period // spec.every + 1
         samples += math.ceil(at_impacts * spec.periods)
-    return {
+    widths = {
+        None: 1,
         "section": spec.periods,
         "impact": spec.impacts,
         "sample": samples,
         "exponent": 2 * spec.lyapunov,
     }
-
-
-def held_variables(spec: RunSpec) -> dict[str, Variable]:
-    """Return the variables of a file for which `spec` is computed."""
-    widths = widths_of(spec)
     return {
-        name: variable
+        name: widths[variable.dimension]
         for name, variable in VARIABLES.items()
-        if (variable.dimension is None or widths[variable.dimension])
+        if widths[variable.dimension]
         and (variable.diagnostic is None or getattr(spec, variable.diagnostic))
     }
 
 
 def bytes_per_point(spec: RunSpec, at_impacts: float = 0) -> int:
-    """Return the size in bytes of the results of one point, with the widths of `widths_of`."""
-    widths = {"": 1, **widths_of(spec, at_impacts)}
-    return sum(
-        np.dtype(variable.dtype).itemsize * widths[variable.dimension or ""]
-        for variable in held_variables(spec).values()
-    )
+    """Return the size in bytes of the results of one point, with the widths of `held_variables`."""
+    held = held_variables(spec, at_impacts)
+    return sum(np.dtype(VARIABLES[name].dtype).itemsize * width for name, width in held.items())
