@@ -89,12 +89,14 @@ def is_number(value: object) -> bool:
     return number is not None and math.isfinite(number)
 
 
-def typed(text: str) -> int | float | None:
-    """Return the number that a text means, None if it means none: 1_0 and other digits do not."""
-    if "_" in text or not text.isascii():
+def typed(value: object) -> int | float | None:
+    """Return the number that a value is or a text means, or None, as for 1_0 and other digits."""
+    if not isinstance(value, str):
+        return real(value)
+    if "_" in value or not value.isascii():
         return None
     try:
-        number = float(text)
+        number = float(value)
     except ValueError:
         return None
     whole = number.is_integer() and abs(number) < 2**53 and str(number) != "-0.0"

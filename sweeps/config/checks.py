@@ -1,8 +1,12 @@
-"""Checks of several groups together: steps and stability, start, record, size, follow, units."""
+"""Checks of several keys together: what excludes what, the points, steps and stability, sizes.
+
+What a key may be on its own is in ``groups.py``.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -13,9 +17,9 @@ from sweeps.config.values import Axis, Key, MisplacedError
 from sweeps.grid import TABLE
 from sweeps.text import fewest_digits
 from vibroimpact.inputs import integer
-from vibroimpact.oscillator import POINT, mesh, with_one_force
+from vibroimpact.oscillator import mesh, with_one_force
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import MOST_STEPS, default_steps
+from vibroimpact.step.scheme import IMPACT_RULES, MOST_STEPS, default_steps
 from vibroimpact.step.stability import least_stable_steps
 
 # Limits that turn a typing error into a message instead of a lack of memory.
@@ -29,22 +33,56 @@ _CHUNK = 1 << 16
 def with_defaults(config: SweepConfig) -> SweepConfig:
     """Return a configuration with the steps per period and the units that its groups determine.
 
-    Raises MisplacedError if the groups do not go together.
+    Raises MisplacedError if its keys do not go together.
     """
     axes = config.parameters()
-    if config.table is None:
-        points = _extreme_points(axes, config.method.integrator)
-    else:
-        points = mesh({TABLE: config.table}, {name: axis.first for name, axis in axes.items()})
-    _refuse_start(config, points)
-    _refuse_force(config, axes, points)
-    _refuse_large_grid(config, axes)
+    if conflict := next(_conflicts(config, axes), None):
+        raise MisplacedError(*conflict)
+    points = _extreme_points(config, axes)
+    _refuse_points(config, points)
     steps = _chosen_steps(config, points)
-    _refuse_record(config, steps)
-    _refuse_follow(config, axes)
+    _refuse_large(config, axes, steps)
     units = _chosen_units(config)
     method = config.method.model_copy(update={"steps_per_period": steps})
     return config.model_copy(update={"method": method, "units": units})
+
+
+def _conflicts(config: SweepConfig, axes: Mapping[str, Axis]) -> Iterator[tuple[Key, str]]:
+    """Yield each key whose value does not go together with that of another key, and the problem."""
+    method, record, follow = config.method, config.record, config.follow
+    exact, auto = method.impact == "exact", record.transient == "auto"
+    if exact and method.integrator != "exact":
+        yield (
+            ("method", "integrator"),
+            f"impact exact needs the integrator exact, not {method.integrator}; expected: "
+            "integrator exact, or one of the impact rules "
+            + ", ".join(rule for rule in IMPACT_RULES if rule != "exact"),
+        )
+    if not exact and "lyapunov" in record.diagnostics:
+        yield (
+            ("record", "diagnostics"),
+            f"lyapunov needs the impact rule exact, not {method.impact}; "
+            "expected: method.impact: exact, or diagnostics without lyapunov",
+        )
+    if record.longest is not None and not auto:
+        yield ("record", "longest"), "is only for transient: auto; expected: no longest, or auto"
+    if auto and "period" not in record.diagnostics:
+        problem = "auto needs the classes of motions; expected: diagnostics: [period]"
+        yield ("record", "transient"), problem
+    if auto and (record.trajectory or follow):
+        other = "trajectory" if record.trajectory else "follow"
+        yield ("record", "transient"), f"auto cannot be used with {other}; expected: an integer"
+    if follow and config.points is not None:
+        yield ("follow",), "needs an axis, but points has none; expected: a range instead of points"
+    elif follow and axes[follow.axis].size == 1:
+        name = config.nomenclature.name
+        others = [own for own, axis in axes.items() if axis.size > 1 and own not in STARTS]
+        swept = f"a swept axis out of {', '.join(map(name, others))}"
+        yield (
+            ("follow", "axis"),
+            f"{name(follow.axis)} has only one value, so that there is nothing to follow; "
+            f"expected: {swept if others else 'an axis that is swept'}",
+        )
 
 
 def _key_of(config: SweepConfig, name: str) -> Key:
@@ -54,65 +92,50 @@ def _key_of(config: SweepConfig, name: str) -> Key:
     return config.nomenclature.group, config.nomenclature.name(name)
 
 
-def _extreme_points(axes: dict[str, Axis], integrator: str) -> np.ndarray:
-    """Return two points at which every check fails that fails at a point of the grid.
+def _extreme_points(config: SweepConfig, axes: Mapping[str, Axis]) -> np.ndarray:
+    """Return points at which every check fails that fails at a point of the sweep.
 
-    Their start is the one closest to the stop or farthest beyond it, and their omega is the least.
-    The first point has the largest h and p, where exact impacts need the shortest step. At the
-    second, the integrator needs the most steps to be stable. Every value of h is examined, because
-    the longest stable step T is not monotone in h: for Euler T rises as 2h / p^2 and then falls,
-    and for Runge-Kutta it has a minimum at h = 0.54 p. Of p the two ends suffice: at any h, T has
-    no minimum between them.
+    Of a table these are all. Of a grid they are three, whose start is the one closest to the stop
+    or farthest beyond it. The first has the largest h and p and the least omega, where exact
+    impacts need the shortest step. At the second, the integrator needs the most steps to be stable.
+    Every value of h is examined, because the longest stable step T is not monotone in h: for Euler
+    T rises as 2h / p^2 and then falls, and for Runge-Kutta it has a minimum at h = 0.54 p. Of p the
+    two ends suffice: at any h, T has no minimum between them. The third has the largest force.
     """
+    if config.table is not None:
+        return mesh({TABLE: config.table}, {name: axis.first for name, axis in axes.items()})
+    points = mesh({}, {name: axis.high for name, axis in axes.items()}).repeat(3)
+    points["clearance"] = axes["clearance"].low
     h, omega, p = axes["h"].values(), axes["omega"].low, axes["p"]
-    points = np.zeros(2, POINT)
-    points["x0"], points["clearance"] = axes["x0"].high, axes["clearance"].low
-    points["h"], points["p"], points["omega"] = axes["h"].high, p.high, omega
+    points["omega"][:2] = omega
     most = 0.0
     for end in (p.low, p.high):
         for part in np.array_split(h, math.ceil(h.size / _CHUNK)):
-            steps = least_stable_steps(integrator, part, end, omega)
+            steps = least_stable_steps(config.method.integrator, part, end, omega)
             k = int(steps.argmax())
             if steps[k] > most:
                 most, points[1]["h"], points[1]["p"] = steps[k], part[k], end
     return points
 
 
-def _refuse_start(config: SweepConfig, points: np.ndarray) -> None:
-    """Refuse starts beyond the stop."""
+def _refuse_points(config: SweepConfig, points: np.ndarray) -> None:
+    """Refuse starts beyond the stop, and a force f + a omega^2 that is not a finite number."""
     beyond = points["x0"] > points["clearance"]
-    if not beyond.any():
+    wrong = beyond if beyond.any() else ~np.isfinite(with_one_force(points)["f"])
+    if not wrong.any():
         return
-    row = int(beyond.argmax())
-    x0, clearance = points["x0"][row], points["clearance"][row]
+    row = int(wrong.argmax())
     where = "" if config.points is None else f"row {row + 1} of points: "
+    if not beyond.any():
+        problem = "the force f + a omega^2 must be a finite number"
+        raise MisplacedError(_key_of(config, "a"), where + problem)
+    x0, clearance = points["x0"][row], points["clearance"][row]
     typed, stop = "x0" in config.start.model_fields_set, config.nomenclature.name("clearance")
     raise MisplacedError(
         _key_of(config, "x0" if typed else "clearance"),
         f"{where}x0 = {fewest_digits(x0)} lies beyond the stop at {stop} = "
         f"{fewest_digits(clearance)}; every x0 must be <= every {stop}",
     )
-
-
-def _refuse_force(config: SweepConfig, axes: dict[str, Axis], points: np.ndarray) -> None:
-    """Refuse a force f + a omega^2 that is not a finite number."""
-    if config.points is None:
-        points = mesh({}, {name: axis.high for name, axis in axes.items()})
-    infinite = ~np.isfinite(with_one_force(points)["f"])
-    if infinite.any():
-        where = "" if config.points is None else f"row {int(infinite.argmax()) + 1} of points: "
-        problem = "the force f + a omega^2 must be a finite number"
-        raise MisplacedError(_key_of(config, "a"), where + problem)
-
-
-def _refuse_large_grid(config: SweepConfig, axes: dict[str, Axis]) -> None:
-    """Refuse a grid of too many points."""
-    points = math.prod(axis.size for axis in axes.values())
-    if points > _MOST_POINTS:
-        raise MisplacedError(
-            _key_of(config, max(axes, key=lambda name: axes[name].size)),
-            f"the axes make a grid of {points:,} points; expected: at most {_MOST_POINTS:,}",
-        )
 
 
 def _chosen_steps(config: SweepConfig, points: np.ndarray) -> int:
@@ -163,48 +186,22 @@ def _refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
     )
 
 
-def _refuse_record(config: SweepConfig, steps: int) -> None:
-    """Refuse Lyapunov exponents without exact impacts, and trajectories of too many samples."""
-    record, impact = config.record, config.method.impact
-    if "lyapunov" in record.diagnostics and impact != "exact":
+def _refuse_large(config: SweepConfig, axes: Mapping[str, Axis], steps: int) -> None:
+    """Refuse a grid of too many points, and trajectories of too many samples."""
+    points = math.prod(axis.size for axis in axes.values())
+    if points > _MOST_POINTS:
         raise MisplacedError(
-            ("record", "diagnostics"),
-            f"lyapunov needs the impact rule exact, not {impact}; "
-            "expected: method.impact: exact, or diagnostics without lyapunov",
+            _key_of(config, max(axes, key=lambda name: axes[name].size)),
+            f"the axes make a grid of {points:,} points; expected: at most {_MOST_POINTS:,}",
         )
-    if not record.trajectory:
+    if not config.record.trajectory:
         return
-    samples = record.periods * steps // record.trajectory.every + 1
+    samples = config.record.periods * steps // config.record.trajectory.every + 1
     if samples > _MOST_SAMPLES:
         raise MisplacedError(
             ("record", "trajectory"),
             f"{samples:,} samples per point are too many; expected: at most {_MOST_SAMPLES:,}",
         )
-
-
-def _refuse_follow(config: SweepConfig, axes: dict[str, Axis]) -> None:
-    """Refuse to follow a table, an axis that is not swept, or transients that are found."""
-    if config.follow is None:
-        return
-    if config.points is not None:
-        problem = "needs an axis, but points has none; expected: a range instead of points"
-        raise MisplacedError(("follow",), problem)
-    if config.record.transient is None:
-        problem = "auto cannot be used with follow; expected: an integer"
-        raise MisplacedError(("record", "transient"), problem)
-    if axes[config.follow.axis].size > 1:
-        return
-    swept = [
-        config.nomenclature.name(name)
-        for name, axis in axes.items()
-        if axis.size > 1 and name not in STARTS
-    ]
-    raise MisplacedError(
-        ("follow", "axis"),
-        f"{config.nomenclature.name(config.follow.axis)} has only one value, so that there is "
-        "nothing to follow; expected: "
-        + (f"a swept axis out of {', '.join(swept)}" if swept else "an axis that is swept"),
-    )
 
 
 def _chosen_units(config: SweepConfig) -> UnitsConfig:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -28,7 +28,6 @@ from sweeps.config.values import (
     Elsewhere,
     Group,
     Integer,
-    MisplacedError,
     Number,
     Values,
     as_integer,
@@ -38,7 +37,7 @@ from sweeps.config.values import (
     null,
 )
 from sweeps.text import fewest_digits, near_miss, suggestion
-from vibroimpact.inputs import PHASE, integer, real, typed
+from vibroimpact.inputs import PHASE, integer, typed
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
@@ -111,7 +110,7 @@ def _is_zero(value: object) -> bool:
         return _is_zero(value.get("start")) and _is_zero(value.get("stop"))
     if isinstance(value, list | tuple):
         return len(value) > 0 and all(map(_is_zero, value))
-    return (typed(value) if isinstance(value, str) else real(value)) == 0.0
+    return typed(value) == 0.0
 
 
 class ParameterConfig(Group):
@@ -135,10 +134,6 @@ class ParameterConfig(Group):
         if not isinstance(value, Elsewhere):
             refuse_out_of_bounds(Axis.of(value), PARAMETERS[str(info.field_name)])
         return value
-
-    def items(self) -> Iterator[tuple[str, Any]]:
-        """Yield names and values as other groups do, without those that are given elsewhere."""
-        return (item for item in super().items() if not isinstance(item[1], Elsewhere))
 
     def axes(self) -> dict[str, Axis]:
         """Return the values that are given here by the names and in the units of the model."""
@@ -196,23 +191,6 @@ class MethodConfig(Group):
         "true or false",
     )
 
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Integrator, impact rule and steps per period: keyword arguments of `integrate`."""
-        return self.model_dump(exclude={"allow_unstable"})
-
-    @model_validator(mode="after")
-    def _exact_with_exact(self) -> Self:
-        """Refuse exact impacts with another integrator."""
-        if self.impact == "exact" and self.integrator != "exact":
-            rules = ", ".join(rule for rule in IMPACT_RULES if rule != "exact")
-            raise MisplacedError(
-                ("method", "integrator"),
-                f"impact exact needs the integrator exact, not {self.integrator}; "
-                f"expected: integrator exact, or one of the impact rules {rules}",
-            )
-        return self
-
 
 class TrajectoryConfig(Group):
     """Which samples of the trajectory are recorded."""
@@ -220,20 +198,20 @@ class TrajectoryConfig(Group):
     every: Integer = integer_field("time steps from one sample to the next", 1, MOST_PERIODS)
 
 
-def _auto(value: object) -> object:
-    """Convert the text "auto" to None, as which a transient that is found is kept."""
-    if value is None:
-        raise ValueError("is not an integer")
-    return None if value == "auto" else value
+def _transient(value: object) -> int | str:
+    """Return a number of periods, or the word auto."""
+    if isinstance(value, str) and value == "auto":
+        return value
+    number = as_integer(value)
+    if not 0 <= number <= MOST_PERIODS:
+        raise ValueError("is not allowed")
+    return number
 
 
 class RecordConfig(Group):
     """Which results of each point are recorded."""
 
-    transient: Annotated[
-        Annotated[int, Field(ge=0, le=MOST_PERIODS), BeforeValidator(as_integer)] | None,
-        BeforeValidator(_auto),
-    ] = Field(
+    transient: Annotated[int | Literal["auto"], BeforeValidator(_transient)] = Field(
         1000,
         json_schema_extra={
             "anyOf": [{"type": "integer", "minimum": 0, "maximum": MOST_PERIODS}, {"const": "auto"}]
@@ -277,23 +255,6 @@ class RecordConfig(Group):
         description="what else to compute of each point: a list of names out of "
         f"{', '.join(DIAGNOSTICS)}",
     )
-
-    @model_validator(mode="after")
-    def _transient_can_be_found(self) -> Self:
-        if self.transient is not None and self.longest is not None:
-            raise MisplacedError(
-                ("record", "longest"), "is only for transient: auto; expected: no longest, or auto"
-            )
-        if self.transient is None and "period" not in self.diagnostics:
-            raise MisplacedError(
-                ("record", "transient"),
-                "auto needs the classes of motions; expected: diagnostics: [period]",
-            )
-        if self.transient is None and self.trajectory:
-            raise MisplacedError(
-                ("record", "transient"), "auto cannot be used with trajectory; expected: an integer"
-            )
-        return self
 
     @field_validator("diagnostics")
     @classmethod

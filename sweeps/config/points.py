@@ -18,7 +18,7 @@ from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name
 from sweeps.config.values import Elsewhere, MisplacedError, null
 from sweeps.grid import table_values
 from sweeps.text import near_miss, printable, shortened, suggestion
-from vibroimpact.inputs import real, typed
+from vibroimpact.inputs import typed
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 #: Longest header of a table; a file without line breaks would be read as a whole.
@@ -292,5 +292,5 @@ def _is_plain(cell: Any) -> bool:
 
 def _number(cell: Any) -> float:
     """Return the number in a cell, or NaN if the cell is not a number."""
-    number = typed(cell) if isinstance(cell, str) else real(cell)
+    number = typed(cell)
     return math.nan if number is None or not _is_plain(cell) else float(number)

@@ -152,10 +152,11 @@ class SweepConfig(Group):
         fixed = {name: axis.first for name, axis in axes.items() if not axis.swept}
         grid = Grid(swept if self.table is None else {TABLE: self.table}, fixed)
         record, follow = self.record, self.follow
+        longest = record.longest or LONGEST_TRANSIENT
         spec = RunSpec(
-            **self.method.arguments,
-            transient=record.transient or 0,
-            longest=(record.longest or LONGEST_TRANSIENT) if record.transient is None else None,
+            **self.method.model_dump(exclude={"allow_unstable"}),
+            transient=0 if record.transient == "auto" else record.transient,
+            longest=longest if record.transient == "auto" else None,
             periods=record.periods,
             phase=record.phase,
             impacts=record.impacts,
@@ -189,33 +190,28 @@ class SweepConfig(Group):
         >>> print(sweeps.load_config(scene).to_yaml().splitlines()[0])
         oscillator:
         """
-        plain = _plain(self)
-        if self.points is None or not table:
-            del plain["points"]
+        plain = _for_yaml(self)
         del plain["output"]
-        del plain["rig" if self.rig is None else "oscillator"]
-        if plain["record"]["transient"] is None:
-            plain["record"]["transient"] = "auto"
-        if plain["record"]["longest"] is None:
-            del plain["record"]["longest"]
-        if self.follow is None:
-            del plain["follow"]
-        else:
-            plain["follow"]["axis"] = self.nomenclature.name(self.follow.axis)
+        if not table:
+            plain.pop("points", None)
         if self.rig is None:
             del plain["units"]["mass"]
+        else:
+            del plain["oscillator"]
         if self.units == UnitsConfig():
             del plain["units"]
+        if self.follow is not None:
+            plain["follow"]["axis"] = self.nomenclature.name(self.follow.axis)
         options: dict[str, Any] = {"sort_keys": False, "default_flow_style": None}
         text: str = yaml.safe_dump(plain, **options, allow_unicode=not ascii)
         # Escape control characters, which a terminal would obey; YAML reads both forms alike.
         return text if printable(text) == text else yaml.safe_dump(plain, **options)
 
 
-def _plain(value: Any) -> Any:
+def _for_yaml(value: Any) -> Any:
     """Convert a value to YAML's types: groups become mappings in the order of their keys."""
     if isinstance(value, Group):
-        return {name: _plain(item) for name, item in value.items()}
+        return {name: _for_yaml(item) for name, item in value.items()}
     if isinstance(value, np.ndarray):
         return {name: value[name].tolist() for name in value.dtype.names or ()}
     return list(value) if isinstance(value, tuple) else value

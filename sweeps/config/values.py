@@ -31,7 +31,7 @@ from pydantic.json_schema import SkipJsonSchema
 
 from sweeps.config.spacing import geometric, linear, steps_to
 from sweeps.text import fewest_digits, near_miss, suggestion
-from vibroimpact.inputs import integer, is_number, real, typed
+from vibroimpact.inputs import integer, typed
 
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).
 Key = tuple[str | int, ...]
@@ -55,27 +55,22 @@ class MisplacedError(ValueError):
         self.key = key
 
 
-def _meant(value: object) -> float | None:
-    """Return the number that a value is or a text means, None if it is none."""
+def as_number(value: object, *, kind: str = "a number") -> float:
+    """Return a value, or what a text means, as a float; ValueError if it is no finite number."""
     if isinstance(value, str) and re.fullmatch(r"[+-]?\d*,\d+", value):
         raise ValueError("has a decimal comma; a number has a decimal point, no comma")
-    return typed(value) if isinstance(value, str) else real(value)
-
-
-def as_number(value: object) -> float:
-    """Return a value, or what a text means, as a float; ValueError if it is no finite number."""
-    number = _meant(value)
+    number = typed(value)
     if number is None:
-        raise ValueError("is not a number")
-    if not is_number(number):
+        raise ValueError(f"is not {kind}")
+    if not math.isfinite(number):
         raise ValueError("is not a finite number")
     return float(number)
 
 
 def as_integer(value: object) -> int:
     """Return a value, or what a text means, as an integer; 1e3 is one, too."""
-    number = _meant(value)
-    if number is None or not float(number).is_integer():
+    number = as_number(value, kind="an integer")
+    if not number.is_integer():
         raise ValueError("is not an integer")
     return int(number)
 
@@ -142,9 +137,11 @@ class Group(BaseModel):
         return group
 
     def items(self) -> Iterator[tuple[str, Any]]:
-        """Yield names and values: first the given keys in their order, then the defaults."""
+        """Yield the keys that have a value here: first the given ones in their order."""
         for name in self._order:
-            yield name, getattr(self, name)
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Elsewhere):
+                yield name, value
 
 
 Number = Annotated[float, BeforeValidator(as_number)]
@@ -181,10 +178,6 @@ class Range(Group):
         if num > MOST_VALUES:
             raise ValueError(f"has {num:,} values, and at most {MOST_VALUES:,} are allowed")
         return {**{key: data[key] for key in data if key != "step"}, "stop": last, "num": num}
-
-    def items(self) -> Iterator[tuple[str, Any]]:
-        """Yield names and values as `Group.items`, without the step, which num has replaced."""
-        return ((name, value) for name, value in super().items() if name != "step")
 
     @model_validator(mode="after")
     def _has_values(self) -> Self:

@@ -163,9 +163,10 @@ def _progress(
         console=console,
         disable=console.quiet,
     ) as bar:
-        there = config.size - sum(map(block_points, pending))
+        size = config.sweep.size
+        there = size - sum(map(block_points, pending))
         described = name + computer.described()
-        task = bar.add_task(described, total=config.size, completed=there, speed="")
+        task = bar.add_task(described, total=size, completed=there, speed="")
 
         def advance(points: int) -> None:
             nonlocal computed

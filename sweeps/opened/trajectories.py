@@ -149,7 +149,7 @@ def continued(
     the last state that is not beyond it is used. Raises Refused if there is no such state, or if
     the motion cannot be computed.
     """
-    x, v = states
+    (x, v), spec = states, config.sweep.spec
     allowed = np.flatnonzero(x <= oscillator.clearance)
     if not len(allowed):
         raise Refused("every recorded state of the section is beyond the stop at this point")
@@ -158,16 +158,18 @@ def continued(
         motion = simulate(
             oscillator,
             periods,
-            **config.method.arguments,
+            spec.integrator,
+            spec.impact,
+            spec.steps_per_period,
             x0=float(x[last]),
             v0=float(v[last]),
-            phase=config.record.phase,
+            phase=spec.phase,
         )
     except ValueError as error:
         raise Refused(str(error)) from error
     if motion.status.failed:
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
-    turns = config.sweep.spec.transient + last + 1
-    turns += begun > config.record.phase  # it passes the section after 2 pi
+    turns = spec.transient + last + 1
+    turns += begun > spec.phase  # it passes the section after 2 pi
     rows = np.stack([motion.t, motion.x, motion.v])
     return PointMotion.of(oscillator, config, [rows], periods, most, begun, turns)

@@ -127,7 +127,7 @@ def status_name(outcome: Status) -> str:
 def record_text(drawn: xr.Dataset, coordinate: str = "poincare_x") -> str:
     """Write a phase that is not 0, the transient and the periods, and impacts left out."""
     kept = config_of(drawn).record
-    transient = "auto" if kept.transient is None else f"{kept.transient:,}"
+    transient = "auto" if kept.transient == "auto" else f"{kept.transient:,}"
     parts = [f"phase {kept.phase:.6g} rad"] if kept.phase else []
     parts += [f"transient {transient}", f"record {kept.periods:,} periods"]
     if COORDINATES[coordinate].dimension == "impact" and (text := impacts_left_out(drawn)):

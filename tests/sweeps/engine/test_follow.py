@@ -24,7 +24,7 @@ def by_hand(config, point, axis, values):
     common = {
         "integrator": method.integrator,
         "impact": method.impact,
-        "steps_per_period": config.method.steps_per_period,
+        "steps_per_period": method.steps_per_period,
         "transient": record.transient,
         "periods": record.periods,
         "phase": record.phase,
@@ -47,7 +47,8 @@ def by_hand(config, point, axis, values):
             )
             here["x0"], here["v0"] = before["poincare_x"][0], before["poincare_v"][0]
             here["phase"] = record.phase
-            scheme = scheme_of(here, **method.arguments, phase=record.phase)
+            own = {"integrator", "impact", "steps_per_period", "phase"}
+            scheme = scheme_of(here, **{name: common[name] for name in own})
             every = record.trajectory.every
             found |= trajectories(here, scheme, record.periods, record.transient, every)
         state = found["poincare_x"][0, -1], found["poincare_v"][0, -1]
