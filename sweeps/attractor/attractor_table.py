@@ -15,18 +15,12 @@ import xarray as xr
 from sweeps.attractor.partition import SETS, GridIndex
 from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.config.sweep import SweepConfig
-from sweeps.errors import Refused
-from sweeps.opened.cuts import START_AXES, Selection, cut_at, swept_axes
-from sweeps.opened.dataset import (
-    config_of,
-    headed,
-    nomenclature_of,
-    parameter_at_points,
-    points_of,
-)
-from sweeps.opened.motions import different, run_on
-from sweeps.store import columns_of
-from sweeps.text import choice_of, shown_count, shown_range, table
+from sweeps.grid import TABLE
+from sweeps.opened.cuts import START_AXES, Selection, places
+from sweeps.opened.dataset import config_of, headed, nomenclature_of, points_of, values_of
+from sweeps.opened.motions import run_on
+from sweeps.store import DIRECTION, columns_of
+from sweeps.text import shown_count, shown_range, table
 from vibroimpact.points.regimes import Label, Regime, rest_of
 
 if TYPE_CHECKING:
@@ -87,21 +81,16 @@ class AttractorRow(NamedTuple):
 def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
     """Return the names of the swept axes, or of the columns of a table, that are not starts."""
     known = nomenclature_of(dataset).parameters
-    names = [name for name in columns_of(dataset) if name in known] or swept_axes(dataset)
-    return tuple(name for name in names if name not in START_AXES)
+    names = map(str, columns_of(dataset) or dataset["status"].dims)
+    return tuple(name for name in names if name in known and name not in START_AXES)
 
 
 def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
     """Fix parameters and the phase of the starts at the grid values nearest to `at`.
 
-    All starts there are kept; other names are refused.
+    All other starts there are kept.
     """
-    axes = [*parameter_axes(dataset), *(name for name in swept_axes(dataset) if name == "phase")]
-    for name in at:
-        if name not in axes:
-            raise Refused(f"{name} cannot be fixed here; {choice_of(axes)}")
-    free = [name for name in map(str, dataset["status"].dims) if name not in at]
-    return cut_at(dataset, at, free=free)
+    return dataset.isel(places(dataset, at, kept=("x0", "v0", DIRECTION, TABLE)))
 
 
 def attractor_rows(dataset: xr.Dataset, result: xr.Dataset) -> list[AttractorRow]:
@@ -118,8 +107,8 @@ def attractor_rows(dataset: xr.Dataset, result: xr.Dataset) -> list[AttractorRow
     file = np.empty((index.parameter.max() + 1, index.start.max() + 1), np.int64)
     file[index.parameter, index.start] = np.arange(len(index.start))
     place = file[np.flatnonzero(is_there) // result.sizes["coexisting"], frame["representative"]]
-    points = points_of(dataset, place)
-    swept = {name: parameter_at_points(dataset, name)[place] for name in parameter_axes(dataset)}
+    points = points_of(dataset)[place]
+    swept = values_of(dataset, parameter_axes(dataset))
     points["x0"], points["v0"] = frame["section_x"], frame["section_v"]
     m = np.where(frame["motion"] == Regime.PERIODIC, frame["m"], 0)
     orbits = orbits_of(config_of(dataset), points, m, frame["q"].values)
@@ -128,7 +117,7 @@ def attractor_rows(dataset: xr.Dataset, result: xr.Dataset) -> list[AttractorRow
     }
     return [
         AttractorRow(
-            {name: values[i].item() for name, values in swept.items()},
+            {name: values.flat[place[i]].item() for name, values in swept.items()},
             row.number,
             Regime(row.motion),
             row.m,
@@ -150,14 +139,11 @@ def orbits_of(
     They start from the states of `points` at the section. Motions of m = 0 have neither.
     """
     orbits = [(np.empty(0), np.empty((0, 2)))] * len(points)
-    rows, of_row = different([m, q])
-    for i, (periods, impacts) in enumerate(zip(m[rows].tolist(), q[rows].tolist(), strict=True)):
-        if periods:
-            at = np.flatnonzero(of_row == i)
-            sections, hits = run_on(config, points[at], periods, impacts)
-            speeds = np.sort(hits[:, :, 1])
-            for place, *orbit in zip(at.tolist(), speeds, sections, strict=True):
-                orbits[place] = orbit[0][np.isfinite(orbit[0])], orbit[1]
+    for periods, impacts in np.unique(np.stack([m, q], axis=1)[m > 0], axis=0).tolist():
+        at = np.flatnonzero((m == periods) & (q == impacts))
+        sections, hits = run_on(config, points[at], periods, impacts)
+        for place, speeds, states in zip(at.tolist(), hits[:, :, 1], sections, strict=True):
+            orbits[place] = np.sort(speeds[np.isfinite(speeds)]), states
     return orbits
 
 

@@ -93,7 +93,7 @@ def with_measures(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
     number, m = (found[name].values.reshape(grid) for name in ("number", "m"))
     at = np.nonzero(np.isin(found["motion"].values.reshape(grid), COUNTED))
     state = (found[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
-    points = points_of(dataset.isel(x0=0, v0=0), at[0])
+    points = points_of(dataset.isel(x0=0, v0=0))[at[0]]
     points["x0"], points["v0"] = state
     periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if m is not known
     longest = int(periods.max(initial=1))
@@ -107,7 +107,7 @@ def with_measures(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
     for (name, about), values in zip(_BASIN_MEASURES.items(), measures, strict=True):
         shaped = values.reshape(found["number"].shape)
         shaped = shaped == 1.0 if name.endswith("edge") else shaped
-        found[name] = (found["number"].dims, shaped, attributes_with_unit(config, *about))
+        found[name] = (found["number"].dims, shaped, attributes_with_unit(dataset, *about))
     return found
 
 

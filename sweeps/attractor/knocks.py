@@ -129,10 +129,10 @@ def knocks(
         motions.worst(number, limit) if number in sought else Knock(harmful=math.nan)
         for number in found["number"].values.tolist()
     ]
-    config, columns = config_of(starts), zip(*rows, strict=True)
+    columns = zip(*rows, strict=True)
     return found.assign(
         {
-            f"knock_{name}": ("coexisting", list(column), attributes_with_unit(config, *about))
+            f"knock_{name}": ("coexisting", list(column), attributes_with_unit(starts, *about))
             for (name, about), column in zip(_KNOCK_FIELDS.items(), columns, strict=True)
         }
     )

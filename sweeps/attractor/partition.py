@@ -187,7 +187,9 @@ def attractors(
     parameter, members = index.parameter[heads], np.bincount(of_point[of_point >= 0])
     fraction = members / np.bincount(parameter, members)[parameter]
     number = _numbers(config, index, motions[heads], parameter, fraction)
-    shown = _recorded_members(of_point, heads, followed)
+    recorded = np.flatnonzero((of_point >= 0) & ~followed)[::-1]
+    shown = heads.copy()
+    shown[of_point[recorded]] = recorded  # where the record of a member shows it, the first such
     motion, m = motions[shown], np.zeros(len(heads) + 1, np.int64)
     np.maximum.at(m, of_point, motions["m"])  # not every motion with rest shows after how many
     x, v = motion["point"]["x0"], motion["point"]["v0"]
@@ -195,7 +197,7 @@ def attractors(
         number, fraction, motion["regime"], m[:-1], motion["q"], ~followed[shown], x, v,
         index.start[shown],
     )  # fmt: skip
-    data = _by_rank(config, index, parameter, dict(zip(_ATTRACTOR_COLUMNS, columns, strict=True)))
+    data = _by_rank(dataset, index, parameter, dict(zip(_ATTRACTOR_COLUMNS, columns, strict=True)))
     counted = np.bincount(
         parameter[np.isin(motion["regime"], COUNTED)], minlength=math.prod(index.shape)
     ).reshape(index.shape)
@@ -210,7 +212,7 @@ def attractors(
 
 
 def _by_rank(
-    config: SweepConfig,
+    dataset: xr.Dataset,
     index: GridIndex,
     parameter: np.ndarray,
     columns: Mapping[str, np.ndarray],
@@ -224,7 +226,7 @@ def _by_rank(
         missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
         grid = np.full((*index.shape, int(rank.max(initial=0)) + 1), missing, values.dtype)
         grid.reshape(-1, grid.shape[-1])[parameter, rank] = values
-        about = attributes_with_unit(config, *_ATTRACTOR_COLUMNS[name])
+        about = attributes_with_unit(dataset, *_ATTRACTOR_COLUMNS[name])
         data[name] = (*index.parameters, "coexisting"), grid, about
     data["motion"][2]["flag_values"] = np.array(list(Regime))
     data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)
@@ -259,15 +261,6 @@ def attractors_of(
     representative[others] = others[first[number]]
     heads = np.unique(representative[representative >= 0])
     return heads, np.where(representative < 0, -1, np.searchsorted(heads, representative))
-
-
-def _recorded_members(of_point: np.ndarray, heads: np.ndarray, followed: np.ndarray) -> np.ndarray:
-    """Return a point on each attractor, if possible one whose record shows the attractor."""
-    shown = np.flatnonzero((of_point >= 0) & ~followed)
-    attractor, first = np.unique(of_point[shown], return_index=True)
-    members = heads.copy()
-    members[attractor] = shown[first]
-    return members
 
 
 def _numbers(

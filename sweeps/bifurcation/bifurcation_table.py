@@ -19,7 +19,7 @@ import xarray as xr
 
 from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.bifurcation.explanations import NO_LABEL, changes_of_class, explain, least_difference
-from sweeps.opened.cuts import START_AXES, Selection, chosen_axes, cut_at, swept_axes
+from sweeps.opened.cuts import START_AXES, Selection, chosen_axes, places, swept_axes
 from sweeps.opened.dataset import check_diagnostic, config_of, headed, nomenclature_of
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import OF_MOTIONS, labels, motions_of
@@ -146,8 +146,7 @@ def find_bifurcations(
 
     (along,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "list of bifurcations")
     check_diagnostic(dataset, "period")
-    free = [str(name) for name in dataset["status"].dims if name not in (at or {})]
-    data = cut_at(dataset, at, free=[along, *free])
+    data = dataset.isel(places(dataset, at or {}, kept=[along]))
     others = [str(name) for name in data["status"].dims if name != along]
     data = data.sortby(along)
     read = [name for name in data if name in OF_MOTIONS]

@@ -275,11 +275,14 @@ def named(source: object) -> Iterator[None]:
         raise Refused(f"{source}: {error}") from error
 
 
-def say_moved(requested: Selection, cut: Selection, verb: str) -> None:
+def say_moved(dataset: xr.Dataset, requested: Selection, verb: str) -> None:
     """Report each requested value that is not on the grid, and the value used instead."""
+    from sweeps.opened.cuts import places
+
+    used = dataset.isel(places(dataset, requested))
     for name, value in requested.items():
-        if value != cut[name]:
-            asked, there = told_apart(float(value), float(cut[name]))
+        if isinstance(value, float) and not math.isclose(value, used[name].item(), rel_tol=1e-9):
+            asked, there = told_apart(value, used[name].item())
             say(f"{name} = {asked} is not on the grid; {verb} at {name} = {there}", error=True)
 
 

@@ -101,7 +101,7 @@ def plot_command(
     no_marks: NoMarks = False,
 ) -> None:
     """Draw a picture from the file of each sweep."""
-    from sweeps.opened.cuts import on_grid, several
+    from sweeps.opened.cuts import several
     from sweeps.plotting.api import check_kind
     from sweeps.plotting.saving import check_picture, refuse_replacing
 
@@ -158,7 +158,7 @@ def plot_command(
                 shown = dataset if kind == "basins" else several(dataset, lists)
                 draw_picture(shown, figure, kind, cuts, page, csv, **options)
                 for name, value in ((axis, one) for axis in lists for one in lists[axis]):
-                    say_moved({name: value}, on_grid(dataset, {name: value}), "drawn")
+                    say_moved(dataset, {name: value}, "drawn")
 
 
 def _check_several(lists: Mapping[str, list[float]], kind: str | None, color: str | None) -> None:
@@ -217,24 +217,22 @@ def draw_picture(
     **options: Any,
 ) -> None:
     """Write a picture of an opened sweep; report its file and the choices made for it."""
-    from sweeps.opened.cuts import on_grid
     from sweeps.plotting import Page, plot
     from sweeps.plotting.api import check_options, default_kind, silent_cuts
 
-    cut = on_grid(dataset, cuts)
     chosen = {name: value for name, value in options.items() if value is not None}
-    kind = default_kind(dataset, cut, **chosen) if kind is None else kind
+    kind = default_kind(dataset, cuts, **chosen) if kind is None else kind
     check_options(kind, chosen)
     lines: list[str] = []
     table: pd.DataFrame | None = None
     if "exact" in chosen:
-        chosen["exact"], lines, table = _exact(dataset, kind, cut, chosen)
+        chosen["exact"], lines, table = _exact(dataset, kind, cuts, chosen)
     command = shlex.join(["vibroimpact", *sys.argv[1:]])
     with progress_shown("drawing"):
-        written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **chosen)
-    say_moved(cuts, cut, "drawn")
+        written = plot(dataset, figure, kind, cuts, page=Page(**page), command=command, **chosen)
+    say_moved(dataset, cuts, "drawn")
     picks = chosen.get("axes", ()), chosen.get("color")
-    fixed = {**cut, **dict.fromkeys(chosen.get("beside", ()), 0.0)}
+    fixed = {**cuts, **dict.fromkeys(chosen.get("beside", ()), 0.0)}
     for name, value in silent_cuts(dataset, kind, fixed, *picks).items():
         shown, size = f"{value:g}" if isinstance(value, float) else value, dataset.sizes[name]
         say(f"{name} = {shown}, the first of {size}: --at {name}=VALUE takes another", error=True)

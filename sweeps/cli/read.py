@@ -50,17 +50,15 @@ def attractors_command(
     from sweeps.attractor.attractor_table import cut
     from sweeps.attractor.partition import attractors
     from sweeps.opened.csv_tables import refuse_points
-    from sweeps.opened.cuts import on_grid
 
     cuts = selection_of(at)
     with opened_in_si(file) as dataset, named(file):
         if csv is not None:
             refuse_points(dataset, csv)
-        here = on_grid(dataset, cuts)
-        shown = cut(dataset, here)
+        shown = cut(dataset, cuts)
         with progress_shown("looking for attractors"):
             found = attractors(shown)
-        say_moved(cuts, here, "shown")
+        say_moved(dataset, cuts, "shown")
         _show_attractors(shown, found, csv, json)
 
 
@@ -74,18 +72,16 @@ def integrity_command(
     from sweeps.attractor.attractor_table import cut
     from sweeps.attractor.integrity import integrity
     from sweeps.attractor.knocks import knocks
-    from sweeps.opened.cuts import on_grid
     from sweeps.opened.dataset import config_of
 
     cuts = selection_of(at)
     with opened_in_si(file) as dataset, named(file):
-        here = on_grid(dataset, cuts)
-        shown = cut(dataset, here)
+        shown = cut(dataset, cuts)
         with progress_shown("measuring the integrity of attractors"):
             found = integrity(shown)
             if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
                 found = knocks(shown, found)
-        say_moved(cuts, here, "shown")
+        say_moved(dataset, cuts, "shown")
         _show_attractors(shown, found, csv, json)
 
 
@@ -194,15 +190,13 @@ def _show_bifurcations(
     from sweeps.bifurcation.exact_branches import branches
     from sweeps.bifurcation.kept import with_cache
     from sweeps.opened.csv_tables import write_csv
-    from sweeps.opened.cuts import on_grid
     from sweeps.opened.json_text import json_text
 
-    here = on_grid(dataset, cuts)
     notes = list[str]()
     with progress_shown("following exact orbits") as report:
         find = with_cache(branches, notes.append)
-        found = find_bifurcations(dataset, axis, here, report, find, **chosen)
-    say_moved(cuts, here, "listed")
+        found = find_bifurcations(dataset, axis, cuts, report, find, **chosen)
+    say_moved(dataset, cuts, "listed")
     listed = public_table(found)
     if json:
         rows = listed.to_dict("records")
@@ -265,17 +259,16 @@ def export_command(
     """Write a row for every point, with its single-number results, or every section or impact."""
     from sweeps.opened.coordinates import impacts_left_out
     from sweeps.opened.csv_tables import ROWS, check_table, write_rows
-    from sweeps.opened.cuts import on_grid, part
+    from sweeps.opened.cuts import part
 
     if rows not in ROWS:
         raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")
     cuts = selection_of(at)
     check_table(output)
     with opened_in_si(file) as dataset, named(file):
-        here = on_grid(dataset, cuts)
-        cut = part(dataset, here)
+        cut = part(dataset, cuts)
         written = write_rows(cut, output, rows)
         left_out = impacts_left_out(cut) if rows == "impacts" else ""
-        say_moved(cuts, here, "written")
+        say_moved(dataset, cuts, "written")
     points = "; the file has only the " + left_out + " of a point" if left_out else ""
     say(f"{output}: {written:,} {'row' if written == 1 else 'rows'}{points}")

@@ -10,7 +10,7 @@ import xarray as xr
 
 from sweeps.errors import Refused
 from sweeps.opened.cuts import Selection, cut_at
-from sweeps.opened.dataset import config_of, results_of
+from sweeps.opened.dataset import config_of, values_of
 from sweeps.store.variables import VARIABLES, Variable
 from sweeps.text import listed
 from vibroimpact.points.regimes import impacts_met, shown_in_part
@@ -78,7 +78,7 @@ def impacts_left_out(dataset: xr.Dataset) -> str:
 
 def shows_part(dataset: xr.Dataset) -> np.ndarray:
     """Return the mask of the points of which less than a repetition of impacts was kept."""
-    results = results_of(dataset, ("impacts_per_period", "period", "period_impacts"))
+    results = values_of(dataset, ("impacts_per_period", "period", "period_impacts"))
     return shown_in_part(results, config_of(dataset).record.periods, dataset.sizes["impact"])
 
 

@@ -35,19 +35,20 @@ def split_directions(line: xr.Dataset) -> list[xr.Dataset]:
     return [line.sel({DIRECTION: direction}) for direction in directions(line)] or [line]
 
 
-def on_grid(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
-    """Replace values that are not on the grid, except for rounding, by the nearest grid values.
+def places(dataset: xr.Dataset, at: Selection, kept: Collection[str] = ()) -> dict[str, int]:
+    """Return the index of the grid value nearest to each value of `at`, and of its direction.
 
-    Raises Refused if there is no such swept axis or direction, or if a value is outside its axis.
+    Refuses names that are no swept axis, or are in `kept`, and values outside their axis.
     """
-    axes = swept_axes(dataset)
-    fixed_at: dict[str, float | str] = {}
+    axes = [name for name in swept_axes(dataset) if name not in kept]
+    found = dict[str, int]()
     for name, value in at.items():
-        if name == DIRECTION:
-            fixed_at[name] = _direction(dataset, str(value))
+        if name == DIRECTION and name not in kept:
+            found[name] = _place_of_direction(dataset, str(value))
             continue
         if name not in axes:
-            meant = suggestion(near_miss(name, axes))
+            known = name in dataset["status"].dims
+            meant = "" if known else suggestion(near_miss(name, axes))
             raise Refused(f"{name} cannot be fixed here{meant}; {choice_of(axes)}")
         if isinstance(value, str):
             raise Refused(f"{name} = {value} is not a number")
@@ -57,60 +58,44 @@ def on_grid(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
         if not low - slack <= value <= high + slack:
             asked, first, last = told_apart(value, low, high)
             raise Refused(f"{name} = {asked} is outside the sweep: {first} to {last}")
-        closest = float(values[np.argmin(np.abs(values - value))])
-        fixed_at[name] = value if abs(closest - value) <= slack else closest
-    return fixed_at
+        found[name] = int(np.argmin(np.abs(values - value)))
+    return found
 
 
-def _direction(dataset: xr.Dataset, name: str) -> str:
-    """Return the name of a direction of the sweep; refuse any other name."""
+def _place_of_direction(dataset: xr.Dataset, name: str) -> int:
+    """Return the index of a direction of the sweep; refuse any other name."""
     valid = directions(dataset)
     if not valid:
         raise Refused("direction cannot be fixed here; the sweep was not followed in both")
     if name not in valid:
         meant = suggestion(near_miss(name, valid))
         raise Refused(f"there is no direction {name}{meant}; choose from: {listed(valid)}")
-    return name
+    return valid.index(name)
 
 
 def cut_at(dataset: xr.Dataset, at: Selection | None, free: Collection[str] = ()) -> xr.Dataset:
-    """Fix each swept axis that is not in `free` at the grid value nearest to `at`, or at its first.
+    """Fix each axis that is not in `free` at the grid value nearest to `at`, or at its first.
 
-    ``direction`` is also fixed at its first value, unless it is in `free` or `at`.
+    ``direction`` is an axis, too; `at` may fix it also if it is in `free`.
     """
-    axes = [name for name in swept_axes(dataset) if name not in free]
-    for name in at or {}:
-        if name in free and name != DIRECTION:
-            raise Refused(f"{name} cannot be fixed here; {choice_of(axes)}")
-    if directions(dataset) and DIRECTION not in free:
-        axes.append(DIRECTION)
-    return dataset.isel(dict.fromkeys(axes, 0) | _places(dataset, at or {}))
+    first = {str(name): 0 for name in dataset["status"].dims if name not in free}
+    return dataset.isel(first | places(dataset, at or {}, {*free} - {DIRECTION}))
 
 
 def part(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
     """Return the points of a sweep at the grid values nearest to `at`, with all its dimensions."""
-    return dataset.isel({name: slice(i, i + 1) for name, i in _places(dataset, at).items()})
+    return dataset.isel({name: slice(i, i + 1) for name, i in places(dataset, at).items()})
 
 
 def several(dataset: xr.Dataset, at: Mapping[str, Sequence[float]]) -> xr.Dataset:
     """Return the points of a sweep at the grid values nearest to several values of axes."""
     for name, values in at.items():
-        places = {_places(dataset, {name: value})[name] for value in values}
-        if len(places) < len(values):
+        chosen = {places(dataset, {name: value})[name] for value in values}
+        if len(chosen) < len(values):
             given = listed([f"{value:.12g}" for value in values])
             raise Refused(f"{name} = {given}: two of these have the same nearest grid value")
-        dataset = dataset.isel({name: sorted(places)})
+        dataset = dataset.isel({name: sorted(chosen)})
     return dataset
-
-
-def _places(dataset: xr.Dataset, at: Selection) -> dict[str, int]:
-    """Return the index of the grid value nearest to each value of `at`, or of its direction."""
-    return {
-        name: directions(dataset).index(value)
-        if isinstance(value, str)
-        else int(np.argmin(np.abs(dataset[name].values - value)))
-        for name, value in on_grid(dataset, at).items()
-    }
 
 
 def chosen_axes(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from functools import lru_cache
 
@@ -15,32 +15,29 @@ from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.store.variables import VARIABLES, columns_of
-from sweeps.text import unit_name
+from sweeps.text import in_units, unit_name
 from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator
 
 #: Attribute that marks a dataset with the names and in the units of its reader.
 IN_SI = "in_si"
 
 
-def results_of(dataset: xr.Dataset, names: Collection[str]) -> dict[str, np.ndarray]:
-    """Return results as arrays in the shape of ``status``, without those that are not recorded."""
-    axes = dataset["status"].dims
-    return {name: dataset[name].transpose(*axes, ...).values for name in names if name in dataset}
+def values_of(dataset: xr.Dataset, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Return parameters, swept or not, and those results that are recorded, at every point.
+
+    The arrays have the shape of ``status``, followed by that of a record.
+    """
+    points = dataset["status"].sizes
+    variables = {name: dataset[name].variable for name in names if name in dataset}
+    return {name: one.set_dims({**points, **one.sizes}).values for name, one in variables.items()}
 
 
-def points_of(dataset: xr.Dataset, at: np.ndarray | slice = np.s_[:]) -> np.ndarray:
-    """Return the points of an opened sweep, of dtype POINT, in C order; or those `at` these."""
-    columns = {name: parameter_at_points(dataset, name)[at] for name in PARAMETERS}
-    points = np.empty(len(columns["h"]), POINT)
-    for name, column in columns.items():
-        points[name] = column
+def points_of(dataset: xr.Dataset) -> np.ndarray:
+    """Return the points of an opened sweep, of dtype POINT, in C order."""
+    points = np.empty(dataset["status"].size, POINT)
+    for name, values in values_of(dataset, PARAMETERS).items():
+        points[name] = values.ravel()
     return points
-
-
-def parameter_at_points(dataset: xr.Dataset, name: str) -> np.ndarray:
-    """Return a parameter, swept or not, at every point of an opened sweep, in C order."""
-    values: np.ndarray = dataset[name].variable.set_dims(dataset["status"].sizes).values
-    return values.ravel()
 
 
 def config_of(dataset: xr.Dataset) -> SweepConfig:
@@ -81,9 +78,10 @@ def _parsed(configuration: str) -> SweepConfig:
     return stored_config(configuration, "its configuration", "sweep")
 
 
-def attributes_with_unit(config: SweepConfig, meaning: str, unit: str) -> dict[str, str]:
+def attributes_with_unit(dataset: xr.Dataset, meaning: str, unit: str) -> dict[str, str]:
     """Return the attributes of what is computed from a sweep, with the names of its units."""
-    return {"long_name": meaning, "units": config.nomenclature.unit(unit)}
+    called = {key: dataset.attrs.get(f"{key}_unit", key) for key in ("length", "time")}
+    return {"long_name": meaning, "units": in_units(unit, called)}
 
 
 def headed(name: str, variable: xr.DataArray) -> str:

@@ -12,9 +12,8 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.opened.dataset import (
     config_of,
     oscillator_of,
-    parameter_at_points,
     points_of,
-    results_of,
+    values_of,
 )
 from sweeps.opened.section_distance import ORBIT_TOLERANCE, Cycles, distances
 from vibroimpact.orbits.branches import SpecialPoint, branch
@@ -35,29 +34,27 @@ from vibroimpact.points.run_spec import RunSpec
 
 def classify(dataset: xr.Dataset) -> np.ndarray:
     """Return the `Regime` at every point of a sweep with ``period``, in the shape of ``status``."""
-    results = results_of(dataset, OF_REGIMES)
-    omega = parameter_at_points(dataset, "omega").reshape(dataset["status"].shape)
-    return regimes_of(results, omega, dataset.sizes["section"])
+    values = values_of(dataset, (*OF_REGIMES, "omega"))
+    return regimes_of(values, values["omega"], dataset.sizes["section"])
 
 
 def approaching(dataset: xr.Dataset) -> np.ndarray:
     """Return the mask of the points whose motion is on its way to its orbit."""
     if "orbit_distance" not in dataset:
         return np.zeros(dataset["status"].shape, bool)
-    (distance,) = results_of(dataset, ["orbit_distance"]).values()
-    return on_its_way(classify(dataset), distance)
+    return on_its_way(classify(dataset), *values_of(dataset, ["orbit_distance"]).values())
 
 
 def classes_of(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return regime, m and q at every point, in the shape of ``status``, as `repetitions`."""
-    regimes, results = classify(dataset), results_of(dataset, ("period", "period_impacts"))
+    regimes, results = classify(dataset), values_of(dataset, ("period", "period_impacts"))
     return regimes, *repetitions(regimes, *results.values())
 
 
 def labels(line: xr.Dataset) -> list[Label | None]:
     """Return the class at every point of a line with ``period``; None if it is not known."""
-    R = parameter_at_points(line, "R")
-    return labels_of(classify(line), line["period"].values, line["period_impacts"].values, R)
+    results = values_of(line, ("period", "period_impacts", "R"))
+    return labels_of(classify(line), *results.values())
 
 
 #: The motion of a point. The start of its `point` is the state of its orbit at the last section,
@@ -73,7 +70,7 @@ def motions_of(cut: xr.Dataset) -> np.ndarray:
     points, shape = points_of(cut), cut["status"].shape
     results = {
         name: values.reshape(len(points), *values.shape[len(shape) :])
-        for name, values in results_of(cut, names).items()
+        for name, values in values_of(cut, names).items()
     }
     return motions_from(config_of(cut).sweep.spec, points, results).reshape(shape)
 
