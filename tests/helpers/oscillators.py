@@ -337,3 +337,8 @@ class SectionMap:
             v, beside = flight(t)[1], flight(t + mp.mpf(10) ** -15)[1]
             t -= v * mp.mpf(10) ** -15 / (beside - v)
         return flight(t)[0] - self.parameters["clearance"]
+
+
+def special(found, kind):
+    """Return the values of the special points of a kind on a branch, in order."""
+    return sorted(point.value for point in found.special if point.kind == kind)

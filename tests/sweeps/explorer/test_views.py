@@ -1,9 +1,7 @@
-"""The live picture without a browser: views, pixels, the thread that computes, and the server."""
+"""The live picture without a browser: views, their diagrams and pixels, and what is refused."""
 
 import re
 import sys
-import threading
-import time
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -13,20 +11,10 @@ from bokeh.models import LogScale
 
 import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
-from sweeps.attractor.attractor_table import attractor_rows
-from sweeps.attractor.partition import attractors
-from sweeps.explorer.figures import without_tex
 from sweeps.explorer.live_diagram import Diagram, density, numbers, ordinates, ramp
-from sweeps.explorer.live_maps import Filling
 from sweeps.explorer.live_motion import motion_at
 from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View, bounds
-from sweeps.explorer.worker import Step, Worker
-from sweeps.interrupts import check
-from sweeps.opened.motions import classes_of
-from sweeps.plotting import style
-from sweeps.plotting.basin_pictures import basin_cells
-from sweeps.plotting.looks import Looks, period_cells
 from sweeps.plotting.style import PARTIAL
 from tests.helpers.commands import refused
 from tests.helpers.places import CONFIGS
@@ -35,11 +23,6 @@ from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.status import Status
 
 SCENES = [path for path in sorted(CONFIGS.glob("*.yaml")) if path.stem != "tolerances"]  # a table
-
-
-@pytest.fixture
-def view():
-    return View.of(load_config(CONFIGS / "quickstart.yaml"))
 
 
 def test_a_picture_that_comes_late_leaves_the_ordinate_of_a_newer_view(view):
@@ -194,81 +177,6 @@ def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
     page.worker.shutdown()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("tab", [MAP, BASINS])
-def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, tab, tmp_path):
-    view = replace(view, record={**view.record, "transient": 100, "periods": 30})
-    view = view.moved(h=0.0, omega=1.3) if tab == BASINS else view
-    config, (x, y) = view.tiles(tab, 50, 30), (name for name, _ in view.plane(tab))
-    filling = Filling(config, x, tab == BASINS)
-    shares = [np.mean(filling.advance(stop).pixels > 0) for stop in filling.stops]
-    assert filling.stops[0] == 4 and shares[0] > 0.9  # two cells by two, each of 27 pixels
-    tiles = filling.advance(config.sweep.grid.size)
-    whole = open_sweep(run_sweep(config, tmp_path / "whole.h5")).transpose(y, x, ...)
-    if tab == MAP:
-        cells = period_cells(*classes_of(whole), hatched=False)
-        cells = [cell for cell in cells if cell.where.any()]
-    else:
-        result = attractors(whole, extensions=0)
-        found = result["attractor"].values
-        cells = basin_cells(attractor_rows(whole, result), found, Looks.of(result), config)
-    assert len(cells) == len(tiles.kinds) > 1
-    for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
-        label, *seen = kind
-        assert label.partition("; disc")[0] == without_tex(cell.label)
-        assert seen == [cell.colour, pytest.approx(cell.where.mean())]
-        np.testing.assert_array_equal(tiles.pixels == number, cell.where)
-
-
-@pytest.mark.slow
-def test_a_map_has_the_name_of_its_class_in_every_region_with_room(view):
-    """A name stands on points of its class, and the two largest classes have one."""
-    view = replace(view, record={**view.record, "transient": 100, "periods": 20})
-    config = view.tiles(MAP, 240, 180)
-    filling = Filling(config, view.axis, basins=False)
-    third = [stop for stop in filling.stops if stop <= 240 * 180 / 9]
-    assert filling.advance(third[-2]).names == []
-    at_third, complete = (filling.advance(stop).names for stop in (third[-1], 240 * 180))
-    assert at_third == complete != []
-    m, q = (filling._as_seen(filling._classes[name]) for name in ("m", "q"))
-    shares = {}
-    for name, column, row, _ in complete:
-        if not name.startswith("rest"):
-            assert name == f"{m[row, column]}/{q[row, column]}"
-            shares[name] = np.mean((m == m[row, column]) & (q == q[row, column]))
-    assert {"1/1", "2/2"} <= set(shares)
-    assert sum(shares.values()) > 0.4
-
-
-def test_the_shares_of_a_part_of_a_map_are_those_of_the_whole(view):
-    """A class that fills the left or the lower half has half of the points at every stop."""
-    config = view.tiles(MAP, 160, 120)
-    filling = Filling(config, view.axis, basins=False)
-    places = np.unravel_index(filling._order, config.sweep.grid.shape)
-    for place, size in zip(places, config.sweep.grid.shape, strict=True):
-        shares = [np.mean(place[:stop] < size // 2) for stop in filling.stops if stop > 400]
-        assert len(shares) > 10 and np.ptp([*shares, 0.5]) < 0.03
-
-
-def test_more_basins_than_colours_share_one():
-    """Without force and losses, every start is an attractor. A pixel has 256 values."""
-    x0, v0 = {"start": -5.0, "stop": 4.0, "num": 20}, {"start": 0.1, "stop": 5.0, "num": 15}
-    config = load_config(
-        {
-            "oscillator": {"h": 0, "R": 1, "omega": 1, "f": 0, "clearance": 10},
-            "start": {"x0": x0, "v0": v0},
-            "record": {"transient": 0, "periods": 4},
-        }
-    )
-    tiles = Filling(config, "x0", basins=True).advance(300)
-    *six, (label, _, share) = tiles.kinds
-    assert len(six) == len(tiles.discs) == 6 and all("disc" in label for label, *_ in six)
-    assert [colour for _, colour, _ in six] == [style.CLASSES[1, 0], *style.FURTHER]
-    assert len({label.partition("at x=")[2] for label, *_ in six}) == 6
-    assert label == "294 other periodic attractors: 98.0 %" and share == pytest.approx(0.98)
-    assert np.bincount(tiles.pixels.ravel()).tolist() == [0, 1, 1, 1, 1, 1, 1, 294]
-
-
 LOGARITHMIC = {
     "oscillator": {
         "h": {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"},
@@ -373,51 +281,6 @@ def test_points_that_show_part_of_a_repetition_are_marked(tmp_path):
         np.testing.assert_array_equal(source.data["x"], marked)
         assert item.visible == page.diagram.legend.visible == bool(marked)
     page.worker.shutdown()
-
-
-def test_only_the_newest_request_is_finished():
-    started, shown, others = threading.Event(), [], set(threading.enumerate())
-    worker = Worker(lambda call: call(), shown.append)
-
-    def compute(i):
-        started.set()
-        for _ in range(1000 if i else 1):
-            check()
-            time.sleep(0.01)
-        return i
-
-    def step(i):
-        return Step("picture", i, lambda: compute(i), lambda result, seconds: shown.append(result))
-
-    try:
-        worker.ask([step(0)])  # the first one compiles, and is not cancelled
-        worker.submit(int).result()
-        for i in (1, 2, 3):
-            started.clear()
-            worker.ask([step(i)])
-            assert started.wait(300)
-        assert shown == [0]
-        worker.ask([step(0)])
-        worker.submit(int).result()
-    finally:
-        worker.shutdown()
-    assert shown == [0]  # a result already shown is not computed again
-    assert set(threading.enumerate()) <= others
-
-
-def test_an_error_of_a_step_is_said_once():
-    said = []
-    worker = Worker(lambda call: call(), said.append)
-
-    def fail():
-        raise Refused("too much")
-
-    step = Step("picture", 1, fail, lambda *_: None)
-    for _ in range(2):
-        worker.ask([step])
-        worker.submit(int).result()
-    worker.shutdown()
-    assert said == ["too much"]
 
 
 def test_without_bokeh_the_extra_is_named(monkeypatch):

@@ -1,0 +1,185 @@
+"""Cascades of flips and period adding: doubled branches, their order and their ratios."""
+
+import math
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from tests.helpers.oscillators import (
+    random_oscillators,
+    special,
+)
+from vibroimpact.orbits.branches import branch, doubled_branch
+from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.trajectory import simulate
+
+
+def doubled_branches(seed):
+    """Yield branches of orbits of twice the period, and their ranges, from random oscillators."""
+    rng = np.random.default_rng(seed)
+    for osc, n in random_oscillators(10**6, seed, clearance=0.5):
+        osc = replace(osc, h=rng.choice([0.0, 0.1]) * rng.uniform(), R=rng.uniform(0.3, 1.0))
+        axis = str(rng.choice(["R", "omega", "p", "clearance"]))
+        value = getattr(osc, axis)
+        ends = (-0.6, 0.6) if axis == "clearance" else (max(value - 0.3, 0.05), value + 0.3)
+        ends = ends[0], min(ends[1], 1.0) if axis == "R" else ends[1]
+        queue = [
+            branch(orbit, axis, *ends) for orbit in one_impact_orbits(osc, n)[-1:] if orbit.exists
+        ]
+        while queue:
+            single = queue.pop()
+            for point in single.special:
+                if point.kind == "flip" and point.orbit.m == single.m:
+                    found = doubled_branch(point.orbit, axis, *ends)
+                    yield found, ends
+                    if found.m <= 4 * n:
+                        queue.append(found)
+
+
+@pytest.mark.parametrize(
+    ("seed", "count"),
+    [
+        pytest.param(14, 20, marks=pytest.mark.slow),
+        pytest.param(15, 4000, marks=pytest.mark.campaign),
+    ],
+)
+def test_a_branch_has_the_same_special_points_from_wherever_it_is_followed(seed, count):
+    """Five starts on each branch of orbits of twice the period."""
+    rng = np.random.default_rng(8)
+    for found, ends in islice(doubled_branches(seed), count):
+        # At a resonance without damping, a branch may be at a single value.
+        narrow = np.ptp(found.values) < 1e-6
+        if len(found.values) < 4 or narrow or special(found, "lost") or len(found.special) > 20:
+            continue
+        expected = [(p.kind, p.orbit.m, p.value) for p in found.special]
+        expected = sorted([*expected, ("flip", found.m // 2, found.values[0])])
+        for i in rng.integers(1, len(found.values) - 1, 5).tolist():
+            again = branch(found.orbit(i), *found.parameters, *ends)
+            listed = sorted((p.kind, p.orbit.m, p.value) for p in again.special)
+            assert [item[:2] for item in listed] == [item[:2] for item in expected]
+            values = [item[2] for item in expected]
+            assert [item[2] for item in listed] == pytest.approx(values, abs=1e-8)
+
+
+@pytest.mark.slow
+def test_from_any_of_its_points_a_branch_has_its_points_in_order_and_no_orbit_twice():
+    """A located flip may be the point from which the branch is followed, to rounding.
+
+    At the flip in which a branch begins, its orbit is that of half the period.
+    """
+    osc = Oscillator(h=0.042061313697905986, R=0.7280397579828685, omega=6.5, f=1.0)
+    found, checked = branch(one_impact_orbit(osc, 3), "omega", 5.5, 7.5), 0
+    while found.m < 40:
+        flips = [point.orbit for point in found.special if point.kind == "flip"]
+        found = doubled_branch(max(flips, key=lambda orbit: orbit.m), "omega", 5.5, 7.5)
+        for i in range(len(found.values)):
+            again = branch(found.orbit(i), "omega", 5.5, 7.5)
+            if again.m < found.m:
+                assert i == 0
+                continue
+            z = np.column_stack([again.phases, again.speeds, again.values])
+            chords = np.diff(z, axis=0)
+            chords /= np.linalg.norm(chords, axis=1)[:, None]
+            assert np.sum(chords[1:] * chords[:-1], axis=1).min() > 0.9
+            kinds = sorted(point.kind for point in again.special)
+            assert kinds == sorted(["flip"] + [point.kind for point in found.special])
+            checked += 1
+    assert checked > 50
+
+
+def feigenbaum(count):
+    found = branch(one_impact_orbit(Oscillator(0.0, 0.8, 2.6, 1.0)), "omega", 2.4, 3.0)
+    flip = max((p for p in found.special if p.kind == "flip"), key=lambda point: point.value)
+    flips = [flip]
+    for _ in range(count):
+        found = doubled_branch(flip.orbit, "omega", 2.4, 2.9)
+        flip = found.special[0]
+        assert flip.kind == "flip" and (found.m, found.q) == (2 * flips[-1].orbit.m,) * 2
+        flips.append(flip)
+    return flips
+
+
+def test_the_cascade_of_flips():
+    values = [flip.value for flip in feigenbaum(4)]
+    assert values[1] == pytest.approx(2.715987251, abs=5e-10)
+    assert values[2] == pytest.approx(2.7291177, abs=5e-7)
+
+
+def test_the_orbits_just_beyond_a_flip_are_those_of_twice_the_period():
+    """The halves differ by the square root of the distance; nearer, they were taken for one."""
+    (flip,) = feigenbaum(0)
+    found, sizes = doubled_branch(flip.orbit, "omega", 2.4, 2.9), []
+    for away in (1e-6, 1e-7, 1e-8, 1e-9):
+        shares = []
+        for further in away * np.linspace(0.8, 1.2, 9):  # each with an error of its own
+            (orbit,) = found.at(flip.value + further)
+            assert (orbit.m, orbit.q) == (2, 2)
+            shares.append(abs(np.diff(orbit.speeds)[0]) / math.sqrt(further))
+        sizes.append(np.median(shares))
+        again = branch(orbit, "omega", 2.4, 2.9)
+        assert [point.kind for point in again.special] == ["flip", "flip", "edge"]
+    assert sizes == pytest.approx([sizes[0]] * 4, rel=1e-3)
+    assert found.at(flip.value) == []
+
+
+@pytest.mark.parametrize("width", [1e-3, 1e-6, 1e-8])
+def test_a_weak_spring_hides_no_flip_in_a_narrow_range(width):
+    """A ball on a table, nearly: the speed p |clearance| is 2,000 times that of any impact."""
+    osc = Oscillator(h=0.0, R=0.15, omega=1.0, f=2.8, p=1e-4, clearance=-1e8)
+    first = branch(one_impact_orbit(osc), "f", 2.5, 4.0)
+    (start,) = [point.orbit for point in first.special if point.kind == "flip"]
+    whole = doubled_branch(start, "f", 2.5, 4.0)
+    (flip,) = special(whole, "flip")
+    (beside,) = whole.at(flip - 0.3 * width)
+    narrow = branch(beside, "f", flip - width, flip + width)
+    assert [point.kind for point in narrow.special] == ["edge", "flip", "edge"]
+    (value,) = special(narrow, "flip")
+    assert value == pytest.approx(flip, abs=1e-12)
+    assert narrow.stable.tolist() == (narrow.values < value).tolist()
+
+
+@pytest.mark.slow
+def test_feigenbaums_ratio_after_seven_further_flips():
+    """4.6692; the last orbit has 256 impacts, and returns to itself in simulation."""
+    flips = feigenbaum(8)
+    distances = np.diff([flip.value for flip in flips])
+    assert distances[-2] / distances[-1] == pytest.approx(4.6692, abs=5e-4)
+    orbit = flips[-1].orbit
+    assert orbit.m == 256
+    (x, v), *_ = orbit.sections()
+    run = simulate(orbit.oscillator, 256, x0=x, v0=v)
+    assert run.section_x[-1] == pytest.approx(x, abs=1e-9)
+
+
+def beside(osc, n, clearances):
+    """Return the branch of n/1 over the clearance, from the first value with such an orbit."""
+    for clearance in clearances.tolist():
+        for start in one_impact_orbits(replace(osc, clearance=clearance), n)[-1:]:
+            if start.exists:
+                return branch(start, "clearance", clearances.min(), clearances.max())
+    raise AssertionError(n)
+
+
+@pytest.mark.parametrize(("decay", "most"), [(0.2, 7), (0.4, 9)])
+def test_period_adding_has_the_ratios_of_the_multiplier(decay, most):
+    """At h = 3, R = .8, beside the graze of the free oscillation: successive flips of n/1.
+
+    With the larger multiplier lambda of the free oscillation, distances to the graze have the
+    ratio lambda^-2, impact speeds lambda^-1.
+    """
+    h, rate = 3.0, 3.0 - math.sqrt(8.0)
+    omega = 2.0 * math.pi * rate / -math.log(decay)
+    osc = Oscillator(h=h, R=0.8, omega=omega, f=1.0)
+    graze = 1.0 / math.hypot(1.0 - omega**2, 2.0 * h * omega)
+    flips = []
+    for n in range(2, most + 1):
+        scale = np.concatenate([np.geomspace(100.0, 1e-3, 60), [0.0]])
+        found = beside(osc, n, graze * (1.0 - decay ** (2 * n) * scale))
+        (flip,) = [point for point in found.special if point.kind == "flip"]
+        flips.append((graze - flip.value, flip.orbit.speeds[0]))
+    distances, speeds = np.array(flips).T
+    assert distances[-2] / distances[-1] == pytest.approx(decay**-2, rel=1e-3)
+    assert speeds[-2] / speeds[-1] == pytest.approx(1.0 / decay, rel=1e-3)

@@ -1,0 +1,235 @@
+"""Branches in 40 digits: random ones, over the frequency of a base, and over wide ranges."""
+
+import math
+from dataclasses import replace
+from itertools import islice, pairwise
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from tests.helpers.naive import ClosedForm
+from tests.helpers.oscillators import (
+    SectionMap,
+    fold_of_one_impact,
+    in_digits,
+    random_oscillators,
+    special,
+)
+from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
+from vibroimpact.orbits.periodic import periodic_orbit
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.trajectory import simulate
+
+EPS = 2.0**-52
+
+
+def condition(parameters, n):
+    """Return the shift of the fold, in roundings, if each datum changes by one (h by one of p)."""
+    step, (sigma, _) = mp.mpf(10) ** -18, fold_of_one_impact(parameters, n)
+    total = mp.mpf(0)
+    for name in ("h", "R", "omega", "f", "p"):
+        unit = parameters["p" if name == "h" else name]
+        moved = parameters | {name: parameters[name] + step * unit}
+        total += abs(fold_of_one_impact(moved, n)[0] / sigma - 1) / step
+    return float(total)
+
+
+def random_folds(seed):
+    """Yield oscillators just beside a fold of admissible n/1 orbits, and n."""
+    rng = np.random.default_rng(seed)
+    while True:
+        p = rng.uniform(0.5, 2.0)
+        h = p * float(rng.choice([0.0, 1.0, rng.uniform(0.0, 0.5), rng.uniform(0.5, 2.0)]))
+        osc = Oscillator(h, rng.uniform(), p * rng.uniform(0.5, 6.0), 1.0, p)
+        n = int(rng.integers(1, 4))
+        osc = replace(osc, clearance=0.9999 * float(fold_of_one_impact(in_digits(osc), n)[0]))
+        orbits = one_impact_orbits(osc, n)
+        if len(orbits) == 2 and all(orbit.exists for orbit in orbits):
+            yield osc, n
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("axis", "count"),
+    [("clearance", 50), ("h", 15), ("R", 15), ("omega", 15), ("f", 15), ("p", 15)],
+)
+def test_random_folds_are_at_their_closed_form(axis, count):
+    """As many as the closed form has on the branch; undamped, critical and over-damped too.
+
+    Beside a fold the state has half the digits of the distance, but the parameter there has all: it
+    is a smooth function of the others, found to a few roundings times its condition number.
+    """
+    cases = (case for case in random_folds(seed=5) if getattr(case[0], axis))
+    with mp.workdps(40):
+        for osc, n in islice(cases, count):
+            value = getattr(osc, axis)
+            ends = sorted((0.998 * value, min(1.002 * value, 1.0 if axis == "R" else math.inf)))
+            start = one_impact_orbit(osc, n)
+            assert (start.m, start.q) == (n, 1)
+            folds = [point for point in branch(start, axis, *ends).special if point.kind == "fold"]
+            assert len(folds) == sum(
+                at_end.clearance / fold_of_one_impact(in_digits(at_end), n)[0] > 1
+                for at_end in (replace(osc, **{axis: end}) for end in ends)
+            )
+            values = [point.value for point in folds]
+            speeds = [float(point.orbit.speeds[0]) for point in folds]
+            for value, speed in zip(values, speeds, strict=True):
+                at_fold = replace(osc, **{axis: value})
+                sigma, v = fold_of_one_impact(in_digits(at_fold), n)
+                rounding = EPS * (1.0 + condition(in_digits(at_fold), n))
+                assert abs(at_fold.clearance / sigma - 1) < 32.0 * rounding
+                assert abs(speed / v - 1) < 100.0 * rounding
+
+
+def on_a_base(osc, share):
+    """Return an oscillator in which a base makes a share of the force."""
+    return replace(osc, f=(1.0 - share) * osc.f, a=share * osc.f / osc.omega**2)
+
+
+@pytest.mark.parametrize(
+    "count",
+    [pytest.param(12, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.campaign)],
+)
+@pytest.mark.parametrize("shaken", [False, True])
+def test_random_flips_and_grazes_are_those_of_the_section_map(count, shaken):
+    """To 1e-13, any damping but the critical; and a branch is stable where the closed form is.
+
+    The force is f, or half or all of it comes from a base, along omega or its amplitude.
+    """
+    compared = {"flip": 0, "graze": 0}
+    rng = np.random.default_rng(4)
+    for osc, n in random_oscillators(60 * count, seed=31, clearance=0.5):
+        if sum(compared.values()) >= count:
+            break
+        axis = str(rng.choice(["h", "R", "omega", "f", "p", "clearance"]))
+        if shaken:
+            osc, axis = on_a_base(osc, rng.choice([0.5, 1.0])), str(rng.choice(["omega", "a"]))
+        orbits, value = one_impact_orbits(osc, n), getattr(osc, axis)
+        if osc.h == osc.p or not orbits or not orbits[-1].exists or not value:
+            continue
+        ends = sorted((0.85 * value, min(1.15 * value, 1.0 if axis == "R" else math.inf)))
+        found = branch(orbits[-1], axis, *ends)
+        for point in found.special:
+            if point.kind in compared:
+                with mp.workdps(50):
+                    expected = SectionMap(point.orbit).bifurcation(point.kind, axis)
+                    assert abs(point.value / expected - 1) < 1e-13
+                compared[point.kind] += 1
+        at_special = np.isin(found.values, [point.value for point in found.special])
+        for i in np.flatnonzero(~at_special)[::5].tolist():
+            orbits = one_impact_orbits(replace(osc, **{axis: float(found.values[i])}), n)
+            nearest = min(orbits, key=lambda orbit: abs(orbit.v - found.speeds[i, 0]))
+            assert nearest.v == pytest.approx(found.speeds[i, 0], rel=1e-9)
+            assert nearest.stable == found.stable[i]
+    assert sum(compared.values()) >= count and min(compared.values()) > count // 4
+
+
+def at_fixed_force(osc, omega, n):
+    """Return the n/1 orbits at a value of omega, the slower first, by the force there."""
+    force = osc.f + osc.a * omega**2
+    return one_impact_orbits(replace(osc, omega=float(omega), f=force, a=0.0), n)
+
+
+def flipped(orbit):
+    return np.real(np.prod(1.0 + orbit.multipliers)) < 0.0
+
+
+@pytest.mark.parametrize(
+    ("seed", "count", "steps"),
+    [
+        pytest.param(3, 12, 100, marks=pytest.mark.slow),
+        pytest.param(2, 200, 400, marks=pytest.mark.campaign),
+    ],
+)
+def test_a_branch_over_the_frequency_of_a_base_misses_nothing_of_a_dense_walk(seed, count, steps):
+    """Between its folds a branch is the faster or the slower orbit of the force at every omega.
+
+    Each such part is walked in many steps: all orbits exist, and they flip where the branch says.
+    Beyond a graze at an end of the branch the orbit passes the stop or has no impact; undamped, it
+    may go on from a speed of zero.
+    """
+    rng, seen = np.random.default_rng(seed), {"flip": 0, "fold": 0, "graze": 0}
+    cases, done = random_oscillators(10**6, seed, clearance=0.7), 0
+    while done < count:
+        osc, n = next(cases)
+        osc = on_a_base(osc, rng.choice([0.5, 1.0]))
+        orbits = one_impact_orbits(osc, n)
+        if osc.h == osc.p or not orbits or not orbits[-1].exists:
+            continue
+        found = branch(orbits[-1], "omega", 0.5 * osc.omega, 1.6 * osc.omega)
+        if special(found, "lost") or np.ptp(found.values) < 1e-3:
+            continue
+        done += 1
+        for kind in seen:
+            seen[kind] += len(special(found, kind))
+        values, flips = found.values, special(found, "flip")
+        turns = np.flatnonzero(np.isin(values, special(found, "fold"))).tolist()
+        for begin, end in pairwise([0, *turns, len(values) - 1]):
+            part = slice(begin, end + 1)
+            middle = (begin + end) // 2
+            there = at_fixed_force(osc, values[middle], n)
+            which = int(np.argmin([abs(o.v - found.speeds[middle, 0]) for o in there]))
+            which -= len(there)  # -1 is the faster, also where the other has no speed > 0
+            for omega, v in zip(values[part][1:-1], found.speeds[part][1:-1, 0], strict=True):
+                assert v == pytest.approx(at_fixed_force(osc, omega, n)[which].v, rel=1e-9)
+            walk = np.linspace(values[begin], values[end], steps + 2)[1:-1]
+            orbits = [at_fixed_force(osc, omega, n)[which] for omega in walk]
+            assert all(orbit.exists for orbit in orbits)
+            expected = np.abs(np.diff([flipped(orbit) for orbit in orbits]))
+            ours = [omega for omega in values[part] if omega in flips]
+            assert (
+                np.histogram(ours, np.sort(walk))[0].tolist()
+                == (expected if walk[0] < walk[-1] else expected[::-1]).astype(int).tolist()
+            )
+        for at, inwards in ((0, 1), (-1, -2)):
+            if values[at] in special(found, "graze") and osc.h > 0.0:
+                beyond = values[at] + 1e-6 * (values[at] - values[inwards])
+                there = at_fixed_force(osc, beyond, n)
+                assert len(there) < 2 or not all(orbit.exists for orbit in there)
+    assert min(seen.values()) > count // 20, seen
+
+
+@pytest.mark.parametrize(
+    "osc",
+    [
+        Oscillator(
+            h=0.05, R=0.3753126481060007, omega=2.6903152778618624, f=1.0,
+            clearance=0.08911435294394687,
+        ),
+        Oscillator(h=0.01, R=0.6175240725045801, omega=3.0457449019, a=0.3),
+    ],
+)  # fmt: skip
+def test_the_graze_of_a_branch_has_its_impact_of_speed_zero_though_others_are_as_slow(osc):
+    """Newton's method misses some of them; each flight is a closed form, and it touches there."""
+    run = simulate(osc, 600)
+    start = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), 2)
+    found = branch(start, "omega", 0.95 * osc.omega, 1.05 * osc.omega)
+    grazes = [point.orbit for point in found.special if point.kind == "graze"]
+    assert sorted(orbit.q for orbit in grazes) == [found.q, found.q + 1]
+    for orbit in grazes:
+        assert np.count_nonzero(orbit.speeds == 0.0) == 1
+        there, k = orbit.oscillator, int(np.argmin(orbit.speeds))
+        theta, v = orbit.phases[k - 1], orbit.speeds[k - 1]
+        flight = ClosedForm(there, theta / there.omega, there.clearance, -there.R * v)
+        x, u = flight(orbit.phases[k] / there.omega)
+        assert x == pytest.approx(there.clearance, abs=1e-9) and u == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("osc", "m"),
+    [
+        (Oscillator(h=0.0582, R=0.4135, omega=2.1931, f=1.0, clearance=-0.4096), 1),
+        (Oscillator(h=0.00149, R=0.7685, omega=1.8621, f=1.0, clearance=-0.3599), 3),
+    ],
+)
+def test_a_wide_range_hides_no_flip_or_fold(osc, m):
+    """In natural units, which are those of the greatest force, the speeds are tiny there."""
+    run = simulate(osc, 600, x0=osc.clearance)
+    start = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), m)
+    narrow, wide = (
+        {(p.kind, float(f"{p.value:.9g}")) for p in branch(start, "f", 0.5, high).special}
+        for high in (2.0, 2e7)
+    )
+    assert {"flip", "fold"} < {kind for kind, _ in narrow} and narrow == wide
