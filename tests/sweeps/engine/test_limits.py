@@ -5,6 +5,7 @@ import tracemalloc
 from functools import partial
 from itertools import count
 from pathlib import Path
+from threading import Semaphore
 from types import SimpleNamespace
 
 import numpy as np
@@ -255,10 +256,12 @@ def test_the_expected_time_is_not_that_of_other_processes(monkeypatch):
 
 
 def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_is_left():
-    begun = []
+    begun, later = [], Semaphore(0)
 
     def compute(block):
         begun.append(block)
+        if block > 0:
+            later.release()
         if block == 4:
             raise ValueError("the end")
         return {}
@@ -266,7 +269,8 @@ def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_i
     with other_thread() as executor, pytest.raises(ValueError, match="the end"):
         for block, future in as_completed(partial(executor.submit, compute), count(), lambda: 2):
             assert future.result() == {}
-            time.sleep(0.02)
+            assert later.acquire(timeout=300.0), "the next block is not begun"
+            time.sleep(0.02)  # in which one block too many would begin
             assert begun == list(range(block + 2))
     assert begun == [0, 1, 2, 3, 4, 5][: len(begun)]
 
