@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from vibroimpact.inputs import near_miss, suggestion
+from vibroimpact.inputs import shortened as shortened  # for messages here, too
 
 
 def missing_text(path: Path) -> str:
@@ -25,12 +26,6 @@ def missing_text(path: Path) -> str:
 def printable(text: str) -> str:
     """Escape all except printable characters and newlines: a terminal would obey or hide them."""
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
-
-
-def shortened(text: str, most: int = 80) -> str:
-    """Put a text on one line, cut to at most `most` characters."""
-    line = " ".join(text.split())
-    return line if len(line) <= most else line[: most - 3] + "..."
 
 
 def table(rows: Sequence[Sequence[str]], words: int | None = None) -> str:

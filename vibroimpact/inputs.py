@@ -59,6 +59,12 @@ def suggestion(word: str | None) -> str:
     return f" (did you mean {word}?)" if word else ""
 
 
+def shortened(text: str, most: int = 80) -> str:
+    """Put a text on one line, cut to at most `most` characters."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else line[: most - 3] + "..."
+
+
 def of_python(value: object) -> object:
     """Return a number of NumPy, or an array without dimensions, as Python has it."""
     if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
@@ -155,5 +161,4 @@ def input_text(value: object, most: int = 80) -> str:
         text = f"an integer of {value.bit_length():,} bits" if isinstance(value, int) else "a value"
     except RecursionError:
         text = f"a {type(value).__name__} of too many levels"
-    line = " ".join(text.split())
-    return line if len(line) <= most else line[: most - 3] + "..."
+    return shortened(text, most)

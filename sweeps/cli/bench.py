@@ -127,6 +127,14 @@ def _check_json(path: Path | None) -> Path | None:
 
 
 _SHARE = number(lambda given: 0.0 < given <= 1.0, "a number above 0, at most 1, as 0.05")
+FailBelow = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SHARE",
+        parser=number_option("--fail-below", _SHARE),
+        help="Exit with 1 if the geometric mean of the shares of the peak is below SHARE.",
+    ),
+]
 
 
 def speed(
@@ -135,14 +143,7 @@ def speed(
         Path | None,
         typer.Option(metavar="FILE", callback=_check_json, help="Write a .json file, too."),
     ] = None,
-    fail_below: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SHARE",
-            parser=number_option("--fail-below", _SHARE),
-            help="Exit with 1 if the geometric mean of the shares of the peak is below SHARE.",
-        ),
-    ] = None,
+    fail_below: FailBelow = None,
 ) -> None:
     """Show the forcing periods per second of this machine, and the share of its peak."""
     from sweeps.bench import speed

@@ -211,20 +211,21 @@ def _show_bifurcations(
         say(csv, error=json)
 
 
-_RTOL = number(lambda given: 0.0 <= given < 1.0, "a number from 0 to below 1, as 1e-9")
+_SHARE = number(lambda given: 0.0 <= given < 1.0, "a number from 0 to below 1, as 1e-9")
+Rtol = Annotated[
+    float,
+    typer.Option(
+        metavar="NUMBER",
+        parser=number_option("--rtol", _SHARE),
+        help="Relative difference of two numbers that still counts as equal.",
+    ),
+]
 
 
 def compare_command(
     first: SweepFile,
     second: Annotated[Path, typer.Argument(metavar="OTHER.h5", help="The file of another sweep.")],
-    rtol: Annotated[
-        float,
-        typer.Option(
-            metavar="NUMBER",
-            parser=number_option("--rtol", _RTOL),
-            help="Relative difference of two numbers that still counts as equal.",
-        ),
-    ] = 0.0,
+    rtol: Rtol = 0.0,
 ) -> None:
     """Say what differs in two sweeps, where first and by how much; exit with 1 if anything does."""
     from sweeps.opened.comparison import comparison_report

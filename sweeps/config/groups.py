@@ -123,9 +123,10 @@ class ParameterConfig(Group):
     @classmethod
     def _without_force(cls, given: object) -> object:
         """Set the force to 0 where only the base or unbalance is given, and is not 0."""
-        if cls.FORCES and isinstance(given, dict) and not _is_zero(given.get(cls.FORCES[1], 0.0)):
-            return {cls.FORCES[0]: 0.0, **given}
-        return given
+        if cls.FORCES is None or not isinstance(given, dict) or cls.FORCES[0] in given:
+            return given
+        force, base = cls.FORCES
+        return given if _is_zero(given.get(base, 0.0)) else {force: 0.0, **given}
 
     @field_validator("*")
     @classmethod

@@ -6,7 +6,7 @@ Each error names the file, the line, the key, the given value and the allowed va
 from __future__ import annotations
 
 import codecs
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,9 +75,10 @@ def load_config(
     """
     if isinstance(source, Mapping):
         given = {
-            str(key): value if key == "points" else _plain(value) for key, value in source.items()
+            str(key): value if key == "points" else _without_numpy(value)
+            for key, value in source.items()
         }
-        return _checked(given, "the configuration", {}, overrides)
+        return _configuration(given, "the configuration", {}, overrides)
     try:
         path = Path(source)
     except TypeError:
@@ -92,8 +93,8 @@ def parse_config(text: str, origin: str, name: str, overrides: Sequence[str] = (
     `origin` tells errors where the text comes from. `name` is the name of the sweep if the text
     gives none.
     """
-    data, sources = _keys(text, origin)
-    return _checked({"name": name, **data}, origin, sources, overrides)
+    data, sources = _parse(text, origin)
+    return _configuration({"name": name, **data}, origin, sources, overrides)
 
 
 def stored_config(
@@ -109,27 +110,17 @@ def stored_config(
     may name ``refine``, by which points were added to their grid. It is left out, too; units of
     dates become their short names.
     """
-    data, sources = _keys(text, origin)
+    data, sources = _parse(text, origin)
     data.pop("refine", None)
     if isinstance(units := data.get("units"), dict):
         data["units"] = {key: DATE_UNITS.get(str(name), name) for key, name in units.items()}
     if points is not None:
         made = made_of_rig(points, data["rig"]) if "rig" in data else set()
         points = {key: values for key, values in points.items() if key not in made}
-    return _checked({"name": name, "points": points, **data}, origin, sources, overrides)
+    return _configuration({"name": name, "points": points, **data}, origin, sources, overrides)
 
 
-def _keys(text: str, origin: str) -> tuple[dict[str, Any], dict[Key, str]]:
-    """Parse the YAML text of a configuration, and return the origin of every key, too."""
-    sources: dict[Key, str] = {}
-    data = _parse(text, origin, (), sources)
-    if not isinstance(data, dict):
-        content = as_typed(data) if data else "empty"
-        raise ConfigError(f"{origin}: the file is {content}; expected: {key_list(SweepConfig)}")
-    return data, sources
-
-
-def _checked(
+def _configuration(
     data: dict[str, Any], origin: str, sources: dict[Key, str], overrides: Sequence[str]
 ) -> SweepConfig:
     """Return the configuration of `data` with `overrides`; raise ConfigError if it is not valid."""
@@ -158,16 +149,16 @@ def _checked(
         raise ConfigError("\n".join(texts)) from None
 
 
-def _plain(value: Any, level: int = 2) -> Any:
+def _without_numpy(value: Any, level: int = 2) -> Any:
     """Convert a Python value to plain mappings, lists and numbers, without NumPy types."""
     if level > _DEEPEST:  # a mapping may contain itself
         raise ConfigError(f"the configuration: more than {_DEEPEST} levels are not allowed")
     if isinstance(value, Mapping):
-        return {str(name): _plain(item, level + 1) for name, item in value.items()}
+        return {str(name): _without_numpy(item, level + 1) for name, item in value.items()}
     if isinstance(value, range) and len(value) > MOST_VALUES:
         raise ConfigError(f"{value} has too many values; expected: at most {MOST_VALUES:,}")
     if isinstance(value, (list, tuple, range)):
-        return [_plain(item, level + 1) for item in value]
+        return [_without_numpy(item, level + 1) for item in value]
     if hasattr(value, "dtype") and hasattr(value, "__array__"):  # also of pandas and xarray
         array = value if isinstance(value, np.ndarray) else np.asarray(value)
         dates = array.dtype.kind in "mM"  # whose items may be integers
@@ -217,8 +208,12 @@ class _Loader(yaml.BaseLoader):
         return node
 
 
-def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
-    """Parse YAML text as the value of `key`, and note the origin of every key in `sources`."""
+def _parse(text: str, origin: str, key: Key = ()) -> tuple[Any, dict[Key, str]]:
+    """Parse the YAML text of `key`, or of a whole configuration; return the line of each key, too.
+
+    Every scalar is still a text.
+    """
+    sources: dict[Key, str] = {}
     try:
         node = yaml.compose(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -230,28 +225,31 @@ def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".
         raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
+    data = "" if node is None else _tree(node, origin, key, sources)
+    if not key and not isinstance(data, dict):
+        content = as_typed(data) if data else "empty"
+        raise ConfigError(f"{origin}: the file is {content}; expected: {key_list(SweepConfig)}")
+    return data, sources
 
-    def line_of(at: yaml.Node) -> str:
-        return origin if key else f"{origin}, line {at.start_mark.line + 1}"
 
-    return "" if node is None else _tree(node, line_of, key, sources)
-
-
-def _tree(
-    node: yaml.Node, line_of: Callable[[yaml.Node], str], key: Key, sources: dict[Key, str]
-) -> object:
-    """Convert the node at `key` to a text, a list or a mapping."""
-    sources.setdefault(key, line_of(node))
+def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> object:
+    """Convert the node at `key` to a text, a list or a mapping; note its line in `sources`."""
+    here = f"{origin}, line {node.start_mark.line + 1}"
+    sources.setdefault(key, here)
     if isinstance(node, yaml.SequenceNode):
-        return [_tree(item, line_of, (*key, i), sources) for i, item in enumerate(node.value)]
+        return [_tree(item, origin, (*key, i), sources) for i, item in enumerate(node.value)]
     if isinstance(node, yaml.ScalarNode):
-        return _text_of(node, line_of(node))
+        try:  # join two 16-bit escapes that form one character
+            return str(node.value).encode("utf-16", "surrogatepass").decode("utf-16")
+        except UnicodeDecodeError:
+            reason = "half of a surrogate pair is no character; expected: Unicode"
+            raise ConfigError(f"{here}: {reason}") from None
     mapping: dict[str, object] = {}
     for key_node, value_node in node.value:
-        here, name = line_of(key_node), key_node.value
+        here = f"{origin}, line {key_node.start_mark.line + 1}"
+        name = _tree(key_node, origin, key, sources)
         if not isinstance(name, str):
             raise ConfigError(f"{here}: a list or mapping is not allowed as a key")
-        name = _text_of(key_node, here)
         child = (*key, name)
         if name in mapping:
             raise ConfigError(
@@ -259,17 +257,8 @@ def _tree(
                 "each key is allowed once"
             )
         sources[child] = here
-        mapping[name] = _tree(value_node, line_of, child, sources)
+        mapping[name] = _tree(value_node, origin, child, sources)
     return mapping
-
-
-def _text_of(node: yaml.Node, source: str) -> str:
-    """Return the text of a scalar, joining two 16-bit escapes that form one character."""
-    try:
-        return str(node.value).encode("utf-16", "surrogatepass").decode("utf-16")
-    except UnicodeDecodeError:
-        reason = "half of a surrogate pair is no character; expected: Unicode"
-        raise ConfigError(f"{source}: {reason}") from None
 
 
 def _override(data: dict[str, Any], override: object, sources: dict[Key, str]) -> Key:
@@ -291,5 +280,5 @@ def _override(data: dict[str, Any], override: object, sources: dict[Key, str]) -
     for replaced in [old for old in sources if old[: len(key)] == key]:
         del sources[replaced]
     sources[key] = origin
-    target[key[-1]] = _parse(value, origin, key, sources)
+    target[key[-1]], _ = _parse(value, origin, key)
     return key
