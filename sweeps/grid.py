@@ -17,6 +17,9 @@ Block = tuple[slice, ...]
 #: Name of the axis of a sweep over the rows of a table.
 TABLE = "point"
 
+#: Range of f in which its square neither overflows nor loses digits.
+_LEAST_F, _GREATEST_F = 1e-150, 1e150
+
 
 def box_shape(block: Block) -> tuple[int, ...]:
     """Return the number of values of a block along each axis."""
@@ -60,6 +63,13 @@ class Grid:
         return {name: values for part in parts for name, values in part.items()}
 
     @property
+    def scales_with_f(self) -> bool:
+        """Whether f is swept, and all motions are proportional to it: `vibroimpact.points`."""
+        at_rest = all(self.fixed.get(name) == 0.0 for name in ("clearance", "a", "x0", "v0"))
+        f = self.swept.get("f", np.ones(1))
+        return at_rest and bool(len(f) > 1 and _LEAST_F <= f.min() and f.max() <= _GREATEST_F)
+
+    @property
     def shape(self) -> tuple[int, ...]:
         """Number of values along each axis."""
         return tuple(len(values) for values in self.axes.values())
@@ -91,12 +101,9 @@ class Grid:
 
     def points(self, block: Block | None = None) -> np.ndarray:
         """Return the parameter points of a block, or all, of dtype POINT, in C order."""
-        return mesh(self.axes if block is None else self.within(block), self.fixed)
-
-    def within(self, block: Block) -> dict[str, np.ndarray]:
-        """Return the values of each axis in a block."""
-        pairs = zip(self.axes.items(), block, strict=True)
-        return {name: values[cut] for (name, values), cut in pairs}
+        cuts = [slice(None)] * len(self.axes) if block is None else block
+        pairs = zip(self.axes.items(), cuts, strict=True)
+        return mesh({name: values[cut] for (name, values), cut in pairs}, self.fixed)
 
     def numbered(self, numbers: np.ndarray) -> np.ndarray:
         """Return the points, of dtype POINT, with these indices in C order over the grid."""

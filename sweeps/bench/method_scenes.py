@@ -20,9 +20,8 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.opened.section_distance import section_distance
 from vibroimpact import Oscillator, Status, integrate
-from vibroimpact.step.exact_step import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import IMPACT_RULES
+from vibroimpact.step.scheme import IMPACT_RULES, default_steps
 
 #: Number of points in a scene, neighbours of one point.
 NEIGHBOURS = 64
@@ -131,9 +130,7 @@ class Scene:
 
 def least_steps(method: Method, points: np.ndarray) -> int:
     """Return the fewest steps per forcing period that a method needs at these points."""
-    if method.impact != EXACT.impact:
-        return 1
-    return int(steps_needed(points["h"], points["p"], points["omega"]).max())
+    return default_steps(points, "exact") if method.impact == EXACT.impact else 1
 
 
 def _around(oscillator: Oscillator, offsets: Iterable[float]) -> np.ndarray:

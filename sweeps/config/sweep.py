@@ -33,7 +33,6 @@ from sweeps.config.values import Axis, Group, Table, known_word, null
 from sweeps.grid import TABLE, Grid, Sweep
 from sweeps.text import printable
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.scaling import scales_with_f
 
 #: Compressions of a complete file.
 COMPRESSIONS = ("none", "gzip")
@@ -163,7 +162,7 @@ class SweepConfig(Group):
             lyapunov="lyapunov" in record.diagnostics,
             period="period" in record.diagnostics,
             every=record.trajectory.every if record.trajectory else None,
-            scaled=follow is None and scales_with_f(grid.swept, grid.fixed),
+            scaled=follow is None and grid.scales_with_f,
             followed=follow.axis if follow else None,
             directions=follow.directions if follow else (),
             extremes="extremes" in record.diagnostics,

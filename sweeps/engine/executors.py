@@ -14,11 +14,11 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from sweeps.grid import Block, Sweep
+from sweeps.grid import Block, Sweep, box_shape
 from sweeps.interrupts import check, this_thread
 from vibroimpact.jit import ALL_THREADS, called_before_passes
 from vibroimpact.kernel.threads import FEWEST_LANES
-from vibroimpact.points.computation import compute_box, compute_points
+from vibroimpact.points.computation import compute_chains, compute_points
 from vibroimpact.points.run_spec import RunSpec
 
 T = TypeVar("T")
@@ -41,13 +41,19 @@ def compute_block(
     a followed axis, otherwise once. `threads` is None for all; the results do not depend on it.
     """
     grid, spec = sweep.grid, sweep.spec
-    values = grid.within(block[len(block) - len(grid.axes) :])
+    block = block[len(block) - len(grid.axes) :]
+    points = grid.points(block)
+    if spec.followed is None:
+        results = compute(spec, points, threads)
+        advance(points.size)
+        return results
 
     def unless_cancelled(points: int) -> None:
         check()
         advance(points)
 
-    results = compute_box(spec, values, grid.fixed, threads, unless_cancelled, this_thread.flag)
+    box, along = points.reshape(box_shape(block)), list(grid.axes).index(spec.followed)
+    results = compute_chains(spec, box, along, threads, unless_cancelled, this_thread.flag)
     check()  # the classes of the last points may be missing
     return results
 

@@ -16,8 +16,8 @@ from vibroimpact.kernel.record import SUMS, list_impact
 from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.status import Status
 from vibroimpact.step.contact import EVENTS_SHAPE, IMPACT, KIND, SPEED, TIME, new_scratch
-from vibroimpact.step.exact_step import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.polynomial import LONGEST_STEP
 from vibroimpact.step.propagator import (
     Coefficients,
     Forcing,
@@ -119,7 +119,8 @@ def random_points(rng, rule):
     valid = np.all([[p.accepts(q) for q in points[k]] for k, p in PARAMETERS.items()], axis=0)
     if rule == "exact":
         with np.errstate(all="ignore"):
-            valid &= steps_needed(points["h"], points["p"], points["omega"]) <= 100
+            rates = (2.0 * points["h"] + points["p"]) / points["omega"] + 1.0
+            valid &= 2.0 * np.pi * rates <= 100 * LONGEST_STEP
     return points[valid][:BATCH]
 
 

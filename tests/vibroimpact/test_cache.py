@@ -15,7 +15,7 @@ import numba
 import pytest
 
 import vibroimpact
-from vibroimpact.jit import cache, called_before_passes, overloads, sharing
+from vibroimpact.jit import cache, called_before_passes, overloads
 from vibroimpact.jit.cache import CacheWarning
 from vibroimpact.jit.overloads import CompiledCode
 
@@ -209,13 +209,13 @@ def lock_of_another(folder):
 def told_of(folder):
     """Compile, and return what a user is told meanwhile, each thing once."""
     told = []
-    with sharing.watched(told.append):
+    with cache.watched(told.append):
         assert not call(folder)
     return [text.split(",")[0] for text in dict.fromkeys(told)]
 
 
 def test_a_process_waits_for_another_that_compiles_the_same_but_not_for_ever(folder, monkeypatch):
-    monkeypatch.setattr(sharing, "_LONGEST_WAIT", 0.1)
+    monkeypatch.setattr(cache, "_LONGEST_WAIT", 0.1)
     lock = lock_of_another(folder)
     assert told_of(folder) == ["waiting for another process", "compiling", ""]
     assert Path(lock.lock_file).exists()  # it is not ours to remove

@@ -19,7 +19,7 @@ from tests.helpers.kernel_cases import (
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.kernel.threads import aligned
 from vibroimpact.kernel.workspace import LANES
-from vibroimpact.points.scaling import SCALED
+from vibroimpact.points.computation import SCALED
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import default_steps, scheme_of

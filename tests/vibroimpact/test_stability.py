@@ -12,8 +12,8 @@ from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import MOST_STEPS, default_steps
-from vibroimpact.step.stability import is_stable, least_stable_steps, spectral_radius
+from vibroimpact.step.scheme import MOST_STEPS, default_steps, least_stable_steps
+from vibroimpact.step.stability import is_stable, spectral_radius
 
 ALL = pytest.mark.parametrize("name", INTEGRATORS)
 
@@ -170,9 +170,9 @@ def test_asking_for_a_limit_compiles_nothing():
     """A configuration is checked, or refused, without waiting for the compiler."""
     code = (
         "from vibroimpact.kernel import threads\n"
-        "from vibroimpact.step import integrators, stability\n"
+        "from vibroimpact.step import integrators, scheme, stability\n"
         "for name in integrators.INTEGRATORS:\n"
-        "    stability.least_stable_steps(name, [0.0, 2.0], 1.0, 1.0)\n"
+        "    scheme.least_stable_steps(name, [0.0, 2.0], 1.0, 1.0)\n"
         "compiled = [integrators.affine_map, integrators.integrator_step]\n"
         "compiled += [threads.take_plain, threads.take_shortened]\n"
         "compiled += [row.step for row in integrators.INTEGRATORS.values()]\n"

@@ -75,6 +75,8 @@ DESTINATION = np.dtype(
         ("evidence", np.int64),
     ]
 )
+#: The destination of a point before it is found.
+NO_DESTINATION = np.array((0, 0, np.nan, np.nan, np.nan, np.nan, 0), DESTINATION)
 
 _UNSTABLE, _UNREACHED = int(Evidence.UNSTABLE), int(Evidence.UNREACHED)
 _UNRESOLVED = int(Status.UNRESOLVED)
@@ -301,11 +303,3 @@ def find_repetition(pt, sections, sums, grid, memory, found):
         put_repetition(found, sections, m, off, math.nan, q)
         if q >= 0 and kind == _RESTS and not sums.cycle_rests:
             found.evidence = _RELEASED
-
-
-def no_destinations(n: int) -> np.ndarray:
-    """Return the destinations of `n` points before they are found."""
-    found = np.zeros(n, DESTINATION)
-    for name in ("x", "v", "multiplier", "distance"):
-        found[name] = np.nan
-    return found

@@ -1,6 +1,6 @@
 """Compiled functions: their options, single LLVM instructions, the disk cache, and threads."""
 
-from vibroimpact.jit.cache import NUMERICS, name_of, numerics_of
+from vibroimpact.jit.cache import NUMERICS, name_of, numerics_of, watched
 from vibroimpact.jit.compiling import (
     ALL_THREADS,
     called_before_passes,
@@ -20,7 +20,6 @@ from vibroimpact.jit.intrinsics import (
     transpose,
     widest_vectors,
 )
-from vibroimpact.jit.sharing import watched
 from vibroimpact.jit.way import WAY
 
 __all__ = [

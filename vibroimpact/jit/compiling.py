@@ -18,8 +18,7 @@ import llvmlite.binding
 import numba
 import numpy as np
 
-from vibroimpact.jit.cache import cache_folder, make_folder, warn_once
-from vibroimpact.jit.sharing import CHECKS
+from vibroimpact.jit.cache import CHECKS, cache_folder, make_folder, warn_once
 from vibroimpact.jit.way import WAY
 
 if WAY.name == "private":

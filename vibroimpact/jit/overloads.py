@@ -16,8 +16,7 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
-from vibroimpact.jit.cache import read, syntax, warn_once, write
-from vibroimpact.jit.sharing import claimed, released, tell
+from vibroimpact.jit.cache import claimed, read, released, syntax, tell, warn_once, write
 
 
 class CompiledCode:

@@ -24,19 +24,6 @@ _SHARE = 0.5
 _FEWEST = 10
 
 
-def rate_of_growth(points: np.ndarray) -> np.ndarray:
-    """Return by how much the speed grows in a forcing period in the end; 0 if it is bounded."""
-    p, f, stop = points["p"], points["f"], points["clearance"]
-    with np.errstate(all="ignore"):  # extreme values, whose rate is then NaN or 0
-        ratio = points["omega"] / (2.0 * p)
-        k = np.rint(ratio)
-        resonant = (k >= 1.0) & (np.abs(ratio - k) <= _ROUNDING_OF_RATIO * k)
-        sine = p * p * stop * (4.0 * k * k - 1.0) / f
-        rate = 4.0 * f / (p * (4.0 * k * k - 1.0)) * np.sqrt(1.0 - sine * sine)  # k periods each
-        lossless = (points["R"] == 1.0) & (points["h"] == 0.0)
-        return np.where(lossless & resonant & (rate > 0.0), rate, 0.0)
-
-
 def grows(points: np.ndarray, impacts: np.ndarray, sections: np.ndarray) -> np.ndarray:
     """Whether each motion grew through its record as an unbounded motion does.
 
@@ -44,12 +31,21 @@ def grows(points: np.ndarray, impacts: np.ndarray, sections: np.ndarray) -> np.n
     record the smallest section and the largest one must exceed those of the third before by
     ``_SHARE`` of the growth of the resonance.
     """
-    found, rate = np.zeros(points.size, dtype=bool), rate_of_growth(points)
+    p, f, stop = points["p"], points["f"], points["clearance"]
+    with np.errstate(all="ignore"):  # extreme values, whose rate is then NaN or 0
+        ratio = points["omega"] / (2.0 * p)
+        k = np.rint(ratio)
+        resonant = (k >= 1.0) & (np.abs(ratio - k) <= _ROUNDING_OF_RATIO * k)
+        sine = p * p * stop * (4.0 * k * k - 1.0) / f
+        # The growth of the speed in a forcing period; from impact to impact there are k.
+        rate = 4.0 * f / (p * (4.0 * k * k - 1.0)) * np.sqrt(1.0 - sine * sine)
+    lossless = (points["R"] == 1.0) & (points["h"] == 0.0)
+    rows = np.flatnonzero(lossless & resonant & (rate > 0.0) & (impacts > 0))
     third = sections.shape[1] // 3
-    rows = np.flatnonzero((rate > 0.0) & (impacts > 0))
+    found = np.zeros(points.size, dtype=bool)
     if third >= _FEWEST and rows.size > 0:
         x, v = sections[rows, -3 * third :, 0], sections[rows, -3 * third :, 1]
-        thirds = np.hypot(points["p"][rows, None] * x, v).reshape(rows.size, 3, third)
+        thirds = np.hypot(p[rows, None] * x, v).reshape(rows.size, 3, third)
         extremes = np.stack([thirds.min(axis=2), thirds.max(axis=2)])
         least = _SHARE * third * rate[rows, None]
         found[rows] = (np.diff(extremes, axis=2) > least).all(axis=(0, 2))

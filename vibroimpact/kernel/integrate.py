@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.destination.find import no_destinations
+from vibroimpact.destination.find import NO_DESTINATION
 from vibroimpact.inputs import FLAG, integer
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.growth import grows
@@ -227,15 +227,17 @@ def _record(
     threads = (
         ALL_THREADS if threads is None else integer(1, MOST_RECORDED).checked("threads", threads)
     )
-    n, found = points.size, no_destinations(points.size if classes else 0)
+    n, found = points.size, np.full(points.size if classes else 0, NO_DESTINATION)
     sums = np.zeros(n, dtype=SUMS)
     sums["slowest_impact"], sums["status"] = np.inf, Status.PENDING
     begun = np.full((n, 2), np.nan)
     record = Record(np.empty((n, periods, 2)), np.empty((n, impacts, 2)), begun, sums)
-    _run(
-        threads,
-        points, scheme, transient, periods, lyapunov, record, interrupt, found, only_find=False,
+    lanes, claimed = lanes_per_thread(n, threads), np.zeros(1, np.int64)
+    job = KernelJob(
+        points, scheme, transient, periods, lyapunov, lanes, record, claimed, interrupt, found,
+        only_find=False,
     )  # fmt: skip
+    run_on_threads(threads, job)
     return record, found
 
 
@@ -288,33 +290,15 @@ def find_destinations(
     sums["impacts"] = np.rint(np.nan_to_num(results["impacts_per_period"]) * periods)
     sums["chatters"], sums["rested"] = results["chatters"], results["rest_fraction"]
     sections = np.stack([results["poincare_x"], results["poincare_v"]], axis=2)
-    threads, found = ALL_THREADS if threads is None else threads, no_destinations(n)
+    threads, found = ALL_THREADS if threads is None else threads, np.full(n, NO_DESTINATION)
     record = Record(sections, np.empty((n, 0, 2)), np.empty((n, 2)), sums)
-    points = with_one_force(points)
-    _run(threads, points, scheme, 0, periods, False, record, interrupt, found, only_find=True)
-    return found
-
-
-def _run(
-    threads: int,
-    points: np.ndarray,
-    scheme: Scheme,
-    transient: int,
-    periods: int,
-    lyapunov: bool,
-    record: Record,
-    interrupt: np.ndarray,
-    found: np.ndarray,
-    *,
-    only_find: bool,
-) -> None:
-    """Run the kernel with no thread without lanes: starting one takes longer than a few lanes."""
-    lanes, claimed = lanes_per_thread(points.size, threads), np.zeros(1, np.int64)
+    lanes, claimed = lanes_per_thread(n, threads), np.zeros(1, np.int64)
     job = KernelJob(
-        points, scheme, transient, periods, lyapunov, lanes, record, claimed, interrupt, found,
-        only_find,
+        with_one_force(points), scheme, 0, periods, False, lanes, record, claimed, interrupt, found,
+        only_find=True,
     )  # fmt: skip
-    run_on_threads(min(threads, max(1, -(-points.size // lanes))), job)
+    run_on_threads(threads, job)
+    return found
 
 
 def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.ndarray]:

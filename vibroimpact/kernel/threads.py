@@ -116,7 +116,10 @@ def take_shortened(job, workspace, memory):
 
 
 def run_on_threads(threads: int, job: KernelJob) -> None:
-    """Run every point, on `threads` threads."""
+    """Run every point, on `threads` threads or as many as have lanes.
+
+    To start a thread takes longer than a few lanes.
+    """
     loops = {PLAIN: (take_plain, 0), EXACT: (take_exact, EXACT_COLUMNS)}
     loop, columns = loops.get(job.scheme.method[0], (take_shortened, REDUCED_STEP_COLUMNS))
 
@@ -126,4 +129,5 @@ def run_on_threads(threads: int, job: KernelJob) -> None:
         return workspace, Memory(workspace.scratch, sections, tried)
 
     work = compiled(loop, job, *memory_of_thread())
+    threads = min(threads, max(1, -(-job.points.size // job.lanes)))
     on_threads(threads, job.interrupt, lambda: work(job, *memory_of_thread()))

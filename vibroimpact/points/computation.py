@@ -1,50 +1,45 @@
-"""The computation of points by the kernel: scaled, followed, or with transients of their own."""
+"""The computation of points by the kernel: scaled, followed, or with transients of their own.
+
+**Scaling.** With the stop at the rest position, a start at rest there and a = 0, f is the only
+quantity in eq. (1) and the rules (2)-(5) whose unit has a length. So x and v are proportional to f,
+and the times of the impacts do not depend on it. The same holds for every step of every method.
+Scaling by a power of two is exact to the last bit.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from vibroimpact.kernel.integrate import Length, record_begins, recorded_extremes, run_points
-from vibroimpact.oscillator import mesh
 from vibroimpact.points.destinations import classified
 from vibroimpact.points.following import follow_chains
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.scaling import computed_once
 from vibroimpact.points.transient import run_with_own_transients
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import scheme_of
 
-
-def compute_box(
-    spec: RunSpec,
-    axes: Mapping[str, np.ndarray],
-    fixed: Mapping[str, float],
-    threads: int | None,
-    advance: Callable[[int], object],
-    interrupt: np.ndarray | None = None,
-) -> dict[str, np.ndarray]:
-    """Compute the points of a box of `axes`, slowest first; a followed axis must be complete.
-
-    `advance` is given the number of points computed since its last call: after every value of a
-    followed axis, otherwise once. `threads` is None for all. Returns arrays of shape (points, ...),
-    in C order, two directions one after the other. They are named as by `vibroimpact.integrate`;
-    the results of `trajectories` and `classified` are added where `spec` asks for them.
-    """
-    points = mesh(axes, fixed)
-    if spec.followed is None:
-        results = compute_points(spec, points, threads, interrupt=interrupt)
-        advance(points.size)
-        return results
-
-    run = partial(_run, spec, threads=threads, interrupt=interrupt)
-    box = points.reshape(tuple(map(len, axes.values())))
-    along = list(axes).index(spec.followed)
-    results = follow_chains(box, along, spec.followed, spec.directions, spec.phase, run, advance)
-    points = np.tile(points, len(spec.directions))
-    return classified(spec, points, results, threads, interrupt) if spec.period else results
+#: Results proportional to f: their unit is a length, or a length per time.
+SCALED = (
+    "poincare_x",
+    "poincare_v",
+    "impact_v",
+    "trajectory_x",
+    "trajectory_v",
+    "slowest_impact",
+    "fastest_impact",
+    "impulse",
+    "max_penetration",
+    "x_min",
+    "x_max",
+    "orbit_x",
+    "orbit_v",
+)
+#: Results proportional to f squared.
+SCALED_SQUARED = ("energy_lost",)
 
 
 def compute_points(
@@ -53,17 +48,58 @@ def compute_points(
     threads: int | None,
     interrupt: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """Compute `points` of shape (n,), each from its own start; results as of `compute_box`."""
-    part = partial(_run, threads=threads, interrupt=interrupt)
+    """Compute `points` of shape (n,), each from its own start.
 
-    def run(points: np.ndarray) -> dict[str, np.ndarray]:
-        if spec.longest is None:
-            results = part(spec, points)
-        else:
-            results = run_with_own_transients(spec, points, part)
-        return classified(spec, points, results, threads, interrupt) if spec.period else results
+    `threads` is None for all. Returns arrays of shape (n, ...), named as by
+    `vibroimpact.integrate`; the results of `trajectories` and `classified` are added where `spec`
+    asks for them.
+    """
+    if spec.scaled:
+        return _computed_once(replace(spec, scaled=False), points, threads, interrupt)
+    run = partial(_run, threads=threads, interrupt=interrupt)
+    if spec.longest is None:
+        results = run(spec, points)
+    else:
+        results = run_with_own_transients(spec, points, run)
+    return classified(spec, points, results, threads, interrupt) if spec.period else results
 
-    return computed_once(points, run) if spec.scaled else run(points)
+
+def compute_chains(
+    spec: RunSpec,
+    box: np.ndarray,
+    along: int,
+    threads: int | None,
+    advance: Callable[[int], object],
+    interrupt: np.ndarray | None = None,
+) -> dict[str, np.ndarray]:
+    """Compute the points of a box; along dimension `along` of it the followed axis is complete.
+
+    `advance` is given the number of points computed since its last call, after every value of that
+    axis. The results are as of `compute_points`, two directions one after the other.
+    """
+    run = partial(_run, spec, threads=threads, interrupt=interrupt)
+    axis = spec.followed
+    assert axis is not None
+    results = follow_chains(box, along, axis, spec.directions, spec.phase, run, advance)
+    points = np.tile(box.ravel(), len(spec.directions))
+    return classified(spec, points, results, threads, interrupt) if spec.period else results
+
+
+def _computed_once(
+    spec: RunSpec, points: np.ndarray, threads: int | None, interrupt: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """Compute points that differ only in f once, at f = 1, and scale the results."""
+    at_one = points.copy()
+    at_one["f"] = 1.0
+    different, index = np.unique(at_one, return_inverse=True)
+    computed = compute_points(spec, different, threads, interrupt)
+    results = {name: values[index] for name, values in computed.items()}
+    for name, values in results.items():
+        if name in SCALED:
+            values *= points["f"].reshape(-1, *(1,) * (values.ndim - 1))
+        elif name in SCALED_SQUARED:
+            values *= points["f"] ** 2
+    return results
 
 
 def _run(

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vibroimpact.destination.find import no_destinations
+from vibroimpact.destination.find import NO_DESTINATION
 from vibroimpact.kernel.integrate import find_destinations, integrate
+from vibroimpact.points.regimes import has_result
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.scheme import scheme_of
@@ -21,9 +22,6 @@ RECORD = (
     "chatters",
     "status",
 )
-
-#: Status of points without a motion that goes somewhere.
-_NOWHERE = [int(status) for status in Status if status.failed or status is Status.UNBOUNDED]
 
 
 def classified(
@@ -68,7 +66,8 @@ def _destinations(
         method = spec.integrator, spec.impact, spec.steps_per_period, spec.phase
         flag = np.zeros(1, np.int64) if interrupt is None else interrupt
         found = find_destinations(points, scheme_of(points, *method), results, threads, flag)
-    found[np.isin(results["status"], _NOWHERE)] = no_destinations(1)
+    moves = has_result(results["status"]) & (results["status"] != Status.UNBOUNDED)
+    found[~moves] = NO_DESTINATION
     uncounted = np.flatnonzero(found["q"] < 0)
     last = np.stack([results[f"poincare_{name}"][uncounted, -1] for name in "xv"], axis=1)
     q, rests = _repeated(spec, points[uncounted], last, found["m"][uncounted], threads)

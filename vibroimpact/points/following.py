@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from vibroimpact.points.stages import FAILED
+from vibroimpact.points.regimes import has_result
 
 #: Computes points; results of shape (n, ...).
 RunPoints = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -68,7 +68,7 @@ def _continue(
     x, v = before["poincare_x"][:, -1], before["poincare_v"][:, -1]
     if moving_stop:
         x = np.minimum(x, points["clearance"])
-    ended = np.isfinite(x) & np.isfinite(v) & ~np.isin(before["status"], FAILED)
+    ended = np.isfinite(x) & np.isfinite(v) & has_result(before["status"])
     for name, value in (("x0", x), ("v0", v), ("phase", phase)):
         points[name] = np.where(ended, value, points[name])
 

@@ -43,6 +43,8 @@ class Regime(IntEnum):
         return self.name.lower()
 
 
+#: The outcomes that leave no result.
+_FAILED = [status for status in Status if status.failed]
 #: Most periods of motions with rest that are listed.
 _MOST_PERIODS = 3
 #: What is said of a periodic motion; of other motions, the word of their regime.
@@ -98,7 +100,7 @@ def rest_of(periods: Iterable[int]) -> str:
 
 def has_result(status: np.ndarray) -> np.ndarray:
     """Return the mask of points that were computed and did not fail."""
-    return ~np.isin(status, [outcome for outcome in Status if outcome.failed])
+    return ~np.isin(status, _FAILED)
 
 
 def rests(results: Mapping[str, np.ndarray]) -> np.ndarray:

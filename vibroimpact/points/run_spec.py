@@ -21,7 +21,7 @@ class RunSpec:
     lyapunov: bool
     period: bool  #: Whether to find the period class.
     every: int | None  #: Steps between samples of the trajectory; None for no trajectory.
-    #: Whether points that differ only in f are computed once, see ``scaling.py``.
+    #: Whether points that differ only in f are computed once, see ``computation.py``.
     scaled: bool
     #: The axis along which each point starts from its neighbour, see ``following.py``, and the
     #: directions: ``up``, ``down`` or both.

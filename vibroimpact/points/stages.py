@@ -9,12 +9,10 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
+from vibroimpact.points.regimes import has_result
 from vibroimpact.status import Evidence, Status
 
 Results = Mapping[str, np.ndarray]
-
-#: The outcomes that leave no result.
-FAILED = [int(status) for status in Status if status.failed]
 
 
 def in_stages(
@@ -64,4 +62,4 @@ def worst_of(before: np.ndarray, status: np.ndarray) -> np.ndarray:
 
 def without_class(evidence: np.ndarray, status: np.ndarray) -> np.ndarray:
     """Return the mask of the motions that have not failed, and go to no known orbit."""
-    return (evidence <= Evidence.UNREACHED) & ~np.isin(status, FAILED)
+    return (evidence <= Evidence.UNREACHED) & has_result(status)

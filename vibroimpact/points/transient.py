@@ -18,9 +18,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibroimpact.points.regimes import is_chaotic
+from vibroimpact.points.regimes import has_result, is_chaotic
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.stages import FAILED, Results, in_stages, without_class, worst_of
+from vibroimpact.points.stages import Results, in_stages, without_class, worst_of
 from vibroimpact.status import Evidence, Status
 
 #: Sections from which a class is found, and periods of the first stage.
@@ -57,7 +57,7 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
 
     state, done = in_stages(points, _doubled(longest), spec.phase, stage, goes_on)
     results = _recorded(spec, points, state, done, needed, run)
-    failed = np.isin(worst, FAILED)
+    failed = ~has_result(worst)
     for name, values in results.items():
         if name not in ("destination", "transient"):
             values[failed] = np.nan if values.dtype.kind == "f" else 0

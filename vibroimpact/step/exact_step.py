@@ -22,8 +22,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Status
 from vibroimpact.step.chatter import (
@@ -46,7 +44,6 @@ from vibroimpact.step.contact import (
 )
 from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.polynomial import (
-    LONGEST_STEP,
     SMALLEST_NORMAL,
     TERMS,
     expand,
@@ -61,11 +58,6 @@ from vibroimpact.step.propagator import extent
 NEAR_GRAZE = 1e-9
 
 _CERTIFIED, _CUT_SHORT = int(Status.CERTIFIED), int(Status.CUT_SHORT)
-
-
-def steps_needed(h: np.ndarray, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Return the least steps per forcing period for which the Taylor series reach rounding."""
-    return np.ceil(2.0 * np.pi * ((2.0 * h + p) / omega + 1.0) / LONGEST_STEP)
 
 
 @jit

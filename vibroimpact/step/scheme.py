@@ -18,13 +18,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vibroimpact.inputs import PHASE, integer, one_of, refusal
 from vibroimpact.jit import compiled, jit
 from vibroimpact.step.elementary import sin_cos
-from vibroimpact.step.exact_step import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.stability import least_stable_steps
+from vibroimpact.step.polynomial import LONGEST_STEP
 
 # The codes of the impact rules in compiled code.
 PLAIN, REDUCED_STEP, CUBIC, EXACT = range(4)
@@ -87,6 +87,18 @@ MOST_PERIODS, MOST_RECORDED = 1_000_000_000, 1_000_000
 PAPER_STEPS = 100
 
 
+def least_stable_steps(integrator: str, h: ArrayLike, p: ArrayLike, omega: ArrayLike) -> np.ndarray:
+    """Return the least steps per forcing period for which T = 2 pi / (omega steps) is stable.
+
+    The shapes of the parameters must broadcast. Steps are whole numbers; inf if none is stable.
+    The closed forms of ``INTEGRATORS`` are elementary arithmetic, so this compiles nothing.
+    """
+    h, p, omega = (np.asarray(value, float) for value in (h, p, omega))
+    with np.errstate(all="ignore"):  # extreme ratios, which need too many steps anyway
+        steps = np.floor(2.0 * np.pi * p / (omega * INTEGRATORS[integrator].limit(h / p))) + 1.0
+    return np.where(np.isnan(steps), np.inf, steps)
+
+
 def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") -> int:
     """Return the steps per forcing period to take where none are given.
 
@@ -99,7 +111,8 @@ def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") ->
         stable = least_stable_steps(integrator, h, p, omega).max(initial=1.0)
         return max(PAPER_STEPS, int(stable)) if stable <= MOST_STEPS else PAPER_STEPS
     with np.errstate(over="ignore"):
-        steps = float(steps_needed(h, p, omega).max(initial=1.0))
+        needed = np.ceil(2.0 * np.pi * ((2.0 * h + p) / omega + 1.0) / LONGEST_STEP)
+    steps = float(needed.max(initial=1.0))
     if not steps <= MOST_STEPS:
         raise ValueError(
             f"exact impacts would need {steps:.3g} steps per forcing period here, expected: "

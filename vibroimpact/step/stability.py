@@ -1,7 +1,7 @@
-"""Stability of free motion: from an integrator's map M, and from its closed-form limit.
+"""Stability of free motion, from an integrator's map M.
 
-Without force and stop, eq. (1) has one parameter, zeta = h / p; a step adds p T. The limits are in
-the table ``INTEGRATORS``. They are elementary arithmetic, so asking for one compiles nothing.
+Without force and stop, eq. (1) has one parameter, zeta = h / p; a step adds p T. The table
+``INTEGRATORS`` has the limits in closed form.
 """
 
 from __future__ import annotations
@@ -61,14 +61,3 @@ def is_stable(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
     det = M[..., 0, 0] * M[..., 1, 1] - M[..., 0, 1] * M[..., 1, 0]
     allowance = _JURY_TOLERANCE * (1.0 + np.asarray(step, float) ** 2)
     return (np.abs(det) <= 1.0 + allowance) & (np.abs(trace) <= 1.0 + det + allowance)
-
-
-def least_stable_steps(integrator: str, h: ArrayLike, p: ArrayLike, omega: ArrayLike) -> np.ndarray:
-    """Return the least steps per forcing period for which T = 2 pi / (omega steps) is stable.
-
-    The shapes of the parameters must broadcast. Steps are whole numbers; inf if none is stable.
-    """
-    h, p, omega = (np.asarray(value, float) for value in (h, p, omega))
-    with np.errstate(all="ignore"):  # extreme ratios, which need too many steps anyway
-        steps = np.floor(2.0 * np.pi * p / (omega * INTEGRATORS[integrator].limit(h / p))) + 1.0
-    return np.where(np.isnan(steps), np.inf, steps)

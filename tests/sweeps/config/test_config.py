@@ -19,8 +19,7 @@ from tests.helpers.places import CONFIGS
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.polynomial import LONGEST_STEP
-from vibroimpact.step.scheme import IMPACT_RULES
-from vibroimpact.step.stability import least_stable_steps
+from vibroimpact.step.scheme import IMPACT_RULES, least_stable_steps
 
 # Reading
 

@@ -302,7 +302,7 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
         computer = ClusterComputer(client)
         assert computer.cores == 4
         with monkeypatch.context() as patch:
-            patch.setattr("vibroimpact.points.computation.compute_points", watched)
+            patch.setattr("sweeps.engine.executors.compute_points", watched)
             found = list(computer.computed(sweep, blocks))
     assert most == 1
     assert given == {min(4, os.cpu_count())}

@@ -23,6 +23,7 @@ from sweeps.errors import StoreError
 from tests.helpers.configurations import load
 from vibroimpact.jit import NUMERICS, name_of
 from vibroimpact.jit.cache import numerics_of
+from vibroimpact.oscillator import POINT
 
 PHYSICS = Path(vibroimpact.__file__).parent
 ENGINE = Path(sweeps.__file__).parent
@@ -46,26 +47,36 @@ def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, nam
     """Bit for bit; the inputs are in the file, which compares them when it is resumed."""
     calls = []
 
-    def recorded(computation, axes, fixed, *rest):
-        results = compute_box(computation, axes, fixed, *rest)
-        for array in results.values():
-            array.flags.writeable = False
-        calls.append((computation, axes, fixed, results))
-        return results
+    def recorded(compute):
+        def computed(spec, points, *others, **options):
+            results = compute(spec, points, *others, **options)
+            for array in results.values():
+                array.flags.writeable = False
+            calls.append((spec, points.ravel(), results))
+            return results
 
-    compute_box = executors.compute_box
-    monkeypatch.setattr(executors, "compute_box", recorded)
+        return computed
+
+    physics = executors.compute_points
+    monkeypatch.setattr("sweeps.engine.estimate.compute", physics)  # its results are in no file
+    monkeypatch.setattr(executors, "compute_points", recorded(physics))
+    monkeypatch.setattr(executors, "compute_chains", recorded(executors.compute_chains))
     config = load(SWEEPS[name], f"compression={compression}")
     run_sweep(config, "out.h5")
     assert len(calls) >= 1
     with open_sweep("out.h5") as dataset:
         given = yaml.safe_load(dataset.attrs["computation"])
-        for computation, axes, fixed, results in calls:
-            expected = {**asdict(computation), "fixed": fixed}
-            assert given == {**expected, "directions": list(computation.directions)}
-            part = dataset.sel({axis: values for axis, values in axes.items()})
-            for axis, values in axes.items():
-                np.testing.assert_array_equal(part[axis].values, values)
+        fixed = given.pop("fixed")
+        for spec, points, results in calls:
+            assert given == {**asdict(spec), "directions": list(spec.directions)}
+            axes = [axis for axis in dataset["status"].dims if axis in POINT.names]
+            assert {*axes, *fixed} == {*POINT.names}
+            part = dataset.isel({axis: np.isin(dataset[axis], points[axis]) for axis in axes})
+            values = np.meshgrid(*(part[axis].values for axis in axes), indexing="ij")
+            for axis, along in zip(axes, values, strict=True):
+                np.testing.assert_array_equal(points[axis], along.ravel())
+            for parameter, value in fixed.items():
+                assert (points[parameter] == value).all()
             assert set(results) == set(part.data_vars)
             for variable, array in results.items():
                 stored = part[variable].values
@@ -76,8 +87,8 @@ def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, nam
                         assert np.isnan(row[len(samples) :]).all()
                 else:
                     np.testing.assert_array_equal(stored, array)
-        points = sum(results["status"].size for *_, results in calls)
-        assert points == dataset["status"].size
+        computed = sum(results["status"].size for *_, results in calls)
+        assert computed == dataset["status"].size
 
 
 # The code
@@ -158,9 +169,9 @@ def test_what_is_passed_on_is_named_if_it_differs(tmp_path):
     run_sweep(load(SWEEPS["scaled"], path="out.yaml"), "out.h5")
     copy_packages(tmp_path)
     path = tmp_path / "sweeps/config/sweep.py"
-    text, old = path.read_text(), "follow is None and scales"
+    text, old = path.read_text(), "follow is None and grid.scales"
     assert old in text
-    path.write_text(text.replace(old, "False and scales"))
+    path.write_text(text.replace(old, "False and grid.scales"))
     ended = resumed(tmp_path, "out")
     assert ended.returncode == 1 and "cannot be resumed" in ended.stderr, ended.stderr
     assert " and is " in ended.stderr
