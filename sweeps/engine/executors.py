@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Protocol, TypeVar
 
@@ -129,13 +130,12 @@ class Computer(Protocol):
         """
 
 
+@dataclass
 class LocalComputer:
     """Computes blocks one after the other on this machine; ``threads=None`` uses all cores."""
 
+    threads: int | None = None
     cores = 1
-
-    def __init__(self, threads: int | None = None) -> None:
-        self.threads = threads
 
     def described(self) -> str:
         """Return nothing: the work is done here."""

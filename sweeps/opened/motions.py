@@ -20,7 +20,7 @@ from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.computation import compute_points
-from vibroimpact.points.destinations import RECORD, classified
+from vibroimpact.points.destinations import RECORD, classified_later
 from vibroimpact.points.regimes import (
     OF_REGIMES,
     Label,
@@ -83,7 +83,7 @@ def motions_from(
     Classes that were not recorded are found from the section.
     """
     if "period" not in results:
-        results = classified(spec, points, results, None, None)
+        results = classified_later(spec, points, results)
     motions = np.empty(len(points), MOTION)
     motions["point"] = points
     motions["point"]["x0"], motions["point"]["v0"] = results["orbit_x"], results["orbit_v"]

@@ -9,7 +9,7 @@ from tests.helpers import naive
 from tests.helpers.oscillators import bifurcation
 from vibroimpact import Oscillator, integrate, one_impact_orbit
 from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
-from vibroimpact.points.destinations import classified
+from vibroimpact.points.destinations import classified_later
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps
@@ -35,7 +35,7 @@ def run(points, impact="exact", threads=None, **options):
         steps_per_period=spec.steps_per_period, transient=spec.transient, periods=spec.periods,
         phase=spec.phase, impacts=0, threads=threads,
     )  # fmt: skip
-    return spec, classified(spec, points, results, threads, None)
+    return spec, classified_later(spec, points, results, threads)
 
 
 def record_class(points, x, v, impacts_per_period):
@@ -45,7 +45,7 @@ def record_class(points, x, v, impacts_per_period):
         "poincare_x": x, "poincare_v": v, "impacts_per_period": impacts_per_period,
         "rest_fraction": np.zeros(n), "chatters": np.zeros(n, int), "status": np.zeros(n, int),
     }  # fmt: skip
-    out = classified(spec_of(points, "plain"), points, results, None, None)
+    out = classified_later(spec_of(points, "plain"), points, results)
     return out["period"]
 
 
@@ -211,7 +211,7 @@ def test_a_section_beside_an_impact(after):
     point, phase = osc.at(-abs(v * after) / osc.omega, v), phase + after
     spec = spec_of(point, phase=phase, transient=1000)
     results = integrate(point, transient=1000, phase=phase, at_section=True)
-    out = classified(spec, point, results, None, None)
+    out = classified_later(spec, point, results)
     assert (out["period"], out["period_impacts"]) == (1, 1)
 
 

@@ -9,7 +9,7 @@ from tests.vibroimpact.test_destination import on_the_orbit, run, spec_of
 from vibroimpact import Oscillator, integrate, periodic_orbit
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.computation import compute_points
-from vibroimpact.points.destinations import classified
+from vibroimpact.points.destinations import classified_later
 from vibroimpact.points.regimes import Regime, regimes_of
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps
@@ -217,7 +217,7 @@ def test_threads_and_neighbours_change_nothing():
     single = integrate(
         points[5:6], steps_per_period=spec.steps_per_period, transient=30, periods=32, impacts=0
     )
-    alone = classified(spec, points[5:6], single, None, None)
+    alone = classified_later(spec, points[5:6], single)
     assert alone["class_evidence"][0] == out["class_evidence"][5]
 
 
@@ -240,7 +240,7 @@ def test_a_rest_at_the_start_of_a_record_decides_nothing():
         )
         assert (results["rest_fraction"] > 0.0) == (transient == 0)
         spec = spec_of(points, transient=transient, phase=phase)
-        out = classified(spec, points, results, None, None)
+        out = classified_later(spec, points, results)
         assert (out["period"], out["period_impacts"]) == (1, 1)
         assert regimes_of(out, points["omega"], 100) == Regime.PERIODIC
 

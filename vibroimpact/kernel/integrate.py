@@ -280,7 +280,6 @@ def find_destinations(
     scheme: Scheme,
     results: Mapping[str, np.ndarray],
     threads: int | None,
-    interrupt: np.ndarray,
 ) -> np.ndarray:
     """Find where motions go, given the results of a run; returns dtype ``DESTINATION``, (n,)."""
     n, periods = results["poincare_x"].shape
@@ -292,7 +291,8 @@ def find_destinations(
     sections = np.stack([results["poincare_x"], results["poincare_v"]], axis=2)
     threads, found = ALL_THREADS if threads is None else threads, np.full(n, NO_DESTINATION)
     record = Record(sections, np.empty((n, 0, 2)), np.empty((n, 2)), sums)
-    lanes, claimed = lanes_per_thread(n, threads), np.zeros(1, np.int64)
+    lanes = lanes_per_thread(n, threads)
+    claimed, interrupt = np.zeros(1, np.int64), np.zeros(1, np.int64)
     job = KernelJob(
         with_one_force(points), scheme, 0, periods, False, lanes, record, claimed, interrupt, found,
         only_find=True,

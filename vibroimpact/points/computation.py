@@ -61,7 +61,7 @@ def compute_points(
         results = run(spec, points)
     else:
         results = run_with_own_transients(spec, points, run)
-    return classified(spec, points, results, threads, interrupt) if spec.period else results
+    return classified(spec, points, results, threads) if spec.period else results
 
 
 def compute_chains(
@@ -82,7 +82,7 @@ def compute_chains(
     assert axis is not None
     results = follow_chains(box, along, axis, spec.directions, spec.phase, run, advance)
     points = np.tile(box.ravel(), len(spec.directions))
-    return classified(spec, points, results, threads, interrupt) if spec.period else results
+    return classified(spec, points, results, threads) if spec.period else results
 
 
 def _computed_once(

@@ -25,21 +25,25 @@ RECORD = (
 
 
 def classified(
-    spec: RunSpec,
-    points: np.ndarray,
-    results: Mapping[str, np.ndarray],
-    threads: int | None,
-    interrupt: np.ndarray | None,
+    spec: RunSpec, points: np.ndarray, results: Mapping[str, np.ndarray], threads: int | None
 ) -> dict[str, np.ndarray]:
-    """Add the class of every motion to its results, with its distance and evidence.
+    """Add the class of every motion to the results of a run that has found ``destination``.
 
-    The results are at least those named in ``RECORD``, of a run with the method and the phase of
-    `spec`. ``period`` and ``period_impacts`` are those of the orbit to which the motion goes, 0 if
-    none is known. ``orbit_x`` and ``orbit_v`` are the state of the orbit at the last section, and
+    The others are at least those named in ``RECORD``, with the method and the phase of `spec`.
+    ``period`` and ``period_impacts`` are those of the orbit to which the motion goes, 0 if none is
+    known. ``orbit_x`` and ``orbit_v`` are the state of the orbit at the last section, and
     ``orbit_distance`` is the distance of the motion from it, as a share of the size of the record;
     NaN without a class. ``class_evidence`` is an ``Evidence``.
     """
-    found = _destinations(spec, points, results, threads, interrupt)
+    found = results["destination"]
+    moves = has_result(results["status"]) & (results["status"] != Status.UNBOUNDED)
+    found[~moves] = NO_DESTINATION
+    uncounted = np.flatnonzero(found["q"] < 0)
+    last = np.stack([results[f"poincare_{name}"][uncounted, -1] for name in "xv"], axis=1)
+    q, rests = _repeated(spec, points[uncounted], last, found["m"][uncounted], threads)
+    found["q"][uncounted] = q
+    released = (results["rest_fraction"][uncounted] > 0.0) & ~rests
+    found["evidence"][uncounted[released]] = Evidence.RELEASED
     known = found["evidence"] > Evidence.UNREACHED
     kept = {name: values for name, values in results.items() if name != "destination"}
     return kept | {
@@ -52,29 +56,16 @@ def classified(
     }
 
 
-def _destinations(
+def classified_later(
     spec: RunSpec,
     points: np.ndarray,
     results: Mapping[str, np.ndarray],
-    threads: int | None,
-    interrupt: np.ndarray | None,
-) -> np.ndarray:
-    """Return where motions go; a run that was asked for classes has found it already."""
-    if "destination" in results:
-        found = results["destination"]
-    else:
-        method = spec.integrator, spec.impact, spec.steps_per_period, spec.phase
-        flag = np.zeros(1, np.int64) if interrupt is None else interrupt
-        found = find_destinations(points, scheme_of(points, *method), results, threads, flag)
-    moves = has_result(results["status"]) & (results["status"] != Status.UNBOUNDED)
-    found[~moves] = NO_DESTINATION
-    uncounted = np.flatnonzero(found["q"] < 0)
-    last = np.stack([results[f"poincare_{name}"][uncounted, -1] for name in "xv"], axis=1)
-    q, rests = _repeated(spec, points[uncounted], last, found["m"][uncounted], threads)
-    found["q"][uncounted] = q
-    released = (results["rest_fraction"][uncounted] > 0.0) & ~rests
-    found["evidence"][uncounted[released]] = Evidence.RELEASED
-    return found
+    threads: int | None = None,
+) -> dict[str, np.ndarray]:
+    """Return what `classified` does, for a run that was not asked for classes."""
+    method = spec.integrator, spec.impact, spec.steps_per_period, spec.phase
+    found = find_destinations(points, scheme_of(points, *method), results, threads)
+    return classified(spec, points, {**results, "destination": found}, threads)
 
 
 def _repeated(
