@@ -26,8 +26,7 @@ from sweeps.attractor.partition import attractors
 from sweeps.errors import Refused
 from sweeps.opened.dataset import attributes_with_unit, config_of, oscillator_of
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.motions import MOTION, orbit_of_motion
-from sweeps.opened.section_distance import ORBIT_TOLERANCE, section_distance
+from sweeps.opened.motions import MOTION, ORBIT_TOLERANCE, orbit_of_motion, section_distance
 from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, simulate
 from vibroimpact.points.computation import compute_points
 from vibroimpact.points.regimes import Regime, rests

@@ -37,8 +37,7 @@ from sweeps.grid import TABLE
 from sweeps.opened.cuts import START_AXES
 from sweeps.opened.dataset import attributes_with_unit, config_of, diagnostics_with, points_of
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.motions import cycles_of, different, motions_of
-from sweeps.opened.section_distance import ORBIT_TOLERANCE, same_motions
+from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, cycles_of, distances, motions_of
 from sweeps.text import listed
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import Regime, on_its_way
@@ -244,23 +243,64 @@ def attractors_of(
     `parameter` are the parameter points of the `motions`. Periodic motions are on one attractor if
     their parameter points, m and q agree, and their orbits; of all others, those of one regime are.
     """
-    regime, representative = motions["regime"], np.full(len(motions), -1)
-    periodic = regime == Regime.PERIODIC
-    rows = np.flatnonzero(periodic)
-    own = motions[rows]
-    group = different([parameter[rows], own["m"], own["q"]])[1]
-    points, share = own["point"], max(tolerance / _FINER, 1e-15)
+    rows = np.flatnonzero(motions["regime"] > Regime.FAILED)
+    own, at = motions[rows], parameter[rows]
+    periodic, points = own["regime"] == Regime.PERIODIC, own["point"]
+    # Of the motions for which all of this agrees, with rounded states, one is compared.
     states = np.stack([points["x0"] - points["clearance"], points["v0"] / points["omega"]])
-    _, exponent = np.frexp(np.abs(states).max(axis=0))
-    rounded = np.rint(np.ldexp(states, -exponent) / share).astype(np.int64)
-    one, of_row = different([group, exponent, *rounded])
-    same = same_motions(cycles_of(config, own[one]), group[one], tolerance)
-    representative[rows] = rows[one[same[of_row]]]
-    others = np.flatnonzero(~periodic & (regime > Regime.FAILED))
-    first, number = different([parameter[others], regime[others]])
-    representative[others] = others[first[number]]
-    heads = np.unique(representative[representative >= 0])
-    return heads, np.where(representative < 0, -1, np.searchsorted(heads, representative))
+    m, q, x, v = np.where(periodic, [own["m"], own["q"], *states], 0.0)
+    _, exponent = np.frexp(np.maximum(np.abs(x), np.abs(v)))
+    rounded = np.rint(np.ldexp([x, v], -exponent) / max(tolerance / _FINER, 1e-15))
+    columns = np.stack([own["regime"], at, m, q, exponent, *rounded]).astype(np.int64)
+    order = np.lexsort(columns)
+    begins = np.ones(len(order), bool)
+    begins[1:] = (columns[:, order[1:]] != columns[:, order[:-1]]).any(axis=0)
+    one, of_row = order[begins], np.empty_like(order)
+    of_row[order] = np.cumsum(begins) - 1
+    # The periodic ones of these are on one attractor if their cycles agree within the tolerance.
+    cyclic, same = np.flatnonzero(periodic[one]), np.arange(len(one))
+    compared = own[one[cyclic]]
+    apart = [at[one[cyclic]], compared["m"], compared["q"]]
+    group = np.unique(apart, axis=1, return_inverse=True)[1].ravel()
+    same[cyclic] = cyclic[same_motions(cycles_of(config, compared), group, tolerance)]
+    heads = np.unique(one[same])
+    of_point = np.full(len(motions), -1)
+    of_point[rows] = np.searchsorted(heads, one[same[of_row]])
+    return rows[heads], of_point
+
+
+def same_motions(
+    cycles: Cycles, group: np.ndarray, tolerance: float = ORBIT_TOLERANCE
+) -> np.ndarray:
+    """Return for each cycle the index of the first that is the same motion, shape (n,).
+
+    Cycles of one number in `group` are the same motion if they are within `tolerance`, or are
+    connected by a chain of such cycles. So the result does not depend on the order of the cycles,
+    and no arbitrary boundary separates cycles that converge to the same motion.
+    """
+    count = len(group)
+    if len(np.unique(group)) == count:
+        return np.arange(count)
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    # The mean of the states, after an impact, does not depend on the state at which a cycle begins;
+    # two of these places are in both coordinates as near as the cycles are.
+    x, v = np.moveaxis(cycles.states, -1, 0)
+    after = np.fmin(v, -cycles.R[:, None] * v)
+    places = (np.nansum(one, axis=1) / cycles.m for one in (x, after))
+    size = np.nanmax(np.abs(cycles.states), axis=(1, 2), initial=0.0)
+    radius = tolerance * size * (1.0 + 1e-9)  # rounding included
+    sites = np.column_stack([*places, 4.0 * radius.max() * group])  # groups are kept apart
+    near = KDTree(sites).query_ball_point(sites, radius, p=np.inf)
+    a, b = np.repeat(np.arange(count), list(map(len, near))), np.concatenate(near).astype(int)
+    a, b = a[a != b], b[a != b]
+    equal = distances(cycles, a, b) <= tolerance
+    ends = tuple(one[equal].astype(np.int32) for one in (a, b))  # SciPy 1.11 needs int32
+    graph = coo_array((equal[equal], ends), (count, count))
+    number = connected_components(graph, directed=False)[1]
+    return np.unique(number, return_index=True)[1][number]
 
 
 def _numbers(

@@ -23,8 +23,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.opened.motions import cycles_of, motions_from
-from sweeps.opened.section_distance import ORBIT_TOLERANCE, Cycles, distances
+from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, cycles_of, distances, motions_from
 from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.computation import compute_points
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.opened.section_distance import section_distance
+from sweeps.opened.motions import section_distance
 from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, default_steps

@@ -230,7 +230,7 @@ def several_of(texts: Sequence[str] | None) -> tuple[list[str], dict[str, list[f
 @contextmanager
 def opened_in_si(file: Path, *, verify: bool = True) -> Iterator[xr.Dataset]:
     """Open the file of a sweep, that of a rig in SI units; close it at the end of the block."""
-    from sweeps.opened.in_si import in_si
+    from sweeps.opened.dataset import in_si
 
     with opened_sweep(file, verify=verify) as dataset:
         with named(file):

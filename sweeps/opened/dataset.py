@@ -1,10 +1,17 @@
-"""What an opened Dataset says of itself: configuration, names and units, points, results."""
+"""What an opened Dataset says of itself: configuration, names and units, points, results.
+
+`in_si` converts the sweep of a rig once, where a file is opened or a picture is drawn. What is
+computed from the sweep is then in SI units, too: the parameters of the model, which computations
+need, stay beside those of the rig.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,14 +19,17 @@ import xarray as xr
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.config.loading import stored_config
 from sweeps.config.nomenclature import Nomenclature
+from sweeps.config.rig import MASS, QUANTITIES
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.store.variables import VARIABLES, columns_of
+from sweeps.store.variables import COLUMNS, VARIABLES, columns_of
 from sweeps.text import in_units, unit_name
-from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator
+from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, Parameter
 
 #: Attribute that marks a dataset with the names and in the units of its reader.
 IN_SI = "in_si"
+#: Finds the rig in a configuration without reading the table that may belong to it.
+_HAS_RIG = re.compile("^rig:", re.MULTILINE)
 
 
 def values_of(dataset: xr.Dataset, names: Iterable[str]) -> dict[str, np.ndarray]:
@@ -58,6 +68,58 @@ def config_of(dataset: xr.Dataset) -> SweepConfig:
 def nomenclature_of(dataset: xr.Dataset) -> Nomenclature:
     """Return the names, units and numbers of the axes of an opened sweep."""
     return config_of(dataset).nomenclature if IN_SI in dataset.attrs else Nomenclature()
+
+
+def in_si(dataset: xr.Dataset) -> xr.Dataset:
+    """Return an opened sweep with the axes, names and SI units of its rig, if it has one.
+
+    The axes are those of the rig; the parameters of the model stay as further coordinates. The
+    results of the file are still read when they are used.
+    """
+    text = dataset.attrs["configuration"]
+    if IN_SI in dataset.attrs or not (isinstance(text, SweepConfig) or _HAS_RIG.search(text)):
+        return dataset
+    rig = config_of(dataset).rig
+    if rig is None:
+        return dataset
+    seen = Nomenclature(rig)
+    mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)
+    coordinates: dict[str, Any] = {"mass": (mass.dims, mass.values, _about(MASS))}
+    for name in PARAMETERS:
+        if name in QUANTITIES:
+            own, called = dataset[name], seen.name(name)
+            about = {**own.attrs, **_about(seen.about(name))}
+            typed = called != name and called in dataset.coords  # a column of the table
+            masses = mass.values if rig.mass_varies else None
+            values = dataset[called].values if typed else rig.in_si(name, own.values, masses)
+            coordinates[called] = own.dims, values, about
+    si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, mass))
+    si = si.swap_dims({name: seen.name(name) for name in PARAMETERS if name in dataset.dims})
+    if COLUMNS in si.attrs:  # a table: its configuration could not be read under the new names
+        columns = dict.fromkeys(seen.name(name) for name in si.attrs[COLUMNS].split())
+        si.attrs |= {"configuration": config_of(dataset), COLUMNS: " ".join(columns)}
+    return si.assign_attrs({IN_SI: 1})
+
+
+def _results_in_si(dataset: xr.Dataset, mass: xr.DataArray) -> xr.Dataset:
+    """Return the results that are given per mass in a file, multiplied when they are read.
+
+    With a mass of each row of a table, they are multiplied at once.
+    """
+    scaled = {}
+    for name in QUANTITIES.keys() - PARAMETERS.keys():
+        if name in dataset:
+            scaled[name] = dataset.variables[name].copy(deep=False)
+            if mass.dims:
+                scaled[name] = scaled[name].copy(data=scaled[name].values * mass.values)
+            factor = {} if mass.dims else {"scale_factor": mass.item()}
+            scaled[name].attrs |= {**_about(QUANTITIES[name].description), **factor}
+    return xr.decode_cf(xr.Dataset(scaled), decode_times=False)
+
+
+def _about(quantity: Parameter) -> dict[str, str]:
+    """Return the attributes of a quantity of the rig, as a file has them for a parameter."""
+    return {"long_name": quantity.meaning, "units": quantity.unit, "symbol": quantity.symbol}
 
 
 def orbits_on_axes(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:

@@ -1,9 +1,24 @@
-"""The motion of every point of a sweep as a row: its point, its regime and class, and its orbit."""
+"""The motion of every point of a sweep as a row: its point, its regime and class, and its orbit.
+
+Orbits are compared as cycles. A cycle consists of the states of a motion at m passages of the
+section, in time order. It may begin at any of the m states, because a motion of m forcing periods
+can be reached at m phases. The distance of two cycles compares the states at matching places, for
+the best rotation of one against the other. So states that nearly agree in one coordinate cannot be
+confused.
+
+If the phase of an impact passes the phase of the section along an axis, the state at the section
+jumps from before the impact to after it, although the motion changes continuously. Therefore a
+state just before an impact counts as near a state just after it: their distance is the distance of
+both from the impact (Biemond, van de Wouw, Heemels & Nijmeijer 2013, IEEE Trans. Autom. Control 58,
+876-890).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import product
 
 import numpy as np
 import xarray as xr
@@ -15,7 +30,6 @@ from sweeps.opened.dataset import (
     points_of,
     values_of,
 )
-from sweeps.opened.section_distance import ORBIT_TOLERANCE, Cycles, distances
 from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import POINT
@@ -30,6 +44,11 @@ from vibroimpact.points.regimes import (
     repetitions,
 )
 from vibroimpact.points.run_spec import RunSpec
+
+#: Cycles closer than this, relative to their greatest coordinate, are the same motion.
+ORBIT_TOLERANCE = 1e-3
+#: Number of values compared at a time, so that they stay in the cache.
+_VALUES_AT_ONCE = 25_000
 
 
 def classify(dataset: xr.Dataset) -> np.ndarray:
@@ -111,6 +130,62 @@ def run_on(
     return sections, hits
 
 
+@dataclass(frozen=True)
+class Cycles:
+    """Periodic motions, each with its states at the section in a repetition."""
+
+    #: x - clearance and v in the same unit, for example v / omega. Tolerances are thus relative to
+    #: the distance from the stop, wherever the stop is. Shape (n, greatest m, 2); NaN beyond m.
+    states: np.ndarray
+    m: np.ndarray  # forcing periods; int, shape (n,)
+    R: np.ndarray  # coefficient of restitution; shape (n,)
+
+
+def section_distance(
+    states: np.ndarray,
+    states_0: np.ndarray,
+    clearance: np.ndarray | float,
+    R: np.ndarray,
+    scale: np.ndarray | tuple[float, float] = (1.0, 1.0),
+) -> np.ndarray:
+    """Return the distance of states at a section, directly or through an impact, if that is less.
+
+    States are x and v, shape (..., 2), and `scale` gives their units. The clearance and R are
+    broadcast against x. The distance is the larger of the distances in x and in v, in these units.
+    """
+    (x, v), (x_0, v_0) = np.moveaxis(states, -1, 0), np.moveaxis(states_0, -1, 0)
+    X, V = np.moveaxis(np.asarray(scale), -1, 0)
+    direct = np.maximum(np.abs(x - x_0) / X, np.abs(v - v_0) / V)
+    to_stop = np.maximum(np.abs(x - clearance), np.abs(x_0 - clearance)) / X
+    rebound = np.abs(np.minimum(v, v_0) + R * np.maximum(v, v_0)) / V
+    return np.minimum(direct, np.maximum(to_stop, rebound))
+
+
+def distances(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the distances of pairs of cycles, given their indices `a` and `b`, shape (n,).
+
+    A cycle of 2 m periods is compared with two turns of one of m periods; cycles of other different
+    periods are infinitely far apart. The distance is the largest difference of a coordinate, for
+    the rotation that makes it least, divided by the greatest absolute coordinate of both cycles.
+    """
+    m = cycles.m
+    a, b = np.where(m[a] > m[b], b, a), np.where(m[a] > m[b], a, b)
+    result = np.full(len(a), np.inf)
+    for periods, turns in product(np.unique(m[a]).tolist(), (1, 2)):
+        rows = np.flatnonzero((m[a] == periods) & (m[b] == turns * periods))
+        size = max(1, _VALUES_AT_ONCE // (turns * periods))
+        for part in (rows[start : start + size] for start in range(0, rows.size, size)):
+            first = np.tile(cycles.states[a[part], :periods], (1, turns, 1))
+            second, R = cycles.states[b[part], : turns * periods], cycles.R[b[part], None]
+            turned = (np.roll(first, turn, axis=1) for turn in range(periods))
+            apart = [section_distance(one, second, 0.0, R) for one in turned]
+            both = np.concatenate([first, second], axis=1).reshape(len(part), -1)
+            # Column by column: many short rows have their maxima sooner than by `max`.
+            *far, greatest = (reduce(np.maximum, one.T) for one in (*apart, np.abs(both)))
+            result[part] = reduce(np.minimum, far) / np.where(greatest > 0.0, greatest, 1.0)
+    return result
+
+
 def cycles_of(config: SweepConfig, motions: np.ndarray) -> Cycles:
     """Return the orbits of periodic motions as cycles of states at the section."""
     points, m = motions["point"], motions["m"]
@@ -159,13 +234,3 @@ def same_orbit(first: PeriodicOrbit, second: PeriodicOrbit, phase: float) -> boo
     states = np.stack([orbit.sections(phase) for orbit in (first, second)]) - [o.clearance, 0.0]
     cycles = Cycles(states / [1.0, o.omega], np.full(2, first.m), np.full(2, o.R))
     return bool(distances(cycles, np.array([0]), np.array([1]))[0] <= ORBIT_TOLERANCE)
-
-
-def different(columns: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first of each set of equal rows, and the number of the set of every row."""
-    order = np.lexsort(columns)
-    begins = np.ones(len(order), bool)
-    begins[1:] = np.any([column[order[1:]] != column[order[:-1]] for column in columns], axis=0)
-    number = np.empty(len(order), np.int64)
-    number[order] = np.cumsum(begins) - 1
-    return order[begins], number

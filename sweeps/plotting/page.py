@@ -22,8 +22,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
+from sweeps.opened.dataset import in_si, nomenclature_of, orbits_on_axes
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.in_si import arguments_in_si
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import grey_style, user_style
 from vibroimpact.inputs import FLAG, TEXT, Allowed, integer, is_number, number
@@ -236,11 +236,60 @@ def styled(
         if not (page.marks or marks):
             raise Refused("only maps and diagrams can leave out marks")
         with _style(options.get("ax") is None, page.grey):
-            dataset, options = arguments_in_si(dataset, options)
+            dataset, options = _arguments_in_si(dataset, options)
             return draw(dataset, **options)
 
     _in_style.__doc__ = _documented(inspect.getdoc(draw) or "")
     return _in_style
+
+
+def _arguments_in_si(
+    dataset: xr.Dataset, options: Mapping[str, Any]
+) -> tuple[xr.Dataset, dict[str, Any]]:
+    """Return the arguments of a picture in SI units; those of a caller in Python are the model's.
+
+    `options` may have the arguments of `sweeps.plotting.plot`.
+    """
+    si = in_si(dataset)
+    if si is dataset:
+        return dataset, dict(options)
+    seen = nomenclature_of(si)
+
+    def number(wanted: Any) -> Any:
+        """Return a name of the rig, or a DataArray over the axes of the rig."""
+        if isinstance(wanted, xr.DataArray):
+            name = wanted.name
+            if name not in dataset or not wanted.identical(dataset[name]):
+                return _on_axes(si, wanted)
+            wanted = name
+        return seen.name(wanted) if isinstance(wanted, str) else wanted
+
+    converted = dict(options)
+    for option, value in options.items():
+        if option == "overlay":  # its columns have the names of the picture
+            continue
+        if option == "at" and value:
+            converted[option] = seen.selection(value)
+        elif option == "beside" and value:
+            converted[option] = seen.selection({name: np.array(of) for name, of in value.items()})
+        elif option == "exact" and value is not None:
+            converted[option] = orbits_on_axes(si, value)
+        elif option in ("quantity", "color") or isinstance(value, str | xr.DataArray):
+            converted[option] = number(value)
+        elif option in ("below", "axes", "panels"):
+            converted[option] = [number(one) for one in value]
+    return si, converted
+
+
+def _on_axes(dataset: xr.Dataset, values: xr.DataArray) -> xr.DataArray:
+    """Return numbers over parameters of the model over the axes of a dataset in SI units."""
+    for name in map(str, values.dims):
+        axis = nomenclature_of(dataset).name(name)
+        if axis != name and axis in dataset.dims and np.array_equal(values[name], dataset[name]):
+            own = dataset[axis]
+            values = values.assign_coords({axis: (name, own.values, own.attrs)})
+            values = values.swap_dims({name: axis})
+    return values
 
 
 @contextmanager

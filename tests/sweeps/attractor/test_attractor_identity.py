@@ -9,9 +9,10 @@ import pytest
 from sweeps import attractors, open_sweep, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.attractor.knocks import _Motions
+from sweeps.attractor.partition import same_motions
 from sweeps.attractor.tracking import MAX_DISTANCE, MOST_TRACKED, mutually_nearest, track
 from sweeps.errors import Refused
-from sweeps.opened.section_distance import ORBIT_TOLERANCE, Cycles, distances, same_motions
+from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, distances
 from tests.helpers.motions import cycle, given_sections, partition
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
@@ -110,7 +111,7 @@ def test_the_work_is_in_proportion_to_the_number_of_attractors(monkeypatch):
     """As for an undamped oscillator, where every start is an attractor."""
     compared = []
     monkeypatch.setattr(
-        "sweeps.opened.section_distance.distances",
+        "sweeps.attractor.partition.distances",
         lambda cycles, a, b: [compared.append(len(a)), distances(cycles, a, b)][1],
     )
     states = np.random.default_rng(0).uniform(-1.0, 0.0, (3000, 1, 2))

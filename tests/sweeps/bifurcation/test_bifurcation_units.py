@@ -10,7 +10,7 @@ import xarray as xr
 
 import sweeps
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
-from sweeps.opened.in_si import in_si
+from sweeps.opened.dataset import in_si
 from tests.helpers.other_units import in_units
 
 #: Ranges of the parameters in which most motions have impacts.

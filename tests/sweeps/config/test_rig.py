@@ -22,7 +22,7 @@ from sweeps.cli.main import app
 from sweeps.config.json_schema import json_schema
 from sweeps.config.values import Range
 from sweeps.explorer.view import View
-from sweeps.opened.in_si import in_si
+from sweeps.opened.dataset import in_si
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.configurations import linear_values, load, refusal
