@@ -1,11 +1,11 @@
-"""The folder of an incomplete sweep, ``OUT.h5.parts``: its schema, and a file for each block done.
+"""The finished blocks of an incomplete sweep, in its folder ``OUT.h5.parts``.
 
 ``schema.h5`` is a complete file without data. ``block-NNNNNN.npz``, which `numpy.load` reads, holds
 a block: an array for each variable with a record dimension, and ``points``, a structured array with
 the single values of each point. The trajectories of the points follow each other in one array, and
-``samples`` has their lengths. Each file is on the disk before it gets its name, so a kill or a
-loss of power leaves it whole or not at all. The checksums of ZIP reveal a block that was damaged
-later; it counts as not computed, like a block that belongs to another sweep.
+``samples`` has their lengths. `SweepWriter` writes them: each file is on the disk before it gets
+its name, so a kill or a loss of power leaves it whole or not at all. The checksums of ZIP reveal a
+block that was damaged later; it counts as not computed, like a block that belongs to another sweep.
 """
 
 from __future__ import annotations
@@ -13,45 +13,36 @@ from __future__ import annotations
 import errno
 import io
 import os
-import re
-import stat
 import sys
-import time
 import zipfile
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import h5py
 import numpy as np
 
-from sweeps.errors import Failed, StoreError
+from sweeps.errors import StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.interrupts import check
-from sweeps.store.complete_file import add_table, schema_of
+from sweeps.store.complete_file import schema_of
 from sweeps.store.paths import (
-    BLOCK,
-    DRAFT,
     SCHEMA,
     UnreadableError,
     identity,
     open_regular,
     parts_path,
 )
-from sweeps.store.replacing import draft_of, replacing, sync_names
-from sweeps.store.schema import Schema, write_schema
+from sweeps.store.schema import Schema
 from sweeps.store.variables import TRAJECTORIES, VARIABLES
 
 #: Array of a block file: checksum of the schema, number of the block, samples of its trajectories,
 #: duration of the run so far [s].
-_ABOUT = np.dtype([("sweep", "u4"), ("number", "u4"), ("samples", "u8"), ("seconds", "f8")])
-#: Time after which the names of blocks are put on the disk, too [s]; for each it would be slow.
-_SYNC = 1.0
+ABOUT = np.dtype([("sweep", "u4"), ("number", "u4"), ("samples", "u8"), ("seconds", "f8")])
 #: Array of a block file: the number of samples of each trajectory.
-_SAMPLES = "samples"
+SAMPLES = "samples"
 #: Most bytes of blocks that are joined.
 _JOINED = 1 << 26
 #: Most bytes of trajectories that are filled up with NaN at a time, besides the first point.
@@ -70,64 +61,28 @@ class Entry(NamedTuple):
     file: object
 
 
-def create(folder: Path, schema: Schema) -> None:
-    """Begin a sweep in a folder, and remove the blocks of another one."""
-    with replacing(folder / SCHEMA) as new:  # from here on, no old block belongs to the sweep
-        image = io.BytesIO()
-        with h5py.File(image, "w", libver="earliest") as file:
-            write_schema(file, schema, with_blocks=True)
-        new.write(image.getvalue())
-        add_table(new)
-    sync_names(folder)
-    sync_names(folder.parent)
-    remove_files(folder, f"{BLOCK}|{DRAFT}")
-
-
-def remove(folder: Path) -> None:
-    """Remove the files of a sweep from its folder, and the folder if empty.
-
-    The schema becomes a draft, which goes last: so `check_output` knows what a kill left.
-    """
-    with suppress(OSError):  # on Windows, another process is reading it; there are other files
-        with suppress(FileNotFoundError):
-            os.replace(folder / SCHEMA, draft_of(folder / SCHEMA))
-            sync_names(folder)  # a loss of power leaves no schema without its blocks
-        remove_files(folder, BLOCK)
-        sync_names(folder)
-        remove_files(folder, DRAFT)
-        folder.rmdir()
-
-
-def remove_files(folder: Path, names: str) -> None:
-    """Remove the files of a folder whose names match a pattern."""
-    for path in folder.iterdir():
-        if re.fullmatch(names, path.name) and not stat.S_ISDIR(path.lstat().st_mode):
-            path.unlink()
-
-
 class Parts:
-    """The folder of an incomplete sweep, for reading or for the only writer of the sweep.
+    """The finished blocks of an incomplete sweep, for readers and for the only writer of the sweep.
 
     `entries` maps the number of a block to its entry; `damaged` counts the blocks that are damaged
-    or belong to another sweep. With `verify`, all data are compared with their checksums. Raises
-    UnreadableError if the schema or a block cannot be read now.
+    or belong to another sweep. `files` has the path of every block, `points` the type of its single
+    values, and `sweep` is the checksum of the schema. With `verify`, all data are compared with
+    their checksums. Raises UnreadableError if the schema or a block cannot be read now.
     """
 
     def __init__(self, folder: Path, schema: Schema, *, verify: bool = True) -> None:
         self.folder, self.schema = folder, schema
-        self._identity = identity(folder / SCHEMA)
         try:
-            self._sweep = zlib.crc32((folder / SCHEMA).read_bytes())
+            self.sweep = zlib.crc32((folder / SCHEMA).read_bytes())
             files = set(os.listdir(folder))
         except OSError as error:
             raise UnreadableError(folder, error) from error
         self._single = [name for name in schema.variables if VARIABLES[name].dimension is None]
-        self._points = np.dtype([(name, VARIABLES[name].dtype) for name in self._single])
-        self._synced = time.monotonic()
+        self.points = np.dtype([(name, VARIABLES[name].dtype) for name in self._single])
         self.entries: dict[int, Entry] = {}
         self.damaged = 0
-        self._files = [folder / f"block-{i:06}.npz" for i in range(len(schema.blocks))]
-        for number, file in enumerate(self._files):
+        self.files = [folder / f"block-{i:06}.npz" for i in range(len(schema.blocks))]
+        for number, file in enumerate(self.files):
             if file.name not in files:
                 continue
             if verify:  # without it, a sweep is also read after an interrupt, for the report
@@ -188,7 +143,7 @@ class Parts:
         with self._opened(number) as (file, _):
             for name in names:
                 if name in TRAJECTORIES:
-                    columns = _array(file, _SAMPLES), _array(file, name)
+                    columns = _array(file, SAMPLES), _array(file, name)
                     ((_, found[name]),) = _padded(self.schema.blocks[number], *columns)
                 elif name not in self._single:
                     found[name] = _array(file, name)
@@ -214,45 +169,10 @@ class Parts:
         for number, block in enumerate(self.schema.blocks):
             for name in columns:
                 with self._opened(number) as (file, _):
-                    lengths, samples = _array(file, _SAMPLES), _array(file, name)
+                    lengths, samples = _array(file, SAMPLES), _array(file, name)
                 room = 1 + _PIECE // (samples.itemsize * max(1, self.entries[number].samples))
                 for box, array in _padded(block, lengths, samples, room):
                     yield name, box, array
-
-    def write(self, number: int, arrays: Mapping[str, Any], seconds: float) -> None:
-        """Write a block of arrays (box..., record); a loss of power may still lose its name.
-
-        A column of the trajectories is given by an array for each point.
-        """
-        self.refuse_loss()
-        points = np.empty(box_shape(self.schema.blocks[number]), self._points)
-        members: dict[str, Any] = {"about": np.zeros((), _ABOUT), "points": points}
-        longest = 0
-        for name, array in arrays.items():
-            if name in self._single:
-                points[name] = array
-            else:
-                members[name] = array
-            if name in TRAJECTORIES:
-                members[_SAMPLES] = np.array([len(samples) for samples in array])
-                longest = int(members[_SAMPLES].max())
-        members["about"][()] = self._sweep, number, longest, seconds
-        with replacing(self._files[number]) as new, zipfile.ZipFile(new, "w") as file:
-            for name, array in members.items():
-                with file.open(f"{name}.npy", "w", force_zip64=True) as member:
-                    whole = np.concatenate(array) if name in TRAJECTORIES else array
-                    np.lib.format.write_array(member, whole, allow_pickle=False)
-        self.entries[number] = Entry(longest, seconds, identity(self._files[number]))
-        if time.monotonic() > self._synced + _SYNC:
-            sync_names(self.folder)
-            self._synced = time.monotonic()
-
-    def refuse_loss(self) -> None:
-        """Raise Failed if another program has removed or replaced the schema."""
-        now = identity(self.folder / SCHEMA)
-        if now != self._identity:
-            loss = "removed" if now is None else "replaced"
-            raise Failed(f"{self.folder} was {loss} by another program while it was written")
 
     @contextmanager
     def _opened(self, number: int) -> Iterator[tuple[zipfile.ZipFile, object]]:
@@ -261,7 +181,7 @@ class Parts:
         Any error is a StoreError. An OSError is no damage, unless damage led to a place that no
         file has (EINVAL).
         """
-        path = self._files[number]
+        path = self.files[number]
         try:
             with open_regular(path) as file, zipfile.ZipFile(file) as held:
                 now = identity(file.fileno())
@@ -281,10 +201,10 @@ class Parts:
         """Return the entry of a block; refuse the block of another sweep, or a damaged one."""
         with self._opened(number) as (file, now):
             about = _array(file, "about")
-            if (about["sweep"], about["number"]) != (self._sweep, number):
-                raise StoreError(f"{self._files[number]} belongs to another sweep")
+            if (about["sweep"], about["number"]) != (self.sweep, number):
+                raise StoreError(f"{self.files[number]} belongs to another sweep")
             records = set(self.schema.variables).difference(self._single)
-            lengths = {_SAMPLES} if records.intersection(TRAJECTORIES) else set()
+            lengths = {SAMPLES} if records.intersection(TRAJECTORIES) else set()
             for name in {"points", *records, *lengths} if verify else ():
                 _array(file, name)
         return Entry(int(about["samples"]), float(about["seconds"]), now)

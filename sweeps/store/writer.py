@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import stat
 import time
+import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from sweeps.errors import Failed, StoreError
-from sweeps.grid import Block, block_points
-from sweeps.store.complete_file import schema_of, write_file
-from sweeps.store.parts import Parts, create, remove, remove_files
+from sweeps.grid import Block, block_points, box_shape
+from sweeps.store.complete_file import add_table, schema_of, write_file
+from sweeps.store.parts import ABOUT, SAMPLES, Entry, Parts
 from sweeps.store.paths import (
+    BLOCK,
     DRAFT,
     LOCK,
     NO_LOCKS,
@@ -30,10 +35,12 @@ from sweeps.store.paths import (
     parts_path,
     reason,
 )
-from sweeps.store.replacing import check_place, remove_leftovers, replacing, sync_names
-from sweeps.store.schema import Schema
+from sweeps.store.replacing import check_place, draft_of, remove_leftovers, replacing, sync_names
+from sweeps.store.schema import Schema, write_schema
 from sweeps.store.variables import TRAJECTORIES, VARIABLES
 
+#: Time after which the names of blocks are put on the disk, too [s]; for each it would be slow.
+_SYNC = 1.0
 #: More bytes than a lock has, also one of filelock, with the names of a host and of a container.
 _MOST_TEXT = 1024
 #: Valid contents of a lock: this program's text, the text that filelock writes on systems without
@@ -162,13 +169,12 @@ class SweepWriter:
         cannot be written; an old sweep is then unchanged.
         """
         path, folder = self._path, parts_path(self._path)
+        begun = identity(folder / SCHEMA) is not None
         with _failure(path, "written"):
             remove_leftovers(path)  # drafts may be large
-        begun = identity(folder / SCHEMA) is not None
-        if self._resume and (begun or content(path) not in (None, Content.NOTHING)):
             if begun:
-                with _failure(path, "written"):
-                    remove_files(folder, DRAFT)
+                _remove_files(folder, DRAFT)
+        if self._resume and (begun or content(path) not in (None, Content.NOTHING)):
             old = schema_of(folder / SCHEMA if begun else path)
             if differing := schema.differences(old):
                 raise StoreError(
@@ -176,15 +182,17 @@ class SweepWriter:
                     "overwrite it, or give another output"
                 )
             if not begun:
-                remove(folder)  # a run was killed while it did so
+                _remove(folder)  # a run was killed while it did so
                 return None
             schema = old  # its blocks may be others
         else:
             with _failure(path, "created"):
-                create(folder, schema)
+                _create(folder, schema)
         with _failure(path, "written"):
+            self._schema = identity(folder / SCHEMA)
             self._parts = parts = Parts(folder, schema)
         self._began = time.monotonic() - parts.seconds  # as if computed without a pause
+        self._synced = time.monotonic()
         self.damaged = parts.damaged
         return [block for i, block in enumerate(schema.blocks) if i not in parts.entries]
 
@@ -196,11 +204,13 @@ class SweepWriter:
         length; otherwise KeyError or ValueError is raised. Variables that the file does not hold
         are ignored.
         """
-        schema = self._parts.schema
+        parts, schema = self._parts, self._parts.schema
         number = schema.blocks.index(block)
         if unknown := sorted(set(results) - set(VARIABLES)):
             raise ValueError(f"the store has no variable {', '.join(unknown)}")
-        arrays = {}
+        points = np.empty(box_shape(block), parts.points)
+        arrays: dict[str, Any] = {"about": np.zeros((), ABOUT), "points": points}
+        longest = 0
         for name in schema.variables:
             array, ragged = results[name], name in TRAJECTORIES
             shape = tuple(schema.sizes(name, block).values())
@@ -208,21 +218,45 @@ class SweepWriter:
             given = np.shape(array)[: len(expected)]
             if given != expected:
                 raise ValueError(f"{name} has the shape {given} instead of {expected}")
-            dtype = VARIABLES[name].dtype
-            arrays[name] = array if ragged else np.asarray(array, dtype).reshape(shape)
+            if ragged:
+                lengths = np.array([len(samples) for samples in array])
+                arrays[name], arrays[SAMPLES], longest = array, lengths, int(lengths.max())
+            elif VARIABLES[name].dimension is None:
+                points[name] = np.reshape(array, shape)
+            else:
+                arrays[name] = np.asarray(array, VARIABLES[name].dtype).reshape(shape)
+        seconds = time.monotonic() - self._began
+        arrays["about"][()] = parts.sweep, number, longest, seconds
         with _failure(self._path, "written"):
-            self._parts.write(number, arrays, time.monotonic() - self._began)
+            self._refuse_loss()
+            file = parts.files[number]
+            with replacing(file) as new, zipfile.ZipFile(new, "w") as members:
+                for name, array in arrays.items():
+                    with members.open(f"{name}.npy", "w", force_zip64=True) as member:
+                        whole = np.concatenate(array) if name in TRAJECTORIES else array
+                        np.lib.format.write_array(member, whole, allow_pickle=False)
+            parts.entries[number] = Entry(longest, seconds, identity(file))
+            if time.monotonic() > self._synced + _SYNC:
+                sync_names(parts.folder)
+                self._synced = time.monotonic()
 
     def finish(self, *, compressed: bool = False) -> None:
         """Write the complete file and remove the blocks, all of which must be written."""
         parts = self._parts
-        parts.refuse_loss()
+        self._refuse_loss()
         with _failure(self._path, "completed"):
             with replacing(self._path, self._refuse_other_file) as new:
                 pieces = parts.pieces()
                 write_file(new, parts.file_schema, pieces, self._began, compressed=compressed)
             sync_names(self._path.parent)
-        remove(parts.folder)
+        _remove(parts.folder)
+
+    def _refuse_loss(self) -> None:
+        """Raise Failed if another program has removed or replaced the schema."""
+        now = identity(self._parts.folder / SCHEMA)
+        if now != self._schema:
+            loss = "removed" if now is None else "replaced"
+            raise Failed(f"{self._parts.folder} was {loss} by another program while it was written")
 
     def _refuse_other_file(self) -> None:
         """Refuse to replace a file that another program has written in the meantime."""
@@ -232,6 +266,41 @@ class SweepWriter:
                 f"{self._path} was written by another program while the sweep was computed, "
                 "and is not replaced; move it, and resume the run"
             )
+
+
+def _create(folder: Path, schema: Schema) -> None:
+    """Begin a sweep in a folder, and remove the blocks of another one."""
+    with replacing(folder / SCHEMA) as new:  # from here on, no old block belongs to the sweep
+        image = io.BytesIO()
+        with h5py.File(image, "w", libver="earliest") as file:
+            write_schema(file, schema, with_blocks=True)
+        new.write(image.getvalue())
+        add_table(new)
+    sync_names(folder)
+    sync_names(folder.parent)
+    _remove_files(folder, f"{BLOCK}|{DRAFT}")
+
+
+def _remove(folder: Path) -> None:
+    """Remove the files of a sweep from its folder, and the folder if empty.
+
+    The schema becomes a draft, which goes last: so `check_output` knows what a kill left.
+    """
+    with suppress(OSError):  # on Windows, another process is reading it; there are other files
+        with suppress(FileNotFoundError):
+            os.replace(folder / SCHEMA, draft_of(folder / SCHEMA))
+            sync_names(folder)  # a loss of power leaves no schema without its blocks
+        _remove_files(folder, BLOCK)
+        sync_names(folder)
+        _remove_files(folder, DRAFT)
+        folder.rmdir()
+
+
+def _remove_files(folder: Path, names: str) -> None:
+    """Remove the files of a folder whose names match a pattern."""
+    for path in folder.iterdir():
+        if re.fullmatch(names, path.name) and not stat.S_ISDIR(path.lstat().st_mode):
+            path.unlink()
 
 
 @contextmanager
