@@ -79,18 +79,23 @@ class _Draft(io.FileIO):
 
 
 def write_file(
-    new: BinaryIO, schema: Schema, pieces: Iterable[Piece], began: float, *, compressed: bool
+    new: BinaryIO,
+    schema: Schema,
+    pieces: Iterable[Piece] | None,
+    began: float,
+    *,
+    compressed: bool = False,
 ) -> None:
-    """Write the complete file of a sweep to a new file.
+    """Write the complete file of a sweep to a new file, or the schema of an incomplete one.
 
-    `pieces` has all results; `began` is the time from which the duration counts, of
-    `time.monotonic`.
+    `pieces` has all results; without them, the file has the blocks instead. `began` is the time
+    from which the duration counts, of `time.monotonic`.
     """
     with _Draft(new.fileno(), "r+", closefd=False) as draft:
         try:
             with h5py.File(draft, "w", libver="earliest") as file:
-                write_schema(file, schema, compressed=compressed)
-                for name, box, array in pieces:
+                write_schema(file, schema, compressed=compressed, with_blocks=pieces is None)
+                for name, box, array in pieces or ():
                     check()
                     record = (slice(width) for width in array.shape[len(box) :])
                     file[name][(*box, *record)] = array
@@ -100,21 +105,21 @@ def write_file(
         finally:  # this error tells more than the error of HDF5 that follows from it
             if draft.error is not None:
                 raise draft.error
-    add_table(new, schema.variables)
+    _add_table(new, schema.variables)
 
 
-def add_table(new: BinaryIO, variables: Iterable[str] = ()) -> None:
-    """Append the table of checksums to an HDF5 file that has data of these variables."""
+def _add_table(new: BinaryIO, variables: Iterable[str]) -> None:
+    """Append the table of checksums to an HDF5 file that has these variables, with data or not."""
     end = new.seek(0, os.SEEK_END)
     spans: list[tuple[int, int, str]] = []
     with h5py.File(new, "r") as file:
         for name in variables:
             data = file[name]
             chunks: list[Any] = []
-            if data.chunks is None:
-                spans += [(data.id.get_offset(), data.nbytes, name)] * (data.nbytes > 0)
-            else:
+            if data.chunks is not None:
                 data.id.chunk_iter(chunks.append)
+            elif (place := data.id.get_offset()) is not None:
+                spans.append((place, data.nbytes, name))
             spans += [(chunk.byte_offset, chunk.size, name) for chunk in chunks]
     rows: list[Row] = []
     at = 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import stat
@@ -13,13 +12,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
-from sweeps.store.complete_file import add_table, schema_of, write_file
+from sweeps.store.complete_file import schema_of, write_file
 from sweeps.store.parts import ABOUT, SAMPLES, Entry, Parts
 from sweeps.store.paths import (
     BLOCK,
@@ -36,7 +34,7 @@ from sweeps.store.paths import (
     reason,
 )
 from sweeps.store.replacing import check_place, draft_of, remove_leftovers, replacing, sync_names
-from sweeps.store.schema import Schema, write_schema
+from sweeps.store.schema import Schema
 from sweeps.store.variables import TRAJECTORIES, VARIABLES
 
 #: Time after which the names of blocks are put on the disk, too [s]; for each it would be slow.
@@ -187,7 +185,12 @@ class SweepWriter:
             schema = old  # its blocks may be others
         else:
             with _failure(path, "created"):
-                _create(folder, schema)
+                # Once the schema is replaced, no old block belongs to the sweep.
+                with replacing(folder / SCHEMA) as new:
+                    write_file(new, schema, None, time.monotonic())
+                sync_names(folder)
+                sync_names(folder.parent)
+                _remove_files(folder, f"{BLOCK}|{DRAFT}")
         with _failure(path, "written"):
             self._schema = identity(folder / SCHEMA)
             self._parts = parts = Parts(folder, schema)
@@ -266,19 +269,6 @@ class SweepWriter:
                 f"{self._path} was written by another program while the sweep was computed, "
                 "and is not replaced; move it, and resume the run"
             )
-
-
-def _create(folder: Path, schema: Schema) -> None:
-    """Begin a sweep in a folder, and remove the blocks of another one."""
-    with replacing(folder / SCHEMA) as new:  # from here on, no old block belongs to the sweep
-        image = io.BytesIO()
-        with h5py.File(image, "w", libver="earliest") as file:
-            write_schema(file, schema, with_blocks=True)
-        new.write(image.getvalue())
-        add_table(new)
-    sync_names(folder)
-    sync_names(folder.parent)
-    _remove_files(folder, f"{BLOCK}|{DRAFT}")
 
 
 def _remove(folder: Path) -> None:

@@ -285,7 +285,7 @@ def test_a_failed_overwrite_says_that_the_old_one_is_there(monkeypatch, failure,
     def fail(*_, **__):
         raise failure
 
-    for where in ("sweeps.store.writer.write_schema", "sweeps.engine.estimate.trial"):
+    for where in ("sweeps.store.complete_file.write_schema", "sweeps.engine.estimate.trial"):
         with monkeypatch.context() as patch:
             patch.setattr(where, fail)
             result = call("run", "sweep.yaml", "--quiet", "--overwrite")

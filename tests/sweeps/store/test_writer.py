@@ -149,8 +149,14 @@ def test_the_names_of_the_blocks_are_on_the_disk_after_a_second(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
-def test_an_error_of_truncate_in_the_last_pass_is_one_failure(whole):
-    code = "from tests.helpers.written_files import fill_blocks; fill_blocks('out.h5')"
+@pytest.mark.parametrize(("blocks", "action"), [(0, "created"), (5, "completed")])
+def test_an_error_of_truncate_is_one_failure(whole, blocks, action):
+    """In the schema of a new sweep, and in the last pass."""
+    if blocks:
+        fill_blocks("out.h5", blocks)
+    code = (
+        "from tests.helpers.written_files import fill_blocks\nfill_blocks('out.h5', resume=True)\n"
+    )
     inject = ["-f", "-qq", "-e", "trace=ftruncate", "-e", "inject=ftruncate:error=ENOSPC"]
     done = subprocess.run(
         [shutil.which("strace"), *inject, "-o", "/dev/null", sys.executable, "-c", code],
@@ -158,8 +164,11 @@ def test_an_error_of_truncate_in_the_last_pass_is_one_failure(whole):
         capture_output=True,
         text=True,
     )
-    assert done.stderr.endswith("out.h5 cannot be completed: No space left on device\n")
-    assert done_of("out.h5", whole) == 12
+    assert done.stderr.endswith(f"out.h5 cannot be {action}: No space left on device\n")
+    if blocks:
+        assert done_of("out.h5", whole) == 12
+    else:
+        assert os.listdir() == ["sweep.yaml"]
     resumed(whole)
 
 
