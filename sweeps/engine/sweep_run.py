@@ -124,12 +124,8 @@ def run_sweep(
             watched(lambda text: status.update(text or "preparing")),
         ):
             cost = expected_cost(config.sweep, path, computer, resume)
-        about = {
-            "name": config.name,
-            "configuration": config.to_yaml(table=False),
-            **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
-        }
-        schema = Schema.of(config.sweep, cost.block, about, config.column_units)
+        text, units = config.to_yaml(table=False), config.units.model_dump()
+        schema = Schema.of(config.sweep, cost.block, config.name, text, units, config.column_units)
         console.print(printable(plan(config, path, cost)))
         pending = writer.begin(schema)
         if pending is None:  # the file is complete

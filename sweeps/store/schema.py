@@ -80,15 +80,16 @@ class Schema:
         cls,
         sweep: Sweep,
         size: int,
-        attributes: Mapping[str, Any],
+        name: str,
+        configuration: str,
+        units: Mapping[str, str],
         column_units: Mapping[str, str],
     ) -> Self:
         """Return the schema of a new sweep, in blocks of about `size` points.
 
-        `attributes` must contain ``name`` and ``configuration`` (as YAML); they may contain
-        ``length_unit``, ``time_unit`` and further attributes of the file. `column_units` has the
-        units of columns of the table, if they have one. If an axis is followed in two directions,
-        the data get a leading dimension for them.
+        `configuration` is YAML. `units` has the names of the units, as of ``length``, and
+        `column_units` the units of columns of the table, if they have one. If an axis is followed
+        in two directions, the data get a leading dimension for them.
         """
         import numba  # takes half a second, and files are also opened without it
 
@@ -98,14 +99,16 @@ class Schema:
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
         refuse_columns(columns)
         held = held_variables(spec)
-        dimensions = {VARIABLES[name].dimension: width for name, width in held.items()}
-        records = {name: np.arange(width) for name, width in dimensions.items() if name}
+        widths = {VARIABLES[one].dimension: width for one, width in held.items()}
+        records = {record: np.arange(width) for record, width in widths.items() if record}
         records["section"] += spec.transient + 1
         computation = {**asdict(spec), "fixed": dict(grid.fixed)}
         attributes = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
-            **attributes,
+            "name": name,
+            "configuration": configuration,
+            **{f"{key}_unit": unit for key, unit in units.items() if unit != key},
             "computation": yaml.safe_dump(computation, sort_keys=False),
             "numerics": NUMERICS,  # identifies the code that computes the data
             **({"scaled_along": "f"} if spec.scaled else {}),
@@ -119,13 +122,12 @@ class Schema:
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
         }
         axes = {
-            name: values if name == TABLE else values.astype(float)
-            for name, values in grid.axes.items()
+            axis: values if axis == TABLE else values.astype(float)
+            for axis, values in grid.axes.items()
         }
-        unsplit = spec.followed
-        if spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1):
-            unsplit = "f"  # all its values share one computation
-        blocks = grid.blocks(size, unsplit)
+        # All values of f share one computation, if they are scaled.
+        shared = spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1)
+        blocks = grid.blocks(size, "f" if shared else spec.followed)
         if len(spec.directions) > 1:
             axes = {DIRECTION: np.array(spec.directions, object), **axes}
             blocks = ((slice(0, len(spec.directions)), *block) for block in blocks)

@@ -49,16 +49,16 @@ def schema(
     configuration=CONFIGURATION,
     numerics="1",
 ):
-    about = {"name": "a test", "configuration": configuration}
-    plan = Schema.of(Sweep(grid, spec_of(widths, diagnostics)), block_size, about, {})
+    sweep = Sweep(grid, spec_of(widths, diagnostics))
+    plan = Schema.of(sweep, block_size, "a test", configuration, {}, {})
     plan.attributes["numerics"] = numerics
     return plan
 
 
 def planned(config, size):
     """Return the schema of a run of a configuration, in blocks of about `size` points."""
-    about = {"name": config.name, "configuration": config.to_yaml(table=False)}
-    return Schema.of(config.sweep, size, about, config.column_units)
+    text = config.to_yaml(table=False)
+    return Schema.of(config.sweep, size, config.name, text, {}, config.column_units)
 
 
 #: Four blocks of few variables, for tests in which any of the calls for each file fails.
@@ -187,8 +187,9 @@ def random_sweeps(folder):
         }
         widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
         path = folder / f"{len(opened)}.h5"
-        about = {"name": name, "configuration": load_config(configuration).to_yaml()}
-        schema = Schema.of(Sweep(grid, spec_of(widths, diagnostics)), grid.size, about, {})
+        sweep = Sweep(grid, spec_of(widths, diagnostics))
+        text = load_config(configuration).to_yaml()
+        schema = Schema.of(sweep, grid.size, name, text, {}, {})
         with begun(path, schema) as (store, _):
             store.write(
                 tuple(slice(0, n) for n in grid.shape),

@@ -144,8 +144,8 @@ def resumed(folder, *names):
         f"assert sweeps.__file__.startswith({str(folder)!r}), sweeps.__file__\n"
         "for name in sys.argv[1:]:\n"
         "    config = load_config(f'{name}.yaml')\n"
-        "    about = {'name': name, 'configuration': config.to_yaml(table=False)}\n"
-        "    schema = Schema.of(config.sweep, 128, about, config.column_units)\n"
+        "    text = config.to_yaml(table=False)\n"
+        "    schema = Schema.of(config.sweep, 128, name, text, {}, config.column_units)\n"
         "    with sweep_writer(Path(f'{name}.h5'), resume=True) as writer:\n"
         "        writer.begin(schema)\n"
     )
