@@ -27,7 +27,7 @@ from rich.progress import (
 from sweeps.bench.event_solvers import PEERS
 from sweeps.bench.method_scenes import (
     CHATTERING,
-    EXACT,
+    EXACT_METHOD,
     METHODS,
     SCENES,
     Method,
@@ -84,7 +84,7 @@ QUICK = Plan(
 def plan_for_sweep(config: SweepConfig, plan: Plan) -> Plan:
     """Return a plan for a sweep: without peers, and also with the fewest steps of exact impacts."""
     scene = of_sweep(config)
-    ladder = {*plan.ladder, least_steps(EXACT, scene.points)}
+    ladder = {*plan.ladder, least_steps(EXACT_METHOD, scene.points)}
     return replace(plan, scenes=(scene,), ladder=tuple(sorted(ladder)), peers=())
 
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sweeps.bench.method_scenes import EXACT, Scene, least_steps
+from sweeps.bench.method_scenes import EXACT_METHOD, Scene, least_steps
 from vibroimpact import integrate
 from vibroimpact.oscillator import with_one_force
 
@@ -134,7 +134,7 @@ class Peer:
         points = with_one_force(scene.points)
         first = integrate(
             points,
-            steps_per_period=2 * least_steps(EXACT, points),
+            steps_per_period=2 * least_steps(EXACT_METHOD, points),
             transient=0,
             periods=1,
         )

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sweeps.bench.method_scenes import EXACT, Method
+from sweeps.bench.method_scenes import EXACT_METHOD, Method
 from sweeps.bench.paper_cases import CHATTER
 from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
@@ -27,7 +27,7 @@ TESTED_METHODS: Sequence[Method] = (
         for impact in ("plain", "reduced-step", "cubic")
         if impact != "cubic" or integrator in ("newmark", "rk4")
     ),
-    EXACT,
+    EXACT_METHOD,
 )
 
 #: Steps per period, unless said otherwise; the rule ``exact`` chooses its own.
@@ -47,9 +47,9 @@ ENDLESS = (Oscillator(h=0.5, R=0.8, omega=0.6, f=1.0), Oscillator(h=0.5, R=0.95,
 PAPER = Oscillator(h=0.5, R=0.5, omega=1.0, f=1.0)
 PAPER_IMPACTS, PAPER_SLOWEST = 80, 0.036454221377120
 #: The first flight touches the stop at this time, at the speed 0.0039.
-GRAZE, GRAZE_TIME = Oscillator(h=0.1, R=0.8, omega=3.0383, f=1.0), 2.8308
+TOUCHING, TOUCH_TIME = Oscillator(h=0.1, R=0.8, omega=3.0383, f=1.0), 2.8308
 #: Free motion without any loss.
-FREE = Oscillator(h=0.0, R=1.0, omega=101.37 / 100.0, f=0.0)
+FREE_MOTION = Oscillator(h=0.0, R=1.0, omega=101.37 / 100.0, f=0.0)
 #: Two attractors: 1 impact in 1 period, and 3 impacts in 2 periods.
 COEXISTING = Oscillator(h=0.02, R=0.8, omega=1.3, f=1.0)
 #: At four steps per period p T = pi, beyond the limit of every integrator that has one.
@@ -210,10 +210,10 @@ def _smallest_touch(method: Method) -> float:
     "graze at",
     "h = 0.1, R = 0.8, omega = 3.0383: time of the first impact, a touch at t = 2.8308",
     ".4f",
-    lambda t: abs(t - GRAZE_TIME) > 2.0 * math.pi / (GRAZE.omega * STEPS),
+    lambda t: abs(t - TOUCH_TIME) > 2.0 * math.pi / (TOUCHING.omega * STEPS),
 )
 def _first_graze(method: Method) -> float:
-    return _motion_by(method, GRAZE, 3).impact_t[0]
+    return _motion_by(method, TOUCHING, 3).impact_t[0]
 
 
 @_in_failures(
@@ -224,7 +224,7 @@ def _first_graze(method: Method) -> float:
     to_the_letter=False,
 )
 def _energy(method: Method) -> float:
-    return _motion_by(method, FREE, 60, x0=-1.0).impact_v[99] ** 2
+    return _motion_by(method, FREE_MOTION, 60, x0=-1.0).impact_v[99] ** 2
 
 
 @_in_failures(

@@ -29,7 +29,7 @@ LONGEST = 10.0
 CHART = (4.0, 2.0)
 
 #: Steps of a run, and of a quick run. Growth of less than ``SEEN`` / steps per step is not seen.
-STEPS, STEPS_QUICK = 200_000, 20_000
+CHART_STEPS, CHART_STEPS_QUICK = 200_000, 20_000
 SEEN = 1.5 * math.log(2.0)
 
 _PER_PERIOD = 100
@@ -56,7 +56,7 @@ def longest_steps(quick: bool = False) -> Limits:
     The sources are ``closed``, the table of integrators; ``radius``, the spectral radius of the
     map; and ``run``, the growth in runs.
     """
-    steps = STEPS_QUICK if quick else STEPS
+    steps = CHART_STEPS_QUICK if quick else CHART_STEPS
     return {
         name: {
             "closed": integrator.limit(ZETAS),

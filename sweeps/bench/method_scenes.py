@@ -39,12 +39,12 @@ class Method(NamedTuple):
     impact: str
 
 
-EXACT = Method("exact", "exact")
+EXACT_METHOD = Method("exact", "exact")
 METHODS = tuple(
     Method(integrator, rule)
     for rule in IMPACT_RULES
     for integrator in INTEGRATORS
-    if rule != EXACT.impact or integrator == EXACT.integrator
+    if rule != EXACT_METHOD.impact or integrator == EXACT_METHOD.integrator
 )
 
 
@@ -85,7 +85,7 @@ class Scene:
 
     def truth(self) -> dict[str, np.ndarray]:
         """Run all points with exact impacts, on their own steps; results as of `integrate`."""
-        return self.run(EXACT, 2 * least_steps(EXACT, self.points), kept=self.impacts)
+        return self.run(EXACT_METHOD, 2 * least_steps(EXACT_METHOD, self.points), kept=self.impacts)
 
     def errors(
         self, truth: Mapping[str, np.ndarray], run: Mapping[str, np.ndarray]
@@ -130,7 +130,7 @@ class Scene:
 
 def least_steps(method: Method, points: np.ndarray) -> int:
     """Return the fewest steps per forcing period that a method needs at these points."""
-    return default_steps(points, "exact") if method.impact == EXACT.impact else 1
+    return default_steps(points, "exact") if method.impact == EXACT_METHOD.impact else 1
 
 
 def _around(oscillator: Oscillator, offsets: Iterable[float]) -> np.ndarray:

@@ -19,12 +19,12 @@ from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, paper_procedure, simulate
 
 #: Steps per period in the paper, and the forcing periods over which impacts are counted.
-STEPS, PERIODS = 100, 20
+STEPS_OF_PAPER, PERIODS = 100, 20
 #: Steps per period of the errors. Each error is the root mean square over ``SPREAD`` numbers of
 #: steps from there to 1.6 times as many, since it jumps with the phase of the impact in its step.
 LADDER, SPREAD = (25, 50, 100, 200, 400, 800, 1600), 8
 #: Number of first impacts from rest whose times and speeds the error covers.
-FIRST = 4
+FIRST_IMPACTS = 4
 
 CASES: Mapping[str, Oscillator] = {
     name: Oscillator(h=h, R=R, omega=1.0, f=1.0)
@@ -79,7 +79,7 @@ def _cases(ladder: Sequence[int], spread: int) -> pd.DataFrame:
     for case, oscillator in CASES.items():
         exact = simulate(oscillator, PERIODS)
         for name, run in PROCEDURES.items():
-            motion = run(oscillator, PERIODS, STEPS)
+            motion = run(oscillator, PERIODS, STEPS_OF_PAPER)
             errors = _errors(name, oscillator, ladder, spread, exact)
             rows[case, name] = {
                 "deepest": motion.max_penetration,
@@ -95,13 +95,13 @@ def _errors(
     name: str, oscillator: Oscillator, ladder: Sequence[int], spread: int, exact: Trajectory
 ) -> np.ndarray:
     """Return the error of the first impacts for every number of steps."""
-    true = np.stack([exact.impact_t[:FIRST], exact.impact_v[:FIRST]])
+    true = np.stack([exact.impact_t[:FIRST_IMPACTS], exact.impact_v[:FIRST_IMPACTS]])
     errors = []
     for least in ladder:
         squares = []
         for steps in np.unique(np.rint(least * np.linspace(1.0, 1.6, spread)).astype(int)):
             run = PROCEDURES[name](oscillator, 3, int(steps))
-            impacts = np.stack([run.impact_t[:FIRST], run.impact_v[:FIRST]])
+            impacts = np.stack([run.impact_t[:FIRST_IMPACTS], run.impact_v[:FIRST_IMPACTS]])
             squares.append((impacts - true) ** 2 if impacts.shape == true.shape else np.inf)
         errors.append(np.sqrt(np.mean([np.mean(square) for square in squares])))
     return np.array(errors)
@@ -113,7 +113,7 @@ def _order(steps: Sequence[int], errors: np.ndarray) -> float:
 
 def case_tables(measured: Measured) -> str:
     """Return the results of `measure_cases` as tables."""
-    at, end = f"with T = 2 pi/{STEPS}", measured.chatter.rests[0, 0]
+    at, end = f"with T = 2 pi/{STEPS_OF_PAPER}", measured.chatter.rests[0, 0]
     names = list(PROCEDURES)
     scene = f"h = {CHATTER.h:g}, R = {CHATTER.R:g}, omega = {CHATTER.omega:g}"
     parts = {
@@ -121,7 +121,7 @@ def case_tables(measured: Measured) -> str:
         f"Impacts in {PERIODS} periods {at}": _by_case(
             measured, [*names, "exact"], lambda row: f"{row.impacts}"
         ),
-        f"Order, from the times and speeds of the first {FIRST} impacts": _by_case(
+        f"Order, from the times and speeds of the first {FIRST_IMPACTS} impacts": _by_case(
             measured, names, lambda row: f"{row.order:.2f}"
         ),
         f"Where the procedure stalls, to the letter: {scene}": [

@@ -37,7 +37,8 @@ def paper_picture(measured: paper_cases.Measured) -> Figure:
         _draw_errors(row[1], measured.ladder, case)
     for panel in panels[:2].ravel():
         panel.tick_params(labelbottom=False)
-    panels[0, 1].set_title(f"error of times and speeds\nof the first {paper_cases.FIRST} impacts")
+    first = f"of the first {paper_cases.FIRST_IMPACTS} impacts"
+    panels[0, 1].set_title(f"error of times and speeds\n{first}")
     panels[2, 0].set_xlabel("time $t$ [time]")
     panels[2, 1].set_xlabel("steps per period")
     _draw_stalls(figure.add_subplot(rows[1]), measured)
@@ -58,7 +59,7 @@ def _draw_stop(panel: Axes, name: str, case: pd.DataFrame) -> None:
     panel.plot(fine.t, fine.x, color="black", linewidth=0.8)
     for key in ("without", "with"):
         _, colour, marker = _LOOKS[key]
-        run = paper_cases.PROCEDURES[key](osc, 2, paper_cases.STEPS)
+        run = paper_cases.PROCEDURES[key](osc, 2, paper_cases.STEPS_OF_PAPER)
         panel.plot(run.t, run.x, color=colour, linewidth=0.9, marker=marker, markersize=2.2)
     panel.set_xlim(_TIMES)
     panel.set_ylim(_DISPLACEMENTS)

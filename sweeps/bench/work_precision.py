@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from sweeps.bench.method_scenes import CHATTERING, EXACT, GRAZING, ORBIT_ERRORS, REGULAR
+from sweeps.bench.method_scenes import CHATTERING, EXACT_METHOD, GRAZING, ORBIT_ERRORS, REGULAR
 from sweeps.text import table
 
 #: Name of the scene that stands for the mean of all regular scenes.
@@ -28,7 +28,7 @@ _FITTED, _LARGEST, _ABOVE_FLOOR = 5, 0.1, 10.0
 
 STATE, PENETRATION = ORBIT_ERRORS[0], ORBIT_ERRORS[-1]
 #: The steps per period, and for peers the tolerance, at which errors are shown.
-STEPS, TOLERANCE = 100, 1e-9
+COMPARED_STEPS, SOLVER_TOLERANCE = 100, 1e-9
 #: The errors for which the cheapest method is named.
 TARGETS = (1e-2, 1e-4, 1e-8, 1e-12)
 
@@ -74,13 +74,13 @@ def with_orders(measured: pd.DataFrame) -> pd.DataFrame:
 
     It is NaN for the reference and for peers.
     """
-    exact = measured[(measured[METHOD] == list(EXACT)).all(axis=1)]
+    exact = measured[(measured[METHOD] == list(EXACT_METHOD)).all(axis=1)]
     floors = exact.groupby(["scene", "error_kind"])["error"].max()
     lines = []
     for line, group in measured.groupby(LINE, sort=False):
         group = group.sort_values(["steps_per_period", "tolerance"], ascending=[True, False])
         order = math.nan
-        if line[2:] != EXACT and group["steps_per_period"].notna().all():
+        if line[2:] != EXACT_METHOD and group["steps_per_period"].notna().all():
             steps, errors = group["steps_per_period"].tolist(), group["error"].tolist()
             order = measured_order(steps, errors, floors.get(line[:2], 0.0))
         lines.append(group.assign(measured_order=order))
@@ -106,12 +106,14 @@ def of_methods(measured: pd.DataFrame) -> str:
     if main == MEAN:
         columns = {"regular": MEAN, "chatter": CHATTERING.name, "graze": GRAZING.name}
     taken = measured["steps_per_period"]
-    exact_steps = taken[(measured[METHOD] == list(EXACT)).all(axis=1) & (taken >= STEPS)]
-    steps = STEPS if exact_steps.empty else exact_steps.min()
+    exact = (measured[METHOD] == list(EXACT_METHOD)).all(axis=1)
+    exact_steps = taken[exact & (taken >= COMPARED_STEPS)]
+    steps = COMPARED_STEPS if exact_steps.empty else exact_steps.min()
     orders = measured[measured["error_kind"] == STATE].groupby(["scene", *METHOD])
     orders_of = orders["measured_order"].first()
     shown = measured[
-        (measured["scene"] == main) & ((taken == steps) | (measured["tolerance"] == TOLERANCE))
+        (measured["scene"] == main)
+        & ((taken == steps) | (measured["tolerance"] == SOLVER_TOLERANCE))
     ]
     rows = [(*METHOD, *columns, "error", "penetration", "ns/period")]
     for method, group in shown.groupby(METHOD, sort=False):
@@ -128,7 +130,7 @@ def of_methods(measured: pd.DataFrame) -> str:
                 _cost(group),
             )
         )
-    of = f"(solvers: tolerance {TOLERANCE:g}), geometric mean of the regular scenes"
+    of = f"(solvers: tolerance {SOLVER_TOLERANCE:g}), geometric mean of the regular scenes"
     return (
         f"Measured orders of the section state; errors and cost with {steps} steps per period\n"
         f"{of if main == MEAN else f'of the {main}'}\n\n"

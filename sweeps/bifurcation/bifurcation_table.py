@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: The columns of the table after those of the other axes.
-COLUMNS = (
+TABLE_COLUMNS = (
     "kind", "value", "low", "high", "before", "after", "between", "orbit", "source",
     "x", "v", "impact_v", "multiplier_1", "multiplier_2",
 )  # fmt: skip
@@ -122,7 +122,7 @@ def bifurcations(
 def public_table(found: pd.DataFrame) -> pd.DataFrame:
     """Return what `find_bifurcations` found as the table of `bifurcations`."""
     named = found.assign(before=found["before"].map(str), after=found["after"].map(str))
-    named = named[[*other_axes(found), *COLUMNS]]
+    named = named[[*other_axes(found), *TABLE_COLUMNS]]
     named.attrs = {name: found.attrs[name] for name in ("axis", "unclassified", "branches")}
     return named
 
@@ -159,7 +159,7 @@ def find_bifurcations(
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
         rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), row["place"]))
-    given = [name for name in COLUMNS if name != "source"]
+    given = [name for name in TABLE_COLUMNS if name != "source"]
     found = pd.DataFrame(rows, columns=[*others, *given, *_MORE])
     numbers = ("value", "low", "high", "place", "x", "v", "multiplier_1", "multiplier_2")
     found = found.astype({**dict.fromkeys(numbers, float), "between": int})
@@ -223,7 +223,7 @@ def _row_of(state: np.ndarray, speeds: np.ndarray, multipliers: np.ndarray) -> d
 
 def other_axes(found: pd.DataFrame) -> list[str]:
     """Return the names of the other axes, which are the first columns."""
-    return [name for name in found.columns if name not in (*COLUMNS, *_MORE)]
+    return [name for name in found.columns if name not in (*TABLE_COLUMNS, *_MORE)]
 
 
 def _has_one_line(dataset: xr.Dataset, axis: str, at: Selection | None) -> bool:

@@ -139,7 +139,7 @@ def _scenes() -> Iterable[str]:
     return scenes()
 
 
-Scene = Annotated[
+SceneName = Annotated[
     str,
     typer.Argument(
         metavar="SCENE",
@@ -149,7 +149,7 @@ Scene = Annotated[
 ]
 
 
-def init_command(scene: Scene = "quickstart") -> None:
+def init_command(scene: SceneName = "quickstart") -> None:
     """Write a scene to this folder: its configuration with comments, and its table, if any."""
     from sweeps.config.scenes import scenes
     from sweeps.store.replacing import check_target, writing

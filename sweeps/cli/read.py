@@ -238,7 +238,7 @@ def compare_command(
         raise typer.Exit(1)
 
 
-Rows = Annotated[
+RowsOption = Annotated[
     str,
     typer.Option(
         metavar="NAME",
@@ -254,7 +254,7 @@ def export_command(
         Path,
         typer.Option("-o", "--output", metavar="FILE", help="The .csv file to write."),
     ],
-    rows: Rows = "points",
+    rows: RowsOption = "points",
     at: At = None,
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""

@@ -18,7 +18,7 @@ from typing import TypeVar
 
 import numpy as np
 
-Number = TypeVar("Number", Fraction, Decimal)
+Digits = TypeVar("Digits", Fraction, Decimal)
 
 #: Number of values in a row.
 _ROW = 4096
@@ -117,7 +117,7 @@ def geometric(start: float, stop: float, num: int) -> np.ndarray:
     return values
 
 
-def _pairs(numbers: Sequence[Number]) -> tuple[np.ndarray, np.ndarray]:
+def _pairs(numbers: Sequence[Digits]) -> tuple[np.ndarray, np.ndarray]:
     """Return each number as the sum of a float and a much smaller one, shape (n,) each."""
     high = [float(number) for number in numbers]
     low = [float(number - type(number)(near)) for number, near in zip(numbers, high, strict=True)]

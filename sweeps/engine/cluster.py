@@ -27,12 +27,13 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from sweeps.engine.executors import Results, as_completed, compute_block
+from sweeps.engine.executors import as_completed, compute_block
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block, Sweep, block_points
 from sweeps.interrupts import raised_at_once
 from vibroimpact import __version__
 from vibroimpact.jit import NUMERICS
+from vibroimpact.points.stages import Results
 
 if TYPE_CHECKING:
     from concurrent.futures import Future

@@ -21,10 +21,9 @@ from vibroimpact.jit import ALL_THREADS, called_before_passes
 from vibroimpact.kernel.threads import FEWEST_LANES
 from vibroimpact.points.computation import compute_chains, compute_points
 from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import Results
 
-T = TypeVar("T")
-#: The variables of the file by name, of shape (points, ...).
-Results = Mapping[str, np.ndarray]
+Value = TypeVar("Value")
 #: Interval of the checks for signals [s]: a signal caught by another thread does not wake the main.
 _WAIT = 0.1
 
@@ -79,7 +78,7 @@ def other_thread() -> Iterator[ThreadPoolExecutor]:
             executor.shutdown(cancel_futures=True)
 
 
-def in_thread(function: Callable[..., T], *arguments: Any) -> T:
+def in_thread(function: Callable[..., Value], *arguments: Any) -> Value:
     """Call a function in another thread, and check for signals while waiting for its result."""
     with other_thread() as executor:
         future = executor.submit(function, *arguments)

@@ -11,7 +11,7 @@ from bokeh.models import ColumnDataSource, HoverTool, LegendItem
 from sweeps.bifurcation.exact_branches import branches_of, check_axis
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.live_diagram import Diagram, numbers
-from sweeps.explorer.view import DIAGRAM, View
+from sweeps.explorer.view import DIAGRAM_TAB, View
 from sweeps.explorer.worker import Step
 from sweeps.interrupts import check
 from sweeps.opened.motions import motions_from
@@ -60,7 +60,7 @@ class Branches:
 
     def steps(self, view: View, columns: int) -> list[Step]:
         """Return the step that finds the branches, if the view shows them."""
-        if not view.exact or view.tab != DIAGRAM:
+        if not view.exact or view.tab != DIAGRAM_TAB:
             return []
         config = view.diagram(columns)
         find, show = partial(self._find, view, config), partial(self._paint, _depends_on(view))

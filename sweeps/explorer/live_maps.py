@@ -19,7 +19,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.engine.estimate import block_size
 from sweeps.engine.executors import compute
 from sweeps.explorer.figures import PixelFigure, Report, narrow, outer_edges, without_tex
-from sweeps.explorer.view import BASINS, View
+from sweeps.explorer.view import BASINS_TAB, View
 from sweeps.explorer.worker import Step
 from sweeps.opened.motions import MOTION, motions_from
 from sweeps.plotting.labels import as_variable, named_unit, prefix_of
@@ -227,7 +227,7 @@ def _filled(pixels: np.ndarray) -> np.ndarray:
 
 
 class Map(PixelFigure):
-    """The figure of a tab over two parameters: ``MAP`` or ``BASINS``."""
+    """The figure of a tab over two parameters: ``MAP_TAB`` or ``BASINS_TAB``."""
 
     def __init__(self, name: str, tab: int, report: Report, x_range: Range1d | None = None) -> None:
         super().__init__(name, report, x_range)
@@ -270,7 +270,7 @@ class Map(PixelFigure):
         """Return the steps that draw a view from coarse to fine."""
         config = self.finest(view)
         if self.filling is None or self.filling.config != config:
-            self.filling = Filling(config, view.plane(self._tab)[0][0], self._tab == BASINS)
+            self.filling = Filling(config, view.plane(self._tab)[0][0], self._tab == BASINS_TAB)
         advance, show = self.filling.advance, partial(self._paint, view)
         stops = self.filling.stops
         return [Step(self._name, (config, n), partial(advance, n), show) for n in stops]

@@ -27,7 +27,7 @@ from sweeps.explorer.live_diagram import Diagram
 from sweeps.explorer.live_maps import Map
 from sweeps.explorer.live_motion import MotionPanel
 from sweeps.explorer.saved_view import write_yaml
-from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
+from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View
 from sweeps.explorer.worker import Step, Worker
 
 _ENDED = (
@@ -64,8 +64,8 @@ class LivePage:
         self.controls = Controls(home, self.change, self._save)
         self.diagram = Diagram(self._report)
         self.branches = Branches(self.diagram)
-        self.map = Map("map", MAP, self._report, self.diagram.figure.x_range)
-        self.basins = Map("basins", BASINS, self._report)
+        self.map = Map("map", MAP_TAB, self._report, self.diagram.figure.x_range)
+        self.basins = Map("basins", BASINS_TAB, self._report)
         self._pictures = (self.diagram, self.map, self.basins)
         self.motion = MotionPanel(self._close)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
@@ -260,14 +260,14 @@ class LivePage:
     def _at_home(self, view: View) -> View:
         """Return the view with the original windows of the open tab."""
         home = self.home
-        if view.tab == BASINS:
+        if view.tab == BASINS_TAB:
             return replace(view, x0lim=home.x0lim, v0lim=home.v0lim).moved(**view.values)
         xlim = (
             home.xlim
             if view.axis == home.axis
             else view.around(view.axis, (view.across, view.maplim))
         )
-        if view.tab == DIAGRAM:
+        if view.tab == DIAGRAM_TAB:
             return replace(view, xlim=xlim, ylim=None)
         unchanged = (view.axis, view.across) == (home.axis, home.across)
         return replace(view, xlim=xlim, maplim=home.maplim if unchanged else view.maplim)
@@ -279,14 +279,14 @@ class LivePage:
     def _mark(self, x: float, y: float) -> None:
         """Mark a point of the open tab; on the map of classes, also show the diagram through it."""
         view = self.view
-        if view.tab == DIAGRAM:
+        if view.tab == DIAGRAM_TAB:
             low, high = view.xlim
             clicked = view.moved(**{view.axis: min(max(x, low), high)})
-        elif view.tab == MAP:
+        elif view.tab == MAP_TAB:
             clicked = view.moved(**{view.axis: x, view.across: y})
             if self._line.active == 1:
                 clicked = clicked.with_axis(view.across)
-            clicked = replace(clicked, ylim=None, tab=DIAGRAM)
+            clicked = replace(clicked, ylim=None, tab=DIAGRAM_TAB)
         else:
             clicked = replace(view.moved(x0=x, v0=y), ylim=None)
         self.change(lambda view: replace(clicked, marked=True))

@@ -8,7 +8,7 @@ import shlex
 from pathlib import Path
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.explorer.view import DIAGRAM, View
+from sweeps.explorer.view import DIAGRAM_TAB, View
 from sweeps.store.replacing import writing
 from sweeps.text import printable
 
@@ -28,7 +28,7 @@ def _commands(view: View, name: str) -> str:
     """Return a comment with the commands that draw the picture."""
     config, file = shlex.quote(f"{name}.yaml"), shlex.quote(f"{name}.h5")
     options = f"--kind {('bifurcation', 'map', 'basins')[view.tab]}"
-    if view.tab == DIAGRAM:
+    if view.tab == DIAGRAM_TAB:
         options += f" --coordinate {view.ordinate} --xlim={view.xlim[0]!r}:{view.xlim[1]!r}"
         if view.ylim is not None:
             options += f" --ylim={view.ylim[0]!r}:{view.ylim[1]!r}"

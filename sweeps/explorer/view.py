@@ -25,7 +25,7 @@ from vibroimpact.oscillator import PARAMETERS, Parameter
 Window = tuple[float, float]
 
 #: The tabs of the page, each with one picture.
-DIAGRAM, MAP, BASINS = range(3)
+DIAGRAM_TAB, MAP_TAB, BASINS_TAB = range(3)
 #: What the page records, and what an address calls it.
 RECORD_FIELDS = {
     "transient": "transient",
@@ -122,7 +122,7 @@ class View:
     #: respectively.
     marked: bool = False
     exact: bool = False
-    tab: int = DIAGRAM  # ``DIAGRAM``, ``MAP`` or ``BASINS``
+    tab: int = DIAGRAM_TAB  # ``DIAGRAM_TAB``, ``MAP_TAB`` or ``BASINS_TAB``
     log: tuple[str, ...] = ()  # the parameters whose axes are logarithmic
 
     @classmethod
@@ -156,14 +156,14 @@ class View:
             maplim=window(across),
             x0lim=window("x0"),
             v0lim=window("v0"),
-            tab=BASINS if starts else DIAGRAM,
+            tab=BASINS_TAB if starts else DIAGRAM_TAB,
             log=tuple(name for name in axes if axes[name].spacing == "log"),
         )
 
     @property
     def shows_motion(self) -> bool:
         """Whether the open tab shows a motion."""
-        return self.marked and self.tab != MAP
+        return self.marked and self.tab != MAP_TAB
 
     def moved(self, **values: float) -> Self:
         """Return this view at other values of parameters; the starts stay in front of the stop."""
@@ -200,7 +200,7 @@ class View:
 
     def plane(self, tab: int) -> tuple[tuple[str, Window], tuple[str, Window]]:
         """Return abscissa and ordinate of the map or of the basins, each with its window."""
-        if tab == BASINS:
+        if tab == BASINS_TAB:
             return ("x0", self.x0lim), ("v0", self.v0lim)
         return (self.axis, self.xlim), (self.across, self.maplim)
 
@@ -301,7 +301,7 @@ class View:
                 raise ConfigError(f"{said}; expected: {parameter.allowed}")
         self.point()
         self.diagram(2)
-        if self.tab != DIAGRAM:
+        if self.tab != DIAGRAM_TAB:
             self.tiles(self.tab, 2, 2)
 
 

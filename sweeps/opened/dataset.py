@@ -22,7 +22,7 @@ from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.rig import MASS, QUANTITIES
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.store.variables import COLUMNS, VARIABLES, columns_of
+from sweeps.store.variables import COLUMN_NAMES, VARIABLES, columns_of
 from sweeps.text import in_units, unit_name
 from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, Parameter
 
@@ -95,9 +95,9 @@ def in_si(dataset: xr.Dataset) -> xr.Dataset:
             coordinates[called] = own.dims, values, about
     si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, mass))
     si = si.swap_dims({name: seen.name(name) for name in PARAMETERS if name in dataset.dims})
-    if COLUMNS in si.attrs:  # a table: its configuration could not be read under the new names
-        columns = dict.fromkeys(seen.name(name) for name in si.attrs[COLUMNS].split())
-        si.attrs |= {"configuration": config_of(dataset), COLUMNS: " ".join(columns)}
+    if COLUMN_NAMES in si.attrs:  # a table: its configuration could not be read under the new names
+        columns = dict.fromkeys(seen.name(name) for name in si.attrs[COLUMN_NAMES].split())
+        si.attrs |= {"configuration": config_of(dataset), COLUMN_NAMES: " ".join(columns)}
     return si.assign_attrs({IN_SI: 1})
 
 

@@ -18,9 +18,9 @@ from sweeps.store import DIRECTION, VARIABLES, open_sweep
 from vibroimpact.inputs import Allowed, input_text, integer, is_number, number, of_python
 
 P = ParamSpec("P")
-T = TypeVar("T")
+Out = TypeVar("Out")
 #: An opened sweep, or the path of its file.
-OpenedSweep = xr.Dataset | str | Path
+AnySweep = xr.Dataset | str | Path
 
 _EXPECTED = "an opened sweep, a selection from one, or the path of its file"
 
@@ -73,22 +73,22 @@ ARGUMENTS: Mapping[str, Allowed] = {
 
 def takes_sweep(
     allowed: Mapping[str, Allowed],
-) -> Callable[[Callable[Concatenate[xr.Dataset, P], T]], Callable[Concatenate[OpenedSweep, P], T]]:
+) -> Callable[[Callable[Concatenate[xr.Dataset, P], Out]], Callable[Concatenate[AnySweep, P], Out]]:
     """Decorate a function of a sweep: open the file of a path, and refuse unfit arguments.
 
     What the arguments may be is in ``ARGUMENTS``, or in `allowed` for those of this function.
     """
 
     def decorated(
-        function: Callable[Concatenate[xr.Dataset, P], T],
-    ) -> Callable[Concatenate[OpenedSweep, P], T]:
+        function: Callable[Concatenate[xr.Dataset, P], Out],
+    ) -> Callable[Concatenate[AnySweep, P], Out]:
         signature = inspect.signature(function)
         first = next(iter(signature.parameters))
         defaults = {name: one.default for name, one in signature.parameters.items()}
         known = {**ARGUMENTS, **allowed}
 
         @functools.wraps(function)
-        def checked(*arguments: Any, **options: Any) -> T:
+        def checked(*arguments: Any, **options: Any) -> Out:
             bound = signature.bind(*arguments, **options)
             given = dict(bound.arguments)
             sweep = given.pop(first)

@@ -22,7 +22,7 @@ from vibroimpact.trajectory import exact_samples, simulate
 #: The variables of a recorded trajectory.
 RECORDED = ("trajectory_t", "trajectory_x", "trajectory_v")
 #: Most forcing periods of a motion that are kept: more than a picture has columns of pixels.
-MOST_PERIODS = 1000
+MOST_DRAWN = 1000
 #: Number of samples read at a time.
 _SAMPLES_READ = 1_000_000
 
@@ -89,7 +89,7 @@ def periods_shown(m: int) -> int:
 
 
 def recorded_motion(
-    dataset: xr.Dataset, at: Selection | None, most: int = MOST_PERIODS
+    dataset: xr.Dataset, at: Selection | None, most: int = MOST_DRAWN
 ) -> PointMotion:
     """Return at most so many periods of the trajectory of a point; refuse a point without one."""
     point, config = cut_at(dataset[[*RECORDED, "status"]], at), config_of(dataset)
@@ -127,7 +127,7 @@ def _recorded_parts(point: xr.Dataset) -> Iterator[np.ndarray]:
 
 
 def continued_motion(
-    dataset: xr.Dataset, at: Selection | None, periods: int, most: int = MOST_PERIODS
+    dataset: xr.Dataset, at: Selection | None, periods: int, most: int = MOST_DRAWN
 ) -> PointMotion:
     """Compute the motion that follows the last recorded state at the section of a point."""
     point, states = recorded(dataset, ("poincare_x", "poincare_v"), at)
@@ -141,7 +141,7 @@ def continued(
     states: Sequence[np.ndarray],
     periods: int,
     begun: float,
-    most: int = MOST_PERIODS,
+    most: int = MOST_DRAWN,
 ) -> PointMotion:
     """Compute the motion that follows the last of the recorded section states x and v, (2, n).
 

@@ -39,7 +39,7 @@ from sweeps.plotting.style import (
     GREY_SPECIAL,
     NO_VALUE,
     PALE,
-    REST,
+    REST_COLOUR,
     RESULT_COLOURS,
     VERMILION,
     WHITE,
@@ -298,7 +298,7 @@ def _special_cells(
 
 def _special_looks(pale: str) -> tuple[Look, ...]:
     """Return the looks of the value 0, of rest, of its exponent, and of no value."""
-    return tuple(map(Look.plain, (pale, REST, "#F0E442", NO_VALUE)))
+    return tuple(map(Look.plain, (pale, REST_COLOUR, "#F0E442", NO_VALUE)))
 
 
 def _scale(name: str, values: np.ndarray, rounding: float) -> Normalize:

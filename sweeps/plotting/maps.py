@@ -36,7 +36,7 @@ from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import cell_edges
 from sweeps.plotting.style import CLASSES, HATCH, ground
 from sweeps.text import listed
-from vibroimpact.points.regimes import ON_ITS_WAY, REST, has_result
+from vibroimpact.points.regimes import ON_ITS_WAY, RESTING, has_result
 from vibroimpact.status import Status
 
 #: A legend always has the classes with at least this share of the points.
@@ -137,7 +137,7 @@ def _by_share(handles: Sequence[Artist], cells: Sequence[Cells]) -> tuple[list[A
     counts = {cell.label: np.count_nonzero(cell.where) for cell in cells}
     ordered = sorted(handles, key=lambda handle: -counts.get(str(handle.get_label()), 0))
     there = [cell.label for cell in cells if cell.where.any()]
-    classes = [text for text in there if text[0].isdigit() or text.startswith(REST)]
+    classes = [text for text in there if text[0].isdigit() or text.startswith(RESTING)]
     classes.sort(key=counts.__getitem__)
     common = _COMMON * sum(counts.values())
     return ordered, [text for text in classes[:-1] if counts[text] < common]

@@ -16,7 +16,7 @@ from sweeps.opened.cuts import Selection, cut_at
 from sweeps.opened.dataset import config_of
 from sweeps.opened.motions import labels
 from sweeps.opened.trajectories import (
-    MOST_PERIODS,
+    MOST_DRAWN,
     RECORDED,
     PointMotion,
     continued_motion,
@@ -34,7 +34,7 @@ from vibroimpact.points.regimes import Label, Regime, has_result
 #: In a figure narrower than this [inch] the phase plane is below the other panels.
 _NARROW = 4.5
 #: Most motions in a picture: of each, at least four periods are drawn.
-_MOST_MOTIONS = MOST_PERIODS // 4
+_MOST_MOTIONS = MOST_DRAWN // 4
 
 
 @functools.partial(styled, panels=(3,))
@@ -116,7 +116,7 @@ def _motion_at(
     at: Selection | None,
     periods: int | None,
     found: Label | None,
-    most: int = MOST_PERIODS,
+    most: int = MOST_DRAWN,
 ) -> PointMotion:
     """Return the motion at one point, recorded or computed; at most so many of its periods."""
     if periods is None and all(name in dataset for name in RECORDED):
@@ -135,7 +135,7 @@ def _draw_coloured(
             f"a picture of {len(with_result):,} motions is not readable; choose at most "
             f"{_MOST_MOTIONS} points"
         )
-    most = MOST_PERIODS // len(with_result)
+    most = MOST_DRAWN // len(with_result)
     dims, colours, motions = points["status"].dims, shown.colours(), []
     at_each = dict(zip(dims, [("motion", place) for place in with_result.T], strict=True))
     classes, dashes = _classes(points.isel(at_each)), shown.dashes()
@@ -162,7 +162,7 @@ def _text_of_motions(
     record = f"{equation('t_0', time, starts[0])}, {after}" if len(motions) == 1 else after
     if found is not None:
         record = f"{'class ' if found.regime is Regime.PERIODIC else ''}{found}, {record}"
-    most = MOST_PERIODS // len(motions)
+    most = MOST_DRAWN // len(motions)
     periods = sum(motion.periods for motion in motions)
     drawn = sum(min(motion.periods, most) for motion in motions)
     return record if drawn == periods else f"{record}, {drawn:,} of {periods:,} periods"

@@ -121,8 +121,11 @@ class Page:
 
 
 #: Least and greatest width and height of a picture [inch].
-LEAST, MOST = 1.0, 40.0
-_LENGTH = number(lambda inches: LEAST <= inches <= MOST, f"inches, from {LEAST:g} to {MOST:g}")
+LEAST_INCHES, MOST_INCHES = 1.0, 40.0
+_LENGTH = number(
+    lambda inches: LEAST_INCHES <= inches <= MOST_INCHES,
+    f"inches, from {LEAST_INCHES:g} to {MOST_INCHES:g}",
+)
 _LIMITS = Allowed(
     lambda value: (
         isinstance(value, Sequence)

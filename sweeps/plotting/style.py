@@ -91,14 +91,14 @@ _SHAPES: dict[str, tuple[str, Dash]] = {
 HATCH = "#333333"
 #: Greys of cells and inks, which are dark enough to be seen on paper.
 _GREYS = (("#FFFFFF", "#999999"), ("#D2D2D2", "#4D4D4D"), ("#A8A8A8", "#000000"))
-REST = VERMILION
+REST_COLOUR = VERMILION
 #: Colours of the marks in a diagram: motions whose kept impacts are less than a repetition, and
 #: motions that are not on their orbit yet.
 PARTIAL, APPROACHING = "only part of a repetition", ON_ITS_WAY
 MARKS = {PARTIAL: "#009E73", APPROACHING: "#8A2BE2"}
 #: Colours of the regimes that are not periodic.
 REGIMES = {
-    Regime.REST: REST,
+    Regime.REST: REST_COLOUR,
     Regime.CHAOTIC: "#000000",
     Regime.UNBOUNDED: "#7A4A12",
     Regime.UNKNOWN: "#CCCCCC",
@@ -131,7 +131,7 @@ RESULT_COLOURS = {
     Status.COMPUTED: "#56B4E9",
     Status.CERTIFIED: BLUE,
     Status.CUT_SHORT: ORANGE,
-    Status.UNBOUNDED: REST,
+    Status.UNBOUNDED: REST_COLOUR,
 }
 
 #: Colours of the evidence for a class.
@@ -143,7 +143,7 @@ EVIDENCE = {
     Evidence.RELEASED: "#CC79A7",
     Evidence.NONE: "#000000",
     Evidence.UNSTABLE: "#4B0082",
-    Evidence.UNREACHED: REST,
+    Evidence.UNREACHED: REST_COLOUR,
 }
 #: Colours of points without a value, and of dots that would be white.
 NO_VALUE, PALE = "#CCCCCC", STATUS_COLOURS[Status.PENDING]

@@ -28,7 +28,7 @@ from sweeps.text import (
 )
 from vibroimpact.points.regimes import (
     ON_ITS_WAY,
-    REST,
+    RESTING,
     UNKNOWN,
     has_result,
     partition,
@@ -194,7 +194,7 @@ def destinations_text(
     if regimes.size == 1:
         (word,) = (word for word, mask in parts.items() if mask.any())
         m, q = (int(results[name].item()) for name in ("period", "period_impacts"))
-        word = rest_of([m]) if word == REST else word
+        word = rest_of([m]) if word == RESTING else word
         why = f", {reasons[0][2:]}" if reasons else ""
         return [f"the motion: {word.replace('m/q', f'{m}/{q}')}{why}", *hint]
     total = sum(int(mask.sum()) for mask in parts.values())

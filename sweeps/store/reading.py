@@ -36,7 +36,7 @@ from sweeps.store.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 
 #: What selects values along each dimension; at most one array.
-Key = tuple[int | slice | np.ndarray, ...]
+Index = tuple[int | slice | np.ndarray, ...]
 
 _MISSING = (None, Content.NOTHING)
 
@@ -71,7 +71,7 @@ def _opened(path: Path, digest: str) -> xr.Dataset:
     return dataset
 
 
-def _in_file(manager: CachingFileManager, name: str, key: Key) -> np.ndarray:
+def _in_file(manager: CachingFileManager, name: str, key: Index) -> np.ndarray:
     """Return the values of a variable that a key selects."""
     values: np.ndarray = manager.acquire()[name][key]
     return values
@@ -88,7 +88,7 @@ def _incomplete(parts: Parts) -> xr.Dataset:
     return _lazy(schema, parts.seconds, partial(_in_blocks, parts), chunks)
 
 
-def _in_blocks(parts: Parts, name: str, key: Key) -> np.ndarray:
+def _in_blocks(parts: Parts, name: str, key: Index) -> np.ndarray:
     """Return the values that a key selects, from all blocks that overlap them."""
     box: list[slice] = []
     rest: list[int | slice | np.ndarray] = []
@@ -107,7 +107,7 @@ def _in_blocks(parts: Parts, name: str, key: Key) -> np.ndarray:
 def _lazy(
     schema: Schema,
     duration: float,
-    read: Callable[[str, Key], np.ndarray],
+    read: Callable[[str, Index], np.ndarray],
     chunks: Mapping[str, tuple[int, ...]],
 ) -> xr.Dataset:
     """Return a sweep whose variables are read by `read(name, key)`, best in such `chunks`."""
@@ -137,7 +137,7 @@ class _Array(BackendArray):
 
     shape: tuple[int, ...]
     dtype: np.dtype
-    read: Callable[[Key], np.ndarray]
+    read: Callable[[Index], np.ndarray]
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         support = indexing.IndexingSupport.OUTER_1VECTOR

@@ -21,7 +21,7 @@ from sweeps.errors import StoreError
 from sweeps.grid import TABLE, Block, Sweep, box_shape, table_values
 from sweeps.store.paths import FORMAT, FORMAT_VERSION
 from sweeps.store.variables import (
-    COLUMNS,
+    COLUMN_NAMES,
     DIRECTION,
     DIRECTION_MEANING,
     FLAGS,
@@ -112,7 +112,7 @@ class Schema:
             "computation": yaml.safe_dump(computation, sort_keys=False),
             "numerics": NUMERICS,  # identifies the code that computes the data
             **({"scaled_along": "f"} if spec.scaled else {}),
-            **({COLUMNS: " ".join(columns)} if columns else {}),
+            **({COLUMN_NAMES: " ".join(columns)} if columns else {}),
             "vibroimpact_version": __version__,
             "numba_version": numba.__version__,
             "numba_way": str(WAY),
@@ -181,7 +181,7 @@ def write_schema(
 ) -> None:
     """Write the attributes and coordinates of a schema, and create its variables without data."""
     file.attrs.update(schema.attributes)
-    columns = str(schema.attributes.get(COLUMNS, "")).split()
+    columns = str(schema.attributes.get(COLUMN_NAMES, "")).split()
     file.attrs[_COORDINATES] = " ".join([*schema.fixed, *columns])
     for name, (dimensions, values) in schema.coordinates().items():
         dtype = h5py.string_dtype() if np.asarray(values).dtype == object else None
@@ -233,7 +233,7 @@ def schema_in(file: h5py.File) -> Schema:
         else file[name][()]
         for name in [*axes, *str(file.attrs[_COORDINATES]).split()]
     }
-    columns = file.attrs[COLUMNS].split() if TABLE in axes else ()
+    columns = file.attrs[COLUMN_NAMES].split() if TABLE in axes else ()
     if columns:
         values[TABLE] = table_values({name: values[name] for name in columns})
     blocks = file[_BLOCKS][()].tolist() if _BLOCKS in file else ()

@@ -140,7 +140,7 @@ DIRECTION = "direction"
 DIRECTION_MEANING = "way in which the axis was followed"
 
 #: Attribute of a sweep over a table: the names of its columns.
-COLUMNS = "columns"
+COLUMN_NAMES = "columns"
 
 #: The record dimensions and the meaning of their coordinates.
 RECORDS: Mapping[str, str] = {
@@ -153,7 +153,7 @@ RECORDS: Mapping[str, str] = {
 
 def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     """Return the columns of a sweep over a table, or of a selection from it; empty for a grid."""
-    names = str(dataset.attrs.get(COLUMNS, "")).split()
+    names = str(dataset.attrs.get(COLUMN_NAMES, "")).split()
     if "phase" in names and "fixed:" not in dataset.attrs.get("computation", "fixed:"):
         names.remove("phase")  # it was a comment in files of earlier versions
     return {name: np.atleast_1d(dataset[name].values) for name in names}

@@ -16,7 +16,7 @@ from sweeps.explorer.figures import value_text
 from sweeps.explorer.live_maps import Tiles
 from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.server import Explorer
-from sweeps.explorer.view import DIAGRAM, View
+from sweeps.explorer.view import DIAGRAM_TAB, View
 
 #: No downloads and no requests to the network.
 _OPTIONS = (
@@ -138,7 +138,7 @@ class Window:
         """Whether the browser has the window and the fine picture of the view."""
         shown, (columns, rows) = self.page.diagram.kept, self.page.diagram.size
         view = self.page.view
-        if view.tab != DIAGRAM:
+        if view.tab != DIAGRAM_TAB:
             return True
         if self.page._waiting or shown is None or shown.pixels.shape != (rows, columns):
             return False

@@ -32,7 +32,7 @@ import numpy as np
 from vibroimpact.destination.evidence import evidence
 from vibroimpact.destination.free_motion import excess, free_multiplier, stays_free, steady_response
 from vibroimpact.destination.nearby_orbit import (
-    STABLE,
+    GREATEST_STABLE,
     Orbit,
     correction,
     distance,
@@ -135,7 +135,7 @@ def judge(flow, y, w, m, size, found):
     orbit = nearby_orbit(flow, y, w, m, size)
     if orbit.m == 0:
         return False
-    if not greatest_multiplier(orbit.J)[0] < STABLE:
+    if not greatest_multiplier(orbit.J)[0] < GREATEST_STABLE:
         found.evidence = max(found.evidence, _UNSTABLE)
         orbit = nearer_section(flow, doubled(flow, orbit, size), y, w, size)
         if orbit.m == 0:

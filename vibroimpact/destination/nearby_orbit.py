@@ -18,7 +18,7 @@ _NEARNESS = 0.2
 #: if Newton's method leads from it to a section within the second.
 _NEARLY, _SAME = 1e-3, 1e-7
 #: A multiplier below this is inside the unit circle, rounding included.
-STABLE = 1.0 - 1e-9
+GREATEST_STABLE = 1.0 - 1e-9
 #: A multiplier this far below -1 may have left a stable orbit of twice the period near by, at one
 #: of these distances.
 _FLIPPED, _DISTANCES = -1.5, (1e-1, 1e-2, 1e-3, 1e-4)
@@ -128,6 +128,6 @@ def doubled(flow, orbit, size):
         w = orbit.w + far * along[1] / length * size[1]
         twice = orbit_from(flow, y, w, 2 * orbit.m, size)
         if twice.m > 0 and distance(twice.y, twice.w, orbit, size) > _SAME:
-            if greatest_multiplier(twice.J)[0] < STABLE:
+            if greatest_multiplier(twice.J)[0] < GREATEST_STABLE:
                 return twice
     return no_orbit()

@@ -12,7 +12,7 @@ import numpy as np
 
 from vibroimpact.jit.compiling import compiled, jit
 from vibroimpact.jit.intrinsics import claim, is_set
-from vibroimpact.jit.trial_steps import LANES, E, run_steps
+from vibroimpact.jit.trial_steps import TRIAL_LANES, E, run_steps
 from vibroimpact.jit.way import WAY
 
 
@@ -28,7 +28,7 @@ class TrialJob(NamedTuple):
 @jit
 def _take(job):  # type: ignore[no-untyped-def]
     """Take point after point, as a thread of the kernel does."""
-    lanes = np.zeros(LANES)
+    lanes = np.zeros(TRIAL_LANES)
     k = claim(job.claimed)
     while k < job.points.size and not is_set(job.claimed[1:]):
         run_steps(job, lanes, k)
@@ -42,9 +42,9 @@ def run_trial() -> None:
     points["x"] = 1.0 + E
     job = TrialJob(points, np.zeros((3, 2)), np.zeros(2, np.int64), (1, 0.5))
     total, rows = compiled(_take, job)(job)
-    half = LANES // 2
+    half = TRIAL_LANES // 2
     found = (total, points["total"].tolist(), rows.tolist(), int(job.claimed[0]))
-    right = (half * E * E - half, [half * E * E / 2] * 3, [[0.0, LANES - 1.0]] * 2, 4)
+    right = (half * E * E - half, [half * E * E / 2] * 3, [[0.0, TRIAL_LANES - 1.0]] * 2, 4)
     if found != right:  # no assert, which PYTHONOPTIMIZE removes
         raise ArithmeticError(f"{found} instead of {right}")
     loaded = sum(_take.stats.cache_hits.values()) == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from vibroimpact.jit.compiling import inlined, jit, specialised
 from vibroimpact.jit.intrinsics import fma, lowest_bit, not_negative, select, widest_vectors
 
-LANES = 64
+TRIAL_LANES = 64
 E = 2.0**-30
 
 
@@ -23,7 +23,7 @@ def _positive(x):  # type: ignore[no-untyped-def]
 def _fill_lanes(lanes, x):  # type: ignore[no-untyped-def]
     """Fill the lanes with e squared in odd places and -1 in the others."""
     widest_vectors()
-    for i in range(LANES):
+    for i in range(TRIAL_LANES):
         lanes[i] = _positive(_square(x, True) + _square(x, False)) if i & 1 else -1.0
 
 

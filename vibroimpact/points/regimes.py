@@ -49,7 +49,7 @@ _FAILED = [status for status in Status if status.failed]
 _MOST_PERIODS = 3
 #: What is said of a periodic motion; of other motions, the word of their regime.
 SETTLED, ON_ITS_WAY = "settled on m/q", "on its way to m/q"
-UNKNOWN, REST = Regime.UNKNOWN.word, Regime.REST.word
+UNKNOWN, RESTING = Regime.UNKNOWN.word, Regime.REST.word
 #: Regimes of motions that go to no known attractor but chaos.
 NO_CLASS = (Regime.CHAOTIC, Regime.UNKNOWN)
 #: The results that determine a regime.
@@ -77,7 +77,7 @@ class Label(NamedTuple):
         if self.regime is Regime.PERIODIC:
             return f"{self.m}/{self.q}"
         if self.regime is Regime.REST:
-            return f"{REST} {self.m}/{self.q}" if self.q else rest_of([self.m])
+            return f"{RESTING} {self.m}/{self.q}" if self.q else rest_of([self.m])
         return self.regime.word
 
     def doubles_to(self, other: Label) -> bool:
@@ -93,9 +93,9 @@ def rest_of(periods: Iterable[int]) -> str:
     """
     known = sorted({m for m in periods if m})
     if not known:
-        return REST
+        return RESTING
     listed = [*map(str, known[:_MOST_PERIODS]), *["..."] * (len(known) > _MOST_PERIODS)]
-    return f"{REST}, {', '.join(listed)} period{'s' * (known != [1])}"
+    return f"{RESTING}, {', '.join(listed)} period{'s' * (known != [1])}"
 
 
 def has_result(status: np.ndarray) -> np.ndarray:

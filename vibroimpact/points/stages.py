@@ -12,6 +12,7 @@ import numpy as np
 from vibroimpact.points.regimes import has_result
 from vibroimpact.status import Evidence, Status
 
+#: Results by name, of shape (points, ...).
 Results = Mapping[str, np.ndarray]
 
 

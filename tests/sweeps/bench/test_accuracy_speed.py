@@ -16,7 +16,7 @@ from sweeps.bench.accuracy_speed import MEASURED, Plan, measure_methods
 from sweeps.bench.event_solvers import PEERS
 from sweeps.bench.method_scenes import (
     CHATTERING,
-    EXACT,
+    EXACT_METHOD,
     GRAZING,
     METHODS,
     ORBIT_ERRORS,
@@ -95,7 +95,8 @@ def test_no_order_from_less_than_three_errors():
 def test_the_reference_and_the_peers_have_no_order():
     steps, errors = (50, 100, 200, 400), (1e-2, 1e-3, 1e-4, 1e-5)
     peer = Method("SciPy RK45", "events")
-    all_ = [made(e, 1.0, n, m) for m in (EXACT, PLAIN) for n, e in zip(steps, errors, strict=True)]
+    rungs = [*zip(steps, errors, strict=True)]
+    all_ = [made(e, 1.0, n, m) for m in (EXACT_METHOD, PLAIN) for n, e in rungs]
     all_ += [made(e, 1.0, None, peer, tolerance=e) for e in errors]
 
     def order(table, method):
@@ -108,7 +109,7 @@ def test_the_reference_and_the_peers_have_no_order():
     assert order(known, PLAIN) == pytest.approx(np.log2(10.0))
     assert math.isnan(order(known, peer))
     # A reference as bad as the method says nothing about the method.
-    assert math.isnan(order(table, PLAIN)) and math.isnan(order(table, EXACT))
+    assert math.isnan(order(table, PLAIN)) and math.isnan(order(table, EXACT_METHOD))
 
 
 def test_means_are_geometric_and_of_all_regular_scenes():

@@ -159,7 +159,7 @@ def test_the_claim_and_the_orders(measured, name):
     case, (impacts, speeds, order) = measured.cases.loc[name], KNOWN[name]
     assert case.impacts["exact"] == case.impacts["with"] == impacts * paper_cases.PERIODS
     deepest = (
-        1.3 * max(speeds) * 2.0 * math.pi / paper_cases.STEPS
+        1.3 * max(speeds) * 2.0 * math.pi / paper_cases.STEPS_OF_PAPER
     )  # the first impact is the fastest
     assert 0.3 * deepest < case.deepest["without"] < deepest
     assert case.deepest["with"] == case.deepest["to the letter"] == 0.0
@@ -242,7 +242,7 @@ def test_the_limits_agree(limits):
         positive = some & (closed > 0.0)
         np.testing.assert_allclose(run[positive], closed[positive], rtol=3e-3)
     # Euler without damping grows by p^2 T^2 / 2 a step.
-    seen = math.sqrt(2.0 * longest_step.SEEN / longest_step.STEPS_QUICK)
+    seen = math.sqrt(2.0 * longest_step.SEEN / longest_step.CHART_STEPS_QUICK)
     assert limits["euler"]["run"][0] == pytest.approx(seen, rel=0.02)
 
 
@@ -303,7 +303,7 @@ def test_who_resolves_the_fourth_impact(figures):
 def test_only_exact_impacts_never_fail_and_every_failure_is_seen(figures):
     for failure in failures.FAILURES:
         fails = {m: failure.fails(figures[m, failure.name]) for m in failures.TESTED_METHODS}
-        assert any(fails.values()) and not fails[failures.EXACT], failure.name
+        assert any(fails.values()) and not fails[failures.EXACT_METHOD], failure.name
     methods = [m for m in failures.TESTED_METHODS if m.integrator in ("newmark", "rk4")]
     failing = {
         name: {m.impact for m in methods if failure.fails(figures[m, name])}

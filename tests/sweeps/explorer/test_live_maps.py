@@ -10,7 +10,7 @@ from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.attractor.partition import attractors
 from sweeps.explorer.figures import without_tex
 from sweeps.explorer.live_maps import Filling
-from sweeps.explorer.view import BASINS, MAP
+from sweeps.explorer.view import BASINS_TAB, MAP_TAB
 from sweeps.opened.motions import classes_of
 from sweeps.plotting import style
 from sweeps.plotting.basin_pictures import basin_cells
@@ -18,17 +18,17 @@ from sweeps.plotting.looks import Looks, period_cells
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tab", [MAP, BASINS])
+@pytest.mark.parametrize("tab", [MAP_TAB, BASINS_TAB])
 def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, tab, tmp_path):
     view = replace(view, record={**view.record, "transient": 100, "periods": 30})
-    view = view.moved(h=0.0, omega=1.3) if tab == BASINS else view
+    view = view.moved(h=0.0, omega=1.3) if tab == BASINS_TAB else view
     config, (x, y) = view.tiles(tab, 50, 30), (name for name, _ in view.plane(tab))
-    filling = Filling(config, x, tab == BASINS)
+    filling = Filling(config, x, tab == BASINS_TAB)
     shares = [np.mean(filling.advance(stop).pixels > 0) for stop in filling.stops]
     assert filling.stops[0] == 4 and shares[0] > 0.9  # two cells by two, each of 27 pixels
     tiles = filling.advance(config.sweep.grid.size)
     whole = open_sweep(run_sweep(config, tmp_path / "whole.h5")).transpose(y, x, ...)
-    if tab == MAP:
+    if tab == MAP_TAB:
         cells = period_cells(*classes_of(whole), hatched=False)
         cells = [cell for cell in cells if cell.where.any()]
     else:
@@ -47,7 +47,7 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
 def test_a_map_has_the_name_of_its_class_in_every_region_with_room(view):
     """A name stands on points of its class, and the two largest classes have one."""
     view = replace(view, record={**view.record, "transient": 100, "periods": 20})
-    config = view.tiles(MAP, 240, 180)
+    config = view.tiles(MAP_TAB, 240, 180)
     filling = Filling(config, view.axis, basins=False)
     third = [stop for stop in filling.stops if stop <= 240 * 180 / 9]
     assert filling.advance(third[-2]).names == []
@@ -65,7 +65,7 @@ def test_a_map_has_the_name_of_its_class_in_every_region_with_room(view):
 
 def test_the_shares_of_a_part_of_a_map_are_those_of_the_whole(view):
     """A class that fills the left or the lower half has half of the points at every stop."""
-    config = view.tiles(MAP, 160, 120)
+    config = view.tiles(MAP_TAB, 160, 120)
     filling = Filling(config, view.axis, basins=False)
     places = np.unravel_index(filling._order, config.sweep.grid.shape)
     for place, size in zip(places, config.sweep.grid.shape, strict=True):

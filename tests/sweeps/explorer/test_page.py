@@ -13,7 +13,7 @@ import pytest
 import sweeps
 from sweeps import load_config, open_sweep
 from sweeps.explorer.live_diagram import density, fitted, numbers, ordinates
-from sweeps.explorer.view import BASINS
+from sweeps.explorer.view import BASINS_TAB
 from sweeps.plotting.style import CLASSES
 from tests.helpers.browser import Window, chromium
 from tests.helpers.commands import accepted
@@ -307,7 +307,7 @@ def test_basins_at_the_mark_and_a_start_out_of_them(window):
     assert len(radii) == 2 and min(radii) > 0.1
     window.click(0.4, 0.6, "basins")
     window.settle(window.shows_motion)
-    assert page.view.tab == BASINS
+    assert page.view.tab == BASINS_TAB
     assert page.view.values["x0"] == pytest.approx(-1.8, abs=0.05)
 
 

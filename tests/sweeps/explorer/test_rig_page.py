@@ -12,7 +12,7 @@ from sweeps.explorer.live_maps import Filling
 from sweeps.explorer.live_motion import motion_at
 from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.saved_view import write_yaml
-from sweeps.explorer.view import MAP, View
+from sweeps.explorer.view import MAP_TAB, View
 from sweeps.plotting.style import STABLE
 from tests.helpers.places import CONFIGS
 from vibroimpact.oscillator import PARAMETERS, Oscillator
@@ -53,7 +53,7 @@ def test_a_picture_of_a_rig_is_drawn_in_si_units_from_the_numbers_of_its_run(rig
     data = rig.diagram.source.data
     assert (data["x"], data["dw"]) == ([14.5], [18.0])
     plane = replace(view, across="p", maplim=(6e3, 9e3))
-    rig.map._paint(plane, Filling(plane.tiles(MAP, 18, 4), "omega", False).advance(72), 0.0)
+    rig.map._paint(plane, Filling(plane.tiles(MAP_TAB, 18, 4), "omega", False).advance(72), 0.0)
     data = rig.map.source.data
     assert (data["y"], data["dh"]) == ([5500.0], [4000.0])
     saved = write_yaml(view, config, tmp_path).read_text()

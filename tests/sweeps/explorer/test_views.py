@@ -14,7 +14,7 @@ from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.explorer.live_diagram import Diagram, density, numbers, ordinates, ramp
 from sweeps.explorer.live_motion import motion_at
 from sweeps.explorer.live_page import LivePage
-from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View, bounds
+from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, bounds
 from sweeps.plotting.style import PARTIAL
 from tests.helpers.commands import refused
 from tests.helpers.places import CONFIGS
@@ -71,7 +71,7 @@ def test_every_scene_can_be_looked_at():
     for path in SCENES:
         view = View.of(load_config(path))
         view.check()
-        assert view.tab == (BASINS if {view.axis, view.across} == {"x0", "v0"} else DIAGRAM)
+        assert view.tab == (BASINS_TAB if {view.axis, view.across} == {"x0", "v0"} else DIAGRAM_TAB)
     with pytest.raises(Refused, match="rows of a table as points"):
         sweeps.explore(load_config(CONFIGS / "tolerances.yaml"))
 
@@ -82,7 +82,7 @@ def test_every_parameter_can_be_an_axis_of_every_scene(path):
     for name in PARAMETERS:
         view.with_axis(name).check()
         if name != view.axis:
-            replace(view.with_across(name), tab=MAP).check()
+            replace(view.with_across(name), tab=MAP_TAB).check()
 
 
 def test_the_windows_are_of_the_size_of_the_motion():
@@ -194,7 +194,7 @@ def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
     h, omega = np.geomspace(1e-3, 1.0, 16), np.geomspace(0.3, 6.0, 10)
     # An axis rounds the exact series once; geomspace has errors of its own.
     np.testing.assert_allclose(page.view.diagram(16).sweep.grid.axes["h"], h, rtol=1e-15)
-    tiles = page.view.tiles(MAP, 16, 10).sweep.grid.axes
+    tiles = page.view.tiles(MAP_TAB, 16, 10).sweep.grid.axes
     np.testing.assert_allclose(tiles["h"], h, rtol=1e-15)
     np.testing.assert_allclose(tiles["omega"], omega, rtol=1e-15)
     figure, plane = page.diagram.figure, page.map.figure
