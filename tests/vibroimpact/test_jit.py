@@ -157,7 +157,7 @@ def test_a_wrong_result_fails_the_check_even_if_asserts_are_removed(optimize):
     names = {"__name__": trial.__name__}  # its options depend on the name of a module
     exec(compile(source, trial.__file__, "exec", optimize=optimize), names)
     names["compiled"] = lambda function, job: lambda job: (1.0, job.rows[:2])
-    with pytest.raises(Exception, match=r"1\.0"):
+    with pytest.raises(ArithmeticError, match=r"1\.0"):
         names["run_trial"]()
 
 

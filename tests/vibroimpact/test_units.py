@@ -210,12 +210,13 @@ def test_units_change_no_bit_of_branches_and_curves(count, seed):
 
 @pytest.mark.parametrize("exponents", EXPONENTS)
 def test_units_change_no_bit_of_orbits_and_motions(exponents):
-    units, own = NaturalUnits(*exponents), NaturalUnits(0, 0)
+    units, own, one_impact, any_orbit = NaturalUnits(*exponents), NaturalUnits(0, 0), 0, 0
     for osc, n in random_oscillators(12, 8):
         scaled = oscillator_out_of(units, osc)
         pairs = zip(one_impact_orbits(osc, n), one_impact_orbits(scaled, n), strict=True)
         for orbit, other in pairs:
             assert_same(orbit_numbers(own, orbit), orbit_numbers(units, other), str(orbit))
+            one_impact += 1
         start = min(0.0, osc.clearance)
         run = simulate(osc, 40, x0=start)
         other = simulate(scaled, 40, x0=float(units.out_of("length", start)))
@@ -235,6 +236,8 @@ def test_units_change_no_bit_of_orbits_and_motions(exponents):
         x, v = units.out_of("length", state[0]), units.out_of("length/time", state[1])
         other = periodic_orbit(scaled, x, v, n)
         assert_same(orbit_numbers(own, orbit), orbit_numbers(units, other), str(osc))
+        any_orbit += 1
+    assert one_impact > 0 and any_orbit > 0
 
 
 def test_the_ends_of_a_branch_do_not_depend_on_the_units():

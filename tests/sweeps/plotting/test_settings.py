@@ -72,7 +72,7 @@ def drawn_colours(panel):
 @pytest.mark.slow
 @pytest.mark.parametrize("grey", [False, True])
 def test_nothing_is_dark_on_a_dark_panel(dataset, dark, grey):
-    at = {"omega": 2.9, "clearance": 0.1}
+    at, seen = {"omega": 2.9, "clearance": 0.1}, 0
     figures = [attractor_diagram(dataset, page=Page(grey=grey))]
     if not grey:
         figures += [draw(dataset, at=at) for draw in (section, impacts, trajectory)]
@@ -81,7 +81,9 @@ def test_nothing_is_dark_on_a_dark_panel(dataset, dark, grey):
     for figure in figures:
         for panel in figure.axes:
             for colour in drawn_colours(panel):
+                seen += 1
                 assert contrast(colour, "black") > 2.2, (panel.get_ylabel(), colour)
+    assert seen > len(figures)
 
 
 def test_names_curves_and_marks_are_legible_on_their_edge(dark):
