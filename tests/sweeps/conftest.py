@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.backends import backend_agg
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
 
 from sweeps import open_sweep
@@ -17,6 +18,8 @@ from tests.helpers.commands import SMALL
 from tests.helpers.configurations import OVER_STARTS
 from tests.helpers.sweep_files import run_in
 from tests.helpers.written_files import random_sweeps
+
+LAY_OUT = ConstrainedLayoutEngine.execute
 
 
 @pytest.fixture(autouse=True)
@@ -55,8 +58,10 @@ def patient():
 
 @pytest.fixture(autouse=True, scope="session")
 def parsed_once():
-    """Let all pictures have one parser of formulas, which keeps the last 50 that it has read."""
+    """Let all pictures have one parser of formulas, which keeps all that it has read, not 50."""
     with pytest.MonkeyPatch.context() as patch:
+        parse = MathTextParser._parse_cached.__wrapped__
+        patch.setattr(MathTextParser, "_parse_cached", cache(parse))
         patch.setattr(backend_agg, "MathTextParser", cache(MathTextParser))
         yield
 
@@ -117,6 +122,20 @@ def small_file(folder, small_run):
     shutil.copy(small_run, "small.h5")
 
 
+@pytest.fixture(autouse=True, scope="session")
+def without_layout():
+    """Leave out the layout of figures, a third of their time, unless a test asks for it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
+        yield
+
+
+@pytest.fixture
+def with_layout(without_layout, monkeypatch):
+    """Lay figures out, in a test of the places and sizes of their parts."""
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", LAY_OUT)
+
+
 @pytest.fixture
 def unpainted(monkeypatch):
     """Save figures without painting them, where only names and messages matter."""
@@ -126,7 +145,7 @@ def unpainted(monkeypatch):
 
 
 @pytest.fixture
-def laid_out(monkeypatch):
+def laid_out(with_layout, monkeypatch):
     """Save figures with their layout, ticks and formulas made, but without painting them."""
     from matplotlib.figure import Figure
 

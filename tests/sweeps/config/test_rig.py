@@ -338,7 +338,7 @@ def test_a_diagram_of_a_rig_is_in_hertz(joint):
 
 
 @pytest.mark.slow
-def test_lengths_in_pictures_have_the_prefix_of_their_size(joint):
+def test_lengths_in_pictures_have_the_prefix_of_their_size(joint, with_layout):
     with open_sweep(joint) as ds:
         section = plotting.section(ds, at={"omega": 190.0})
         motion = plotting.trajectory(ds, at={"omega": 190.0}, periods=2)
@@ -361,7 +361,7 @@ def test_lengths_in_pictures_have_the_prefix_of_their_size(joint):
 
 
 @pytest.mark.slow
-def test_a_logarithmic_axis_of_gaps_has_the_prefix_too():
+def test_a_logarithmic_axis_of_gaps_has_the_prefix_too(with_layout):
     gaps = "rig.gap={start: 2e-5, stop: 4e-4, num: 9, spacing: log}"
     with open_sweep(run_sweep(load(JOINT, gaps, "rig.frequency=30"), "gaps.h5")) as ds:
         figure = plotting.bifurcation(ds, below=["impulse"])

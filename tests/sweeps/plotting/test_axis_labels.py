@@ -47,7 +47,9 @@ def test_a_map_and_a_table_have_them_too(files):
     ("text", "factor"),
     [("no unit", 1e3), ("x [m]", 1.0), ("x (mm)", 1e3), ("x [\N{MICRO SIGN}m]", 1e6), ("[s]", 1e3)],
 )
-def test_a_unit_in_a_label_is_that_of_the_ticks_and_of_the_overlay(files, text, factor):
+def test_a_unit_in_a_label_is_that_of_the_ticks_and_of_the_overlay(
+    files, text, factor, with_layout
+):
     over = {"frequency": [25.0], "poincare_x": [factor * 1e-4]}
     with open_sweep(files / "rig.h5") as dataset:
         figure = bifurcation(dataset, overlay=over, page=Page(ylabel=text))
@@ -78,7 +80,7 @@ def test_a_label_that_cannot_be_drawn_is_refused(files):
     assert "ylabel = 'a $x_$'" in refused(*given, "--ylabel", "a $x_$")
 
 
-def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(tmp_path):
+def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(tmp_path, with_layout):
     text = RIG.replace("[period]", "[period, extremes]")
     with open_sweep(run_in(tmp_path, text)) as dataset:
         figure = bifurcation(dataset, below=["peak_to_peak", "impulse"], page=Page(width=3.4))

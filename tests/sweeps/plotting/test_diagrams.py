@@ -136,7 +136,7 @@ def test_motions_that_have_not_settled_are_marked_within_the_limits(random_sweep
 
 
 @pytest.mark.slow
-def test_points_that_failed_are_marked_and_not_drawn(random_sweep):
+def test_points_that_failed_are_marked_and_not_drawn(random_sweep, with_layout):
     status = np.array([0, Status.UNRESOLVED, Status.PENDING, Status.NON_FINITE], np.int8)
     wild = np.full((4, 5), 1e300)
     wild[0] = [1, 2, 3, 4, 5]
@@ -169,7 +169,9 @@ def test_very_many_points_become_a_density(random_sweep, monkeypatch, values):
 
 
 @pytest.mark.slow
-def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(random_sweep, monkeypatch):
+def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(
+    random_sweep, monkeypatch, with_layout
+):
     """Against NumPy's histogram, with a failed point and missing impacts."""
     monkeypatch.setattr(diagram, "DENSITY_FROM", 100)
     monkeypatch.setattr(density, "_PART_SIZE", 500)

@@ -13,6 +13,8 @@ from sweeps.plotting.canvas import Picture
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import run_in
 
+pytestmark = pytest.mark.usefixtures("with_layout")
+
 #: A cascade beside many unstable branches of windows to which no motion goes.
 RICH = """\
 oscillator: {h: 0.0, R: 0.8, omega: {start: 2.62, stop: 2.8, num: 150}, f: 1.0}
@@ -52,7 +54,7 @@ def test_a_legend_with_room_is_left_as_it_is():
 
 
 def test_a_legend_that_no_page_has_room_for_counts_what_is_left_out():
-    figure = with_legend([f"entry {i}, so long that it has its line" for i in range(90)])
+    figure = with_legend([f"entry {i}, so long that it has its line" for i in range(40)])
     figure.set_height(None)
     assert figure.get_figheight() <= 9.0
     assert figure.legends[0].get_texts()[-1].get_text().startswith("+")

@@ -122,7 +122,7 @@ def test_the_slowest_impact_is_dark_at_a_graze_and_unknown_in_a_chatter():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quantity", ["energy_lost", "impulse", "fastest_impact"])
-def test_a_chatter_has_a_loss_and_a_fastest_impact(quantity):
+def test_a_chatter_has_a_loss_and_a_fastest_impact(quantity, with_layout):
     values = {(0, 0): 1e-3, (0, 1): 1e-2, (0, 2): 1e-1, (1, 0): 0.0, (1, 1): 0.02}
     dataset = equal_points(rest_fraction={(1, 1): 0.1}, **{quantity: values})
     figure = parameter_map(dataset, quantity=quantity)
@@ -168,7 +168,7 @@ def test_the_colours_of_both_signs_are_the_same_in_all_units(rate):
     assert (places(0.0) == 0.0).all()
 
 
-def test_equal_exponents_of_either_sign_have_equally_strong_colours():
+def test_equal_exponents_of_either_sign_have_equally_strong_colours(with_layout):
     """Also where chaos is weak; the scale has ticks on both sides of zero."""
     values = {(0, 0): 0.02, (0, 1): -0.02, (0, 2): -1.0}
     figure = parameter_map(equal_points(lyapunov=values), quantity="lyapunov")

@@ -203,7 +203,7 @@ def test_a_few_values_of_an_axis_are_named_in_the_legend(dataset):
 
 
 @pytest.mark.slow
-def test_the_labels_are_inside_the_picture_also_beside_longer_ticks(dataset, tmp_path):
+def test_the_labels_are_inside_the_picture_also_beside_longer_ticks(dataset, tmp_path, with_layout):
     """A colour bar makes the panel lower, with ticks at 0.25 instead of 0.2."""
     high = dataset.copy(deep=True)
     high["poincare_v"][:] = np.linspace(-0.45, 0.99, high["poincare_v"].size).reshape(2, 13, 8)

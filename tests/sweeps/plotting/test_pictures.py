@@ -107,7 +107,7 @@ NARROW = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("file", "kind", "options"), NARROW)
-def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, options):
+def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, options, with_layout):
     with open_sweep(files / file) as dataset:
         if "exact" in options:
             options = {**options, "exact": branches(dataset, classes=options["exact"])}
@@ -132,7 +132,7 @@ def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, opti
 
 
 @pytest.mark.slow
-def test_no_tick_label_is_cut_at_any_width(dataset, tmp_path):
+def test_no_tick_label_is_cut_at_any_width(dataset, tmp_path, with_layout):
     """Panels of another width have other ticks, of which the last is at the end of the axis."""
     values = np.linspace(2.0, 12.0, dataset.sizes["omega"])
     dataset = dataset.assign_coords(omega=("omega", values, dataset["omega"].attrs))
@@ -399,7 +399,7 @@ def test_a_picture_says_where_it_comes_from(dataset, tmp_path, monkeypatch, endi
 
 
 @pytest.mark.slow
-def test_settings_of_the_user_are_kept(dataset, tmp_path):
+def test_settings_of_the_user_are_kept(dataset, tmp_path, with_layout):
     own = {"font.size": 6.0, "figure.figsize": [4.0, 2.0], "savefig.dpi": 50.0}
     with mpl.rc_context(own):
         figure = plotting.bifurcation(dataset)
@@ -432,7 +432,7 @@ def test_a_panel_of_another_figure_is_drawn_into(dataset):
     assert not figure.legends and right.get_legend() is not None
     three = Figure().subplots(3)
     assert plotting.trajectory(dataset, ax=three) is three[0].figure
-    with pytest.raises(Exception, match="leave out ax or below"):
+    with pytest.raises(Refused, match="leave out ax or below"):
         plotting.bifurcation(dataset, ax=left, below=["lyapunov"])
 
 

@@ -12,6 +12,8 @@ from tests.helpers.commands import accepted, refused
 from tests.helpers.equal_points import equal_points, legend
 from vibroimpact.status import Status
 
+pytestmark = pytest.mark.usefixtures("with_layout")
+
 AXES = {"R": np.linspace(0.3, 0.9, 40), "omega": np.linspace(1.0, 4.0, 60)}
 
 
@@ -132,8 +134,9 @@ def assert_most_frequent(shown):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("grey", [False, True])
-@pytest.mark.parametrize("width", [2.4, 3.4, 5.0, 7.0])
+@pytest.mark.parametrize(
+    ("width", "grey"), [(2.4, False), (2.4, True), (3.4, False), (5.0, False), (7.0, True)]
+)
 def test_a_legend_has_the_commonest_classes_on_every_page(width, grey):
     """The page becomes higher for them; only rarer ones are left out, and counted."""
     figure = parameter_map(many_entries(), page=Page(width=width, grey=grey))
@@ -164,8 +167,9 @@ def test_a_legend_on_a_page_of_given_height_has_a_fifth_of_it():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("layout", [None, "constrained"])
-@pytest.mark.parametrize("panels", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("panels", "layout"), [(1, None), (2, "constrained"), (3, None), (3, "constrained")]
+)
 def test_a_legend_within_a_panel_does_not_bury_it(panels, layout):
     figure = Figure(layout=layout)
     grid = figure.subplots(panels, panels, squeeze=False)
