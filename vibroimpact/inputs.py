@@ -27,15 +27,12 @@ class Allowed(NamedTuple):
     expected: str
     names: Collection[str] = ()
 
-    def refusal(self, given: str) -> str:
-        """Say that what was given is not allowed, and what is."""
-        return refusal(given, self.expected)
-
     def checked(self, name: str, value: object, error: type[Exception] = ValueError) -> Any:
         """Return a value, a number of NumPy as Python has it; raise `error` if it does not fit."""
         if not self.fits(value):
             meant = near_miss(value, self.names) if isinstance(value, str) else None
-            raise error(self.refusal(f"{name} = {input_text(value)}") + suggestion(meant))
+            given = f"{name} = {input_text(value)}"
+            raise error(refusal(given, self.expected) + suggestion(meant))
         return of_python(value)
 
 

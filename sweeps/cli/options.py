@@ -34,7 +34,7 @@ def number_option(option: str, allowed: Allowed) -> Callable[[object], Any]:
     def read(value: object) -> int | float | None:
         number = typed(str(value))
         if not allowed.fits(number):
-            raise Refused(allowed.refusal(f"{option} {value}"))
+            raise Refused(refusal(f"{option} {value}", allowed.expected))
         return number
 
     return read

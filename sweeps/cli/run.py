@@ -8,7 +8,7 @@ from __future__ import annotations
 import shlex
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -98,7 +98,7 @@ def run_command(
     for path in paths:
         check()
         check_output(path, **existing)
-    with _client(dask, threads, quiet) as client:
+    with nullcontext() if dask is None else _client(dask, threads, quiet) as client:
         if dry_run:
             texts = [
                 planned_text(config, path, threads, client, resume)
@@ -147,11 +147,8 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
 
 
 @contextmanager
-def _client(address: str | None, threads: int | None, quiet: bool) -> Iterator[Client | None]:
-    """Yield a client of the cluster at an address, if given, and show the link of its dashboard."""
-    if address is None:
-        yield None
-        return
+def _client(address: str, threads: int | None, quiet: bool) -> Iterator[Client]:
+    """Yield a client of the cluster at an address, and show the link of its dashboard."""
     from sweeps.engine.client import check_address, connected, dashboard
 
     with named(f"--dask {address}"):

@@ -1,9 +1,9 @@
 """From a YAML file to a checked `SweepConfig`, with errors that name the line and the key.
 
 ``values.py`` defines the forms of a value, ``points.py`` the table of points, ``groups.py`` the
-groups of keys, each checked on its own, ``rig.py`` the group of a rig, and ``sweep.py`` the whole
-configuration, with the `Sweep` that it computes. ``loading.py`` reads the YAML, and has the groups
-checked together and the defaults completed that depend on several of them (``checks.py``).
-``messages.py`` writes the errors and knows synonyms of the keys, ``json_schema.py`` makes the
-schema for editors, and ``scenes.py`` reads the scenes that come with the program.
+groups of keys, each key checked on its own, ``rig.py`` the group of a rig, and ``sweep.py`` the
+whole configuration, with the `Sweep` that it computes. ``loading.py`` reads the YAML; ``checks.py``
+checks keys together, and completes the defaults that depend on several of them. ``messages.py``
+writes the errors and knows synonyms of the keys, ``json_schema.py`` makes the schema for editors,
+and ``scenes.py`` reads the scenes that come with the program.
 """

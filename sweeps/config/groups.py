@@ -16,7 +16,6 @@ from pydantic import (
     BeforeValidator,
     Discriminator,
     Field,
-    Strict,
     Tag,
     ValidationInfo,
     field_validator,
@@ -163,10 +162,13 @@ class StartConfig(ParameterConfig):
     phase: Values = parameter_field(PARAMETERS["phase"])
 
 
-def _truth(value: object) -> object:
-    """Convert the texts "true" and "false", since the loader keeps every scalar as text."""
-    words: dict[object, bool] = {"true": True, "false": False}
-    return words.get(value.lower(), value) if isinstance(value, str) else value
+def _truth(value: object) -> bool:
+    """Return a truth value, or what a text means, since the loader keeps every scalar as text."""
+    words = {"true": True, "false": False}
+    truth = words.get(value.lower()) if isinstance(value, str) else value
+    if not isinstance(truth, bool):
+        raise ValueError("is neither true nor false")
+    return truth
 
 
 class MethodConfig(Group):
@@ -186,7 +188,7 @@ class MethodConfig(Group):
         description=f"time steps per forcing period: {integer(4, MOST_STEPS).expected}, "
         "or null for as many as the method needs",
     )
-    allow_unstable: Annotated[bool, Strict(), BeforeValidator(_truth)] = Field(
+    allow_unstable: Annotated[bool, BeforeValidator(_truth)] = Field(
         default=False,
         description="compute even if the step is too long for the integrator to be stable: "
         "true or false",

@@ -13,10 +13,6 @@ from sweeps.config.values import Group, Key, MisplacedError, Range
 from sweeps.text import near_miss, shortened, suggestion
 from vibroimpact import inputs
 
-#: The wording of pydantic's error types.
-_PROBLEMS = {
-    "bool_type": "is neither true nor false",
-}
 #: What takes the place of keys of earlier versions.
 _GONE = {
     "method.accuracy": "because exact impacts, the default, cost less than every other method at "
@@ -64,8 +60,7 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
             hint = " (a number has a decimal point, no comma)"
         return f"{where}unknown key {dotted(key)}{hint}; expected: {key_list(group)}"
     typed = f"{dotted(key)} = {as_typed(_typed(data, key, error['input']))}"
-    problem = reason or _PROBLEMS.get(error["type"], "is not allowed")
-    return f"{where}{typed} {problem}; expected: {expected}"
+    return f"{where}{typed} {reason or 'is not allowed'}; expected: {expected}"
 
 
 def conflict_at(conflict: MisplacedError, sources: Mapping[Key, str], path: str) -> str:

@@ -141,6 +141,13 @@ def integrate(
     at_section = FLAG.checked("at_section", at_section)
     lyapunov = FLAG.checked("lyapunov", lyapunov)
     extremes = FLAG.checked("extremes", extremes)
+    length = Length(
+        integer(0, MOST_PERIODS).checked("transient", transient),
+        integer(1, MOST_RECORDED).checked("periods", periods),
+        integer(0, MOST_RECORDED).checked("impacts", impacts),
+    )
+    if threads is not None:
+        threads = integer(1, MOST_RECORDED).checked("threads", threads)
     refuse_invalid(points, beyond_stop=at_section and impact == "plain")
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase)
     if at_section:
@@ -148,7 +155,6 @@ def integrate(
         points["phase"] = scheme.grid.table[THETA, 0]
     if lyapunov and scheme.method[0] != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
-    length = Length(transient, periods, impacts)
     interrupt = np.zeros(1, np.int64)
     results = run_points(points, scheme, length, lyapunov, threads, interrupt)
     if extremes:
@@ -166,7 +172,7 @@ def run_points(
     interrupt: np.ndarray,
     classes: bool = False,
 ) -> dict[str, np.ndarray]:
-    """Do what ``integrate`` does, for valid points of which the scheme is known.
+    """Do what ``integrate`` does, for valid arguments of which the scheme is known.
 
     There is also ``begun``, (n, 2), the state where the record begins after a transient, and with
     `classes` ``destination``, of dtype ``DESTINATION``. Once another thread sets `interrupt`, an
@@ -221,12 +227,8 @@ def _record(
     classes: bool,
 ) -> tuple[Record, np.ndarray]:
     """Run points with one force; return their record, and their destinations if `classes`."""
-    transient = integer(0, MOST_PERIODS).checked("transient", length.transient)
-    periods = integer(1, MOST_RECORDED).checked("periods", length.periods)
-    impacts = integer(0, MOST_RECORDED).checked("impacts", length.impacts)
-    threads = (
-        ALL_THREADS if threads is None else integer(1, MOST_RECORDED).checked("threads", threads)
-    )
+    transient, periods, impacts = length
+    threads = ALL_THREADS if threads is None else threads
     n, found = points.size, np.full(points.size if classes else 0, NO_DESTINATION)
     sums = np.zeros(n, dtype=SUMS)
     sums["slowest_impact"], sums["status"] = np.inf, Status.PENDING

@@ -20,7 +20,7 @@ from vibroimpact.points.following import follow_chains
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.transient import run_with_own_transients
 from vibroimpact.step.recorder import trajectories
-from vibroimpact.step.scheme import scheme_of
+from vibroimpact.step.scheme import Scheme
 
 #: Results proportional to f: their unit is a length, or a length per time.
 SCALED = (
@@ -111,7 +111,7 @@ def _run(
     """Compute points without scaling, following or period class."""
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
-    scheme = scheme_of(points, spec.integrator, spec.impact, spec.steps_per_period, spec.phase)
+    scheme = Scheme.of(spec.integrator, spec.impact, spec.steps_per_period, spec.phase)
     length = Length(spec.transient, spec.periods, spec.impacts)
     results = run_points(points, scheme, length, spec.lyapunov, threads, interrupt, spec.period)
     if spec.extremes:

@@ -11,7 +11,7 @@ from vibroimpact.kernel.integrate import find_destinations, integrate
 from vibroimpact.points.regimes import has_result
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence, Status
-from vibroimpact.step.scheme import scheme_of
+from vibroimpact.step.scheme import Scheme
 
 #: The results of a run from which the destinations are found.
 RECORD = (
@@ -63,8 +63,8 @@ def classified_later(
     threads: int | None = None,
 ) -> dict[str, np.ndarray]:
     """Return what `classified` does, for a run that was not asked for classes."""
-    method = spec.integrator, spec.impact, spec.steps_per_period, spec.phase
-    found = find_destinations(points, scheme_of(points, *method), results, threads)
+    scheme = Scheme.of(spec.integrator, spec.impact, spec.steps_per_period, spec.phase)
+    found = find_destinations(points, scheme, results, threads)
     return classified(spec, points, {**results, "destination": found}, threads)
 
 

@@ -7,7 +7,10 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True)
 class RunSpec:
-    """What is computed for every point of a sweep; two equal specifications give equal results."""
+    """What is computed for every point of a sweep; two equal specifications give equal results.
+
+    Its values are valid: the configuration was checked, and has enough steps for every point.
+    """
 
     # As the arguments of ``integrate``.
     integrator: str

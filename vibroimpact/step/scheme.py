@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -127,6 +127,12 @@ class Scheme(NamedTuple):
     method: tuple[int, int]  # codes of the impact rule and of the integrator
     grid: PhaseGrid  # the steps of a forcing period
 
+    @classmethod
+    def of(cls, integrator: str, impact: str, steps_per_period: int, phase: float) -> Self:
+        """Lay out the steps of a method that is known to be valid, from the section's `phase`."""
+        codes = IMPACT_RULES[impact].code, INTEGRATORS[integrator].code
+        return cls(codes, one_period(phase, steps_per_period))
+
 
 def scheme_of(
     points: np.ndarray,
@@ -154,6 +160,4 @@ def scheme_of(
         if impact == "exact" and steps < least:
             allowed = integer(least, MOST_STEPS).expected
             raise ValueError(refusal(f"steps_per_period = {steps}", f"{allowed} for exact impacts"))
-    return Scheme(
-        (IMPACT_RULES[impact].code, INTEGRATORS[integrator].code), one_period(phase, steps)
-    )
+    return Scheme.of(integrator, impact, steps, phase)
