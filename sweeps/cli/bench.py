@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.options import Csv, number_option, read_threads, say
+from sweeps.cli.options import Csv, number_option, read_threads, say, written_file
 from sweeps.cli.run import read_config
-from sweeps.errors import Failed, Refused
+from sweeps.errors import Failed
 from vibroimpact.inputs import number
 
 Figure = Annotated[
@@ -115,17 +115,15 @@ def paper(output: Figure = Path("paper.png")) -> None:
         save_chart(output, paper_picture, measured)
 
 
-def _check_json(path: Path | None) -> Path | None:
-    """Return the path of a JSON file; refuse a path that is not a writable .json file."""
-    if path is not None:
-        from sweeps.store.replacing import check_target
-
-        if path.suffix != ".json":
-            raise Refused(f"--json {path} is not allowed; expected: a .json file")
-        check_target(path, "JSON file")
-    return path
-
-
+JsonFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--json",
+        metavar="FILE",
+        callback=written_file("--json", ".json", "JSON file"),
+        help="Write a .json file, too.",
+    ),
+]
 _SHARE = number(lambda given: 0.0 < given <= 1.0, "a number above 0, at most 1, as 0.05")
 FailBelow = Annotated[
     float | None,
@@ -139,10 +137,7 @@ FailBelow = Annotated[
 
 def speed(
     quick: Quick = False,
-    json: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", callback=_check_json, help="Write a .json file, too."),
-    ] = None,
+    json: JsonFile = None,
     fail_below: FailBelow = None,
 ) -> None:
     """Show the forcing periods per second of this machine, and the share of its peak."""

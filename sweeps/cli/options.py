@@ -58,15 +58,19 @@ def read_threads(value: object) -> int:
     return threads
 
 
-def _check_csv(path: Path | None) -> Path | None:
-    """Return the path of a table; refuse a path that is not a writable .csv file."""
-    if path is not None:
-        from sweeps.store.replacing import check_target
+def written_file(option: str, ending: str, what: str) -> Callable[[Path | None], Path | None]:
+    """Return a function that refuses a path unless a file with this ending can be written there."""
 
-        if path.suffix != ".csv":
-            raise Refused(f"--csv {path} is not allowed; expected: a .csv file")
-        check_target(path, "table")
-    return path
+    def check(path: Path | None) -> Path | None:
+        if path is not None:
+            from sweeps.store.replacing import check_target
+
+            if path.suffix != ending:
+                raise Refused(refusal(f"{option} {path}", f"a {ending} file"))
+            check_target(path, what)
+        return path
+
+    return check
 
 
 Threads = Annotated[
@@ -105,7 +109,10 @@ At = Annotated[
 Csv = Annotated[
     Path | None,
     typer.Option(
-        "--csv", metavar="FILE", callback=_check_csv, help="Write the table to a .csv file, too."
+        "--csv",
+        metavar="FILE",
+        callback=written_file("--csv", ".csv", "table"),
+        help="Write the table to a .csv file, too.",
     ),
 ]
 

@@ -30,6 +30,7 @@ from sweeps.cli.options import (
     say,
     say_moved,
     selection_of,
+    written_file,
 )
 from sweeps.errors import Refused
 from vibroimpact.inputs import number
@@ -248,24 +249,32 @@ RowsOption = Annotated[
 ]
 
 
+Table = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        callback=written_file("-o", ".csv", "table"),
+        help="The .csv file to write.",
+    ),
+]
+
+
 def export_command(
     file: SweepFile,
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="FILE", help="The .csv file to write."),
-    ],
+    output: Table,
     rows: RowsOption = "points",
     at: At = None,
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
     from sweeps.opened.coordinates import impacts_left_out
-    from sweeps.opened.csv_tables import ROWS, check_table, write_rows
+    from sweeps.opened.csv_tables import ROWS, write_rows
     from sweeps.opened.cuts import part
 
     if rows not in ROWS:
         raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")
     cuts = selection_of(at)
-    check_table(output)
     with opened_in_si(file) as dataset, named(file):
         cut = part(dataset, cuts)
         written = write_rows(cut, output, rows)

@@ -16,7 +16,7 @@ from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, in_parts
 from sweeps.opened.dataset import nomenclature_of
 from sweeps.store import VARIABLES, columns_of
-from sweeps.store.replacing import check_target, writing
+from sweeps.store.replacing import writing
 from sweeps.store.variables import FLAGS
 
 if TYPE_CHECKING:
@@ -65,13 +65,6 @@ _PART = 200_000
 ROWS: Mapping[str, str | None] = {"points": None, "sections": "section", "impacts": "impact"}
 
 
-def check_table(path: Path) -> None:
-    """Refuse a file that has not the ending ``.csv``, or that cannot be written."""
-    if path.suffix != ".csv":
-        raise Refused(f"the table {path} is not allowed; expected: a .csv file")
-    check_target(path, "table")
-
-
 def refuse_points(dataset: xr.Dataset, path: Path) -> None:
     """Refuse to replace the table that a sweep was made from: it has only columns of the sweep."""
     if not columns_of(dataset) or not path.is_file():
@@ -101,7 +94,6 @@ def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
     values; what was not recorded has no row. All digits are kept, so that reading the file gives
     the same numbers; NaN is an empty field. The file is replaced only when the table is complete.
     """
-    check_table(path)
     refuse_points(dataset, path)
     data = _scalars(dataset) if ROWS[rows] is None else _records(dataset, rows)
     size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
