@@ -83,68 +83,13 @@ def sweep_writer(
         finally:
             with suppress(OSError):  # an earlier error matters more; a complete sweep has no folder
                 sync_names(folder)
-                folder.rmdir()  # which fails if it has blocks
+            with suppress(OSError):  # it has blocks
+                folder.rmdir()
     finally:
         with suppress(PermissionError):  # on Windows a locked file cannot be removed
             if not isinstance(lock, SoftFileLock):  # which removes the file itself
                 lock_file.unlink(missing_ok=True)
         lock.release()
-
-
-def _acquired(name: Path) -> BaseFileLock:
-    """Return the held lock of a file, which names this process.
-
-    It is a lock of the system, or the file itself where there are no locks. A killed process leaves
-    such a file, which a process of the same machine, outside containers or in the same one, then
-    takes over.
-    """
-    was_there = os.path.lexists(name)
-    lock: BaseFileLock = FileLock(name, fallback_to_soft=False)
-    try:
-        lock.acquire(blocking=False)
-    except OSError as error:
-        if error.errno not in NO_LOCKS:
-            raise
-        if not was_there:
-            name.unlink(missing_ok=True)
-        lock = SoftFileLock(name)  # it writes a text of its own
-        lock.acquire(blocking=False)
-        return lock
-    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-    with suppress(PermissionError):  # on Windows a locked file cannot be written
-        descriptor = os.open(name, os.O_WRONLY | os.O_TRUNC | flags)  # follows no link put there
-        try:
-            os.write(descriptor, b"vibroimpact lock of process %d\n" % os.getpid())
-        finally:
-            os.close(descriptor)
-    return lock
-
-
-def _holder(name: Path) -> str:
-    """Name the process that holds a lock, and say what the user can do."""
-    text = _lock_text(name).decode(errors="replace")
-    found = re.search(r"(\d+)\n?(.*)", text)
-    number, host = found.groups() if found else ("of an unknown number", "")
-    process = f"process {number}{f' on {host}' if host else ''}"
-    ended = f"if it has ended, remove {name}, " if host else ""
-    return f"{process}; wait for it, stop it with Ctrl-C or kill, {ended}or give another output"
-
-
-def _lock_text(name: Path) -> bytes:
-    """Return the content of a lock, if it can be read; refuse another file of its name."""
-    text = b""
-    with suppress(FileNotFoundError, PermissionError):
-        if stat.S_ISREG(os.lstat(name).st_mode):
-            with name.open("rb") as file:
-                text = file.read(_MOST_TEXT)
-        else:
-            text = b"another"
-    if not _LOCK_TEXT.fullmatch(text):
-        raise StoreError(
-            f"{name} is needed as a lock, but something else has that name; move it, or give "
-            "another output"
-        )
-    return text
 
 
 class SweepWriter:
@@ -302,3 +247,62 @@ def _failure(path: Path, action: str) -> Iterator[None]:
         raise Failed(str(error)) from error
     except (OSError, RuntimeError, ValueError, OverflowError) as error:
         raise Failed(f"{path} cannot be {action}: {reason(error)}") from error
+
+
+# The lock
+
+
+def _acquired(name: Path) -> BaseFileLock:
+    """Return the held lock of a file, which names this process.
+
+    It is a lock of the system, or the file itself where there are no locks. A killed process leaves
+    such a file, which a process of the same machine, outside containers or in the same one, then
+    takes over.
+    """
+    was_there = os.path.lexists(name)
+    lock: BaseFileLock = FileLock(name, fallback_to_soft=False)
+    try:
+        lock.acquire(blocking=False)
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+        if not was_there:
+            name.unlink(missing_ok=True)
+        lock = SoftFileLock(name)  # it writes a text of its own
+        lock.acquire(blocking=False)
+        return lock
+    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    with suppress(PermissionError):  # on Windows a locked file cannot be written
+        descriptor = os.open(name, os.O_WRONLY | os.O_TRUNC | flags)  # follows no link put there
+        try:
+            os.write(descriptor, b"vibroimpact lock of process %d\n" % os.getpid())
+        finally:
+            os.close(descriptor)
+    return lock
+
+
+def _holder(name: Path) -> str:
+    """Name the process that holds a lock, and say what the user can do."""
+    text = _lock_text(name).decode(errors="replace")
+    found = re.search(r"(\d+)\n?(.*)", text)
+    number, host = found.groups() if found else ("of an unknown number", "")
+    process = f"process {number}{f' on {host}' if host else ''}"
+    ended = f"if it has ended, remove {name}, " if host else ""
+    return f"{process}; wait for it, stop it with Ctrl-C or kill, {ended}or give another output"
+
+
+def _lock_text(name: Path) -> bytes:
+    """Return the content of a lock, if it can be read; refuse another file of its name."""
+    text = b""
+    with suppress(FileNotFoundError, PermissionError):
+        if stat.S_ISREG(os.lstat(name).st_mode):
+            with name.open("rb") as file:
+                text = file.read(_MOST_TEXT)
+        else:
+            text = b"another"
+    if not _LOCK_TEXT.fullmatch(text):
+        raise StoreError(
+            f"{name} is needed as a lock, but something else has that name; move it, or give "
+            "another output"
+        )
+    return text
