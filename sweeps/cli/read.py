@@ -249,7 +249,7 @@ RowsOption = Annotated[
 ]
 
 
-Table = Annotated[
+TableFile = Annotated[
     Path,
     typer.Option(
         "-o",
@@ -263,7 +263,7 @@ Table = Annotated[
 
 def export_command(
     file: SweepFile,
-    output: Table,
+    output: TableFile,
     rows: RowsOption = "points",
     at: At = None,
 ) -> None:
