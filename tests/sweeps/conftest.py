@@ -12,6 +12,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
 
 from sweeps import open_sweep
+from sweeps.attractor.knocks import Knock
 from sweeps.store import SweepWriter
 from tests.helpers.clusters import WORKERS
 from tests.helpers.commands import SMALL
@@ -173,3 +174,16 @@ def client(cluster):
 
     with Client(cluster, set_as_default=False) as client:
         yield client
+
+
+@pytest.fixture
+def no_knocks(monkeypatch):
+    """Seek no knock for a picture; return the list of the attractors for which one is wanted."""
+    sought = []
+
+    def worst(motions, home, limit):
+        sought.append(home)
+        return Knock()
+
+    monkeypatch.setattr("sweeps.attractor.knocks._Motions.worst", worst)
+    return sought

@@ -1,19 +1,16 @@
 """Integrity measures against an exhaustive search, knocks against independent motions."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.colors import same_color, to_hex
 from matplotlib.figure import Figure
 
 from sweeps import Refused, attractors, integrity, knocks, open_sweep
 from sweeps.attractor.integrity import measures_of
-from sweeps.attractor.knocks import _CLOSER, _MOMENTS, _SIZES, Knock
-from sweeps.plotting import attractor_diagram, basins, plot
+from sweeps.attractor.knocks import _CLOSER, _MOMENTS, _SIZES
 from sweeps.plotting import integrity as draw_integrity
-from sweeps.plotting.style import CLASSES
+from sweeps.plotting import plot
 from tests.helpers.commands import accepted, refused
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, integrate, periodic_orbit
@@ -318,73 +315,6 @@ def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):
             knocks(dataset)
 
 
-@pytest.fixture(scope="module")
-def ranked(tmp_path_factory):
-    """Return a file, opened, in which 2/1 is before 1/0 at 0.4, and behind it at 0.6."""
-    few = "start={x0: {start: -3, stop: 0, num: 16}, v0: {start: -3, stop: 3, num: 21}}"
-    line = "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: [0, 0.4, 0.6]}"
-    with open_sweep(run_in(tmp_path_factory.mktemp("ranked"), CONFIG, line, few)) as dataset:
-        yield dataset
-
-
-def colours_of(figure):
-    """Return the colour of each basin in the legend, by its class."""
-    legend = figure.legends[0]
-    named = zip(legend.get_patches(), legend.get_texts(), strict=False)
-    return {re.split("[,:]", text.get_text())[0]: to_hex(patch.get_fc()) for patch, text in named}
-
-
-@pytest.fixture
-def no_knocks(monkeypatch):
-    """Seek no knock for a picture; return the list of the attractors for which one is wanted."""
-    sought = []
-
-    def worst(motions, home, limit):
-        sought.append(home)
-        return Knock()
-
-    monkeypatch.setattr("sweeps.attractor.knocks._Motions.worst", worst)
-    return sought
-
-
-@pytest.mark.slow
-def test_an_attractor_has_the_colour_of_its_class_in_all_pictures(ranked, no_knocks):
-    assert attractors(ranked)["m"].values.tolist() == [[1, -1], [2, 1], [1, 2]]
-    numbered = {f"{m}/{q}": CLASSES[m, q].lower() for m, q in ((2, 1), (1, 1), (1, 0))}
-    for draw, clearance in ((basins, 0.4), (basins, 0.6), (draw_integrity, 0.4)):
-        found = colours_of(draw(ranked, at={"clearance": clearance}))
-        assert found == {name: numbered[name] for name in found} and len(found) > 1
-    lines = attractor_diagram(ranked).axes[0].lines
-    found = {
-        line.get_label()[:3]: to_hex(line.get_color())
-        for line in lines
-        if line.get_label()[0] != "_"
-    }
-    assert found == numbered
-
-
-@pytest.mark.slow
-def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
-    figure = draw_integrity(ranked, at={"clearance": 0.6})
-    *profile, panel = figure.axes
-    for measures in profile:
-        low, high = measures.get_ylim()
-        *lines, _ = measures.lines
-        y = np.concatenate([line.get_ydata() for line in lines])
-        assert low <= np.nanmin(y) and np.nanmax(y) < high
-    assert np.isfinite(profile[1].lines[2].get_ydata()).any()
-    legend = figure.legends[0]
-    handles = dict(
-        zip((t.get_text() for t in legend.get_texts()), legend.legend_handles, strict=True)
-    )
-    assert same_color(handles["lower bound"].get_markerfacecolor(), panel.get_facecolor())
-    arrows = {to_hex(handle.get_color()) for text, handle in handles.items() if "knock" in text}
-    knocks_drawn = [text.arrow_patch for text in panel.texts if hasattr(text, "arrow_patch")]
-    drawn = {to_hex(arrow.get_edgecolor()) for arrow in knocks_drawn}
-    assert arrows == drawn == {CLASSES[2, 1].lower(), CLASSES[1, 0].lower()}
-    assert [line.get_marker() for line in panel.lines] == ["o"]  # a single call
-
-
 @pytest.mark.slow
 def test_integrity_is_drawn_into_panels_of_another_figure(two, no_knocks):
     four = Figure().subplots(4)
@@ -397,13 +327,3 @@ def test_integrity_is_drawn_into_panels_of_another_figure(two, no_knocks):
         draw_integrity(two, ax=four[:2])
     with pytest.raises(Refused, match="expected: 1 or 2 or 3 or 4 panels of matplotlib"):
         draw_integrity(two, ax=Figure().subplots(5))
-
-
-@pytest.mark.slow
-def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_knocks, monkeypatch):
-    monkeypatch.setattr("sweeps.plotting.looks.CLASSES", {(2, 1): CLASSES[2, 1]})
-    monkeypatch.setattr("sweeps.plotting.looks.FURTHER", ())
-    figure = draw_integrity(ranked, at={"clearance": 0.6})
-    assert no_knocks == [0] and len(figure.axes[-1].patches) == 1
-    texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "no disc and no knock for 1 other attractor" in texts

@@ -1,8 +1,5 @@
-"""The configuration: reading, overriding, writing, and its JSON schema."""
+"""The configuration: reading and writing it, its JSON schema, and a shaken base."""
 
-import math
-from decimal import Decimal, localcontext
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +9,12 @@ import yaml
 from sweeps.config.groups import STARTS, OscillatorConfig
 from sweeps.config.json_schema import json_schema
 from sweeps.config.loading import load_config
-from sweeps.config.values import Range
 from sweeps.errors import ConfigError
 from tests.helpers.configurations import EXAMPLE, linear_values, load, oscillator_yaml, refusal
 from tests.helpers.places import CONFIGS
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.polynomial import LONGEST_STEP
-from vibroimpact.step.scheme import IMPACT_RULES, least_stable_steps
+from vibroimpact.step.scheme import IMPACT_RULES
 
 # Reading
 
@@ -128,115 +123,6 @@ def test_the_axes_are_in_the_order_of_the_file(text, axes):
     )
 
 
-def test_one_value_in_a_list_or_range_is_an_axis():
-    axes = load(oscillator_yaml(h="[0.3]", f="{start: 2, stop: 2, num: 1}")).sweep.grid.axes
-    assert {name: list(values) for name, values in axes.items()} == {"h": [0.3], "f": [2.0]}
-
-
-@pytest.mark.parametrize(("first", "last"), [(-4, 0), (3, -3), (-300, 300)])
-def test_decades_of_a_log_axis_are_exact(first, last):
-    powers = range(first, last + 1) if first < last else range(first, last - 1, -1)
-    decades = [float(f"1e{power}") for power in powers]
-    axis = Range(start=decades[0], stop=decades[-1], num=len(decades), spacing="log")
-    assert axis.values().tolist() == decades
-
-
-def test_a_log_axis_is_rounded_correctly():
-    """So its bits are the same everywhere: no other number is nearer to the geometric series."""
-    values = Range(start=0.3, stop=7.1, num=40, spacing="log").values().tolist()
-    start, stop, last = Fraction("0.3"), Fraction("7.1"), len(values) - 1
-    for i, value in enumerate(values):
-        low, high = (
-            (Fraction(value) + Fraction(math.nextafter(value, end))) / 2 for end in (0.0, math.inf)
-        )
-        assert low**last <= start ** (last - i) * stop**i <= high**last
-
-
-def test_a_linear_axis_has_the_numbers_that_are_typed():
-    for start, stop, num in ((0.1, 1, 10), (2.4, 3.5, 111), (-0.3, 0.3, 7), (1e-3, 0.2, 200)):
-        text = f"{{start: {start}, stop: {stop}, num: {num}}}"
-        config = load(oscillator_yaml(clearance=text) + "start: {x0: -1}\n")
-        values = config.sweep.grid.axes["clearance"]
-        assert values.tolist() == [float(f"{value:.3g}") for value in values]
-
-
-ENDS = [
-    (-0.3, 0.7),
-    (1 / 3, math.pi),
-    (1e308, -1e308),
-    (0.0, 5e-324),
-    (-1e-300, 1.0),
-    (5.5e17, 2.5),
-]
-
-
-@pytest.mark.parametrize("num", [2, 10, 999, 40_000])
-@pytest.mark.parametrize(("start", "stop"), ENDS)
-def test_a_linear_axis_is_rounded_correctly(start, stop, num):
-    """Few values, and more than are computed one by one; by rational numbers."""
-    values = Range.model_construct(start=start, stop=stop, num=num, spacing="linear").values()
-    assert (values[0], values[-1]) == (start, stop)
-    first, rise = Fraction(repr(start)), Fraction(repr(stop)) - Fraction(repr(start))
-    for i in range(0, num, max(1, num // 97)):
-        assert values[i] == float(first + rise * i / (num - 1))
-
-
-@pytest.mark.parametrize(
-    ("start", "stop"), [(0.3, 7.1), (1e300, 1e-300), (5e-324, 1.0), (1.0, 2.0)]
-)
-def test_many_values_of_a_log_axis_are_rounded_correctly(start, stop):
-    """More values than are computed one by one, by 60 digits."""
-    num = 40_001
-    values = Range(start=start, stop=stop, num=num, spacing="log").values()
-    assert (values[0], values[-1]) == (start, stop)
-    with localcontext(prec=60):
-        first = Decimal(repr(start))
-        growth = (Decimal(repr(stop)) / first).ln() / (num - 1)
-        for i in range(0, num, 401):
-            assert values[i] == float(first * (i * growth).exp())
-
-
-@pytest.mark.parametrize("spacing", ["linear", "log"])
-def test_no_value_of_a_range_is_rounded_out_of_it(spacing):
-    low = math.nextafter(1.0, 0.0)
-    text = f"{{start: {low!r}, stop: 1, num: 50, spacing: {spacing}}}"
-    values = load(oscillator_yaml(R=text)).sweep.grid.axes["R"]
-    assert values.max() == 1.0 and values.min() == low
-
-
-@pytest.mark.parametrize(
-    ("text", "ends", "swept", "values"),
-    [
-        ("0.3", (0.3, 0.3, 0.3), False, [0.3]),
-        ("[0.3]", (0.3, 0.3, 0.3), True, [0.3]),
-        ("[0.5, 0.7, 0.25]", (0.25, 0.25, 0.7), True, [0.25, 0.5, 0.7]),
-        ("[0.7, 0.5, 0.25]", (0.7, 0.25, 0.7), True, [0.7, 0.5, 0.25]),
-        ("{start: 1, stop: 0, num: 3}", (1.0, 0.0, 1.0), True, [1.0, 0.5, 0.0]),
-        ("{start: 1, stop: 1, num: 1}", (1.0, 1.0, 1.0), True, [1.0]),
-    ],
-)
-def test_an_axis_has_the_values_of_every_form(text, ends, swept, values):
-    axis = load(oscillator_yaml(R=text)).parameters()["R"]
-    assert (axis.first, axis.low, axis.high) == ends
-    assert (axis.size, axis.swept, axis.values().tolist()) == (len(values), swept, values)
-
-
-def test_the_values_of_a_long_range_are_not_created_before_they_are_needed(monkeypatch):
-    created = []
-    values = Range.values
-    monkeypatch.setattr(Range, "values", lambda self: created.append(self.num) or values(self))
-    long = "{start: 1, stop: 2, num: 1e7}"
-    for name in ("omega", "f", "p", "clearance"):
-        assert load(oscillator_yaml(**{name: long})).parameters()[name].size == 10**7
-    assert "beyond the stop" in refusal(oscillator_yaml() + f"start: {{x0: {long}}}\n")
-    assert "20,000,000,000 points" in refusal(
-        oscillator_yaml(f=long, R="{start: 0, stop: 1, num: 2e3}")
-    )
-    assert not created
-    config = load(oscillator_yaml(f="{start: 1, stop: 2, num: 7}"))
-    assert config.size == 7 and created == [7]
-
-
 def test_configurations_are_equal_whatever_was_computed_of_them():
     one, other = load(EXAMPLE), load(EXAMPLE)
     assert one.size == 4096 and one == other == load(EXAMPLE, "record.phase=0")
@@ -260,184 +146,6 @@ def test_every_integrator_and_impact_rule_is_accepted():
             if impact != "exact" or integrator == "exact":
                 method = f"method: {{integrator: {integrator}, impact: {impact}}}\n"
                 assert load(oscillator_yaml() + method).method.impact == impact
-
-
-@pytest.mark.parametrize(
-    ("values", "method", "steps"),
-    [
-        ({}, "impact: exact", 8),  # 2 pi (1.2 / 2 + 1) / 1.31
-        ({"h": "[0.1, 2, 1]"}, "impact: exact", 17),
-        ({"omega": "{start: 3, stop: 0.5, num: 4}", "p": "[1, 4]"}, "impact: exact", 46),
-        ({}, "impact: plain", 100),
-        ({"omega": "1e-9"}, "impact: cubic", 100),
-        ({}, "steps_per_period: 64", 64),
-        ({}, "steps_per_period: 16", 16),
-        ({}, "impact: plain, steps_per_period: 4", 4),
-        ({}, "steps_per_period: ~", 8),
-    ],
-)
-def test_the_steps_are_those_of_the_worst_point(values, method, steps):
-    config = load(oscillator_yaml(**values) + f"method: {{{method}}}\n")
-    assert LONGEST_STEP == 1.31  # that the numbers above are for
-    assert config.method.steps_per_period == steps
-    written = config.to_yaml()
-    assert yaml.safe_load(written)["method"]["steps_per_period"] == steps
-    assert load(written).method.steps_per_period == steps
-
-
-@pytest.mark.parametrize(
-    ("lines", "parts"),
-    [
-        ("method: {integrator: rk4}",
-         ["line 2: method.integrator: impact exact needs the integrator exact, not rk4",
-          "expected: integrator exact, or one of the impact rules plain, reduced-step, cubic"]),
-        ("method: {steps_per_period: 7}",
-         ["line 2: method.steps_per_period: 7 are not enough for exact impacts here",
-          "an integer from 8 to 1,000,000, or null"]),
-        ("method: {impact: cubic}\nrecord: {diagnostics: [period, lyapunov]}",
-         ["line 3: record.diagnostics: lyapunov needs the impact rule exact, not cubic"]),
-        ("record: {diagnostics: [perod]}",
-         ["line 2: record.diagnostics[0] = perod is unknown (did you mean period?)",
-          "period, lyapunov"]),
-        ("record: {diagnostics: [period, period]}",
-         ["record.diagnostics = [period, period] has a name twice"]),
-        ("record: {diagnostics: period}", ["record.diagnostics = period is not allowed", "a list"]),
-        ("method: {steps_per_period: 16}\nrecord: {periods: 1e6, trajectory: {every: 1}}",
-         ["line 3: record.trajectory: 16,000,001 samples per point are too many",
-          "at most 10,000,000"]),
-    ],
-)  # fmt: skip
-def test_settings_that_do_not_go_together(lines, parts):
-    message = refusal(oscillator_yaml() + lines + "\n")
-    assert message.count("\n") == 0
-    for part in parts:
-        assert part in message
-
-
-@pytest.mark.parametrize(
-    ("values", "method", "parts"),
-    [
-        ({"h": "0.5", "omega": "0.5"}, "integrator: rk4, steps_per_period: 4",
-         ["line 3: method.steps_per_period: 4 are not enough for rk4 to be stable at "
-          "h = 0.5, p = 1, omega = 0.5: p T = 3.142 there must be below 2.623",
-          "an integer from 5 to 1,000,000, null, or method.allow_unstable: true"]),
-        # At neither end of h; the longest step is that of the least omega.
-        ({"h": "[0, 0.54, 1]", "omega": "[1, 0.05]"}, "integrator: rk4, steps_per_period: 47",
-         ["h = 0.54, p = 1, omega = 0.05: p T = 2.674 there must be below 2.616", "from 49 to"]),
-        ({"p": "{start: 2, stop: 9, num: 3}"}, "integrator: verlet, steps_per_period: 14",
-         ["p = 9, omega = 2: p T = 2.02 there must be below 2;", "an integer from 15 to"]),
-        ({"h": "3", "p": "[1, 3.5, 2]"}, "integrator: euler, steps_per_period: 9",
-         ["h = 3, p = 1, omega = 2: p T = 0.3491 there must be below 0.3431", "from 10 to"]),
-        ({"h": "[1, 0]"}, "integrator: euler, steps_per_period: 1e6",
-         ["line 3: method.integrator: euler is stable with no step at h = 0, p = 1, omega = 2",
-          "expected: h > 0, one of semi-implicit-euler, verlet, newmark, rk4, exact, "
-          "or method.allow_unstable: true"]),
-        ({"h": "[1, 0]"}, "integrator: euler",
-         ["line 3: method.integrator: euler is stable with no step"]),
-        ({"h": "1e-7"}, "integrator: euler",
-         ["euler is stable only from 1.57e+07 steps per period on, of 1,000,000 at most, "
-          "at h = 1e-07, p = 1, omega = 2; expected: one of semi-implicit-euler, verlet"]),
-        ({"p": "1e9"}, "integrator: rk4",
-         ["rk4 is stable only from 1.11e+09 steps", "expected: one of newmark, exact, or method."]),
-        ({}, "integrator: euler, allow_unstable: maybe",
-         ["line 3: method.allow_unstable = maybe is neither true nor false"]),
-        ({}, "integrator: euler, allow_unstable: 1",
-         ["line 3: method.allow_unstable = 1 is neither true nor false"]),
-    ],
-)  # fmt: skip
-def test_an_unstable_step_is_refused(values, method, parts):
-    text = f"# a comment\n{oscillator_yaml(**values)}method: {{impact: plain, {method}}}\n"
-    message = refusal(text)
-    assert message.count("\n") == 0
-    for part in parts:
-        assert part in message
-    assert load(text, "method.allow_unstable=True").method.allow_unstable is True
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_the_steps_are_stable_all_over_the_grid_and_no_more_than_needed(integrator):
-    """Against every point of random grids, below, across and above critical damping."""
-    rng = np.random.default_rng(6)
-    for _ in range(30):
-        ends = rng.exponential(1.0, 2) + 0.01, rng.exponential(1.0, 2) + 0.01
-        h, p = (f"{{start: {a!r}, stop: {b!r}, num: 41}}" for a, b in np.array(ends).tolist())
-        text = oscillator_yaml(h=h, p=p, omega="[0.01, 0.007]")
-        text += f"method: {{integrator: {integrator}, impact: plain}}\n"
-        config = load(text, "method.allow_unstable=true")
-        mesh = np.meshgrid(config.sweep.grid.axes["h"], config.sweep.grid.axes["p"])
-        least = least_stable_steps(integrator, *mesh, 0.007).max()
-        assert config.method.steps_per_period == max(100, least) if least <= 1e6 else 100
-        if 4 < least <= 1e6:
-            load(text, f"method.steps_per_period={least:.0f}")
-            message = refusal(text, [f"method.steps_per_period={least - 1:.0f}"])
-            assert f"expected: an integer from {least:,.0f} to" in message
-
-
-@pytest.mark.parametrize("values", [{"omega": "1e-9"}, {"omega": "1e-300"}, {"h": "1e308"}])
-def test_more_steps_than_can_be_computed(values):
-    message = refusal("# a comment\n" + oscillator_yaml(**values))
-    assert "line 2: oscillator.omega: exact impacts would need" in message
-    assert "at most 1,000,000" in message and message.count("\n") == 0
-
-
-def test_a_grid_that_is_too_large():
-    axis = "{start: 0, stop: 1, num: 1e3}"
-    assert load(oscillator_yaml(h=axis, R=axis, f=axis)).sweep.grid.size == 10**9
-    message = refusal("# a comment\n" + oscillator_yaml(h=axis, R=axis, f=axis, p="[1, 2]"))
-    assert "line 2: oscillator.h: the axes make a grid of 2,000,000,000 points" in message
-    assert "at most 1,000,000,000" in message
-
-
-# --set
-
-
-def test_overrides_replace_and_add_in_order():
-    overrides = [
-        "oscillator.h=0.2",
-        "oscillator.omega.num=7",
-        "start.v0=[1, 2]",
-        "record.trajectory={every: 2}",
-        "name=renamed",
-    ]
-    config = load(EXAMPLE, *overrides)
-    assert config.oscillator.h == 0.2
-    assert config.sweep.grid.shape == (7, 2)
-    assert config.record.trajectory and config.record.trajectory.every == 2
-    assert config.name == "renamed"
-
-
-@pytest.mark.parametrize(
-    ("override", "parts"),
-    [
-        ("oscillator.R=1.2", ["oscillator.R = 1.2", "from 0 to 1"]),
-        ("oscilator.h=1", ["unknown key oscilator", "did you mean oscillator?"]),
-        ("oscillator.omga=1", ["oscillator.omga", "did you mean omega?", "clearance"]),
-        ("oscillator.h.num=2", ["oscillator.h = 0.1 has no keys"]),
-        ("oscillator.h=[1,", ["not valid YAML"]),
-        ("oscillator.h", ["expected key=value"]),
-        ("oscillator.h=", ["oscillator.h = (nothing) is not a number"]),
-        ("oscillator.h=0,1", ["oscillator.h = 0,1 has a decimal comma", "decimal point, no comma"]),
-        (
-            "oscillator={h: 0,1, R: 1}",
-            ["unknown key oscillator.1 (", "decimal point, no comma"],
-        ),
-        (
-            "record.trajectory={ever: 2}",
-            ["record.trajectory.ever (did you mean every?)"],
-        ),
-        ("record.trajectory={}", ["record.trajectory.every is missing"]),
-        ("=", ["expected key=value"]),
-        ("..x=1", ["expected key=value"]),
-        ("a..b=1", ["expected key=value"]),
-        ("<scalar>=1", ["unknown key <scalar>"]),
-    ],
-)
-def test_a_wrong_override_is_reported_as_one(override, parts):
-    message = refusal(EXAMPLE.replace("false", "{every: 1}"), [override])
-    for line in message.splitlines():
-        assert line.startswith(f"override {override}")
-    for part in parts:
-        assert part in message
 
 
 # to_yaml

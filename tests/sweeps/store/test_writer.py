@@ -1,15 +1,11 @@
-"""A sweep survives kills and full disks, and a resumed run ends with the same data.
-
-A full disk at 400 sizes: ``pytest -m campaign tests/sweeps/store/test_writer.py``.
-"""
+"""A sweep survives kills, and a resumed run ends with the same data."""
 
 import os
-import resource
 import shutil
 import subprocess
 import sys
 import zipfile
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +13,7 @@ import pytest
 import xarray as xr
 
 from sweeps import open_sweep
-from sweeps.errors import Failed, StoreError
+from sweeps.errors import StoreError
 from sweeps.grid import Grid
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
@@ -389,56 +385,3 @@ def test_each_block_is_on_the_disk_before_it_has_its_name_and_the_file_before_th
         assert [event[0] for event in events[at + 2 :]] == kinds
         # The schema gets the name of a draft first, and goes last.
         assert events[at + 2][1] == events[-1][1] and "schema.h5" in events[-1][1]
-
-
-# A full disk
-
-
-@contextmanager
-def small_disk(size):
-    """Limit the size of files, except those that the tests write."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path):
-    with pytest.raises(Failed, match=r"out\.h5 cannot be created: File too large$"):
-        with small_disk(5000):
-            fill_blocks("out.h5")
-    assert [path.name for path in tmp_path.iterdir()] == ["sweep.yaml"]
-
-
-@pytest.mark.slow
-def test_a_disk_that_fills_up_keeps_every_block_before(whole):
-    fill_blocks("out.h5", 2)
-    with pytest.raises(Failed, match=r"out\.h5 cannot be written: File too large$"):
-        with small_disk(last_block().stat().st_size - 100):
-            fill_blocks("out.h5", resume=True)
-    assert done_of("out.h5", whole) == 4
-    resumed(whole)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "sizes", [5, pytest.param(400, marks=pytest.mark.campaign)], ids=["some", "many"]
-)
-@pytest.mark.parametrize("compressed", [False, True])
-def test_a_disk_that_is_full_at_the_end_loses_nothing(whole, compressed, sizes):
-    """Anywhere in the complete file: HDF5 alone would end the process."""
-    fill_blocks("size.h5", compressed=compressed)
-    full = Path("size.h5").stat().st_size
-    Path("size.h5").unlink()
-    with begun("out.h5", schema()) as (store, pending):
-        for block in pending:
-            store.write(block, block_results(block))
-        for size in np.linspace(0, full - 100, sizes):
-            with pytest.raises(Failed, match=r"out\.h5 cannot be completed: File too large$"):
-                with small_disk(size):
-                    store.finish(compressed=compressed)
-    assert {path.name for path in Path().iterdir()} == {"out.h5.parts", "sweep.yaml"}
-    assert done_of("out.h5", whole) == 12
-    resumed(whole, compressed=compressed)

@@ -1,0 +1,138 @@
+"""The command zoom: the piece, its names, overrides, picture and plan, and what cannot be."""
+
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+import xarray as xr
+
+import sweeps
+from sweeps.opened.dataset import config_of
+from tests.helpers.commands import accepted, call, refused
+from vibroimpact.status import Status
+
+
+@pytest.mark.slow
+def test_zoom_computes_and_draws_a_piece(small_file, unpainted):
+    printed = accepted("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
+    assert printed.splitlines()[-1] == "small-omega-2.25-2.5.png"
+    assert Path("small-omega-2.25-2.5.png").read_bytes() == b"painted"
+    accepted("zoom", "small.h5", "clearance=0.1:0.2", "omega=2:3", "-o", "two.h5")
+    whole, piece, two = map(sweeps.open_sweep, ("small.h5", "small-omega-2.25-2.5.h5", "two.h5"))
+    np.testing.assert_array_equal(piece["omega"], np.linspace(2.25, 2.5, 5))
+    np.testing.assert_array_equal(two["clearance"], [0.1, 0.2])
+    np.testing.assert_array_equal(two["omega"], np.linspace(2.0, 3.0, 5))
+    point = {"omega": 2.25}  # also on the grid of the full sweep
+    assert piece.sel(point).drop_attrs().identical(whole.sel(point).drop_attrs())
+
+
+@pytest.mark.slow
+def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_planned(small_file):
+    files = sorted(Path().iterdir())
+    picture = ("--coordinate", "impact_v", "--width", "4in")
+    planned = accepted("zoom", "small.h5", "omega=2.25:2.5", *picture, "--dry-run")
+    assert sorted(Path().iterdir()) == files
+    assert "axis              omega = 2.25 .. 2.5 [rad/time], 5 values" in planned
+    assert planned.splitlines()[-1] == "output            small-omega-2.25-2.5.h5"
+    accepted("zoom", "small.h5", "omega=2.25:2.5", *picture)
+    with xr.open_dataset("small-omega-2.25-2.5.h5", engine="h5netcdf") as piece:
+        assert piece.sizes["omega"] == 5
+    accepted("plot", "small-omega-2.25-2.5.h5", *picture, "-o", "same.png")
+    drawn, same = map(matplotlib.image.imread, ("small-omega-2.25-2.5.png", "same.png"))
+    assert drawn.shape[1] == 4 * 300
+    np.testing.assert_array_equal(drawn, same)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("pieces", "reason"),
+    [
+        (["omega=2:1"], "expected: NAME=LOW:HIGH"),
+        (["omega=2"], "expected: NAME=LOW:HIGH"),
+        (["omega=2:nan"], "expected: NAME=LOW:HIGH"),
+        (["omgea=2:3"], "did you mean omega?"),
+        (["h=0:1"], "expected: omega or clearance"),
+        (["omega=-1:1"], "expected: forcing frequency"),
+        (["poincare_x=0:1"], "at least one swept axis"),
+        (["omega=2:3", "omega=2:4"], "each name once"),
+        (["omega=2:3", "poincare_x=0:1", "poincare_v=0:1"], "at most one of"),
+        (["omega=2:3", "poincare_x=0:1", "--coordinate", "impact_v"], "exclude each other"),
+        (["omega=2:3", "--coordinate", "impulse"], "impulse is not a coordinate"),
+        (["omega=2:3", "--width", "4"], "--width 4 is not allowed"),
+        (["omega=2:3", "-o", "no/folder.h5"], "does not exist"),
+        (["omega=2:3", "-o", "small.h5"], "small.h5 exists"),
+        (["omega=2:3", "--set", "record.transiet=9"], "did you mean transient?"),
+        (["omega=2:3", "--set", "oscillator.omega=2.0"], "omega is not a swept axis"),
+        (["omega=2:3", "--set", "oscillator.omega.stop=4"], "the piece chooses oscillator.omega"),
+        (
+            ["omega=2:3", "--set", "record.impacts=0", "--coordinate", "impact_v"],
+            "the piece has no impact_v to draw: record.impacts is 0",
+        ),
+    ],
+)
+def test_a_zoom_that_cannot_be(small_file, pieces, reason):
+    assert reason in refused("zoom", "small.h5", *pieces)
+
+
+@pytest.mark.slow
+def test_a_zoom_takes_overrides_as_a_run_does(small_file, unpainted):
+    overrides = ("--set", "record.transient=60", "--set", "oscillator.omega.num=3")
+    accepted("zoom", "small.h5", "omega=2:2.5", *overrides)
+    ends = [f"oscillator.omega.{end}" for end in ("start=2.0", "stop=2.5")]
+    accepted("run", "small.h5", "-o", "run.h5", *overrides, "--set", ends[0], "--set", ends[1])
+    named = "small-omega-2-2.5-record.transient-60-oscillator.omega.num-3.h5"
+    with sweeps.open_sweep(named) as zoomed, sweeps.open_sweep("run.h5") as run:
+        assert zoomed.drop_attrs().identical(run.drop_attrs())
+        assert config_of(zoomed).record.transient == 60
+    other = ("--set", "record.transient=70", "--set", "oscillator.clearance=[0.1, 0.2]")
+    planned = accepted("zoom", named, "omega=2:2.2", *other, "--dry-run")
+    name = (
+        "small-oscillator.omega.num-3-omega-2-2.2-record.transient-70-"
+        "oscillator.clearance-_0.1_0.2.h5"
+    )
+    assert planned.splitlines()[-1] == f"output            {name}"
+    planned = accepted("zoom", "small.h5", "omega=2:2.5", "--set", "output=n.h5", "--dry-run")
+    assert planned.splitlines()[-1] == "output            n.h5"
+    accepted("run", "small.h5", "-o", "none.h5", "--set", "record.impacts=0")
+    impacts = ("--set", "record.impacts=9", "--coordinate", "impact_v")
+    accepted("zoom", "none.h5", "omega=2:2.5", *impacts)  # the file itself has no impacts
+
+
+def test_every_zoom_has_a_name_of_its_own(small_file):
+    """By the whole keys; a later override of a key replaces the earlier one."""
+
+    def named(file, *overrides):
+        chosen = [word for text in overrides for word in ("--set", text)]
+        plan = accepted("zoom", file, "omega=2:2.5", *chosen, "--dry-run").splitlines()[-1]
+        return plan.removeprefix("output").strip()
+
+    phases = {named("small.h5", f"{group}.phase=1") for group in ("start", "record")}
+    assert phases == {f"small-omega-2-2.5-{group}.phase-1.h5" for group in ("start", "record")}
+    twice = "record.transient=60", "record.transient=70"
+    assert named("small.h5", *twice) == "small-omega-2-2.5-record.transient-70.h5"
+    Path("small.h5").rename(before := named("small.h5", "start.x0=-2e-3", "start.v0=1"))
+    assert before == "small-omega-2-2.5-start.x0--2e-3-start.v0-1.h5"
+    again = "small-start.v0-1-omega-2-2.5-start.x0--3.h5"
+    assert named(before, "start.x0=-3") == again
+    Path(before).rename("small.h5")
+    many = ", ".join(f"0.{i}" for i in range(11, 99))
+    long = [named("small.h5", f"oscillator.R=[{many}, {last}]") for last in (0, 1)]
+    assert len(set(long)) == 2 and max(map(len, long)) < 60
+
+
+@pytest.mark.slow
+def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_file, unpainted):
+    accepted("zoom", "small.h5", "omega=0.05:0.1", "-o", "beyond.h5")
+    with sweeps.open_sweep("beyond.h5") as beyond, sweeps.open_sweep("small.h5") as small:
+        assert (beyond["status"] == Status.CERTIFIED).all()
+        needed, had = (config_of(dataset).method.steps_per_period for dataset in (beyond, small))
+    assert needed > had
+
+
+@pytest.mark.slow
+def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(small_file, unpainted):
+    accepted("zoom", "small.h5", "omega=2:2.5", "-o", "small-omega-2-2.5.h5")
+    said = call("zoom", "small-omega-2-2.5.h5", "omega=2.1234567:2.1234568")
+    assert said.stdout.splitlines()[-1] == "small-omega-2.1234567-2.1234568.png"
+    assert "omega = 2.1234567 .. 2.1234568 [rad/time], 5 values" in said.stderr

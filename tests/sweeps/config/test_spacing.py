@@ -1,0 +1,119 @@
+"""The values of ranges and lists, each the floating-point number nearest to the true one."""
+
+import math
+from decimal import Decimal, localcontext
+from fractions import Fraction
+
+import pytest
+
+from sweeps.config.values import Range
+from tests.helpers.configurations import load, oscillator_yaml, refusal
+
+
+def test_one_value_in_a_list_or_range_is_an_axis():
+    axes = load(oscillator_yaml(h="[0.3]", f="{start: 2, stop: 2, num: 1}")).sweep.grid.axes
+    assert {name: list(values) for name, values in axes.items()} == {"h": [0.3], "f": [2.0]}
+
+
+@pytest.mark.parametrize(("first", "last"), [(-4, 0), (3, -3), (-300, 300)])
+def test_decades_of_a_log_axis_are_exact(first, last):
+    powers = range(first, last + 1) if first < last else range(first, last - 1, -1)
+    decades = [float(f"1e{power}") for power in powers]
+    axis = Range(start=decades[0], stop=decades[-1], num=len(decades), spacing="log")
+    assert axis.values().tolist() == decades
+
+
+def test_a_log_axis_is_rounded_correctly():
+    """So its bits are the same everywhere: no other number is nearer to the geometric series."""
+    values = Range(start=0.3, stop=7.1, num=40, spacing="log").values().tolist()
+    start, stop, last = Fraction("0.3"), Fraction("7.1"), len(values) - 1
+    for i, value in enumerate(values):
+        low, high = (
+            (Fraction(value) + Fraction(math.nextafter(value, end))) / 2 for end in (0.0, math.inf)
+        )
+        assert low**last <= start ** (last - i) * stop**i <= high**last
+
+
+def test_a_linear_axis_has_the_numbers_that_are_typed():
+    for start, stop, num in ((0.1, 1, 10), (2.4, 3.5, 111), (-0.3, 0.3, 7), (1e-3, 0.2, 200)):
+        text = f"{{start: {start}, stop: {stop}, num: {num}}}"
+        config = load(oscillator_yaml(clearance=text) + "start: {x0: -1}\n")
+        values = config.sweep.grid.axes["clearance"]
+        assert values.tolist() == [float(f"{value:.3g}") for value in values]
+
+
+ENDS = [
+    (-0.3, 0.7),
+    (1 / 3, math.pi),
+    (1e308, -1e308),
+    (0.0, 5e-324),
+    (-1e-300, 1.0),
+    (5.5e17, 2.5),
+]
+
+
+@pytest.mark.parametrize("num", [2, 10, 999, 40_000])
+@pytest.mark.parametrize(("start", "stop"), ENDS)
+def test_a_linear_axis_is_rounded_correctly(start, stop, num):
+    """Few values, and more than are computed one by one; by rational numbers."""
+    values = Range.model_construct(start=start, stop=stop, num=num, spacing="linear").values()
+    assert (values[0], values[-1]) == (start, stop)
+    first, rise = Fraction(repr(start)), Fraction(repr(stop)) - Fraction(repr(start))
+    for i in range(0, num, max(1, num // 97)):
+        assert values[i] == float(first + rise * i / (num - 1))
+
+
+@pytest.mark.parametrize(
+    ("start", "stop"), [(0.3, 7.1), (1e300, 1e-300), (5e-324, 1.0), (1.0, 2.0)]
+)
+def test_many_values_of_a_log_axis_are_rounded_correctly(start, stop):
+    """More values than are computed one by one, by 60 digits."""
+    num = 40_001
+    values = Range(start=start, stop=stop, num=num, spacing="log").values()
+    assert (values[0], values[-1]) == (start, stop)
+    with localcontext(prec=60):
+        first = Decimal(repr(start))
+        growth = (Decimal(repr(stop)) / first).ln() / (num - 1)
+        for i in range(0, num, 401):
+            assert values[i] == float(first * (i * growth).exp())
+
+
+@pytest.mark.parametrize("spacing", ["linear", "log"])
+def test_no_value_of_a_range_is_rounded_out_of_it(spacing):
+    low = math.nextafter(1.0, 0.0)
+    text = f"{{start: {low!r}, stop: 1, num: 50, spacing: {spacing}}}"
+    values = load(oscillator_yaml(R=text)).sweep.grid.axes["R"]
+    assert values.max() == 1.0 and values.min() == low
+
+
+@pytest.mark.parametrize(
+    ("text", "ends", "swept", "values"),
+    [
+        ("0.3", (0.3, 0.3, 0.3), False, [0.3]),
+        ("[0.3]", (0.3, 0.3, 0.3), True, [0.3]),
+        ("[0.5, 0.7, 0.25]", (0.25, 0.25, 0.7), True, [0.25, 0.5, 0.7]),
+        ("[0.7, 0.5, 0.25]", (0.7, 0.25, 0.7), True, [0.7, 0.5, 0.25]),
+        ("{start: 1, stop: 0, num: 3}", (1.0, 0.0, 1.0), True, [1.0, 0.5, 0.0]),
+        ("{start: 1, stop: 1, num: 1}", (1.0, 1.0, 1.0), True, [1.0]),
+    ],
+)
+def test_an_axis_has_the_values_of_every_form(text, ends, swept, values):
+    axis = load(oscillator_yaml(R=text)).parameters()["R"]
+    assert (axis.first, axis.low, axis.high) == ends
+    assert (axis.size, axis.swept, axis.values().tolist()) == (len(values), swept, values)
+
+
+def test_the_values_of_a_long_range_are_not_created_before_they_are_needed(monkeypatch):
+    created = []
+    values = Range.values
+    monkeypatch.setattr(Range, "values", lambda self: created.append(self.num) or values(self))
+    long = "{start: 1, stop: 2, num: 1e7}"
+    for name in ("omega", "f", "p", "clearance"):
+        assert load(oscillator_yaml(**{name: long})).parameters()[name].size == 10**7
+    assert "beyond the stop" in refusal(oscillator_yaml() + f"start: {{x0: {long}}}\n")
+    assert "20,000,000,000 points" in refusal(
+        oscillator_yaml(f=long, R="{start: 0, stop: 1, num: 2e3}")
+    )
+    assert not created
+    config = load(oscillator_yaml(f="{start: 1, stop: 2, num: 7}"))
+    assert config.size == 7 and created == [7]

@@ -1,0 +1,78 @@
+"""Pictures of integrity: the colours of attractors, panels and marks, discs and knocks."""
+
+import re
+
+import numpy as np
+import pytest
+from matplotlib.colors import same_color, to_hex
+
+from sweeps import attractors, open_sweep
+from sweeps.plotting import attractor_diagram, basins
+from sweeps.plotting import integrity as draw_integrity
+from sweeps.plotting.style import CLASSES
+from tests.helpers.sweep_files import run_in
+from tests.sweeps.attractor.test_integrity import CONFIG as STARTS
+
+
+@pytest.fixture(scope="module")
+def ranked(tmp_path_factory):
+    """Return a file, opened, in which 2/1 is before 1/0 at 0.4, and behind it at 0.6."""
+    few = "start={x0: {start: -3, stop: 0, num: 16}, v0: {start: -3, stop: 3, num: 21}}"
+    line = "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: [0, 0.4, 0.6]}"
+    with open_sweep(run_in(tmp_path_factory.mktemp("ranked"), STARTS, line, few)) as dataset:
+        yield dataset
+
+
+def colours_of(figure):
+    """Return the colour of each basin in the legend, by its class."""
+    legend = figure.legends[0]
+    named = zip(legend.get_patches(), legend.get_texts(), strict=False)
+    return {re.split("[,:]", text.get_text())[0]: to_hex(patch.get_fc()) for patch, text in named}
+
+
+@pytest.mark.slow
+def test_an_attractor_has_the_colour_of_its_class_in_all_pictures(ranked, no_knocks):
+    assert attractors(ranked)["m"].values.tolist() == [[1, -1], [2, 1], [1, 2]]
+    numbered = {f"{m}/{q}": CLASSES[m, q].lower() for m, q in ((2, 1), (1, 1), (1, 0))}
+    for draw, clearance in ((basins, 0.4), (basins, 0.6), (draw_integrity, 0.4)):
+        found = colours_of(draw(ranked, at={"clearance": clearance}))
+        assert found == {name: numbered[name] for name in found} and len(found) > 1
+    lines = attractor_diagram(ranked).axes[0].lines
+    found = {
+        line.get_label()[:3]: to_hex(line.get_color())
+        for line in lines
+        if line.get_label()[0] != "_"
+    }
+    assert found == numbered
+
+
+@pytest.mark.slow
+def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
+    figure = draw_integrity(ranked, at={"clearance": 0.6})
+    *profile, panel = figure.axes
+    for measures in profile:
+        low, high = measures.get_ylim()
+        *lines, _ = measures.lines
+        y = np.concatenate([line.get_ydata() for line in lines])
+        assert low <= np.nanmin(y) and np.nanmax(y) < high
+    assert np.isfinite(profile[1].lines[2].get_ydata()).any()
+    legend = figure.legends[0]
+    handles = dict(
+        zip((t.get_text() for t in legend.get_texts()), legend.legend_handles, strict=True)
+    )
+    assert same_color(handles["lower bound"].get_markerfacecolor(), panel.get_facecolor())
+    arrows = {to_hex(handle.get_color()) for text, handle in handles.items() if "knock" in text}
+    knocks_drawn = [text.arrow_patch for text in panel.texts if hasattr(text, "arrow_patch")]
+    drawn = {to_hex(arrow.get_edgecolor()) for arrow in knocks_drawn}
+    assert arrows == drawn == {CLASSES[2, 1].lower(), CLASSES[1, 0].lower()}
+    assert [line.get_marker() for line in panel.lines] == ["o"]  # a single call
+
+
+@pytest.mark.slow
+def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_knocks, monkeypatch):
+    monkeypatch.setattr("sweeps.plotting.looks.CLASSES", {(2, 1): CLASSES[2, 1]})
+    monkeypatch.setattr("sweeps.plotting.looks.FURTHER", ())
+    figure = draw_integrity(ranked, at={"clearance": 0.6})
+    assert no_knocks == [0] and len(figure.axes[-1].patches) == 1
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "no disc and no knock for 1 other attractor" in texts
