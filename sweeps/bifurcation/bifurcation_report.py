@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.bifurcation.bifurcation_table import other_axes
 from sweeps.opened.cuts import START_AXES
 from sweeps.opened.dataset import config_of
 from sweeps.store import DIRECTION
@@ -28,11 +27,6 @@ _MEANINGS = {
     "basin": "the motion of one side is stable on the other, too, but the start reaches another",
     "unknown": "the motions could not be followed to where one of them ends",
 }
-
-
-def _heads(found: pd.DataFrame) -> list[str]:
-    """Return the heads of the columns of the other axes, and of the axis."""
-    return [found.attrs["heads"][name] for name in (*other_axes(found), found.attrs["axis"])]
 
 
 def bifurcation_report(dataset: xr.Dataset, file: Path, found: pd.DataFrame) -> str:
@@ -62,7 +56,7 @@ def _one_by_one(found: pd.DataFrame) -> list[str]:
     if len(others) <= _MOST_INEXACT:
         listed = found.loc[[*listed.index, *others.index]]
     if len(listed):
-        head = [*_heads(found), "kind", "orbit", "classes", "between", ""]
+        head = [*found.attrs["heads"], "kind", "orbit", "classes", "between", ""]
         parts.append(table([head, *(_row(found, item) for item in listed.to_dict("records"))]))
     if narrow:
         parts.append(f"{narrow} more on branches that are stable over less than 1 % of the axis")
@@ -83,7 +77,7 @@ def _unclassified(dataset: xr.Dataset, found: pd.DataFrame) -> str:
 def _following(dataset: xr.Dataset, found: pd.DataFrame) -> str:
     """Write the key that keeps a motion from changing to another attractor, where one does so."""
     axis, config = found.attrs["axis"], config_of(dataset)
-    from_one_start = config.follow is None and not {*START_AXES} & {axis, *other_axes(found)}
+    from_one_start = config.follow is None and not {*START_AXES} & {axis, *found.attrs["others"]}
     if not (from_one_start and (found["kind"] == "basin").any()):
         return ""
     return (
@@ -110,13 +104,13 @@ def _meanings(found: pd.DataFrame) -> list[str]:
 
 def _is_summary(found: pd.DataFrame) -> bool:
     """Whether there are several lines with too many bifurcations to list them one by one."""
-    return len(found) > _MOST_ROWS and bool(set(other_axes(found)) - {DIRECTION})
+    return len(found) > _MOST_ROWS and bool(set(found.attrs["others"]) - {DIRECTION})
 
 
 def _row(found: pd.DataFrame, item: Mapping[str, Any]) -> list[str]:
     between = item["between"]
     return [
-        *(_label(item[name]) for name in other_axes(found)),
+        *(_label(item[name]) for name in found.attrs["others"]),
         "" if np.isnan(item["value"]) else f"{item['value']:.12g}",
         item["kind"],
         item["orbit"],
@@ -137,7 +131,7 @@ def _label(value: float | str) -> str:
 
 def _summary(found: pd.DataFrame) -> str:
     """Write a row for each kind and pair of classes, the most frequent first."""
-    others = other_axes(found)
+    others = found.attrs["others"]
     pairs = [_pair(item) for item in found.to_dict("records")]
     groups = list(found.assign(pair=pairs).groupby(["kind", "pair"], sort=False))
     rows = [
@@ -149,7 +143,7 @@ def _summary(found: pd.DataFrame) -> str:
         ]
         for group, items in sorted(groups, key=lambda one: -len(one[1]))
     ]
-    *heads, of_axis = _heads(found)
+    *heads, of_axis = found.attrs["heads"]
     lines = [table([["kind", "classes", "times", of_axis, *heads], *rows[:_MOST_ROWS]])]
     if len(rows) > _MOST_ROWS:
         lines.append(f"and {len(rows) - _MOST_ROWS:,} rarer pairs of classes")
@@ -160,7 +154,7 @@ def _summary(found: pd.DataFrame) -> str:
 
 def _cascades(found: pd.DataFrame) -> Iterator[str]:
     """Yield a line for each cascade of flips: their values and the ratios of their distances."""
-    others = other_axes(found)
+    others = found.attrs["others"]
     for at, line in found.groupby(others, sort=False) if others else [((), found)]:
         changes = zip(line["place"], line["before"], line["after"], strict=True)
         for run in cascades(list(changes)):

@@ -11,7 +11,6 @@ Along a single line of a sweep, the other bifurcations of the exact branches are
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,14 +18,14 @@ import xarray as xr
 
 from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.bifurcation.explanations import NO_LABEL, changes_of_class, explain, least_difference
-from sweeps.opened.cuts import START_AXES, Selection, chosen_axes, places, swept_axes
-from sweeps.opened.dataset import check_diagnostic, config_of, headed, nomenclature_of
+from sweeps.config.sweep import SweepConfig
+from sweeps.opened.cuts import START_AXES, Selection, chosen_axes, places
+from sweeps.opened.dataset import check_diagnostic, config_of, headed, nomenclature_of, values_of
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.motions import OF_MOTIONS, labels, motions_of
+from sweeps.opened.motions import motions_of
 from sweeps.store import DIRECTION
 from vibroimpact.orbits.curves import CURVE_KINDS
-from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.points.regimes import Label, Regime
+from vibroimpact.points.regimes import Label, Regime, labels_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,6 +37,14 @@ TABLE_COLUMNS = (
 )  # fmt: skip
 #: Columns that only reports read.
 _MORE = ("down", "narrow", "place")
+#: What the list has where no orbit is known, in the columns of `_row_of`.
+_NO_ORBIT = {
+    "x": np.nan,
+    "v": np.nan,
+    "impact_v": "",
+    "multiplier_1": np.nan,
+    "multiplier_2": np.nan,
+}
 #: The way of a bifurcation of a branch, which holds whichever way a line was followed.
 _BOTH = "both"
 
@@ -122,7 +129,7 @@ def bifurcations(
 def public_table(found: pd.DataFrame) -> pd.DataFrame:
     """Return what `find_bifurcations` found as the table of `bifurcations`."""
     named = found.assign(before=found["before"].map(str), after=found["after"].map(str))
-    named = named[[*other_axes(found), *TABLE_COLUMNS]]
+    named = named[[*found.attrs["others"], *TABLE_COLUMNS]]
     named.attrs = {name: found.attrs[name] for name in ("axis", "unclassified", "branches")}
     return named
 
@@ -139,21 +146,19 @@ def find_bifurcations(
 
     ``down`` says whether the line was followed downwards, and ``narrow`` whether the branch of a
     bifurcation is stable over less than 1 % of the axis. ``place`` is the value by which rows are
-    in order. `find` is `branches`, or a function with its arguments. The attribute ``heads`` has
-    the heads of the other axes and the axis.
+    in order. `find` is `branches`, or a function with its arguments. Further attributes are
+    ``others``, the names of the other axes, and ``heads``, their heads and that of the axis.
     """
     import pandas as pd
 
     (along,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "list of bifurcations")
+    data = dataset.isel(places(dataset, at or {}, kept=[along])).sortby(along)
     check_diagnostic(dataset, "period")
-    data = dataset.isel(places(dataset, at or {}, kept=[along]))
     others = [str(name) for name in data["status"].dims if name != along]
-    data = data.sortby(along)
-    read = [name for name in data if name in OF_MOTIONS]
-    data = data.assign(data[read].load())  # each once, not line by line
     rows, unclassified = _of_changes(data, along, others)
     summary = ""
-    if _has_one_line(dataset, along, at):
+    one_line = {*others} <= {DIRECTION} and data.sizes[along] > 1
+    if one_line and along not in START_AXES:
         exact = find(dataset, along, at, report, **chosen)
         summary, way = exact.attrs["summary"], dict.fromkeys(others, _BOTH)
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
@@ -164,9 +169,9 @@ def find_bifurcations(
     numbers = ("value", "low", "high", "place", "x", "v", "multiplier_1", "multiplier_2")
     found = found.astype({**dict.fromkeys(numbers, float), "between": int})
     found["source"] = np.where(found["value"].notna(), "exact", "bracket")
-    heads = {name: headed(name, dataset[name]) for name in (*others, along)}
     found.attrs |= {
-        "axis": along, "unclassified": unclassified, "branches": summary, "heads": heads,
+        "axis": along, "others": others, "unclassified": unclassified, "branches": summary,
+        "heads": [headed(name, dataset[name]) for name in (*others, along)],
     }  # fmt: skip
     return found
 
@@ -178,22 +183,27 @@ def _of_changes(
 
     Changes are explained with values of the model, and then converted to the units of the axis.
     """
-    rows, unclassified, phase = list[dict[str, Any]](), 0, config_of(data).record.phase
-    seen = nomenclature_of(data)
-    parameter = seen.parameter(along)
-    for index in product(*(range(data.sizes[name]) for name in others)):
-        line = data.isel(dict(zip(others, index, strict=True)))
-        motions, down = motions_of(line), _is_followed_down(line, parameter)
-        classes, values = labels(line), line[parameter].values
+    config, seen = config_of(data), nomenclature_of(data)
+    parameter, phase = seen.parameter(along), config.record.phase
+    data = data.transpose(*others, along, ...)
+    motions, coordinates = motions_of(data), data.coords.to_dataset()
+    period, impacts = values_of(data, ("period", "period_impacts")).values()
+    rows, unclassified = list[dict[str, Any]](), 0
+    for index in np.ndindex(motions.shape[:-1]):
+        line, own = coordinates.isel(dict(zip(others, index, strict=True))), motions[index]
+        classes = labels_of(own["regime"], period[index], impacts[index], line["R"].values)
         unclassified += classes.count(None)
-        here = {name: line[name].item() for name in others}
+        values, down = line[parameter].values, _is_followed_down(config, line, parameter)
+        here = {name: line[name].item() for name in others} | {"down": down, "narrow": False}
         for change in changes_of_class(values, classes):
-            for part, found in explain(motions, phase, parameter, values, change, down):
-                own = {"kind": found.kind, "value": found.value, "orbit": found.orbit}
-                own |= _orbit_columns(found.at, phase) | {"down": down, "narrow": False}
-                rows.append(here | vars(part) | own)
-    places = np.array([[row[name] for name in ("low", "value", "high")] for row in rows])
-    low, value, high = places.reshape(-1, 3).T
+            for part, found in explain(own, phase, parameter, values, change, down):
+                row = here | vars(part) | {"kind": found.kind, "value": found.value}
+                row |= {"orbit": found.orbit} | _NO_ORBIT
+                if (orbit := found.at) is not None:
+                    row |= _row_of(orbit.sections(phase)[0], orbit.speeds, orbit.multipliers)
+                rows.append(row)
+    table = np.array([[row[name] for name in ("low", "value", "high")] for row in rows])
+    low, value, high = table.reshape(-1, 3).T
     # The middle in the model: that in another unit is another value, with another place in order.
     place = np.where(np.isnan(value), 0.5 * (low + high), value)
     low, value, high, place = seen.value(parameter, np.stack([low, value, high, place]))
@@ -204,32 +214,14 @@ def _of_changes(
     return rows, unclassified
 
 
-def _orbit_columns(orbit: PeriodicOrbit | None, phase: float) -> dict[str, Any]:
-    """Return what the list has of an orbit that bifurcates, with its first state at a section."""
-    if orbit is None:
-        return _row_of(np.array([np.nan, np.nan]), np.empty(0), np.full(2, np.nan, complex))
-    return _row_of(orbit.sections(phase)[0], orbit.speeds, orbit.multipliers)
-
-
 def _row_of(state: np.ndarray, speeds: np.ndarray, multipliers: np.ndarray) -> dict[str, Any]:
-    """Return a state, the impact speeds and the multipliers of an orbit by the names of columns."""
+    """Return what the list has of an orbit that bifurcates: a state, the speeds, multipliers."""
     first, second = np.where(multipliers.imag == 0.0, multipliers.real, np.nan).tolist()
     return {
         "x": float(state[0]), "v": float(state[1]),
         "impact_v": " ".join(map(repr, speeds.tolist())),
         "multiplier_1": first, "multiplier_2": second,
     }  # fmt: skip
-
-
-def other_axes(found: pd.DataFrame) -> list[str]:
-    """Return the names of the other axes, which are the first columns."""
-    return [name for name in found.columns if name not in (*TABLE_COLUMNS, *_MORE)]
-
-
-def _has_one_line(dataset: xr.Dataset, axis: str, at: Selection | None) -> bool:
-    """Whether the points along an axis of the oscillator are one line, also if followed twice."""
-    uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
-    return not uncut and axis not in START_AXES and dataset.sizes[axis] > 1
 
 
 def _of_branches(
@@ -240,6 +232,8 @@ def _of_branches(
     `values` are those of the axis, in increasing order.
     """
     rows = list[dict[str, Any]]()
+    columns = ("poincare_x", "poincare_v", "impact_v", "multipliers")
+    x, v, speeds, multipliers = (exact[name].values for name in columns)
     wide, near = wide_branches(exact), least_difference(values[0], values[-1])
     for kind, value, orbit, members in _special_points(exact, near):
         same = [row for row in listed if (row["kind"], row["orbit"]) == (kind, orbit)]
@@ -250,22 +244,17 @@ def _of_branches(
         value = float(np.clip(value, values[0], values[-1]))  # beyond them by rounding
         at = int(np.clip(np.searchsorted(values, value), 1, len(values) - 1))
         low, high = values[at - 1 : at + 1].tolist()
+        row = members[0]
+        state = np.array([sections[row, 0] for sections in (x, v)])
         rows.append(
             {
                 "kind": kind, "value": value, "low": low, "high": high, "place": value,
                 "before": before, "after": after, "between": 0, "orbit": orbit, "down": False,
                 "narrow": not wide[exact["branch"].values[members]].any(),
-                **_of_member(exact, int(members[0])),
+                **_row_of(state, speeds[row, : exact["q"].values[row]], multipliers[row]),
             }
         )  # fmt: skip
     return rows
-
-
-def _of_member(exact: xr.Dataset, row: int) -> dict[str, Any]:
-    """Return the columns of `_orbit_columns` for the orbit in a row of `branches`."""
-    state = np.array([exact[name].values[row, 0] for name in ("poincare_x", "poincare_v")])
-    speeds = exact["impact_v"].values[row, : int(exact["q"].values[row])]
-    return _row_of(state, speeds, exact["multipliers"].values[row])
 
 
 def _special_points(exact: xr.Dataset, near: float) -> Iterator[tuple[str, float, str, np.ndarray]]:
@@ -302,9 +291,8 @@ def _classes_beside(exact: xr.Dataset, members: np.ndarray) -> tuple[Label, Labe
     return beside[0], beside[1]
 
 
-def _is_followed_down(line: xr.Dataset, parameter: str) -> bool:
+def _is_followed_down(config: SweepConfig, line: xr.Dataset, parameter: str) -> bool:
     """Whether the line was followed downwards: each point started from the next greater value."""
-    config = config_of(line)
     if config.follow is None or config.follow.axis != parameter:
         return False
     way = line[DIRECTION].item() if DIRECTION in line.coords else config.follow.direction

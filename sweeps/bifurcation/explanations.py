@@ -71,33 +71,17 @@ def least_difference(low: float, high: float) -> float:
 
 
 class Explanation(NamedTuple):
-    """What explains a change; no value and no orbit if it is not exact."""
+    """What explains a change: the first special point on a branch, or its kind alone."""
 
     kind: str
     value: float = np.nan
     orbit: str = ""  # class of the orbit that bifurcates
     at: PeriodicOrbit | None = None  # this orbit, at `value`
 
-
-class _Onward(NamedTuple):
-    """The first special point on a branch; without a stable orbit to follow, no kind."""
-
-    kind: str = ""
-    value: float = np.nan
-    orbit: str = ""  # class of the orbit that bifurcates
-    at: PeriodicOrbit | None = None  # the orbit there
-
     @property
     def is_exact(self) -> bool:
         """Whether this is a bifurcation with a known value."""
-        return self.kind in _KINDS
-
-    @property
-    def explained(self) -> Explanation:
-        """What is listed of a change that this special point explains."""
-        if not self.is_exact:
-            return Explanation("unknown")
-        return Explanation(_KINDS[self.kind], self.value, self.orbit, self.at)
+        return self.kind in _KINDS.values() and self.at is not None
 
 
 def explain(
@@ -128,14 +112,17 @@ def explain(
     if not exact:
         return [(change, Explanation(change.kind))]
     if not change.between or _is_joined(change, first, second, values):
-        return [(change, exact[0].explained)]
+        return [(change, exact[0])]
     return [
-        (_open(values, change, left.value, after=True), left.explained),
-        (_open(values, change, right.value, after=False), right.explained),
+        (
+            _open(values, change, onward.value, after=after),
+            onward if onward.is_exact else Explanation("unknown"),
+        )
+        for onward, after in ((left, True), (right, False))
     ]
 
 
-def _is_joined(change: Change, first: _Onward, second: _Onward, values: np.ndarray) -> bool:
+def _is_joined(change: Change, first: Explanation, second: Explanation, values: np.ndarray) -> bool:
     """Whether the same bifurcation ends the first motion and leads to the second one."""
     if first.is_exact and second.is_exact:
         return bool(abs(first.value - second.value) <= least_difference(values[0], values[-1]))
@@ -161,7 +148,7 @@ def _open(values: np.ndarray, change: Change, value: float, *, after: bool) -> C
     return replace(change, low=end, before=NO_LABEL, between=int((inside > end).sum()))
 
 
-def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> _Onward:
+def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> Explanation:
     """Return the first special point on the branch of the orbit of a motion towards another one."""
     if motion["regime"] == Regime.PERIODIC:
         with suppress(ValueError):  # no orbit is found, or it cannot be followed
@@ -169,5 +156,6 @@ def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> _Onward
             if orbit.stable:
                 point = leads_to(orbit, axis, other["point"][axis].item())
                 of = point.orbit if point.kind in ("flip", "graze") else orbit
-                return _Onward(point.kind, point.value, f"{of.m}/{of.q}", point.orbit)
-    return _Onward()
+                kind = _KINDS.get(point.kind, point.kind)
+                return Explanation(kind, point.value, f"{of.m}/{of.q}", point.orbit)
+    return Explanation("unknown")

@@ -79,17 +79,15 @@ def labels(line: xr.Dataset) -> list[Label | None]:
 #: The motion of a point. The start of its `point` is the state of its orbit at the last section,
 #: NaN without one. m and q are the forcing periods and impacts per repetition, as `repetitions`.
 MOTION = np.dtype([("point", POINT), ("regime", np.int64), ("m", np.int64), ("q", np.int64)])
-#: The results from which motions are taken where classes were recorded.
-OF_MOTIONS = frozenset({*OF_REGIMES, "period_impacts", "orbit_x", "orbit_v"})
 
 
 def motions_of(cut: xr.Dataset) -> np.ndarray:
     """Return the motions of a cut through a sweep, of dtype ``MOTION``, in its shape."""
-    names = OF_MOTIONS if "period" in cut else {*OF_REGIMES, *RECORD}
+    recorded = ("period_impacts", "orbit_x", "orbit_v") if "period" in cut else RECORD
     points, shape = points_of(cut), cut["status"].shape
     results = {
         name: values.reshape(len(points), *values.shape[len(shape) :])
-        for name, values in values_of(cut, names).items()
+        for name, values in values_of(cut, {*OF_REGIMES, *recorded}).items()
     }
     return motions_from(config_of(cut).sweep.spec, points, results).reshape(shape)
 
