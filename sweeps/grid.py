@@ -64,7 +64,7 @@ class Grid:
 
     @property
     def scales_with_f(self) -> bool:
-        """Whether f is swept, and all motions are proportional to it: `vibroimpact.points`."""
+        """Whether f is swept and all motions are proportional to it (``points/computation.py``)."""
         at_rest = all(self.fixed.get(name) == 0.0 for name in ("clearance", "a", "x0", "v0"))
         f = self.swept.get("f", np.ones(1))
         return at_rest and bool(len(f) > 1 and _LEAST_F <= f.min() and f.max() <= _GREATEST_F)

@@ -45,10 +45,8 @@ _TRIAL = 0.1
 #: Least number of points in a trial of a followed sweep.
 _LEAST_TRIED = 16
 
-
 #: Forcing periods that a transient takes if it is found, as a guess for the size of blocks.
 _TYPICAL = 1000
-
 
 #: Time to write a byte of results twice, to its block and to the file [s], as measured.
 _WRITING = 5e-9
@@ -73,15 +71,16 @@ class _Chain(NamedTuple):
 
 def expected_cost(sweep: Sweep, path: Path, computer: Computer, resume: bool) -> Cost:
     """Return the cost of a sweep; refuse the sweep if disk space or memory is too small."""
-    check_room(path, 2 * sweep.size * bytes_per_point(sweep.spec, _AT_IMPACTS), resume=resume)
+    spec, size, points = sweep.spec, sweep.size, sweep.grid.size
+    check_room(path, 2 * size * bytes_per_point(spec, _AT_IMPACTS), resume=resume)
     seconds, at_impacts = in_thread(trial, sweep, computer.threads)
     seconds /= computer.cores
-    file = sweep.size * bytes_per_point(sweep.spec, at_impacts)
-    disk = 2 * sweep.size * bytes_per_point(sweep.spec, max(at_impacts, _AT_IMPACTS))
+    disk = 2 * size * bytes_per_point(spec, max(at_impacts, _AT_IMPACTS))
     check_room(path, disk, resume=resume)
-    points, limits = sweep.grid.size, computer.block_limits(seconds, sweep.grid.size)
+    limits = computer.block_limits(seconds, points)
     block, chain = min(block_size(sweep, at_impacts, **limits), points), _chain(sweep, at_impacts)
     memory = _BLOCKS_HELD * block * chain.memory // chain.points
+    file = size * bytes_per_point(spec, at_impacts)
     return Cost(seconds + _WRITING * file, file, memory, block)
 
 
@@ -180,7 +179,7 @@ def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
     threads = threads or ALL_THREADS
     calls, size = _tried(sweep, threads)
     compute(_shortened(sweep, 1), calls[0][:1], threads)  # compiles, if necessary
-    # The threads that compute the kernel, as `integrate` chooses them; this thread does the rest.
+    # So many threads are in the kernel, see `run_on_threads`; this thread does the rest.
     parallel = min(threads, -(-calls[0].size // lanes_per_thread(calls[0].size, threads)))
     total_periods = sweep.most_periods
     periods, before, at_impacts = 1, (0, 0.0), 0.0
