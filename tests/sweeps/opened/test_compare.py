@@ -8,7 +8,7 @@ import pytest
 
 from sweeps import open_sweep
 from sweeps.opened.comparison import differences
-from sweeps.store.complete_file import add_table
+from sweeps.store.complete_file import _add_table
 from sweeps.store.variables import VARIABLES
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.sweep_files import run_in
@@ -34,7 +34,7 @@ def changed(small_file):
                     file[variable][place] = value
             held = [one for one in VARIABLES if one in file]
         with open(name, "r+b") as file:
-            add_table(file, held)
+            _add_table(file, held)
         return name
 
     return change
