@@ -1,4 +1,4 @@
-"""The pages for developers say what is in every file, and where."""
+"""The pages say what is in every file, and where, and show every scene of the gallery."""
 
 import io
 import re
@@ -9,7 +9,7 @@ from functools import cache
 import pytest
 
 from tests.helpers.file_tables import PAGES, with_table
-from tests.helpers.places import ROOT
+from tests.helpers.places import CONFIGS, ROOT
 
 #: A word of code, or a key of a configuration.
 WORD = re.compile(r"[A-Za-z_]\w*")
@@ -135,3 +135,17 @@ def test_every_link_within_the_repository_leads_somewhere(page):
         ):
             lost.append(link)
     assert lost == []
+
+
+def test_every_scene_has_a_comment_and_is_in_the_gallery_with_its_picture():
+    text = (CONFIGS / "README.md").read_text()
+    scenes, pictures = list(CONFIGS.glob("*.yaml")), re.findall(r"\(pictures/([^)]+)\)", text)
+    assert len(scenes) > 20 and len(pictures) > 20
+    for path in scenes:
+        assert path.read_text().startswith("# "), path
+        assert f"`{path.stem.removesuffix('-reduced-step')}" in text, path
+        if not path.stem.startswith("paper-"):
+            assert f"(pictures/{path.stem}.png)" in text, path
+    for name in pictures:
+        limit = 1_500_000 if name.endswith(".gif") else 600_000
+        assert (CONFIGS / "pictures" / name).stat().st_size < limit, name
