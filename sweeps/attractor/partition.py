@@ -251,10 +251,10 @@ def attractors_of(
     m, q, x, v = np.where(periodic, [own["m"], own["q"], *states], 0.0)
     _, exponent = np.frexp(np.maximum(np.abs(x), np.abs(v)))
     rounded = np.rint(np.ldexp([x, v], -exponent) / max(tolerance / _FINER, 1e-15))
-    columns = np.stack([own["regime"], at, m, q, exponent, *rounded]).astype(np.int64)
+    columns = own["regime"], at, m, q, exponent, *rounded
     order = np.lexsort(columns)
     begins = np.ones(len(order), bool)
-    begins[1:] = (columns[:, order[1:]] != columns[:, order[:-1]]).any(axis=0)
+    begins[1:] = np.any([np.diff(column[order]) != 0 for column in columns], axis=0)
     one, of_row = order[begins], np.empty_like(order)
     of_row[order] = np.cumsum(begins) - 1
     # The periodic ones of these are on one attractor if their cycles agree within the tolerance.
