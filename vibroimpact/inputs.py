@@ -92,7 +92,7 @@ def is_number(value: object) -> bool:
     return number is not None and math.isfinite(number)
 
 
-def typed(value: object) -> int | float | None:
+def number_meant(value: object) -> int | float | None:
     """Return the number that a value is or a text means, or None, as for 1_0 and other digits."""
     if not isinstance(value, str):
         return real(value)

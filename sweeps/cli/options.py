@@ -20,7 +20,7 @@ import typer
 
 from sweeps.errors import Refused
 from sweeps.text import printable, shortened, suggestion, told_apart
-from vibroimpact.inputs import Allowed, integer, is_number, refusal, typed
+from vibroimpact.inputs import Allowed, integer, is_number, number_meant, refusal
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,7 +32,7 @@ def number_option(option: str, allowed: Allowed) -> Callable[[object], Any]:
     """Return a function that reads the number of an option, and refuses all but allowed ones."""
 
     def read(value: object) -> int | float | None:
-        number = typed(str(value))
+        number = number_meant(str(value))
         if not allowed.fits(number):
             raise Refused(refusal(f"{option} {value}", allowed.expected))
         return number
@@ -158,7 +158,7 @@ def inches(option: str, text: str | None) -> float | None:
 
 def interval(text: str) -> tuple[float, float] | None:
     """Read LOW:HIGH; return None unless both are finite and LOW is smaller."""
-    low, high = (typed(end) for end in text.partition(":")[::2])
+    low, high = (number_meant(end) for end in text.partition(":")[::2])
     if low is None or high is None or not low < high:
         return None
     return (float(low), float(high)) if math.isfinite(high - low) else None
@@ -205,7 +205,7 @@ def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
     cuts: dict[str, float | str] = {}
     for text in texts or ():
         name, _, value = map(str.strip, text.partition("="))
-        number = typed(value)
+        number = number_meant(value)
         if name != "direction" and not is_number(number):
             raise Refused(refusal(f"--at {text}", "NAME=VALUE, for example omega=2.5"))
         if name in cuts:
@@ -225,7 +225,7 @@ def several_of(texts: Sequence[str] | None) -> tuple[list[str], dict[str, list[f
             continue
         if name in lists:
             raise Refused(f"--at {text} is not allowed; {name} was given before")
-        numbers = [typed(value) for value in values.split(",")]
+        numbers = [number_meant(value) for value in values.split(",")]
         if not all(map(is_number, numbers)):
             raise Refused(refusal(f"--at {text}", "NAME=VALUE,VALUE, as omega=2.5,2.7"))
         lists[name] = [float(number or 0.0) for number in numbers]

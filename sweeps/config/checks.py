@@ -13,7 +13,7 @@ import numpy as np
 from sweeps.config.groups import STARTS, UnitsConfig
 from sweeps.config.rig import SI_UNITS
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import Axis, Key, MisplacedError
+from sweeps.config.values import Axis, ConflictError, Key
 from sweeps.grid import TABLE
 from sweeps.text import fewest_digits
 from vibroimpact.inputs import integer
@@ -32,11 +32,11 @@ _CHUNK = 1 << 16
 def with_defaults(config: SweepConfig) -> SweepConfig:
     """Return a configuration with the steps per period and the units that its groups determine.
 
-    Raises MisplacedError if its keys do not go together.
+    Raises ConflictError if its keys do not go together.
     """
     axes = config.parameters()
     if conflict := next(_conflicts(config, axes), None):
-        raise MisplacedError(*conflict)
+        raise ConflictError(*conflict)
     points = _extreme_points(config, axes)
     _refuse_points(config, points)
     steps = _chosen_steps(config, points)
@@ -127,10 +127,10 @@ def _refuse_points(config: SweepConfig, points: np.ndarray) -> None:
     where = "" if config.points is None else f"row {row + 1} of points: "
     if not beyond.any():
         problem = "the force f + a omega^2 must be a finite number"
-        raise MisplacedError(_key_of(config, "a"), where + problem)
+        raise ConflictError(_key_of(config, "a"), where + problem)
     x0, clearance = points["x0"][row], points["clearance"][row]
     typed, stop = "x0" in config.start.model_fields_set, config.nomenclature.name("clearance")
-    raise MisplacedError(
+    raise ConflictError(
         _key_of(config, "x0" if typed else "clearance"),
         f"{where}x0 = {fewest_digits(x0)} lies beyond the stop at {stop} = "
         f"{fewest_digits(clearance)}; every x0 must be <= every {stop}",
@@ -143,9 +143,9 @@ def _chosen_steps(config: SweepConfig, points: np.ndarray) -> int:
     try:
         needed = default_steps(points, method.impact, method.integrator)
     except ValueError as error:
-        raise MisplacedError(_key_of(config, "omega"), str(error)) from None
+        raise ConflictError(_key_of(config, "omega"), str(error)) from None
     if steps is not None and method.impact == "exact" and steps < needed:
-        raise MisplacedError(
+        raise ConflictError(
             ("method", "steps_per_period"),
             f"{steps} are not enough for exact impacts here; "
             f"expected: {integer(needed, MOST_STEPS).expected}, or null",
@@ -171,13 +171,13 @@ def _refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
         need = "with no step"
         if least < math.inf:
             need = f"only from {least:.3g} steps per period on, of {MOST_STEPS:,} at most,"
-        raise MisplacedError(
+        raise ConflictError(
             ("method", "integrator"),
             f"{integrator} is stable {need} at {there}; expected: {'h > 0, ' if h == 0.0 else ''}"
             f"one of {', '.join(stable)}, or method.allow_unstable: true",
         )
     phase, limit = 2.0 * math.pi * p / (omega * steps), INTEGRATORS[integrator].limit(h / p)
-    raise MisplacedError(
+    raise ConflictError(
         ("method", "steps_per_period"),
         f"{steps} are not enough for {integrator} to be stable at {there}: p T = {phase:.4g} "
         f"there must be below {limit:.4g}; expected: {integer(int(least), MOST_STEPS).expected}, "
@@ -189,7 +189,7 @@ def _refuse_large(config: SweepConfig, axes: Mapping[str, Axis], steps: int) -> 
     """Refuse a grid of too many points, and trajectories of too many samples."""
     points = math.prod(axis.size for axis in axes.values())
     if points > _MOST_POINTS:
-        raise MisplacedError(
+        raise ConflictError(
             _key_of(config, max(axes, key=lambda name: axes[name].size)),
             f"the axes make a grid of {points:,} points; expected: at most {_MOST_POINTS:,}",
         )
@@ -197,7 +197,7 @@ def _refuse_large(config: SweepConfig, axes: Mapping[str, Axis], steps: int) -> 
         return
     samples = config.record.periods * steps // config.record.trajectory.every + 1
     if samples > _MOST_SAMPLES:
-        raise MisplacedError(
+        raise ConflictError(
             ("record", "trajectory"),
             f"{samples:,} samples per point are too many; expected: at most {_MOST_SAMPLES:,}",
         )
@@ -209,10 +209,10 @@ def _chosen_units(config: SweepConfig) -> UnitsConfig:
     if config.rig is None:
         if "mass" in units.model_fields_set:
             problem = "without a rig there is no mass; expected: rig in place of oscillator"
-            raise MisplacedError(("units", "mass"), problem)
+            raise ConflictError(("units", "mass"), problem)
         return units
     for name, unit in units.items():
         if unit not in (SI_UNITS[name], name):
             problem = f"{unit} is not the unit of a rig; expected: {SI_UNITS[name]}"
-            raise MisplacedError(("units", name), problem)
+            raise ConflictError(("units", name), problem)
     return UnitsConfig.model_validate(SI_UNITS)

@@ -36,7 +36,7 @@ from sweeps.config.values import (
     null,
 )
 from sweeps.text import fewest_digits, near_miss, suggestion
-from vibroimpact.inputs import PHASE, integer, typed
+from vibroimpact.inputs import PHASE, integer, number_meant
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
@@ -109,7 +109,7 @@ def _is_zero(value: object) -> bool:
         return _is_zero(value.get("start")) and _is_zero(value.get("stop"))
     if isinstance(value, list | tuple):
         return len(value) > 0 and all(map(_is_zero, value))
-    return typed(value) == 0.0
+    return number_meant(value) == 0.0
 
 
 class ParameterConfig(Group):

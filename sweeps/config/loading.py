@@ -27,7 +27,7 @@ from sweeps.config.messages import (
 from sweeps.config.points import read_points
 from sweeps.config.rig import made_of_rig
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import MOST_VALUES, Key, MisplacedError, null
+from sweeps.config.values import MOST_VALUES, ConflictError, Key, null
 from sweeps.errors import ConfigError
 from sweeps.text import missing_text, shortened, shown_count
 from vibroimpact import inputs
@@ -139,7 +139,7 @@ def _configuration(
             raise ConfigError(f"{source}: points: {error}") from None
     try:
         return with_defaults(SweepConfig.model_validate(data))
-    except MisplacedError as conflict:
+    except ConflictError as conflict:
         raise ConfigError(conflict_at(conflict, sources, origin)) from None
     except ValidationError as refusal:
         errors = without_misspelt(refusal.errors())

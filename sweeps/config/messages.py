@@ -9,7 +9,7 @@ from pydantic_core import ErrorDetails
 
 from sweeps.config.groups import RecordConfig, TrajectoryConfig, key_list
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import Group, Key, MisplacedError, Range
+from sweeps.config.values import ConflictError, Group, Key, Range
 from sweeps.text import near_miss, shortened, suggestion
 from vibroimpact import inputs
 
@@ -45,7 +45,7 @@ def _keys_elsewhere() -> Iterator[str]:
 def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], path: str) -> str:
     """Write a pydantic error in one line: the place, the given value and the allowed values."""
     reason = error.get("ctx", {}).get("error")
-    if isinstance(reason, MisplacedError):
+    if isinstance(reason, ConflictError):
         return conflict_at(reason, sources, path)
     key, group, expected = _located(error["loc"])
     where = f"{source_of(key, sources, path)}: "
@@ -59,11 +59,11 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
         if name.isdecimal():  # {h: 0,1} is read as {h: 0, 1: }
             hint = " (a number has a decimal point, no comma)"
         return f"{where}unknown key {dotted(key)}{hint}; expected: {key_list(group)}"
-    typed = f"{dotted(key)} = {as_typed(_typed(data, key, error['input']))}"
+    typed = f"{dotted(key)} = {as_typed(_value_at(data, key, error['input']))}"
     return f"{where}{typed} {reason or 'is not allowed'}; expected: {expected}"
 
 
-def conflict_at(conflict: MisplacedError, sources: Mapping[Key, str], path: str) -> str:
+def conflict_at(conflict: ConflictError, sources: Mapping[Key, str], path: str) -> str:
     """Write the conflict of a value with another one in one line: the place and the problem."""
     return f"{source_of(conflict.key, sources, path)}: {dotted(conflict.key)}: {conflict}"
 
@@ -95,7 +95,7 @@ def _group_of(kind: Any) -> type[Group] | None:
     return next((k for k in kinds if isinstance(k, type) and issubclass(k, Group)), None)
 
 
-def _typed(data: Any, key: Key, otherwise: object) -> object:
+def _value_at(data: Any, key: Key, otherwise: object) -> object:
     """Return the value at `key` as typed, before any conversion; `otherwise` if there is none."""
     for part in key:
         try:

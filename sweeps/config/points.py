@@ -15,10 +15,10 @@ import numpy as np
 
 from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name
-from sweeps.config.values import Elsewhere, MisplacedError, null
+from sweeps.config.values import ConflictError, Elsewhere, null
 from sweeps.grid import table_values
 from sweeps.text import near_miss, printable, shortened, suggestion
-from vibroimpact.inputs import typed
+from vibroimpact.inputs import number_meant
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 #: Longest header of a table; a file without line breaks would be read as a whole.
@@ -85,22 +85,20 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
             own = model_name(name)
             if name != own and {name, own} <= {*names}:
                 problem = f"is {name} in the units of the model; expected: one of both columns"
-                raise MisplacedError(("points", own), problem)
+                raise ConflictError(("points", own), problem)
             is_parameter = own in PARAMETERS or name == "mass"
             if is_parameter and not {name, own}.isdisjoint(names):
                 columns[name] = name if name in names else own
         for name, value in given.items():
             if name in columns or isinstance(value, list | tuple | dict):
                 problem = "conflicts with points; expected: one number here, or only a column"
-                raise MisplacedError(
-                    (title, name), f"{problem} {columns.get(name, name)} of points"
-                )
+                raise ConflictError((title, name), f"{problem} {columns.get(name, name)} of points")
         force, base = group.FORCES or ("", "")
         if base in columns and force not in {*given, *columns}:
             if not data["points"][columns[base]].any():
                 problem = f"is 0 in every row, and there is no {force}"
                 expected = f"{title}.{force}, a column {force}, or another {columns[base]}"
-                raise MisplacedError(("points", columns[base]), f"{problem}; expected: {expected}")
+                raise ConflictError(("points", columns[base]), f"{problem}; expected: {expected}")
         groups[title] = {**given, **dict.fromkeys(columns, Elsewhere.COLUMN)}
     return {**data, **groups}
 
@@ -108,7 +106,7 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
 def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
     """Return a table with the columns of the model behind it that are made from those of a rig.
 
-    Raises MisplacedError if a value cannot be converted.
+    Raises ConflictError if a value cannot be converted.
     """
     columns = {name: table[name] for name in table.dtype.names or ()}
     for name, values in (rig.made_columns(columns) if rig is not None else {}).items():
@@ -118,7 +116,7 @@ def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
             row, key = int(wrong.argmax()), name if name in columns else "mass"
             problem = f"row {row + 1}, {columns[key][row]:g} makes {own} = {values[row]:g}"
             allowed = PARAMETERS[own].allowed
-            raise MisplacedError(("points", key), f"{problem}; expected: {allowed}")
+            raise ConflictError(("points", key), f"{problem}; expected: {allowed}")
         columns[own] = values
     return table_values(columns)
 
@@ -292,5 +290,5 @@ def _is_plain(cell: Any) -> bool:
 
 def _number(cell: Any) -> float:
     """Return the number in a cell, or NaN if the cell is not a number."""
-    number = typed(cell)
+    number = number_meant(cell)
     return math.nan if number is None or not _is_plain(cell) else float(number)

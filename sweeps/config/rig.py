@@ -24,8 +24,8 @@ from sweeps.config.groups import (
 )
 from sweeps.config.values import (
     Axis,
+    ConflictError,
     Elsewhere,
-    MisplacedError,
     Number,
     Range,
     Values,
@@ -143,7 +143,7 @@ class RigConfig(ParameterConfig):
         made = _in_model(name, given, mass)
         if isinstance(value, Range) and not (made.low < made.high < math.inf or made.size == 1):
             problem = f"is not a range in the units of the model: {made.low!r} to {made.high!r}"
-            raise MisplacedError(("rig", title), f"{problem}; expected: other values")
+            raise ConflictError(("rig", title), f"{problem}; expected: other values")
         if not math.isfinite(made.high):
             contains = f"contains {fewest_digits(given.high)}, which " if given.swept else ""
             raise ValueError(f"{contains}is not a finite number in the units of the model")
@@ -229,7 +229,7 @@ def with_rig(data: dict[str, Any]) -> dict[str, Any]:
     """Prepare the data of a configuration with a rig: its oscillator, and the followed axis."""
     if "oscillator" in data:
         problem = "conflicts with oscillator; expected: one of them"
-        raise MisplacedError(("rig",), problem)
+        raise ConflictError(("rig",), problem)
     data = {**data, "oscillator": dict.fromkeys(OscillatorConfig.model_fields, Elsewhere.RIG)}
     follow = data.get("follow")
     if isinstance(follow, dict) and isinstance(follow.get("axis"), str):

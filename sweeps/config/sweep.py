@@ -133,7 +133,7 @@ class SweepConfig(Group):
     def table(self) -> np.ndarray | None:
         """The columns of `points`, and those of the model made from columns of a rig.
 
-        Raises MisplacedError if a value of a rig cannot be converted.
+        Raises ConflictError if a value of a rig cannot be converted.
         """
         return None if self.points is None else in_model(self.points, self.rig)
 

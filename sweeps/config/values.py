@@ -31,7 +31,7 @@ from pydantic.json_schema import SkipJsonSchema
 
 from sweeps.config.spacing import geometric, linear, steps_to
 from sweeps.text import fewest_digits, near_miss, suggestion
-from vibroimpact.inputs import integer, typed
+from vibroimpact.inputs import integer, number_meant
 
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).
 Key = tuple[str | int, ...]
@@ -47,7 +47,7 @@ class Elsewhere(Enum):
     RIG = "computed from the rig"
 
 
-class MisplacedError(ValueError):
+class ConflictError(ValueError):
     """A value that conflicts with another one; `key` is the place to report."""
 
     def __init__(self, key: Key, problem: str) -> None:
@@ -59,7 +59,7 @@ def as_number(value: object, *, kind: str = "a number") -> float:
     """Return a value, or what a text means, as a float; ValueError if it is no finite number."""
     if isinstance(value, str) and re.fullmatch(r"[+-]?\d*,\d+", value):
         raise ValueError("has a decimal comma; a number has a decimal point, no comma")
-    number = typed(value)
+    number = number_meant(value)
     if number is None:
         raise ValueError(f"is not {kind}")
     if not math.isfinite(number):

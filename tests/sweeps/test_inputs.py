@@ -54,9 +54,9 @@ def test_what_is_a_number(value, number):
     ],
 )  # fmt: skip
 def test_what_a_text_means(text, number):
-    assert inputs.typed(text) == number
-    assert isinstance(inputs.typed(text), type(number))
-    assert math.copysign(1.0, inputs.typed("-0.0")) == -1.0
+    assert inputs.number_meant(text) == number
+    assert isinstance(inputs.number_meant(text), type(number))
+    assert math.copysign(1.0, inputs.number_meant("-0.0")) == -1.0
 
 
 DOORS = {
