@@ -41,7 +41,7 @@ _FLAGS = ("marked", "exact")
 def _typed_record(config: SweepConfig) -> dict[str, Any]:
     """Return what the page records; a transient that is found becomes the default."""
     record = config.record.model_dump(include=set(RECORD_FIELDS))
-    if record["transient"] is None:
+    if record["transient"] == "auto":
         record["transient"] = RecordConfig.model_fields["transient"].default
     return record
 

@@ -76,6 +76,12 @@ def test_every_scene_can_be_looked_at():
         sweeps.explore(load_config(CONFIGS / "tolerances.yaml"))
 
 
+def test_the_page_computes_the_default_transient_where_a_run_finds_it():
+    view = View.of(load_config(CONFIGS / "quickstart.yaml", ["record.transient=auto"]))
+    view.check()
+    assert view.record["transient"] == view.diagram(4).record.transient == 1000
+
+
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
 def test_every_parameter_can_be_an_axis_of_every_scene(path):
     view = View.of(load_config(path))
