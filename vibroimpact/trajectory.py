@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibroimpact.inputs import integer, refuse_other
-from vibroimpact.kernel.integrate import Length, loses_digits, run_points
+from vibroimpact.kernel.integrate import Length, run_points
+from vibroimpact.kernel.record import loses_digits
 from vibroimpact.oscillator import Oscillator, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, RELEASE, REST, impulse_and_loss, time_to_release

@@ -10,12 +10,10 @@ import numpy as np
 from vibroimpact.destination.find import NO_DESTINATION
 from vibroimpact.inputs import FLAG, integer
 from vibroimpact.jit import ALL_THREADS
-from vibroimpact.kernel.growth import grows
-from vibroimpact.kernel.record import SUMS, Record
+from vibroimpact.kernel.record import SUMS, Record, loses_digits, named_results
 from vibroimpact.kernel.threads import KernelJob, lanes_per_thread, run_on_threads
 from vibroimpact.oscillator import refuse_invalid, with_one_force
 from vibroimpact.status import Status
-from vibroimpact.step.contact import impulse_and_loss
 from vibroimpact.step.recorder import extremes_of
 from vibroimpact.step.scheme import (
     EXACT,
@@ -25,9 +23,6 @@ from vibroimpact.step.scheme import (
     Scheme,
     scheme_of,
 )
-
-#: Significant digits that the motion of a certified point keeps at the sections.
-_FEWEST_DIGITS = 8
 
 
 class Length(NamedTuple):
@@ -181,7 +176,7 @@ def run_points(
     """
     points = with_one_force(points)
     record, found = _record(points, scheme, length, lyapunov, threads, interrupt, classes)
-    results = _results(points, record.sections.shape[1], record)
+    results = named_results(points, record)
     if scheme.method[0] == EXACT:
         moves = (results["status"] == Status.CERTIFIED) & (results["rest_fraction"] == 0.0)
         results["status"][moves & loses_digits(points, results["poincare_x"])] = Status.COMPUTED
@@ -261,22 +256,6 @@ def effort(points: np.ndarray, scheme: Scheme, length: Length, lyapunov: bool = 
     return Effort(int(computed.sum()), float(impacts), int(sums["alone"].sum()))
 
 
-def loses_digits(points: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Whether motions have fewer than ``_FEWEST_DIGITS`` at their sections `x`, (n, periods).
-
-    There x is rounded, which is coarse for a motion near a stop far from the rest position. The
-    size of the motion is its greatest distance from the stop, or that of a free oscillation if it
-    is larger.
-    """
-    with np.errstate(all="ignore"):  # extreme values, whose size is then 0, inf or NaN
-        rounding = 0.5 * np.spacing(np.abs(points["clearance"])) * 10.0**_FEWEST_DIGITS
-        omega, p = points["omega"], points["p"]
-        lost: np.ndarray = rounding > points["f"] / (omega * omega + p * p)
-    rows = np.flatnonzero(lost)
-    lost[rows] = rounding[rows] > np.abs(x[rows] - points["clearance"][rows, None]).max(axis=1)
-    return lost
-
-
 def find_destinations(
     points: np.ndarray,
     scheme: Scheme,
@@ -301,47 +280,3 @@ def find_destinations(
     )  # fmt: skip
     run_on_threads(threads, job)
     return found
-
-
-def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.ndarray]:
-    """Name the results, and replace those of failed or interrupted points by NaN or 0."""
-    sums, sections = record.sums, record.sections
-    pending = sums["status"] == Status.PENDING
-    if pending.any():
-        for array in (sections, record.impacts, record.begun):
-            array[pending] = np.nan
-    sums["status"][grows(points, sums["impacts"], sections) & ~pending] = Status.UNBOUNDED
-    no_impact, R = sums["impacts"] == 0, points["R"]
-    impulse, lost = impulse_and_loss(R, sums["speeds"], sums["squared_speeds"])
-    # The period may overflow if omega is below the smallest normal number.
-    with np.errstate(over="ignore", invalid="ignore"):
-        duration = periods * 2.0 * np.pi / points["omega"]
-        share = np.minimum(sums["rested"] / duration, 1.0)
-    # After an impact with R = 0 the vectors are parallel: the area between them is rounding.
-    area_lost = (R == 0.0) & ~no_impact
-    growth_2 = np.where(area_lost, -np.inf, sums["growth_2"])
-    growth = np.sort(np.stack([-sums["growth_1"], -growth_2], axis=1), axis=1)
-    numbers = {
-        "impacts_per_period": sums["impacts"] / periods,
-        "slowest_impact": np.where(no_impact, np.nan, sums["slowest_impact"]),
-        "fastest_impact": np.where(no_impact, np.nan, sums["fastest_impact"]),
-        "impulse": impulse / periods,
-        "energy_lost": lost / periods,
-        "max_penetration": sums["max_penetration"],
-        "rest_fraction": share,
-    }
-    overflowed = np.logical_or.reduce([np.isinf(values) for values in numbers.values()])
-    sums["status"][overflowed & ~pending & (sums["status"] < Status.UNRESOLVED)] = Status.NON_FINITE
-    failed = (sums["status"] >= Status.UNRESOLVED) | pending
-    return {
-        "poincare_x": sections[:, :, 0],
-        "poincare_v": sections[:, :, 1],
-        "impact_phase": record.impacts[:, :, 0],
-        "impact_v": record.impacts[:, :, 1],
-        **{name: np.where(failed, np.nan, values) for name, values in numbers.items()},
-        "chatters": np.where(failed, 0, sums["chatters"]),
-        "near_grazes": np.where(failed, 0, sums["near_grazes"]),
-        "lyapunov": np.where(failed[:, None], np.nan, -growth / duration[:, None]),
-        "status": sums["status"].astype(np.int8),
-        "begun": record.begun,
-    }

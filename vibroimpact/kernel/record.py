@@ -1,4 +1,15 @@
-"""The record of each point: its sums, its sections and the ring buffer of its impacts."""
+"""The record of each point: its sums, sections and ring buffer of impacts; and the named results.
+
+**Motions that grow without bound**: resonance without dissipation, R = 1 and h = 0. A flight at a
+great speed v lasts pi / p, so the force is in resonance if omega = 2 k p for an integer k. To the
+first order in f / (p v), an impact at the phase phi and the next one differ by
+
+    dv = C cos(phi),    dphi = omega (2 clearance - B sin(phi)) / v,
+
+with C = 4 k f / (p (4 k^2 - 1)) and B = C / (2 k p). If 2 |clearance| < B, the phase goes to where
+dphi = 0 and cos(phi) > 0, and the speed grows by C cos(phi) at every impact, for ever. Otherwise,
+and off the resonance, the phase passes through all values, and the speed stays bounded.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +20,7 @@ import numpy as np
 
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Status
-from vibroimpact.step.contact import IMPACT, KIND, REST, SPEED, TIME
+from vibroimpact.step.contact import IMPACT, KIND, REST, SPEED, TIME, impulse_and_loss
 
 #: The sums and extremes over the recorded periods of a point, and its worst status.
 SUMS = np.dtype(
@@ -38,6 +49,16 @@ SUMS = np.dtype(
         ("alone", np.int64),
     ]
 )
+
+#: Significant digits that the motion of a certified point keeps at the sections.
+_FEWEST_DIGITS = 8
+#: Rounding of omega / (2 p), for parameters that come from a computation.
+_ROUNDING_OF_RATIO = 1e-12
+#: A motion grows if its speed does so at least at this share of the rate of the resonance. One that
+#: is not in step with the force has less, or falls again.
+_SHARE = 0.5
+#: Fewest sections in a third of a record that is judged.
+_FEWEST = 10
 
 _UNRESOLVED, _NON_FINITE = int(Status.UNRESOLVED), int(Status.NON_FINITE)
 
@@ -157,3 +178,91 @@ def put_in_order(ring, listed):
         _reverse(ring, 0, first)
         _reverse(ring, first, size)
         _reverse(ring, 0, size)
+
+
+def named_results(points: np.ndarray, record: Record) -> dict[str, np.ndarray]:
+    """Name the results, and replace those of failed or interrupted points by NaN or 0."""
+    sums, sections, periods = record.sums, record.sections, record.sections.shape[1]
+    pending = sums["status"] == Status.PENDING
+    if pending.any():
+        for array in (sections, record.impacts, record.begun):
+            array[pending] = np.nan
+    sums["status"][_grows(points, sums["impacts"], sections) & ~pending] = Status.UNBOUNDED
+    no_impact, R = sums["impacts"] == 0, points["R"]
+    impulse, lost = impulse_and_loss(R, sums["speeds"], sums["squared_speeds"])
+    # The period may overflow if omega is below the smallest normal number.
+    with np.errstate(over="ignore", invalid="ignore"):
+        duration = periods * 2.0 * np.pi / points["omega"]
+        share = np.minimum(sums["rested"] / duration, 1.0)
+    # After an impact with R = 0 the vectors are parallel: the area between them is rounding.
+    area_lost = (R == 0.0) & ~no_impact
+    growth_2 = np.where(area_lost, -np.inf, sums["growth_2"])
+    growth = np.sort(np.stack([-sums["growth_1"], -growth_2], axis=1), axis=1)
+    numbers = {
+        "impacts_per_period": sums["impacts"] / periods,
+        "slowest_impact": np.where(no_impact, np.nan, sums["slowest_impact"]),
+        "fastest_impact": np.where(no_impact, np.nan, sums["fastest_impact"]),
+        "impulse": impulse / periods,
+        "energy_lost": lost / periods,
+        "max_penetration": sums["max_penetration"],
+        "rest_fraction": share,
+    }
+    overflowed = np.logical_or.reduce([np.isinf(values) for values in numbers.values()])
+    sums["status"][overflowed & ~pending & (sums["status"] < Status.UNRESOLVED)] = Status.NON_FINITE
+    failed = (sums["status"] >= Status.UNRESOLVED) | pending
+    return {
+        "poincare_x": sections[:, :, 0],
+        "poincare_v": sections[:, :, 1],
+        "impact_phase": record.impacts[:, :, 0],
+        "impact_v": record.impacts[:, :, 1],
+        **{name: np.where(failed, np.nan, values) for name, values in numbers.items()},
+        "chatters": np.where(failed, 0, sums["chatters"]),
+        "near_grazes": np.where(failed, 0, sums["near_grazes"]),
+        "lyapunov": np.where(failed[:, None], np.nan, -growth / duration[:, None]),
+        "status": sums["status"].astype(np.int8),
+        "begun": record.begun,
+    }
+
+
+def _grows(points: np.ndarray, impacts: np.ndarray, sections: np.ndarray) -> np.ndarray:
+    """Whether each motion grew through its record as an unbounded motion does.
+
+    `impacts` is their number, and `sections` has the shape (n, periods, 2). In each third of the
+    record the smallest section and the largest one must exceed those of the third before by
+    ``_SHARE`` of the growth of the resonance.
+    """
+    p, f, stop = points["p"], points["f"], points["clearance"]
+    with np.errstate(all="ignore"):  # extreme values, whose rate is then NaN or 0
+        ratio = points["omega"] / (2.0 * p)
+        k = np.rint(ratio)
+        resonant = (k >= 1.0) & (np.abs(ratio - k) <= _ROUNDING_OF_RATIO * k)
+        sine = p * p * stop * (4.0 * k * k - 1.0) / f
+        # The growth of the speed in a forcing period; from impact to impact there are k.
+        rate = 4.0 * f / (p * (4.0 * k * k - 1.0)) * np.sqrt(1.0 - sine * sine)
+    lossless = (points["R"] == 1.0) & (points["h"] == 0.0)
+    rows = np.flatnonzero(lossless & resonant & (rate > 0.0) & (impacts > 0))
+    third = sections.shape[1] // 3
+    found = np.zeros(points.size, dtype=bool)
+    if third >= _FEWEST and rows.size > 0:
+        x, v = sections[rows, -3 * third :, 0], sections[rows, -3 * third :, 1]
+        thirds = np.hypot(p[rows, None] * x, v).reshape(rows.size, 3, third)
+        extremes = np.stack([thirds.min(axis=2), thirds.max(axis=2)])
+        least = _SHARE * third * rate[rows, None]
+        found[rows] = (np.diff(extremes, axis=2) > least).all(axis=(0, 2))
+    return found
+
+
+def loses_digits(points: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Whether motions have fewer than ``_FEWEST_DIGITS`` at their sections `x`, (n, periods).
+
+    There x is rounded, which is coarse for a motion near a stop far from the rest position. The
+    size of the motion is its greatest distance from the stop, or that of a free oscillation if it
+    is larger.
+    """
+    with np.errstate(all="ignore"):  # extreme values, whose size is then 0, inf or NaN
+        rounding = 0.5 * np.spacing(np.abs(points["clearance"])) * 10.0**_FEWEST_DIGITS
+        omega, p = points["omega"], points["p"]
+        lost: np.ndarray = rounding > points["f"] / (omega * omega + p * p)
+    rows = np.flatnonzero(lost)
+    lost[rows] = rounding[rows] > np.abs(x[rows] - points["clearance"][rows, None]).max(axis=1)
+    return lost
