@@ -21,17 +21,20 @@ from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.curves import CURVE_KINDS, bifurcation_curve
 from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.orbits.special_points import SpecialPoint
+from vibroimpact.points.regimes import Regime
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
-
-
-from vibroimpact.points.regimes import Regime
 
 #: Most steps from one side of a change to the other: a share of the axis, but at least a few cells.
 WIDEST_GAP, FEW = 0.05, 3.0
 #: Least share of the map that a large region covers.
 LARGE = 0.01
+#: Most curves that are followed.
+MOST_CURVES = 400
+#: Distances in cells: how far beyond a change its bifurcation is sought, and how near to a curve of
+#: its kind a bifurcation counts as on the curve.
+_CELLS, _ON = 0.5, 0.2
 
 
 def cells_of_change(classes: np.ndarray, regimes: np.ndarray) -> np.ndarray:
@@ -82,13 +85,6 @@ def middles_of_regions(classes: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
                 within = np.flatnonzero(inside.take(widest, axis=1 - axis))
                 middle = int(within[len(within) // 2])
                 yield np.array([middle, widest] if axis == 0 else [widest, middle]), axis
-
-
-#: Most curves that are followed.
-MOST_CURVES = 400
-#: Distances in cells: how far beyond a change its bifurcation is sought, and how near to a curve of
-#: its kind a bifurcation counts as on the curve.
-_CELLS, _ON = 0.5, 0.2
 
 
 def separated(kind: str, m: int, q: int) -> set[tuple[int, int]]:

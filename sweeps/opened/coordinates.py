@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 import xarray as xr
 
 from sweeps.errors import Refused
+from sweeps.grid import Grid, block_points
 from sweeps.opened.cuts import Selection, cut_at
 from sweeps.opened.dataset import config_of, values_of
 from sweeps.store.variables import VARIABLES, Variable
@@ -19,10 +20,8 @@ from vibroimpact.status import Status
 if TYPE_CHECKING:
     from vibroimpact.orbits.orbit import Orbits
 
-
-from collections.abc import Iterator
-
-from sweeps.grid import Grid, block_points
+#: Number of section states read at a time.
+_STATES_READ = 500_000
 
 _Values = TypeVar("_Values", xr.DataArray, np.ndarray)
 
@@ -90,10 +89,6 @@ def orbit_coordinates(orbits: Orbits, phase: float) -> dict[str, np.ndarray]:
     x, v = np.moveaxis(orbits.sections(phase), 2, 0)
     values = (x, v, orbits.points["clearance"][:, None] - x, orbits.speeds, orbits.phases)
     return dict(zip(COORDINATES, values, strict=True))
-
-
-#: Number of section states read at a time.
-_STATES_READ = 500_000
 
 
 def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
