@@ -14,7 +14,6 @@ import xarray as xr
 
 from sweeps.attractor.partition import SETS, GridIndex
 from sweeps.attractor.tracking import MOST_TRACKED
-from sweeps.config.sweep import SweepConfig
 from sweeps.grid import TABLE
 from sweeps.opened.cuts import START_AXES, Selection, places
 from sweeps.opened.dataset import config_of, headed, nomenclature_of, points_of, values_of
@@ -22,6 +21,7 @@ from sweeps.opened.motions import run_on
 from sweeps.store import DIRECTION, columns_of
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.points.regimes import Label, Regime, rest_of
+from vibroimpact.points.run_spec import RunSpec
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -111,7 +111,7 @@ def attractor_rows(dataset: xr.Dataset, result: xr.Dataset) -> list[AttractorRow
     swept = values_of(dataset, parameter_axes(dataset))
     points["x0"], points["v0"] = frame["section_x"], frame["section_v"]
     m = np.where(frame["motion"] == Regime.PERIODIC, frame["m"], 0)
-    orbits = orbits_of(config_of(dataset), points, m, frame["q"].values)
+    orbits = orbits_of(config_of(dataset).sweep.spec, points, m, frame["q"].values)
     measures = {
         name: frame[name].tolist() for name in map(str, columns) if name not in _NO_MEASURES
     }
@@ -132,7 +132,7 @@ def attractor_rows(dataset: xr.Dataset, result: xr.Dataset) -> list[AttractorRow
 
 
 def orbits_of(
-    config: SweepConfig, points: np.ndarray, m: np.ndarray, q: np.ndarray
+    spec: RunSpec, points: np.ndarray, m: np.ndarray, q: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return speeds before the impacts, increasing, and section states of periodic motions.
 
@@ -141,7 +141,7 @@ def orbits_of(
     orbits = [(np.empty(0), np.empty((0, 2)))] * len(points)
     for periods, impacts in np.unique(np.stack([m, q], axis=1)[m > 0], axis=0).tolist():
         at = np.flatnonzero((m == periods) & (q == impacts))
-        sections, hits = run_on(config, points[at], periods, impacts)
+        sections, hits = run_on(spec, points[at], periods, impacts)
         for place, speeds, states in zip(at.tolist(), hits[:, :, 1], sections, strict=True):
             orbits[place] = np.sort(speeds[np.isfinite(speeds)]), states
     return orbits

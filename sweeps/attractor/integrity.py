@@ -97,7 +97,7 @@ def with_measures(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
     points["x0"], points["v0"] = state
     periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if m is not known
     longest = int(periods.max(initial=1))
-    sections, _ = run_on(config, points, longest)
+    sections, _ = run_on(config.sweep.spec, points, longest)
     measures = np.full((len(_BASIN_MEASURES), *number.shape), np.nan)
     for n, (i, k) in enumerate(zip(*at, strict=True)):
         basin = starts.values.reshape(-1, len(x), len(v))[i] == number[i, k]

@@ -31,7 +31,6 @@ import xarray as xr
 from sweeps.attractor.settle import EXTENSIONS, settle
 from sweeps.attractor.tracking import lead_to_each_other, mutually_nearest, track
 from sweeps.config.groups import STARTS
-from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.cuts import START_AXES
@@ -41,6 +40,7 @@ from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, cycles_of, distances,
 from sweeps.text import listed
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import Regime, on_its_way
+from vibroimpact.points.run_spec import RunSpec
 
 #: The dimension of the different sets of parameters in a table.
 SETS = "set"
@@ -178,14 +178,15 @@ def attractors(
                 f"the file has no {name}, by which attractors are told apart: run the sweep again "
                 f"with {diagnostics_with(dataset, 'period')}"
             )
-    index, motions, config = GridIndex.of(dataset), motions_of(dataset).ravel(), config_of(dataset)
+    spec = config_of(dataset).sweep.spec
+    index, motions = GridIndex.of(dataset), motions_of(dataset).ravel()
     followed = on_its_way(motions["regime"], dataset["orbit_distance"].values.ravel())
     followed |= motions["m"] > dataset.sizes["section"]
     followed |= settle(motions, dataset, index.parameter, extensions)
-    heads, of_point = attractors_of(motions, index.parameter, config, tolerance)
+    heads, of_point = attractors_of(motions, index.parameter, spec, tolerance)
     parameter, members = index.parameter[heads], np.bincount(of_point[of_point >= 0])
     fraction = members / np.bincount(parameter, members)[parameter]
-    number = _numbers(config, index, motions[heads], parameter, fraction)
+    number = _numbers(spec, index, motions[heads], parameter, fraction)
     recorded = np.flatnonzero((of_point >= 0) & ~followed)[::-1]
     shown = heads.copy()
     shown[of_point[recorded]] = recorded  # where the record of a member shows it, the first such
@@ -235,7 +236,7 @@ def _by_rank(
 def attractors_of(
     motions: np.ndarray,
     parameter: np.ndarray,
-    config: SweepConfig,
+    spec: RunSpec,
     tolerance: float = ORBIT_TOLERANCE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a motion on each attractor, and the attractor of each motion, -1 for none.
@@ -262,7 +263,7 @@ def attractors_of(
     compared = own[one[cyclic]]
     apart = [at[one[cyclic]], compared["m"], compared["q"]]
     group = np.unique(apart, axis=1, return_inverse=True)[1].ravel()
-    same[cyclic] = cyclic[same_motions(cycles_of(config, compared), group, tolerance)]
+    same[cyclic] = cyclic[same_motions(cycles_of(spec, compared), group, tolerance)]
     heads = np.unique(one[same])
     of_point = np.full(len(motions), -1)
     of_point[rows] = np.searchsorted(heads, one[same[of_row]])
@@ -304,7 +305,7 @@ def same_motions(
 
 
 def _numbers(
-    config: SweepConfig,
+    spec: RunSpec,
     index: GridIndex,
     motions: np.ndarray,
     parameter: np.ndarray,
@@ -316,8 +317,8 @@ def _numbers(
     at = at[np.argsort(parameter[at], kind="stable")]
     chain = np.arange(len(at))
     if len(at) and index.shape and SETS not in index.parameters:  # sets have no neighbours
-        near = partial(mutually_nearest, cycles_of(config, motions[at]))
-        seeded = partial(lead_to_each_other, config, motions[at])
+        near = partial(mutually_nearest, cycles_of(spec, motions[at]))
+        seeded = partial(lead_to_each_other, spec, motions[at])
         chain = track(index.shape, parameter[at], near, seeded)
     order = np.argsort(-np.bincount(chain, fraction[at]), kind="stable")
     number[at] = np.argsort(order)[chain]

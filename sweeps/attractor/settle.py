@@ -92,9 +92,8 @@ def settle(
 
 
 def _last_states(points: np.ndarray, dataset: xr.Dataset) -> np.ndarray:
-    """Return points with their last states in the records as starts."""
+    """Return the points of motions with their last states in the records as starts."""
     last = points.copy()
-    last["phase"] = config_of(dataset).record.phase
     for name in "xv":
         last[f"{name}0"] = dataset[f"poincare_{name}"].isel(section=-1).values.ravel()
     return last

@@ -22,10 +22,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sweeps.config.sweep import SweepConfig
 from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, cycles_of, distances, motions_from
 from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.computation import compute_points
+from vibroimpact.points.run_spec import RunSpec
 
 #: Attractors farther apart than this, relative to their greatest coordinate, are different.
 MAX_DISTANCE = 0.2
@@ -98,11 +98,11 @@ def mutually_nearest(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray
 
 
 def lead_to_each_other(
-    config: SweepConfig, motions: np.ndarray, a: np.ndarray, b: np.ndarray
+    spec: RunSpec, motions: np.ndarray, a: np.ndarray, b: np.ndarray
 ) -> np.ndarray:
     """Return the mask of the pairs of motions in which a seed from each leads to the other."""
     m, q, mask = motions["m"], motions["q"], np.zeros(len(a), bool)
-    spec = config.sweep.spec.part(_SEED_PERIODS, _SEED_RECORD, 0, False)
+    spec = spec.part(_SEED_PERIODS, _SEED_RECORD, 0, False)
     at = np.flatnonzero(np.isin(m[b] / m[a], (0.5, 1.0, 2.0)) & (q[b] * m[a] == q[a] * m[b]))
     for own, other in ((a, b), (b, a)):
         if not len(at):
@@ -115,7 +115,7 @@ def lead_to_each_other(
         there = (ends["m"] == to["m"]) & (ends["q"] == to["q"])
         at, ends, to = at[there], ends[there], to[there]
         pairs = np.arange(2 * len(at)).reshape(2, -1)
-        cycles = cycles_of(config, np.concatenate([ends, to]))
+        cycles = cycles_of(spec, np.concatenate([ends, to]))
         at = at[distances(cycles, *pairs) <= ORBIT_TOLERANCE]
     mask[at] = True
     return mask

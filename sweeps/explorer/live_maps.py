@@ -107,7 +107,7 @@ class Filling:
     def _group(self, at: np.ndarray, motions: np.ndarray) -> None:
         """Assign the motions of starts to the attractors found before, or to new ones."""
         both = np.concatenate([self._found, motions])
-        of_each, reached = attractors_of(both, np.zeros(both.size, int), self.config)
+        of_each, reached = attractors_of(both, np.zeros(both.size, int), self.config.sweep.spec)
         before, now = np.split(reached, [-at.size])
         self._reached = np.append(before, -1)[self._reached]
         self._reached[at] = now
@@ -193,7 +193,7 @@ class Filling:
         number[order[np.argsort(aperiodic[order], kind="stable")]] = np.arange(len(order))
         shares = (counts / counts.sum()).tolist()
         m, q, regime = (found[name] for name in ("m", "q", "regime"))
-        orbits = orbits_of(self.config, found["point"], np.where(aperiodic, 0, m), q)
+        orbits = orbits_of(self.config.sweep.spec, found["point"], np.where(aperiodic, 0, m), q)
         table = [
             AttractorRow(
                 {}, int(number[i]), Regime(regime[i]), int(m[i]), int(q[i]), shares[i], *orbits[i]

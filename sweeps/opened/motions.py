@@ -23,7 +23,6 @@ from itertools import product
 import numpy as np
 import xarray as xr
 
-from sweeps.config.sweep import SweepConfig
 from sweeps.opened.dataset import (
     config_of,
     oscillator_of,
@@ -112,14 +111,14 @@ def motions_from(
 
 
 def run_on(
-    config: SweepConfig, points: np.ndarray, periods: int, impacts: int = 0
+    spec: RunSpec, points: np.ndarray, periods: int, impacts: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Continue motions from their states at the section, with the method of a sweep.
 
     Returns the states at the next sections, shape (n, periods, 2), and the phases and speeds of the
     last impacts, shape (n, impacts, 2).
     """
-    spec = replace(config.sweep.spec.part(0, periods, impacts, False), period=False)
+    spec = replace(spec.part(0, periods, impacts, False), period=False)
     points = points.copy()
     points["phase"] = spec.phase
     results = compute_points(spec, points, None)
@@ -184,14 +183,14 @@ def distances(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return result
 
 
-def cycles_of(config: SweepConfig, motions: np.ndarray) -> Cycles:
+def cycles_of(spec: RunSpec, motions: np.ndarray) -> Cycles:
     """Return the orbits of periodic motions as cycles of states at the section."""
     points, m = motions["point"], motions["m"]
     states = np.full((len(m), m.max(initial=1), 2), np.nan)
     states[:, 0, 0], states[:, 0, 1] = points["x0"], points["v0"]
     for periods in np.unique(m[m > 1]).tolist():
         rows = np.flatnonzero(m == periods)
-        states[rows, 1:periods] = run_on(config, points[rows], periods - 1)[0]
+        states[rows, 1:periods] = run_on(spec, points[rows], periods - 1)[0]
     states[..., 0] -= points["clearance"][:, None]
     states[..., 1] /= points["omega"][:, None]
     return Cycles(states, m, points["R"])
