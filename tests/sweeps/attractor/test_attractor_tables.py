@@ -72,6 +72,22 @@ def test_requests_that_do_not_fit_are_refused(computed_starts):
     assert "--csv a.txt is not allowed; expected: a .csv file" in message
 
 
+def test_a_refusal_offers_only_what_can_be_fixed():
+    """Of a grid the parameters and the phase of the starts, not the starts; of a table nothing."""
+    at_starts = np.zeros((2, 3, 4, 16, 2))
+    grid = given_sections(at_starts, 1, axes=("omega", "phase", "v0"))
+    assert cut(grid, {"omega": 0.1, "phase": 0.2})["status"].dims == ("v0",)
+    for name in ("v0", "direction", "h"):
+        with pytest.raises(
+            Refused, match=f"{name} cannot be fixed here; choose from: omega, phase"
+        ):
+            cut(grid, {name: 1.0})
+    table = given_sections(np.zeros((4, 16, 2)), 1, axes=("point",))
+    for name in ("point", "omega"):
+        with pytest.raises(Refused, match=f"{name} cannot be fixed here; there is no axis to"):
+            cut(table, {name: 1.0})
+
+
 def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
     dataset = computed_starts()
     figure = basins(dataset)
