@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from vibroimpact.points.regimes import has_result
+from vibroimpact.points.stages import put_rows
 
 #: Computes points; results of shape (n, ...).
 RunPoints = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -45,17 +46,16 @@ def follow_chains(
     chains = places.reshape(-1, points.shape[along])
     rising = np.argsort(flat[chains[0]][axis], kind="stable")
     orders = [rising if direction == "up" else rising[::-1] for direction in directions]
-    collected = _Collected(len(orders) * size)
-    before: dict[str, np.ndarray] = {}
+    collected, before = dict[str, np.ndarray](), dict[str, np.ndarray]()
     for order in zip(*orders, strict=True):  # one value of the axis for each direction
         rows = np.concatenate([chains[:, value] + i * size for i, value in enumerate(order)])
         lanes = flat[rows % size]
         if before:
             _continue(lanes, before, phase, moving_stop=axis == "clearance")
         before = run(lanes)
-        collected.put(rows, before)
+        put_rows(collected, len(orders) * size, rows, before)
         advance(len(rows))
-    return collected.arrays
+    return collected
 
 
 def _continue(
@@ -71,19 +71,3 @@ def _continue(
     ended = np.isfinite(x) & np.isfinite(v) & has_result(before["status"])
     for name, value in (("x0", x), ("v0", v), ("phase", phase)):
         points[name] = np.where(ended, value, points[name])
-
-
-class _Collected:
-    """Results collected from batches of points, in arrays of shape (size, ...)."""
-
-    def __init__(self, size: int) -> None:
-        self._size = size
-        self.arrays: dict[str, np.ndarray] = {}
-
-    def put(self, rows: np.ndarray, results: Mapping[str, np.ndarray]) -> None:
-        """Add the results of the points in `rows`."""
-        for name, values in results.items():
-            if name not in self.arrays:
-                empty = np.nan if values.dtype.kind == "f" else 0
-                self.arrays[name] = np.full((self._size, *values.shape[1:]), empty, values.dtype)
-            self.arrays[name][rows] = values

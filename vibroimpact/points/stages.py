@@ -52,6 +52,16 @@ def put_last(points: np.ndarray, results: Results, phase: float) -> None:
         points[name] = np.where(ended, value, points[name])
 
 
+def put_rows(
+    collected: dict[str, np.ndarray], size: int, rows: np.ndarray, results: Results
+) -> None:
+    """Write the results of the points in `rows` into arrays of shape (size, ...)."""
+    for name, values in results.items():
+        if name not in collected:
+            collected[name] = np.empty((size, *values.shape[1:]), values.dtype)
+        collected[name][rows] = values
+
+
 def worst_of(before: np.ndarray, status: np.ndarray) -> np.ndarray:
     """Return the worst outcomes of motions after a stage, given those of the stages before it.
 

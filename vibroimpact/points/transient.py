@@ -20,7 +20,7 @@ import numpy as np
 
 from vibroimpact.points.regimes import has_result, is_chaotic
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.stages import Results, in_stages, without_class, worst_of
+from vibroimpact.points.stages import Results, in_stages, put_rows, without_class, worst_of
 from vibroimpact.status import Evidence, Status
 
 #: Sections from which a class is found, and periods of the first stage.
@@ -109,8 +109,5 @@ def _recorded(
         rows = np.flatnonzero(needed == more)
         record = spec.part(more, spec.periods, spec.impacts, spec.lyapunov)
         record = replace(record, extremes=spec.extremes)
-        for name, values in run(record, state[rows]).items():
-            if name not in arrays:
-                arrays[name] = np.empty((points.size, *values.shape[1:]), values.dtype)
-            arrays[name][rows] = values
+        put_rows(arrays, points.size, rows, run(record, state[rows]))
     return arrays | {"transient": done + needed}
