@@ -12,12 +12,7 @@ from sweeps.bifurcation.curve_search import CurveSearch
 from sweeps.bifurcation.exact_branches import check_axis, with_special_points
 from sweeps.errors import Refused
 from sweeps.opened.cuts import Selection, chosen_axes, cut_at
-from sweeps.opened.dataset import (
-    check_diagnostic,
-    config_of,
-    nomenclature_of,
-    orbits_on_axes,
-)
+from sweeps.opened.dataset import check_diagnostic, config_of, nomenclature_of, orbits_on_axes
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import motions_of
 from sweeps.text import choice_of, listed, near_miss, shown_count, suggestion

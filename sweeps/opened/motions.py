@@ -23,12 +23,7 @@ from itertools import product
 import numpy as np
 import xarray as xr
 
-from sweeps.opened.dataset import (
-    config_of,
-    oscillator_of,
-    points_of,
-    values_of,
-)
+from sweeps.opened.dataset import config_of, oscillator_of, points_of, values_of
 from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import POINT
