@@ -33,7 +33,7 @@ def titles(figure):
     return [panel.get_title(loc="left") for panel in figure.axes]
 
 
-def test_an_integrity_picture_has_the_panels_in_the_order_typed(stored):
+def test_an_integrity_picture_has_the_panels_in_the_order_typed(stored, no_knocks):
     with open_sweep(stored) as dataset:
         figure = integrity(dataset, panels=["local_integrity", "fraction"])
         one = integrity(dataset, panels=["basins"], at={"omega": 2.65})
@@ -45,7 +45,7 @@ def test_an_integrity_picture_has_the_panels_in_the_order_typed(stored):
     assert "lower bound" not in {text.get_text() for text in one.legends[0].get_texts()}
 
 
-def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(stored):
+def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(stored, no_knocks):
     own = Figure().subplots(2)
     with open_sweep(stored) as dataset:
         assert integrity(dataset, panels=["fraction", "basins"], ax=own) is own[0].figure
