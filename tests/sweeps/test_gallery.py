@@ -65,18 +65,6 @@ def classes(dataset):
     return named
 
 
-@pytest.mark.parametrize(
-    ("diagnostics", "word"), [(["period"], "unknown"), (["period", "lyapunov"], "chaotic")]
-)
-def test_motions_without_a_class_have_the_words_of_the_reports(tmp_path, diagnostics, word):
-    """At h = 0, R = 0.8, omega = 2.8 the motion is chaotic, which only exponents show."""
-    points = {"omega": [2.8, 2.8], "f": [1.0, 1.0], "matrix": ["A", "B"]}
-    record = {"transient": 200, "periods": 100, "impacts": 0, "diagnostics": diagnostics}
-    scene = {"points": points, "oscillator": {"h": 0.0, "R": 0.8}, "record": record}
-    with open_sweep(run_sweep(scene, tmp_path / "joints.h5", progress=False)) as dataset:
-        assert script("tolerances_picture").classes(dataset) == {word: 2}
-
-
 @pytest.mark.slow
 def test_scattering_parts_have_the_probabilities_of_a_sample_ten_times_as_large(scene):
     """Of independent draws; and the scatter of the impulse is that of the restitution."""
