@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from sweeps.bench.method_scenes import CHATTERING, GRAZING, ORBIT_ERRORS, Method
+from sweeps.bench.method_scenes import CHATTER_SCENE, GRAZING, ORBIT_ERRORS, Method
 from sweeps.bench.work_precision import MEAN, METHOD, NO_DIGIT, efficient_frontier, main_scene
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from vibroimpact.step.integrators import INTEGRATORS
@@ -23,7 +23,7 @@ PANELS = (
     ("section state, geometric mean of five scenes", MEAN, ORBIT_ERRORS[0]),
     ("impact time, same scenes", MEAN, ORBIT_ERRORS[1]),
     ("penetration, same scenes", MEAN, ORBIT_ERRORS[3]),
-    ("section state: chatter and rest", CHATTERING.name, ORBIT_ERRORS[0]),
+    ("section state: chatter and rest", CHATTER_SCENE.name, ORBIT_ERRORS[0]),
     ("section state: near grazing", GRAZING.name, ORBIT_ERRORS[0]),
 )
 # Colours of Okabe and Ito. Each rule has a colour, each integrator a marker.
@@ -162,12 +162,12 @@ def _handles(measured: pd.DataFrame) -> tuple[list[Line2D], int]:
     peers = [Method(*row) for row in rows if row.impact not in RULES]
     columns = [
         [
-            _words_of_legend("impact rule"),
+            _entry_without_line("impact rule"),
             *(Line2D([], [], color=colour, label=rule) for rule, colour in RULES.items()),
             Line2D([], [], **_BAND, label="efficient frontier"),
         ],
         [
-            _words_of_legend("integrator"),
+            _entry_without_line("integrator"),
             *(
                 Line2D([], [], **_look(Method(name, "exact")) | {"linestyle": ""}, label=name)
                 for name in MARKER_OF_INTEGRATOR
@@ -176,16 +176,16 @@ def _handles(measured: pd.DataFrame) -> tuple[list[Line2D], int]:
     ]
     if peers:
         looks = [Line2D([], [], **_look(peer), label=peer.integrator) for peer in peers]
-        columns.append([_words_of_legend("solver with events"), *looks])
+        columns.append([_entry_without_line("solver with events"), *looks])
     length = max(map(len, columns))
     filled = [
         m
         for column in columns
-        for m in (*column, *[_words_of_legend(" ")] * (length - len(column)))
+        for m in (*column, *[_entry_without_line(" ")] * (length - len(column)))
     ]
     return filled, len(columns)
 
 
-def _words_of_legend(words: str) -> Line2D:
+def _entry_without_line(words: str) -> Line2D:
     """Return an entry of the legend without a line."""
     return Line2D([], [], linestyle="", label=words)

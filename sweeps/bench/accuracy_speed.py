@@ -26,7 +26,7 @@ from rich.progress import (
 
 from sweeps.bench.event_solvers import PEERS
 from sweeps.bench.method_scenes import (
-    CHATTERING,
+    CHATTER_SCENE,
     EXACT_METHOD,
     METHODS,
     SCENES,
@@ -43,7 +43,7 @@ _LEAST_WORK = 1_500_000
 _PEER_KINDS = ("section state", "impact time", "impact speed")
 
 #: The columns of the table of measurements; below, the types of those that may have no value.
-MEASURED = [
+MEASURED_COLUMNS = [
     "scene",
     "error_kind",
     "integrator",
@@ -132,8 +132,8 @@ def measure_methods(
                 for kind in _PEER_KINDS
             ]
             bar.update(task, advance=1, description=name)
-    rounds = pd.DataFrame(rows, columns=MEASURED).astype(_TYPES)
-    same = rounds.groupby(MEASURED[:-2], sort=False, dropna=False)
+    rounds = pd.DataFrame(rows, columns=MEASURED_COLUMNS).astype(_TYPES)
+    same = rounds.groupby(MEASURED_COLUMNS[:-2], sort=False, dropna=False)
     return same.agg({"error": _root_mean_square, "seconds_per_period": "min"}).reset_index()
 
 
@@ -154,7 +154,7 @@ def _steps(rung: int, turn: int, rounds: int) -> int:
 def _peer_runs(plan: Plan) -> Iterator[tuple[Scene, str, float]]:
     """Yield the runs of peers; without a complete chatter, whose events would never end."""
     for scene in plan.scenes:
-        if scene is not CHATTERING and scene.impacts:
+        if scene is not CHATTER_SCENE and scene.impacts:
             for name in plan.peers:
                 if PEERS[name].installed:
                     yield from ((scene, name, tolerance) for tolerance in plan.tolerances)

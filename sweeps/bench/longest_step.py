@@ -86,7 +86,7 @@ def table_of(limits: Limits) -> str:
 
 
 def stability_rows(limits: Limits) -> Iterator[tuple[str, str, str, float]]:
-    """Yield every limit as a row of `sweeps.bench.failures.COLUMNS`."""
+    """Yield every limit as a row of `sweeps.bench.failures.FAILURE_COLUMNS`."""
     for name, limit in limits.items():
         for source, values in limit.items():
             for zeta, value in zip(ZETAS, values, strict=True):

@@ -159,7 +159,7 @@ REGULAR = (
     _regular("one impact", 0.05, 0.7, 2.3, periods=40, impacts=1),
     _regular("high frequency", 0.1, 0.8, 10.0, periods=60, phase=math.pi, impacts=1, recorded=5),
 )
-CHATTERING = Scene(
+CHATTER_SCENE = Scene(
     "chatter and rest",
     _around(Oscillator(h=0.05, R=0.6, omega=0.4, f=1.0), _OFFSETS),
     periods=5,
@@ -176,7 +176,7 @@ GRAZING = Scene(
     phase=5.67,  # between the second impact, at 5.2 at the latest, and the third
     impacts=2,
 )
-SCENES = (*REGULAR, CHATTERING, GRAZING)
+SCENES = (*REGULAR, CHATTER_SCENE, GRAZING)
 
 
 def of_sweep(config: SweepConfig) -> Scene:

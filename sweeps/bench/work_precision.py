@@ -1,7 +1,7 @@
 """Orders, means over scenes, the efficient frontier, and the tables of accuracy against speed.
 
-The columns are those of `sweeps.bench.accuracy_speed.measure`. The rows of one scene, kind of error
-and method are a line of the chart.
+The columns are those of `sweeps.bench.accuracy_speed.measure_methods`. The rows of one scene, kind
+of error and method are a line of the chart.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from sweeps.bench.method_scenes import CHATTERING, EXACT_METHOD, GRAZING, ORBIT_ERRORS, REGULAR
+from sweeps.bench.method_scenes import CHATTER_SCENE, EXACT_METHOD, GRAZING, ORBIT_ERRORS, REGULAR
 from sweeps.text import table
 
 #: Name of the scene that stands for the mean of all regular scenes.
@@ -104,7 +104,7 @@ def of_methods(measured: pd.DataFrame) -> str:
     main = main_scene(measured)
     columns = {"order": main}
     if main == MEAN:
-        columns = {"regular": MEAN, "chatter": CHATTERING.name, "graze": GRAZING.name}
+        columns = {"regular": MEAN, "chatter": CHATTER_SCENE.name, "graze": GRAZING.name}
     taken = measured["steps_per_period"]
     exact = (measured[METHOD] == list(EXACT_METHOD)).all(axis=1)
     exact_steps = taken[exact & (taken >= COMPARED_STEPS)]

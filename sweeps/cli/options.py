@@ -175,6 +175,13 @@ def limits_option(option: str, text: str | None) -> tuple[float, float] | None:
     return ends
 
 
+def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:
+    """Return arguments of `run_sweep` for an existing output; refuse both options together."""
+    if resume and overwrite:
+        raise Refused("--resume and --overwrite exclude each other; give one of them")
+    return {"overwrite": overwrite, "resume": resume}
+
+
 def resuming() -> str:
     """Return the command that resumes the run of this command."""
     given = [word for word in sys.argv[1:] if word not in ("--overwrite", "--resume")]

@@ -212,12 +212,12 @@ def _show_bifurcations(
         say(csv, error=json)
 
 
-_SHARE = number(lambda given: 0.0 <= given < 1.0, "a number from 0 to below 1, as 1e-9")
+_TOLERANCE = number(lambda given: 0.0 <= given < 1.0, "a number from 0 to below 1, as 1e-9")
 Rtol = Annotated[
     float,
     typer.Option(
         metavar="NUMBER",
-        parser=number_option("--rtol", _SHARE),
+        parser=number_option("--rtol", _TOLERANCE),
         help="Relative difference of two numbers that still counts as equal.",
     ),
 ]

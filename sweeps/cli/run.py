@@ -18,6 +18,7 @@ from sweeps.cli.options import (
     Overwrite,
     Resume,
     Threads,
+    existing_output,
     named,
     progress_shown,
     resuming,
@@ -86,7 +87,7 @@ def run_command(
     """Compute the sweep that each CONFIG describes, one after the other."""
     from sweeps.store import check_output, refuse_columns
 
-    existing = {"overwrite": overwrite, "resume": resume}
+    existing = existing_output(resume, overwrite)
     loaded = []
     for source in configs:
         check()

@@ -18,6 +18,7 @@ from sweeps.cli.options import (
     Resume,
     SweepFile,
     Threads,
+    existing_output,
     inches,
     interval,
     opened_in_si,
@@ -74,7 +75,7 @@ def zoom_command(
     from sweeps.plotting.saving import check_picture
     from sweeps.store import check_output
 
-    existing = {"overwrite": overwrite, "resume": resume}
+    existing = existing_output(resume, overwrite)
     limits = dict(map(_piece, pieces))
     drawn = [name for name in limits if name in COORDINATES]
     if len(drawn) > 1 or len(drawn) == len(pieces) or len(limits) < len(pieces):

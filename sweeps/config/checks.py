@@ -32,11 +32,9 @@ _CHUNK = 1 << 16
 def with_defaults(config: SweepConfig) -> SweepConfig:
     """Return a configuration with the steps per period and the units that its groups determine.
 
-    Raises ConflictError if its keys do not go together.
+    Its keys have no `conflicts`. Raises ConflictError if its points and sizes are not allowed.
     """
     axes = config.parameters()
-    if conflict := next(_conflicts(config, axes), None):
-        raise ConflictError(*conflict)
     points = _extreme_points(config, axes)
     _refuse_points(config, points)
     steps = _chosen_steps(config, points)
@@ -46,38 +44,43 @@ def with_defaults(config: SweepConfig) -> SweepConfig:
     return config.model_copy(update={"method": method, "units": units})
 
 
-def _conflicts(config: SweepConfig, axes: Mapping[str, Axis]) -> Iterator[tuple[Key, str]]:
-    """Yield each key whose value does not go together with that of another key, and the problem."""
+def conflicts(config: SweepConfig) -> Iterator[ConflictError]:
+    """Yield an error for each key whose value does not go together with that of another key."""
     method, record, follow = config.method, config.record, config.follow
+    axes = config.parameters()
     exact, auto = method.impact == "exact", record.transient == "auto"
     if exact and method.integrator != "exact":
-        yield (
+        yield ConflictError(
             ("method", "integrator"),
             f"impact exact needs the integrator exact, not {method.integrator}; expected: "
             "integrator exact, or one of the impact rules "
             + ", ".join(rule for rule in IMPACT_RULES if rule != "exact"),
         )
     if not exact and "lyapunov" in record.diagnostics:
-        yield (
+        yield ConflictError(
             ("record", "diagnostics"),
             f"lyapunov needs the impact rule exact, not {method.impact}; "
             "expected: method.impact: exact, or diagnostics without lyapunov",
         )
     if record.longest is not None and not auto:
-        yield ("record", "longest"), "is only for transient: auto; expected: no longest, or auto"
+        yield ConflictError(
+            ("record", "longest"), "is only for transient: auto; expected: no longest, or auto"
+        )
     if auto and "period" not in record.diagnostics:
         problem = "auto needs the classes of motions; expected: diagnostics: [period]"
-        yield ("record", "transient"), problem
+        yield ConflictError(("record", "transient"), problem)
     if auto and (record.trajectory or follow):
         other = "trajectory" if record.trajectory else "follow"
-        yield ("record", "transient"), f"auto cannot be used with {other}; expected: an integer"
+        problem = f"auto cannot be used with {other}; expected: an integer"
+        yield ConflictError(("record", "transient"), problem)
     if follow and config.points is not None:
-        yield ("follow",), "needs an axis, but points has none; expected: a range instead of points"
+        problem = "needs an axis, but points has none; expected: a range instead of points"
+        yield ConflictError(("follow",), problem)
     elif follow and axes[follow.axis].size == 1:
         name = config.nomenclature.name
         others = [own for own, axis in axes.items() if axis.size > 1 and own not in STARTS]
         swept = f"a swept axis out of {', '.join(map(name, others))}"
-        yield (
+        yield ConflictError(
             ("follow", "axis"),
             f"{name(follow.axis)} has only one value, so that there is nothing to follow; "
             f"expected: {swept if others else 'an axis that is swept'}",

@@ -171,6 +171,11 @@ def _truth(value: object) -> bool:
     return truth
 
 
+def _nothing(value: object) -> object:
+    """Return False for the text "false", and all else as it is."""
+    return False if isinstance(value, str) and value.lower() == "false" else value
+
+
 class MethodConfig(Group):
     """How the motion is computed."""
 
@@ -242,7 +247,7 @@ class RecordConfig(Group):
     )
     impacts: Integer = integer_field("how many of the last impacts are kept", 0, MOST_RECORDED, 64)
     trajectory: Annotated[
-        Annotated[Literal[False], BeforeValidator(_truth), Tag("<scalar>")]
+        Annotated[Literal[False], BeforeValidator(_nothing), Tag("<scalar>")]
         | Annotated[TrajectoryConfig, Tag("<mapping>")],
         Discriminator(form),
     ] = Field(

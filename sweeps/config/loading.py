@@ -6,7 +6,7 @@ Each error names the file, the line, the key, the given value and the allowed va
 from __future__ import annotations
 
 import codecs
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
-from sweeps.config.checks import with_defaults
+from sweeps.config.checks import conflicts, with_defaults
 from sweeps.config.groups import DATE_UNITS, key_list
 from sweeps.config.messages import (
     as_typed,
@@ -138,7 +138,10 @@ def _configuration(
         except ValueError as error:
             raise ConfigError(f"{source}: points: {error}") from None
     try:
-        return with_defaults(SweepConfig.model_validate(data))
+        config = SweepConfig.model_validate(data)
+        if found := [conflict_at(conflict, sources, origin) for conflict in conflicts(config)]:
+            raise ConfigError("\n".join(found))
+        return with_defaults(config)
     except ConflictError as conflict:
         raise ConfigError(conflict_at(conflict, sources, origin)) from None
     except ValidationError as refusal:
@@ -225,19 +228,25 @@ def _parse(text: str, origin: str, key: Key = ()) -> tuple[Any, dict[Key, str]]:
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".
         raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
-    data = "" if node is None else _tree(node, origin, key, sources)
+
+    def line_of(at: yaml.Node) -> str:
+        return origin if key else f"{origin}, line {at.start_mark.line + 1}"
+
+    data = "" if node is None else _tree(node, line_of, key, sources)
     if not key and not isinstance(data, dict):
         content = as_typed(data) if data else "empty"
         raise ConfigError(f"{origin}: the file is {content}; expected: {key_list(SweepConfig)}")
     return data, sources
 
 
-def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> object:
+def _tree(
+    node: yaml.Node, line_of: Callable[[yaml.Node], str], key: Key, sources: dict[Key, str]
+) -> object:
     """Convert the node at `key` to a text, a list or a mapping; note its line in `sources`."""
-    here = f"{origin}, line {node.start_mark.line + 1}"
+    here = line_of(node)
     sources.setdefault(key, here)
     if isinstance(node, yaml.SequenceNode):
-        return [_tree(item, origin, (*key, i), sources) for i, item in enumerate(node.value)]
+        return [_tree(item, line_of, (*key, i), sources) for i, item in enumerate(node.value)]
     if isinstance(node, yaml.ScalarNode):
         try:  # join two 16-bit escapes that form one character
             return str(node.value).encode("utf-16", "surrogatepass").decode("utf-16")
@@ -246,10 +255,10 @@ def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> ob
             raise ConfigError(f"{here}: {reason}") from None
     mapping: dict[str, object] = {}
     for key_node, value_node in node.value:
-        here = f"{origin}, line {key_node.start_mark.line + 1}"
-        name = _tree(key_node, origin, key, sources)
-        if not isinstance(name, str):
+        here = line_of(key_node)
+        if not isinstance(key_node, yaml.ScalarNode):
             raise ConfigError(f"{here}: a list or mapping is not allowed as a key")
+        name = str(_tree(key_node, line_of, key, sources))
         child = (*key, name)
         if name in mapping:
             raise ConfigError(
@@ -257,7 +266,7 @@ def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> ob
                 "each key is allowed once"
             )
         sources[child] = here
-        mapping[name] = _tree(value_node, origin, child, sources)
+        mapping[name] = _tree(value_node, line_of, child, sources)
     return mapping
 
 

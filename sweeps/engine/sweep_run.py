@@ -109,6 +109,8 @@ def run_sweep(
     for name, value in given.items():
         if value is not None:
             _ARGUMENTS[name].checked(name, value, Refused)
+    if overwrite and resume:
+        raise Refused("resume and overwrite exclude each other; give one of them")
     if client is not None and threads is not None:
         raise ValueError("threads is not allowed with a client, whose workers have their own")
     if not isinstance(config, SweepConfig):

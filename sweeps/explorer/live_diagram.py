@@ -50,7 +50,7 @@ _COARSER = 4
 #: the first zoom, and reset, restore it.
 _UNSEEN = (-0.123456789, 0.123456789)
 #: Below this number of columns the legend has two columns.
-_TWO_COLUMNS_FROM = 480
+_TWO_COLUMNS_BELOW = 480
 #: Factors of the recorded periods in successive pictures of an unchanged view.
 _RECORDS = (1, 4, 16, 64)
 #: Number of colours; 0 stands for no colour.
@@ -202,7 +202,7 @@ class Diagram(PixelFigure):
     def show(self, view: View) -> None:
         """Set the window, the labels and the mark."""
         self._view = view
-        self.legend.ncols = 2 if self.size[0] < _TWO_COLUMNS_FROM else "auto"
+        self.legend.ncols = 2 if self.size[0] < _TWO_COLUMNS_BELOW else "auto"
         self.set_axis("x", view.axis, view, view.xlim)
         self._label_ordinate()
         if view.ylim is not None or not self.fits.active:  # else the browser has its own window

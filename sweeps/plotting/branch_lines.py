@@ -22,7 +22,7 @@ _THIN_LINES = "thin: chaotic, unknown, narrow"
 #: Markers of the bifurcations of a branch.
 MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
 #: If there are more branches, only those to which motions go, and what bounds these, are drawn.
-_MOST_BRANCHES = 12
+_BRANCHES_IN_FULL = 12
 #: Look of the lines over points of one colour and of several colours, which thin lines leave
 #: visible.
 _OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
@@ -75,7 +75,7 @@ def without_idle(found: xr.Dataset, line: xr.Dataset) -> tuple[xr.Dataset, int]:
     go, and those that meet one of these at a bifurcation, which bound the motions.
     """
     (axis,), count = map(str, found.coords), len(wide_branches(found))
-    if count <= _MOST_BRANCHES or found.attrs.get("chosen") or "period" not in line:
+    if count <= _BRANCHES_IN_FULL or found.attrs.get("chosen") or "period" not in line:
         return found, 0
     _, m, q = (each.ravel() for each in classes_of(line))
     places = line[axis].broadcast_like(line["status"]).transpose(*line["status"].dims).values

@@ -18,7 +18,7 @@ from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
 
 #: If there are more curves, only those that bound a class with a colour of its own are drawn.
-_MOST_CURVES = 12
+_CURVES_IN_FULL = 12
 #: Points of a curve in each cell; interruptions of so many cells are ignored.
 _PER_CELL, _GAP = 3, 6
 #: Dashes of the curves of each kind.
@@ -100,7 +100,7 @@ def draw_curves(
     """
     limits = panel.get_xlim(), panel.get_ylim()
     kinds = _one_point_each(found)["kind"].values
-    is_many = len(kinds) > _MOST_CURVES
+    is_many = len(kinds) > _CURVES_IN_FULL
     pieces = list(_pieces(found, cut, axes, coloured if is_many else None))
     strong = [piece for piece in pieces if piece.bounds]
     bounding = {piece.number for piece in strong}

@@ -82,7 +82,7 @@ def write_file(
     new: BinaryIO,
     schema: Schema,
     pieces: Iterable[Piece] | None,
-    began: float,
+    began: float = 0.0,
     *,
     compressed: bool = False,
 ) -> None:
@@ -101,7 +101,8 @@ def write_file(
                     file[name][(*box, *record)] = array
                     if draft.error is not None:
                         break
-                file.attrs["duration"] = time.monotonic() - began
+                if pieces is not None:
+                    file.attrs["duration"] = time.monotonic() - began
         finally:  # this error tells more than the error of HDF5 that follows from it
             if draft.error is not None:
                 raise draft.error

@@ -49,9 +49,10 @@ def parts_path(path: Path) -> Path:
 
     Refuse the path of such a folder, or of a file in it, and name the path to give.
     """
-    for folder in (path, path.parent):
+    whole = path.absolute()
+    for folder, given in ((whole, path), (whole.parent, path.parent)):
         if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
-            output = str(folder).removesuffix(PARTS)
+            output = str(given if given.name else folder).removesuffix(PARTS)
             raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
     path = path.resolve() if os.path.islink(path) else path
     return path.with_name(f"{path.name}{PARTS}")
@@ -145,8 +146,6 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
     The folder must exist, and the ending must not belong to another kind of file. An existing file
     or incomplete sweep must be overwritten or resumed.
     """
-    if resume and overwrite:
-        raise StoreError("resume and overwrite exclude each other; give one of them")
     path = Path(path)
     check_place(path, "output")
     parts = parts_path(path)

@@ -130,9 +130,10 @@ class SweepWriter:
             schema = old  # its blocks may be others
         else:
             with _failure(path, "created"):
+                folder.mkdir(exist_ok=True)
                 # Once the schema is replaced, no old block belongs to the sweep.
                 with replacing(folder / SCHEMA) as new:
-                    write_file(new, schema, None, time.monotonic())
+                    write_file(new, schema, None)
                 sync_names(folder)
                 sync_names(folder.parent)
                 _remove_files(folder, f"{BLOCK}|{DRAFT}")
@@ -191,8 +192,8 @@ class SweepWriter:
     def finish(self, *, compressed: bool = False) -> None:
         """Write the complete file and remove the blocks, all of which must be written."""
         parts = self._parts
-        self._refuse_loss()
         with _failure(self._path, "completed"):
+            self._refuse_loss()
             with replacing(self._path, self._refuse_other_file) as new:
                 pieces = parts.pieces()
                 write_file(new, parts.file_schema, pieces, self._began, compressed=compressed)

@@ -68,7 +68,7 @@ _MOST_ADVANCE = 1.0
 HEADING = 1e-5
 #: The difference of the halves of an orbit falls in a step along a curve of folds to no less than
 #: this share. The curve ends where it vanishes (``special_points.py``).
-_LEAST_FALL = 0.25
+_LEAST_LEFT = 0.25
 
 
 @jit
@@ -153,7 +153,7 @@ def halves_may_meet(X, Y, m, q):
         product += speed * speed_Y
         square += phase * phase
         square += speed * speed
-    return product < _LEAST_FALL * square
+    return product < _LEAST_LEFT * square
 
 
 @jit

@@ -12,10 +12,10 @@ import yaml
 
 from sweeps import load_config
 from sweeps.bench import accuracy_speed, work_precision
-from sweeps.bench.accuracy_speed import MEASURED, Plan, measure_methods
+from sweeps.bench.accuracy_speed import MEASURED_COLUMNS, Plan, measure_methods
 from sweeps.bench.event_solvers import PEERS
 from sweeps.bench.method_scenes import (
-    CHATTERING,
+    CHATTER_SCENE,
     EXACT_METHOD,
     GRAZING,
     METHODS,
@@ -46,7 +46,7 @@ def made(error, seconds, steps=100, method=PLAIN, scene="s", kind=STATE, toleran
 def in_a_table(rows):
     """Return measurements as `measure` does."""
     types = {"steps_per_period": "Int64", "tolerance": float, "error": float}
-    return pd.DataFrame(rows, columns=MEASURED).astype(types)
+    return pd.DataFrame(rows, columns=MEASURED_COLUMNS).astype(types)
 
 
 # The evaluation of measurements
@@ -116,7 +116,7 @@ def test_means_are_geometric_and_of_all_regular_scenes():
     names = [scene.name for scene in REGULAR]
     all_ = [made(10.0**-k, 2.0**k, scene=name) for k, name in enumerate(names)]
     all_ += [made(1e-3, 1.0, 200, scene=name) for name in names[1:]]  # one is missing
-    all_ += [made(1e-3, 1.0, scene=CHATTERING.name)]
+    all_ += [made(1e-3, 1.0, scene=CHATTER_SCENE.name)]
     (mean,) = work_precision.means(in_a_table(all_)).itertuples()
     assert (mean.scene, mean.steps_per_period, mean.integrator) == (MEAN, 100, "rk4")
     assert mean.error == pytest.approx(1e-2) and mean.seconds_per_period == pytest.approx(4.0)
@@ -127,7 +127,7 @@ def test_means_are_geometric_and_of_all_regular_scenes():
 # Scenes
 
 
-@pytest.mark.parametrize("scene", [*REGULAR, CHATTERING, GRAZING], ids=lambda scene: scene.name)
+@pytest.mark.parametrize("scene", [*REGULAR, CHATTER_SCENE, GRAZING], ids=lambda scene: scene.name)
 def test_the_truth_of_a_scene(scene):
     """All impacts found, as many for every neighbour, none near the section."""
     truth = scene.truth()
@@ -136,7 +136,7 @@ def test_the_truth_of_a_scene(scene):
     phases = truth["impact_phase"][np.isfinite(truth["impact_phase"])]
     away = (phases - scene.phase + math.pi) % (2 * math.pi) - math.pi
     assert np.abs(away).min() > 0.1
-    assert (truth["rest_fraction"] > 0.0).all() == (scene is CHATTERING)
+    assert (truth["rest_fraction"] > 0.0).all() == (scene is CHATTER_SCENE)
     assert set(scene.errors(truth, truth).values()) == {0.0}
 
 
@@ -274,7 +274,7 @@ def test_the_command(monkeypatch, unpainted):
         assert word in result.stdout
     with open("all.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == [*MEASURED, "measured_order"]
+    assert list(rows[0]) == [*MEASURED_COLUMNS, "measured_order"]
     methods = {(row["integrator"], row["impact"]) for row in rows}
     assert methods == {*METHODS, ("SciPy DOP853", "events")}
     assert {row["scene"] for row in rows} == {*(s.name for s in accuracy_speed.SCENES), MEAN}

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from sweeps import interrupts
+from sweeps import interrupts, run_sweep
+from sweeps.errors import Refused
 from sweeps.interrupts import Cancelled
 from sweeps.store import SweepWriter
 from tests.helpers.commands import SMALL, accepted, call, refused
@@ -30,6 +31,14 @@ def test_a_wrong_configuration():
         message = refused("run", "wrong.yaml", *dry)
         assert message.startswith("vibroimpact: error: wrong.yaml, line 3: oscillator.h = -1 is")
         assert message.count("\n") == 1
+
+
+def test_options_that_exclude_each_other_are_told_before_anything_is_read():
+    both, told = ("--resume", "--overwrite"), "--resume and --overwrite exclude each other"
+    assert told in refused("run", "missing.yaml", *both)
+    assert told in refused("zoom", "missing.h5", "omega=2:3", *both)
+    with pytest.raises(Refused, match="resume and overwrite exclude each other"):
+        run_sweep("missing.yaml", "out.h5", resume=True, overwrite=True)
 
 
 @pytest.mark.parametrize("dry", [[], ["--dry-run"]])

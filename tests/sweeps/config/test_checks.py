@@ -134,3 +134,10 @@ def test_a_grid_that_is_too_large():
     message = refusal("# a comment\n" + oscillator_yaml(h=axis, R=axis, f=axis, p="[1, 2]"))
     assert "line 2: oscillator.h: the axes make a grid of 2,000,000,000 points" in message
     assert "at most 1,000,000,000" in message
+
+
+def test_all_conflicts_are_told_at_once():
+    text = oscillator_yaml() + "method: {integrator: euler}\nrecord: {longest: 500}\n"
+    first, second = refusal(text).splitlines()
+    assert "line 2: method.integrator: impact exact needs the integrator exact" in first
+    assert "line 3: record.longest: is only for transient: auto" in second

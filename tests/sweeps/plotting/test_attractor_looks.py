@@ -263,3 +263,21 @@ def test_every_look_of_a_class_and_of_further_attractors_is_its_own():
     looks = [(look.colour, look.hatch) for look in (*GREY_CLASSES.values(), *GREY_FURTHER)]
     assert len(set(looks)) == len(looks)
     assert not set(FURTHER) & set(CLASSES.values())
+
+
+@pytest.mark.parametrize("grey", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "at"),
+    [
+        ("attractors", {}),
+        ("basins", {"omega": 0.9576}),
+        ("integrity", {}),
+        ("map", {"omega": 0.9576}),
+        ("bifurcation", {"x0": -2.0, "v0": 0.0}),
+        *((kind, {"omega": 0.9576, "x0": -2.0, "v0": 0.0}) for kind in ("section", "impacts")),
+        ("trajectory", {"omega": 0.9576, "x0": -2.0, "v0": 0.0}),
+    ],
+)
+def test_every_picture_fits_a_column(two, kind, at, grey, with_layout, no_knocks):
+    """A layout that has no room is a warning, which fails."""
+    KINDS[kind].draw(two, at=at, page=Page(width=3.4, grey=grey)).draw_without_rendering()

@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 
 from sweeps import branches, open_sweep
 from sweeps.plotting import Page, bifurcation
-from sweeps.plotting.branch_lines import _MOST_BRANCHES, without_idle
+from sweeps.plotting.branch_lines import _BRANCHES_IN_FULL, without_idle
 from sweeps.plotting.canvas import Picture
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import run_in
@@ -85,7 +85,7 @@ def test_branches_to_which_no_motion_goes_are_counted_and_drawn_on_request(folde
         assert without_idle(chosen, dataset)[1] == 0
         m, q = dataset["period"].values, dataset["period_impacts"].values
     count = found["branch"].values.max() + 1
-    assert count > _MOST_BRANCHES and 0 < idle < count
+    assert count > _BRANCHES_IN_FULL and 0 < idle < count
     np.testing.assert_array_equal(np.unique(kept["branch"].values), np.arange(count - idle))
     classes = {*zip(kept["m"].values.tolist(), kept["q"].values.tolist(), strict=True)}
     assert {(1, 1), (2, 2), (4, 4)} <= classes & {*zip(m.tolist(), q.tolist(), strict=True)}

@@ -99,6 +99,14 @@ def test_too_many_panels_are_refused_by_default_and_drawn_at_a_height(table):
         assert fit.get_figheight() <= 9.0
 
 
+@pytest.mark.parametrize("grey", [False, True])
+def test_basins_of_several_values_fit_a_column(stored, grey, with_layout):
+    """A layout that has no room is a warning, which fails."""
+    with open_sweep(stored) as dataset:
+        page = Page(width=3.4, grey=grey)
+        basins(dataset, beside={"omega": [2.6, 2.7]}, page=page).draw_without_rendering()
+
+
 def test_basins_of_several_values_have_one_legend_with_all_shares(stored):
     with open_sweep(stored) as dataset:
         figure = basins(dataset, beside={"omega": [2.6, 2.7]})

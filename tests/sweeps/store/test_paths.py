@@ -388,3 +388,10 @@ def test_a_complete_file_is_read_where_no_file_can_be_locked():
     reading = [shutil.which("strace"), *without, "-o", "/dev/null", sys.executable, "-c", code]
     done = subprocess.run(reading, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_relative_path_in_the_folder_of_blocks_is_refused_too(monkeypatch):
+    fill_blocks("out.h5", 2)
+    monkeypatch.chdir("out.h5.parts")
+    with pytest.raises(StoreError, match=r"in\.h5 belongs to a sweep .* give /.*out\.h5$"):
+        check_output("in.h5")

@@ -8,13 +8,15 @@ import zipfile
 from contextlib import suppress
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
 
 from sweeps import open_sweep
-from sweeps.errors import StoreError
+from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
+from sweeps.store import sweep_writer
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import GRID, begun, block_results, contents, fill_blocks, schema
@@ -385,3 +387,41 @@ def test_each_block_is_on_the_disk_before_it_has_its_name_and_the_file_before_th
         assert [event[0] for event in events[at + 2 :]] == kinds
         # The schema gets the name of a draft first, and goes last.
         assert events[at + 2][1] == events[-1][1] and "schema.h5" in events[-1][1]
+
+
+def test_a_schema_that_cannot_be_looked_at_fails_the_end_of_a_run(folder, monkeypatch):
+    """It is no refusal: the work is done, and what is kept can be resumed."""
+    with begun("out.h5", schema()) as (store, pending):
+        for block in pending:
+            store.write(block, block_results(block))
+        stat = os.stat
+
+        def denied(path, *args, **kwargs):
+            if str(path).endswith("schema.h5"):
+                raise PermissionError(13, "Permission denied", str(path))
+            return stat(path, *args, **kwargs)
+
+        monkeypatch.setattr(os, "stat", denied)
+        with pytest.raises(Failed, match="Permission denied"):
+            store.finish()
+        monkeypatch.undo()
+    fill_blocks("out.h5", resume=True)
+    assert open_sweep("out.h5")["status"].size == 12
+
+
+def test_an_empty_folder_of_blocks_that_is_removed_is_made_again(folder):
+    """Another program may tidy it up while the run is planned."""
+    with sweep_writer(Path("out.h5"), overwrite=True) as store:
+        PARTS.rmdir()
+        for block in store.begin(schema()):
+            store.write(block, block_results(block))
+        store.finish()
+    assert open_sweep("out.h5")["status"].size == 12
+
+
+def test_the_schema_of_an_incomplete_sweep_has_no_duration(folder):
+    """So that a copy of it alone is no sweep."""
+    with begun("out.h5", schema()) as (store, pending):
+        store.write(pending[0], block_results(pending[0]))
+    with h5py.File(PARTS / "schema.h5") as file:
+        assert "duration" not in file.attrs and "started" in file.attrs
