@@ -43,7 +43,7 @@ def places(dataset: xr.Dataset, at: Selection, kept: Collection[str] = ()) -> di
     axes = [name for name in swept_axes(dataset) if name not in kept]
     found = dict[str, int]()
     for name, value in at.items():
-        if name == DIRECTION and (name not in kept or not directions(dataset)):
+        if name == DIRECTION and name not in kept:
             found[name] = _place_of_direction(dataset, str(value))
             continue
         if name not in axes:
