@@ -20,7 +20,7 @@ from sweeps.errors import Refused
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
 from sweeps.reports.run_report import plan
-from sweeps.store import Schema, sweep_writer
+from sweeps.store import Schema, refuse_columns, sweep_writer
 from sweeps.text import printable
 from vibroimpact.inputs import FLAG, PATH, Allowed, integer
 from vibroimpact.jit import ALL_THREADS, watched
@@ -115,6 +115,7 @@ def run_sweep(
         raise ValueError("threads is not allowed with a client, whose workers have their own")
     if not isinstance(config, SweepConfig):
         config = load_config(config)
+    refuse_columns(() if config.points is None else config.points.dtype.names or ())
     path = Path(output) if output is not None else config.output
     console = Console(
         stderr=True, quiet=not progress, soft_wrap=True, highlight=False, markup=False

@@ -22,8 +22,8 @@ from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.rig import MASS, QUANTITIES
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.store.variables import COLUMN_NAMES, VARIABLES, columns_of
-from sweeps.text import in_units, unit_name
+from sweeps.store.variables import COLUMN_NAMES, VARIABLES, columns_of, unit_in
+from sweeps.text import unit_name
 from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, Parameter
 
 #: Attribute that marks a dataset with the names and in the units of its reader.
@@ -142,8 +142,7 @@ def _parsed(configuration: str) -> SweepConfig:
 
 def attributes_with_unit(dataset: xr.Dataset, meaning: str, unit: str) -> dict[str, str]:
     """Return the attributes of what is computed from a sweep, with the names of its units."""
-    called = {key: dataset.attrs.get(f"{key}_unit", key) for key in ("length", "time")}
-    return {"long_name": meaning, "units": in_units(unit, called)}
+    return {"long_name": meaning, "units": unit_in(dataset.attrs, unit)}
 
 
 def headed(name: str, variable: xr.DataArray) -> str:

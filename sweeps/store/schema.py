@@ -28,8 +28,8 @@ from sweeps.store.variables import (
     RECORDS,
     VARIABLES,
     held_variables,
+    unit_in,
 )
-from sweeps.text import in_units
 from vibroimpact import __version__
 from vibroimpact.oscillator import PARAMETERS
 
@@ -97,7 +97,6 @@ class Schema:
 
         grid, spec = sweep.grid, sweep.spec
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
-        refuse_columns(columns)
         held = held_variables(spec)
         widths = {VARIABLES[one].dimension: width for one, width in held.items()}
         records = {record: np.arange(width) for record, width in widths.items() if record}
@@ -206,13 +205,12 @@ def write_schema(
 
 def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
     """Return what a file says of an axis, a parameter, a column, a record or a variable."""
-    called = {key: str(schema.attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
     if name in PARAMETERS:
         parameter = PARAMETERS[name]
-        about = parameter.meaning, in_units(parameter.unit, called), parameter.symbol
+        about = parameter.meaning, unit_in(schema.attributes, parameter.unit), parameter.symbol
     elif name in VARIABLES:
         variable = VARIABLES[name]
-        about = variable.long_name, in_units(variable.unit, called), variable.symbol
+        about = variable.long_name, unit_in(schema.attributes, variable.unit), variable.symbol
     else:
         about = _MEANINGS.get(name, name), schema.column_units.get(name, "1"), ""
     found: dict[str, Any] = dict(zip(("long_name", "units", "symbol"), about, strict=True))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sweeps.text import in_units
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence, Status
 
@@ -149,6 +150,12 @@ RECORDS: Mapping[str, str] = {
     "sample": "number of the sample",
     "exponent": "number of the exponent, the larger first",
 }
+
+
+def unit_in(attributes: Mapping[str, Any], unit: str) -> str:
+    """Return a unit with the names that the attributes of a file give to length and time."""
+    called = {key: str(attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
+    return in_units(unit, called)
 
 
 def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:

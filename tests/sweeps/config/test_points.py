@@ -318,6 +318,8 @@ def test_a_column_with_the_name_of_a_result_is_refused(name):
     for options in ([], ["--dry-run"]):
         said = refused("run", "sweep.yaml", *options)
         assert f"sweep.yaml: points: the column {name} has the name of a result" in said
+    with pytest.raises(StoreError, match=f"the column {name} has the name of a result"):
+        run_sweep("sweep.yaml", "nowhere/out.h5")  # before the output is looked at
 
 
 # Attractors

@@ -13,7 +13,7 @@ import xarray as xr
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import estimate, executors
 from sweeps.errors import Failed, StoreError
-from sweeps.store import SweepWriter, reading
+from sweeps.store import SweepWriter, reading, sweep_writer
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import FOUR_BLOCKS, block_results, contents, fill_blocks, schema
@@ -358,3 +358,13 @@ def test_a_run_keeps_to_the_file_that_it_began(tmp_path, monkeypatch, change):
     assert not (tmp_path / "other.h5").exists() and not (tmp_path / "real.h5.parts").exists()
     with open_sweep(tmp_path / "real.h5") as dataset:
         assert not (dataset["status"] == Status.PENDING).any()
+
+
+def test_an_empty_folder_of_blocks_that_is_removed_is_made_again(folder):
+    """Another program may tidy it up while the run is planned."""
+    with sweep_writer(Path("out.h5"), overwrite=True) as store:
+        PARTS.rmdir()
+        for block in store.begin(schema()):
+            store.write(block, block_results(block))
+        store.finish()
+    assert open_sweep("out.h5")["status"].size == 12

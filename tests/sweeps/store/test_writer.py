@@ -16,7 +16,6 @@ import xarray as xr
 from sweeps import open_sweep
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
-from sweeps.store import sweep_writer
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import GRID, begun, block_results, contents, fill_blocks, schema
@@ -406,16 +405,6 @@ def test_a_schema_that_cannot_be_looked_at_fails_the_end_of_a_run(folder, monkey
             store.finish()
         monkeypatch.undo()
     fill_blocks("out.h5", resume=True)
-    assert open_sweep("out.h5")["status"].size == 12
-
-
-def test_an_empty_folder_of_blocks_that_is_removed_is_made_again(folder):
-    """Another program may tidy it up while the run is planned."""
-    with sweep_writer(Path("out.h5"), overwrite=True) as store:
-        PARTS.rmdir()
-        for block in store.begin(schema()):
-            store.write(block, block_results(block))
-        store.finish()
     assert open_sweep("out.h5")["status"].size == 12
 
 
