@@ -56,13 +56,9 @@ def with_cache(
             say("the exact orbits are not kept: the sweep is not complete")
             return result
         try:
-            write(path, _packed(result))
+            write(path, _packed(result), _MOST)
         except OSError as error:
             say(f"the exact orbits are not kept in {path.parent}: {error.strerror or error}")
-        with suppress(OSError):
-            ages = {file: file.stat().st_mtime for file in path.parent.iterdir()}
-            for file in sorted(ages, key=lambda file: ages[file])[:-_MOST]:
-                file.unlink()
         return result
 
     return found

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import errno
 import hashlib
 import os
 import stat
-import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -28,6 +28,10 @@ import platformdirs
 #: The kinds of nodes that may have a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 _DIGEST = hashlib.sha256().digest_size
+#: Windows has no owners; there the cache is in the profile of the user.
+_OWNERS = hasattr(os, "geteuid") and os.open in os.supports_dir_fd
+#: A link is not followed, and for the writer of a pipe nothing waits.
+_AS_IT_IS = (os.O_NOFOLLOW | os.O_NONBLOCK) if _OWNERS else 0
 
 #: Longest wait for another process [s], many times that of a compilation: it may be stopped.
 _LONGEST_WAIT = 120.0
@@ -115,25 +119,46 @@ def make_folder(folder: Path) -> None:
     """Make a folder that belongs to this user alone; OSError if it cannot be made, or is unsafe."""
     if not folder.is_absolute():  # for example "~/.cache" if there is no home folder
         raise OSError(0, "its path is not absolute")
-    folder.parent.mkdir(parents=True, exist_ok=True)
+    folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     with contextlib.suppress(FileExistsError):
         folder.mkdir(mode=0o700)
-    if reason := _unusable(folder):
-        raise OSError(0, reason)
+    with _opened(folder):
+        pass
 
 
-def _unusable(folder: Path) -> str | None:
-    """Return why the contents of a folder must not be executed; None if they may be."""
-    try:
-        status = folder.lstat()
-    except OSError as error:
-        return error.strerror or type(error).__name__
-    return _foreign(status) if stat.S_ISDIR(status.st_mode) else "it is not a folder"
+@contextlib.contextmanager
+def _opened(folder: Path) -> Iterator[tuple[Path, int | None]]:
+    """Open a folder that only this user may change; OSError if others may.
+
+    Another user may exchange what a name stands for after any look at it. So the open folder itself
+    is judged, and its files are reached through it: by the path and the descriptor of its folder
+    that this yields.
+    """
+    if not _OWNERS:
+        if not folder.is_dir():
+            raise OSError(0, "it is not a folder")
+        yield folder, None
+        return
+    with contextlib.ExitStack() as stack:
+        above = os.open(folder.parent, os.O_DIRECTORY)
+        stack.callback(os.close, above)
+        mode = os.fstat(above).st_mode
+        if mode & 0o022 and not mode & stat.S_ISVTX:
+            raise OSError(0, "other users may write to the folder above it, and replace it")
+        try:
+            here = os.open(folder.name, os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=above)
+        except OSError as error:
+            linked = error.errno in (errno.ENOTDIR, errno.ELOOP)
+            raise OSError(0, "it is not a folder") if linked else error from None
+        stack.callback(os.close, here)
+        if reason := _foreign(os.fstat(here)):
+            raise OSError(0, reason)
+        yield Path(), here
 
 
 def _foreign(status: os.stat_result) -> str | None:
     """Return why another user may have made or may change something; None if nobody else may."""
-    if not hasattr(os, "geteuid"):  # Windows has no owners; the folder is in the user's profile
+    if not _OWNERS:
         return None
     if status.st_uid != os.geteuid():
         return "it belongs to another user"
@@ -142,32 +167,46 @@ def _foreign(status: os.stat_result) -> str | None:
 
 def read(path: Path) -> bytes | None:
     """Return the data that `write` stored; None if missing, damaged, or open to other users."""
-    if _unusable(path.parent) is not None:
-        return None
-    try:
-        status = path.lstat()
-        # Reading a FIFO would block. Nobody else can put one here after this check.
-        if not stat.S_ISREG(status.st_mode) or _foreign(status) is not None:
-            return None
-        data = path.read_bytes()
-    except OSError:
-        return None
-    intact = hashlib.sha256(data[_DIGEST:]).digest() == data[:_DIGEST]
-    return data[_DIGEST:] if intact else None
+    with contextlib.suppress(OSError), _opened(path.parent) as (folder, at):
+
+        def opened(name: str, flags: int) -> int:
+            return os.open(name, flags | _AS_IT_IS, dir_fd=at)
+
+        with open(folder / path.name, "rb", opener=opened) as file:
+            status = os.fstat(file.fileno())
+            if stat.S_ISREG(status.st_mode) and _foreign(status) is None:
+                data = file.read()
+                if hashlib.sha256(data[_DIGEST:]).digest() == data[:_DIGEST]:
+                    return data[_DIGEST:]
+    return None
 
 
-def write(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all, safe beside other processes; OSError if that fails."""
+def write(path: Path, data: bytes, most: int | None = None) -> None:
+    """Write a file whole or not at all, safe beside other processes; OSError if that fails.
+
+    If the folder then has more than `most` files, the oldest go.
+    """
     make_folder(path.parent)
-    descriptor, draft = tempfile.mkstemp(dir=path.parent)
-    try:
-        with open(descriptor, "wb") as file:
-            file.write(hashlib.sha256(data).digest() + data)
-        os.replace(draft, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(draft)
-        raise
+    with _opened(path.parent) as (folder, at):
+        draft = folder / os.urandom(8).hex()
+
+        def made(name: str, flags: int) -> int:
+            return os.open(name, flags, 0o600, dir_fd=at)
+
+        try:
+            with open(draft, "xb", opener=made) as file:
+                file.write(hashlib.sha256(data).digest() + data)
+            os.replace(draft, folder / path.name, src_dir_fd=at, dst_dir_fd=at)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(draft, dir_fd=at)
+            raise
+        if most is not None:
+            with contextlib.suppress(OSError):
+                files = [folder / name for name in os.listdir(folder if at is None else at)]
+                files.sort(key=lambda path: os.stat(path, dir_fd=at).st_mtime)
+                for oldest in files[:-most]:
+                    os.unlink(oldest, dir_fd=at)
 
 
 @cache
