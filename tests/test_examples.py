@@ -4,7 +4,6 @@ import doctest
 import inspect
 import re
 import sys
-from pathlib import Path
 from types import FunctionType, ModuleType
 
 import pytest
@@ -12,6 +11,7 @@ import pytest
 import sweeps
 import sweeps.plotting
 import vibroimpact
+from tests.helpers.places import CONFIGS
 
 #: Methods that only the packages call.
 INTERNAL = {"set_limits", "fit_ordinate", "parameters", "model_post_init"}
@@ -57,8 +57,8 @@ def test_its_example_gives_what_it_says(name, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("package", [vibroimpact, sweeps], ids=["vibroimpact", "sweeps"])
-def test_the_page_of_a_package_names_everything_public(package):
-    page = (Path(package.__file__).parent / "README.md").read_text(encoding="utf-8")
+def test_the_page_of_functions_names_everything_public(package):
+    page = (CONFIGS / "python.md").read_text(encoding="utf-8")
     names = set(dir(package)) | (set(dir(sweeps.plotting)) if package is sweeps else set())
     unnamed = [
         name

@@ -9,7 +9,7 @@ The configuration is the result of a task on which the task of every block depen
 each worker once, and computed again if the worker that holds it is lost. It includes the grid,
 because another machine may round a logarithmic axis differently. A worker computes one block at a
 time with all its threads and has at most three blocks assigned, so the memory of both sides does
-not grow with the sweep. ``sweeps/README.md`` reports the measured cost.
+not grow with the sweep. ``configs/clusters-and-ci.md`` reports the measured cost.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 #: The page of each package.
-PAGES = {"vibroimpact": ROOT / "vibroimpact/README.md", "sweeps": ROOT / "sweeps/DEVELOPING.md"}
+PAGES = {package: ROOT / package / "README.md" for package in ("vibroimpact", "sweeps")}
 BEGIN, END = "<!-- begin: the table of files -->\n", "<!-- end: the table of files -->"
 
 

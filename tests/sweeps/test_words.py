@@ -1,4 +1,4 @@
-"""The words of legends and reports are those of the glossary in sweeps/README.md."""
+"""The words of legends and reports are those of the glossary in configs/words.md."""
 
 import json
 import re
@@ -11,7 +11,7 @@ from sweeps.plotting.contents import number_at
 from sweeps.plotting.style import EVIDENCE, REGIMES, STATUS_COLOURS
 from tests.helpers import gallery
 from tests.helpers.commands import accepted
-from tests.helpers.places import ROOT
+from tests.helpers.places import CONFIGS
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.test_gallery import script
 from vibroimpact.status import Evidence, Status
@@ -30,9 +30,7 @@ SCENES = {
 
 def glossary():
     """Return the words in the first cells of the tables of the glossary that stand in legends."""
-    text = (ROOT / "sweeps" / "README.md").read_text()
-    section = text.split("\n## Words\n")[1].split("\n## ")[0]
-    cells = re.findall(r"^\| ([^|]+) \|", section, re.MULTILINE)
+    cells = re.findall(r"^\| ([^|]+) \|", (CONFIGS / "words.md").read_text(), re.MULTILINE)
     return {word for cell in cells for word in re.findall(r"`([^`]+)`", cell)}
 
 

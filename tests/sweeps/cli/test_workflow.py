@@ -1,4 +1,4 @@
-"""The workflow that the gallery shows for CI: its commands, and what it keeps between two jobs."""
+"""The workflow that a page shows for CI: its commands, and what it keeps between two jobs."""
 
 import os
 import re
@@ -15,14 +15,14 @@ from tests.helpers.sweep_files import run_in
 
 @pytest.mark.slow
 def test_a_second_job_compiles_nothing(tmp_path):
-    page = (CONFIGS / "README.md").read_text()
+    page = (CONFIGS / "clusters-and-ci.md").read_text()
     block = re.search(r"^## In CI$.*?^```yaml$(.*?)^```$", page, re.MULTILINE | re.DOTALL)[1]
     job = yaml.safe_load(block)["jobs"]["sweep"]
     (kept,) = {step["with"]["path"] for step in job["steps"] if "cache" in step.get("uses", "")}
     cache = job["env"]["NUMBA_CACHE_DIR"].replace("${{ github.workspace }}", str(tmp_path))
     assert cache == str(tmp_path / kept)
     commands = [step["run"] for step in job["steps"] if "run" in step]
-    assert commands.pop(0).startswith("pip install vibroimpact")
+    assert commands.pop(0).startswith("pip install ./vibroimpact")
     assert [command.split()[1] for command in commands] == ["run", "compare", "bench"]
 
     program = tmp_path / "bin" / "vibroimpact"
