@@ -60,7 +60,7 @@ def test_the_hot_loops_are_packed_and_fused():
 
 
 def test_exact_impacts_side_by_side_are_packed_and_fused():
-    """The series of a flight, its root, and the response to the impulse; of tangent vectors two."""
+    """The series of a flight, its root, and the response to an impulse; of a tangent two."""
     columns = WORKSPACE.columns
     waves = (0.0, 1.0), (0.5, 0.8)
     assert packed(follow_flights, (columns, 4, waves, 0.5, False)) >= 150

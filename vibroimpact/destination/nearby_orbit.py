@@ -65,7 +65,7 @@ def correction(flow, y, w, m, size):
     All are in the units of the record; q is -1 if the motion rests or overflows.
     """
     end = follow(flow, y, w, m, True)
-    (yy, wy, yw, ww), stretch = end.tangents, size[1] / size[0]
+    ((yy, wy), (yw, ww)), stretch = end.columns, size[1] / size[0]
     J = yy, yw * stretch, wy / stretch, ww
     missed_y, missed_w = (end.y - y) / size[0], (end.w - w) / size[1]
     det = (1.0 - J[0]) * (1.0 - J[3]) - J[1] * J[2]

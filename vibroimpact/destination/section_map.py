@@ -19,7 +19,7 @@ from vibroimpact.step.propagator import (
 )
 from vibroimpact.step.scheme import SIN, THETA, PhaseGrid
 from vibroimpact.step.stepper import take_exact_grid_step
-from vibroimpact.step.variational import carry_tangents
+from vibroimpact.step.variational import carry_tangent
 
 #: Rows of the memory for the states at the sections of a motion.
 MOST_SECTIONS = 64
@@ -42,8 +42,8 @@ class Passage(NamedTuple):
 
     y: float
     w: float
-    #: The derivative of (y, w) at the end with respect to the start, column after column.
-    tangents: tuple[float, float, float, float]
+    #: The derivative of (y, w) at the end with respect to the start: its columns.
+    columns: tuple[tuple[float, float], tuple[float, float]]
     impacts: int
     smooth: bool  #: Whether the mass did not rest, and no number overflowed.
 
@@ -67,7 +67,7 @@ def follow(flow, y, w, periods, carrying):
     """
     widest_vectors()  # it keeps LLVM from merging this function into each of its callers
     grid, events = flow.grid, flow.scratch.events
-    pair, impacts = (1.0, 0.0, 0.0, 1.0), 0
+    of_y, of_w, impacts = (1.0, 0.0), (0.0, 1.0), 0
     for k in range(periods):
         for n in range(grid.size):
             (y, w, _), n_events, _ = take_exact_grid_step(
@@ -75,16 +75,19 @@ def follow(flow, y, w, periods, carrying):
             )
             for j in range(n_events):
                 if events[j, KIND] != IMPACT:
-                    return Passage(y, w, pair, impacts, False)
+                    return Passage(y, w, (of_y, of_w), impacts, False)
                 impacts += 1
             if carrying:
                 prepared, theta = (flow.eq, flow.propagators[0]), grid.table[THETA, n]
-                pair = carry_tangents(
-                    prepared, pair, events, n_events, 0.0, theta, grid.phase_step, flow.pt.omega
+                of_y = carry_tangent(
+                    prepared, of_y, events, n_events, 0.0, theta, grid.phase_step, flow.pt.omega
+                )
+                of_w = carry_tangent(
+                    prepared, of_w, events, n_events, 0.0, theta, grid.phase_step, flow.pt.omega
                 )
         if k < MOST_SECTIONS:
             flow.passed[k, 0], flow.passed[k, 1] = y, w
-    return Passage(y, w, pair, impacts, np.isfinite(y) and np.isfinite(w))
+    return Passage(y, w, (of_y, of_w), impacts, np.isfinite(y) and np.isfinite(w))
 
 
 @inlined
@@ -107,7 +110,7 @@ def derivative_over(flow, sections, periods):
         end = follow(flow, y, w, 1, True)
         if not end.smooth or (y == 0.0 and w == 0.0):
             return (0.0, 0.0, 0.0, 0.0), False
-        yy, wy, yw, ww = end.tangents
+        (yy, wy), (yw, ww) = end.columns
         a, b, c, d = yy * a + yw * c, yy * b + yw * d, wy * a + ww * c, wy * b + ww * d
     return (a, b, c, d), True
 

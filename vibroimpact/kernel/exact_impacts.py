@@ -20,13 +20,13 @@ from vibroimpact.kernel.workspace import (
     COLUMNS,
     LANES,
     ROW,
-    TANGENTS,
+    TANGENT,
     VECTOR,
     Rows,
     W,
     Y,
-    pair_in,
-    put_pair,
+    put_tangent,
+    tangent_in,
 )
 from vibroimpact.step.chatter import may_rest
 from vibroimpact.step.impact import (
@@ -45,7 +45,7 @@ from vibroimpact.step.impact import (
     rebound,
 )
 from vibroimpact.step.propagator import Coefficients, remainder_bound
-from vibroimpact.step.variational import fly_tangents, tangents_after_impact
+from vibroimpact.step.variational import fly_tangent, tangent_after_impact
 
 _rows = Rows(COLUMN_ROW)
 COLUMN_COEFFICIENTS = _rows.take(5)  #: The coefficients of (P).
@@ -57,8 +57,8 @@ Y_0, W_0, S_0, C_0, BEGIN = (_rows.take() for _ in range(5))
 Y_T, W_T = _rows.take(), _rows.take()
 Y_1, W_1 = _rows.take(), _rows.take()
 BOUND = _rows.take()  #: The remainder bound of the step.
-# The tangent vectors at the start of the flight, after its impact, and at the end of the step.
-PAIR_0, _PAIR_I, PAIR_1 = _rows.take(4), _rows.take(4), _rows.take(4)
+# The tangent vector at the start of the flight, after its impact, and at the end of the step.
+TANGENT_0, _TANGENT_I, TANGENT_1 = _rows.take(2), _rows.take(2), _rows.take(2)
 # The phase of the impact since the start of the step, its speed, and what is proved of it.
 AT, W_I, PROVED = _rows.take(), _rows.take(), _rows.take()
 # Handed from one stage to the next: the guess, the length of the flight and the time left after it,
@@ -174,17 +174,14 @@ def carry_columns(c, vectors, wave):
     widest_vectors()
     for j in range(VECTOR * vectors):
         eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
-        pair, met = pair_in(c, PAIR_0 + j, COLUMN_ROW), c[PROVED + j] < FREE
+        before, met = tangent_in(c, TANGENT_0 + j, COLUMN_ROW), c[PROVED + j] < FREE
         flight = c[_LENGTH + j], c[AT + j], c[W_I + j]
-        after = tangents_after_impact(eq, pair, flight, wave)
-        put_pair(c, _PAIR_I + j, COLUMN_ROW, after)
+        after = tangent_after_impact(eq, before, flight, wave)
+        put_tangent(c, _TANGENT_I + j, COLUMN_ROW, after)
         # Without an impact the flight itself goes on to the end of the step.
         left = select(met, c[_R + j], c[_R + j] + c[_LENGTH + j])
-        pair = (
-            select(met, after[0], pair[0]), select(met, after[1], pair[1]),
-            select(met, after[2], pair[2]), select(met, after[3], pair[3]),
-        )  # fmt: skip
-        put_pair(c, PAIR_1 + j, COLUMN_ROW, fly_tangents(eq, pair, left))
+        last = select(met, after[0], before[0]), select(met, after[1], before[1])
+        put_tangent(c, TANGENT_1 + j, COLUMN_ROW, fly_tangent(eq, last, left))
 
 
 @jit
@@ -200,7 +197,8 @@ def fill_columns(workspace, lo, count, n, carrying):
         c[Y_0 + j], c[W_0 + j] = lanes[Y + old_row + i], lanes[W + old_row + i]
         c[Y_T + j], c[W_T + j] = lanes[Y + new_row + i], lanes[W + new_row + i]
         if carrying:
-            put_pair(c, PAIR_0 + j, COLUMN_ROW, pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
+            tangent = tangent_in(lanes, TANGENT + old_row + i, 2 * ROW)
+            put_tangent(c, TANGENT_0 + j, COLUMN_ROW, tangent)
 
 
 @jit
@@ -213,5 +211,5 @@ def begin_next_flight(c, j, k, wave):
     launch = launch_after(eq, wave, c[AT + j], c[W_I + j])
     c[Y_0 + k], c[W_0 + k], c[S_0 + k], c[C_0 + k], c[BEGIN + k] = launch
     c[Y_T + k], c[W_T + k], c[BOUND + k] = c[Y_1 + j], c[W_1 + j], c[BOUND + j]
-    put_pair(c, PAIR_0 + k, COLUMN_ROW, pair_in(c, _PAIR_I + j, COLUMN_ROW))
+    put_tangent(c, TANGENT_0 + k, COLUMN_ROW, tangent_in(c, _TANGENT_I + j, COLUMN_ROW))
     return may_rest(eq, launch)

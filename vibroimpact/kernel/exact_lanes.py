@@ -14,9 +14,9 @@ from vibroimpact.kernel.exact_impacts import (
     BOUND,
     COLUMN_COEFFICIENTS,
     COLUMN_ROW,
-    PAIR_0,
-    PAIR_1,
     PROVED,
+    TANGENT_0,
+    TANGENT_1,
     W_1,
     W_I,
     Y_1,
@@ -28,7 +28,7 @@ from vibroimpact.kernel.exact_impacts import (
     follow_flights,
 )
 from vibroimpact.kernel.record import list_impact, record_step
-from vibroimpact.kernel.tangents import CHECKED_EVERY, propagate_all_tangents, stretch_lanes
+from vibroimpact.kernel.tangents import CHECKED_EVERY, normalise_lanes, propagate_all_tangents
 from vibroimpact.kernel.workspace import (
     AT_REST,
     CLEARANCE,
@@ -46,17 +46,17 @@ from vibroimpact.kernel.workspace import (
     PROPAGATOR,
     ROW,
     SLEPT,
-    TANGENTS,
+    TANGENT,
     VECTOR,
     VELOCITY,
     W,
     Y,
     list_lanes,
-    pair_in,
     propagator_in,
-    put_pair,
+    put_tangent,
     set_rest,
     sleeps_until,
+    tangent_in,
     whole_vectors,
 )
 from vibroimpact.step.contact import SIDE_BY_SIDE
@@ -72,7 +72,7 @@ from vibroimpact.step.propagator import (
     to_dimensionless,
 )
 from vibroimpact.step.scheme import COS, SIN, THETA
-from vibroimpact.step.variational import carry_tangents
+from vibroimpact.step.variational import carry_tangent
 
 
 @jit
@@ -154,8 +154,8 @@ def end_flights(batch, lo, count, grid, n, carrying, last):
             ring, speed = record.impacts[workspace.rows[i]], c[W_I + j] * lanes[OMEGA + i]
             list_impact(ring, workspace.sums[i], theta + c[AT + j], speed)
         if carrying and (proved == ONLY or (proved == FREE and c[BEGIN + j] > 0.0)):
-            pair = pair_in(c, PAIR_1 + j, COLUMN_ROW)
-            put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+            tangent = tangent_in(c, TANGENT_1 + j, COLUMN_ROW)
+            put_tangent(lanes, TANGENT + new_row + i, 2 * ROW, tangent)
     bits, begun = ~not_negative(c, PROVED) & ((1 << count) - 1), 0
     while bits != 0:  # terminates: one bit less each time
         j = lowest_bit(bits)
@@ -194,14 +194,14 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying):
         record_step(scratch.events, n_events, rested / pt.omega, theta, pt, ring, sums)
         sums.near_grazes += grazes
     if carrying:
-        pair = pair_in(c, PAIR_0 + j, COLUMN_ROW)
+        tangent = tangent_in(c, TANGENT_0 + j, COLUMN_ROW)
         if was_resting:
-            pair = 0.0, 0.0, 0.0, 0.0
-        pair = carry_tangents(
-            (eq, propagator_in(lanes, i)), pair, scratch.events, n_events, begin, theta,
+            tangent = 0.0, 0.0
+        tangent = carry_tangent(
+            (eq, propagator_in(lanes, i)), tangent, scratch.events, n_events, begin, theta,
             phase_step, pt.omega,
         )  # fmt: skip
-        put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+        put_tangent(lanes, TANGENT + new_row + i, 2 * ROW, tangent)
 
 
 @jit
@@ -251,9 +251,9 @@ def take_exact_steps(batch, grid, carrying):
         for lo in range(0, listed, COLUMNS):
             take_flights(batch, lo, min(COLUMNS, listed - lo), grid, n, carrying)
         if carrying and ((n + 1) % CHECKED_EVERY == 0 or n + 1 == grid.size):
-            stretch_lanes(batch, n + 1)
+            normalise_lanes(batch, n + 1)
     if grid.size & 1:
-        for a in range(0, GUARD if carrying else TANGENTS, 2 * ROW):  # the next step has number 0
+        for a in range(0, GUARD if carrying else TANGENT, 2 * ROW):  # the next step has number 0
             for i in range(a, a + LANES):
                 lanes[i] = lanes[i + ROW]
 

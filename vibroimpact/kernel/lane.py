@@ -42,10 +42,10 @@ from vibroimpact.kernel.workspace import (
     RESTITUTION,
     ROW,
     SLEPT,
-    TANGENTS,
+    TANGENT,
     VELOCITY,
     WAKE,
-    put_pair,
+    put_tangent,
     whole_vectors,
 )
 from vibroimpact.step.scheme import THETA
@@ -119,8 +119,8 @@ def begin_record(workspace, i):
     lanes, pt = workspace.lanes, workspace.points[i]
     begin_sums(workspace.sums[i])
     lanes[SLEPT + i], lanes[GREATEST + i] = 0.0, pt.clearance
-    one = 0.0 if lanes[LEVEL + i] == AT_REST else 1.0  # a rest leaves no tangent vectors
-    put_pair(lanes, TANGENTS + i, 2 * ROW, (one, 0.0, 0.0, one * pt.p / pt.omega))
+    one = 0.0 if lanes[LEVEL + i] == AT_REST else 1.0  # a rest leaves no tangent vector
+    put_tangent(lanes, TANGENT + i, 2 * ROW, (one, 0.0))
 
 
 @jit

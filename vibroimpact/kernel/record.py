@@ -35,8 +35,7 @@ SUMS = np.dtype(
         ("rested", float),
         ("chatters", np.int64),
         ("near_grazes", np.int64),
-        ("growth_1", float),
-        ("growth_2", float),
+        ("growth", float),  # logarithm of that of a tangent vector
         ("status", np.int64),
         # Periods after which the motion came back to the same bits, 0 if it did not while it was
         # recorded; the impacts in them; and whether there is a rest.
@@ -123,7 +122,7 @@ def begin_sums(sums):
     sums.impacts = sums.listed = sums.chatters = sums.near_grazes = 0
     sums.slowest_impact, sums.fastest_impact = math.inf, 0.0
     sums.speeds = sums.squared_speeds = sums.max_penetration = sums.rested = 0.0
-    sums.growth_1 = sums.growth_2 = 0.0
+    sums.growth = 0.0
     sums.cycle = sums.cycle_impacts = 0
 
 
@@ -194,10 +193,6 @@ def named_results(points: np.ndarray, record: Record) -> dict[str, np.ndarray]:
     with np.errstate(over="ignore", invalid="ignore"):
         duration = periods * 2.0 * np.pi / points["omega"]
         share = np.minimum(sums["rested"] / duration, 1.0)
-    # After an impact with R = 0 the vectors are parallel: the area between them is rounding.
-    area_lost = (R == 0.0) & ~no_impact
-    growth_2 = np.where(area_lost, -np.inf, sums["growth_2"])
-    growth = np.sort(np.stack([-sums["growth_1"], -growth_2], axis=1), axis=1)
     numbers = {
         "impacts_per_period": sums["impacts"] / periods,
         "slowest_impact": np.where(no_impact, np.nan, sums["slowest_impact"]),
@@ -218,10 +213,19 @@ def named_results(points: np.ndarray, record: Record) -> dict[str, np.ndarray]:
         **{name: np.where(failed, np.nan, values) for name, values in numbers.items()},
         "chatters": np.where(failed, 0, sums["chatters"]),
         "near_grazes": np.where(failed, 0, sums["near_grazes"]),
-        "lyapunov": np.where(failed[:, None], np.nan, -growth / duration[:, None]),
+        "lyapunov": np.where(failed[:, None], np.nan, _exponents(points, sums, duration)),
         "status": sums["status"].astype(np.int8),
         "begun": record.begun,
     }
+
+
+def _exponents(points: np.ndarray, sums: np.ndarray, duration: np.ndarray) -> np.ndarray:
+    """Return both Lyapunov exponents, (n, 2), the larger first, by their known sum."""
+    with np.errstate(all="ignore"):  # ln 0, and infinite durations
+        lost = np.where(sums["impacts"] > 0, 2.0 * sums["impacts"] * np.log(points["R"]), 0.0)
+        one = sums["growth"] / duration
+        other = np.where(one == -np.inf, one, lost / duration - 2.0 * points["h"] - one)
+    return np.stack([np.maximum(one, other), np.minimum(one, other)], axis=1)
 
 
 def _grows(points: np.ndarray, impacts: np.ndarray, sections: np.ndarray) -> np.ndarray:

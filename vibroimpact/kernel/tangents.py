@@ -1,19 +1,22 @@
-"""The tangent vectors of all lanes, for Lyapunov exponents: steps, lengths and growth of area."""
+"""The tangent vectors of all lanes, for Lyapunov exponents: steps, and growth."""
 
 from __future__ import annotations
+
+import math
 
 from vibroimpact.jit import jit, select, widest_vectors
 from vibroimpact.kernel.workspace import (
     GUARD,
     ROW,
-    TANGENTS,
+    TANGENT,
     list_lanes,
-    pair_in,
     propagator_in,
-    put_pair,
+    put_tangent,
+    tangent_in,
     whole_vectors,
 )
-from vibroimpact.step.variational import orthonormalise, propagate_tangents
+from vibroimpact.step.elementary import hypot, log
+from vibroimpact.step.variational import propagate_tangent
 
 #: Steps between two checks of the tangent vectors.
 CHECKED_EVERY = 4
@@ -25,50 +28,51 @@ def propagate_all_tangents(lanes, size, n):
     widest_vectors()
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     for i in range(whole_vectors(size)):
-        pair = propagate_tangents(
-            propagator_in(lanes, i), pair_in(lanes, TANGENTS + old_row + i, 2 * ROW)
-        )
-        put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+        tangent = tangent_in(lanes, TANGENT + old_row + i, 2 * ROW)
+        tangent = propagate_tangent(propagator_in(lanes, i), tangent)
+        put_tangent(lanes, TANGENT + new_row + i, 2 * ROW, tangent)
 
 
 @jit
-def stretch(pair, sums):
-    """Orthonormalise two tangent vectors, and add up their growth."""
-    pair, growth_1, growth_2 = orthonormalise(pair)
-    sums.growth_1 += growth_1
-    sums.growth_2 += growth_2
-    return pair
+def normalise(tangent, sums):
+    """Give a tangent vector the length 1, and add up its growth."""
+    y, w = tangent
+    length = hypot(y, w)
+    if length == 0.0:  # after a rest
+        sums.growth = -math.inf
+        return tangent
+    sums.growth += log(length)
+    return y / length, w / length
 
 
 @jit
 def judge_tangents(lanes, size, row):
-    """Find tangent vectors that would soon be too short, too long or too parallel.
+    """Find tangent vectors that would soon be too short or too long.
 
-    The GUARD of a lane with such vectors is not negative.
+    The GUARD of a lane with such a vector is not negative.
     """
     widest_vectors()
     for i in range(whole_vectors(size)):
-        ay, aw, by, bw = pair_in(lanes, row + i, 2 * ROW)
-        size_2 = ay * ay + aw * aw + by * by + bw * bw
-        fit = (abs(ay * bw - aw * by) >= 1e-4 * size_2) & (size_2 > 1e-100) & (size_2 < 1e100)
-        lanes[GUARD + i] = select(fit, -1.0, 1.0)
+        y, w = tangent_in(lanes, row + i, 2 * ROW)
+        square = y * y + w * w
+        lanes[GUARD + i] = select((square > 1e-100) & (square < 1e100), -1.0, 1.0)
 
 
 @jit
-def stretch_lanes(batch, n):
-    """Orthonormalise the tangent vectors that need it, before step `n`."""
+def normalise_lanes(batch, n):
+    """Normalise the tangent vectors that need it, before step `n`."""
     workspace, _, size = batch
     lanes, met = workspace.lanes, workspace.met
-    row = TANGENTS + (n & 1) * ROW
+    row = TANGENT + (n & 1) * ROW
     judge_tangents(lanes, size, row)
     for j in range(list_lanes(lanes, met, size)):
         a = row + met[j]
-        put_pair(lanes, a, 2 * ROW, stretch(pair_in(lanes, a, 2 * ROW), workspace.sums[met[j]]))
+        tangent = normalise(tangent_in(lanes, a, 2 * ROW), workspace.sums[met[j]])
+        put_tangent(lanes, a, 2 * ROW, tangent)
 
 
 @jit
 def sum_up_tangents(workspace, i):
-    """Add up the growth that remains in the tangent vectors of lane `i`, in dx^2 + (dv / p)^2."""
-    ay, aw, by, bw = pair_in(workspace.lanes, TANGENTS + i, 2 * ROW)
-    unit = workspace.points[i].omega / workspace.points[i].p
-    stretch((ay, aw * unit, by, bw * unit), workspace.sums[i])
+    """Add up the growth that remains in the tangent vector of lane `i`, in dx^2 + (dv / p)^2."""
+    y, w = tangent_in(workspace.lanes, TANGENT + i, 2 * ROW)
+    normalise((y, w * workspace.points[i].omega / workspace.points[i].p), workspace.sums[i])

@@ -45,11 +45,11 @@ class Rows:
 
 
 _rows = Rows(ROW)
-# The state (x, v), which is (y, w) with exact impacts, and the tangent vectors. Each number has two
+# The state (x, v), which is (y, w) with exact impacts, and the tangent vector. Each number has two
 # rows: one for the start of even steps, one for odd steps. Time stepping uses the first.
 POSITION = _rows.take(2)
 VELOCITY = _rows.take(2)
-TANGENTS = _rows.take(8)
+TANGENT = _rows.take(4)
 #: Not negative if the lane may have met its stop, or is at rest; at a section, if it has come back
 #: to its mark or is due.
 GUARD = _rows.take()
@@ -130,15 +130,15 @@ def propagator_in(lanes, i):
 
 
 @inlined
-def pair_in(rows, a, distance):
-    """Return the two tangent vectors whose numbers begin at `a`, `distance` apart."""
-    return rows[a], rows[a + distance], rows[a + 2 * distance], rows[a + 3 * distance]
+def tangent_in(rows, a, distance):
+    """Return the tangent vector whose numbers begin at `a`, `distance` apart."""
+    return rows[a], rows[a + distance]
 
 
 @inlined
-def put_pair(rows, a, distance, pair):
-    """Set two tangent vectors; arguments as for ``pair_in``."""
-    rows[a], rows[a + distance], rows[a + 2 * distance], rows[a + 3 * distance] = pair
+def put_tangent(rows, a, distance, tangent):
+    """Set a tangent vector; arguments as for ``tangent_in``."""
+    rows[a], rows[a + distance] = tangent
 
 
 @inlined
