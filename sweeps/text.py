@@ -5,22 +5,45 @@ from __future__ import annotations
 import math
 import os
 import re
+import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from vibroimpact.inputs import near_miss, suggestion
 from vibroimpact.inputs import shortened as shortened  # for messages here, too
+from vibroimpact.inputs import shown_count as shown_count
 
 
 def missing_text(path: Path) -> str:
-    """Say that a file does not exist, with the most similar name of a sweep or YAML file there."""
+    """Say that a file does not exist, with the most similar name of a file of its kind there."""
     try:
         names = {name.removesuffix(".parts") for name in os.listdir(path.parent)}
     except OSError:
         names = set()
-    known = [name for name in sorted(names) if name.endswith((".h5", ".yaml", ".yml"))]
+    known = [name for name in sorted(names) if name.endswith((".h5", ".yaml", ".yml", ".csv"))]
     near = near_miss(path.name, known, 0.8)
-    return f"{path} does not exist{suggestion(near and str(path.with_name(near)))}"
+    return f"{path} does not exist{suggestion(near and str(path.with_name(near)))}{of_shell(path)}"
+
+
+def of_shell(path: Path) -> str:
+    """Return a hint at what only a shell replaces in a path that is missing: ~, $HOME, ${HOME}."""
+    typed = re.search(r"(?<![^/\\])~\w*(?=[/\\]|$)|\$\w+|\$\{\w+\}|%\w+%", str(path))
+    return f"; only a shell replaces {typed[0]}" if typed else ""
+
+
+def command(*words: str | Path) -> str:
+    """Write a command of the program for a shell: a path that begins with - is not an option."""
+    typed = (f"./{one}" if isinstance(one, Path) and str(one)[0] == "-" else one for one in words)
+    return " ".join(["vibroimpact", *(_quoted(str(word)) for word in typed)])
+
+
+def _quoted(word: str) -> str:
+    """Quote a word for a shell; bash reads unprintable characters from their bytes."""
+    if word.isprintable():
+        return shlex.quote(word)
+    kept = {c for c in word if c.isprintable() and c not in "'\\"}
+    parts = (c if c in kept else "".join(map("\\x{:02x}".format, os.fsencode(c))) for c in word)
+    return f"$'{''.join(parts)}'"
 
 
 def printable(text: str) -> str:
@@ -79,11 +102,6 @@ def shown_range(values: Sequence[float | str]) -> str:
     while digits < 17 and abs(high - low) < 10.0 ** (2 - digits) * max(abs(low), abs(high)):
         digits += 1
     return f"{low:.{digits}g} .. {high:.{digits}g}"
-
-
-def shown_count(number: int, noun: str) -> str:
-    """Write a number of things, for example 1 point or 1,200 points."""
-    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
 
 
 def shown_bytes(size: float) -> str:

@@ -62,6 +62,12 @@ def shortened(text: str, most: int = 80) -> str:
     return line if len(line) <= most else line[: most - 3] + "..."
 
 
+def shown_count(number: float, noun: str, form: str = ",") -> str:
+    """Write a number of things, for example 1 point, 1,200 points or 1 branch."""
+    text = f"{number:{form}}"
+    return f"{text} {noun}" if text == "1" else f"{text} {noun}{'es' * noun.endswith('ch') or 's'}"
+
+
 def of_python(value: object) -> object:
     """Return a number of NumPy, or an array without dimensions, as Python has it."""
     if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):

@@ -192,9 +192,8 @@ def attractor_report(
         lines = [_row_by_row(dataset, result, attractors)]
     missing = int((result["attractor"] < 0).sum())
     if missing:
-        lines.append(
-            f"{missing:,} of {result['attractor'].size:,} points without a result, left out"
-        )
+        points = shown_count(result["attractor"].size, "point")
+        lines.append(f"{missing:,} of {points} without a result, left out")
     followed = float(result["followed"].mean())
     if followed:
         lines.append(
@@ -273,12 +272,12 @@ def _over_parameters(
         starts, where = starts // counted.size, "at each"
     for count, times in zip(*np.unique(counted.values, return_counts=True), strict=True):
         found = shown_count(count, "attractor")
-        lines.append(f"{found} at {times:,} of {counted.size:,} parameter points")
+        lines.append(f"{found} at {times:,} of {shown_count(counted.size, 'parameter point')}")
     untracked = int(((result["motion"] == Regime.PERIODIC).sum("coexisting") > MOST_TRACKED).sum())
     if untracked and SETS not in counted.dims:
         lines.append(
-            f"at {untracked:,} parameter points more than {MOST_TRACKED} attractors are periodic: "
-            "none of these has the number of an attractor at another point"
+            f"at {shown_count(untracked, 'parameter point')} more than {MOST_TRACKED} attractors "
+            "are periodic: none of these has the number of an attractor at another point"
         )
     return [*lines, f"{shown_count(starts, 'start')} {where}"]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from sweeps.opened.cuts import START_AXES
 from sweeps.opened.dataset import config_of
 from sweeps.store import DIRECTION
-from sweeps.text import fewest_digits, shown_count, shown_range, table
+from sweeps.text import command, fewest_digits, shown_count, shown_range, table
 from vibroimpact.points.regimes import Label
 
 if TYPE_CHECKING:
@@ -93,8 +92,8 @@ def _narrowing(file: Path, found: pd.DataFrame) -> str:
         return ""
     low, high = (fewest_digits(float(inexact[name].iat[0])) for name in ("low", "high"))
     which = f"the {'' if len(inexact) == 1 else 'first '}change without an exact value"
-    command = f"vibroimpact zoom {quote(str(file))} {found.attrs['axis']}={low}:{high}"
-    return f"to narrow {which}: {command}"
+    piece = f"{found.attrs['axis']}={low}:{high}"
+    return f"to narrow {which}: {command('zoom', file, piece)}"
 
 
 def _meanings(found: pd.DataFrame) -> list[str]:
@@ -146,9 +145,9 @@ def _summary(found: pd.DataFrame) -> str:
     *heads, of_axis = found.attrs["heads"]
     lines = [table([["kind", "classes", "times", of_axis, *heads], *rows[:_MOST_ROWS]])]
     if len(rows) > _MOST_ROWS:
-        lines.append(f"and {len(rows) - _MOST_ROWS:,} rarer pairs of classes")
+        lines.append(f"and {shown_count(len(rows) - _MOST_ROWS, 'rarer pair')} of classes")
     if others:
-        lines.append(f"{len(found):,} changes along {found.attrs['axis']}")
+        lines.append(f"{shown_count(len(found), 'change')} along {found.attrs['axis']}")
     return "\n".join(lines)
 
 

@@ -148,7 +148,7 @@ def branches_of(
                 reason = (
                     ""
                     if found.add(orbit_at(motion, phase))
-                    else f"beyond the first {most} branches"
+                    else f"beyond the first {shown_count(most, 'branch')}"
                 )
             except OrbitError as error:
                 reason = f"of which {error}"

@@ -140,7 +140,7 @@ def curves_summary(
         between = f"from or to {listed([f'{m}/{q}' for m, q in classes])}"
     if total:
         lines.append(
-            f"{explained:,} of {total:,} changes {between} "
+            f"{explained:,} of {shown_count(total, 'change')} {between} "
             f"({100.0 * explained / total:.1f} %) have a curve within one cell"
         )
     else:

@@ -12,6 +12,7 @@ import typer
 from sweeps.cli.options import Csv, number_option, read_threads, say, written_file
 from sweeps.cli.run import read_config
 from sweeps.errors import Failed
+from sweeps.text import shown_count
 from vibroimpact.inputs import number
 
 Figure = Annotated[
@@ -68,7 +69,8 @@ def accuracy_speed(
         if config is not None:
             plan = plan_for_sweep(read_config(config), plan)
             (scene,) = plan.scenes
-            say(f"{len(scene.points)} points of the {scene.name}, each after one forcing period\n")
+            points = shown_count(len(scene.points), "point")
+            say(f"{points} of the {scene.name}, each after one forcing period\n")
         measured = measure_methods(plan, threads, progress=True)
         if config is None:
             measured = pd.concat([measured, work_precision.means(measured)])

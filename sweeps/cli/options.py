@@ -6,7 +6,6 @@ import io
 import math
 import os
 import re
-import shlex
 import sys
 import threading
 import time
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sweeps.errors import Refused
-from sweeps.text import printable, shortened, suggestion, told_apart
+from sweeps.text import command, printable, shortened, suggestion, told_apart
 from vibroimpact.inputs import Allowed, integer, is_number, number_meant, refusal
 
 if TYPE_CHECKING:
@@ -185,7 +184,8 @@ def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:
 def resuming() -> str:
     """Return the command that resumes the run of this command."""
     given = [word for word in sys.argv[1:] if word not in ("--overwrite", "--resume")]
-    return shlex.join(["vibroimpact", *given, "--resume"])
+    given.insert(given.index("--") if "--" in given else len(given), "--resume")
+    return command(*given)
 
 
 def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Path]) -> list[Path]:
@@ -276,7 +276,7 @@ def _written_instead(file: Path) -> str:
                 output = load_config(config).output
                 if is_sweep(output):
                     return f"; the output of {config} is {output}"
-                return f"; to compute it: vibroimpact run {shlex.quote(str(config))}"
+                return f"; to compute it: {command('run', config)}"
     return ""
 
 

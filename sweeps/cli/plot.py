@@ -6,7 +6,6 @@ As in ``main.py``, modules are imported inside the command.
 from __future__ import annotations
 
 import re
-import shlex
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -57,7 +56,7 @@ from sweeps.cli.picture_options import (
     Width,
 )
 from sweeps.errors import Refused
-from sweeps.text import fewest_digits
+from sweeps.text import command, fewest_digits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -227,9 +226,10 @@ def draw_picture(
     table: pd.DataFrame | None = None
     if "exact" in chosen:
         chosen["exact"], lines, table = _exact(dataset, kind, cuts, chosen)
-    command = shlex.join(["vibroimpact", *sys.argv[1:]])
     with progress_shown("drawing"):
-        written = plot(dataset, figure, kind, cuts, page=Page(**page), command=command, **chosen)
+        written = plot(
+            dataset, figure, kind, cuts, page=Page(**page), command=command(*sys.argv[1:]), **chosen
+        )
     say_moved(dataset, cuts, "drawn")
     picks = chosen.get("axes", ()), chosen.get("color")
     fixed = {**cuts, **dict.fromkeys(chosen.get("beside", ()), 0.0)}

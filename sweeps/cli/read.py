@@ -33,6 +33,7 @@ from sweeps.cli.options import (
     written_file,
 )
 from sweeps.errors import Refused
+from sweeps.text import shown_count
 from vibroimpact.inputs import number
 
 if TYPE_CHECKING:
@@ -281,4 +282,4 @@ def export_command(
         left_out = impacts_left_out(cut) if rows == "impacts" else ""
         say_moved(dataset, cuts, "written")
     points = "; the file has only the " + left_out + " of a point" if left_out else ""
-    say(f"{output}: {written:,} {'row' if written == 1 else 'rows'}{points}")
+    say(f"{output}: {shown_count(written, 'row')}{points}")

@@ -5,7 +5,6 @@ As in ``main.py``, modules are imported inside the command.
 
 from __future__ import annotations
 
-import shlex
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -27,6 +26,7 @@ from sweeps.cli.options import (
 )
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, check, raised_at_once
+from sweeps.text import command
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -110,7 +110,7 @@ def run_command(
         for config, path in zip(loaded, paths, strict=True):
             run_and_report(config, path, quiet, threads=threads, client=client, **existing)
     if not quiet:
-        say(f"next: vibroimpact plot {shlex.join(map(str, paths))}")
+        say(f"next: {command('plot', *paths)}")
 
 
 def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:

@@ -17,7 +17,7 @@ from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name
 from sweeps.config.values import ConflictError, Elsewhere, null
 from sweeps.grid import table_values
-from sweeps.text import near_miss, printable, shortened, suggestion
+from sweeps.text import missing_text, near_miss, printable, shortened, shown_count, suggestion
 from vibroimpact.inputs import number_meant
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
@@ -57,6 +57,8 @@ def read_columns(given: Any, folder: Path, check_names: NamesCheck) -> np.ndarra
         if len(table):
             return table
         reason = "the table has no row"
+    except FileNotFoundError as error:
+        raise ValueError(missing_text(Path(error.filename))) from None
     except OSError as error:
         reason = f"cannot be read ({error.strerror})"
     except ValueError as error:
@@ -68,7 +70,8 @@ def read_columns(given: Any, folder: Path, check_names: NamesCheck) -> np.ndarra
 def _ragged(header: int, cells: int, row: int) -> str:
     """Say that a row has more or fewer cells than the header, and why it may have more."""
     more = "; a number has a decimal point, and there is no comma at the end of a line"
-    return f"row {row} has {cells} cells, and the header {header}{more if cells > header else ''}"
+    more *= cells > header
+    return f"row {row} has {shown_count(cells, 'cell')}, and the header {header}{more}"
 
 
 def with_columns(data: dict[str, Any]) -> dict[str, Any]:

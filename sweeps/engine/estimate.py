@@ -15,7 +15,7 @@ from sweeps.engine.executors import Computer, compute, in_thread
 from sweeps.errors import StoreError
 from sweeps.grid import Cost, Sweep
 from sweeps.store import bytes_per_point, check_room, held_variables
-from sweeps.text import shown_bytes
+from sweeps.text import shown_bytes, shown_count
 from vibroimpact.jit import ALL_THREADS, WAY
 from vibroimpact.jit.cache import cache_folder
 from vibroimpact.kernel.threads import lanes_per_thread
@@ -98,7 +98,8 @@ def block_size(
     spec, (chain, memory, lanes) = sweep.spec, _chain(sweep, at_impacts)
     smallest, ways = "one point", " and ".join(spec.directions)
     if spec.followed:
-        smallest = f"one chain of {chain:,} points, followed {ways} along {spec.followed},"
+        points = shown_count(chain, "point")
+        smallest = f"one chain of {points}, followed {ways} along {spec.followed},"
     available = check_memory(memory, smallest)
     # Full sets of lanes may take more memory than a normal block.
     wished = _BLOCK_MEMORY if spec.every else max(_BLOCK_MEMORY, 2 * lanes * memory)

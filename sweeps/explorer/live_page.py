@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -29,6 +28,7 @@ from sweeps.explorer.live_motion import MotionPanel
 from sweeps.explorer.saved_view import write_yaml
 from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View
 from sweeps.explorer.worker import Step, Worker
+from sweeps.text import command, shown_count
 
 _ENDED = (
     "<b>vibroimpact explore has ended</b>, or the connection to it is lost: what is shown stays as "
@@ -295,10 +295,10 @@ class LivePage:
         """Show the number of computed points of a picture, and the speed."""
         self._picture.wait("")
         grid, spec = config.sweep.grid, config.sweep.spec
-        of = "" if points == grid.size else f" of {grid.size:,}"
+        of = "" if points == grid.size else f"{points:,} of "
         periods = points * (spec.transient + spec.periods)
         self._rate = self.controls.status.text = (
-            f"{points:,}{of} points, {periods:,} forcing periods in "
+            f"{of}{shown_count(grid.size, 'point')}, {shown_count(periods, 'forcing period')} in "
             f"{1e3 * computing:.0f} ms: {1e-6 * periods / computing:.3g} million periods/s; "
             f"picture after {1e3 * seconds:.0f} ms"
         )
@@ -328,7 +328,7 @@ class LivePage:
             self._refuse(str(error))
         else:
             self.controls.error.text = ""
-            self.controls.saved.text = f"saved: {path}; vibroimpact run {shlex.quote(path.name)}"
+            self.controls.saved.text = f"saved: {path}; {command('run', Path(path.name))}"
 
     @property
     def _picture(self) -> Diagram | Map:

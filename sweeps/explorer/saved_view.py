@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import itertools
 import os
-import shlex
 from pathlib import Path
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import DIAGRAM_TAB, View
 from sweeps.store.replacing import writing
-from sweeps.text import printable
+from sweeps.text import command
 
 
 def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
@@ -26,13 +25,13 @@ def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
 
 def _commands(view: View, name: str) -> str:
     """Return a comment with the commands that draw the picture."""
-    config, file = shlex.quote(f"{name}.yaml"), shlex.quote(f"{name}.h5")
     options = f"--kind {('bifurcation', 'map', 'basins')[view.tab]}"
     if view.tab == DIAGRAM_TAB:
         options += f" --coordinate {view.ordinate} --xlim={view.xlim[0]!r}:{view.xlim[1]!r}"
         if view.ylim is not None:
             options += f" --ylim={view.ylim[0]!r}:{view.ylim[1]!r}"
-    return printable(  # a line break in the name would end the comment
+    run, plot = command("run", Path(f"{name}.yaml")), command("plot", Path(f"{name}.h5"))
+    return (
         "# Saved by vibroimpact explore. It is run, and drawn as it was seen, with\n"
-        f"#   vibroimpact run {config}\n#   vibroimpact plot {file} {options}\n"
+        f"#   {run}\n#   {plot} {options}\n"
     )

@@ -13,7 +13,7 @@ from sweeps.grid import Grid, block_points
 from sweeps.opened.cuts import Selection, cut_at
 from sweeps.opened.dataset import config_of, values_of
 from sweeps.store.variables import VARIABLES, Variable
-from sweeps.text import listed
+from sweeps.text import listed, shown_count
 from vibroimpact.points.regimes import impacts_met, shown_in_part
 from vibroimpact.status import Status
 
@@ -72,7 +72,7 @@ def impacts_left_out(dataset: xr.Dataset) -> str:
     met = impacts_met(dataset["impacts_per_period"].values, config_of(dataset).record.periods)
     kept, most = dataset.sizes["impact"], int(met.max(initial=0))
     several = "up to " if dataset["status"].size > 1 else ""
-    return f"last {kept:,} of {several}{most:,} impacts" if most > kept else ""
+    return f"last {kept:,} of {several}{shown_count(most, 'impact')}" if most > kept else ""
 
 
 def shows_part(dataset: xr.Dataset) -> np.ndarray:

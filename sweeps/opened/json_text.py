@@ -13,9 +13,11 @@ import numpy as np
 def json_text(value: object) -> str:
     """Write mappings, lists, texts and numbers as strict JSON, with all digits.
 
-    NaN, which is no value, becomes null, and an infinite number the text "inf" or "-inf".
+    NaN, which is no value, becomes null, and an infinite number the text "inf" or "-inf". All other
+    characters than printable ASCII are escaped: no terminal and no encoding changes the text.
     """
-    return json.dumps(_in_json(value), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(_in_json(value), indent=2, allow_nan=False)
+    return text.replace("\x7f", "\\u007f")
 
 
 def _in_json(value: Any) -> Any:

@@ -146,7 +146,7 @@ def _panels_for(
         return canvas.stacked_panels(page, [_HEIGHTS[name] for name in names], profile)
     given = [ax] if isinstance(ax, Axes) else [*ax]
     if len(given) != len(names):
-        raise Refused(f"ax has {len(given)} panels; expected: {len(names)}")
+        raise Refused(f"ax has {shown_count(len(given), 'panel')}; expected: {len(names)}")
     return given
 
 

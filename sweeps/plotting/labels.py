@@ -19,7 +19,7 @@ from sweeps.config.nomenclature import Nomenclature
 from sweeps.opened.coordinates import COORDINATES, impacts_left_out
 from sweeps.opened.dataset import config_of, nomenclature_of
 from sweeps.store import DIRECTION, VARIABLES
-from sweeps.text import unit_name
+from sweeps.text import shown_count, unit_name
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.status import Status
 
@@ -129,7 +129,7 @@ def record_text(drawn: xr.Dataset, coordinate: str = "poincare_x") -> str:
     kept = config_of(drawn).record
     transient = "auto" if kept.transient == "auto" else f"{kept.transient:,}"
     parts = [f"phase {kept.phase:.6g} rad"] if kept.phase else []
-    parts += [f"transient {transient}", f"record {kept.periods:,} periods"]
+    parts += [f"transient {transient}", f"record {shown_count(kept.periods, 'period')}"]
     if COORDINATES[coordinate].dimension == "impact" and (text := impacts_left_out(drawn)):
         parts.append(text)
     return ", ".join(part.replace(" ", _JOINT) for part in parts)

@@ -29,6 +29,7 @@ from sweeps.plotting.contents import Wanted
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import VERMILION, data_colour, ink
+from sweeps.text import shown_count
 from vibroimpact.points.regimes import Label, Regime, has_result
 
 #: In a figure narrower than this [inch] the phase plane is below the other panels.
@@ -156,10 +157,10 @@ def _text_of_motions(
     starts += turns * [motion.turns for motion in motions]
     begun = np.array([motion.begun for motion in motions])
     since = starts / turns - begun / (2.0 * np.pi)
-    (after, *others) = {f"after {periods:.6g} forcing periods" for periods in since}
+    (after, *others) = {shown_count(periods, "forcing period", ".6g") for periods in since}
     if others:
         return None
-    record = f"{equation('t_0', time, starts[0])}, {after}" if len(motions) == 1 else after
+    record = f"{equation('t_0', time, starts[0])}, " * (len(motions) == 1) + f"after {after}"
     if found is not None:
         record = f"{'class ' if found.regime is Regime.PERIODIC else ''}{found}, {record}"
     most = MOST_DRAWN // len(motions)

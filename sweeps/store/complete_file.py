@@ -38,7 +38,7 @@ from sweeps.store.paths import (
 )
 from sweeps.store.replacing import TRAILER
 from sweeps.store.schema import Schema, schema_in, write_schema
-from sweeps.text import missing_text
+from sweeps.text import command, missing_text
 
 #: The end of the trailer: size and checksum of the table before it, magic.
 _END = struct.Struct("<QI8s")
@@ -182,7 +182,7 @@ def check_file(path: Path, *, verify: bool = True) -> str:
     if damaged:
         raise StoreError(
             f"{path} is damaged: {', '.join(damaged)}; to compute it again: "
-            f"vibroimpact run {path} -o NEW.h5"
+            f"{command('run', path)} -o NEW.h5"
         )
     return digest
 

@@ -18,7 +18,7 @@ from io import BufferedRandom
 from pathlib import Path
 
 from sweeps.errors import Failed, StoreError
-from sweeps.text import shortened
+from sweeps.text import of_shell, shortened
 
 #: Characters that no name of a file has on Windows, where a backslash separates folders.
 _NOT_IN_NAMES = re.compile(r'[\x01-\x1f<>:"|?*\\]')
@@ -74,9 +74,9 @@ def check_place(path: Path, what: str) -> Path:
                 target = Path(os.path.realpath(path))
         if not target.parent.is_dir():
             link = "" if target is path else f", a link to {target},"
-            home = "; only a shell replaces ~ by the home folder" * str(path).startswith("~")
             raise StoreError(
-                f"the folder {target.parent} of the {what} {path.name}{link} does not exist{home}"
+                f"the folder {target.parent} of the {what} {path.name}{link} does not exist"
+                f"{of_shell(path)}"
             )
         mode = os.stat(target).st_mode
     except FileNotFoundError:

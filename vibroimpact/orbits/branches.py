@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from vibroimpact.inputs import refuse_other
+from vibroimpact.inputs import refuse_other, shown_count
 from vibroimpact.orbits.family import (
     NEARBY_DISTANCE,
     ArclengthStep,
@@ -93,8 +93,8 @@ class Branch:
         ]
         what = f"{self.kind} of {self.m}/{self.q}" if self.kind else f"{self.m}/{self.q}"
         special = [f"{one.kind} at {np.round(one.value, 6).tolist()}" for one in self.special[:6]]
-        more = len(self.special) - len(special)
-        parts = [f"{len(self.values)} points", *along, *special, *[f"{more} more"] * (more > 0)]
+        more = [f"{len(self.special) - 6} more"] * (len(self.special) > 6)
+        parts = [shown_count(len(self.values), "point"), *along, *special, *more]
         return f"<Branch {what}: {', '.join(parts)}>"
 
     def oscillator_at(self, value: Any) -> Oscillator:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vibroimpact.inputs import input_text, one_of, refuse_other
+from vibroimpact.inputs import input_text, one_of, refuse_other, shown_count
 from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of
@@ -112,7 +112,7 @@ def _refuse_natural(graze: PeriodicOrbit) -> None:
     if repeats and not graze.speeds.any() and abs(reach) > _STILL * abs(osc.clearance):
         raise OrbitError(
             "the graze is not isolated: without damping, every natural vibration repeats after "
-            f"{graze.m} forcing periods at omega = {osc.omega:g}"
+            f"{shown_count(graze.m, 'forcing period')} at omega = {osc.omega:g}"
         )
 
 

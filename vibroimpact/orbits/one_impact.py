@@ -40,7 +40,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from vibroimpact.inputs import integer, refuse_other
+from vibroimpact.inputs import integer, refuse_other, shown_count
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
@@ -219,6 +219,7 @@ def one_impact_orbit(osc: Oscillator, n: int = 1) -> PeriodicOrbit:
     found = one_impact_orbits(osc, n)
     if not found:
         raise OrbitError(
-            f"the impact conditions have no solution with one impact in {n} forcing periods"
+            f"the impact conditions have no solution with one impact in "
+            f"{shown_count(n, 'forcing period')}"
         )
     return found[-1]

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vibroimpact.inputs import integer, refuse_other
+from vibroimpact.inputs import integer, refuse_other, shown_count
 from vibroimpact.orbits.calls import correct
 from vibroimpact.orbits.continuation import is_orbit
 from vibroimpact.orbits.family import Inadmissible, OrbitFamily
@@ -190,8 +190,8 @@ def refuse_long(osc: Oscillator, m: int, q: int) -> None:
     steps = time_steps.py_func(osc, m, 0)  # not worth compiling
     if not steps <= MOST_ORBIT_STEPS:
         raise OrbitError(
-            f"{m:,} forcing periods here are {steps:,.0f} time steps, more than the "
-            f"{MOST_ORBIT_STEPS:,} that are solved for"
+            f"{shown_count(m, 'forcing period')} here would be {steps:,.0f} time steps, more than "
+            f"the {MOST_ORBIT_STEPS:,} that are solved for"
         )
 
 

@@ -1,10 +1,18 @@
 """Hints in reports and refusals at what helps: a key of the configuration, or another file."""
 
+import ast
+import os
+import re
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from sweeps import ConfigError, load_config
+from sweeps.cli.options import resuming
+from sweeps.text import command, shown_count
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.configurations import load
 from tests.helpers.sweep_files import run_in
@@ -99,3 +107,104 @@ def test_a_missing_file_names_the_nearest(command):
     assert "does not exist" in refused(*command, "nowhere/missing.h5")
     if command[0] in ("run", "explore"):
         assert "(did you mean results/other.yaml?)" in refused(*command, "results/othr.yaml")
+
+
+#: Names that begin like an option, that a shell reads otherwise, and that a terminal would hide.
+ODD_NAMES = ["-o.h5", "--.h5", "a b's.h5", "a\xa0b$HOME`.h5", "\u202eé'\\\udcff.h5"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs bash")
+@pytest.mark.parametrize("name", ODD_NAMES)
+def test_a_command_that_is_named_has_the_same_words_in_a_shell(name):
+    """And a path that begins with a dash is no option of it."""
+    text = command("plot", Path(name), "-o", name)
+    assert text.isprintable()
+    shown = f"{sys.executable} -c 'import sys; print(ascii(sys.argv[1:]))'"
+    script = f'vibroimpact() {{ {shown} "$@"; }}; {text}'
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
+    kind, path, *words = ast.literal_eval(done.stdout)
+    assert (kind, words) == ("plot", ["-o", name])
+    assert Path(path) == Path(name) and not path.startswith("-")
+
+
+@pytest.mark.parametrize("name", ["-small.h5", "--small.h5"])
+def test_the_command_after_a_run_is_accepted(small_file, name, unpainted):
+    said = accepted("run", "small.h5", f"--output={name}")
+    assert (last := said.splitlines()[-1]).startswith("next: vibroimpact plot ")
+    assert accepted(*shlex.split(last)[2:])
+    Path(name).unlink()
+    Path(name).with_suffix(".yaml").write_text(f"output: {name}\n{SMALL}")
+    message = refused("info", f"./{name}").strip()
+    words = shlex.split(message.partition("to compute it: vibroimpact ")[2])
+    assert accepted(*words)
+
+
+def test_the_command_that_resumes_keeps_options_before_the_files(monkeypatch):
+    words = ["vibroimpact", "run", "-o", "a.h5", "--overwrite", "--", "-s.yaml"]
+    monkeypatch.setattr(sys, "argv", words)
+    assert resuming() == "vibroimpact run -o a.h5 --resume -- -s.yaml"
+    monkeypatch.setattr(sys, "argv", words[:5])
+    assert resuming() == "vibroimpact run -o a.h5 --resume"
+
+
+#: Every door through which a path comes, with an option or a key for a file that is missing.
+DOORS = [
+    ("run", "{}/s.yaml"), ("run", "{}/s.h5"), ("run", "sweep.yaml", "-o", "{}/s.h5"),
+    ("run", "sweep.yaml", "--set", "output='{}/s.h5'"),
+    ("run", "sweep.yaml", "--set", "points='{}/p.csv'"),
+    ("explore", "{}/s.h5", "--no-browser"), ("bench", "accuracy-speed", "{}/s.yaml"),
+    ("bench", "paper", "-o", "{}/s.png"), ("bench", "speed", "--json", "{}/s.json"),
+    ("plot", "{}/s.h5"), ("plot", "small.h5", "-o", "{}/s.png"),
+    ("plot", "small.h5", "--overlay", "{}/o.csv"),
+    ("plot", "small.h5", "--exact", "--csv", "{}/o.csv"),
+    ("info", "{}/s.h5"), ("info", "small.h5", "--bifurcations", "--csv", "{}/s.csv"),
+    ("attractors", "{}/s.h5"), ("integrity", "{}/s.h5"), ("compare", "small.h5", "{}/s.h5"),
+    ("export", "{}/s.h5", "-o", "a.csv"), ("export", "small.h5", "-o", "{}/s.csv"),
+    ("zoom", "{}/s.h5", "omega=2:3"), ("zoom", "small.h5", "omega=2:3", "-o", "{}/s.h5"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("typed", ["~", "~nobody", "$HOME", "results/${OUT}", "%OUT%/a"])
+def test_what_only_a_shell_replaces_is_named_at_every_door(small_file, typed):
+    Path("sweep.yaml").write_text(SMALL + "output: other.h5\n")
+    word = typed.removeprefix("results/").removesuffix("/a")
+    for door in DOORS:
+        message = refused(*(part.format(typed) for part in door))
+        assert message.endswith(f"; only a shell replaces {word}\n"), (door, message)
+
+
+def test_a_missing_table_names_the_nearest(small_file):
+    Path("points.csv").touch()
+    message = refused("plot", "small.h5", "--overlay", "pionts.csv")
+    assert "pionts.csv does not exist (did you mean points.csv?)" in message
+
+
+def test_one_thing_is_singular():
+    assert [shown_count(number, "point") for number in (0, 1, 2, 1234)] == [
+        "0 points", "1 point", "2 points", "1,234 points",
+    ]  # fmt: skip
+    assert shown_count(1, "branch") == "1 branch" and shown_count(2, "branch") == "2 branches"
+    assert shown_count(1.0 - 1e-12, "period", ".6g") == "1 period"
+
+
+#: A single thing as if it were several.
+SEVERAL = re.compile(r"(?<![\d.,/])1[ \xa0](?:(?:forcing|parameter|exact)[ \xa0])?[a-z]+s\b")
+
+
+@pytest.mark.slow
+def test_no_text_of_a_single_period_is_in_the_plural():
+    record = "record: {transient: 1, periods: 1, impacts: 1, trajectory: {every: 1}}"
+    for name, omega in (("point", "[2.0]"), ("line", "[2.0, 2.1]")):
+        text = SMALL.replace("{start: 1.5, stop: 3.0, num: 5}", omega).replace("[0.0, 0.1]", "0")
+        text = text.replace("name: small", f"name: {name}").replace("steps_per_period: 20", "")
+        Path(f"{name}.yaml").write_text(re.sub("record: .*", record, text))
+        said = accepted("run", f"{name}.yaml", "--dry-run")
+        said += call("run", f"{name}.yaml").output + accepted("info", f"{name}.h5")
+        said += accepted("compare", f"{name}.h5", f"{name}.h5")
+        for rows in ("points", "sections", "impacts"):
+            said += call("export", f"{name}.h5", "-o", f"{rows}.csv", "--rows", rows).output
+        for kind in ("bifurcation", "section", "impacts", "trajectory"):
+            at = [] if kind == "bifurcation" else ["--at", "omega=2"]
+            call("plot", f"{name}.h5", "--kind", kind, "-o", f"{name}-{kind}.svg", *at)
+        said += "".join(path.read_text() for path in Path().glob("*.svg"))
+        assert "record 1 period" in said.replace("\xa0", " ") and SEVERAL.findall(said) == []

@@ -2,14 +2,20 @@
 
 import json
 import math
+import subprocess
+import sys
+import unicodedata
+from pathlib import Path
 
 import pandas as pd
 import pytest
 import yaml
 
-from sweeps import open_sweep
+from sweeps import load_config, open_sweep
 from sweeps.opened.json_text import json_text
+from sweeps.text import printable
 from tests.helpers.commands import accepted, call, refused
+from tests.helpers.interruptions import environment
 from tests.helpers.sweep_files import run_in
 
 FLIP = """\
@@ -96,3 +102,57 @@ def test_numbers_that_json_has_not():
 
 def test_json_excludes_the_configuration_alone(flip):
     assert "exclude each other" in refused("info", flip, "--config", "--json")
+
+
+#: Every character that a name can have.
+CHARACTERS = [chr(code) for code in range(sys.maxunicode + 1) if not 0xD800 <= code < 0xE000]
+#: A no-break space, two of other widths, DEL, CSI, NEL, separators, a mark of direction, a tag.
+#: The controls may be in a cell of a table, not in a name.
+ODD = "a\xa0b\u2007\u3000\x7f\x9b\x85\u2028\u202e\ufeff\U000e0001\\xa0 \"日😀\x1b[31m$'c"
+ODD_NAME = "".join(c for c in ODD if unicodedata.category(c) != "Cc" and c != "\\")
+ODD_TABLE = f"""\
+name: {json.dumps(ODD_NAME)}
+output: odd.h5
+oscillator: {{h: 0.1, R: 0.8, f: 1}}
+points: {{omega: [2.5, 2.6], serial: [{json.dumps(ODD)}, k2]}}
+record: {{transient: 9, periods: 8, diagnostics: [period]}}
+"""
+
+
+@pytest.mark.slow
+def test_every_character_is_the_same_in_json_and_in_yaml_on_a_terminal_too():
+    """As a program reads them from what a command prints, which escapes what a terminal obeys."""
+    for start in range(0, len(CHARACTERS), 50_000):
+        every = "".join(CHARACTERS[start : start + 50_000])
+        text = json_text({every: [every]})
+        assert printable(text) == text and strict(text) == {every: [every]}
+    config = load_config({"oscillator": {"h": 0.1, "R": 0.8, "omega": 1, "f": 1}})
+    for start in range(0, 0x3100, 64):
+        every = "x" + "".join(CHARACTERS[start : start + 64]).replace("\0", "") + "x"
+        text = config.model_copy(update={"name": every}).to_yaml()
+        assert printable(text) == text and yaml.safe_load(text)["name"] == every
+
+
+@pytest.mark.slow
+def test_a_name_of_odd_characters_comes_back_from_every_command(folder):
+    Path("odd.yaml").write_text(ODD_TABLE, encoding="utf-8")
+    accepted("run", "odd.yaml", "--quiet")
+    found = strict(accepted("info", "odd.h5", "--json"))
+    assert found["name"] == found["configuration"]["name"] == ODD_NAME
+    Path("again.yaml").write_text(accepted("info", "odd.h5", "--config"), encoding="utf-8")
+    again, first = load_config("again.yaml"), load_config("odd.yaml")
+    assert again.name == ODD_NAME and again.points.tolist() == first.points.tolist()
+    for encoding, option in (("ascii", "--json"), ("utf-16", "--config")):
+        done = subprocess.run(
+            [sys.executable, "-m", "sweeps.cli", "info", "odd.h5", option],
+            env={**environment(), "PYTHONIOENCODING": encoding},
+            capture_output=True,
+            check=True,
+            timeout=300,
+        )
+        text = done.stdout.decode(encoding)
+        assert (strict(text) if option == "--json" else yaml.safe_load(text))["name"] == ODD_NAME
+
+
+def test_the_schema_is_json():
+    assert strict(accepted("schema"))["$id"]

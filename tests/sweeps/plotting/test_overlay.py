@@ -162,7 +162,7 @@ def test_no_output_replaces_the_table_and_other_pictures_take_none(files):
         plot(dataset, "m.png", "bifurcation", overlay="m.csv")
     told = refused("plot", "out.h5", "--kind", "section", "--overlay", "m.csv")
     assert "overlay can be chosen for bifurcation or map or table only" in told
-    assert "cannot be read" in refused("plot", "out.h5", "--overlay", "missing.csv")
+    assert "does not exist" in refused("plot", "out.h5", "--overlay", "missing.csv")
     told = refused("plot", "out.h5", "--overlay", "m.csv", "--axis", "omega", "--xlim", "1.5:1.9")
     assert "no point of the overlay is within the limits" in told
     arguments = ("--axis", "omega", "--overlay", "m.csv", "--dpi", "50")
