@@ -31,8 +31,14 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Number of bytes at each end of a file that are searched for its format and its trailer.
 _ENDS = 1 << 16
 
-#: Endings of other kinds of files, refused for an output because they are surely a mistake.
-_OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")
+#: Endings of other kinds of files, refused for an output because they are surely a mistake: of
+#: pictures and films, tables, texts, arrays and archives.
+_OTHER_ENDINGS = frozenset(
+    "avif bmp eps gif jpeg jpg pdf pgf png ps raw rgba svg svgz tif tiff webp avi mkv mov mp4 webm "
+    "csv feather ods parquet tsv xls xlsx cfg db htm html ini ipynb json log md py rst sqlite tex "
+    "toml txt xml yaml yml joblib mat npy npz pickle pkl rds zarr 7z bz2 gz tar tgz xz zip zst"
+    .split()
+)  # fmt: skip
 #: The errors of a file system that has no locks.
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
 
@@ -154,10 +160,10 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             f"the output {path} must not end in {path.suffix}, like the files beside an output "
             f"while it is written; did you mean {path.with_suffix('')}?"
         )
-    if path.suffix.lower() in _OTHER_ENDINGS:
+    if path.suffix.lower()[1:] in _OTHER_ENDINGS:
         raise StoreError(
             f"the output {path} must be an HDF5 file, whose name does not end in {path.suffix}; "
-            f"did you mean {path.with_suffix('.h5')}?"
+            f"did you mean {str(path.with_suffix('')).removesuffix('.h5')}.h5?"
         )
     check_parts(path, overwrite)
     for file, named in ((path, path), (parts / SCHEMA, parts)):

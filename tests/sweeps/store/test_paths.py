@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 import pytest
 from filelock import FileLock, Timeout
+from matplotlib.backend_bases import FigureCanvasBase
 
 from sweeps.errors import StoreError
 from sweeps.store import check_output, check_room, open_sweep, sweep_writer
@@ -133,11 +134,19 @@ def test_an_empty_file_becomes_the_output():
     open_sweep("out.h5").close()
 
 
-@pytest.mark.parametrize("ending", [".png", ".svg", ".PDF", ".yaml", ".yml", ".txt"])
-def test_the_ending_of_another_kind_of_file_is_refused(ending):
-    with pytest.raises(StoreError, match=rf"does not end in {ending}; did you mean .*z\.h5\?"):
-        check_output(f"z{ending}", overwrite=True)
-    check_output("z.5")
+def test_the_ending_of_another_kind_of_file_is_refused():
+    """Of pictures, films, tables, texts, arrays and archives; all others may be meant."""
+    pictures = (f".{ending}" for ending in FigureCanvasBase.get_supported_filetypes())
+    others = (
+        ".PDF .csv .JSON .yaml .yml .txt .npz .npy .mat .parquet .xlsx .tsv .mp4 .md .py .zip .gz"
+    )
+    for ending in (*pictures, *others.split()):
+        with pytest.raises(StoreError, match=rf"does not end in {ending}; did you mean .*z\.h5\?"):
+            check_output(f"z{ending}", overwrite=True)
+    with pytest.raises(StoreError, match=r"did you mean z-0\.8\.h5\?"):
+        check_output("z-0.8.h5.gz")
+    for ending in ("", ".5", ".h5", ".H5", ".hdf5", ".hdf", ".nc", ".v2"):
+        check_output(f"z{ending}")
 
 
 @pytest.mark.parametrize("ending", [".parts", ".lock", ".PARTS"])
