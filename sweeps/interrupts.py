@@ -2,7 +2,7 @@
 
 A signal handler that raises an exception may raise it between any two instructions of Python:
 inside a lock of h5py, whose exit then fails, or in a callback of LLVM, which swallows the
-exception. Therefore, while a sweep runs, the handlers of Ctrl-C and SIGTERM only set a flag, and
+exception. Therefore, while a sweep runs, the handlers of signals only set a flag, and
 `check` raises `Cancelled` at known places: between two blocks, while a file is written or verified,
 and while waiting for a result. Work in another thread has a flag of its own, which the kernel reads
 as well.
@@ -13,7 +13,6 @@ The command line notes signals even before it imports this file, and `listen` ta
 from __future__ import annotations
 
 import signal
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,9 +21,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
 
-_SIGNALS = [signal.SIGINT, signal.SIGTERM]
-if sys.platform == "win32":
-    _SIGNALS.append(signal.SIGBREAK)  # Ctrl-Break, which is also sent to end a process group
+#: The names of the signals that end work: Ctrl-C, Ctrl-Break, and those by which a terminal, a
+#: scheduler of jobs or a limit of processor time says that the end is near.
+NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU", "SIGBREAK")
+#: Those that the system has.
+SIGNALS = [signal.Signals[name] for name in NAMES if hasattr(signal, name)]
 _came = False
 
 
@@ -62,7 +63,7 @@ def listen(came: Sequence[int] = ()) -> None:
 
     Signals in `came` were received before; the list is read after the handlers are changed.
     """
-    for number in _SIGNALS:
+    for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _set)
     if came:
@@ -71,7 +72,7 @@ def listen(came: Sequence[int] = ()) -> None:
 
 def ignore() -> None:
     """Ignore the signals, so that they cannot change the exit code of the process."""
-    for number in _SIGNALS:
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
@@ -81,7 +82,7 @@ def raised_at_once() -> Iterator[None]:
 
     This is for work that writes nothing valuable, or that waits for others.
     """
-    noted = [number for number in _SIGNALS if signal.getsignal(number) is _set]
+    noted = [number for number in SIGNALS if signal.getsignal(number) is _set]
     if threading.current_thread() is not threading.main_thread():
         noted = []
     try:

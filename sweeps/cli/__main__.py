@@ -9,6 +9,8 @@ import _signal  # type: ignore[import-not-found]
 import os
 import sys
 
+#: As in `sweeps.interrupts`, which is not imported yet.
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU", "SIGBREAK")
 _OUTPUT = "the standard output cannot be written: {}"
 
 
@@ -37,8 +39,8 @@ def main() -> None:
 def _noted() -> list[int]:
     """Return a list to which signals are appended, except those that are ignored."""
     came: list[int] = []
-    for name in ("SIGINT", "SIGTERM", "SIGBREAK"):
-        number = getattr(_signal, name, None)  # only Windows has SIGBREAK
+    for name in SIGNALS:
+        number = getattr(_signal, name, None)  # no system has all of them
         if number is not None and _signal.getsignal(number) is not _signal.SIG_IGN:
             _signal.signal(number, lambda number, _: came.append(number))
     return came

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import psutil
 
 from sweeps.errors import Refused
-from sweeps.interrupts import check, raised_at_once
+from sweeps.interrupts import SIGNALS, check, raised_at_once
 from sweeps.text import shortened
 
 if TYPE_CHECKING:
@@ -206,9 +206,8 @@ def _signals_kept_away() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    numbers = (signal.SIGINT, signal.SIGTERM)
     resource_tracker.ensure_running()  # if started later, it would unblock the signals
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
     finally:

@@ -20,6 +20,7 @@ import time
 from pathlib import Path
 
 from sweeps import open_sweep
+from sweeps.interrupts import SIGNALS
 from sweeps.store import kept_points
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
@@ -42,7 +43,7 @@ MOMENTS = ("start", "creation", "block", "end")
 #: Longest delay of a signal [s].
 LATEST = 0.05
 #: Signals that end a run with exit code 1; a kill does not.
-ANSWERED = (signal.SIGINT, signal.SIGTERM)
+ANSWERED = tuple(SIGNALS)
 #: System calls of a run, for files, memory and threads.
 CALLS = (
     "openat", "write", "read", "pread64", "ftruncate", "fsync", "rename", "unlink", "flock",
