@@ -12,7 +12,14 @@ from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.kernel.record import loses_digits
 from vibroimpact.oscillator import Oscillator, with_one_force
 from vibroimpact.status import Status
-from vibroimpact.step.contact import IMPACT, RELEASE, REST, impulse_and_loss, time_to_release
+from vibroimpact.step.contact import (
+    IMPACT,
+    RELEASE,
+    RELEASE_MARGIN,
+    REST,
+    impulse_and_loss,
+    time_to_release,
+)
 from vibroimpact.step.integrators import closed_form
 from vibroimpact.step.recorder import SECTION, trace
 from vibroimpact.step.scheme import MOST_PERIODS, MOST_RECORDED, scheme_of
@@ -177,13 +184,16 @@ def simulate(
 
 
 def _rests(kind: np.ndarray, t: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the start and end of each rest, from the rows of rests and releases."""
+    """Return the start and end of each rest, from the rows of rests and releases.
+
+    A rest that ends where it begins, to rounding, is none.
+    """
     begin, end = t[kind == REST], t[kind == RELEASE]
     if len(end) < len(begin):
         pt = points.view(np.recarray)[0]
         for_ever = time_to_release(pt.omega * t[-1], pt) == math.inf
         end = np.append(end, math.inf if for_ever else t[-1])
-    return np.column_stack([begin, end])
+    return np.column_stack([begin, end])[points["omega"] * (end - begin) > RELEASE_MARGIN]
 
 
 def exact_samples(

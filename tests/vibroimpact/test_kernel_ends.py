@@ -151,6 +151,44 @@ def test_what_is_at_rest_before_the_first_section_is_not_counted():
     assert out["rest_fraction"] == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize("phase", [0.0, 0.3, 5.1, 6.2])
+def test_a_start_on_the_stop_where_the_force_begins_to_pull_is_no_rest(rule, integrator, phase):
+    """Rounding decides the sign of the force there; a start shortly after it certainly flies."""
+    rng, n = np.random.default_rng(2), 60
+    points = Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at().repeat(n)
+    points["h"], points["R"] = rng.uniform(0.0, 0.3, n), rng.uniform(0.3, 1.0, n)
+    points["omega"], points["p"] = rng.uniform(1.5, 4.0, n), rng.choice([1.0, 1.3], n)
+    points["f"] = rng.uniform(0.5, 2.0, n)
+    points["clearance"] = points["x0"] = -points["f"] / points["p"] ** 2 * math.sin(phase)
+    options = {"integrator": integrator, "impact": rule, "transient": 0, "periods": 2}
+    options |= {"lyapunov": rule == "exact", "at_section": True}
+    out, after = (integrate(points, phase=at, **options) for at in (phase, phase + 1e-9))
+    flies = after["rest_fraction"] == 0.0
+    assert flies.sum() >= n // 5
+    assert (out["chatters"][flies] == 0).all()
+    assert (out["rest_fraction"][flies] == 0.0).all()
+    if rule == "exact":
+        assert np.isfinite(out["lyapunov"][flies]).all()
+    names = ("h", "R", "omega", "f", "p", "clearance")
+    for pt in points[flies][:5]:
+        osc = Oscillator(**{name: pt[name] for name in names})
+        tr = simulate(osc, 2, integrator, rule, x0=osc.clearance, phase=phase)
+        assert len(tr.rests) == 0
+
+
+@pytest.mark.parametrize("transient", [1, 2])
+def test_a_record_that_begins_at_the_end_of_a_rest_has_no_rest(transient):
+    """A shaken base: the last rest ends at the first section; the motion never rests again."""
+    osc = Oscillator(
+        h=0.016204919189485998, R=0.95, omega=0.31822657272386123, f=0.0, a=3.3237286974954467
+    )
+    start = osc.at(-0.04209741582165098)
+    out = integrate(start, transient=transient, periods=20, lyapunov=True)
+    assert (out["chatters"], out["rest_fraction"]) == (0, 0.0)
+    assert np.isfinite(out["lyapunov"]).all()
+    assert len(simulate(osc, 20, x0=start["x0"][0], transient=transient).rests) == 0
+
+
 @pytest.mark.parametrize(
     ("name", "value", "allowed"),
     [

@@ -194,12 +194,9 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying):
         record_step(scratch.events, n_events, rested / pt.omega, theta, pt, ring, sums)
         sums.near_grazes += grazes
     if carrying:
-        tangent = tangent_in(c, TANGENT_0 + j, COLUMN_ROW)
-        if was_resting:
-            tangent = 0.0, 0.0
         tangent = carry_tangent(
-            (eq, propagator_in(lanes, i)), tangent, scratch.events, n_events, begin, theta,
-            phase_step, pt.omega,
+            (eq, propagator_in(lanes, i)), tangent_in(c, TANGENT_0 + j, COLUMN_ROW),
+            scratch.events, n_events, begin, theta, phase_step, pt.omega,
         )  # fmt: skip
         put_tangent(lanes, TANGENT + new_row + i, 2 * ROW, tangent)
 

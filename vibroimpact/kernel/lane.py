@@ -48,6 +48,7 @@ from vibroimpact.kernel.workspace import (
     put_tangent,
     whole_vectors,
 )
+from vibroimpact.step.contact import RELEASE_MARGIN, time_to_release
 from vibroimpact.step.scheme import THETA
 from vibroimpact.step.stepper import first_section
 
@@ -76,7 +77,7 @@ def fill_lane(workspace, job, i, exactly):
     # The start is not marked: after a lead-in it is not rounded, as sections are.
     lanes[MARK_X + i] = math.nan
     if job.transient == 0:
-        begin_record(workspace, i)
+        begin_record(workspace, i, grid.table[THETA, 0])
     return True
 
 
@@ -114,13 +115,14 @@ def move_lane(workspace, source, target, exactly):
 
 
 @jit
-def begin_record(workspace, i):
-    """Begin the record of lane `i`."""
+def begin_record(workspace, i, theta):
+    """Begin the record of lane `i`, at the phase `theta` of the section."""
     lanes, pt = workspace.lanes, workspace.points[i]
     begin_sums(workspace.sums[i])
     lanes[SLEPT + i], lanes[GREATEST + i] = 0.0, pt.clearance
-    one = 0.0 if lanes[LEVEL + i] == AT_REST else 1.0  # a rest leaves no tangent vector
-    put_tangent(lanes, TANGENT + i, 2 * ROW, (one, 0.0))
+    # A rest leaves no tangent vector, unless it ends now.
+    rests = lanes[LEVEL + i] == AT_REST and pt.omega * time_to_release(theta, pt) > RELEASE_MARGIN
+    put_tangent(lanes, TANGENT + i, 2 * ROW, (0.0 if rests else 1.0, 0.0))
 
 
 @jit
@@ -188,18 +190,18 @@ def skip_cycles(batch, i, periods, only_transient):
 
 
 @jit
-def attend_lane(batch, i, offset, transient, periods, only_transient):
+def attend_lane(batch, i, offset, job):
     """Do what is due in lane `i` at a section: skip cycles, begin the record, renew the mark."""
     workspace, record, _ = batch
-    lanes = workspace.lanes
+    lanes, periods = workspace.lanes, job.periods
     x, v, level = lanes[POSITION + offset + i], lanes[VELOCITY + offset + i], lanes[LEVEL + i]
     same = x == lanes[MARK_X + i] and v == lanes[MARK_V + i]
     if same and level == lanes[MARK_LEVEL + i]:
-        skip_cycles(batch, i, periods, only_transient)
+        skip_cycles(batch, i, periods, job.lyapunov)
     period = lanes[PERIOD + i]
     end = 0.0 if period < 0.0 else float(periods)
     if period == 0.0:
-        begin_record(workspace, i)
+        begin_record(workspace, i, job.scheme.grid.table[THETA, 0])
         begun = record.begun[workspace.rows[i]]
         begun[0], begun[1] = x, v
     elif period < lanes[DUE + i]:
@@ -207,7 +209,7 @@ def attend_lane(batch, i, offset, transient, periods, only_transient):
     lanes[MARK_X + i], lanes[MARK_V + i], lanes[MARK_LEVEL + i] = x, v, level
     lanes[MARK_PERIOD + i] = period
     workspace.sums_at_mark[i] = workspace.sums[i]
-    lanes[DUE + i] = min(period + 1.0 + math.floor(0.25 * (period + transient)), end)
+    lanes[DUE + i] = min(period + 1.0 + math.floor(0.25 * (period + job.transient)), end)
 
 
 @jit

@@ -51,7 +51,7 @@ def run_lanes(workspace, job, memory, fill, find, exactly, plain):
         # From the last lane on: a lane that takes the place of a complete one is done already.
         for j in range(list_lanes(lanes, met, size) - 1, -1, -1):
             i = met[j]
-            attend_lane(batch, i, offset, job.transient, job.periods, job.lyapunov)
+            attend_lane(batch, i, offset, job)
             if lanes[PERIOD + i] >= job.periods:
                 close_lane(workspace, job, i, exactly, plain)
                 find_destination(job, workspace.rows[i], find, memory)

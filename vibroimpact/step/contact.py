@@ -134,3 +134,15 @@ def log_event(events, n, kind, tau, v, x):
     events[n, SPEED] = v
     events[n, DISPLACEMENT] = x
     return n + 1
+
+
+@inlined
+def log_release(events, n, tau, wait, pt):
+    """Write that a mass is released, after the phase `wait` of rest; return the number of rows.
+
+    A rest of length 0 is none: where it began with no impact of a chatter, there is no row of it.
+    """
+    if wait <= RELEASE_MARGIN and n > 0 and events[n - 1, KIND] == REST:
+        if events[n - 1, SPEED] == 0.0:
+            return n - 1
+    return log_event(events, n, RELEASE, tau, 0.0, pt.clearance)

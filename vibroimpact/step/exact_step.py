@@ -35,10 +35,10 @@ from vibroimpact.step.chatter import (
 from vibroimpact.step.contact import (
     IMPACT,
     MAX_FLIGHTS,
-    RELEASE,
     RELEASE_MARGIN,
     REST,
     log_event,
+    log_release,
     speeds_until_rest,
     time_to_release,
 )
@@ -192,9 +192,9 @@ def exact_step(eq, pt, flight, resting, bound, phase, phase_step, scratch, n):
             if phase_step - passed - wait <= RELEASE_MARGIN:
                 return 0.0, 0.0, True, n, rested + (phase_step - passed), status, grazes
             passed += wait
-            rested += wait
+            rested += wait if wait > RELEASE_MARGIN else 0.0
             s, c = sin_cos(phase + passed)
-            n = log_event(events, n, RELEASE, passed * per_time, 0.0, stop)
+            n = log_release(events, n, passed * per_time, wait, pt)
             y, w, resting = 0.0, 0.0, False
         left = phase_step - passed
         dtheta, w_i, m, turn = exact_flight(

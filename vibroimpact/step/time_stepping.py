@@ -35,10 +35,10 @@ from vibroimpact.status import Status
 from vibroimpact.step.contact import (
     IMPACT,
     MAX_FLIGHTS,
-    RELEASE,
     RELEASE_MARGIN,
     REST,
     log_event,
+    log_release,
     pressing,
     speeds_until_rest,
     time_to_release,
@@ -213,8 +213,8 @@ def reduced_step(method, start, end, phase, T, pt, scratch):
             if pt.omega * (T - tau - wait) <= RELEASE_MARGIN:
                 return pt.clearance, 0.0, True, n, rested + (T - tau), _COMPUTED
             tau += wait
-            rested += wait
-            n = log_event(events, n, RELEASE, tau, 0.0, pt.clearance)
+            rested += wait if pt.omega * wait > RELEASE_MARGIN else 0.0
+            n = log_release(events, n, tau, pt.omega * wait, pt)
             s, c = sin_cos(theta + pt.omega * tau + _AFTER_RELEASE)
             x, v, resting, undisturbed = pt.clearance, 0.0, False, undisturbed and tau == 0.0
         if not undisturbed:

@@ -19,7 +19,7 @@ not depend on the units. Between them (y, w) have the same unit.
 from __future__ import annotations
 
 from vibroimpact.jit import fma, inlined, jit
-from vibroimpact.step.contact import IMPACT, KIND, SPEED, TIME
+from vibroimpact.step.contact import IMPACT, KIND, REST, SPEED, TIME
 from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.propagator import impulse
 
@@ -79,6 +79,6 @@ def carry_tangent(prepared, tangent, events, n, begin, theta, phase_step, omega)
         if events[k, KIND] == IMPACT:
             speed = events[k, SPEED] / omega
             tangent = apply_saltation(eq, tangent, speed, sin_cos(theta + at)[0])
-        else:
+        elif events[k, KIND] == REST:
             tangent = 0.0, 0.0
     return fly_tangent(eq, tangent, max(phase_step - at, 0.0))
