@@ -90,7 +90,7 @@ def bifurcations(
           classes where the class changes;
         - ``before`` and ``after``: the classes of the motions there, for example ``1/1``,
           ``rest, 3 periods`` or ``chaotic``; for a bifurcation of the branches, those of the stable
-          orbits that meet; ``?`` if not known;
+          orbits that meet; ``?`` if not known, or if the motion ends before it reaches ``value``;
         - ``between``: the number of points between them whose class is unknown;
         - ``orbit``: the class of the orbit that bifurcates at ``value``; at a graze, q counts the
           impact of speed zero;

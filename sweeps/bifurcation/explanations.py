@@ -111,21 +111,32 @@ def explain(
     exact = [onward for onward in (first, second) if onward.is_exact]
     if not exact:
         return [(change, Explanation(change.kind))]
-    if not change.between or _is_joined(change, first, second, values):
-        return [(change, exact[0])]
-    return [
-        (
-            _open(values, change, onward.value, after=after),
-            onward if onward.is_exact else Explanation("unknown"),
-        )
-        for onward, after in ((left, True), (right, False))
-    ]
+    near = least_difference(values[0], values[-1])
+    parts = [(change, exact[0])]
+    if change.between and not _is_joined(change, first, second, near):
+        parts = [
+            (
+                _open(values, change, onward.value, after=after),
+                onward if onward.is_exact else Explanation("unknown"),
+            )
+            for onward, after in ((left, True), (right, False))
+        ]
+    return [(_reached(part, found.value, left, right, near), found) for part, found in parts]
 
 
-def _is_joined(change: Change, first: Explanation, second: Explanation, values: np.ndarray) -> bool:
+def _reached(
+    change: Change, value: float, left: Explanation, right: Explanation, near: float
+) -> Change:
+    """Return a change at a value, without the classes of motions that end before they reach it."""
+    before = NO_LABEL if left.value < value - near else change.before
+    after = NO_LABEL if right.value > value + near else change.after
+    return replace(change, before=before, after=after)
+
+
+def _is_joined(change: Change, first: Explanation, second: Explanation, near: float) -> bool:
     """Whether the same bifurcation ends the first motion and leads to the second one."""
     if first.is_exact and second.is_exact:
-        return bool(abs(first.value - second.value) <= least_difference(values[0], values[-1]))
+        return abs(first.value - second.value) <= near
     return second.kind == "edge" or change.kind == "flip"
 
 
