@@ -13,6 +13,9 @@ from vibroimpact.inputs import near_miss, suggestion
 from vibroimpact.inputs import shortened as shortened  # for messages here, too
 from vibroimpact.inputs import shown_count as shown_count
 
+#: A length or a time for which no name was chosen, in a unit.
+UNNAMED = re.compile(r"\b(length|time)\b")
+
 
 def missing_text(path: Path) -> str:
     """Say that a file does not exist, with the most similar name of a file of its kind there."""
@@ -83,12 +86,12 @@ def told_apart(*values: float) -> list[str]:
 
 def in_units(unit: str, units: Mapping[str, str]) -> str:
     """Replace length and time in a unit by the units chosen for them: mm/s^2 for length/time^2."""
-    return re.sub("length|time", lambda match: units.get(match[0], match[0]), unit)
+    return UNNAMED.sub(lambda match: units.get(match[0], match[0]), unit)
 
 
 def unit_name(unit: str) -> str:
     """Return a unit if a name was chosen for it, as mm/s, and not for rad, 1 or length/time."""
-    return "" if unit in ("1", "rad") or re.search("length|time", unit) else unit
+    return "" if unit in ("1", "rad") or UNNAMED.search(unit) else unit
 
 
 def shown_range(values: Sequence[float | str]) -> str:

@@ -21,9 +21,10 @@ import xarray as xr
 from sweeps.attractor.partition import COUNTED, attractors
 from sweeps.errors import Refused
 from sweeps.opened.cuts import swept_axes
-from sweeps.opened.dataset import attributes_with_unit, config_of, points_of
+from sweeps.opened.dataset import config_of, points_of
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import run_on
+from sweeps.store.variables import description_in
 from sweeps.text import listed
 
 #: The variables that `integrity` adds, with their meanings and units.
@@ -107,7 +108,7 @@ def with_measures(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
     for (name, about), values in zip(_BASIN_MEASURES.items(), measures, strict=True):
         shaped = values.reshape(found["number"].shape)
         shaped = shaped == 1.0 if name.endswith("edge") else shaped
-        found[name] = (found["number"].dims, shaped, attributes_with_unit(dataset, *about))
+        found[name] = (found["number"].dims, shaped, description_in(dataset.attrs, *about))
     return found
 
 

@@ -24,9 +24,10 @@ import xarray as xr
 
 from sweeps.attractor.partition import attractors
 from sweeps.errors import Refused
-from sweeps.opened.dataset import attributes_with_unit, config_of, oscillator_of
+from sweeps.opened.dataset import config_of, oscillator_of
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import MOTION, ORBIT_TOLERANCE, orbit_of_motion, section_distance
+from sweeps.store.variables import description_in
 from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, simulate
 from vibroimpact.points.computation import compute_points
 from vibroimpact.points.regimes import Regime, rests
@@ -131,7 +132,7 @@ def knocks(
     columns = zip(*rows, strict=True)
     return found.assign(
         {
-            f"knock_{name}": ("coexisting", list(column), attributes_with_unit(starts, *about))
+            f"knock_{name}": ("coexisting", list(column), description_in(starts.attrs, *about))
             for (name, about), column in zip(_KNOCK_FIELDS.items(), columns, strict=True)
         }
     )

@@ -34,9 +34,10 @@ from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.cuts import START_AXES
-from sweeps.opened.dataset import attributes_with_unit, config_of, diagnostics_with, points_of
+from sweeps.opened.dataset import config_of, diagnostics_with, points_of
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, cycles_of, distances, motions_of
+from sweeps.store.variables import description_in
 from sweeps.text import listed
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import Regime, on_its_way
@@ -226,7 +227,7 @@ def _by_rank(
         missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
         grid = np.full((*index.shape, int(rank.max(initial=0)) + 1), missing, values.dtype)
         grid.reshape(-1, grid.shape[-1])[parameter, rank] = values
-        about = attributes_with_unit(dataset, *_ATTRACTOR_COLUMNS[name])
+        about = description_in(dataset.attrs, *_ATTRACTOR_COLUMNS[name])
         data[name] = (*index.parameters, "coexisting"), grid, about
     data["motion"][2]["flag_values"] = np.array(list(Regime))
     data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)

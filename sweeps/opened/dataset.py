@@ -22,7 +22,7 @@ from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.rig import MASS, QUANTITIES
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.store.variables import COLUMN_NAMES, VARIABLES, columns_of, unit_in
+from sweeps.store.variables import COLUMN_NAMES, VARIABLES, columns_of
 from sweeps.text import unit_name
 from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, Parameter
 
@@ -138,11 +138,6 @@ def orbits_on_axes(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
 def _parsed(configuration: str) -> SweepConfig:
     """Parse the configuration of a file; the cache avoids doing so for each part of a picture."""
     return stored_config(configuration, "its configuration", "sweep")
-
-
-def attributes_with_unit(dataset: xr.Dataset, meaning: str, unit: str) -> dict[str, str]:
-    """Return the attributes of what is computed from a sweep, with the names of its units."""
-    return {"long_name": meaning, "units": unit_in(dataset.attrs, unit)}
 
 
 def headed(name: str, variable: xr.DataArray) -> str:

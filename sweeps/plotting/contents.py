@@ -15,8 +15,9 @@ from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES
 from sweeps.opened.cuts import Selection, chosen_axes, cut_at
-from sweeps.opened.dataset import attributes_with_unit, check_diagnostic, nomenclature_of
+from sweeps.opened.dataset import check_diagnostic, nomenclature_of
 from sweeps.store import DIRECTION, VARIABLES
+from sweeps.store.variables import description_in
 from sweeps.text import choice_of, listed, near_miss, suggestion
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import has_result
@@ -55,13 +56,13 @@ def _mean_force(dataset: xr.Dataset) -> xr.DataArray:
     force = force.where(dataset["rest_fraction"] == 0.0).transpose(*dataset["status"].dims)
     in_si = nomenclature_of(dataset).in_si
     meaning = "mean force on the stop" if in_si else "mean force on the stop per mass"
-    about = attributes_with_unit(dataset, meaning, "N" if in_si else "length/time^2")
+    about = description_in(dataset.attrs, meaning, "N" if in_si else "length/time^2")
     return force.assign_attrs(about, symbol=r"\overline{F}")
 
 
 def _peak_to_peak(dataset: xr.Dataset) -> xr.DataArray:
     """Return the greatest displacement less the least."""
-    about = attributes_with_unit(dataset, "peak-to-peak displacement", "length")
+    about = description_in(dataset.attrs, "peak-to-peak displacement", "length")
     travel = dataset["x_max"] - dataset["x_min"]
     return travel.assign_attrs(about, symbol=r"x_\mathrm{pp}")
 
@@ -102,7 +103,7 @@ def with_number(
     if name not in dataset:
         _, computed = _FOLLOWING[name]
         dataset = dataset.assign({name: computed(dataset)})
-    about = {"long_name": name, "units": "1", "symbol": ""} | dataset[name].attrs
+    about = {"long_name": name, "symbol": ""} | dataset[name].attrs
     described = dataset.copy()
     described[name].attrs = about
     return described, name

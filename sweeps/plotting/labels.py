@@ -102,7 +102,7 @@ def units_of(variable: xr.DataArray) -> dict[str, float]:
 
     There is none if it has a length or a time for which no name was chosen.
     """
-    own = variable.attrs.get("units", "1")
+    own = variable.attrs.get("units", "")
     units = {own: 1.0} if own in ("1", "rad") or unit_name(own) else {}
     if own in _PREFIXED:
         units |= {prefix + own: factor for _, prefix, factor in _PREFIXES} | {f"u{own}": 1e-6}

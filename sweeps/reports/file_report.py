@@ -18,7 +18,9 @@ from sweeps.reports.run_report import (
     status_counts,
 )
 from sweeps.store import VARIABLES, columns_of
+from sweeps.store.variables import unit_in
 from sweeps.text import fewest_digits, shown_duration, table
+from vibroimpact.oscillator import PARAMETERS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,11 +42,11 @@ def contents(dataset: xr.Dataset) -> str:
             strict=False,
         ),
         *(
-            ("axis", shown_axis(str(axis), dataset[axis].values, dataset[axis].attrs["units"]))
+            ("axis", shown_axis(str(axis), dataset[axis].values, _unit(dataset, str(axis))))
             for axis in dataset["status"].dims
         ),
         *(
-            ("column", shown_axis(name, values, str(dataset[name].attrs["units"])))
+            ("column", shown_axis(name, values, _unit(dataset, name)))
             for name, values in columns_of(dataset).items()
         ),
         *_of_rig(dataset),
@@ -53,7 +55,7 @@ def contents(dataset: xr.Dataset) -> str:
     shapes = [f"{name} ({_sizes(dataset[name])})" for name in names]
     width = max(map(len, shapes))
     rows += [
-        ("variable", f"{shape:{width}}  {dataset[name].long_name}{_bracketed(dataset[name])}")
+        ("variable", f"{shape:{width}}  {dataset[name].long_name}{_bracketed(dataset, name)}")
         for name, shape in zip(names, shapes, strict=True)
     ]
     attributes["duration"] = shown_duration(float(attributes["duration"]))
@@ -81,7 +83,7 @@ def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
         },
         "classes": destination_counts(_results(dataset), *_record_of(dataset)),
         "axes": {
-            name: {"units": axis.attrs["units"], "values": axis.values}
+            name: {"units": axis.attrs.get("units"), "values": axis.values}
             for name, axis in axes.items()
         },
         "columns": [*columns_of(dataset)],
@@ -89,7 +91,7 @@ def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
             name: {
                 "dimensions": {str(dim): size for dim, size in dataset[name].sizes.items()},
                 "long_name": dataset[name].attrs["long_name"],
-                "units": dataset[name].attrs["units"],
+                "units": dataset[name].attrs.get("units"),
             }
             for name in VARIABLES
             if name in dataset
@@ -115,15 +117,21 @@ def _of_rig(dataset: xr.Dataset) -> list[tuple[str, str]]:
     """Return a row for the mass and each fixed quantity of a rig; none without a rig."""
     fixed = [name for name in RigConfig.model_fields if name in dataset and not dataset[name].dims]
     return [
-        ("rig", f"{name} = {fewest_digits(dataset[name].item())}{_bracketed(dataset[name])}")
+        ("rig", f"{name} = {fewest_digits(dataset[name].item())}{_bracketed(dataset, name)}")
         for name in fixed
         if "mass" in dataset
     ]
 
 
-def _bracketed(variable: xr.DataArray) -> str:
+def _unit(dataset: xr.Dataset, name: str) -> str:
+    """Return the unit of a variable, in which a length or a time may have no name."""
+    about = PARAMETERS.get(name) or VARIABLES.get(name)
+    return dataset[name].attrs.get("units") or unit_in(dataset.attrs, about.unit if about else "1")
+
+
+def _bracketed(dataset: xr.Dataset, name: str) -> str:
     """Return the unit of a variable after a space, in brackets; none for a pure number."""
-    unit = variable.attrs["units"]
+    unit = _unit(dataset, name)
     return "" if unit == "1" else f" [{unit}]"
 
 

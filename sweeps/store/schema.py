@@ -27,8 +27,8 @@ from sweeps.store.variables import (
     FLAGS,
     RECORDS,
     VARIABLES,
+    description_in,
     held_variables,
-    unit_in,
 )
 from vibroimpact import __version__
 from vibroimpact.oscillator import PARAMETERS
@@ -207,13 +207,13 @@ def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
     """Return what a file says of an axis, a parameter, a column, a record or a variable."""
     if name in PARAMETERS:
         parameter = PARAMETERS[name]
-        about = parameter.meaning, unit_in(schema.attributes, parameter.unit), parameter.symbol
+        about, symbol = (parameter.meaning, parameter.unit), parameter.symbol
     elif name in VARIABLES:
         variable = VARIABLES[name]
-        about = variable.long_name, unit_in(schema.attributes, variable.unit), variable.symbol
+        about, symbol = (variable.long_name, variable.unit), variable.symbol
     else:
-        about = _MEANINGS.get(name, name), schema.column_units.get(name, "1"), ""
-    found: dict[str, Any] = dict(zip(("long_name", "units", "symbol"), about, strict=True))
+        about, symbol = (_MEANINGS.get(name, name), schema.column_units.get(name, "1")), ""
+    found: dict[str, Any] = description_in(schema.attributes, *about) | {"symbol": symbol}
     if name in FLAGS:
         found["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)
         found["flag_meanings"] = " ".join(one.name.lower() for one in FLAGS[name])
@@ -242,7 +242,7 @@ def schema_in(file: h5py.File) -> Schema:
         variables,
         [tuple(slice(*cut) for cut in block) for block in blocks],
         {k: v for k, v in file.attrs.items() if k not in ("duration", _COORDINATES)},
-        {name: str(file[name].attrs["units"]) for name in columns},
+        {name: str(file[name].attrs.get("units", "1")) for name in columns},
     )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.text import in_units
+from sweeps.text import UNNAMED, in_units
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence, Status
 
@@ -156,6 +156,15 @@ def unit_in(attributes: Mapping[str, Any], unit: str) -> str:
     """Return a unit with the names that the attributes of a file give to length and time."""
     called = {key: str(attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
     return in_units(unit, called)
+
+
+def description_in(attributes: Mapping[str, Any], meaning: str, unit: str) -> dict[str, str]:
+    """Return the attributes of numbers in a file, or of what is computed from it.
+
+    A unit with a length or a time without a name is left out, as other programs would refuse it.
+    """
+    named = unit_in(attributes, unit)
+    return {"long_name": meaning} | ({} if UNNAMED.search(named) else {"units": named})
 
 
 def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:

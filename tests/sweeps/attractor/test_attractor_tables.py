@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from sweeps import attractors
+from sweeps import attractors, integrity
 from sweeps.attractor.attractor_table import attractor_report, attractor_rows, cut
 from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.errors import Refused
@@ -32,6 +32,8 @@ def test_the_table_and_its_file(computed_starts, tmp_path):
     assert [row["m"] + row["q"] for row in table] == ["23", "11"]
     assert sum(float(row["fraction"]) for row in table) == pytest.approx(1.0)
     assert float(table[1]["impact_v"]) == pytest.approx(1.4225, abs=1e-4)
+    units = {one.attrs.get("units") for one in integrity(dataset).variables.values()}
+    assert units == {"1", "rad", None}  # no length/time, which other programs refuse
 
 
 @pytest.mark.slow

@@ -12,8 +12,10 @@ import xarray as xr
 import sweeps
 from sweeps.engine import executors
 from sweeps.plotting import section
+from sweeps.store import VARIABLES
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.places import ROOT
+from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Evidence, Status
 
 CONFIG = SMALL
@@ -70,9 +72,21 @@ def test_units_are_names_only(small_file):
     plain, labelled = map(sweeps.open_sweep, ("small.h5", "named.h5"))
     for name in plain.variables:
         np.testing.assert_array_equal(plain[name].values, labelled[name].values)
-        expected = plain[name].attrs["units"].replace("length", "mm").replace("time", "s")
+        about = PARAMETERS.get(name) or VARIABLES.get(name)
+        unit = about.unit if about else "1"
+        expected = unit.replace("length", "mm").replace("time", "s")
         assert labelled[name].attrs["units"] == expected
+        # Other programs read units, and know none called length/time.
+        assert plain[name].attrs.get("units") == (unit if unit in ("1", "rad") else None)
     assert labelled["f"].attrs["units"] == "mm/s^2"
+    accepted("run", "sweep.yaml", "--set", "units={length: mm}", "-o", "half.h5", "--quiet")
+    with sweeps.open_sweep("half.h5") as half:
+        assert {one.attrs.get("units") for one in half.variables.values()} == {
+            "1",
+            "rad",
+            "mm",
+            None,
+        }
     shown = accepted("info", "named.h5")
     assert "omega = 1.5 .. 3 [rad/s], 5 values" in shown
     assert "velocity at the section [mm/s]" in shown
