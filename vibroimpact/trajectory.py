@@ -19,6 +19,7 @@ from vibroimpact.step.contact import (
     REST,
     impulse_and_loss,
     time_to_release,
+    with_stop_in_reach,
 )
 from vibroimpact.step.integrators import closed_form
 from vibroimpact.step.recorder import SECTION, trace
@@ -139,8 +140,9 @@ def simulate(
     refuse_other("oscillator", oscillator, Oscillator)
     periods = integer(1, MOST_RECORDED).checked("periods", periods)
     transient = integer(0, MOST_PERIODS).checked("transient", transient)
-    points, interrupt = with_one_force(oscillator.at(x0, v0)), np.zeros(1, np.int64)
+    points, interrupt = oscillator.at(x0, v0), np.zeros(1, np.int64)
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase)
+    points = with_stop_in_reach(points, impact)
     points["phase"] = phase
     before = Status.PENDING
     if transient > 0:
@@ -162,8 +164,11 @@ def simulate(
     if not status.failed and np.isinf(impulse_and_loss(points["R"], *sums)).any():
         status = Status.NON_FINITE
     rests = _rests(kind, t, points)
-    if status is Status.CERTIFIED and not len(rests) and loses_digits(points, x[section][None])[0]:
-        status = Status.COMPUTED
+    if status is Status.CERTIFIED:
+        fastest = np.fmax.reduce(speeds, initial=np.nan)
+        rested = (np.minimum(rests[:, 1], t[-1]) - rests[:, 0]).sum() / (t[-1] - t[0])
+        if loses_digits(points, x[section][None], fastest, rested)[0]:
+            status = Status.COMPUTED
     if status.failed:
         reach[:] = math.nan
     depth = x[np.isfinite(x)] - oscillator.clearance

@@ -1,12 +1,20 @@
 """A stop so far from the rest position that x has few digits for the motion near it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from tests.helpers import naive
 from tests.vibroimpact.test_free_motions import found_of
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, simulate
+from vibroimpact.oscillator import POINT
+from vibroimpact.points.computation import compute_points
 from vibroimpact.points.regimes import is_chaotic
+from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence
+from vibroimpact.step.contact import with_stop_in_reach
+from vibroimpact.step.scheme import default_steps
 
 
 def balls(p, R, gamma):
@@ -48,3 +56,180 @@ def test_orbits_keep_their_class(p, status):
     assert simulate(osc, 5, x0=x - 0.1, v0=v).status == status
     out, _ = found_of(osc.at(*unstable.sections(0.0)[0]), 0, 2)
     assert (out["period"], out["period_impacts"]) != (1, 1)
+
+
+# --- in front of a far stop ---
+
+
+def random_points(n, seed):
+    """Return points of random oscillators at p = 1 that start near the rest position."""
+    rng, points = np.random.default_rng(seed), np.zeros(n, POINT)
+    points["h"] = np.where(rng.uniform(size=n) < 0.2, 0.0, 10.0 ** rng.uniform(-3.0, 0.3, n))
+    points["R"], points["omega"] = rng.uniform(size=n), 10.0 ** rng.uniform(-0.6, 0.8, n)
+    points["f"], points["p"] = 10.0 ** rng.uniform(-1.0, 1.0, n), 1.0
+    points["clearance"] = 10.0 ** rng.uniform(8.5, 15.0, n)
+    points["x0"], points["v0"] = -rng.uniform(0.0, 2.0, n), rng.normal(size=n)
+    points["phase"] = rng.uniform(0.0, 2.0 * np.pi, n)
+    return points
+
+
+def oscillator_of(point):
+    """Return the oscillator of a point."""
+    names = ("h", "R", "omega", "f", "p", "clearance", "a")
+    return Oscillator(**{name: float(point[name]) for name in names})
+
+
+@pytest.mark.parametrize(("transient", "n"), [(0, 100), (300, 400)])
+def test_a_free_motion_keeps_all_digits_however_far_the_stop_is(transient, n):
+    """It is the closed form, also its turning points, with the class that it has for any stop."""
+    points, periods = random_points(n, transient), 20
+    out = integrate(points, transient=transient, periods=periods, phase=0.5, extremes=True)
+    assert (out["status"] == Status.CERTIFIED).all() and not out["impacts_per_period"].any()
+    classes, _ = found_of(points, transient, periods, 0.5)
+    settles = points["h"] > 0.0
+    assert (classes["class_evidence"][settles] == Evidence.FREE).all()
+    for i, point in enumerate(points):
+        osc, lead = oscillator_of(point), (0.5 - point["phase"]) % (2.0 * np.pi)
+        form = naive.ClosedForm(osc, point["phase"] / osc.omega, point["x0"], point["v0"])
+        ends = transient + 1 + np.arange(periods)
+        x, v = form(form.t0 + (lead + 2.0 * np.pi * ends) / osc.omega)
+        size = max(abs(form.weights[2]), np.abs(x).max())
+        np.testing.assert_allclose(out["poincare_x"][i], x, atol=1e-10 * size)
+        np.testing.assert_allclose(out["poincare_v"][i], v, atol=1e-10 * size * (1.0 + osc.omega))
+        span = transient + periods * np.linspace(0.0, 1.0, 12_001)
+        dense, _ = form(form.t0 + (lead + 2.0 * np.pi * span) / osc.omega)
+        reach = out["x_min"][i], out["x_max"][i]
+        np.testing.assert_allclose(reach, (dense.min(), dense.max()), atol=1e-3 * size)
+        if settles[i]:
+            orbit = naive.ClosedForm(osc, 0.5 / osc.omega, x[-1], v[-1])
+            steady = orbit.weights[2].real, (orbit.weights[2] * orbit.rates[2]).real
+            off = np.abs(np.array((x[-1], v[-1])) - steady)
+            sizes = size, max(osc.omega, 1.0) * size
+            assert classes["orbit_distance"][i] >= 0.3 * (off / sizes).max() - 1e-10
+
+
+def test_the_free_motion_in_front_of_a_stop_that_is_switched_off():
+    """h = .1, omega = 2.3, from rest: the values of an independent program."""
+    osc = Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0, clearance=1e12)
+    out = integrate(osc.at(), transient=300, periods=20, extremes=True)
+    assert out["status"] == Status.CERTIFIED
+    assert out["poincare_x"][0, -1] == pytest.approx(0.0247103251556482, rel=1e-13)
+    assert out["poincare_v"][0, -1] == pytest.approx(0.5300364745886537, rel=1e-13)
+    assert out["x_max"][0] == pytest.approx(0.23177165090763927, rel=1e-13)
+    tr = simulate(osc, 20, transient=300)
+    np.testing.assert_array_equal(tr.section_x, out["poincare_x"][0])
+    assert (tr.status, tr.x_max, tr.max_penetration) == (Status.CERTIFIED, out["x_max"][0], 0.0)
+
+
+def test_every_way_to_a_free_motion_gives_the_same_bits():
+    """Point after point, in a sweep, and with a transient of its own."""
+    points = random_points(40, 5)
+    steps = default_steps(points, "exact")
+    spec = RunSpec(
+        "exact", "exact", steps, 0, 700, 20, 0.5, 4, False, True, None, False, None, ()
+    )  # fmt: skip
+    swept = compute_points(spec, points, None)
+    for i, point in enumerate(points):
+        way = {"transient": int(swept["transient"][i]), "periods": 20, "phase": 0.5}
+        alone = integrate(point[None], **way, steps_per_period=steps)
+        np.testing.assert_array_equal(alone["poincare_x"][0], swept["poincare_x"][i])
+        np.testing.assert_array_equal(alone["poincare_v"][0], swept["poincare_v"][i])
+
+
+@pytest.mark.parametrize(
+    ("changed", "start"),
+    [
+        ({"h": 0.0, "omega": 1.0}, {}),  # resonance: no bound
+        ({"h": 1e-14, "omega": 1.0}, {}),
+        ({}, {"x0": -1e9}),  # the start has faded when the record begins
+        ({}, {"v0": -1e9}),
+    ],
+)
+def test_a_free_motion_without_digits_is_not_certified(changed, start):
+    osc = replace(Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0, clearance=1e13), **changed)
+    out = integrate(osc.at(**start), transient=300, periods=20)
+    assert out["status"] == Status.COMPUTED and not out["impacts_per_period"]
+    assert simulate(osc, 20, transient=300, **start).status is Status.COMPUTED
+
+
+def test_a_mass_without_force_stays_at_its_rest_position():
+    osc = Oscillator(h=0.0, R=0.8, omega=1.4, f=0.0, clearance=1e15)
+    out = integrate(osc.at(), transient=300, periods=20, extremes=True)
+    assert out["status"] == Status.CERTIFIED
+    assert not out["poincare_x"].any() and out["x_min"] == out["x_max"] == 0.0
+
+
+def test_only_a_far_stop_moves():
+    """A stop up to thousands of amplitudes away stays, and so does every bit of the motion."""
+    points = random_points(500, 6)
+    resistance = np.hypot(1.0 - points["omega"] ** 2, 2.0 * points["h"] * points["omega"])
+    reach = points["f"] / resistance + np.abs(points["x0"]) + np.abs(points["v0"])
+    for share in (-1e12, -1.0, 0.0, 1.0, 100.0, 8000.0):
+        points["clearance"] = share * reach
+        assert (with_stop_in_reach(points, "exact") == points).all()
+    points["clearance"] = 1e6 * reach
+    assert (with_stop_in_reach(points, "plain") == points).all()
+    moved = with_stop_in_reach(points, "exact")["clearance"]
+    assert (moved >= 4.0 * reach).all() and (moved < 0.01 * points["clearance"]).all()
+
+
+# --- rests on a far stop ---
+
+
+def resting_points(n, seed, low, high):
+    """Return points on preloaded stops between 10^low and 10^high away, which the force leaves."""
+    rng, points = np.random.default_rng(seed), random_points(n, seed)
+    points["R"], points["clearance"] = (
+        rng.uniform(0.0, 0.7, n),
+        -(10.0 ** rng.uniform(low, high, n)),
+    )
+    points["p"] = np.sqrt(points["f"] * rng.uniform(0.05, 0.98, n) / -points["clearance"])
+    points["x0"] = points["clearance"] - rng.uniform(0.0, 1.0, n)
+    return points
+
+
+@pytest.mark.parametrize("transient", [0, 100])
+def test_a_moving_mass_with_few_digits_is_not_certified_because_it_rests(transient):
+    points = resting_points(500, 7, 9.5, 15.0)
+    out = integrate(points, transient=transient, periods=12, extremes=True)
+    height = points["clearance"] - out["x_min"]
+    few = height < 1e8 * 0.5 * np.spacing(-points["clearance"])
+    few &= (out["rest_fraction"] > 0.0) & (out["rest_fraction"] < 1.0)
+    assert few.sum() > 300
+    assert (out["status"][few] == Status.COMPUTED).all()
+    for i in np.flatnonzero(few)[:10]:
+        start = {name: float(points[name][i]) for name in ("x0", "v0", "phase")}
+        tr = simulate(oscillator_of(points[i]), 12, transient=transient, **start)
+        assert len(tr.rests) and tr.status is Status.COMPUTED
+
+
+def test_a_rest_between_flights_with_few_digits():
+    """The first sections are right; at the eighth, the velocity has lost its first digit."""
+    osc = Oscillator(
+        h=0.0, R=0.39963275237141893, omega=1.6353677213777558, f=5.161432055453322,
+        p=3.238714805560474e-06, clearance=-275723275565.7422,
+    )  # fmt: skip
+    start = osc.at(osc.clearance, -0.6259988688004626)
+    out = integrate(start, transient=0, periods=12, steps_per_period=20)
+    assert out["poincare_v"][0, 2] == pytest.approx(0.4858874596994528, rel=1e-12)
+    assert abs(out["poincare_v"][0, 7] - 0.4858874596994528) > 0.1
+    assert out["status"] == Status.COMPUTED and out["chatters"] > 0
+
+
+def test_a_mass_that_is_held_keeps_its_digits():
+    """From the start on, and after a transient."""
+    points = resting_points(100, 8, 9.5, 15.0)
+    points["f"] *= 0.04
+    for transient in (100, 0):
+        out = integrate(points, transient=transient, periods=12)
+        assert (out["rest_fraction"] > 1.0 - 1e-12).all()
+        assert (out["status"] == Status.CERTIFIED).all()
+        points["x0"], points["v0"] = points["clearance"], 0.0
+    assert simulate(oscillator_of(points[0]), 9, x0=points["x0"][0]).status is Status.CERTIFIED
+
+
+def test_a_rest_near_the_rest_position_is_certified():
+    points = resting_points(500, 9, -2.0, 2.0)
+    out = integrate(points, transient=100, periods=12)
+    assert (out["rest_fraction"] > 0.0).sum() > 350
+    assert (out["status"] == Status.CERTIFIED).all()

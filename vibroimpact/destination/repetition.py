@@ -11,8 +11,9 @@ TOLERANCE = 1e-6
 #: It does so after m periods only if its deviation from that is less than this share of its
 #: deviation from every divisor of m.
 _LESS_THAN_DIVISORS = 0.01
-#: Sections below this share of the clearance are measured by the clearance: they may be rounding.
-_LEAST_SIZE = 1e-7
+#: Sections below this share of the clearance are measured by the clearance: they may be rounding,
+#: and the motion is not certified.
+_LEAST_SIZE = 1e-8
 #: Nor is a size in x or v below this share of what the other one makes of it: sections beside an
 #: impact are all on the stop, and those at a turning point have no speed.
 _LEAST_SHARE = 1e-3

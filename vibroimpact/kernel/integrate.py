@@ -14,6 +14,7 @@ from vibroimpact.kernel.record import SUMS, Record, loses_digits, named_results
 from vibroimpact.kernel.threads import KernelJob, lanes_per_thread, run_on_threads
 from vibroimpact.oscillator import refuse_invalid, with_one_force
 from vibroimpact.status import Status
+from vibroimpact.step.contact import with_stop_in_reach
 from vibroimpact.step.recorder import extremes_of
 from vibroimpact.step.scheme import (
     EXACT,
@@ -145,8 +146,8 @@ def integrate(
         threads = integer(1, MOST_RECORDED).checked("threads", threads)
     refuse_invalid(points, beyond_stop=at_section and impact == "plain")
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase)
+    points = with_stop_in_reach(points, impact)
     if at_section:
-        points = points.copy()
         points["phase"] = scheme.grid.table[THETA, 0]
     if lyapunov and scheme.method[0] != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
@@ -178,8 +179,9 @@ def run_points(
     record, found = _record(points, scheme, length, lyapunov, threads, interrupt, classes)
     results = named_results(points, record)
     if scheme.method[0] == EXACT:
-        moves = (results["status"] == Status.CERTIFIED) & (results["rest_fraction"] == 0.0)
-        results["status"][moves & loses_digits(points, results["poincare_x"])] = Status.COMPUTED
+        motion = (results[name] for name in ("poincare_x", "fastest_impact", "rest_fraction"))
+        lost = loses_digits(points, *motion) & (results["status"] == Status.CERTIFIED)
+        results["status"][lost] = Status.COMPUTED
     if not lyapunov:
         del results["lyapunov"]
     return results | ({"destination": found} if classes else {})

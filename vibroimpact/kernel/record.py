@@ -51,6 +51,8 @@ SUMS = np.dtype(
 
 #: Significant digits that the motion of a certified point keeps at the sections.
 _FEWEST_DIGITS = 8
+#: Share of the time, for rounding, by which a mass may be held less than all the time.
+_HELD = 1e-9
 #: Rounding of omega / (2 p), for parameters that come from a computation.
 _ROUNDING_OF_RATIO = 1e-12
 #: A motion grows if its speed does so at least at this share of the rate of the resonance. One that
@@ -256,17 +258,26 @@ def _grows(points: np.ndarray, impacts: np.ndarray, sections: np.ndarray) -> np.
     return found
 
 
-def loses_digits(points: np.ndarray, x: np.ndarray) -> np.ndarray:
+def loses_digits(
+    points: np.ndarray, x: np.ndarray, fastest: np.ndarray, rest_fraction: np.ndarray
+) -> np.ndarray:
     """Whether motions have fewer than ``_FEWEST_DIGITS`` at their sections `x`, (n, periods).
 
-    There x is rounded, which is coarse for a motion near a stop far from the rest position. The
-    size of the motion is its greatest distance from the stop, or that of a free oscillation if it
-    is larger.
+    There x - clearance is rounded, which is coarse for a small motion if the stop is far from the
+    rest position. The size of a motion is its greatest distance from the rest position or, if it is
+    less, from the stop; or if it is larger, that of a free oscillation, but at most the height from
+    which the mass falls to the `fastest` impact. Without a force a motion ends at rest, and only
+    its distance from the stop counts. A mass that is held all the time keeps its digits.
     """
+    h, omega, f, p, stop = (points[name] for name in ("h", "omega", "f", "p", "clearance"))
     with np.errstate(all="ignore"):  # extreme values, whose size is then 0, inf or NaN
-        rounding = 0.5 * np.spacing(np.abs(points["clearance"])) * 10.0**_FEWEST_DIGITS
-        omega, p = points["omega"], points["p"]
-        lost: np.ndarray = rounding > points["f"] / (omega * omega + p * p)
+        rounding = 0.5 * np.spacing(np.abs(stop)) * 10.0**_FEWEST_DIGITS
+        forced = f / (omega * omega + 2.0 * h * omega + p * p)
+        height = 0.5 * fastest * fastest / (f + p * p * np.abs(stop))
+        lost: np.ndarray = rounding > np.fmin(forced, height)
+    lost &= rest_fraction < 1.0 - _HELD
     rows = np.flatnonzero(lost)
-    lost[rows] = rounding[rows] > np.abs(x[rows] - points["clearance"][rows, None]).max(axis=1)
+    size = np.abs(x[rows] - stop[rows, None])
+    size = np.where(f[rows, None] > 0.0, np.minimum(size, np.abs(x[rows])), size)
+    lost[rows] = rounding[rows] > size.max(axis=1)
     return lost

@@ -19,6 +19,7 @@ from vibroimpact.points.destinations import classified
 from vibroimpact.points.following import follow_chains
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.transient import run_with_own_transients
+from vibroimpact.step.contact import with_stop_in_reach
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import Scheme
 
@@ -56,6 +57,7 @@ def compute_points(
     """
     if spec.scaled:
         return _computed_once(replace(spec, scaled=False), points, threads, interrupt)
+    points = with_stop_in_reach(points, spec.impact)
     run = partial(_run, threads=threads, interrupt=interrupt)
     if spec.longest is None:
         results = run(spec, points)
@@ -77,7 +79,10 @@ def compute_chains(
     `advance` is given the number of points computed since its last call, after every value of that
     axis. The results are as of `compute_points`, two directions one after the other.
     """
-    run = partial(_run, spec, threads=threads, interrupt=interrupt)
+
+    def run(points: np.ndarray) -> dict[str, np.ndarray]:
+        return _run(spec, with_stop_in_reach(points, spec.impact), threads, interrupt)
+
     axis = spec.followed
     assert axis is not None
     results = follow_chains(box, along, axis, spec.directions, spec.phase, run, advance)

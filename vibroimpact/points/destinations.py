@@ -10,7 +10,9 @@ from vibroimpact.destination.find import NO_DESTINATION
 from vibroimpact.kernel.integrate import find_destinations, integrate
 from vibroimpact.points.regimes import has_result
 from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import put_last
 from vibroimpact.status import Evidence, Status
+from vibroimpact.step.contact import with_stop_in_reach
 from vibroimpact.step.scheme import Scheme
 
 #: The results of a run from which the destinations are found.
@@ -64,7 +66,9 @@ def classified_later(
 ) -> dict[str, np.ndarray]:
     """Return what `classified` does, for a run that was not asked for classes."""
     scheme = Scheme.of(spec.integrator, spec.impact, spec.steps_per_period, spec.phase)
-    found = find_destinations(points, scheme, results, threads)
+    ends = points.copy()
+    put_last(ends, results, spec.phase)
+    found = find_destinations(with_stop_in_reach(ends, spec.impact), scheme, results, threads)
     return classified(spec, points, {**results, "destination": found}, threads)
 
 

@@ -3,6 +3,11 @@
 A mass at rest on the stop stays while a = -f sin(omega t) - p^2 clearance is not negative. It is
 released at the exact time at which a becomes negative. With a preload of p^2 |clearance| = f, a
 reaches zero but never becomes negative: the mass stays for ever.
+
+**A far stop.** Exact impacts follow x - clearance, in which a small motion in front of a far stop
+has few digits. A motion without impacts is the free oscillation, of amplitude A, and a deviation
+whose hypot(x, v / p) does not rise. So |x| stays below A + hypot(x0 - x_p, (v0 - v_p) / p), where
+|x_p| <= A and |v_p| <= A omega. A stop that is not met does nothing: it may be anywhere beyond.
 """
 
 from __future__ import annotations
@@ -13,14 +18,21 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import inlined, jit
+from vibroimpact.oscillator import with_one_force
 from vibroimpact.step.elementary import asin, sin_cos
-from vibroimpact.step.polynomial import TERMS
+from vibroimpact.step.polynomial import SMALLEST_NORMAL, TERMS
 
 #: Most flights of a step that are followed side by side with those of other lanes; and then alone.
 SIDE_BY_SIDE, MAX_FLIGHTS = 6, 16384
 #: A release this close in phase to the end of a step is left to the next step, because rounding
 #: decides the sign of the force. The displacement is then of the order of the cube of this phase.
 RELEASE_MARGIN = 1e-12
+
+#: A stop is far beyond so many times the bound of the motion. It is then put at four to eight times
+#: this bound, where the guard of a step proves the motion safe.
+_FAR = 8192.0
+#: A bound for a mass that stays at its rest position, at which products do not underflow.
+_NO_MOTION = 1e-200
 
 # Relative error of p^2 |clearance|, after three roundings.
 _ROUNDING_OF_LEVEL = 4.5e-16
@@ -124,6 +136,25 @@ def impulse_and_loss(
     """
     with np.errstate(over="ignore", invalid="ignore"):
         return (1.0 + R) * speeds, 0.5 * (1.0 - R) * (1.0 + R) * np.where(R < 1.0, squares, 0.0)
+
+
+def with_stop_in_reach(points: np.ndarray, impact: str) -> np.ndarray:
+    """Return points with one force; with the rule ``exact``, far stops that are never met are near.
+
+    The new clearance is a power of two. It depends on the start, so it must stay the same for all
+    parts of a run.
+    """
+    points = with_one_force(points)
+    if impact == "exact":
+        h, omega, f, p, stop = (points[name] for name in ("h", "omega", "f", "p", "clearance"))
+        with np.errstate(all="ignore"):  # resonance and extreme values, of which nothing is proved
+            resistance = np.hypot((p - omega) * (p + omega), 2.0 * h * omega)
+            amplitude = f / np.maximum(resistance, SMALLEST_NORMAL)
+            start = np.abs(points["x0"]) + np.abs(points["v0"]) / p
+            bound = np.maximum(start + amplitude * (1.0 + np.maximum(1.0, omega / p)), _NO_MOTION)
+            nearer = np.ldexp(4.0, np.frexp(bound)[1])
+        points["clearance"] = np.where(bound < stop / _FAR, nearer, stop)
+    return points
 
 
 @inlined
