@@ -14,10 +14,13 @@ import numpy as np
 import xarray as xr
 
 from sweeps.opened.cuts import Selection
+from sweeps.opened.dataset import IN_SI, config_of
+from sweeps.opened.motions import recorded_motions
 from vibroimpact.jit import NUMERICS, numerics_of
 from vibroimpact.jit.cache import read, root, write
+from vibroimpact.status import Status
 
-#: The array that describes a result, as JSON.
+#: The array that says for what a result was found, and what it is, as JSON.
 _ABOUT = "about"
 #: Most results that are kept; the oldest go first.
 _MOST = 100
@@ -30,9 +33,9 @@ def with_cache(
 ) -> Callable[..., xr.Dataset]:
     """Return `branches` or `curves` as a function that keeps what it finds, and uses it again.
 
-    What was found is used again if the data of the opened file, the code of the physics, of
-    ``bifurcation`` and of ``opened``, and the request are the same. `say` is told that, or why what
-    was found is not kept.
+    What was found is used again if all that the sweep says of its motions, the code of the physics,
+    of ``bifurcation`` and of ``opened``, and the request are the same. `say` is told that, or why
+    what was found is not kept.
     """
 
     def found(
@@ -43,20 +46,19 @@ def with_cache(
         **chosen: Any,
     ) -> xr.Dataset:
         """Look for a kept result first."""
-        data = dataset.encoding.get("digest", "")
         code = [numerics_of(Path(__file__).parents[1] / room) for room in _ROOMS]
         request = [find.__name__, axes, sorted((at or {}).items()), sorted(chosen.items())]
-        key = json.dumps([data, NUMERICS, code, request], default=int)
+        key = json.dumps([_motions(dataset), NUMERICS, code, request], default=int)
         path = root() / "exact" / hashlib.sha256(key.encode()).hexdigest()[:24]
-        if data and (before := _read(path)) is not None:
+        if (before := _read(path, key)) is not None:
             say("the exact orbits were found before, and are used again")
             return before
         result = find(dataset, axes, at, *checks, **chosen)
-        if not data:
+        if (dataset["status"] == Status.PENDING).any():
             say("the exact orbits are not kept: the sweep is not complete")
             return result
         try:
-            write(path, _packed(result), _MOST)
+            write(path, _packed(result, key), _MOST)
         except OSError as error:
             say(f"the exact orbits are not kept in {path.parent}: {error.strerror or error}")
         return result
@@ -64,28 +66,34 @@ def with_cache(
     return found
 
 
-def _packed(found: xr.Dataset) -> bytes:
-    """Return an archive of the variables of a Dataset and their description."""
-    about = {
-        "coords": [str(name) for name in found.coords],
-        "dims": {str(name): list(map(str, found[name].dims)) for name in found.variables},
-        "of": {str(name): found[name].attrs for name in found.variables},
-        "attrs": found.attrs,
-    }
-    arrays: dict[str, Any] = {str(name): found[name].values for name in found.variables}
+def _motions(dataset: xr.Dataset) -> str:
+    """Return a digest of the motions of a sweep, as it is now, and of its axes and their names."""
+    about = config_of(dataset).to_yaml(), IN_SI in dataset.attrs, dataset["status"].dims
+    digest = hashlib.sha256(repr(about).encode())
+    axes = {(name, *one.dims): one.values for name, one in dataset.coords.items()}
+    for name, values in (axes | recorded_motions(dataset)).items():
+        numbers = values.astype(str) if values.dtype == object else values
+        digest.update(repr((name, numbers.dtype.str, numbers.shape)).encode() + numbers.tobytes())
+    return digest.hexdigest()
+
+
+def _packed(found: xr.Dataset, key: str) -> bytes:
+    """Return an archive of the variables of a Dataset, their description and what was asked."""
+    arrays: dict[str, Any] = {str(name): one.values for name, one in found.variables.items()}
+    arrays[_ABOUT] = np.array(json.dumps([key, found.to_dict(data=False)]))
     image = io.BytesIO()
-    np.savez(image, **{_ABOUT: np.array(json.dumps(about)), **arrays})
+    np.savez(image, **arrays)
     return image.getvalue()
 
 
-def _read(path: Path) -> xr.Dataset | None:
-    """Return the Dataset that was kept in a file; None without one."""
-    with suppress(Exception):  # other contents raise errors of a dozen kinds
-        with np.load(io.BytesIO(read(path) or b"")) as arrays:
-            about = json.loads(str(arrays[_ABOUT]))
-            variables = {
-                name: (dims, arrays[name], about["of"][name])
-                for name, dims in about["dims"].items()
-            }
-        return xr.Dataset(variables, attrs=about["attrs"]).set_coords(about["coords"])
+def _read(path: Path, key: str) -> xr.Dataset | None:
+    """Return the Dataset that was kept in a file for this key; None without one."""
+    with (
+        suppress(Exception),  # other contents raise errors of a dozen kinds
+        np.load(io.BytesIO(read(path) or b"")) as arrays,
+    ):
+        own, about = json.loads(str(arrays[_ABOUT]))
+        for name, variable in {**about["coords"], **about["data_vars"]}.items():
+            variable["data"] = arrays[name]
+        return xr.Dataset.from_dict(about) if own == key else None
     return None

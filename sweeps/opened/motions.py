@@ -75,13 +75,18 @@ def labels(line: xr.Dataset) -> list[Label | None]:
 MOTION = np.dtype([("point", POINT), ("regime", np.int64), ("m", np.int64), ("q", np.int64)])
 
 
+def recorded_motions(cut: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return the results from which `motions_of` makes the motions of a cut through a sweep."""
+    recorded = ("period_impacts", "orbit_x", "orbit_v") if "period" in cut else RECORD
+    return values_of(cut, sorted({*OF_REGIMES, *recorded}))
+
+
 def motions_of(cut: xr.Dataset) -> np.ndarray:
     """Return the motions of a cut through a sweep, of dtype ``MOTION``, in its shape."""
-    recorded = ("period_impacts", "orbit_x", "orbit_v") if "period" in cut else RECORD
     points, shape = points_of(cut), cut["status"].shape
     results = {
         name: values.reshape(len(points), *values.shape[len(shape) :])
-        for name, values in values_of(cut, {*OF_REGIMES, *recorded}).items()
+        for name, values in recorded_motions(cut).items()
     }
     return motions_from(config_of(cut).sweep.spec, points, results).reshape(shape)
 

@@ -67,7 +67,6 @@ def _opened(path: Path, digest: str) -> xr.Dataset:
     chunks = {name: file[name].chunks or () for name in schema.variables}
     dataset = _lazy(schema, duration, partial(_in_file, manager), chunks)
     dataset.set_close(manager.close)
-    dataset.encoding["digest"] = digest
     return dataset
 
 

@@ -145,6 +145,60 @@ def test_what_is_found_for_an_opened_file_is_not_taken_for_that_of_its_successor
     xr.testing.assert_identical(found, branches(path, "omega", classes=[(1, 1)]))
 
 
+def half(dataset):
+    """Return the lower half of the axis."""
+    return dataset.isel(omega=slice(5))
+
+
+def with_other_classes(dataset):
+    """Return the sweep as if nothing had settled, beyond the first value."""
+    return dataset.assign(period=dataset["period"].where(dataset["omega"] < 2.61, 0))
+
+
+def with_other_damping(dataset):
+    """Change the opened sweep itself: no copy knows of it."""
+    dataset["h"] = dataset["h"] + 0.01
+    return dataset
+
+
+def with_other_section(dataset):
+    """Return the sweep with the phase of its section changed, in its configuration."""
+    config = dataset.attrs["configuration"]
+    return dataset.assign_attrs(configuration=config.replace("phase: 0.0", "phase: 1.0"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "changed", [half, with_other_classes, with_other_damping, with_other_section]
+)
+@pytest.mark.parametrize("find", [branches, curves])
+def test_what_was_found_in_a_file_is_not_taken_for_a_changed_sweep(path, find, changed):
+    axes = ["omega", "R"] if find is curves else "omega"
+    whole, _ = asked(path, find, axes)
+    with open_sweep(path) as dataset:
+        other = changed(dataset)
+        found = with_cache(find, print)(other, axes)
+        xr.testing.assert_identical(found, find(other, axes))
+    if changed is not with_other_section or find is branches:
+        assert not found.identical(whole)
+    again, said = asked(path, find, axes)
+    assert said == [FOUND]
+    xr.testing.assert_identical(again, whole)
+
+
+def test_what_is_kept_says_for_what_it_was_found(path, cache):
+    """Under the name of another request it is not used."""
+    find = Counted(branches)
+    first, _ = asked(path, find, "omega")
+    (file,) = kept_files(cache)
+    asked(path, find, "omega", {"R": 0.8})
+    (other,) = set(kept_files(cache)) - {file}
+    other.replace(file)
+    again, said = asked(path, find, "omega")
+    assert (find.calls, said) == (3, [])
+    xr.testing.assert_identical(again, first)
+
+
 def test_a_folder_that_cannot_be_used_is_said(path, cache):
     cache.mkdir()
     (cache / "exact").touch()
