@@ -17,7 +17,7 @@ _OUTPUT = "the standard output cannot be written: {}"
 def main() -> None:
     """Run the command line and exit: 0 if done, 1 if failed or interrupted, 2 if refused."""
     came = _noted()
-    from sweeps import interrupts
+    import sweeps.interrupts as interrupts  # not from sweeps: it would import all its names
 
     interrupts.listen(came)
     code = _exit_code()
@@ -48,7 +48,7 @@ def _noted() -> list[int]:
 
 def _exit_code() -> int:
     """Run the command, and report its error; return the exit code."""
-    from sweeps import interrupts
+    import sweeps.interrupts as interrupts
 
     try:
         from sweeps.cli.main import app
@@ -66,6 +66,8 @@ def _exit_code() -> int:
             _report(str(error))
         elif isinstance(error, interrupts.Cancelled) or interrupts.signal_came():
             _report("interrupted")  # a library may have raised another error because of it
+        elif isinstance(error, ImportError) and error.name == "vibroimpact":
+            print(f"vibroimpact: error: {error}", file=sys.stderr)  # in a ZIP, without `printable`
         elif isinstance(error, MemoryError):
             _report("there is not enough memory")
         elif isinstance(error, OSError):

@@ -16,4 +16,6 @@ except ValueError as error:  # an invalid MPLBACKEND, though no picture uses it
 
 import lazy_loader
 
+import vibroimpact  # noqa: F401 - in a ZIP it says what to do
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

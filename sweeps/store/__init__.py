@@ -6,4 +6,6 @@ use.
 
 import lazy_loader
 
+import vibroimpact  # noqa: F401 - in a ZIP it says what to do
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -3,6 +3,7 @@
 import errno
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -190,6 +191,21 @@ def test_a_folder_that_was_removed_is_named():
     result = process("info", "small.h5")
     assert result.returncode == 2
     assert result.stderr.startswith("vibroimpact: error: the working folder was removed")
+
+
+@pytest.mark.slow
+def test_a_zip_says_that_it_must_be_unpacked():
+    """Compiled code is named after the files of its sources."""
+    for package in ("vibroimpact", "sweeps"):
+        shutil.copytree(ROOT / package, f"both/{package}", ignore=lambda *_: ["__pycache__"])
+    path = shutil.make_archive("both", "zip", "both")
+    result = process("info", "small.h5", PYTHONPATH=path)
+    assert result.returncode == 1 and result.stderr.count("\n") == 1
+    for what in ("vibroimpact", "sweeps.plotting", "sweeps.store", "sweeps; sweeps.run_sweep"):
+        code = f"import sys; sys.path.insert(0, {path!r}); import {what}"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        last = done.stderr.splitlines()[-1]
+        assert last.startswith(f"ImportError: {path} is no folder: ") and "unpack it" in last
 
 
 @pytest.mark.slow
