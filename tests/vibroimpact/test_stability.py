@@ -174,7 +174,7 @@ def test_asking_for_a_limit_compiles_nothing():
         "for name in integrators.INTEGRATORS:\n"
         "    scheme.least_stable_steps(name, [0.0, 2.0], 1.0, 1.0)\n"
         "compiled = [integrators.affine_map, integrators.integrator_step]\n"
-        "compiled += [threads.take_plain, threads.take_shortened]\n"
+        "compiled += [threads.run_plain, threads.run_shortened]\n"
         "compiled += [row.step for row in integrators.INTEGRATORS.values()]\n"
         "assert not any(function.signatures for function in compiled)\n"
         "assert stability.is_stable('euler', 0.1, 0.2)\n"

@@ -129,6 +129,17 @@ def _warn_without_fma() -> None:
         )
 
 
+def _in_one_frame(function: Any, types: Any) -> None:
+    """Compile in a frame with room for all frames in it.
+
+    Else, where Python's stack begins a new piece, each of 100,000 calls maps and unmaps that piece.
+    """
+    function.compile(types)
+
+
+_in_one_frame.__code__ = _in_one_frame.__code__.replace(co_stacksize=140_000)
+
+
 def compiled(function: Any, *arguments: Any) -> Any:
     """Compile a function for such arguments, in less time than its first call takes; return it.
 
@@ -139,7 +150,7 @@ def compiled(function: Any, *arguments: Any) -> Any:
         collecting = gc.isenabled()
         gc.disable()  # it would free next to nothing, and take a tenth of the time
         try:
-            function.compile(tuple(map(numba.typeof, arguments)))
+            _in_one_frame(function, tuple(map(numba.typeof, arguments)))
         finally:
             if collecting:
                 gc.enable()

@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.destination.find import NO_DESTINATION
 from vibroimpact.inputs import FLAG, integer
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.record import SUMS, Record, loses_digits, named_results
-from vibroimpact.kernel.threads import KernelJob, lanes_per_thread, run_on_threads
+from vibroimpact.kernel.threads import KernelJob, find_on_threads, lanes_per_thread, run_on_threads
 from vibroimpact.oscillator import refuse_invalid, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import with_stop_in_reach
@@ -176,7 +175,12 @@ def run_points(
     NaN and the status ``PENDING``.
     """
     points = with_one_force(points)
-    record, found = _record(points, scheme, length, lyapunov, threads, interrupt, classes)
+    threads = ALL_THREADS if threads is None else threads
+    record = _record(points, scheme, length, lyapunov, threads, interrupt)
+    more = {}
+    if classes:
+        of_record = record.sections, record.sums
+        more["destination"] = find_on_threads(points, scheme, *of_record, threads, interrupt)
     results = named_results(points, record)
     if scheme.method[0] == EXACT:
         motion = (results[name] for name in ("poincare_x", "fastest_impact", "rest_fraction"))
@@ -184,7 +188,7 @@ def run_points(
         results["status"][lost] = Status.COMPUTED
     if not lyapunov:
         del results["lyapunov"]
-    return results | ({"destination": found} if classes else {})
+    return results | more
 
 
 def record_begins(
@@ -219,25 +223,19 @@ def _record(
     scheme: Scheme,
     length: Length,
     lyapunov: bool,
-    threads: int | None,
+    threads: int,
     interrupt: np.ndarray,
-    classes: bool,
-) -> tuple[Record, np.ndarray]:
-    """Run points with one force; return their record, and their destinations if `classes`."""
-    transient, periods, impacts = length
-    threads = ALL_THREADS if threads is None else threads
-    n, found = points.size, np.full(points.size if classes else 0, NO_DESTINATION)
+) -> Record:
+    """Run points with one force; return their record."""
+    (transient, periods, impacts), n = length, points.size
     sums = np.zeros(n, dtype=SUMS)
     sums["slowest_impact"], sums["status"] = np.inf, Status.PENDING
     begun = np.full((n, 2), np.nan)
     record = Record(np.empty((n, periods, 2)), np.empty((n, impacts, 2)), begun, sums)
     lanes, claimed = lanes_per_thread(n, threads), np.zeros(1, np.int64)
-    job = KernelJob(
-        points, scheme, transient, periods, lyapunov, lanes, record, claimed, interrupt, found,
-        only_find=False,
-    )  # fmt: skip
+    job = KernelJob(points, scheme, transient, periods, lyapunov, lanes, record, claimed, interrupt)
     run_on_threads(threads, job)
-    return record, found
+    return record
 
 
 class Effort(NamedTuple):
@@ -251,8 +249,8 @@ class Effort(NamedTuple):
 def effort(points: np.ndarray, scheme: Scheme, length: Length, lyapunov: bool = False) -> Effort:
     """Run valid points on one thread, and count what the run computed."""
     points, interrupt = with_one_force(points), np.zeros(1, np.int64)
-    record, _ = _record(points, scheme, length, lyapunov, 1, interrupt, False)
-    sums, all_periods = record.sums, length.transient + length.periods
+    sums = _record(points, scheme, length, lyapunov, 1, interrupt).sums
+    all_periods = length.transient + length.periods
     computed = all_periods - sums["skipped"]
     impacts = (sums["impacts"] * computed).sum() / length.periods
     return Effort(int(computed.sum()), float(impacts), int(sums["alone"].sum()))
@@ -272,13 +270,6 @@ def find_destinations(
     sums["impacts"] = np.rint(np.nan_to_num(results["impacts_per_period"]) * periods)
     sums["chatters"], sums["rested"] = results["chatters"], results["rest_fraction"]
     sections = np.stack([results["poincare_x"], results["poincare_v"]], axis=2)
-    threads, found = ALL_THREADS if threads is None else threads, np.full(n, NO_DESTINATION)
-    record = Record(sections, np.empty((n, 0, 2)), np.empty((n, 2)), sums)
-    lanes = lanes_per_thread(n, threads)
-    claimed, interrupt = np.zeros(1, np.int64), np.zeros(1, np.int64)
-    job = KernelJob(
-        with_one_force(points), scheme, 0, periods, False, lanes, record, claimed, interrupt, found,
-        only_find=True,
-    )  # fmt: skip
-    run_on_threads(threads, job)
-    return found
+    threads = ALL_THREADS if threads is None else threads
+    points, interrupt = with_one_force(points), np.zeros(1, np.int64)
+    return find_on_threads(points, scheme, sections, sums, threads, interrupt)

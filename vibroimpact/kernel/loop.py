@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from vibroimpact.destination.find import find_exact, find_repetition
 from vibroimpact.jit import is_set, jit, specialised
 from vibroimpact.kernel.exact_lanes import round_states, take_exact_steps
 from vibroimpact.kernel.lane import (
@@ -18,18 +17,7 @@ from vibroimpact.kernel.workspace import PERIOD, ROW, Batch, any_is_recorded, li
 
 
 @specialised
-def find_destination(job, i, find, memory):
-    """Find where the motion of a point goes, if that is asked for."""
-    if job.found.size > 0:
-        record = job.record
-        find(
-            job.points[i], record.sections[i], record.sums[i], job.scheme.grid, memory,
-            job.found[i],
-        )  # fmt: skip
-
-
-@specialised
-def run_lanes(workspace, job, memory, fill, find, exactly, plain):
+def run_lanes(workspace, job, fill, exactly, plain):
     """Run point after point until the threads have taken all of them.
 
     `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so only
@@ -54,25 +42,24 @@ def run_lanes(workspace, job, memory, fill, find, exactly, plain):
             attend_lane(batch, i, offset, job)
             if lanes[PERIOD + i] >= job.periods:
                 close_lane(workspace, job, i, exactly, plain)
-                find_destination(job, workspace.rows[i], find, memory)
                 if not fill(workspace, job, i):
                     size -= 1
                     move_lane(workspace, size, i, exactly)
 
 
 @jit
-def run_exact(workspace, job, memory):
+def run_exact(workspace, job):
     """Run the lanes of a thread with the rule ``exact``."""
-    run_lanes(workspace, job, memory, fill_exact_lane, find_exact, True, False)
+    run_lanes(workspace, job, fill_exact_lane, True, False)
 
 
 @jit
-def run_plain(workspace, job, memory):
+def run_plain(workspace, job):
     """Run the lanes of a thread with the rule ``plain``."""
-    run_lanes(workspace, job, memory, fill_stepped_lane, find_repetition, False, True)
+    run_lanes(workspace, job, fill_stepped_lane, False, True)
 
 
 @jit
-def run_shortened(workspace, job, memory):
+def run_shortened(workspace, job):
     """Run the lanes of a thread with the rules ``reduced-step`` and ``cubic``."""
-    run_lanes(workspace, job, memory, fill_stepped_lane, find_repetition, False, False)
+    run_lanes(workspace, job, fill_stepped_lane, False, False)

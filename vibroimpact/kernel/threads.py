@@ -6,9 +6,12 @@ without holding Python's global lock:
 
 - ``run_on_threads``: starts the threads, and gives each its memory. From here on nothing is
   allocated, so references to arrays need not be counted.
-- ``take_exact``, ``take_plain``, ``take_shortened``: the work of one thread, compiled for one rule.
-- ``run_exact`` and so on of ``loop.py``: its lanes, from point to point.
+- ``run_exact``, ``run_plain``, ``run_shortened`` of ``loop.py``: the work of one thread, its lanes
+  from point to point, compiled for one rule.
 - ``take_exact_steps`` or ``take_strides``: one forcing period.
+
+Where the motions go is found from their records afterwards, by ``find_on_threads``: only a run that
+asks for classes compiles it.
 """
 
 from __future__ import annotations
@@ -17,18 +20,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.destination.find import Memory, find_exact, find_repetition
+from vibroimpact.destination.find import (
+    NO_DESTINATION,
+    Memory,
+    find_exact,
+    find_repetition,
+)
 from vibroimpact.destination.repetition import MOST_REPETITIONS
 from vibroimpact.destination.section_map import MOST_SECTIONS
-from vibroimpact.jit import claim, compiled, jit, on_threads, specialised
+from vibroimpact.jit import claim, compiled, is_set, jit, on_threads, specialised
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
-from vibroimpact.kernel.loop import find_destination, run_exact, run_plain, run_shortened
+from vibroimpact.kernel.loop import run_exact, run_plain, run_shortened
 from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.reduced_step_impacts import REDUCED_STEP_COLUMNS
 from vibroimpact.kernel.workspace import KEPT, LANES, LANES_SIZE, ROW, VECTOR, Workspace
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.contact import new_scratch
-from vibroimpact.step.scheme import EXACT, PLAIN, Scheme
+from vibroimpact.step.scheme import EXACT, PLAIN, PhaseGrid, Scheme
 
 #: Fewest lanes of a thread, if there are so many points. With exact impacts, fewer points take
 #: nearly as long.
@@ -47,9 +55,18 @@ class KernelJob(NamedTuple):
     record: Record  #: Receives the results; a point that is not complete keeps its status.
     claimed: np.ndarray  #: Number of points taken by the threads so far, shape (1,).
     interrupt: np.ndarray  #: Once it is set, the run ends within a forcing period. Shape (1,).
-    #: Receives where every motion goes, see ``destination``; empty if that is not asked for.
-    found: np.ndarray
-    only_find: bool  #: Whether `record` is complete, and only the destinations are missing.
+
+
+class Search(NamedTuple):
+    """The motions whose destinations the threads find."""
+
+    points: np.ndarray  #: Of dtype ``POINT``, shape (n,).
+    sections: np.ndarray  #: Of their records, which are complete.
+    sums: np.ndarray
+    grid: PhaseGrid
+    found: np.ndarray  #: Receives where each motion goes; of dtype ``DESTINATION``.
+    claimed: np.ndarray  #: As in a ``KernelJob``.
+    interrupt: np.ndarray
 
 
 def lanes_per_thread(points: int, threads: int) -> int:
@@ -85,49 +102,60 @@ def new_workspace(columns: int) -> Workspace:
     )
 
 
-@specialised
-def take_points(job, workspace, memory, run, find):
-    """Run point after point, or only find where their motions go."""
-    if not job.only_find:
-        run(workspace, job, memory)
-        return
-    row = claim(job.claimed)
-    while row < job.points.size:  # terminates: the counter only rises
-        find_destination(job, row, find, memory)
-        row = claim(job.claimed)
-
-
-@jit
-def take_exact(job, workspace, memory):
-    """Do the work of one thread with the rule ``exact``."""
-    take_points(job, workspace, memory, run_exact, find_exact)
-
-
-@jit
-def take_plain(job, workspace, memory):
-    """Do the work of one thread with the rule ``plain``."""
-    take_points(job, workspace, memory, run_plain, find_repetition)
-
-
-@jit
-def take_shortened(job, workspace, memory):
-    """Do the work of one thread with the rules ``reduced-step`` and ``cubic``."""
-    take_points(job, workspace, memory, run_shortened, find_repetition)
-
-
 def run_on_threads(threads: int, job: KernelJob) -> None:
     """Run every point, on `threads` threads or as many as have lanes.
 
     To start a thread takes longer than a few lanes.
     """
-    loops = {PLAIN: (take_plain, 0), EXACT: (take_exact, EXACT_COLUMNS)}
-    loop, columns = loops.get(job.scheme.method[0], (take_shortened, REDUCED_STEP_COLUMNS))
-
-    def memory_of_thread() -> tuple[Workspace, Memory]:
-        workspace = new_workspace(columns)
-        sections, tried = np.zeros((MOST_SECTIONS, 2)), np.zeros(MOST_REPETITIONS, np.int64)
-        return workspace, Memory(workspace.scratch, sections, tried)
-
-    work = compiled(loop, job, *memory_of_thread())
+    loops = {PLAIN: (run_plain, 0), EXACT: (run_exact, EXACT_COLUMNS)}
+    loop, columns = loops.get(job.scheme.method[0], (run_shortened, REDUCED_STEP_COLUMNS))
+    work = compiled(loop, new_workspace(columns), job)
     threads = min(threads, max(1, -(-job.points.size // job.lanes)))
-    on_threads(threads, job.interrupt, lambda: work(job, *memory_of_thread()))
+    on_threads(threads, job.interrupt, lambda: work(new_workspace(columns), job))
+
+
+@specialised
+def find_all(search, memory, find):
+    """Find where motion after motion goes, until the threads have taken all of them."""
+    row = claim(search.claimed)
+    while row < search.points.size and not is_set(search.interrupt):
+        find(
+            search.points[row], search.sections[row], search.sums[row], search.grid, memory,
+            search.found[row],
+        )  # fmt: skip
+        row = claim(search.claimed)
+
+
+@jit
+def find_all_exact(search, memory):
+    """Find destinations for the rule ``exact``."""
+    find_all(search, memory, find_exact)
+
+
+@jit
+def find_all_repetitions(search, memory):
+    """Find destinations for the other rules."""
+    find_all(search, memory, find_repetition)
+
+
+def find_on_threads(
+    points: np.ndarray,
+    scheme: Scheme,
+    sections: np.ndarray,
+    sums: np.ndarray,
+    threads: int,
+    interrupt: np.ndarray,
+) -> np.ndarray:
+    """Find where every motion of a record goes; returns dtype ``DESTINATION``, (n,)."""
+    found, claimed = np.full(points.size, NO_DESTINATION), np.zeros(1, np.int64)
+    search = Search(points, sections, sums, scheme.grid, found, claimed, interrupt)
+
+    def memory() -> Memory:
+        passed, tried = np.zeros((MOST_SECTIONS, 2)), np.zeros(MOST_REPETITIONS, np.int64)
+        return Memory(new_scratch.py_func(), passed, tried)  # compiled code calls it, too
+
+    exact = scheme.method[0] == EXACT
+    work = compiled(find_all_exact if exact else find_all_repetitions, search, memory())
+    threads = min(threads, max(1, -(-points.size // FEWEST_LANES)))
+    on_threads(threads, interrupt, lambda: work(search, memory()))
+    return found

@@ -236,7 +236,7 @@ def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path, forks):
     time.sleep(1.0)  # compilation takes ten
     process.send_signal(signal.SIGTERM)
     assert ended(process) == (1, "vibroimpact: error: interrupted; nothing is kept\n")
-    kernel = "take_exact-*"
+    kernel = "run_exact-*"
     assert list(cache_folder(WAY.name).glob(kernel))  # stored by other runs
     assert not list(cache.rglob(kernel))
     assert {path.name for path in Path().iterdir()} <= {"compiled", "sweep.yaml"}
