@@ -173,6 +173,19 @@ def test_only_a_far_stop_moves():
     assert (moved >= 4.0 * reach).all() and (moved < 0.01 * points["clearance"]).all()
 
 
+@pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
+def test_a_motion_by_time_steps_repeats_only_as_it_does_in_front_of_a_near_stop(rule):
+    """It is still settling after 100 periods, and not after 3000; also without a force."""
+    for f, transient, period in ((1.0, 100, 0), (1.0, 3000, 1), (0.0, 3000, 1)):
+        for clearance in (2.0, 1e9, 1e15):
+            osc = Oscillator(h=0.01, R=0.8, omega=2.3, f=f, clearance=clearance)
+            spec = RunSpec(
+                "rk4", rule, 100, transient, None, 20, 0.5, 0, False, True, None, False, None, ()
+            )  # fmt: skip
+            out = compute_points(spec, osc.at(-0.5), None)
+            assert (out["period"], out["period_impacts"]) == (period, 0)
+
+
 # --- rests on a far stop ---
 
 

@@ -255,7 +255,7 @@ def find_exact(pt, sections, sums, grid, memory, found):
     free = pt.h > 0.0 and excess(pt, x, v, steady) < 0.0
     if not free and put_cycle(found, sections, sums, pt):
         return
-    size = size_of(sections, pt)
+    size = size_of(sections, pt, False)
     flow = flow_of(pt, grid, memory.scratch, memory.passed)
     if free or (pt.h > 0.0 and stays_free(flow, x, v, steady)):
         off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
@@ -297,7 +297,7 @@ def find_repetition(pt, sections, sums, grid, memory, found):
     m, off = repetition_of_cycle(sections, cycle, impacts, pt), 0.0
     q = impacts * m // cycle if counted else -1
     if m == 0:
-        m, off = repetition(sections, size_of(sections, pt))
+        m, off = repetition(sections, size_of(sections, pt, True))
         q = -1
     if m > 0:
         put_repetition(found, sections, m, off, math.nan, q)

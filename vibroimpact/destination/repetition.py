@@ -11,8 +11,8 @@ TOLERANCE = 1e-6
 #: It does so after m periods only if its deviation from that is less than this share of its
 #: deviation from every divisor of m.
 _LESS_THAN_DIVISORS = 0.01
-#: Sections below this share of the clearance are measured by the clearance: they may be rounding,
-#: and the motion is not certified.
+#: Sections below this share of what was rounded are measured by that: they may be rounding, and a
+#: motion with exact impacts is not certified.
 _LEAST_SIZE = 1e-8
 #: Nor is a size in x or v below this share of what the other one makes of it: sections beside an
 #: impact are all on the stop, and those at a turning point have no speed.
@@ -29,18 +29,22 @@ MOST_REPETITIONS = 3
 
 
 @jit
-def size_of(sections, pt):
+def size_of(sections, pt, stepped):
     """Return the size of a record in x and in v, never 0.
 
     These are the greatest distance from the rest position or, if it is less, from the stop, and the
-    greatest |v|, neither of which may be rounding.
+    greatest |v|, neither of which may be rounding. It is the clearance that is rounded, but a
+    `stepped` motion, by time stepping, does not know a stop that it is far from.
     """
     size_x, size_y, size_v = 0.0, 0.0, 0.0
     for k in range(sections.shape[0]):
         size_x = max(size_x, abs(sections[k, 0]))
         size_y = max(size_y, abs(sections[k, 0] - pt.clearance))
         size_v = max(size_v, abs(sections[k, 1]))
-    least, size_x = _LEAST_SIZE * abs(pt.clearance), min(size_x, size_y)
+    least = _LEAST_SIZE * abs(pt.clearance)
+    if stepped:
+        least = min(least, _LEAST_SIZE * (abs(pt.x0) + abs(pt.v0) / pt.p + size_x))
+    size_x = min(size_x, size_y)
     size_x, size_v = max(size_x, least), max(size_v, pt.p * least)
     size_x = max(size_x, _LEAST_SHARE * size_v / max(pt.omega, pt.p))
     size_v = max(size_v, _LEAST_SHARE * size_x * min(pt.omega, pt.p))
@@ -119,7 +123,7 @@ def repetition_of_cycle(sections, cycle, impacts, pt):
         return 0
     if cycle == 1:
         return 1
-    size, last = size_of(sections, pt), sections[sections.shape[0] - cycle :]
+    size, last = size_of(sections, pt, False), sections[sections.shape[0] - cycle :]
     for m in range(1, cycle):
         if cycle % m == 0:
             off = _deviation(last, m, size, TOLERANCE)
