@@ -3,9 +3,9 @@ from .parts import kept_points as kept_points
 from .paths import SCHEMA as SCHEMA
 from .paths import check_output as check_output
 from .paths import check_room as check_room
-from .paths import identity as identity
 from .paths import is_sweep as is_sweep
 from .paths import parts_path as parts_path
+from .replacing import identity as identity
 from .schema import Schema as Schema
 from .schema import refuse_columns as refuse_columns
 from .variables import DIRECTION as DIRECTION

@@ -31,12 +31,10 @@ from sweeps.store.paths import (
     FORMAT_VERSION,
     NO_LOCKS,
     Content,
-    UnreadableError,
     content,
-    error_number,
     open_regular,
 )
-from sweeps.store.replacing import TRAILER
+from sweeps.store.replacing import TRAILER, UnreadableError, error_number
 from sweeps.store.schema import Schema, schema_in, write_schema
 from sweeps.text import command, missing_text
 

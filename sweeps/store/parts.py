@@ -30,11 +30,10 @@ from sweeps.interrupts import check
 from sweeps.store.complete_file import schema_of
 from sweeps.store.paths import (
     SCHEMA,
-    UnreadableError,
-    identity,
     open_regular,
     parts_path,
 )
+from sweeps.store.replacing import UnreadableError, identity_of
 from sweeps.store.schema import Schema
 from sweeps.store.variables import TRAJECTORIES, VARIABLES
 
@@ -184,7 +183,7 @@ class Parts:
         path = self.files[number]
         try:
             with open_regular(path) as file, zipfile.ZipFile(file) as held:
-                now = identity(file.fileno())
+                now = identity_of(os.fstat(file.fileno()))
                 if number in self.entries and now != self.entries[number].file:
                     raise StoreError(f"{path} was replaced by another program, or {_GONE}")
                 yield held, now

@@ -15,7 +15,15 @@ from enum import Enum
 from pathlib import Path
 
 from sweeps.errors import StoreError
-from sweeps.store.replacing import TRAILER, check_place, kind, of_another_user
+from sweeps.store.replacing import (
+    TRAILER,
+    UnreadableError,
+    check_place,
+    identity,
+    kind,
+    of_another_user,
+    reason,
+)
 from sweeps.text import shown_bytes
 
 #: The attributes ``format`` and ``format_version`` of a file.
@@ -43,13 +51,6 @@ _OTHER_ENDINGS = frozenset(
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
 
 
-class UnreadableError(StoreError):
-    """The system does not let a file be read now, so nothing is known about what it holds."""
-
-    def __init__(self, path: Path | int, error: Exception) -> None:
-        super().__init__(f"{str(path)!r} cannot be read: {reason(error)}")
-
-
 def parts_path(path: Path) -> Path:
     """Return the folder of an incomplete sweep; for a link, it lies beside the link's target.
 
@@ -62,32 +63,6 @@ def parts_path(path: Path) -> Path:
             raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
     path = path.resolve() if os.path.islink(path) else path
     return path.with_name(f"{path.name}{PARTS}")
-
-
-def identity(file: Path | int) -> tuple[int, ...] | None:
-    """Return a value that changes when a file is replaced or written; None without a file.
-
-    The file is given by its path or, if it is open, by its descriptor.
-    """
-    try:
-        about = os.stat(file)
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except (OSError, ValueError) as error:
-        raise UnreadableError(file, error) from error
-    return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
-
-
-def reason(error: Exception) -> str:
-    """Return the message of an error, without the buffer addresses and line breaks of HDF5."""
-    number = error_number(error)
-    return os.strerror(number) if number else str(error).splitlines()[0]
-
-
-def error_number(error: Exception) -> int | None:
-    """Return the number of an error of the system, which HDF5 only writes into its message."""
-    found = re.search(r"errno = (\d+)", str(error))
-    return getattr(error, "errno", None) or (int(found[1]) if found else None)
 
 
 # What may be written, and what can be read

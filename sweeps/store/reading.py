@@ -27,10 +27,9 @@ from sweeps.store.paths import (
     SCHEMA,
     Content,
     content,
-    identity,
     parts_path,
-    reason,
 )
+from sweeps.store.replacing import identity, reason
 from sweeps.store.schema import Schema, attributes_of, schema_in
 from sweeps.store.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS

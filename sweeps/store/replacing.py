@@ -32,6 +32,44 @@ _REPEATED = 50
 TRAILER = b"\x89VIBRO5\n"
 #: Age of a draft that no process writes any more [s].
 _DAY = 86400.0
+#: Windows has no such flag; it replaces no open file, and renames to free names only.
+_WINDOWS = not hasattr(os, "O_NOFOLLOW")
+#: What changes when a file is replaced or written: device, number, size, time of the last change.
+Identity = tuple[int, ...]
+
+
+class UnreadableError(StoreError):
+    """The system does not let a file be read now, so nothing is known about what it holds."""
+
+    def __init__(self, path: Path, error: Exception) -> None:
+        super().__init__(f"{str(path)!r} cannot be read: {reason(error)}")
+
+
+def identity_of(about: os.stat_result) -> Identity:
+    """Return the identity of a file of this status."""
+    return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
+
+
+def identity(file: Path) -> Identity | None:
+    """Return the identity of what has a name; None if nothing has it."""
+    try:
+        return identity_of(os.stat(file, follow_symlinks=False))
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError) as error:
+        raise UnreadableError(file, error) from error
+
+
+def reason(error: Exception) -> str:
+    """Return the message of an error, without the buffer addresses and line breaks of HDF5."""
+    number = error_number(error)
+    return os.strerror(number) if number else (str(error) or type(error).__name__).splitlines()[0]
+
+
+def error_number(error: Exception) -> int | None:
+    """Return the number of an error of the system, which HDF5 only writes into its message."""
+    found = re.search(r"errno = (\d+)", str(error))
+    return getattr(error, "errno", None) or (int(found[1]) if found else None)
 
 
 def check_target(path: Path, what: str) -> Path:
@@ -155,30 +193,95 @@ def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[Buffer
 
 
 @contextmanager
-def replacing(path: Path, refuse: Callable[[], object] = lambda: None) -> Iterator[BufferedRandom]:
+def replacing(
+    path: Path,
+    refuse: Callable[[], object] = lambda: None,
+    known: dict[Path, Identity] | None = None,
+) -> Iterator[BufferedRandom]:
     """Yield a draft, a new and empty file open for writing and reading, which replaces `path`.
 
     When the draft is complete and on the disk, `refuse` may raise an error; then it does not
     replace the file. If the ``with`` block raises, the file stays as it was and the draft is
     removed. A loss of power may still lose the new name, until `sync_names` is called.
 
-    Others may write to the folder, and may put a link in the place of the draft. Therefore it is
-    never opened by its name again. `path` itself must not be a link.
+    Others may write to the folder, and put files and links in the place of the draft or of `path`,
+    which must not be a link itself. Therefore the draft is never opened by its name again, and it
+    stays open: the system could give the number of a closed file to theirs. With `known`, only the
+    file that has this identity there is replaced, and the new identity is noted there.
     """
     new = draft_of(path)
-    file = new.open("x+b")  # creates the file, so that no file of another user is opened
-    try:
-        with file:
+    with new.open("x+b") as file:  # creates the file, so that no file of another user is opened
+        mine = os.fstat(file.fileno())
+        try:
             yield file
             file.flush()
             os.fsync(file.fileno())
-            mine = os.fstat(file.fileno())
-        if not os.path.samestat(mine, os.lstat(new)):
-            raise Failed(f"{new} was replaced by another program while it was written")
-        refuse()
-        os.replace(new, path)
-    finally:
-        new.unlink(missing_ok=True)
+            written = identity_of(os.fstat(file.fileno()))
+            refuse()
+            if _WINDOWS:
+                file.close()
+            if not has_name(new, mine):
+                raise Failed(f"{new} was replaced by another program while it was written")
+            if known is None:
+                os.replace(new, path)
+            else:
+                _put(new, path, mine, known.get(path))
+                known[path] = written
+        finally:
+            if _WINDOWS:
+                file.close()
+            if has_name(new, mine):
+                new.unlink()
+
+
+def _put(new: Path, path: Path, mine: os.stat_result, before: Identity | None) -> None:
+    """Give a file the name of the one that was there before, or a free name; replace no other file.
+
+    Only a name that must be free is safe from what others put there meanwhile. So the file of
+    before becomes a draft, and gets its name back if the new one cannot have it.
+    """
+    old, moved = draft_of(path), before is not None and identity(path) == before
+    if moved:
+        os.rename(path, old)
+    try:
+        if moved and identity(old) != before:
+            raise FileExistsError
+        _link(new, path)
+        if not has_name(path, mine):
+            if has_name(new, os.lstat(path)):  # it was no draft that got the name
+                path.unlink()
+            raise Failed(f"{path} or its draft was replaced by another program")
+    except BaseException as error:
+        if moved:
+            with suppress(FileExistsError):
+                _link(old, path)
+                old.unlink(missing_ok=True)
+        if isinstance(error, FileExistsError):
+            raise Failed(
+                f"{path} was written by another program while the sweep was computed, and is not "
+                "replaced; move it, and resume the run"
+            ) from error
+        raise
+    if moved and identity(old) == before:
+        old.unlink()
+
+
+def _link(old: Path, path: Path) -> None:
+    """Give a file another name, which must be free, besides its own or, if need be, instead."""
+    if not _WINDOWS:
+        try:
+            return os.link(old, path, follow_symlinks=False)
+        except OSError:  # not every file system has several names for a file
+            if os.path.lexists(path):
+                raise FileExistsError from None
+    os.rename(old, path)
+
+
+def has_name(path: Path, about: os.stat_result) -> bool:
+    """Whether the file of this status has the name."""
+    with suppress(FileNotFoundError):
+        return os.path.samestat(about, os.lstat(path))
+    return False
 
 
 def draft_of(path: Path) -> Path:

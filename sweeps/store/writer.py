@@ -29,11 +29,19 @@ from sweeps.store.paths import (
     check_output,
     check_parts,
     content,
-    identity,
     parts_path,
-    reason,
 )
-from sweeps.store.replacing import check_place, draft_of, remove_leftovers, replacing, sync_names
+from sweeps.store.replacing import (
+    Identity,
+    check_place,
+    draft_of,
+    has_name,
+    identity,
+    reason,
+    remove_leftovers,
+    replacing,
+    sync_names,
+)
 from sweeps.store.schema import Schema
 from sweeps.store.variables import TRAJECTORIES, VARIABLES
 
@@ -63,7 +71,7 @@ def sweep_writer(
     lock_file, folder = real.with_name(f"{real.name}{LOCK}"), parts_path(real)
     try:
         _lock_text(lock_file)  # refuses another file of that name
-        lock = _acquired(lock_file)
+        lock, mine = _acquired(lock_file)
     except Timeout:
         if not os.path.lexists(lock_file):
             raise StoreError(
@@ -76,7 +84,7 @@ def sweep_writer(
         writer = SweepWriter(real, resume)
         check_output(path, overwrite=overwrite, resume=resume)
         with _failure(path, "created"):
-            folder.mkdir(exist_ok=True)
+            folder.mkdir(mode=0o755, exist_ok=True)  # no other user may write there
         check_parts(real, overwrite)  # another user may have made it meanwhile
         try:
             yield writer
@@ -86,9 +94,9 @@ def sweep_writer(
             with suppress(OSError):  # it has blocks
                 folder.rmdir()
     finally:
-        with suppress(PermissionError):  # on Windows a locked file cannot be removed
-            if not isinstance(lock, SoftFileLock):  # which removes the file itself
-                lock_file.unlink(missing_ok=True)
+        with suppress(OSError):  # on Windows a locked file cannot be removed
+            if mine and has_name(lock_file, mine):
+                lock_file.unlink()
         lock.release()
 
 
@@ -101,7 +109,12 @@ class SweepWriter:
 
     def __init__(self, path: Path, resume: bool) -> None:
         self._path, self._resume = path, resume
-        self._before = identity(path)  # what appears from now on is not replaced
+        #: The files that are replaced or removed; others may appear from now on, and stay.
+        self._known: dict[Path, Identity] = {}
+        with _failure(path, "written"):
+            for file in (path, *parts_path(path).glob("*")):
+                if file.is_file() and not file.is_symlink():
+                    self._known[file] = identity(file) or ()
 
     def begin(self, schema: Schema) -> list[Block] | None:
         """Begin the sweep, or resume it; return the blocks to write, None if it is complete.
@@ -116,7 +129,7 @@ class SweepWriter:
         with _failure(path, "written"):
             remove_leftovers(path)  # drafts may be large
             if begun:
-                _remove_files(folder, DRAFT)
+                self._remove_files(DRAFT)
         if self._resume and (begun or content(path) not in (None, Content.NOTHING)):
             old = schema_of(folder / SCHEMA if begun else path)
             if differing := schema.differences(old):
@@ -125,21 +138,24 @@ class SweepWriter:
                     "overwrite it, or give another output"
                 )
             if not begun:
-                _remove(folder)  # a run was killed while it did so
+                self._remove()  # a run was killed while it did so
                 return None
             schema = old  # its blocks may be others
         else:
             with _failure(path, "created"):
                 folder.mkdir(exist_ok=True)
                 # Once the schema is replaced, no old block belongs to the sweep.
-                with replacing(folder / SCHEMA) as new:
+                with replacing(folder / SCHEMA, known=self._known) as new:
                     write_file(new, schema, None)
                 sync_names(folder)
                 sync_names(folder.parent)
-                _remove_files(folder, f"{BLOCK}|{DRAFT}")
+                self._remove_files(f"{BLOCK}|{DRAFT}")
         with _failure(path, "written"):
-            self._schema = identity(folder / SCHEMA)
             self._parts = parts = Parts(folder, schema)
+            self._refuse_loss()
+            for number, entry in parts.entries.items():
+                if entry.file != self._known.get(file := parts.files[number]):
+                    raise Failed(f"{file} was written by another program, and is not used")
         self._began = time.monotonic() - parts.seconds  # as if computed without a pause
         self._synced = time.monotonic()
         self.damaged = parts.damaged
@@ -179,12 +195,12 @@ class SweepWriter:
         with _failure(self._path, "written"):
             self._refuse_loss()
             file = parts.files[number]
-            with replacing(file) as new, zipfile.ZipFile(new, "w") as members:
+            with replacing(file, known=self._known) as new, zipfile.ZipFile(new, "w") as members:
                 for name, array in arrays.items():
                     with members.open(f"{name}.npy", "w", force_zip64=True) as member:
                         whole = np.concatenate(array) if name in TRAJECTORIES else array
                         np.lib.format.write_array(member, whole, allow_pickle=False)
-            parts.entries[number] = Entry(longest, seconds, identity(file))
+            parts.entries[number] = Entry(longest, seconds, self._known[file])
             if time.monotonic() > self._synced + _SYNC:
                 sync_names(parts.folder)
                 self._synced = time.monotonic()
@@ -194,49 +210,42 @@ class SweepWriter:
         parts = self._parts
         with _failure(self._path, "completed"):
             self._refuse_loss()
-            with replacing(self._path, self._refuse_other_file) as new:
+            with replacing(self._path, known=self._known) as new:
                 pieces = parts.pieces()
                 write_file(new, parts.file_schema, pieces, self._began, compressed=compressed)
             sync_names(self._path.parent)
-        _remove(parts.folder)
+        self._remove()
 
     def _refuse_loss(self) -> None:
         """Raise Failed if another program has removed or replaced the schema."""
-        now = identity(self._parts.folder / SCHEMA)
-        if now != self._schema:
+        schema = self._parts.folder / SCHEMA
+        if (now := identity(schema)) != self._known.get(schema):
             loss = "removed" if now is None else "replaced"
             raise Failed(f"{self._parts.folder} was {loss} by another program while it was written")
 
-    def _refuse_other_file(self) -> None:
-        """Refuse to replace a file that another program has written in the meantime."""
-        now = identity(self._path)
-        if now is not None and now != self._before:
-            raise Failed(
-                f"{self._path} was written by another program while the sweep was computed, "
-                "and is not replaced; move it, and resume the run"
-            )
+    def _remove(self) -> None:
+        """Remove the files of the sweep from its folder, and the folder if empty.
 
+        The schema becomes a draft, which goes last: so `check_output` knows what a kill left.
+        """
+        folder = parts_path(self._path)
+        schema, last = folder / SCHEMA, draft_of(folder / SCHEMA)
+        with suppress(OSError):  # on Windows, another process is reading it; there are other files
+            if (about := self._known.pop(schema, None)) == identity(schema) and about:
+                os.replace(schema, last)
+                self._known[last] = about
+                sync_names(folder)  # a loss of power leaves no schema without its blocks
+            self._remove_files(BLOCK)
+            sync_names(folder)
+            self._remove_files(DRAFT)
+            folder.rmdir()
 
-def _remove(folder: Path) -> None:
-    """Remove the files of a sweep from its folder, and the folder if empty.
-
-    The schema becomes a draft, which goes last: so `check_output` knows what a kill left.
-    """
-    with suppress(OSError):  # on Windows, another process is reading it; there are other files
-        with suppress(FileNotFoundError):
-            os.replace(folder / SCHEMA, draft_of(folder / SCHEMA))
-            sync_names(folder)  # a loss of power leaves no schema without its blocks
-        _remove_files(folder, BLOCK)
-        sync_names(folder)
-        _remove_files(folder, DRAFT)
-        folder.rmdir()
-
-
-def _remove_files(folder: Path, names: str) -> None:
-    """Remove the files of a folder whose names match a pattern."""
-    for path in folder.iterdir():
-        if re.fullmatch(names, path.name) and not stat.S_ISDIR(path.lstat().st_mode):
-            path.unlink()
+    def _remove_files(self, names: str) -> None:
+        """Remove the known files of the folder whose names match a pattern."""
+        for path, about in list(self._known.items()):
+            if path != self._path and re.fullmatch(names, path.name) and identity(path) == about:
+                path.unlink()
+                del self._known[path]
 
 
 @contextmanager
@@ -253,12 +262,12 @@ def _failure(path: Path, action: str) -> Iterator[None]:
 # The lock
 
 
-def _acquired(name: Path) -> BaseFileLock:
-    """Return the held lock of a file, which names this process.
+def _acquired(name: Path) -> tuple[BaseFileLock, os.stat_result | None]:
+    """Return the held lock of a file, which names this process, and the status of that file.
 
-    It is a lock of the system, or the file itself where there are no locks. A killed process leaves
-    such a file, which a process of the same machine, outside containers or in the same one, then
-    takes over.
+    It is a lock of the system, or the file itself where there are no locks; then there is no
+    status, as the lock removes its file. A killed process leaves such a file, which a process of
+    the same machine, outside containers or in the same one, then takes over.
     """
     was_there = os.path.lexists(name)
     lock: BaseFileLock = FileLock(name, fallback_to_soft=False)
@@ -267,19 +276,29 @@ def _acquired(name: Path) -> BaseFileLock:
     except OSError as error:
         if error.errno not in NO_LOCKS:
             raise
-        if not was_there:
+        if not (was_there or _lock_text(name)):
             name.unlink(missing_ok=True)
         lock = SoftFileLock(name)  # it writes a text of its own
         lock.acquire(blocking=False)
-        return lock
-    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-    with suppress(PermissionError):  # on Windows a locked file cannot be written
-        descriptor = os.open(name, os.O_WRONLY | os.O_TRUNC | flags)  # follows no link put there
+        return lock, None
+    try:
+        flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+        descriptor = os.open(name, flags)  # follows no link put there
         try:
+            about = os.fstat(descriptor)
+            if text := os.read(descriptor, _MOST_TEXT):
+                _check_lock(name, text)
+                os.ftruncate(descriptor, 0)
+                os.lseek(descriptor, 0, os.SEEK_SET)
             os.write(descriptor, b"vibroimpact lock of process %d\n" % os.getpid())
         finally:
             os.close(descriptor)
-    return lock
+        return lock, about
+    except PermissionError:  # on Windows a locked file cannot be written
+        return lock, None
+    except BaseException:
+        lock.release()
+        raise
 
 
 def _holder(name: Path) -> str:
@@ -301,9 +320,14 @@ def _lock_text(name: Path) -> bytes:
                 text = file.read(_MOST_TEXT)
         else:
             text = b"another"
+    _check_lock(name, text)
+    return text
+
+
+def _check_lock(name: Path, text: bytes) -> None:
+    """Refuse a file that is no lock but has the name of one."""
     if not _LOCK_TEXT.fullmatch(text):
         raise StoreError(
             f"{name} is needed as a lock, but something else has that name; move it, or give "
             "another output"
         )
-    return text

@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ import xarray as xr
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import estimate, executors
 from sweeps.errors import Failed, StoreError
-from sweeps.store import SweepWriter, reading, sweep_writer
+from sweeps.store import SweepWriter, reading, sweep_writer, writer
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import FOUR_BLOCKS, block_results, contents, fill_blocks, schema
@@ -153,40 +154,97 @@ def test_a_file_that_appears_while_the_complete_one_goes_to_the_disk_is_left_alo
     assert Path("out.h5").read_bytes() == b"precious" and len(os.listdir(PARTS)) == 7
 
 
-@pytest.mark.slow
-def test_a_file_that_appears_at_any_call_before_the_first_block_is_left_alone(monkeypatch):
-    made, which = [None], 0
-    while len(made) > which:
-        made, computing = [], []
+#: Where another program puts something: the pattern of a name that is there, or a name.
+PLACES = {
+    "out.h5": "out.h5",
+    "out.h5.lock": "out.h5.lock",
+    ".out.h5.*.new": None,
+    "out.h5.parts/schema.h5": None,
+    "out.h5.parts/.*.new": None,
+    "out.h5.parts/block-*.npz": "out.h5.parts/block-000002.npz",
+}
+CALLS = "stat lstat fstat listdir scandir open mkdir rmdir link rename replace unlink fsync close"
 
-        def noting(name, function, made=made, which=which, computing=computing):
-            def call(*arguments, **options):
-                if not computing:
-                    made.append(name)
-                    if len(made) == which + 1:
-                        Path("precious").rename("out.h5")
+
+def intrude(place, link):
+    """Put a dangling link or a file in a place, if it is there; return its path."""
+    at = max(Path().glob(place), default=PLACES[place] and Path(PLACES[place]))
+    if at is None or not at.parent.is_dir():
+        return []
+    os.symlink("missing", "it") if link else Path("it").write_bytes(b"precious")
+    os.replace("it", at)
+    return [at]
+
+
+def intruded(which, late, place, link, **options):
+    """Put something in a place just before or after a call of a run; return whether it was made.
+
+    Only between the look at a file and its removal, nothing can be put there that stays.
+    """
+    made, put, held = [], [], []
+
+    def noting(name, function):
+        def call(*arguments, **options):
+            made.extend([name] * len(held))
+            now = len(made) == which + 1 and bool(held)
+            if now:
+                held.clear()
+            if now and not late:
+                put.extend(intrude(place, link))
+            try:
                 return function(*arguments, **options)
+            finally:
+                if now and late:
+                    put.extend(intrude(place, link))
+                held.extend([1] * now)
 
-            return call
+        return call
 
-        def results(block, computing=computing):
-            computing.append(block)
-            return block_results(block)
+    def checked(*arguments, by=writer.check_parts):
+        held.append(1)  # what was there before is the old sweep
+        by(*arguments)
 
-        Path("precious").write_bytes(b"precious")
-        with monkeypatch.context() as patch:
-            names = "stat lstat fstat listdir scandir open mkdir rmdir replace unlink fsync"
-            for module, of_module in ((os, names), (io, "open")):
-                for name in of_module.split():
-                    patch.setattr(module, name, noting(name, getattr(module, name)))
-            with suppress(StoreError, Failed):
-                fill_blocks("out.h5", plan=FOUR_BLOCKS, results=results)
-        if len(made) > which:
-            assert Path("out.h5").read_bytes() == b"precious", made[which]
-        Path("out.h5").unlink()
-        shutil.rmtree(PARTS, ignore_errors=True)
-        which += 3
-    assert which > 40
+    with pytest.MonkeyPatch.context() as patch, suppress(StoreError, Failed):
+        patch.setattr(writer, "check_parts", checked)
+        for module, names in ((os, CALLS), (io, "open")):
+            for name in names.split():
+                patch.setattr(module, name, noting(name, getattr(module, name)))
+        fill_blocks("out.h5", plan=FOUR_BLOCKS, **options)
+    about = which, late, place, link, options, made[which : which + 2]
+    if not {"unlink", "replace"} & {*made[which + late : which + late + 1]}:
+        for at in put:
+            there = os.readlink(at) if link else at.read_bytes().decode()
+            assert there == ("missing" if link else "precious"), about
+    if Path("out.h5").exists() and put != [Path("out.h5")]:
+        assert data("out.h5").sizes["omega"] == 6, about
+    assert not Path("missing").exists(), about
+    return len(made) > which
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "step", [199, pytest.param(1, marks=pytest.mark.campaign)], ids=["some", "many"]
+)
+@pytest.mark.parametrize("old", [None, 2, 4])
+def test_what_another_program_puts_there_at_any_call_stays_and_is_no_result(tmp_path, step, old):
+    """In the place of the output, the lock, a draft, the schema or a block, old or new."""
+    (tmp_path / "old").mkdir()
+    if old is not None:
+        fill_blocks("old/out.h5", old, plan=FOUR_BLOCKS)
+    number = 0
+    for options in ({}, {"resume": True}, {"overwrite": True}):
+        for place, (late, link) in product(PLACES, ((False, True), (True, False))):
+            which = number = (number + 7) % step
+            while True:
+                folder = tmp_path / "new"
+                shutil.copytree("old", folder)
+                with pytest.MonkeyPatch.context() as patch:
+                    patch.chdir(folder)
+                    went_on = intruded(which, late, place, link, **options)
+                shutil.rmtree(folder)
+                which += step
+                if not went_on:
+                    break
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")

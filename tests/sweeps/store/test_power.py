@@ -17,7 +17,10 @@ from tests.helpers.sweep_files import data
 from tests.helpers.written_files import FOUR_BLOCKS, begun, block_results, fill_blocks
 
 #: The calls that change names or synchronize; each is a moment at which the power may be lost.
-CALLS = {os: ("open", "mkdir", "rmdir", "replace", "unlink", "fsync"), io: ("open",)}
+CALLS = {
+    os: ("open", "mkdir", "rmdir", "link", "rename", "replace", "unlink", "fsync"),
+    io: ("open",),
+}
 
 
 class Disk:

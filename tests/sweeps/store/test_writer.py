@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -351,38 +351,39 @@ def test_each_block_is_on_the_disk_before_it_has_its_name_and_the_file_before_th
     monkeypatch,
 ):
     events = []
-    fsync, replace, unlink = os.fsync, os.replace, Path.unlink
+    fsync, unlink = os.fsync, Path.unlink
 
     def synced(descriptor):
         fsync(descriptor)
         events.append(("sync", os.fstat(descriptor).st_ino, os.fstat(descriptor).st_size))
 
-    def replaced(source, target):
+    def named(source, target, *, by, **options):
         file = os.stat(source)
         assert ("sync", file.st_ino, file.st_size) in events
-        replace(source, target)
-        events.append(("replaced", Path(target).name))
+        by(source, target, **options)
+        events.append(("named", Path(target).name))
 
     def unlinked(path, **options):
-        with suppress(FileNotFoundError):  # a draft that has its name
-            unlink(path)
+        if path.stat().st_nlink == 1:  # no draft that has its name
             events.append(("removed", path.name))
+        unlink(path)
 
     monkeypatch.setattr(os, "fsync", synced)
-    monkeypatch.setattr(os, "replace", replaced)
+    monkeypatch.setattr(os, "link", partial(named, by=os.link))
+    monkeypatch.setattr(os, "replace", partial(named, by=os.replace))
     monkeypatch.setattr(Path, "unlink", unlinked)
     with begun("out.h5", schema()) as (store, pending):
         folders = [os.stat(folder).st_ino for folder in (PARTS, ".")]
-        assert events[-3] == ("replaced", "schema.h5")
+        assert events[-3] == ("named", "schema.h5")
         assert [event[1] for event in events[-2:]] == folders
         for block in pending:
             store.write(block, block_results(block))
-            assert events[-1] == ("replaced", last_block().name)
+            assert events[-1] == ("named", last_block().name)
         folder = os.stat(".").st_ino
         store.finish()
-        at = events.index(("replaced", "out.h5"))
+        at = events.index(("named", "out.h5"))
         assert events[at + 1][:2] == ("sync", folder)
-        kinds = ["replaced", "sync", *["removed"] * 6, "sync", "removed"]
+        kinds = ["named", "sync", *["removed"] * 6, "sync", "removed"]
         assert [event[0] for event in events[at + 2 :]] == kinds
         # The schema gets the name of a draft first, and goes last.
         assert events[at + 2][1] == events[-1][1] and "schema.h5" in events[-1][1]
