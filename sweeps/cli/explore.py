@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -96,10 +97,7 @@ def _open_browser(address: str) -> bool:
     """Open a browser that does not occupy the terminal; return False if there is none."""
     import webbrowser
 
-    try:
+    with suppress(webbrowser.Error):
         browser = webbrowser.get()
-    except webbrowser.Error:
-        return False
-    if type(browser) is webbrowser.GenericBrowser:
-        return False
-    return browser.open(address)
+        return type(browser) is not webbrowser.GenericBrowser and browser.open(address)
+    return False

@@ -119,6 +119,8 @@ Json = Annotated[
     bool, typer.Option("--json", help="Write JSON, for other programs, instead of text.")
 ]
 
+#: The limits of an axis, in words.
+LIMITS = "LOW:HIGH, two numbers of which the first is smaller"
 _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
 
 
@@ -128,10 +130,8 @@ def branch_options(classes: str | None, most: int | None) -> dict[str, Any]:
     if classes is not None:
         pairs = [re.fullmatch(r"\s*([1-9]\d*)/(\d+)\s*", text) for text in classes.split(",")]
         if not all(pairs):
-            raise Refused(
-                f"--classes {classes} is not allowed; expected: periods/impacts of one class or "
-                "several, as 1/1,3/3"
-            )
+            expected = "periods/impacts of one class or several, as 1/1,3/3"
+            raise Refused(refusal(f"--classes {classes}", expected))
         chosen["classes"] = [(int(pair[1]), int(pair[2])) for pair in pairs if pair]
     if most is not None:
         chosen["most"] = most
@@ -142,16 +142,11 @@ def inches(option: str, text: str | None) -> float | None:
     """Convert a length with its unit to inches; None if none is given."""
     if text is None:
         return None
-    match = re.fullmatch(r"\s*([0-9.]+)\s*(in|cm|mm|pt)\s*", text)
-    try:
-        length = float(match[1]) / _PER_INCH[match[2]] if match else math.nan
-    except ValueError:
-        length = math.nan
+    match = re.fullmatch(r"\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*(in|cm|mm|pt)\s*", text)
+    length = float(match[1]) / _PER_INCH[match[2]] if match else math.nan
     if not 1.0 <= length <= 40.0:
-        raise Refused(
-            f"{option} {text} is not allowed; expected: a length from 1in to 40in, as 3.4in, "
-            "8.6cm, 86mm or 245pt"
-        )
+        expected = "a length from 1in to 40in, as 3.4in, 8.6cm, 86mm or 245pt"
+        raise Refused(refusal(f"{option} {text}", expected))
     return length
 
 
@@ -167,10 +162,7 @@ def limits_option(option: str, text: str | None) -> tuple[float, float] | None:
     """Read the limits of an axis, if given."""
     ends = None if text is None else interval(text)
     if text is not None and ends is None:
-        raise Refused(
-            f"{option} {text} is not allowed; expected: LOW:HIGH, two numbers of which the first "
-            "is smaller, as 2.4:3"
-        )
+        raise Refused(refusal(f"{option} {text}", f"{LIMITS}, as 2.4:3"))
     return ends
 
 
@@ -209,35 +201,29 @@ def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Pat
 
 def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
     """Read the values of ``--at``, at most one for each axis."""
-    cuts: dict[str, float | str] = {}
-    for text in texts or ():
-        name, _, value = map(str.strip, text.partition("="))
-        number = number_meant(value)
-        if name != "direction" and not is_number(number):
-            raise Refused(refusal(f"--at {text}", "NAME=VALUE, for example omega=2.5"))
-        if name in cuts:
-            raise Refused(f"--at {text} is not allowed; {name} was given before")
-        cuts[name] = value if name == "direction" else float(number or 0.0)
-    return cuts
+    return several_of(texts, 1, "NAME=VALUE, for example omega=2.5")[0]
 
 
-def several_of(texts: Sequence[str] | None) -> tuple[list[str], dict[str, list[float]]]:
-    """Split the texts of ``--at`` into those with one value and lists of values by axis."""
-    single, lists = list[str](), dict[str, list[float]]()
+def several_of(
+    texts: Sequence[str] | None,
+    most: float = math.inf,
+    expected: str = "NAME=VALUE,VALUE, as omega=2.5,2.7",
+) -> tuple[dict[str, float | str], dict[str, list[float]]]:
+    """Read the values of ``--at``: of the axes with one value, and lists of those with several."""
+    single, lists = dict[str, float | str](), dict[str, list[float]]()
     for text in texts or ():
-        name, _, values = text.partition("=")
-        name = name.strip()
-        if "," not in values or name == "direction":
-            single.append(text)
-            continue
-        if name in lists:
-            raise Refused(f"--at {text} is not allowed; {name} was given before")
-        numbers = [number_meant(value) for value in values.split(",")]
-        if not all(map(is_number, numbers)):
-            raise Refused(refusal(f"--at {text}", "NAME=VALUE,VALUE, as omega=2.5,2.7"))
-        lists[name] = [float(number or 0.0) for number in numbers]
-    for name in selection_of(single).keys() & lists.keys():
-        raise Refused(f"--at {name} is not allowed twice; give its values in one list")
+        name, _, typed = map(str.strip, text.partition("="))
+        numbers = [number_meant(value) for value in typed.split(",")]
+        if name != "direction" and not (all(map(is_number, numbers)) and len(numbers) <= most):
+            raise Refused(refusal(f"--at {text}", expected))
+        if name in single or name in lists:
+            together = "; give its values in one list" * (most > 1)
+            raise Refused(f"--at {text} is not allowed; {name} was given before{together}")
+        values = [float(number or 0.0) for number in numbers]
+        if name == "direction" or len(values) == 1:
+            single[name] = typed if name == "direction" else values[0]
+        else:
+            lists[name] = values
     return single, lists
 
 
@@ -337,26 +323,17 @@ def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
     on_terminal = sys.stderr.isatty()
     console = Console(stderr=True, quiet=not on_terminal, markup=False)
     status, begin, done = console.status(""), time.perf_counter(), threading.Event()
-    share, compiling = 0.0, ""
+    state: dict[str, Any] = {"share": 0.0, "compiling": ""}
 
-    def show() -> None:
-        seconds = time.perf_counter() - begin
-        text = compiling or f"{work}: {shown_duration(seconds)}"
-        if not compiling and 0.02 < share < 1.0:
+    def show(**new: Any) -> None:
+        state.update(new)
+        share, seconds = state["share"], time.perf_counter() - begin
+        text = state["compiling"] or f"{work}: {shown_duration(seconds)}"
+        if not state["compiling"] and 0.02 < share < 1.0:
             left = shown_duration(seconds * (1.0 - share) / share)
             text += f", {100.0 * share:.0f} %, about {left} left"
         status.update(text)
         status.start()
-
-    def report(part: float) -> None:
-        nonlocal share
-        share = part
-        show()
-
-    def watch(text: str) -> None:
-        nonlocal compiling
-        compiling = text
-        show()
 
     def wait() -> None:
         if done.wait(_PATIENCE):
@@ -371,8 +348,8 @@ def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
     waiting = threading.Thread(target=wait, daemon=True)
     waiting.start()
     try:
-        with watched(watch):
-            yield report
+        with watched(lambda text: show(compiling=text)):
+            yield lambda share: show(share=share)
     finally:
         done.set()
         waiting.join()

@@ -24,7 +24,6 @@ from sweeps.cli.options import (
     progress_shown,
     say,
     say_moved,
-    selection_of,
     several_of,
     targets,
 )
@@ -106,8 +105,7 @@ def plot_command(
 
     if kind is not None:
         check_kind(kind)
-    single, lists = several_of(at)
-    cuts = selection_of(single)
+    cuts, lists = several_of(at)
     if lists:
         _check_several(lists, kind, color)
     if csv is not None and (not exact or len(files) > 1):

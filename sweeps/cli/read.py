@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import codecs
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -42,70 +42,56 @@ if TYPE_CHECKING:
     from sweeps.opened.cuts import Selection
 
 
-def attractors_command(
-    file: SweepFile,
-    at: At = None,
-    csv: Csv = None,
-    json: Json = False,
-) -> None:
+def attractors_command(file: SweepFile, at: At = None, csv: Csv = None, json: Json = False) -> None:
     """List the attractors of a sweep, their impact speeds, and how many starts reach each."""
-    from sweeps.attractor.attractor_table import cut
     from sweeps.attractor.partition import attractors
-    from sweeps.opened.csv_tables import refuse_points
+
+    _show_attractors(file, at, csv, json, "looking for attractors", attractors)
+
+
+def integrity_command(file: SweepFile, at: At = None, csv: Csv = None, json: Json = False) -> None:
+    """Show how large a disturbance each attractor takes, and at one point the least knock."""
+    from sweeps.attractor.integrity import integrity
+    from sweeps.attractor.knocks import knocks
+    from sweeps.opened.dataset import config_of
+
+    def find(shown: xr.Dataset) -> xr.Dataset:
+        found = integrity(shown)
+        alone = not found["attractors"].ndim and config_of(shown).method.impact == "exact"
+        return knocks(shown, found) if alone else found
+
+    _show_attractors(file, at, csv, json, "measuring the integrity of attractors", find)
+
+
+def _show_attractors(
+    file: Path,
+    at: Sequence[str] | None,
+    csv: Path | None,
+    json: bool,
+    work: str,
+    find: Callable[[xr.Dataset], xr.Dataset],
+) -> None:
+    """Show the attractors that are found in a part of a sweep, and write them to a CSV file."""
+    from sweeps.attractor import attractor_table as text
+    from sweeps.opened.csv_tables import refuse_points, write_csv
+    from sweeps.opened.json_text import json_text
 
     cuts = selection_of(at)
     with opened_in_si(file) as dataset, named(file):
         if csv is not None:
             refuse_points(dataset, csv)
-        shown = cut(dataset, cuts)
-        with progress_shown("looking for attractors"):
-            found = attractors(shown)
+        shown = text.cut(dataset, cuts)
+        with progress_shown(work):
+            found = find(shown)
         say_moved(dataset, cuts, "shown")
-        _show_attractors(shown, found, csv, json)
-
-
-def integrity_command(
-    file: SweepFile,
-    at: At = None,
-    csv: Csv = None,
-    json: Json = False,
-) -> None:
-    """Show how large a disturbance each attractor takes, and at one point the least knock."""
-    from sweeps.attractor.attractor_table import cut
-    from sweeps.attractor.integrity import integrity
-    from sweeps.attractor.knocks import knocks
-    from sweeps.opened.dataset import config_of
-
-    cuts = selection_of(at)
-    with opened_in_si(file) as dataset, named(file):
-        shown = cut(dataset, cuts)
-        with progress_shown("measuring the integrity of attractors"):
-            found = integrity(shown)
-            if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
-                found = knocks(shown, found)
-        say_moved(dataset, cuts, "shown")
-        _show_attractors(shown, found, csv, json)
-
-
-def _show_attractors(shown: xr.Dataset, found: xr.Dataset, csv: Path | None, json: bool) -> None:
-    """Show the attractors found in a part of a sweep, and write them to a CSV file if given."""
-    from sweeps.attractor.attractor_table import (
-        attractor_frame,
-        attractor_records,
-        attractor_report,
-        attractor_rows,
-    )
-    from sweeps.opened.csv_tables import write_csv
-    from sweeps.opened.json_text import json_text
-
-    table = attractor_rows(shown, found)
-    if json:
-        say(json_text({"attractors": attractor_records(table)}))
-    else:
-        say(attractor_report(shown, found, table))
-    if csv is not None:
-        write_csv(csv, attractor_frame(table))
-        say(csv, error=json)
+        table = text.attractor_rows(shown, found)
+        if json:
+            say(json_text({"attractors": text.attractor_records(table)}))
+        else:
+            say(text.attractor_report(shown, found, table))
+        if csv is not None:
+            write_csv(csv, text.attractor_frame(table))
+            say(csv, error=json)
 
 
 def info_command(
@@ -131,17 +117,11 @@ def info_command(
     json: Json = False,
 ) -> None:
     """Show the contents of a sweep file, with its configuration."""
-    if config and bifurcations:
-        raise Refused("--config and --bifurcations exclude each other; give one of them")
-    if config and json:
-        raise Refused("--config and --json exclude each other; give one of them")
-    for option, value in (
-        ("axis", axis),
-        ("at", " ".join(at or ())),
-        ("csv", csv),
-        ("classes", classes),
-        ("most", most),
-    ):
+    for other, given in (("--bifurcations", bifurcations), ("--json", json)):
+        if config and given:
+            raise Refused(f"--config and {other} exclude each other; give one of them")
+    options = {"axis": axis, "at": " ".join(at or ()), "csv": csv, "classes": classes, "most": most}
+    for option, value in options.items():
         if value and not bifurcations:
             raise Refused(f"--{option} {value} is not allowed here; expected: with --bifurcations")
     cuts = selection_of(at)

@@ -14,6 +14,7 @@ from zlib import crc32
 import typer
 
 from sweeps.cli.options import (
+    LIMITS,
     Overwrite,
     Resume,
     SweepFile,
@@ -30,6 +31,7 @@ from sweeps.cli.run import DryRun, Overrides, planned_text, read_config, run_and
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import fewest_digits, near_miss, suggestion
+from vibroimpact.inputs import refusal
 
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
@@ -92,8 +94,9 @@ def zoom_command(
         if coordinate not in COORDINATES:
             choose_coordinate(dataset, coordinate)
     whole = _overridden(file, overrides or (), axes)
-    if coordinate is not None:
-        _check_recorded(coordinate, whole)
+    of_impacts = coordinate is not None and COORDINATES[coordinate].dimension == "impact"
+    if of_impacts and not whole.record.impacts:
+        raise Refused(f"the piece has no {coordinate} to draw: record.impacts is 0")
     path = output or (
         file.with_name(_named_after(file, axes, overrides or ()))
         if whole.output == file
@@ -153,23 +156,12 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
     return load_config(data)
 
 
-def _check_recorded(coordinate: str, config: SweepConfig) -> None:
-    """Refuse a coordinate that a sweep does not record."""
-    from sweeps.opened.coordinates import COORDINATES
-
-    if COORDINATES[coordinate].dimension == "impact" and not config.record.impacts:
-        raise Refused(f"the piece has no {coordinate} to draw: record.impacts is 0")
-
-
 def _piece(text: str) -> tuple[str, tuple[float, float]]:
     """Read a name with its limits."""
     name, equals, ends = text.partition("=")
     piece = interval(ends)
     if not equals or piece is None:
-        raise Refused(
-            f"{text} is not allowed; expected: NAME=LOW:HIGH, two numbers of which the first is "
-            "smaller, as omega=2.71:2.76"
-        )
+        raise Refused(refusal(text, f"NAME={LIMITS}, as omega=2.71:2.76"))
     return name.strip(), piece
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
     attributes = dict(dataset.attrs)
-    configuration = attributes.pop("configuration")
+    configuration = _configuration(attributes.pop("configuration"))
     impact = yaml.safe_load(attributes.pop("computation"))["impact"]
     for name in ("columns", "in_si"):  # shown in another form
         attributes.pop(name, None)
@@ -60,19 +60,13 @@ def contents(dataset: xr.Dataset) -> str:
     ]
     attributes["duration"] = shown_duration(float(attributes["duration"]))
     rows += [(str(name), str(value)) for name, value in attributes.items()]
-    if not isinstance(configuration, str):  # of a table in SI units
-        configuration = configuration.to_yaml(table=False)
     return f"{table(rows)}\n\n{configuration}"
 
 
 def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
     """Return the same for other programs: numbers, texts and mappings by the names of keys."""
     attributes = dict(dataset.attrs)
-    configuration = attributes.pop("configuration")
-    dims = dataset["status"].dims
-    axes = {str(axis): dataset[axis] for axis in dims}
-    if not isinstance(configuration, str):  # of a table in SI units
-        configuration = configuration.to_yaml(table=False)
+    configuration = _configuration(attributes.pop("configuration"))
     return {
         "name": attributes.pop("name"),
         "points": dataset["status"].size,
@@ -83,8 +77,8 @@ def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
         },
         "classes": destination_counts(_results(dataset), *_record_of(dataset)),
         "axes": {
-            name: {"units": axis.attrs.get("units"), "values": axis.values}
-            for name, axis in axes.items()
+            str(axis): {"units": dataset[axis].attrs.get("units"), "values": dataset[axis].values}
+            for axis in dataset["status"].dims
         },
         "columns": [*columns_of(dataset)],
         "variables": {
@@ -99,6 +93,11 @@ def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
         "attributes": {name: one for name, one in attributes.items() if name != "in_si"},
         "configuration": yaml.safe_load(configuration),
     }
+
+
+def _configuration(stored: Any) -> str:
+    """Return a configuration as YAML; that of a table in SI units is stored as it was read."""
+    return stored if isinstance(stored, str) else str(stored.to_yaml(table=False))
 
 
 def _results(dataset: xr.Dataset) -> dict[str, np.ndarray]:
