@@ -165,9 +165,8 @@ def simulate(
         status = Status.NON_FINITE
     rests = _rests(kind, t, points)
     if status is Status.CERTIFIED:
-        fastest = np.fmax.reduce(speeds, initial=np.nan)
         rested = (np.minimum(rests[:, 1], t[-1]) - rests[:, 0]).sum() / (t[-1] - t[0])
-        if loses_digits(points, x[section][None], fastest, rested)[0]:
+        if loses_digits(points, x[section][None], rested)[0]:
             status = Status.COMPUTED
     if status.failed:
         reach[:] = math.nan

@@ -246,3 +246,15 @@ def test_a_rest_near_the_rest_position_is_certified():
     out = integrate(points, transient=100, periods=12)
     assert (out["rest_fraction"] > 0.0).sum() > 350
     assert (out["status"] == Status.CERTIFIED).all()
+
+
+@pytest.mark.parametrize(("p", "status"), [(1.0, 1), (1e-2, 1), (1e-4, 0)])
+def test_a_force_that_barely_exceeds_a_preload_makes_a_small_motion(p, status):
+    """Over 1 % it lifts the mass by 4.5e-4 f / omega^2, not by f / omega^2."""
+    osc = Oscillator(h=0.0, R=0.0, omega=1.0, f=1.01, p=p, clearance=-1.0 / p**2)
+    out = integrate(osc.at(osc.clearance), transient=10, periods=5, extremes=True)
+    height = osc.clearance - out["x_min"][0]
+    assert 0.5 < out["rest_fraction"][0] < 1.0 and height < 1e-3
+    assert (height > 1e8 * 0.5 * np.spacing(-osc.clearance)) == status
+    assert out["status"] == status
+    assert simulate(osc, 5, x0=osc.clearance).status == status

@@ -183,9 +183,8 @@ def run_points(
         more["destination"] = find_on_threads(points, scheme, *of_record, threads, interrupt)
     results = named_results(points, record)
     if scheme.method[0] == EXACT:
-        motion = (results[name] for name in ("poincare_x", "fastest_impact", "rest_fraction"))
-        lost = loses_digits(points, *motion) & (results["status"] == Status.CERTIFIED)
-        results["status"][lost] = Status.COMPUTED
+        lost = loses_digits(points, results["poincare_x"], results["rest_fraction"])
+        results["status"][lost & (results["status"] == Status.CERTIFIED)] = Status.COMPUTED
     if not lyapunov:
         del results["lyapunov"]
     return results | more

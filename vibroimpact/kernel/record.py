@@ -21,6 +21,7 @@ import numpy as np
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, KIND, REST, SPEED, TIME, impulse_and_loss
+from vibroimpact.step.polynomial import SMALLEST_NORMAL
 
 #: The sums and extremes over the recorded periods of a point, and its worst status.
 SUMS = np.dtype(
@@ -258,24 +259,23 @@ def _grows(points: np.ndarray, impacts: np.ndarray, sections: np.ndarray) -> np.
     return found
 
 
-def loses_digits(
-    points: np.ndarray, x: np.ndarray, fastest: np.ndarray, rest_fraction: np.ndarray
-) -> np.ndarray:
+def loses_digits(points: np.ndarray, x: np.ndarray, rest_fraction: np.ndarray) -> np.ndarray:
     """Whether motions have fewer than ``_FEWEST_DIGITS`` at their sections `x`, (n, periods).
 
     There x - clearance is rounded, which is coarse for a small motion if the stop is far from the
     rest position. The size of a motion is its greatest distance from the rest position or, if it is
-    less, from the stop; or if it is larger, that of a free oscillation, but at most the height from
-    which the mass falls to the `fastest` impact. Without a force a motion ends at rest, and only
-    its distance from the stop counts. A mass that is held all the time keeps its digits.
+    less, from the stop; or, if it is larger, f / (omega^2 + 2 h omega + p^2), which no free
+    oscillation is below. A force that exceeds a preload by a small share e of f lifts the mass from
+    a rest by 9/2 e^2 f / omega^2. Without a force a motion ends at rest, and only its distance from
+    the stop counts. A mass that is held all the time keeps its digits.
     """
     h, omega, f, p, stop = (points[name] for name in ("h", "omega", "f", "p", "clearance"))
     with np.errstate(all="ignore"):  # extreme values, whose size is then 0, inf or NaN
         rounding = 0.5 * np.spacing(np.abs(stop)) * 10.0**_FEWEST_DIGITS
-        forced = f / (omega * omega + 2.0 * h * omega + p * p)
-        height = 0.5 * fastest * fastest / (f + p * p * np.abs(stop))
-        lost: np.ndarray = rounding > np.fmin(forced, height)
-    lost &= rest_fraction < 1.0 - _HELD
+        lift = np.maximum(f + p * p * np.minimum(stop, 0.0), 0.0)
+        share = np.minimum(4.5 * lift / np.maximum(f, SMALLEST_NORMAL), 1.0)
+        forced = lift * share / (omega * omega + 2.0 * h * omega + p * p)
+    lost: np.ndarray = (rounding > forced) & (rest_fraction < 1.0 - _HELD)
     rows = np.flatnonzero(lost)
     size = np.abs(x[rows] - stop[rows, None])
     size = np.where(f[rows, None] > 0.0, np.minimum(size, np.abs(x[rows])), size)
