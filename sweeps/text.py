@@ -23,7 +23,8 @@ def missing_text(path: Path) -> str:
         names = {name.removesuffix(".parts") for name in os.listdir(path.parent)}
     except OSError:
         names = set()
-    known = [name for name in sorted(names) if name.endswith((".h5", ".yaml", ".yml", ".csv"))]
+    kinds = (".csv",) if path.suffix == ".csv" else (".h5", ".yaml", ".yml")
+    known = [name for name in sorted(names) if name.endswith(kinds)]
     near = near_miss(path.name, known, 0.8)
     return f"{path} does not exist{suggestion(near and str(path.with_name(near)))}{of_shell(path)}"
 
