@@ -241,6 +241,15 @@ def test_a_mass_that_is_held_keeps_its_digits():
     assert simulate(oscillator_of(points[0]), 9, x0=points["x0"][0]).status is Status.CERTIFIED
 
 
+@pytest.mark.parametrize("f", [0.0, 0.5])
+def test_a_mass_that_lands_before_the_first_section_is_certified(f):
+    """It is held at every section."""
+    osc = Oscillator(h=0.1, R=0.2, omega=0.5, f=f, clearance=-1.0)
+    out = integrate(osc.at(-1.001), transient=0, periods=5)
+    assert (out["poincare_x"] == -1.0).all() and 0.9 < out["rest_fraction"] < 1.0
+    assert out["status"] == simulate(osc, 5, x0=-1.001).status == Status.CERTIFIED
+
+
 def test_a_rest_near_the_rest_position_is_certified():
     points = resting_points(500, 9, -2.0, 2.0)
     out = integrate(points, transient=100, periods=12)
