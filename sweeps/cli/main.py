@@ -122,12 +122,9 @@ def _common(
     ] = False,
 ) -> None:
     """Sweeps of a forced oscillator with impacts: YAML in, HDF5 and pictures out."""
-    try:
-        os.getcwd()
-    except FileNotFoundError:
-        raise Refused("the working folder was removed; change to one that exists") from None
-    except OSError as error:
-        raise Refused(f"the working folder cannot be used: {error.strerror}") from None
+    from sweeps.store.replacing import absolute
+
+    absolute(Path())
     _check_numba()
     if context.invoked_subcommand not in ("run", "zoom", "explore"):
         context.with_resource(raised_at_once())

@@ -27,12 +27,14 @@ from bokeh.util.token import check_token_signature
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop
+from tornado.iostream import IOStream
 from tornado.web import ErrorHandler, OutputTransform
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.explorer.live_page import SECRET, LivePage
 from sweeps.explorer.view import View
+from sweeps.store.replacing import absolute
 
 HOST = "127.0.0.1"
 #: Allowed names in the Host header; another name shows that a foreign page was redirected here.
@@ -58,6 +60,11 @@ _FULL = (
 )
 #: Time after which a page without a browser is closed, and time between two searches for such [ms].
 _UNUSED, _SEARCH = 5000, 2000
+#: Most connections that are no open page, and most bytes of the body of a request: before they are
+#: read, nobody knows whether it has the secret. A page sends only requests without a body.
+_MOST_CONNECTIONS, _MOST_BODY = 100, 1 << 12
+#: Time for the head of a request, also from the one before, and for its body [s].
+_PATIENCE = 20.0
 #: Pause before new connections are accepted when no file descriptors are left [s].
 _PAUSE = 1.0
 #: Time during which a page may reconnect [s]: ten years.
@@ -132,6 +139,16 @@ class _Application(BokehTornado):
             return False
 
 
+class _Server(HTTPServer):
+    """Closes connections beyond the most that it keeps."""
+
+    def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
+        if len(self._connections) < _MOST_CONNECTIONS:
+            super().handle_stream(stream, address)
+        else:
+            stream.close()
+
+
 class Explorer:
     """A running server; Jupyter shows it as the page itself.
 
@@ -157,7 +174,7 @@ class Explorer:
     """
 
     def __init__(self, config: SweepConfig, port: int = 0, folder: Path | None = None) -> None:
-        self._home, self._folder = View.of(config), folder or Path.cwd()
+        self._home, self._folder = View.of(config), folder or absolute(Path())
         self._home.check()
         for logger in _QUOTING:
             logging.getLogger(logger).setLevel(logging.CRITICAL)
@@ -194,7 +211,12 @@ class Explorer:
             unused_session_lifetime_milliseconds=_UNUSED,
             check_unused_sessions_milliseconds=_SEARCH,
         )
-        http = HTTPServer(application)
+        http = _Server(
+            application,
+            max_body_size=_MOST_BODY,
+            idle_connection_timeout=_PATIENCE,
+            body_timeout=_PATIENCE,
+        )
         http.add_socket(self._socket)
         server = BaseServer(loop, application, http)
         server.start()

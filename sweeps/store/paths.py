@@ -18,6 +18,7 @@ from sweeps.errors import StoreError
 from sweeps.store.replacing import (
     TRAILER,
     UnreadableError,
+    absolute,
     check_place,
     identity,
     kind,
@@ -56,7 +57,7 @@ def parts_path(path: Path) -> Path:
 
     Refuse the path of such a folder, or of a file in it, and name the path to give.
     """
-    whole = path.absolute()
+    whole = absolute(path)
     for folder, given in ((whole, path), (whole.parent, path.parent)):
         if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
             output = str(given if given.name else folder).removesuffix(PARTS)

@@ -101,6 +101,7 @@ def check_place(path: Path, what: str) -> Path:
             "another name"
         )
     target = path
+    absolute(path)
     try:
         with suppress(FileNotFoundError):
             status = path.lstat()
@@ -130,6 +131,16 @@ def check_place(path: Path, what: str) -> Path:
             f"{path} is {kind(mode)} and will not be replaced; give the {what} another name"
         )
     return target
+
+
+def absolute(path: Path) -> Path:
+    """Return a path that no change of the working folder changes; refuse one that was removed."""
+    try:
+        return path.absolute()
+    except FileNotFoundError:
+        raise StoreError("the working folder was removed; change to one that exists") from None
+    except OSError as error:
+        raise StoreError(f"the working folder cannot be used: {error.strerror}") from None
 
 
 def _unportable(name: str) -> str:

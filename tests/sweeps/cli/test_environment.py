@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from sweeps import Refused, explore, open_sweep, run_sweep
 from sweeps.cli.__main__ import _reason
 from sweeps.config.loading import load_config
 from sweeps.text import printable
@@ -191,6 +192,10 @@ def test_a_folder_that_was_removed_is_named():
     result = process("info", "small.h5")
     assert result.returncode == 2
     assert result.stderr.startswith("vibroimpact: error: the working folder was removed")
+    scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0}}
+    for function, *given in ((run_sweep, scene, "a.h5"), (open_sweep, "a.h5"), (explore, scene)):
+        with pytest.raises(Refused, match="the working folder was removed; change to one that"):
+            function(*given)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -171,6 +171,29 @@ def test_nothing_of_a_request_without_the_secret_is_logged(explorer, caplog, lin
             pass
     assert caplog.records == []
     assert answer(explorer.address, "/static/js/bokeh.min.js")[0] == 200
+
+
+def test_who_does_not_know_the_secret_can_take_neither_memory_nor_all_connections(monkeypatch):
+    """Bodies are refused before they are read, and connections without a request are closed."""
+    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 5)
+    monkeypatch.setattr(server, "_PATIENCE", 1.0)
+    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    place = "127.0.0.1", urlsplit(explorer.address).port
+    heads = [b"Content-Length: 100000000\r\n\r\n", b"Transfer-Encoding: chunked\r\n\r\n5F5E100\r\n"]
+    heads += [b"Content-Length: 1000\r\n\r\n", b"Cookie: a"]  # which never end
+    try:
+        for head in heads:
+            with socket.create_connection(place, timeout=60) as connection:
+                connection.sendall(b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\n" + head)
+                assert connection.recv(1 << 16) in (b"", b"HTTP/1.1 400 Bad Request\r\n\r\n")
+        idle = [socket.create_connection(place, timeout=60) for _ in range(20)]
+        for connection in idle:
+            with suppress(ConnectionResetError):
+                assert connection.recv(1) == b""
+            connection.close()
+        assert answer(explorer.address, "/static/js/bokeh.min.js")[0] == 200
+    finally:
+        explorer.close()
 
 
 #: Replaces the browser: it waits while the test reads the list of processes.
