@@ -13,7 +13,6 @@ OF_OTHERS = {
     "cycler": "matplotlib",
     "llvmlite": "numba",
     "pydantic_core": "pydantic",
-    "tornado": "bokeh",
 }
 #: Declared for another package, which imports it: xarray to open a sweep file, distributed to
 #: encrypt its connections.
