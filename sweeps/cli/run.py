@@ -119,10 +119,9 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
     The configuration of a sweep file has that file as its output. The overrides are those of
     `sweeps.load_config`.
     """
-    import yaml
-
     from sweeps.config.loading import load_config, stored_config
     from sweeps.store import columns_of, is_sweep
+    from sweeps.yaml_text import yaml_mapping
 
     if not is_sweep(path):
         if path.suffix == ".h5" and path.is_file():
@@ -135,7 +134,7 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
 
     with open_sweep(path, verify=False) as dataset:
         text, table = dataset.attrs["configuration"], columns_of(dataset) or None
-        if "refine" in yaml.safe_load(text):
+        if "refine" in yaml_mapping(text, f"{path}, its configuration"):
             warnings.warn(
                 f"an earlier version added points to those of the configuration of {path}, which "
                 f"has {dataset['status'].size:,}; the added points are not computed again",

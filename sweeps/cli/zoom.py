@@ -131,13 +131,12 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
     steps per period is raised if exact impacts need more steps beyond the ends of the sweep. Raises
     Refused if an axis is not swept, and ConfigError if the sweep is not valid over a piece.
     """
-    import yaml
-
     from sweeps.config.loading import load_config
+    from sweeps.yaml_text import yaml_mapping
 
     if config.points is not None:
         raise Refused("the rows of a table have no axis to zoom into")
-    data = yaml.safe_load(config.to_yaml())
+    data = yaml_mapping(config.to_yaml(), "the configuration")
     seen = config.nomenclature
     axes = {seen.name(own): values for own, values in config.sweep.grid.axes.items()}
     for name, (low, high) in pieces.items():

@@ -30,12 +30,11 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import MOST_VALUES, ConflictError, Key, null
 from sweeps.errors import ConfigError
 from sweeps.text import missing_text, shortened, shown_count
+from sweeps.yaml_text import DEEPEST, yaml_node
 from vibroimpact import inputs
 
 #: Longest file accepted, in bytes: long axes should be ranges.
 _MOST_BYTES = 250_000
-#: Most levels of nesting accepted; a valid configuration has four.
-_DEEPEST = 16
 #: Most errors reported; of the others only the number is given.
 _MOST_ERRORS = 8
 
@@ -154,8 +153,8 @@ def _configuration(
 
 def _without_numpy(value: Any, level: int = 2) -> Any:
     """Convert a Python value to plain mappings, lists and numbers, without NumPy types."""
-    if level > _DEEPEST:  # a mapping may contain itself
-        raise ConfigError(f"the configuration: more than {_DEEPEST} levels are not allowed")
+    if level > DEEPEST:  # a mapping may contain itself
+        raise ConfigError(f"the configuration: more than {DEEPEST} levels are not allowed")
     if isinstance(value, Mapping):
         return {str(name): _without_numpy(item, level + 1) for name, item in value.items()}
     if isinstance(value, range) and len(value) > MOST_VALUES:
@@ -187,47 +186,13 @@ def _text(path: Path) -> str:
     raise ConfigError(f"{path}: cannot be read ({reason}); expected: a YAML file in UTF-8")
 
 
-class _Loader(yaml.BaseLoader):
-    """A loader that keeps each scalar as typed: the schema converts it, and messages quote it.
-
-    So ``1e-3`` is a number, although YAML 1.1 reads it as text, and ``010`` and ``1:30`` do not
-    become 8 and 90 as in YAML 1.1.
-    """
-
-    _depth = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose a node as PyYAML does; refuse aliases, tags and too deep nesting."""
-        event = self.peek_event()
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None):
-            problem = "aliases and tags are not allowed"
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
-        if self._depth == _DEEPEST:
-            problem = f"more than {_DEEPEST} levels are not allowed"
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
-        self._depth += 1
-        node = super().compose_node(parent, index)
-        self._depth -= 1
-        return node
-
-
 def _parse(text: str, origin: str, key: Key = ()) -> tuple[Any, dict[Key, str]]:
     """Parse the YAML text of `key`, or of a whole configuration; return the line of each key, too.
 
     Every scalar is still a text.
     """
     sources: dict[Key, str] = {}
-    try:
-        node = yaml.compose(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        tab = "'\\t'" in str(error.problem)
-        problem = "there is a tab; indent with spaces" if tab else error.problem
-        raise ConfigError(f"{origin}{place}: not valid YAML: {problem}") from None
-    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
-        # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".
-        raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
+    node = yaml_node(text, origin)
 
     def line_of(at: yaml.Node) -> str:
         return origin if key else f"{origin}, line {at.start_mark.line + 1}"

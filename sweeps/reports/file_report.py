@@ -6,7 +6,6 @@ from itertools import chain, repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from sweeps.config.rig import RigConfig
 from sweeps.reports.run_report import (
@@ -20,6 +19,7 @@ from sweeps.reports.run_report import (
 from sweeps.store import VARIABLES, columns_of
 from sweeps.store.variables import unit_in
 from sweeps.text import fewest_digits, shown_duration, table
+from sweeps.yaml_text import yaml_mapping
 from vibroimpact.oscillator import PARAMETERS
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
     attributes = dict(dataset.attrs)
     configuration = _configuration(attributes.pop("configuration"))
-    impact = yaml.safe_load(attributes.pop("computation"))["impact"]
+    impact = str(yaml_mapping(attributes.pop("computation"), "the computation").get("impact"))
     for name in ("columns", "in_si"):  # shown in another form
         attributes.pop(name, None)
     rows = [
@@ -91,7 +91,7 @@ def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
             if name in dataset
         },
         "attributes": {name: one for name, one in attributes.items() if name != "in_si"},
-        "configuration": yaml.safe_load(configuration),
+        "configuration": yaml_mapping(configuration, "the configuration"),
     }
 
 

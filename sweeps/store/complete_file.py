@@ -17,6 +17,7 @@ import time
 import zlib
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from threading import Lock
 from typing import Any, BinaryIO
@@ -35,7 +36,7 @@ from sweeps.store.paths import (
     open_regular,
 )
 from sweeps.store.replacing import TRAILER, UnreadableError, error_number
-from sweeps.store.schema import Schema, schema_in, write_schema
+from sweeps.store.schema import Schema, of_this_form, schema_in, write_schema
 from sweeps.text import command, missing_text
 
 #: The end of the trailer: size and checksum of the table before it, magic.
@@ -196,9 +197,14 @@ def _table(file: io.BufferedReader) -> tuple[list[Row], str]:
         file.seek(max(0, start))
         table = file.read(length) if start > 0 else b""
         if table and zlib.crc32(table) == crc:
-            rows: list[Row] = json.loads(table)
-            if sum(row[2] for row in rows) == start:
-                return rows, hashlib.blake2b(table).hexdigest()[:32]
+            with suppress(ValueError, TypeError, RecursionError):  # sound, but of another form
+                rows, at = json.loads(table), 0
+                for name, begin, count, _ in rows:
+                    if not isinstance(name, str) or begin != at or count <= 0:
+                        return [], ""
+                    at += count
+                if at == start:
+                    return rows, hashlib.blake2b(table).hexdigest()[:32]
     return [], ""
 
 
@@ -229,7 +235,7 @@ def open_file(path: Path, digest: str, *, mode: str = "r") -> h5py.File:
 
 def schema_of(path: Path) -> Schema:
     """Verify a complete file and return its schema."""
-    with open_file(path, check_file(path)) as file:
+    with open_file(path, check_file(path)) as file, of_this_form(path):
         return schema_in(file)
 
 
@@ -238,6 +244,6 @@ def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], 
 
     Also returns the duration of the run [s].
     """
-    with open_file(path, check_file(path, verify=False)) as file:
+    with open_file(path, check_file(path, verify=False)) as file, of_this_form(path):
         held = {name: file[name][()] for name in names if name in file}
         return held, float(file.attrs["duration"])

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import errno
 import io
+import math
 import os
 import sys
 import zipfile
@@ -20,7 +21,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -142,12 +143,12 @@ class Parts:
         with self._opened(number) as (file, _):
             for name in names:
                 if name in TRAJECTORIES:
-                    columns = _array(file, SAMPLES), _array(file, name)
+                    columns = self._columns(file, number, name)
                     ((_, found[name]),) = _padded(self.schema.blocks[number], *columns)
                 elif name not in self._single:
-                    found[name] = _array(file, name)
+                    found[name] = self._array(file, number, name)
                 elif name not in found:
-                    points = _array(file, "points")
+                    points = self._array(file, number, "points")
                     found |= {one: points[one] for one in names if one in self._single}
         return found
 
@@ -168,7 +169,7 @@ class Parts:
         for number, block in enumerate(self.schema.blocks):
             for name in columns:
                 with self._opened(number) as (file, _):
-                    lengths, samples = _array(file, SAMPLES), _array(file, name)
+                    lengths, samples = self._columns(file, number, name)
                 room = 1 + _PIECE // (samples.itemsize * max(1, self.entries[number].samples))
                 for box, array in _padded(block, lengths, samples, room):
                     yield name, box, array
@@ -192,26 +193,61 @@ class Parts:
         except FileNotFoundError:
             raise StoreError(f"{path} was removed by another program, or {_GONE}") from None
         except Exception as error:  # zipfile and NumPy have many for damaged files
-            if isinstance(error, OSError) and error.errno != errno.EINVAL:
+            lacking = isinstance(error, OSError) and error.errno != errno.EINVAL
+            if lacking or isinstance(error, MemoryError):
                 raise UnreadableError(path, error) from error
             raise StoreError(f"{path} is damaged, or cannot be read: {error}") from error
+
+    def _array(
+        self, file: zipfile.ZipFile, number: int, name: str, size: int | None = None
+    ) -> np.ndarray:
+        """Return an array of a block, all of whose bytes have been compared with their checksum.
+
+        Another form than that of the schema counts as damage; compressed data, which are never
+        written, could be of any size. `size` is the number of samples of a column.
+        """
+        block = self.schema.blocks[number]
+        shape = box_shape(block) if name == "points" else (block_points(block),)
+        dtype: Any = {"about": ABOUT, "points": self.points, SAMPLES: np.int64}.get(name, "f8")
+        if name in VARIABLES:
+            shape, dtype = (*self.schema.sizes(name, block).values(),), VARIABLES[name].dtype
+        shape = () if name == "about" else shape if size is None else (size,)
+        member = file.getinfo(f"{name}.npy")
+        if member.compress_type != zipfile.ZIP_STORED:
+            raise ValueError("it is compressed")
+        data = io.BytesIO(file.read(member))
+        np.lib.format.read_magic(data)
+        form = np.lib.format.read_array_header_1_0(data)
+        if form[0] != shape or not np.can_cast(form[2], dtype):
+            raise ValueError(f"{name} has another shape or type")
+        array = np.frombuffer(data.getbuffer(), form[2], math.prod(shape), data.tell())
+        return array.reshape(shape, order="F" if form[1] else "C")
+
+    def _columns(
+        self, file: zipfile.ZipFile, number: int, name: str
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lengths of the trajectories of a block, and a column of all their samples."""
+        lengths = self._array(file, number, SAMPLES)
+        if lengths.min() < 0:
+            raise ValueError("a trajectory has less than no samples")
+        return lengths, self._array(file, number, name, int(lengths.sum()))
 
     def _entry(self, number: int, verify: bool) -> Entry:
         """Return the entry of a block; refuse the block of another sweep, or a damaged one."""
         with self._opened(number) as (file, now):
-            about = _array(file, "about")
+            about = self._array(file, number, "about")
             if (about["sweep"], about["number"]) != (self.sweep, number):
                 raise StoreError(f"{self.files[number]} belongs to another sweep")
-            records = set(self.schema.variables).difference(self._single)
-            lengths = {SAMPLES} if records.intersection(TRAJECTORIES) else set()
-            for name in {"points", *records, *lengths} if verify else ():
-                _array(file, name)
+            columns = set(TRAJECTORIES).intersection(self.schema.variables)
+            lengths = self._array(file, number, SAMPLES) if columns else np.zeros(1)
+            if lengths.max() != about["samples"]:
+                raise ValueError("it has other samples than it says")
+            for name in {"points", *self.schema.variables}.difference(self._single, columns):
+                if verify:
+                    self._array(file, number, name)
+            for name in columns if verify else ():
+                self._columns(file, number, name)
         return Entry(int(about["samples"]), float(about["seconds"]), now)
-
-
-def _array(file: zipfile.ZipFile, name: str) -> np.ndarray:
-    """Return an array of a block, all of whose bytes have been compared with their checksum."""
-    return np.lib.format.read_array(io.BytesIO(file.read(f"{name}.npy")))
 
 
 def _joined(blocks: Sequence[Block], room: int) -> list[tuple[Block, list[int]]]:

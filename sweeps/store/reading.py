@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-import yaml
 from xarray.backends import BackendArray, CachingFileManager
 from xarray.core import indexing
 
@@ -29,8 +28,8 @@ from sweeps.store.paths import (
     content,
     parts_path,
 )
-from sweeps.store.replacing import identity, reason
-from sweeps.store.schema import Schema, attributes_of, schema_in
+from sweeps.store.replacing import UnreadableError, identity, reason
+from sweeps.store.schema import Schema, attributes_of, of_this_form, schema_in
 from sweeps.store.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 
@@ -50,7 +49,8 @@ def read_sweep(path: Path, verify: bool) -> xr.Dataset:
             try:
                 parts = Parts(folder, schema_of(folder / SCHEMA), verify=verify)
                 if content(path) in _MISSING:
-                    return _incomplete(parts)
+                    with of_this_form(folder / SCHEMA):
+                        return _incomplete(parts)
             except StoreError:
                 if content(path) in _MISSING:
                     raise
@@ -62,16 +62,21 @@ def _opened(path: Path, digest: str) -> xr.Dataset:
     """Open a complete file for the arrays of the Dataset, and again if xarray has closed it."""
     manager = CachingFileManager(open_file, path.absolute(), digest, mode="r")
     file = manager.acquire()
-    schema, duration = schema_in(file), float(file.attrs["duration"])
-    chunks = {name: file[name].chunks or () for name in schema.variables}
-    dataset = _lazy(schema, duration, partial(_in_file, manager), chunks)
+    with of_this_form(path):
+        schema, duration = schema_in(file), float(file.attrs["duration"])
+        chunks = {name: file[name].chunks or () for name in schema.variables}
+        dataset = _lazy(schema, duration, partial(_in_file, path, manager), chunks)
     dataset.set_close(manager.close)
     return dataset
 
 
-def _in_file(manager: CachingFileManager, name: str, key: Index) -> np.ndarray:
+def _in_file(path: Path, manager: CachingFileManager, name: str, key: Index) -> np.ndarray:
     """Return the values of a variable that a key selects."""
-    values: np.ndarray = manager.acquire()[name][key]
+    file = manager.acquire()
+    try:
+        values: np.ndarray = file[name][key]
+    except OSError as error:
+        raise UnreadableError(path, error) from error
     return values
 
 
@@ -117,7 +122,7 @@ def _lazy(
     # A file of an earlier version lacks the parameters that came later.
     coordinates: dict[str, Any] = {name: ((), one.default) for name, one in PARAMETERS.items()}
     coordinates |= schema.coordinates()
-    computed = yaml.safe_load(str(schema.attributes.get("computation", "fixed:")))
+    computed = schema.computation
     if "fixed" not in computed:  # all points had one phase, and a column phase was a comment
         coordinates["phase"] = (), float(computed.get("start", 0.0))
     dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})

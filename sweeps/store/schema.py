@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, Self
 
 import h5py
@@ -20,6 +22,7 @@ import yaml
 from sweeps.errors import StoreError
 from sweeps.grid import TABLE, Block, Sweep, box_shape, table_values
 from sweeps.store.paths import FORMAT, FORMAT_VERSION
+from sweeps.store.replacing import reason
 from sweeps.store.variables import (
     COLUMN_NAMES,
     DIRECTION,
@@ -30,6 +33,7 @@ from sweeps.store.variables import (
     description_in,
     held_variables,
 )
+from sweeps.yaml_text import yaml_mapping
 from vibroimpact import __version__
 from vibroimpact.oscillator import PARAMETERS
 
@@ -150,6 +154,11 @@ class Schema:
         found |= {name: ((), float(value)) for name, value in self.fixed.items()}
         return found | {record: ((record,), numbers) for record, numbers in self.records.items()}
 
+    @property
+    def computation(self) -> dict[str, Any]:
+        """What the code computed, as far as the file says it."""
+        return yaml_mapping(self.attributes.get("computation", "fixed:"), "the computation")
+
     def differences(self, old: Schema) -> list[str]:
         """Say what makes this sweep, or the code that computes it, another one than an old one."""
         was, now = old.attributes, self.attributes
@@ -220,30 +229,72 @@ def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
     return found
 
 
+@contextmanager
+def of_this_form(path: Path) -> Iterator[None]:
+    """Refuse a file whose checksums are right, but not its form, as another program can make it."""
+    try:
+        yield
+    except StoreError:
+        raise
+    except Exception as error:  # h5py, NumPy and xarray have many
+        raise StoreError(
+            f"{path} does not have the form of a sweep, and cannot be trusted: {reason(error)}"
+        ) from error
+
+
+def _own(file: h5py.File, name: str) -> h5py.Dataset:
+    """Return a dataset with this name, whose data are in this file."""
+    own = "/" not in name and isinstance(file.get(name, getlink=True), h5py.HardLink)
+    data = file[name] if own else None
+    if not isinstance(data, h5py.Dataset) or data.external or data.is_virtual:
+        raise ValueError(f"{name} is not in it")
+    return data
+
+
+def _values(file: h5py.File, name: str) -> np.ndarray:
+    """Return the values of a dataset that is as large as the file says."""
+    data = _own(file, name)
+    if data.nbytes > data.id.get_storage_size():
+        raise ValueError(f"{name} lacks values")
+    return data.asstr()[()] if h5py.check_string_dtype(data.dtype) else data[()]
+
+
+def _check_form(file: h5py.File, schema: Schema) -> None:
+    """Raise an error unless attributes, variables and blocks are as the axes require."""
+    for key in ("name", "configuration", "numerics"):
+        if not isinstance(schema.attributes[key], str):
+            raise TypeError(f"the attribute {key} is no text")
+    for name in schema.variables:
+        data, dtype = _own(file, name), VARIABLES[name].dtype
+        if data.shape != (*schema.sizes(name).values(),) or not np.can_cast(data.dtype, dtype):
+            raise ValueError(f"{name} has another shape or type")
+    lengths = [*map(len, schema.axes.values())]
+    for block in schema.blocks:
+        if any(not 0 <= a.start < a.stop <= n for a, n in zip(block, lengths, strict=True)):
+            raise ValueError("a block is not inside the axes")
+
+
 def schema_in(file: h5py.File) -> Schema:
     """Read the schema that `write_schema` has written."""
     variables = tuple(name for name in VARIABLES if name in file)
     records = dict.fromkeys(VARIABLES[name].dimension for name in variables)
     axes = [scale.name.strip("/") for dim in file["status"].dims for scale in dim.values()]
-    values = {
-        name: file[name].asstr()[()]
-        if h5py.check_string_dtype(file[name].dtype)
-        else file[name][()]
-        for name in [*axes, *str(file.attrs[_COORDINATES]).split()]
-    }
+    values = {name: _values(file, name) for name in [*axes, *str(file.attrs[_COORDINATES]).split()]}
     columns = file.attrs[COLUMN_NAMES].split() if TABLE in axes else ()
     if columns:
         values[TABLE] = table_values({name: values[name] for name in columns})
-    blocks = file[_BLOCKS][()].tolist() if _BLOCKS in file else ()
-    return Schema(
+    blocks = _values(file, _BLOCKS).tolist() if _BLOCKS in file else ()
+    schema = Schema(
         {axis: values.pop(axis) for axis in axes},
         {name: float(value) for name, value in values.items() if name not in columns},
-        {record: file[record][()] for record in records if record},
+        {record: _values(file, record) for record in records if record},
         variables,
         [tuple(slice(*cut) for cut in block) for block in blocks],
         {k: v for k, v in file.attrs.items() if k not in ("duration", _COORDINATES)},
         {name: str(file[name].attrs.get("units", "1")) for name in columns},
     )
+    _check_form(file, schema)
+    return schema
 
 
 def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
@@ -273,7 +324,7 @@ def _differing_keys(old: str, new: str) -> list[str]:
     """
     if old == new:
         return []
-    was, now = _flat(yaml.safe_load(old)), _flat(yaml.safe_load(new))
+    was, now = (_flat(yaml_mapping(text, "the configuration of a sweep")) for text in (old, new))
     return [
         f"{key} was {was.get(key, 'not given')} and is {now.get(key, 'not given')}"
         for key in sorted({*was, *now} - {"name", "compression"})

@@ -184,7 +184,7 @@ class SweepWriter:
             if given != expected:
                 raise ValueError(f"{name} has the shape {given} instead of {expected}")
             if ragged:
-                lengths = np.array([len(samples) for samples in array])
+                lengths = np.array([len(samples) for samples in array], np.int64)
                 arrays[name], arrays[SAMPLES], longest = array, lengths, int(lengths.max())
             elif VARIABLES[name].dimension is None:
                 points[name] = np.reshape(array, shape)

@@ -1,0 +1,67 @@
+"""The only reader of YAML, which refuses what makes a short text large or does more than data.
+
+Files of sweeps come from anywhere, so their YAML is read as strictly as a configuration.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+from sweeps.errors import ConfigError
+from sweeps.text import shortened
+
+#: Most levels of nesting accepted; a valid configuration has four.
+DEEPEST = 16
+
+
+class _Loader(yaml.SafeLoader):
+    """A loader that refuses aliases, tags and too deep nesting."""
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose a node as PyYAML does, unless it is refused."""
+        event = self.peek_event()
+        problem = ""
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None):
+            problem = "aliases and tags are not allowed"
+        elif self._depth == DEEPEST:
+            problem = f"more than {DEEPEST} levels are not allowed"
+        if problem:
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+
+def yaml_node(text: str, origin: str) -> yaml.Node | None:
+    """Return the node of a YAML text, whose scalars keep what was typed; None if it is empty.
+
+    `origin` tells the error, ConfigError, where the text comes from.
+    """
+    try:
+        return yaml.compose(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        tab = "'\\t'" in str(error.problem)
+        problem = "there is a tab; indent with spaces" if tab else error.problem
+        raise ConfigError(f"{origin}{place}: not valid YAML: {problem}") from None
+    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
+        # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".
+        raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
+
+
+def yaml_mapping(text: object, origin: str) -> dict[str, Any]:
+    """Return the mapping that the YAML in a file of a sweep holds; raise ConfigError otherwise."""
+    node = yaml_node(str(text), origin)
+    try:
+        data = _Loader("").construct_document(node) if node is not None else None
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
+    if not isinstance(data, dict):
+        raise ConfigError(f"{origin}: not a mapping of keys")
+    return {str(key): value for key, value in data.items()}

@@ -1,0 +1,225 @@
+"""Files with right checksums and another form are refused in one paragraph, with no traceback."""
+
+import json
+import os
+import shutil
+import struct
+import zipfile
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from sweeps import open_sweep
+from sweeps.errors import StoreError
+from sweeps.store import parts
+from sweeps.store.complete_file import _add_table
+from sweeps.store.replacing import TRAILER
+from sweeps.store.variables import VARIABLES
+from tests.helpers.commands import SMALL, accepted, call, refused
+from tests.helpers.written_files import fill_blocks
+from vibroimpact.status import Status
+
+CONFIG = SMALL
+SCHEMA, BLOCK = Path("out.h5.parts/schema.h5"), Path("out.h5.parts/block-000001.npz")
+
+
+def with_table(path, table):
+    """Give a file another table of checksums, whose own checksum is right."""
+    content = path.read_bytes()
+    length = int.from_bytes(content[-20:-12], "little")
+    end = struct.pack("<QI8s", len(table), zlib.crc32(table), TRAILER)
+    path.write_bytes(content[: -20 - length] + table + end)
+    return len(content) - 20 - length
+
+
+TABLES = {
+    "nested": b"[" * 100_000 + b"]" * 100_000,
+    "numbers": b"[1, 2]",
+    "mapping": b'{"a": 1}',
+    "short rows": b'[["rest", 0]]',
+    "number": b"7",
+    "text": b"\xff\xfe",
+    "digits": b"[" + b"9" * 10_000 + b"]",
+    "overlapping": b'[["rest", 0, 40, 1], ["rest", 20, SIZE, 1], ["rest", 20, -40, 1]]',
+    "odd types": b'[["rest", "0", [], {}]]',
+    "infinite": b'[["rest", 0, Infinity, 1]]',
+    "no name": b"[[null, 0, SIZE, 1]]",
+}
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_table_of_another_form_is_refused(table):
+    fill_blocks("out.h5")
+    size = with_table(Path("out.h5"), b"[]")
+    with_table(Path("out.h5"), TABLES[table].replace(b"SIZE", b"%d" % size))
+    for verify in (True, False):
+        with pytest.raises(StoreError, match="is damaged outside its results, truncated"):
+            open_sweep("out.h5", verify=verify)
+
+
+def group(file):
+    del file["h"]
+    file.create_group("h")
+
+
+def outside(file):
+    del file["h"]
+    file["h"] = h5py.ExternalLink("other.h5", "h")
+
+
+def soft(file):
+    del file["h"]
+    file["h"] = h5py.SoftLink("/f")
+
+
+def stored_outside(file):
+    del file["h"]
+    file.create_dataset("h", (1,), "f8", external=[("other.h5", 0, 8)])
+
+
+def virtual(file):
+    del file["h"]
+    layout = h5py.VirtualLayout((1,), "f8")
+    layout[:] = h5py.VirtualSource("other.h5", "h", (1,))
+    file.create_virtual_dataset("h", layout)
+
+
+def large(file):
+    del file["h"]
+    file.create_dataset("h", (1 << 50,), "f8", chunks=(1,))
+
+
+def without_scales(file):
+    del file["status"]
+    file["status"] = np.zeros((2, 6), np.int8)
+
+
+def another_shape(file):
+    del file["poincare_x"]
+    file["poincare_x"] = np.zeros((2, 6, 3))
+
+
+def texts(file):
+    dims = [dim[0] for dim in file["chatters"].dims]
+    del file["chatters"]
+    file["chatters"] = np.full((2, 6), "text", object)
+    for dim, scale in zip(file["chatters"].dims, dims, strict=True):
+        dim.attach_scale(scale)
+
+
+def attribute(name, value):
+    def change(file):
+        del file.attrs[name]
+        if value is not None:
+            file.attrs[name] = value
+
+    return change
+
+
+ALIASES = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]\n"
+    for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+)
+FORMS = {
+    "group": group, "outside": outside, "soft": soft, "stored outside": stored_outside,
+    "virtual": virtual, "large": large, "without scales": without_scales,
+    "another shape": another_shape, "texts": texts,
+    **{f"{name} {i}": attribute(name, value) for name, values in {
+        "computation": ("", "!!python/name:os.system x", "[1]", "- a", "{", "fixed", ALIASES),
+        "configuration": (7, None), "coordinates": ("a/b", None, 7, "x" * 70),
+        "duration": ("long", None), "numerics": (None,),
+    }.items() for i, value in enumerate(values)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("blocks", [None, 2])
+def test_an_hdf5_file_of_another_form_is_refused(form, blocks):
+    """Complete, or the schema of blocks; also by a run that resumes it."""
+    fill_blocks("out.h5", blocks)
+    path = SCHEMA if blocks else Path("out.h5")
+    if form.startswith("duration") and blocks:
+        return
+    with_table(path, b"[]")
+    shutil.copy(path, "other.h5")
+    with h5py.File(path, "r+") as file:
+        FORMS[form](file)
+        variables = [name for name in VARIABLES if name in file]
+    with path.open("r+b") as file:
+        _add_table(file, variables)
+    with pytest.raises(StoreError, match=r"(does not have the form of a sweep|cannot be resumed)"):
+        open_sweep("out.h5")
+    assert call("info", "out.h5").exit_code == 2
+    result = call("run", "sweep.yaml", "-o", "out.h5", "--resume", "--quiet")
+    assert result.exit_code == 2 and result.stderr.count("\n") == 1
+
+
+def test_aliases_and_tags_in_the_configuration_of_a_file_are_refused():
+    """Each level of aliases would make it ten times as large."""
+    for text in (ALIASES, "name: !!python/name:os.system x\n", "", "- 1\n", "[" * 100_000):
+        fill_blocks("out.h5")
+        with_table(Path("out.h5"), b"[]")
+        with h5py.File("out.h5", "r+") as file:
+            file.attrs["configuration"] = text
+            variables = [name for name in VARIABLES if name in file]
+        with Path("out.h5").open("r+b") as file:
+            _add_table(file, variables)
+        for arguments in (["info", "out.h5", "--json"], ["run", "out.h5", "-o", "new.h5"]):
+            assert refused(*arguments).count("\n") == 1
+        for options in ([], ["--resume"]):
+            message = refused("run", "sweep.yaml", "-o", "out.h5", "--quiet", *options)
+            assert message.count("\n") == 1
+        os.remove("out.h5")
+
+
+def rewritten(change, compression=zipfile.ZIP_STORED):
+    """Write a block again with changed arrays."""
+    with np.load(BLOCK) as file:
+        arrays = dict(file)
+    arrays |= change
+    with zipfile.ZipFile(BLOCK, "w", compression) as file:
+        for name, array in arrays.items():
+            with file.open(f"{name}.npy", "w") as member:
+                np.lib.format.write_array(member, array)
+
+
+SAMPLES = np.array([2, 1 << 40])
+BLOCKS = {
+    "compressed": ({}, zipfile.ZIP_DEFLATED),
+    "another shape": ({"poincare_x": np.zeros((1, 2, 3))},),
+    "another type": ({"poincare_x": np.full((1, 2, 20), "x")},),
+    "few points": ({"points": np.zeros(1)},),
+    "many samples": ({"samples": SAMPLES},),
+    "negative samples": ({"samples": -SAMPLES},),
+    "no samples": ({"samples": np.zeros((0,), int)},),
+    "nothing": ({"about": np.zeros(())},),
+}
+
+
+@pytest.mark.parametrize("case", BLOCKS)
+def test_a_block_of_another_form_counts_as_damaged(case):
+    fill_blocks("out.h5", 2)
+    rewritten(*BLOCKS[case])
+    with open_sweep("out.h5") as dataset:
+        assert (dataset["status"].values[0] != Status.PENDING).tolist() == [True] * 2 + [False] * 4
+        dataset.load()
+    assert fill_blocks("out.h5", resume=True) == 1
+
+
+def test_a_block_for_which_the_memory_is_lacking_is_not_damaged(monkeypatch):
+    def lacking(*_):
+        raise MemoryError
+
+    fill_blocks("out.h5", 2)
+    with monkeypatch.context() as patch, pytest.raises(StoreError, match="cannot be read: Mem"):
+        patch.setattr(parts.zipfile.ZipFile, "read", lacking)
+        open_sweep("out.h5")
+    assert fill_blocks("out.h5", resume=True) == 0
+
+
+def test_a_file_of_this_program_has_the_form():
+    accepted("run", "sweep.yaml", "--quiet")
+    assert json.loads(accepted("info", "small.h5", "--json"))["configuration"]["name"]
