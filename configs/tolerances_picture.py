@@ -5,7 +5,7 @@ import numpy as np
 from scipy import stats
 
 from sweeps import open_sweep
-from sweeps.opened.motions import labels
+from sweeps.opened.opened_sweep import OpenedSweep
 
 MASS = 0.5  # kg
 PARTS = ["gap", "restitution", "stiffness", "force"]
@@ -18,7 +18,7 @@ def independent(sweep):
 
 def classes(sweep):
     """Return the number of each class of motion among the joints with independent parts."""
-    found = labels(sweep.isel(point=independent(sweep)))
+    found = OpenedSweep(sweep.isel(point=independent(sweep))).labels
     names, counts = np.unique([str(label or "unknown") for label in found], return_counts=True)
     return dict(zip(names.tolist(), counts.tolist(), strict=True))
 

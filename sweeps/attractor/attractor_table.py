@@ -15,10 +15,9 @@ import xarray as xr
 from sweeps.attractor.partition import SETS, GridIndex
 from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.grid import TABLE
-from sweeps.opened.cuts import START_AXES, Selection, places
-from sweeps.opened.dataset import config_of, headed, nomenclature_of, points_of, values_of
 from sweeps.opened.motions import run_on
-from sweeps.store import DIRECTION, columns_of
+from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection, headed
+from sweeps.store import DIRECTION
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.points.regimes import Label, Regime, rest_of
 from vibroimpact.points.run_spec import RunSpec
@@ -78,22 +77,22 @@ class AttractorRow(NamedTuple):
         return "-" if self.regime is Regime.UNKNOWN else str(self.number)
 
 
-def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
+def parameter_axes(sweep: OpenedSweep) -> tuple[str, ...]:
     """Return the names of the swept axes, or of the columns of a table, that are not starts."""
-    known = nomenclature_of(dataset).parameters
-    names = map(str, columns_of(dataset) or dataset["status"].dims)
+    known = sweep.nomenclature.parameters
+    names = sweep.columns or sweep.grid
     return tuple(name for name in names if name in known and name not in START_AXES)
 
 
-def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
+def cut(sweep: OpenedSweep, at: Selection) -> OpenedSweep:
     """Fix parameters and the phase of the starts at the grid values nearest to `at`.
 
     All other starts there are kept.
     """
-    return dataset.isel(places(dataset, at, kept=("x0", "v0", DIRECTION, TABLE)))
+    return sweep.isel(sweep.places(at, kept=("x0", "v0", DIRECTION, TABLE)))
 
 
-def attractor_rows(dataset: xr.Dataset, result: xr.Dataset) -> list[AttractorRow]:
+def attractor_rows(sweep: OpenedSweep, result: xr.Dataset) -> list[AttractorRow]:
     """List the attractors in a result, by parameter point, most frequent first.
 
     It is the result of `sweeps.attractors`, `sweeps.integrity` or `sweeps.knocks` for the dataset.
@@ -103,15 +102,15 @@ def attractor_rows(dataset: xr.Dataset, result: xr.Dataset) -> list[AttractorRow
     frame = columns.to_dataframe(dim_order=[*axes, "coexisting"])[list(columns)]
     is_there = frame["number"].values >= 0
     frame = frame[is_there]
-    index = GridIndex.of(dataset)
+    index = GridIndex.of(sweep)
     file = np.empty((index.parameter.max() + 1, index.start.max() + 1), np.int64)
     file[index.parameter, index.start] = np.arange(len(index.start))
     place = file[np.flatnonzero(is_there) // result.sizes["coexisting"], frame["representative"]]
-    points = points_of(dataset)[place]
-    swept = values_of(dataset, parameter_axes(dataset))
+    points = sweep.points[place]
+    swept = sweep.values(parameter_axes(sweep))
     points["x0"], points["v0"] = frame["section_x"], frame["section_v"]
     m = np.where(frame["motion"] == Regime.PERIODIC, frame["m"], 0)
-    orbits = orbits_of(config_of(dataset).sweep.spec, points, m, frame["q"].values)
+    orbits = orbits_of(sweep.config.sweep.spec, points, m, frame["q"].values)
     measures = {
         name: frame[name].tolist() for name in map(str, columns) if name not in _NO_MEASURES
     }
@@ -183,13 +182,13 @@ def shown_speeds(row: AttractorRow) -> str:
 
 
 def attractor_report(
-    dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[AttractorRow]
+    sweep: OpenedSweep, result: xr.Dataset, attractors: Sequence[AttractorRow]
 ) -> str:
     """Write the attractors as a table, those of several parameter points once if not measured."""
     if result["attractors"].ndim and "integrity_factor" not in result:
-        lines = _over_parameters(dataset, result, attractors)
+        lines = _over_parameters(sweep, result, attractors)
     else:
-        lines = [_row_by_row(dataset, result, attractors)]
+        lines = [_row_by_row(sweep, result, attractors)]
     missing = int((result["attractor"] < 0).sum())
     if missing:
         points = shown_count(result["attractor"].size, "point")
@@ -205,21 +204,21 @@ def attractor_report(
         share = 100.0 * float(unknown.mean())
         lines.append(f"{share:.1f} % of the starts are unknown, which is no attractor")
     if "integrity_factor" in result:
-        root = "" if "p" in nomenclature_of(dataset).parameters else ", p = sqrt(stiffness / mass)"
+        root = "" if "p" in sweep.nomenclature.parameters else ", p = sqrt(stiffness / mass)"
         lines.append(
             f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = "
-            f"{config_of(dataset).record.phase:g}; >=: the window's edge decided"
+            f"{sweep.config.record.phase:g}; >=: the window's edge decided"
         )
     return "\n".join(lines)
 
 
-def _row_by_row(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[AttractorRow]) -> str:
+def _row_by_row(sweep: OpenedSweep, result: xr.Dataset, attractors: Sequence[AttractorRow]) -> str:
     """Write each attractor at each parameter point, with its measures."""
-    axes = parameter_axes(dataset) if result["attractors"].ndim else ()
+    axes = parameter_axes(sweep) if result["attractors"].ndim else ()
     measured = [name for name in (*_EDGES, "knock_harmful") if name in result]
     heads = {"knock_harmful": "least knock"}
     head = [
-        *(headed(axis, dataset[axis]) for axis in axes),
+        *(headed(axis, sweep[axis]) for axis in axes),
         "attractor",
         "class",
         headed("speeds before the impacts", result["section_v"]),
@@ -251,11 +250,11 @@ def _measure(measures: Mapping[str, Any], name: str) -> str:
 
 
 def _over_parameters(
-    dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[AttractorRow]
+    sweep: OpenedSweep, result: xr.Dataset, attractors: Sequence[AttractorRow]
 ) -> list[str]:
     """Write each attractor once, with the range of its parameters and its share of the starts."""
-    counted, axes = result["attractors"], parameter_axes(dataset)
-    heads = [headed(axis, dataset[axis]) for axis in axes]
+    counted, axes = result["attractors"], parameter_axes(sweep)
+    heads = [headed(axis, sweep[axis]) for axis in axes]
     head = ["attractor", "class", *heads, "parameter points", "share of the starts there"]
     number = attrgetter("number")
     by_number = groupby(sorted(attractors, key=number), number)

@@ -20,10 +20,9 @@ import xarray as xr
 
 from sweeps.attractor.partition import COUNTED, attractors
 from sweeps.errors import Refused
-from sweeps.opened.cuts import swept_axes
-from sweeps.opened.dataset import config_of, points_of
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import run_on
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import description_in
 from sweeps.text import listed
 
@@ -41,14 +40,14 @@ _EVEN = 1e-6
 
 
 @takes_sweep({})
-def integrity(dataset: xr.Dataset) -> xr.Dataset:
+def integrity(sweep: OpenedSweep) -> xr.Dataset:
     """Measure how large a disturbance each attractor takes, at every parameter point.
 
     The distance of two states is sqrt(dx^2 + (dv / p)^2).
 
     Parameters
     ----------
-    dataset : Dataset
+    sweep : Dataset
         An opened sweep over evenly spaced x0 and v0, with ``period`` and a section at
         the phase of the starts.
 
@@ -81,20 +80,20 @@ def integrity(dataset: xr.Dataset) -> xr.Dataset:
     >>> sweeps.integrity(ds)["integrity_factor"].values.round(3)
     array([1.091, 0.455])
     """
-    refuse_unfit(dataset)
-    return with_measures(dataset, attractors(dataset))
+    refuse_unfit(sweep)
+    return with_measures(sweep, attractors(sweep))
 
 
-def with_measures(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
+def with_measures(sweep: OpenedSweep, found: xr.Dataset) -> xr.Dataset:
     """Return the attractors found in a sweep with their measures."""
-    config = config_of(dataset)
+    config = sweep.config
     starts = found["attractor"].sortby(["x0", "v0"]).transpose(..., "x0", "v0")
     x, v = starts["x0"].values, starts["v0"].values
     grid = (-1, found.sizes["coexisting"])
     number, m = (found[name].values.reshape(grid) for name in ("number", "m"))
     at = np.nonzero(np.isin(found["motion"].values.reshape(grid), COUNTED))
     state = (found[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
-    points = points_of(dataset.isel(x0=0, v0=0))[at[0]]
+    points = sweep.isel({"x0": 0, "v0": 0}).points[at[0]]
     points["x0"], points["v0"] = state
     periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if m is not known
     longest = int(periods.max(initial=1))
@@ -108,7 +107,7 @@ def with_measures(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
     for (name, about), values in zip(_BASIN_MEASURES.items(), measures, strict=True):
         shaped = values.reshape(found["number"].shape)
         shaped = shaped == 1.0 if name.endswith("edge") else shaped
-        found[name] = (found["number"].dims, shaped, description_in(dataset.attrs, *about))
+        found[name] = (found["number"].dims, shaped, description_in(sweep.attrs, *about))
     return found
 
 
@@ -152,9 +151,9 @@ def _widened(values: np.ndarray) -> np.ndarray:
     return np.array([2.0 * values[0] - values[1], *values, 2.0 * values[-1] - values[-2]])
 
 
-def refuse_unfit(dataset: xr.Dataset) -> None:
+def refuse_unfit(sweep: OpenedSweep) -> None:
     """Refuse a sweep whose starts are not a regular window at the phase of its section."""
-    axes, config = swept_axes(dataset), config_of(dataset)
+    axes, config = sweep.axes, sweep.config
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"integrity needs x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     if config.follow is not None:
@@ -164,13 +163,13 @@ def refuse_unfit(dataset: xr.Dataset) -> None:
             "integrity needs starts at one phase; fix phase at that of the section, "
             f"{config.record.phase:g}"
         )
-    start, section = float(dataset["phase"]), config.record.phase
+    start, section = float(sweep["phase"]), config.record.phase
     if section != start:
         raise Refused(
             f"the starts are at omega t = {start:g}, and the section is at {section:g}: run the "
             f"sweep again with record.phase: {start:g}"
         )
     for name in ("x0", "v0"):
-        steps = np.diff(np.sort(dataset[name].values))
+        steps = np.diff(np.sort(sweep[name].values))
         if not len(steps) or np.ptp(steps) > _EVEN * steps.max():
             raise Refused(f"the values of {name} are not evenly spaced; expected: start, stop, num")

@@ -24,9 +24,9 @@ import xarray as xr
 
 from sweeps.attractor.partition import attractors
 from sweeps.errors import Refused
-from sweeps.opened.dataset import config_of, oscillator_of
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import MOTION, ORBIT_TOLERANCE, orbit_of_motion, section_distance
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import description_in
 from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, simulate
 from vibroimpact.points.computation import compute_points
@@ -74,7 +74,7 @@ class Knock(NamedTuple):
 
 @takes_sweep({})
 def knocks(
-    starts: xr.Dataset,
+    starts: OpenedSweep,
     found: xr.Dataset | None = None,
     numbers: Collection[int] | None = None,
 ) -> xr.Dataset:
@@ -120,7 +120,7 @@ def knocks(
     >>> sweeps.knocks(ds)["knock_harmful"].values.round(4)
     array([-0.3047,  0.2723])
     """
-    if config_of(starts).method.impact != "exact" or set(starts["status"].dims) != {"x0", "v0"}:
+    if starts.config.method.impact != "exact" or set(starts.grid) != {"x0", "v0"}:
         raise Refused("a knock needs the impact rule exact, and a sweep cut at one parameter point")
     found = attractors(starts) if found is None else found
     motions, limit = _Motions(starts, found), float(np.ptp(starts["v0"].values))
@@ -141,8 +141,8 @@ def knocks(
 class _Motions:
     """The attractors at a parameter point, and the knocks that lead from one to another."""
 
-    def __init__(self, starts: xr.Dataset, found: xr.Dataset) -> None:
-        self._oscillator, config = oscillator_of(starts), config_of(starts)
+    def __init__(self, starts: OpenedSweep, found: xr.Dataset) -> None:
+        self._oscillator, config = starts.oscillator, starts.config
         self._spec, self._phase = config.sweep.spec, config.record.phase
         self.orbits: dict[int, PeriodicOrbit] = {}
         self._cycles: dict[int, np.ndarray] = {}  # their states at the section

@@ -33,10 +33,9 @@ from sweeps.attractor.tracking import lead_to_each_other, mutually_nearest, trac
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
-from sweeps.opened.cuts import START_AXES
-from sweeps.opened.dataset import config_of, diagnostics_with, points_of
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, cycles_of, distances, motions_of
+from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, cycles_of, distances
+from sweeps.opened.opened_sweep import START_AXES, OpenedSweep
 from sweeps.store.variables import description_in
 from sweeps.text import listed
 from vibroimpact.oscillator import PARAMETERS
@@ -77,11 +76,11 @@ class GridIndex:
     start: np.ndarray
 
     @classmethod
-    def of(cls, dataset: xr.Dataset) -> Self:
+    def of(cls, sweep: OpenedSweep) -> Self:
         """Index the points of an opened sweep, or of a cut through one."""
-        if TABLE in dataset["status"].dims:
-            return cls(*_sets(points_of(dataset)))
-        sizes = {str(name): size for name, size in dataset["status"].sizes.items()}
+        if TABLE in sweep.grid:
+            return cls(*_sets(sweep.points))
+        sizes = {str(name): size for name, size in sweep["status"].sizes.items()}
         parameters = {name: size for name, size in sizes.items() if name not in START_AXES}
         grids = [  # of the parameter points, and of the starts: 1 along all other axes
             [size if (name in parameters) is of_parameters else 1 for name, size in sizes.items()]
@@ -109,13 +108,13 @@ def _sets(points: np.ndarray) -> tuple[tuple[int, ...], tuple[str, ...], np.ndar
 
 @takes_sweep({})
 def attractors(
-    dataset: xr.Dataset, tolerance: float = ORBIT_TOLERANCE, extensions: int = EXTENSIONS
+    sweep: OpenedSweep, tolerance: float = ORBIT_TOLERANCE, extensions: int = EXTENSIONS
 ) -> xr.Dataset:
     """Find the distinct attractors at every parameter point.
 
     Parameters
     ----------
-    dataset : Dataset
+    sweep : Dataset
         An opened sweep, or a cut through one, with ``period`` and the section; ``lyapunov`` is
         used if the sweep has it.
     tolerance : float
@@ -174,16 +173,16 @@ def attractors(
     (2, array([0.806, 0.194]))
     """
     for name in ("period", "poincare_x", "poincare_v"):
-        if name not in dataset:
+        if name not in sweep:
             raise Refused(
                 f"the file has no {name}, by which attractors are told apart: run the sweep again "
-                f"with {diagnostics_with(dataset, 'period')}"
+                f"with {sweep.diagnostics_with('period')}"
             )
-    spec = config_of(dataset).sweep.spec
-    index, motions = GridIndex.of(dataset), motions_of(dataset).ravel()
-    followed = on_its_way(motions["regime"], dataset["orbit_distance"].values.ravel())
-    followed |= motions["m"] > dataset.sizes["section"]
-    followed |= settle(motions, dataset, index.parameter, extensions)
+    spec = sweep.config.sweep.spec
+    index, motions = GridIndex.of(sweep), sweep.motions.ravel()
+    followed = on_its_way(motions["regime"], sweep["orbit_distance"].values.ravel())
+    followed |= motions["m"] > sweep.sizes["section"]
+    followed |= settle(motions, sweep, index.parameter, extensions)
     heads, of_point = attractors_of(motions, index.parameter, spec, tolerance)
     parameter, members = index.parameter[heads], np.bincount(of_point[of_point >= 0])
     fraction = members / np.bincount(parameter, members)[parameter]
@@ -198,22 +197,22 @@ def attractors(
         number, fraction, motion["regime"], m[:-1], motion["q"], ~followed[shown], x, v,
         index.start[shown],
     )  # fmt: skip
-    data = _by_rank(dataset, index, parameter, dict(zip(_ATTRACTOR_COLUMNS, columns, strict=True)))
+    data = _by_rank(sweep, index, parameter, dict(zip(_ATTRACTOR_COLUMNS, columns, strict=True)))
     counted = np.bincount(
         parameter[np.isin(motion["regime"], COUNTED)], minlength=math.prod(index.shape)
     ).reshape(index.shape)
-    status = dataset["status"]
+    status = sweep["status"]
     for name, values, meaning in (
         ("attractor", np.append(number, -1)[of_point], "number of the attractor, -1: none"),
         ("followed", followed, "whether the motion was followed beyond its record"),
     ):
         data[name] = (status.dims, values.reshape(status.shape), {"long_name": meaning})
     data["attractors"] = index.parameters, counted, {"long_name": "distinct attractors found"}
-    return xr.Dataset(data, {name: dataset[name] for name in status.coords})
+    return xr.Dataset(data, dict(status.coords))
 
 
 def _by_rank(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     index: GridIndex,
     parameter: np.ndarray,
     columns: Mapping[str, np.ndarray],
@@ -227,7 +226,7 @@ def _by_rank(
         missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
         grid = np.full((*index.shape, int(rank.max(initial=0)) + 1), missing, values.dtype)
         grid.reshape(-1, grid.shape[-1])[parameter, rank] = values
-        about = description_in(dataset.attrs, *_ATTRACTOR_COLUMNS[name])
+        about = description_in(sweep.attrs, *_ATTRACTOR_COLUMNS[name])
         data[name] = (*index.parameters, "coexisting"), grid, about
     data["motion"][2]["flag_values"] = np.array(list(Regime))
     data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)

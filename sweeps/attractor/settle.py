@@ -21,10 +21,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import xarray as xr
 
-from sweeps.opened.dataset import config_of
 from sweeps.opened.motions import motions_from
+from sweeps.opened.opened_sweep import OpenedSweep
 from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.computation import compute_points
 from vibroimpact.points.regimes import Regime
@@ -45,7 +44,7 @@ _POINTS_AT_ONCE = 4_000
 
 
 def settle(
-    motions: np.ndarray, dataset: xr.Dataset, parameter: np.ndarray, extensions: int
+    motions: np.ndarray, sweep: OpenedSweep, parameter: np.ndarray, extensions: int
 ) -> np.ndarray:
     """Continue motions that go to no known attractor, and write the regimes and orbits they reach.
 
@@ -57,15 +56,15 @@ def settle(
     without = (regime != Regime.PERIODIC) & (regime > Regime.FAILED)
     if not without.any():
         return continued
-    state = _last_states(motions["point"], dataset)
+    state = _last_states(motions["point"], sweep)
     motions["point"][without] = state[without]
-    share, chatters = (dataset[name].values.ravel() for name in ("rest_fraction", "chatters"))
+    share, chatters = (sweep[name].values.ravel() for name in ("rest_fraction", "chatters"))
     rests = _rests_of(share, np.maximum(chatters, share > 0.0))
     chaotic = _chaotic(regime, rests, parameter)
     going = np.flatnonzero((regime == Regime.UNKNOWN) | _rested_once(regime, rests) | chaotic)
-    first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
-    length = first - 1 + dataset.sizes["section"]
-    done, planned, spec = 0, 3 * length * going.size, config_of(dataset).sweep.spec
+    first = int(sweep["section"].values[0]) if "section" in sweep else 1
+    length = first - 1 + sweep.sizes["section"]
+    done, planned, spec = 0, 3 * length * going.size, sweep.config.sweep.spec
     chaos_ends = np.zeros_like(continued)
     for i in range(extensions):
         if not going.size or planned > MOST_CONTINUED:
@@ -91,11 +90,11 @@ def settle(
     return continued
 
 
-def _last_states(points: np.ndarray, dataset: xr.Dataset) -> np.ndarray:
+def _last_states(points: np.ndarray, sweep: OpenedSweep) -> np.ndarray:
     """Return the points of motions with their last states in the records as starts."""
     last = points.copy()
     for name in "xv":
-        last[f"{name}0"] = dataset[f"poincare_{name}"].isel(section=-1).values.ravel()
+        last[f"{name}0"] = sweep[f"poincare_{name}"].isel(section=-1).values.ravel()
     return last
 
 

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.opened.cuts import START_AXES
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import START_AXES, OpenedSweep
 from sweeps.store import DIRECTION
 from sweeps.text import command, fewest_digits, shown_count, shown_range, table
 from vibroimpact.points.regimes import Label
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
 #: Most bifurcations that are listed one by one, and most of those without an exact value.
 _MOST_ROWS, _MOST_INEXACT = 40, 12
@@ -28,7 +26,7 @@ _MEANINGS = {
 }
 
 
-def bifurcation_report(dataset: xr.Dataset, file: Path, found: pd.DataFrame) -> str:
+def bifurcation_report(sweep: OpenedSweep, file: Path, found: pd.DataFrame) -> str:
     """Write the bifurcations of a sweep that `find_bifurcations` found in a file."""
     axis = found.attrs["axis"]
     if found.empty:
@@ -39,7 +37,7 @@ def bifurcation_report(dataset: xr.Dataset, file: Path, found: pd.DataFrame) -> 
         parts += ["\n".join(_meanings(found))]
     else:
         parts = _one_by_one(found)
-    notes = [_following(dataset, found), _narrowing(file, found), _unclassified(dataset, found)]
+    notes = [_following(sweep, found), _narrowing(file, found), _unclassified(sweep, found)]
     parts += ["\n".join(filter(None, notes)), found.attrs["branches"]]
     return "\n\n".join(filter(None, parts))
 
@@ -64,18 +62,18 @@ def _one_by_one(found: pd.DataFrame) -> list[str]:
     return [*parts, "\n".join([*_cascades(found), *_meanings(others)])]
 
 
-def _unclassified(dataset: xr.Dataset, found: pd.DataFrame) -> str:
+def _unclassified(sweep: OpenedSweep, found: pd.DataFrame) -> str:
     """Write how many points have no known class, so that the list says nothing about them."""
     if not found.attrs["unclassified"]:
         return ""
     number = shown_count(found.attrs["unclassified"], "point")
     text = f"unknown or without a result: {number}"
-    return text if "lyapunov" in dataset else f"{text}; Lyapunov exponents tell which are chaotic"
+    return text if "lyapunov" in sweep else f"{text}; Lyapunov exponents tell which are chaotic"
 
 
-def _following(dataset: xr.Dataset, found: pd.DataFrame) -> str:
+def _following(sweep: OpenedSweep, found: pd.DataFrame) -> str:
     """Write the key that keeps a motion from changing to another attractor, where one does so."""
-    axis, config = found.attrs["axis"], config_of(dataset)
+    axis, config = found.attrs["axis"], sweep.config
     from_one_start = config.follow is None and not {*START_AXES} & {axis, *found.attrs["others"]}
     if not (from_one_start and (found["kind"] == "basin").any()):
         return ""

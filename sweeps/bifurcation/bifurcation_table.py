@@ -19,10 +19,8 @@ import xarray as xr
 from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.bifurcation.explanations import NO_LABEL, changes_of_class, explain, least_difference
 from sweeps.config.sweep import SweepConfig
-from sweeps.opened.cuts import START_AXES, Selection, chosen_axes, places
-from sweeps.opened.dataset import check_diagnostic, config_of, headed, nomenclature_of, values_of
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.motions import motions_of
+from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection, headed
 from sweeps.store import DIRECTION
 from vibroimpact.orbits.curves import CURVE_KINDS
 from vibroimpact.points.regimes import Label, Regime, labels_of
@@ -51,7 +49,7 @@ _BOTH = "both"
 
 @takes_sweep({})
 def bifurcations(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     axis: str | None = None,
     at: Selection | None = None,
     report: Callable[[float], object] = lambda share: None,
@@ -63,7 +61,7 @@ def bifurcations(
 
     Parameters
     ----------
-    dataset : Dataset
+    sweep : Dataset
         From `sweeps.open_sweep`, with ``period``.
     axis : str, optional
         The swept parameter along which to look, by default the one with most values.
@@ -123,7 +121,7 @@ def bifurcations(
     >>> found[["kind", "value", "before", "after"]].round(6).values.tolist()
     [['flip', 2.663945, '1/1', '2/2']]
     """
-    return public_table(find_bifurcations(dataset, axis, at, report, classes=classes, most=most))
+    return public_table(find_bifurcations(sweep, axis, at, report, classes=classes, most=most))
 
 
 def public_table(found: pd.DataFrame) -> pd.DataFrame:
@@ -135,7 +133,7 @@ def public_table(found: pd.DataFrame) -> pd.DataFrame:
 
 
 def find_bifurcations(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     axis: str | None = None,
     at: Selection | None = None,
     report: Callable[[float], object] = lambda share: None,
@@ -151,15 +149,15 @@ def find_bifurcations(
     """
     import pandas as pd
 
-    (along,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "list of bifurcations")
-    data = dataset.isel(places(dataset, at or {}, kept=[along])).sortby(along)
-    check_diagnostic(dataset, "period")
-    others = [str(name) for name in data["status"].dims if name != along]
+    (along,) = sweep.chosen_axes([axis] if axis else [], at, 1, "list of bifurcations")
+    data = sweep.isel(sweep.places(at or {}, kept=[along])).sortby(along)
+    sweep.check_diagnostic("period")
+    others = [name for name in data.grid if name != along]
     rows, unclassified = _of_changes(data, along, others)
     summary = ""
     one_line = {*others} <= {DIRECTION} and data.sizes[along] > 1
     if one_line and along not in START_AXES:
-        exact = find(dataset, along, at, report, **chosen)
+        exact = find(sweep, along, at, report, **chosen)
         summary, way = exact.attrs["summary"], dict.fromkeys(others, _BOTH)
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
@@ -171,23 +169,23 @@ def find_bifurcations(
     found["source"] = np.where(found["value"].notna(), "exact", "bracket")
     found.attrs |= {
         "axis": along, "others": others, "unclassified": unclassified, "branches": summary,
-        "heads": [headed(name, dataset[name]) for name in (*others, along)],
+        "heads": [headed(name, sweep[name]) for name in (*others, along)],
     }  # fmt: skip
     return found
 
 
 def _of_changes(
-    data: xr.Dataset, along: str, others: Sequence[str]
+    data: OpenedSweep, along: str, others: Sequence[str]
 ) -> tuple[list[dict[str, Any]], int]:
     """Return rows for the changes of class on every line, and the number of unclassified points.
 
     Changes are explained with values of the model, and then converted to the units of the axis.
     """
-    config, seen = config_of(data), nomenclature_of(data)
+    config, seen = data.config, data.nomenclature
     parameter, phase = seen.parameter(along), config.record.phase
-    data = data.transpose(*others, along, ...)
-    motions, coordinates = motions_of(data), data.coords.to_dataset()
-    period, impacts = values_of(data, ("period", "period_impacts")).values()
+    data = data.transpose(*others, along)
+    motions, coordinates = data.motions, data.data.coords.to_dataset()
+    period, impacts = data.values(("period", "period_impacts")).values()
     rows, unclassified = list[dict[str, Any]](), 0
     for index in np.ndindex(motions.shape[:-1]):
         line, own = coordinates.isel(dict(zip(others, index, strict=True))), motions[index]

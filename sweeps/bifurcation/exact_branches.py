@@ -20,10 +20,9 @@ from sweeps.bifurcation.branch_set import BranchSet
 from sweeps.bifurcation.chords import with_short_chords
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, orbit_coordinates
-from sweeps.opened.cuts import START_AXES, Selection, chosen_axes, cut_at, split_directions
-from sweeps.opened.dataset import config_of, nomenclature_of, orbits_on_axes
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.motions import motions_of, orbit_at
+from sweeps.opened.motions import orbit_at
+from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.store.variables import DIRECTION
 from sweeps.text import listed, shown_count
 from vibroimpact.orbits.branches import Branch
@@ -45,7 +44,7 @@ CHORD_TOLERANCE = 1e-4
 
 @takes_sweep({})
 def branches(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     axis: str | None = None,
     at: Selection | None = None,
     report: Callable[[float], object] = lambda share: None,
@@ -60,7 +59,7 @@ def branches(
 
     Parameters
     ----------
-    dataset : Dataset
+    sweep : Dataset
         From `sweeps.open_sweep`.
     axis : str, optional
         A swept parameter of the oscillator, by default the longest axis.
@@ -111,12 +110,12 @@ def branches(
     >>> flips.omega.values.round(6)
     array([2.663945, 2.663945])
     """
-    (axis,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "branch")
-    lines = [motions_of(line) for line in lines_of(dataset, axis, at)]
-    name, phase = nomenclature_of(dataset).parameter(axis), config_of(dataset).record.phase
+    (axis,) = sweep.chosen_axes([axis] if axis else [], at, 1, "branch")
+    lines = [line.motions for line in lines_of(sweep, axis, at)]
+    name, phase = sweep.nomenclature.parameter(axis), sweep.config.record.phase
     found = branches_of(lines, name, phase, report, classes=classes, most=most)
     found.attrs["chosen"] = int(bool(classes) or most != MOST_BRANCHES)
-    return orbits_on_axes(dataset, found)
+    return sweep.orbits_on_axes(found)
 
 
 def branches_of(
@@ -321,11 +320,11 @@ def check_axis(axis: str, values: np.ndarray, picture: str) -> None:
         )
 
 
-def lines_of(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> list[xr.Dataset]:
+def lines_of(sweep: OpenedSweep, axis: str, at: Selection | None = None) -> list[OpenedSweep]:
     """Return the points along an axis, sorted, once for each direction of a followed sweep.
 
     Raises Refused if the orbits do not depend on the axis, or if it has a single value.
     """
-    line = cut_at(dataset, at, free=[axis, DIRECTION])
+    line = sweep.cut(at, free=[axis, DIRECTION])
     check_axis(axis, line[axis].values, "it")
-    return split_directions(line.sortby(axis))
+    return line.sortby(axis).each_direction

@@ -11,10 +11,8 @@ import xarray as xr
 from sweeps.bifurcation.curve_search import CurveSearch
 from sweeps.bifurcation.exact_branches import check_axis, with_special_points
 from sweeps.errors import Refused
-from sweeps.opened.cuts import Selection, chosen_axes, cut_at
-from sweeps.opened.dataset import check_diagnostic, config_of, nomenclature_of, orbits_on_axes
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.motions import motions_of
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.text import choice_of, listed, near_miss, shown_count, suggestion
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.continuation import lost_text
@@ -26,7 +24,7 @@ _EXAMPLES = 3
 
 @takes_sweep({})
 def curves(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     axes: Sequence[str] = (),
     at: Selection | None = None,
     report: Callable[[float], object] = lambda share: None,
@@ -38,7 +36,7 @@ def curves(
 
     Parameters
     ----------
-    dataset : Dataset
+    sweep : Dataset
         From `sweeps.open_sweep`, with ``period``.
     axes : sequence of str, optional
         Abscissa and ordinate, by default those of a map.
@@ -86,17 +84,17 @@ def curves(
             meant = suggestion(near_miss(kind, CURVE_KINDS))
             raise Refused(f"there is no curve of kind {kind!r}{meant}; {choice_of(CURVE_KINDS)}")
     chosen = [axes] if isinstance(axes, str) else axes
-    across, up = map_axes(dataset, chosen, at)
+    across, up = map_axes(sweep, chosen, at)
     if len(chosen) == 1:
         raise Refused(f"curves are over two swept axes, not {across} alone")
     for axis in (across, up):
-        check_axis(axis, dataset[axis].values, "the map")
-    check_diagnostic(dataset, "period")
-    cut = cut_at(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
-    phase = config_of(cut).record.phase
-    names = [nomenclature_of(dataset).parameter(axis) for axis in (across, up)]
+        check_axis(axis, sweep[axis].values, "the map")
+    sweep.check_diagnostic("period")
+    cut = sweep.cut(at, free=[across, up]).sortby([across, up]).transpose(across, up)
+    phase = cut.config.record.phase
+    names = [cut.nomenclature.parameter(axis) for axis in (across, up)]
     values = [cut[name].values for name in names]
-    search = CurveSearch(motions_of(cut), names, values, phase, classes, kinds or CURVE_KINDS)
+    search = CurveSearch(cut.motions, names, values, phase, classes, kinds or CURVE_KINDS)
     reasons = search.run(report)
     found = _as_dataset(search.curves, names)
     of_pairs: dict[str, Counter[str]] = {}
@@ -106,7 +104,7 @@ def curves(
     counts = int(search.counted.sum()), int((search.counted & search.explained).sum())
     found.attrs |= dict(zip(("changes", "explained"), counts, strict=True))
     found.attrs["summary"] = curves_summary(cut, search.curves, classes, *counts, of_pairs)
-    return orbits_on_axes(dataset, found)
+    return sweep.orbits_on_axes(found)
 
 
 def _as_dataset(found: Sequence[Branch], axes: Sequence[str]) -> xr.Dataset:
@@ -121,7 +119,7 @@ def _as_dataset(found: Sequence[Branch], axes: Sequence[str]) -> xr.Dataset:
 
 
 def curves_summary(
-    cut: xr.Dataset,
+    cut: OpenedSweep,
     curves: Sequence[Branch],
     classes: Collection[tuple[int, int]],
     total: int,
@@ -129,7 +127,7 @@ def curves_summary(
     reasons: Mapping[str, Counter[str]],
 ) -> str:
     """Write lines on the curves found in a cut, and on the reasons why changes have no curve."""
-    seen, kinds = nomenclature_of(cut), Counter(curve.kind for curve in curves)
+    seen, kinds = cut.nomenclature, Counter(curve.kind for curve in curves)
     counted = listed([f"{kinds[kind]} of {kind}s" for kind in CURVE_KINDS if kinds[kind]]) or "none"
     lines = [f"{shown_count(len(curves), 'exact curve')}: {counted}"]
     found = {(curve.m, curve.q) for curve in curves}
@@ -163,10 +161,10 @@ def curves_summary(
 
 
 def map_axes(
-    dataset: xr.Dataset, axes: Sequence[str] = (), at: Selection | None = None
+    sweep: OpenedSweep, axes: Sequence[str] = (), at: Selection | None = None
 ) -> list[str]:
     """Return abscissa and ordinate, by default the two longest axes; if equal, the later first."""
-    chosen = chosen_axes(dataset, axes, at, 2, "map")
-    if not axes and dataset.sizes[chosen[0]] == dataset.sizes[chosen[1]]:
+    chosen = sweep.chosen_axes(axes, at, 2, "map")
+    if not axes and sweep.sizes[chosen[0]] == sweep.sizes[chosen[1]]:
         chosen.reverse()
     return chosen

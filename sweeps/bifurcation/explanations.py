@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sweeps.opened.cuts import START_AXES
 from sweeps.opened.motions import leads_to, orbit_of_motion
+from sweeps.opened.opened_sweep import START_AXES
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.points.regimes import Label, Regime
 

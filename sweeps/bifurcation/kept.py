@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sweeps.opened.cuts import Selection
-from sweeps.opened.dataset import IN_SI, config_of
-from sweeps.opened.motions import recorded_motions
+from sweeps.opened.doors import takes_sweep
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from vibroimpact.jit import NUMERICS, numerics_of
 from vibroimpact.jit.cache import read, root, write
 from vibroimpact.status import Status
@@ -38,8 +37,9 @@ def with_cache(
     what was found is not kept.
     """
 
+    @takes_sweep({})
     def found(
-        dataset: xr.Dataset,
+        sweep: OpenedSweep,
         axes: str | Sequence[str],
         at: Selection | None = None,
         *checks: Callable[..., object],
@@ -48,13 +48,13 @@ def with_cache(
         """Look for a kept result first."""
         code = [numerics_of(Path(__file__).parents[1] / room) for room in _ROOMS]
         request = [find.__name__, axes, sorted((at or {}).items()), sorted(chosen.items())]
-        key = json.dumps([_motions(dataset), NUMERICS, code, request], default=int)
+        key = json.dumps([_motions(sweep), NUMERICS, code, request], default=int)
         path = root() / "exact" / hashlib.sha256(key.encode()).hexdigest()[:24]
         if (before := _read(path, key)) is not None:
             say("the exact orbits were found before, and are used again")
             return before
-        result = find(dataset, axes, at, *checks, **chosen)
-        if (dataset["status"] == Status.PENDING).any():
+        result = find(sweep, axes, at, *checks, **chosen)
+        if (sweep["status"] == Status.PENDING).any():
             say("the exact orbits are not kept: the sweep is not complete")
             return result
         try:
@@ -66,12 +66,12 @@ def with_cache(
     return found
 
 
-def _motions(dataset: xr.Dataset) -> str:
+def _motions(sweep: OpenedSweep) -> str:
     """Return a digest of the motions of a sweep, as it is now, and of its axes and their names."""
-    about = config_of(dataset).to_yaml(), IN_SI in dataset.attrs, dataset["status"].dims
+    about = sweep.config.to_yaml(), sweep.in_rig, sweep.grid
     digest = hashlib.sha256(repr(about).encode())
-    axes = {(name, *one.dims): one.values for name, one in dataset.coords.items()}
-    for name, values in (axes | recorded_motions(dataset)).items():
+    axes = {(name, *one.dims): one.values for name, one in sweep.data.coords.items()}
+    for name, values in (axes | sweep.recorded_motions).items():
         numbers = values.astype(str) if values.dtype == object else values
         digest.update(repr((name, numbers.dtype.str, numbers.shape)).encode() + numbers.tobytes())
     return digest.hexdigest()

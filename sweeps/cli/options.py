@@ -24,7 +24,7 @@ from vibroimpact.inputs import Allowed, integer, is_number, number_meant, refusa
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sweeps.opened.cuts import Selection
+    from sweeps.opened.opened_sweep import OpenedSweep, Selection
 
 
 def number_option(option: str, allowed: Allowed) -> Callable[[object], Any]:
@@ -228,14 +228,14 @@ def several_of(
 
 
 @contextmanager
-def opened_in_si(file: Path, *, verify: bool = True) -> Iterator[xr.Dataset]:
+def opened_in_si(file: Path, *, verify: bool = True) -> Iterator[OpenedSweep]:
     """Open the file of a sweep, that of a rig in SI units; close it at the end of the block."""
-    from sweeps.opened.dataset import in_si
+    from sweeps.opened.opened_sweep import OpenedSweep
 
     with opened_sweep(file, verify=verify) as dataset:
         with named(file):
-            seen = in_si(dataset)
-        yield seen
+            sweep = OpenedSweep(dataset).in_si()
+        yield sweep
 
 
 def opened_sweep(file: Path, *, verify: bool = True) -> xr.Dataset:
@@ -275,11 +275,9 @@ def named(source: object) -> Iterator[None]:
         raise Refused(f"{source}: {error}") from error
 
 
-def say_moved(dataset: xr.Dataset, requested: Selection, verb: str) -> None:
+def say_moved(sweep: OpenedSweep, requested: Selection, verb: str) -> None:
     """Report each requested value that is not on the grid, and the value used instead."""
-    from sweeps.opened.cuts import places
-
-    used = dataset.isel(places(dataset, requested))
+    used = sweep.isel(sweep.places(requested))
     for name, value in requested.items():
         if isinstance(value, float) and not math.isclose(value, used[name].item(), rel_tol=1e-9):
             asked, there = told_apart(value, used[name].item())

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from sweeps.opened.cuts import Selection
+    from sweeps.opened.opened_sweep import OpenedSweep, Selection
 
 
 #: The kinds of pictures that show several values of an axis.
@@ -99,7 +99,6 @@ def plot_command(
     no_marks: NoMarks = False,
 ) -> None:
     """Draw a picture from the file of each sweep."""
-    from sweeps.opened.cuts import several
     from sweeps.plotting.api import check_kind
     from sweeps.plotting.saving import check_picture, refuse_replacing
 
@@ -152,7 +151,7 @@ def plot_command(
             datasets.append(stack.enter_context(opened_in_si(file)))
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with named(file):
-                shown = dataset if kind == "basins" else several(dataset, lists)
+                shown = dataset if kind == "basins" else dataset.several(lists)
                 draw_picture(shown, figure, kind, cuts, page, csv, **options)
                 for name, value in ((axis, one) for axis in lists for one in lists[axis]):
                     say_moved(dataset, {name: value}, "drawn")
@@ -205,7 +204,7 @@ def _name(file: Path, kind: str | None, cuts: Selection, options: Mapping[str, A
 
 
 def draw_picture(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     figure: Path,
     kind: str | None,
     cuts: Selection,
@@ -218,21 +217,21 @@ def draw_picture(
     from sweeps.plotting.api import check_options, default_kind, silent_cuts
 
     chosen = {name: value for name, value in options.items() if value is not None}
-    kind = default_kind(dataset, cuts, **chosen) if kind is None else kind
+    kind = default_kind(sweep, cuts, **chosen) if kind is None else kind
     check_options(kind, chosen)
     lines: list[str] = []
     table: pd.DataFrame | None = None
     if "exact" in chosen:
-        chosen["exact"], lines, table = _exact(dataset, kind, cuts, chosen)
+        chosen["exact"], lines, table = _exact(sweep, kind, cuts, chosen)
     with progress_shown("drawing"):
         written = plot(
-            dataset, figure, kind, cuts, page=Page(**page), command=command(*sys.argv[1:]), **chosen
+            sweep, figure, kind, cuts, page=Page(**page), command=command(*sys.argv[1:]), **chosen
         )
-    say_moved(dataset, cuts, "drawn")
+    say_moved(sweep, cuts, "drawn")
     picks = chosen.get("axes", ()), chosen.get("color")
     fixed = {**cuts, **dict.fromkeys(chosen.get("beside", ()), 0.0)}
-    for name, value in silent_cuts(dataset, kind, fixed, *picks).items():
-        shown, size = f"{value:g}" if isinstance(value, float) else value, dataset.sizes[name]
+    for name, value in silent_cuts(sweep, kind, fixed, *picks).items():
+        shown, size = f"{value:g}" if isinstance(value, float) else value, sweep.sizes[name]
         say(f"{name} = {shown}, the first of {size}: --at {name}=VALUE takes another", error=True)
     for line in lines:
         say(line)
@@ -245,7 +244,7 @@ def draw_picture(
 
 
 def _exact(
-    dataset: xr.Dataset, kind: str, cut: Selection, options: Mapping[str, Any]
+    sweep: OpenedSweep, kind: str, cut: Selection, options: Mapping[str, Any]
 ) -> tuple[xr.Dataset, list[str], pd.DataFrame]:
     """Find the exact branches, or the curves of a map; return them, lines to print and a table."""
     from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches
@@ -265,18 +264,18 @@ def _exact(
                 f"--most {chosen['most']} limits exact branches, and a map shows curves; expected: "
                 "--exact, with or without --classes"
             )
-        pair = map_axes(dataset, axes, cut)
-        name = str(shown_quantity(dataset, options.get("quantity")))
-        read_overlay(overlay, dataset, [[one] for one in pair], name)  # before all is computed
+        pair = map_axes(sweep, axes, cut)
+        name = str(shown_quantity(sweep, options.get("quantity")))
+        read_overlay(overlay, sweep, [[one] for one in pair], name)  # before all is computed
         with progress_shown("following exact orbits") as report:
-            found = with_cache(curves, notes.append)(dataset, pair, cut, report, **chosen)
+            found = with_cache(curves, notes.append)(sweep, pair, cut, report, **chosen)
         return found, [*found.attrs["summary"].split("\n"), *notes], csv_tables.curve_table(found)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
-    line, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
-    read_overlay(overlay, dataset, [[axis], [coordinate, *options.get("below", ())]])
+    line, axis, coordinate = select_line(sweep, axes, cut, options.get("coordinate"))
+    read_overlay(overlay, sweep, [[axis], [coordinate, *options.get("below", ())]])
     with progress_shown("following exact orbits") as report:
-        found = with_cache(branches, notes.append)(dataset, axis, cut, report, **chosen)
+        found = with_cache(branches, notes.append)(sweep, axis, cut, report, **chosen)
     lines = [*found.attrs["summary"].split("\n"), *notes]
     if idle := without_idle(found, line)[1]:
         lines.append(

@@ -39,7 +39,7 @@ from vibroimpact.inputs import number
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sweeps.opened.cuts import Selection
+    from sweeps.opened.opened_sweep import OpenedSweep, Selection
 
 
 def attractors_command(file: SweepFile, at: At = None, csv: Csv = None, json: Json = False) -> None:
@@ -53,11 +53,10 @@ def integrity_command(file: SweepFile, at: At = None, csv: Csv = None, json: Jso
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
     from sweeps.attractor.integrity import integrity
     from sweeps.attractor.knocks import knocks
-    from sweeps.opened.dataset import config_of
 
-    def find(shown: xr.Dataset) -> xr.Dataset:
+    def find(shown: OpenedSweep) -> xr.Dataset:
         found = integrity(shown)
-        alone = not found["attractors"].ndim and config_of(shown).method.impact == "exact"
+        alone = not found["attractors"].ndim and shown.config.method.impact == "exact"
         return knocks(shown, found) if alone else found
 
     _show_attractors(file, at, csv, json, "measuring the integrity of attractors", find)
@@ -69,7 +68,7 @@ def _show_attractors(
     csv: Path | None,
     json: bool,
     work: str,
-    find: Callable[[xr.Dataset], xr.Dataset],
+    find: Callable[[OpenedSweep], xr.Dataset],
 ) -> None:
     """Show the attractors that are found in a part of a sweep, and write them to a CSV file."""
     from sweeps.attractor import attractor_table as text
@@ -77,13 +76,13 @@ def _show_attractors(
     from sweeps.opened.json_text import json_text
 
     cuts = selection_of(at)
-    with opened_in_si(file) as dataset, named(file):
+    with opened_in_si(file) as sweep, named(file):
         if csv is not None:
-            refuse_points(dataset, csv)
-        shown = text.cut(dataset, cuts)
+            refuse_points(sweep, csv)
+        shown = text.cut(sweep, cuts)
         with progress_shown(work):
             found = find(shown)
-        say_moved(dataset, cuts, "shown")
+        say_moved(sweep, cuts, "shown")
         table = text.attractor_rows(shown, found)
         if json:
             say(json_text({"attractors": text.attractor_records(table)}))
@@ -125,40 +124,38 @@ def info_command(
         if value and not bifurcations:
             raise Refused(f"--{option} {value} is not allowed here; expected: with --bifurcations")
     cuts = selection_of(at)
-    with opened_in_si(file) as dataset, named(file):
+    with opened_in_si(file) as sweep, named(file):
         if bifurcations:
             chosen = branch_options(classes, most)
-            _show_bifurcations(dataset, file, axis, cuts, csv, json, chosen)
+            _show_bifurcations(sweep, file, axis, cuts, csv, json, chosen)
         elif config:
-            _show_configuration(dataset)
+            _show_configuration(sweep)
         else:
             from sweeps.opened.json_text import json_text
             from sweeps.reports.file_report import contents, contents_by_key
 
             if json:
-                say(json_text(contents_by_key(dataset)))
+                say(json_text(contents_by_key(sweep.data)))
             else:
-                say(contents(dataset), end=False)
+                say(contents(sweep.data), end=False)
 
 
-def _show_configuration(dataset: xr.Dataset) -> None:
+def _show_configuration(sweep: OpenedSweep) -> None:
     """Show the configuration, including its table; refuse a table that is too long for YAML.
 
     If the output is not in UTF-8, it is in ASCII, so that `run` reads it also if PowerShell has
     written it to a file.
     """
-    from sweeps.opened.dataset import config_of
-
-    rows = dataset.sizes.get("point", 0)
+    rows = sweep.sizes.get("point", 0)
     if rows > 1000:
         raise Refused(f"{rows:,} rows are too many for YAML; run also accepts the file itself")
     encoding = getattr(sys.stdout, "encoding", "utf-8")  # without stdout nothing is shown
     in_utf_8 = codecs.lookup(encoding).name == "utf-8"
-    say(config_of(dataset).to_yaml(ascii=not in_utf_8), end=False)
+    say(sweep.config.to_yaml(ascii=not in_utf_8), end=False)
 
 
 def _show_bifurcations(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     file: Path,
     axis: str | None,
     cuts: Selection,
@@ -177,15 +174,15 @@ def _show_bifurcations(
     notes = list[str]()
     with progress_shown("following exact orbits") as report:
         find = with_cache(branches, notes.append)
-        found = find_bifurcations(dataset, axis, cuts, report, find, **chosen)
-    say_moved(dataset, cuts, "listed")
+        found = find_bifurcations(sweep, axis, cuts, report, find, **chosen)
+    say_moved(sweep, cuts, "listed")
     listed = public_table(found)
     if json:
         rows = listed.to_dict("records")
         rows = [row | {"impact_v": [*map(float, row["impact_v"].split())]} for row in rows]
         say(json_text(listed.attrs | {"bifurcations": rows}))
     else:
-        say(bifurcation_report(dataset, file, found))
+        say(bifurcation_report(sweep, file, found))
     for note in notes:
         say(note, error=json)
     if csv is not None:
@@ -251,15 +248,14 @@ def export_command(
     """Write a row for every point, with its single-number results, or every section or impact."""
     from sweeps.opened.coordinates import impacts_left_out
     from sweeps.opened.csv_tables import ROWS, write_rows
-    from sweeps.opened.cuts import part
 
     if rows not in ROWS:
         raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")
     cuts = selection_of(at)
-    with opened_in_si(file) as dataset, named(file):
-        cut = part(dataset, cuts)
+    with opened_in_si(file) as sweep, named(file):
+        cut = sweep.part(cuts)
         written = write_rows(cut, output, rows)
         left_out = impacts_left_out(cut) if rows == "impacts" else ""
-        say_moved(dataset, cuts, "written")
+        say_moved(sweep, cuts, "written")
     points = "; the file has only the " + left_out + " of a point" if left_out else ""
     say(f"{output}: {shown_count(written, 'row')}{points}")

@@ -90,9 +90,9 @@ def zoom_command(
     coordinate = drawn[0] if drawn else coordinate
     page = {"ylim": limits[drawn[0]] if drawn else None, "width": inches("--width", width)}
     axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
-    with opened_in_si(file, verify=False) as dataset:  # refuses a configuration
+    with opened_in_si(file, verify=False) as sweep:  # refuses a configuration
         if coordinate not in COORDINATES:
-            choose_coordinate(dataset, coordinate)
+            choose_coordinate(sweep, coordinate)
     whole = _overridden(file, overrides or (), axes)
     of_impacts = coordinate is not None and COORDINATES[coordinate].dimension == "impact"
     if of_impacts and not whole.record.impacts:
@@ -110,8 +110,8 @@ def zoom_command(
         say(planned_text(config, path, threads, None, resume))
         return
     run_and_report(config, path, quiet=False, threads=threads, **existing)
-    with opened_in_si(path, verify=False) as dataset, raised_at_once():
-        draw_picture(dataset, figure, None, {}, page, coordinate=coordinate)
+    with opened_in_si(path, verify=False) as sweep, raised_at_once():
+        draw_picture(sweep, figure, None, {}, page, coordinate=coordinate)
 
 
 def _overridden(file: Path, overrides: Sequence[str], axes: Iterable[str]) -> SweepConfig:

@@ -32,8 +32,7 @@ from sweeps.explorer.live_diagram import numbers
 from sweeps.explorer.view import View
 from sweeps.explorer.worker import Step
 from sweeps.opened.coordinates import refuse_unrecorded
-from sweeps.opened.dataset import oscillator_of
-from sweeps.opened.motions import motions_from, orbit_of_motion
+from sweeps.opened.motions import motions_from, orbit_of_motion, oscillator_of
 from sweeps.opened.trajectories import continued, periods_shown
 from sweeps.plotting.style import BLUE, ORANGE
 from vibroimpact.orbits.periodic import OrbitError

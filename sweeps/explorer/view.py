@@ -19,7 +19,7 @@ from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError
 from sweeps.opened.coordinates import COORDINATES
-from sweeps.opened.dataset import oscillator_of
+from sweeps.opened.motions import oscillator_of
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 Window = tuple[float, float]

@@ -11,7 +11,7 @@ import xarray as xr
 
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import in_parts
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import FLAGS, VARIABLES
 from sweeps.text import listed, shown_count, told_apart
 from vibroimpact.oscillator import PARAMETERS
@@ -147,7 +147,7 @@ def comparison_report(
     Raises Refused as `differences` does.
     """
     found = list(differences(one, other, rtol))
-    lines = [_line(one, each) for each in found if each.values]
+    lines = [_line(OpenedSweep(one), each) for each in found if each.values]
     for data, without, name in ((one, other, names[0]), (other, one, names[1])):
         lines += [f"{variable}: only in {name}" for variable in sorted({*data} - {*without})]
         lines += [
@@ -168,19 +168,19 @@ def comparison_report(
     return f"{pair} are equal{within}: {count} and coordinates", False
 
 
-def _line(data: xr.Dataset, found: Difference) -> str:
+def _line(data: OpenedSweep, found: Difference) -> str:
     """Write how many values of a variable differ, the first ones, and the greatest difference."""
-    seen, name = config_of(data).nomenclature, found.name
+    seen, name = data.config.nomenclature, found.name
     here = [
         f"{seen.name(axis)} = {_shown(seen.value(axis, data[axis].values[place]))}"
         for axis, place in found.at.items()
     ]
-    if name in data.coords:
+    if name in data.data.coords:
         called = seen.name(name) if name in PARAMETERS else name
         where = f"{called}: {found.values:,} of {found.size:,} values differ"
         if found.size == 1:
             where = f"{called}: differs"
-        if name in data.dims:
+        if name in data.data.dims:
             here = [f"number {1 + place}" for place in found.at.values()]
     else:
         points = shown_count(data["status"].size, "point")

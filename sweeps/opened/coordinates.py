@@ -10,8 +10,7 @@ import xarray as xr
 
 from sweeps.errors import Refused
 from sweeps.grid import Grid, block_points
-from sweeps.opened.cuts import Selection, cut_at
-from sweeps.opened.dataset import config_of, values_of
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.store.variables import VARIABLES, Variable
 from sweeps.text import listed, shown_count
 from vibroimpact.points.regimes import impacts_met, shown_in_part
@@ -27,13 +26,13 @@ _Values = TypeVar("_Values", xr.DataArray, np.ndarray)
 
 
 def recorded(
-    dataset: xr.Dataset, names: tuple[str, ...], at: Selection | None
-) -> tuple[xr.Dataset, list[np.ndarray]]:
+    sweep: OpenedSweep, names: tuple[str, ...], at: Selection | None
+) -> tuple[OpenedSweep, list[np.ndarray]]:
     """Read variables at one point, without padding; refuse a point that has no values."""
-    missing = [name for name in names if name not in dataset]
+    missing = [name for name in names if name not in sweep]
     if missing:
         raise Refused(f"the file has no {listed(missing)}: record it and run the sweep again")
-    point = cut_at(dataset, at)
+    point = sweep.cut(at)
     columns = np.array([point[name].values for name in names])
     columns = columns[:, np.isfinite(columns).all(axis=0)]
     if not columns.size:
@@ -67,18 +66,18 @@ def recorded_coordinate(record: Mapping[Any, _Values], coordinate: str) -> _Valu
     return -record["poincare_x"] + record["clearance"]  # with the dimensions of x in their order
 
 
-def impacts_left_out(dataset: xr.Dataset) -> str:
+def impacts_left_out(sweep: OpenedSweep) -> str:
     """Say how many impacts of the record were kept at most; empty if all were."""
-    met = impacts_met(dataset["impacts_per_period"].values, config_of(dataset).record.periods)
-    kept, most = dataset.sizes["impact"], int(met.max(initial=0))
-    several = "up to " if dataset["status"].size > 1 else ""
+    met = impacts_met(sweep["impacts_per_period"].values, sweep.config.record.periods)
+    kept, most = sweep.sizes["impact"], int(met.max(initial=0))
+    several = "up to " if sweep["status"].size > 1 else ""
     return f"last {kept:,} of {several}{shown_count(most, 'impact')}" if most > kept else ""
 
 
-def shows_part(dataset: xr.Dataset) -> np.ndarray:
+def shows_part(sweep: OpenedSweep) -> np.ndarray:
     """Return the mask of the points of which less than a repetition of impacts was kept."""
-    results = values_of(dataset, ("impacts_per_period", "period", "period_impacts"))
-    return shown_in_part(results, config_of(dataset).record.periods, dataset.sizes["impact"])
+    results = sweep.values(("impacts_per_period", "period", "period_impacts"))
+    return shown_in_part(results, sweep.config.record.periods, sweep.sizes["impact"])
 
 
 def orbit_coordinates(orbits: Orbits, phase: float) -> dict[str, np.ndarray]:
@@ -91,11 +90,11 @@ def orbit_coordinates(orbits: Orbits, phase: float) -> dict[str, np.ndarray]:
     return dict(zip(COORDINATES, values, strict=True))
 
 
-def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
+def records(sweep: OpenedSweep, name: str, at: np.ndarray) -> np.ndarray:
     """Return a coordinate at points given in C order, shape (k, record), reading in parts."""
-    width = dataset.sizes[COORDINATES[name].dimension]
+    width = sweep.sizes[COORDINATES[name].dimension]
     result = np.empty((len(at), width))
-    for part, cut in in_parts(dataset, _STATES_READ // width):
+    for part, cut in in_parts(sweep.data, _STATES_READ // width):
         wanted = np.flatnonzero((at >= cut.start) & (at < cut.stop))
         if len(wanted):
             values = recorded_coordinate(part, name).values.reshape(-1, width)

@@ -14,8 +14,8 @@ import xarray as xr
 
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, in_parts
-from sweeps.opened.dataset import nomenclature_of
-from sweeps.store import VARIABLES, columns_of
+from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.store import VARIABLES
 from sweeps.store.replacing import writing
 from sweeps.store.variables import FLAGS
 
@@ -65,14 +65,14 @@ _PART = 200_000
 ROWS: Mapping[str, str | None] = {"points": None, "sections": "section", "impacts": "impact"}
 
 
-def refuse_points(dataset: xr.Dataset, path: Path) -> None:
+def refuse_points(sweep: OpenedSweep, path: Path) -> None:
     """Refuse to replace the table that a sweep was made from: it has only columns of the sweep."""
-    if not columns_of(dataset) or not path.is_file():
+    if not sweep.columns or not path.is_file():
         return
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         header = next((line for line in islice(file, 100) if line.strip()), "")
     names = {name.strip() for name in next(csv.reader([header]), [])}
-    if names and names <= set(map(str, dataset.coords)):
+    if names and names <= set(map(str, sweep.data.coords)):
         raise Refused(
             f"{path} is a table of points like that of the sweep, and is not replaced; give the "
             "new table another name"
@@ -85,7 +85,7 @@ def write_csv(path: Path, frame: pd.DataFrame) -> None:
         _write_csv(new, [frame])
 
 
-def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
+def write_rows(sweep: OpenedSweep, path: Path, rows: str = "points") -> int:
     """Write a row for every point, section or impact of a sweep, and return their number.
 
     The row of a point has its parameters and every result that is a single number: Lyapunov
@@ -94,10 +94,10 @@ def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
     values; what was not recorded has no row. All digits are kept, so that reading the file gives
     the same numbers; NaN is an empty field. The file is replaced only when the table is complete.
     """
-    refuse_points(dataset, path)
-    data = _scalars(dataset) if ROWS[rows] is None else _records(dataset, rows)
+    refuse_points(sweep, path)
+    data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
     size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
-    parts = (_frame(part, ROWS[rows]) for part, _ in in_parts(data, size))
+    parts = (_frame(sweep.over(part), ROWS[rows]) for part, _ in in_parts(data, size))
     with writing(path, "table") as new:
         return _write_csv(new, parts)
 
@@ -114,37 +114,37 @@ def _write_csv(new: BinaryIO, parts: Iterable[pd.DataFrame]) -> int:
     return written
 
 
-def _records(dataset: xr.Dataset, rows: str) -> xr.Dataset:
+def _records(sweep: OpenedSweep, rows: str) -> xr.Dataset:
     """Return the results at sections or impacts; refuse a file that has none."""
     names = [
         name
         for name, variable in VARIABLES.items()
-        if variable.dimension == ROWS[rows] and name in dataset
+        if variable.dimension == ROWS[rows] and name in sweep
     ]
     if not names:
         raise Refused(f"the file has no {rows}: run the sweep again with record.{rows}")
-    return dataset[["status", *names]]
+    return sweep.data[["status", *names]]
 
 
-def _scalars(dataset: xr.Dataset) -> xr.Dataset:
+def _scalars(sweep: OpenedSweep) -> xr.Dataset:
     """Return the results with a single number per point, and each Lyapunov exponent."""
-    axes = set(dataset["status"].dims)
+    axes = set(sweep.grid)
     columns = {}
     for name in VARIABLES:
-        if name not in dataset:
+        if name not in sweep:
             continue
-        if set(dataset[name].dims) == axes:
-            columns[name] = dataset[name]
+        if set(sweep[name].dims) == axes:
+            columns[name] = sweep[name]
         elif VARIABLES[name].dimension == "exponent":
-            for i in range(dataset.sizes["exponent"]):
-                columns[f"{name}_{i + 1}"] = dataset[name].isel(exponent=i, drop=True)
-    return xr.Dataset(columns, attrs=dataset.attrs)
+            for i in range(sweep.sizes["exponent"]):
+                columns[f"{name}_{i + 1}"] = sweep[name].isel(exponent=i, drop=True)
+    return xr.Dataset(columns, attrs=sweep.attrs)
 
 
-def _frame(data: xr.Dataset, dimension: str | None) -> pd.DataFrame:
+def _frame(part: OpenedSweep, dimension: str | None) -> pd.DataFrame:
     """Return a row for each point, in the C order of the file, or for each record of a point."""
-    dims = [str(name) for name in (*data["status"].dims, *([dimension] if dimension else []))]
-    known = dict.fromkeys([*nomenclature_of(data).parameters, *columns_of(data)])
+    data, dims = part.data, [*part.grid, *([dimension] if dimension else [])]
+    known = dict.fromkeys([*part.nomenclature.parameters, *part.columns])
     about = [name for name in known if name in data.coords and name not in dims]
     if dimension is None:
         rows = data if dims else data.expand_dims("point")

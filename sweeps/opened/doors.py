@@ -10,17 +10,17 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import xarray as xr
 
-from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
-from sweeps.opened.dataset import nomenclature_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store import DIRECTION, VARIABLES, open_sweep
 from vibroimpact.inputs import Allowed, input_text, integer, is_number, number, of_python
+from vibroimpact.oscillator import PARAMETERS
 
 P = ParamSpec("P")
 Out = TypeVar("Out")
 #: An opened sweep, or the path of its file.
-AnySweep = xr.Dataset | str | Path
+AnySweep = OpenedSweep | xr.Dataset | str | Path
 
 _EXPECTED = "an opened sweep, a selection from one, or the path of its file"
 
@@ -71,17 +71,18 @@ ARGUMENTS: Mapping[str, Allowed] = {
 }
 
 
-def takes_sweep(
-    allowed: Mapping[str, Allowed],
-) -> Callable[[Callable[Concatenate[xr.Dataset, P], Out]], Callable[Concatenate[AnySweep, P], Out]]:
+#: A function behind the door, and the same with its door.
+Inner = Callable[Concatenate[OpenedSweep, P], Out]
+Outer = Callable[Concatenate[AnySweep, P], Out]
+
+
+def takes_sweep(allowed: Mapping[str, Allowed]) -> Callable[[Inner[P, Out]], Outer[P, Out]]:
     """Decorate a function of a sweep: open the file of a path, and refuse unfit arguments.
 
     What the arguments may be is in ``ARGUMENTS``, or in `allowed` for those of this function.
     """
 
-    def decorated(
-        function: Callable[Concatenate[xr.Dataset, P], Out],
-    ) -> Callable[Concatenate[AnySweep, P], Out]:
+    def decorated(function: Inner[P, Out]) -> Outer[P, Out]:
         signature = inspect.signature(function)
         first = next(iter(signature.parameters))
         defaults = {name: one.default for name, one in signature.parameters.items()}
@@ -98,40 +99,42 @@ def takes_sweep(
                     known[name].checked(name, value, Refused)
             if isinstance(at := bound.arguments.get("at"), Mapping):
                 bound.arguments["at"] = {name: of_python(value) for name, value in at.items()}
-            if not isinstance(sweep, str | Path):
-                _refuse_unfit(sweep)
-                return function(*bound.args, **bound.kwargs)
-            with open_sweep(sweep) as bound.arguments[first]:
-                result = function(*bound.args, **bound.kwargs)
-                return result.load() if isinstance(result, xr.Dataset) else result
+            if isinstance(sweep, str | Path):
+                with open_sweep(sweep) as dataset:
+                    bound.arguments[first] = OpenedSweep(dataset)
+                    result = function(*bound.args, **bound.kwargs)
+                    return result.load() if isinstance(result, xr.Dataset) else result
+            if not isinstance(sweep, OpenedSweep):
+                bound.arguments[first] = _opened(sweep)
+            return function(*bound.args, **bound.kwargs)
 
         return checked
 
     return decorated
 
 
-def _refuse_unfit(sweep: object) -> None:
-    """Refuse what is no opened sweep, or a part of one that lacks what was in its file."""
-    if not isinstance(sweep, xr.Dataset):
-        raise Refused(f"{input_text(sweep)} is no sweep; expected: {_EXPECTED}")
-    if not isinstance(sweep.attrs.get("configuration"), str | SweepConfig):
+def _opened(dataset: object) -> OpenedSweep:
+    """Return a Dataset as an opened sweep; refuse a part that lacks what was in its file."""
+    if not isinstance(dataset, xr.Dataset):
+        raise Refused(f"{input_text(dataset)} is no sweep; expected: {_EXPECTED}")
+    if not isinstance(dataset.attrs.get("configuration"), str):
         raise Refused(f"the Dataset has no attribute configuration; expected: {_EXPECTED}")
-    if "status" not in sweep:
+    if "status" not in dataset:
         raise Refused(f"the Dataset has no status; expected: {_EXPECTED}")
-    parameters = nomenclature_of(sweep).parameters
-    dims = [str(name) for name in sweep["status"].dims]
+    dims, held = [str(name) for name in dataset["status"].dims], dataset.coords
     problems = [
         *(
             f"has the axis {name}, which no sweep has"
             for name in dims
-            if name not in (*parameters, DIRECTION, TABLE)
+            if name not in (*PARAMETERS, DIRECTION, TABLE)
         ),
-        *(f"has no value of {name}" for name in dims if not sweep.sizes[name]),
-        *(f"has no coordinate {name}" for name in (*parameters, *dims) if name not in sweep.coords),
+        *(f"has no value of {name}" for name in dims if not dataset.sizes[name]),
+        *(f"has no coordinate {name}" for name in (*PARAMETERS, *dims) if name not in held),
     ]
     for name, variable in VARIABLES.items():
         own = {*dims, *([variable.dimension] if variable.dimension else [])}
-        if name in sweep and set(sweep[name].dims) != own:
+        if name in dataset and set(dataset[name].dims) != own:
             problems.append(f"has {name} without its dimensions {', '.join(sorted(own))}")
     if problems:
         raise Refused(f"the Dataset {problems[0]}; expected: {_EXPECTED}")
+    return OpenedSweep(dataset)

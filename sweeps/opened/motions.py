@@ -16,24 +16,19 @@ both from the impact (Biemond, van de Wouw, Heemels & Nijmeijer 2013, IEEE Trans
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import reduce
 from itertools import product
+from typing import Any
 
 import numpy as np
-import xarray as xr
 
-from sweeps.opened.dataset import config_of, oscillator_of, points_of, values_of
 from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
-from vibroimpact.oscillator import POINT
+from vibroimpact.oscillator import POINT, Oscillator
 from vibroimpact.points.computation import compute_points
-from vibroimpact.points.destinations import RECORD, classified_later
+from vibroimpact.points.destinations import classified_later
 from vibroimpact.points.regimes import (
-    OF_REGIMES,
-    Label,
-    labels_of,
-    on_its_way,
     regimes_of,
     repetitions,
 )
@@ -45,50 +40,14 @@ ORBIT_TOLERANCE = 1e-3
 _VALUES_AT_ONCE = 25_000
 
 
-def classify(dataset: xr.Dataset) -> np.ndarray:
-    """Return the `Regime` at every point of a sweep with ``period``, in the shape of ``status``."""
-    values = values_of(dataset, (*OF_REGIMES, "omega"))
-    return regimes_of(values, values["omega"], dataset.sizes["section"])
-
-
-def approaching(dataset: xr.Dataset) -> np.ndarray:
-    """Return the mask of the points whose motion is on its way to its orbit."""
-    if "orbit_distance" not in dataset:
-        return np.zeros(dataset["status"].shape, bool)
-    return on_its_way(classify(dataset), *values_of(dataset, ["orbit_distance"]).values())
-
-
-def classes_of(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return regime, m and q at every point, in the shape of ``status``, as `repetitions`."""
-    regimes, results = classify(dataset), values_of(dataset, ("period", "period_impacts"))
-    return regimes, *repetitions(regimes, *results.values())
-
-
-def labels(line: xr.Dataset) -> list[Label | None]:
-    """Return the class at every point of a line with ``period``; None if it is not known."""
-    results = values_of(line, ("period", "period_impacts", "R"))
-    return labels_of(classify(line), *results.values())
+def oscillator_of(point: Mapping[Any, Any] | np.void) -> Oscillator:
+    """Return the oscillator with parameters given by name."""
+    return Oscillator(**{field.name: float(point[field.name]) for field in fields(Oscillator)})
 
 
 #: The motion of a point. The start of its `point` is the state of its orbit at the last section,
 #: NaN without one. m and q are the forcing periods and impacts per repetition, as `repetitions`.
 MOTION = np.dtype([("point", POINT), ("regime", np.int64), ("m", np.int64), ("q", np.int64)])
-
-
-def recorded_motions(cut: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return the results from which `motions_of` makes the motions of a cut through a sweep."""
-    recorded = ("period_impacts", "orbit_x", "orbit_v") if "period" in cut else RECORD
-    return values_of(cut, sorted({*OF_REGIMES, *recorded}))
-
-
-def motions_of(cut: xr.Dataset) -> np.ndarray:
-    """Return the motions of a cut through a sweep, of dtype ``MOTION``, in its shape."""
-    points, shape = points_of(cut), cut["status"].shape
-    results = {
-        name: values.reshape(len(points), *values.shape[len(shape) :])
-        for name, values in recorded_motions(cut).items()
-    }
-    return motions_from(config_of(cut).sweep.spec, points, results).reshape(shape)
 
 
 def motions_from(

@@ -8,13 +8,11 @@ from itertools import chain
 from typing import Self
 
 import numpy as np
-import xarray as xr
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import recorded, refuse_unrecorded
-from sweeps.opened.cuts import Selection, cut_at
-from sweeps.opened.dataset import config_of, oscillator_of
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.store.variables import DIRECTION
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import exact_samples, simulate
@@ -89,50 +87,50 @@ def periods_shown(m: int) -> int:
 
 
 def recorded_motion(
-    dataset: xr.Dataset, at: Selection | None, most: int = MOST_DRAWN
+    sweep: OpenedSweep, at: Selection | None, most: int = MOST_DRAWN
 ) -> PointMotion:
     """Return at most so many periods of the trajectory of a point; refuse a point without one."""
-    point, config = cut_at(dataset[[*RECORDED, "status"]], at), config_of(dataset)
+    point, config = sweep.cut(at), sweep.config
     parts = _recorded_parts(point)
     if (first := next(parts, None)) is None:
         refuse_unrecorded(point["status"].item(), RECORDED[0])
     whole, periods = chain([first], parts), config.record.periods
-    return PointMotion.of(oscillator_of(point), config, whole, periods, most, _begun(point))
+    return PointMotion.of(point.oscillator, config, whole, periods, most, _begun(point))
 
 
-def _begun(point: xr.Dataset) -> float:
+def _begun(point: OpenedSweep) -> float:
     """Return omega t where the motion of a point began: at the start, or at a section if followed.
 
     A point of a followed sweep begins at the start only if it is the first of its chain. After a
     point that failed the next one does, too, but a point does not know its neighbours.
     """
-    config = config_of(point)
+    config = point.config
     if (follow := config.follow) is not None:
         values = config.sweep.grid.swept[follow.axis]
-        way = point[DIRECTION].item() if DIRECTION in point.coords else follow.direction
+        way = point[DIRECTION].item() if DIRECTION in point else follow.direction
         first = values.min() if way == "up" else values.max()
         if values[np.argmin(np.abs(values - float(point[follow.axis])))] != first:
             return config.record.phase
     return float(point["phase"])
 
 
-def _recorded_parts(point: xr.Dataset) -> Iterator[np.ndarray]:
+def _recorded_parts(point: OpenedSweep) -> Iterator[np.ndarray]:
     """Read the recorded trajectory of a point in parts, shape (3, k), without the padding."""
     for start in range(0, point.sizes["sample"], _SAMPLES_READ):
-        part = point.isel(sample=slice(start, start + _SAMPLES_READ))
-        rows = np.stack([part[name].values for name in RECORDED])
+        part = slice(start, start + _SAMPLES_READ)
+        rows = np.stack([point[name][part].values for name in RECORDED])
         if not (seen := np.isfinite(rows).all(axis=0)).any():
             return
         yield rows[:, seen]
 
 
 def continued_motion(
-    dataset: xr.Dataset, at: Selection | None, periods: int, most: int = MOST_DRAWN
+    sweep: OpenedSweep, at: Selection | None, periods: int, most: int = MOST_DRAWN
 ) -> PointMotion:
     """Compute the motion that follows the last recorded state at the section of a point."""
-    point, states = recorded(dataset, ("poincare_x", "poincare_v"), at)
-    config, begun = config_of(dataset), _begun(point)
-    return continued(oscillator_of(point), config, states, periods, begun, most)
+    point, states = recorded(sweep, ("poincare_x", "poincare_v"), at)
+    config, begun = sweep.config, _begun(point)
+    return continued(point.oscillator, config, states, periods, begun, most)
 
 
 def continued(

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
-import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
-from sweeps.opened.cuts import START_AXES, Selection, swept_axes
 from sweeps.opened.doors import takes_sweep
+from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.plotting.basin_pictures import basins
 from sweeps.plotting.coexistence import attractor_diagram
 from sweeps.plotting.diagram import bifurcation
@@ -61,7 +60,7 @@ KINDS: Mapping[str, Kind] = {
 
 @takes_sweep({**PICTURE_ARGUMENTS, "kind": TEXT, "output": PATH})
 def plot(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     output: str | Path,
     kind: str | None = None,
     at: Selection | None = None,
@@ -76,7 +75,7 @@ def plot(
 
     Parameters
     ----------
-    dataset : Dataset
+    sweep : Dataset
         From `sweeps.open_sweep`.
     output : str or Path
         The picture; its ending must be .png, .svg, .pdf or .eps.
@@ -120,15 +119,15 @@ def plot(
     'flip.png'
     """
     output = Path(output)
-    read = [str(dataset.encoding.get("source", "")), options.get("overlay")]
+    read = [str(sweep.data.encoding.get("source", "")), options.get("overlay")]
     check_picture(output, *(file for file in read if isinstance(file, str | Path)))
     options = {name: value for name, value in options.items() if value is not None}
-    kind = default_kind(dataset, at, **options) if kind is None else kind
+    kind = default_kind(sweep, at, **options) if kind is None else kind
     check_options(kind, options)
     style = user_style() | ({} if page.dpi is None else {"savefig.dpi": page.dpi})
     with mpl.rc_context(style):
-        figure = KINDS[kind].draw(dataset, at=at, page=page, **options)
-        save(figure, output, description(dataset, command))
+        figure = KINDS[kind].draw(sweep, at=at, page=page, **options)
+        save(figure, output, description(sweep.attrs, command))
     return output
 
 
@@ -155,7 +154,7 @@ def check_kind(kind: str) -> None:
         raise Refused(f"there is no picture {kind!r}{meant}; choose one of {listed(KINDS)}")
 
 
-def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: Any) -> str:
+def default_kind(sweep: OpenedSweep, at: Selection | None = None, **options: Any) -> str:
     """Return the kind of picture that shows most of a sweep; the arguments are those of `plot`.
 
     The first case that applies counts:
@@ -168,30 +167,30 @@ def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: An
     - if an axis was swept ``bifurcation``;
     - if a trajectory was recorded ``trajectory``, else ``section``.
     """
-    if TABLE in dataset["status"].dims:
+    if TABLE in sweep.grid:
         return "trajectory" if at or "periods" in options else "table"
     for option, kind in (("quantity", "map"), ("periods", "trajectory")):
         if option in options:
             return kind
-    axes = swept_axes(dataset)
+    axes = sweep.axes
     chosen = {*(at or {}), *options.get("axes", ())} - {DIRECTION}
     starts = {*STARTS} & {*axes}
-    if starts and "period" in dataset and not {"exact", "below", "color"} & options.keys():
+    if starts and "period" in sweep and not {"exact", "below", "color"} & options.keys():
         if {*axes} - {*START_AXES}:
             if not starts & chosen:
                 return "attractors"
         elif len(starts - chosen) == 2 and not options.keys() - {"overlay"}:
             return "basins"
     only_adds = options.keys() <= {"exact", "overlay"}
-    if len(axes) == 2 and "period" in dataset and not starts and not chosen and only_adds:
+    if len(axes) == 2 and "period" in sweep and not starts and not chosen and only_adds:
         return "map"
     if axes:
         return "bifurcation"
-    return "trajectory" if "trajectory_x" in dataset else "section"
+    return "trajectory" if "trajectory_x" in sweep else "section"
 
 
 def silent_cuts(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     kind: str,
     at: Selection | None = None,
     axes: Sequence[str] = (),
@@ -200,11 +199,11 @@ def silent_cuts(
     """Return the swept axes that a picture cuts without being asked, with their first values."""
     shown = {*KINDS[kind].shown}
     if color is not None:
-        shown |= set() if KINDS[kind].axes else {*swept_axes(dataset)}  # sections of all points
+        shown |= set() if KINDS[kind].axes else {*sweep.axes}  # sections of all points
         shown = shown - {DIRECTION} | {DIRECTION} & {color}
     fixed = {*shown, *(at or {}), *axes}
-    left = [str(name) for name in dataset["status"].dims if name not in fixed]
+    left = [name for name in sweep.grid if name not in fixed]
     axes_left = [name for name in left if name != DIRECTION]
-    longest = sorted(axes_left, key=lambda name: -dataset.sizes[name])
+    longest = sorted(axes_left, key=lambda name: -sweep.sizes[name])
     drawn = longest[: max(0, KINDS[kind].axes - len(axes))]
-    return {name: dataset[name][0].item() for name in left if name not in drawn}
+    return {name: sweep[name][0].item() for name in left if name not in drawn}

@@ -24,14 +24,7 @@ from sweeps.attractor.partition import attractors
 from sweeps.config.groups import STARTS
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.opened.cuts import (
-    START_AXES,
-    Selection,
-    cut_at,
-    several,
-    swept_axes,
-)
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
@@ -54,7 +47,7 @@ _LABELS, _SHAPE = 0.5, 0.75
 
 @styled
 def basins(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     *,
     at: Selection | None = None,
     beside: Mapping[str, Sequence[float]] | None = None,
@@ -83,24 +76,24 @@ def basins(
     >>> from sweeps import plotting
     >>> plotting.basins(ds).savefig("basins.png")
     """
-    plane = _plane_of(dataset, at)
+    plane = _plane_of(sweep, at)
     if beside is not None:
-        return _basins_beside(dataset, at or {}, beside, plane, page, ax)
-    starts = cut_at(dataset, at, free=plane)
+        return _basins_beside(sweep, at or {}, beside, plane, page, ax)
+    starts = sweep.cut(at, free=plane)
     panel = canvas.new_panel(ax, page)
-    result, looks = attractors_in(starts, dataset, page.grey)
+    result, looks = attractors_in(starts, sweep, page.grey)
     table, numbers = attractor_rows(starts, result), reached(result, *plane)
     drawn = over_starts(starts, *plane)
-    cells = basin_cells(table, numbers, looks, config_of(dataset))
+    cells = basin_cells(table, numbers, looks, sweep.config)
     handles = _draw_basins(panel, page, drawn, table, cells, looks)
-    figure = canvas.finish(panel, page, starts, handles, basins_title(config_of(dataset)))
+    figure = canvas.finish(panel, page, starts, handles, basins_title(sweep.config))
     name_basins(panel, page, drawn, table, numbers)
     return figure
 
 
-def _plane_of(dataset: xr.Dataset, at: Selection | None) -> tuple[str, str]:
+def _plane_of(sweep: OpenedSweep, at: Selection | None) -> tuple[str, str]:
     """Return the abscissa and the ordinate of basins: the two axes of starts that are not fixed."""
-    axes = swept_axes(dataset)
+    axes = sweep.axes
     plane = [name for name in STARTS if name in axes and name not in (at or {})]
     if len(plane) != 2:
         fixed = [name for name in STARTS if name in axes and name not in plane]
@@ -117,7 +110,7 @@ def _plane_of(dataset: xr.Dataset, at: Selection | None) -> tuple[str, str]:
 def _draw_basins(
     panel: Axes,
     page: Page,
-    drawn: xr.Dataset,
+    drawn: OpenedSweep,
     table: Sequence[AttractorRow],
     cells: Sequence[Cells],
     looks: Looks,
@@ -125,14 +118,14 @@ def _draw_basins(
     """Draw the basins at one parameter point; return the entries of the legend."""
     handles = draw_cells(panel, drawn, cells)
     page.set_limits(panel)
-    phase = config_of(drawn).record.phase
-    if "phase" not in drawn["status"].dims and float(drawn["phase"]) == phase:
+    phase = drawn.config.record.phase
+    if "phase" not in drawn.grid and float(drawn["phase"]) == phase:
         handles += mark_attractors(panel, looks.split(table)[0])
     return handles
 
 
 def _basins_beside(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     at: Selection,
     beside: Mapping[str, Sequence[float]],
     plane: tuple[str, str],
@@ -152,18 +145,18 @@ def _basins_beside(
             f"{name} = {', '.join(map(fewest_digits, values))}: {shown_count(len(values), 'value')}"
             f" beside each other; expected: at most {_MOST_BESIDE}"
         )
-    line = cut_at(several(dataset, {name: values}), at, free=[name, *plane])
+    line = sweep.several({name: values}).cut(at, free=[name, *plane])
     across = min(len(values), 3 if canvas.width_of(page) >= _WIDE else 2)
     row = _LABELS + _SHAPE * canvas.width_of(page) / across
     row /= mpl.rcParams["figure.figsize"][1]
     panels = canvas.panel_grid(page, len(values), across, row, sharex=True)
-    found, looks = attractors_in(cut_at(dataset, at, free=[name, *plane]), dataset, page.grey)
+    found, looks = attractors_in(sweep.cut(at, free=[name, *plane]), sweep, page.grey)
     drawn, further = [], dict[str, Artist]()
     for panel, value in zip(panels, line[name].values.tolist(), strict=True):
-        starts, result = line.sel({name: value}), found.sel({name: value})
+        starts, result = line.cut({name: value}, plane), found.sel({name: value})
         table, numbers = attractor_rows(starts, result), reached(result, *plane)
         starts = over_starts(starts, *plane)
-        cells = basin_cells(table, numbers, looks, config_of(dataset))
+        cells = basin_cells(table, numbers, looks, sweep.config)
         own = {cell.label for cell in cells}
         for handle in _draw_basins(panel, page, starts, table, cells, looks):
             if (text := str(handle.get_label())) not in own:
@@ -199,9 +192,9 @@ def _shared_handles(tables: Sequence[Sequence[AttractorRow]], looks: Looks) -> l
     ]
 
 
-def over_starts(starts: xr.Dataset, across: str = "x0", up: str = "v0") -> xr.Dataset:
+def over_starts(starts: OpenedSweep, across: str = "x0", up: str = "v0") -> OpenedSweep:
     """Return the starts at one parameter point in the order in which basins are drawn."""
-    return starts.sortby([across, up]).transpose(up, across, ...)
+    return starts.sortby([across, up]).transpose(up, across)
 
 
 def mark_attractors(panel: Axes, table: Sequence[AttractorRow]) -> list[Artist]:
@@ -214,17 +207,18 @@ def mark_attractors(panel: Axes, table: Sequence[AttractorRow]) -> list[Artist]:
     return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
 
 
-def attractors_in(cut: xr.Dataset, dataset: xr.Dataset, grey: bool) -> tuple[xr.Dataset, Looks]:
+def attractors_in(cut: OpenedSweep, sweep: OpenedSweep, grey: bool) -> tuple[xr.Dataset, Looks]:
     """Return the attractors in a cut, numbered as in the file, and the looks of the file."""
-    fixed = {str(name) for name in dataset["status"].dims} - set(map(str, cut["status"].dims))
+    fixed = {*sweep.grid} - {*cut.grid}
     starts, others = fixed & set(START_AXES), fixed - set(START_AXES)
-    found = attractors(dataset.sel({name: cut[name].item() for name in starts}))
+    places = sweep.places({name: cut[name].item() for name in starts})
+    found = attractors(sweep.isel(places))
     return found.sel({name: cut[name].item() for name in others}), Looks.of(found, grey)
 
 
 def reached(result: xr.Dataset, across: str = "x0", up: str = "v0") -> np.ndarray:
     """Return the number of the attractor that each start reaches at one point, by (up, across)."""
-    return result["attractor"].sortby([across, up]).transpose(up, across, ...).values
+    return result["attractor"].sortby([across, up]).transpose(up, across).values
 
 
 def basin_cells(
@@ -249,7 +243,7 @@ def basin_cells(
 
 
 def name_basins(
-    panel: Axes, page: Page, starts: xr.Dataset, table: Sequence[AttractorRow], numbers: np.ndarray
+    panel: Axes, page: Page, starts: OpenedSweep, table: Sequence[AttractorRow], numbers: np.ndarray
 ) -> None:
     """Write the names of classes into the basins; in grey, draw their boundaries."""
     named = [row for row in table if row.regime in (Regime.PERIODIC, Regime.REST)]

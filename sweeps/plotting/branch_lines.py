@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 
 from sweeps.bifurcation.exact_branches import wide_branches
-from sweeps.opened.motions import classes_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION, ground, ink
 
 #: Names of the lines in the legend, with their dashes.
@@ -68,7 +68,7 @@ def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
             yield Part(kind, found[axis].values[here], y)
 
 
-def without_idle(found: xr.Dataset, line: xr.Dataset) -> tuple[xr.Dataset, int]:
+def without_idle(found: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, int]:
     """Return the branches that a diagram of a line draws, and the number of those left out.
 
     Of more than a few branches that were not chosen, these are those to which motions of the line
@@ -77,8 +77,8 @@ def without_idle(found: xr.Dataset, line: xr.Dataset) -> tuple[xr.Dataset, int]:
     (axis,), count = map(str, found.coords), len(wide_branches(found))
     if count <= _BRANCHES_IN_FULL or found.attrs.get("chosen") or "period" not in line:
         return found, 0
-    _, m, q = (each.ravel() for each in classes_of(line))
-    places = line[axis].broadcast_like(line["status"]).transpose(*line["status"].dims).values
+    _, m, q = (each.ravel() for each in line.classes)
+    places = line[axis].broadcast_like(line["status"]).transpose(*line.grid).values
     numbers, kinds, values = (found[name].values for name in ("branch", "kind", axis))
     drawn = np.zeros(count, bool)
     for number in range(count):

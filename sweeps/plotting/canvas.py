@@ -22,6 +22,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
 from sweeps.errors import Refused
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import equation, status_name
 from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.legend import SHARE, legend_below, legend_of_all, legend_within
@@ -267,7 +268,7 @@ def _thin_ticks(panel: Axes) -> None:
 def finish(
     panel: Axes,
     page: Page,
-    drawn: xr.Dataset,
+    drawn: OpenedSweep,
     handles: Sequence[Artist] | None = None,
     legend_title: str | None = None,
     record: str | None = None,

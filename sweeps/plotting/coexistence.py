@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -21,13 +20,7 @@ from sweeps.attractor.attractor_table import (
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, records, shows_part
-from sweeps.opened.cuts import (
-    START_AXES,
-    Selection,
-    chosen_axes,
-    cut_at,
-)
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.basin_pictures import attractors_in, names_of
 from sweeps.plotting.contents import choose_coordinate, refuse_empty, refuse_without_result
@@ -52,7 +45,7 @@ _MARK = 4.0
 
 @functools.partial(styled, marks=True)
 def attractor_diagram(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     *,
     axes: Sequence[str] = (),
     at: Selection | None = None,
@@ -86,27 +79,27 @@ def attractor_diagram(
     >>> from sweeps import plotting
     >>> plotting.attractor_diagram(ds).savefig("attractors.png")
     """
-    free = [name for name in map(str, dataset["status"].dims) if name in START_AXES]
-    if free and not parameter_axes(dataset):
+    free = [name for name in sweep.grid if name in START_AXES]
+    if free and not parameter_axes(sweep):
         raise Refused(
             f"a diagram of attractors is over a swept parameter, and only {listed(free)} "
             f"{'was' if len(free) == 1 else 'were'} swept"
             + ("; the picture of both is basins" if len(free) == 2 else "")
         )
-    parameters = dataset.isel(dict.fromkeys(free, 0))
-    (axis,) = chosen_axes(parameters, axes, at, 1, "diagram of attractors")
-    coordinate = choose_coordinate(dataset, coordinate)
+    parameters = sweep.isel(dict.fromkeys(free, 0))
+    (axis,) = parameters.chosen_axes(axes, at, 1, "diagram of attractors")
+    coordinate = choose_coordinate(sweep, coordinate)
     for name in set(free) & set(at or {}):
-        raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(dataset))}")
-    line = cut_at(dataset, at, free=[axis, *free])
+        raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(sweep))}")
+    line = sweep.cut(at, free=[axis, *free])
     refuse_without_result(line["status"].values)
-    found, looks = attractors_in(line, dataset, page.grey)
+    found, looks = attractors_in(line, sweep, page.grey)
     table = attractor_rows(line, found)
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)
     label_axis(panel.xaxis, line[axis])
-    label_axis(panel.yaxis, as_variable(coordinate, config_of(dataset).nomenclature))
+    label_axis(panel.yaxis, as_variable(coordinate, sweep.config.nomenclature))
     series = _draw_rows(panel, line, table, looks, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
@@ -114,7 +107,7 @@ def attractor_diagram(
     page.set_limits(panel)
     masks = {}
     if page.marks and COORDINATES[coordinate].dimension == "impact":
-        masks[PARTIAL] = shows_part(line.transpose(axis, ...)).ravel()
+        masks[PARTIAL] = shows_part(line.transpose(axis)).ravel()
     canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks, page.grey)
     title = f"{CLASSES_TITLE}\n{_starts_at_each(line)}"
     record = record_text(line, coordinate)
@@ -126,11 +119,11 @@ def attractor_diagram(
     return figure
 
 
-def _starts_at_each(line: xr.Dataset) -> str:
+def _starts_at_each(line: OpenedSweep) -> str:
     """Say how many motions there are at each value of the axis, and whether both ways."""
-    starts = math.prod(line.sizes[name] for name in STARTS if name in line["status"].dims)
+    starts = math.prod(line.sizes[name] for name in STARTS if name in line.grid)
     text = f"{shown_count(starts, 'start')} at each value"
-    if DIRECTION not in line["status"].dims:
+    if DIRECTION not in line.grid:
         return text
     return followed(line) if starts == 1 else f"{text}, {followed(line)}"
 
@@ -151,7 +144,7 @@ def _mark_series(panel: Axes, series: Sequence[_Series]) -> None:
 
 def _draw_rows(
     panel: Axes,
-    line: xr.Dataset,
+    line: OpenedSweep,
     table: Sequence[AttractorRow],
     looks: Looks,
     axis: str,
@@ -171,7 +164,7 @@ def _draw_rows(
     canvas.widen_if_constant(panel.set_ylim, finite.min(), finite.max())
     abscissa = np.array([row.parameters[axis] for row in table])
     series = looks.series(table)
-    names = names_of([[table[i] for i in places] for places in series], config_of(line), line[axis])
+    names = names_of([[table[i] for i in places] for places in series], line.config, line[axis])
     marked = []
     for places, name in zip(series, map("".join, names), strict=True):
         y = values[places]

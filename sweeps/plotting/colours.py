@@ -15,8 +15,7 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normal
 from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
-from sweeps.opened.cuts import Selection, cut_at, directions
-from sweeps.opened.motions import classes_of
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.contents import (
     MEAN_FORCE,
@@ -160,7 +159,7 @@ def has_scale(name: str) -> bool:
     return name != "period" and name not in _WORDS
 
 
-def paint(cut: xr.Dataset, name: str, *, dots: bool = False, grey: bool = False) -> Paint:
+def paint(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = False) -> Paint:
     """Return the colours of a number at the points of a cut.
 
     With `dots` no colour is that of the ground; with `grey` all are greys, hatches or markers.
@@ -178,14 +177,14 @@ def _of_dots(shown: Paint) -> Paint:
     return shown._replace(cells=cells, of_dots=True)
 
 
-def _paint(cut: xr.Dataset, name: str, dots: bool, grey: bool) -> Paint:
+def _paint(cut: OpenedSweep, name: str, dots: bool, grey: bool) -> Paint:
     """Return the colours of a number before those of dots are made visible."""
     variable = number_at(cut, name)
     ramp = mpl.colormaps[mpl.rcParams["image.cmap"]]
     ramp = grey_ramp(0.3 if dots else 0.1) if grey else ramp
     nothing = np.ma.masked_all(variable.shape, float)
     if name == "period":
-        cells = period_cells(*classes_of(cut), grey=grey, hatched=not dots)
+        cells = period_cells(*cut.classes, grey=grey, hatched=not dots)
         return Paint(variable, cells, nothing, Normalize(), ramp, CLASSES_TITLE)
     if name in _WORDS:
         found = np.where(has_result(cut["status"].values), variable.values, Status.PENDING)
@@ -196,7 +195,7 @@ def _paint(cut: xr.Dataset, name: str, dots: bool, grey: bool) -> Paint:
         return Paint(variable, cells, nothing, Normalize(), ramp)
     values = variable.values.astype(float)
     has_value = has_result(cut["status"].values)
-    if dots and name in cut.dims and 1 < cut.sizes[name] <= _MOST_NAMED:
+    if dots and name in cut.data.dims and 1 < cut.sizes[name] <= _MOST_NAMED:
         cells = _cells_of_few(cut[name], variable, has_value, None if grey else ramp)
         return Paint(variable, cells, nothing, Normalize(), ramp)
     pale, *_ = looks = GREY_SPECIAL if grey else _special_looks(PALE if dots else WHITE)
@@ -217,19 +216,19 @@ def _paint(cut: xr.Dataset, name: str, dots: bool, grey: bool) -> Paint:
 
 
 def coloured_points(
-    dataset: xr.Dataset, at: Selection | None, color: Wanted, grey: bool
-) -> tuple[xr.Dataset, Paint]:
+    sweep: OpenedSweep, at: Selection | None, color: Wanted, grey: bool
+) -> tuple[OpenedSweep, Paint]:
     """Return the points that `at` leaves and their colours; refuse a single point.
 
     They are of one direction, by default the first, unless the colours tell the directions apart.
     """
-    of_directions = colours_directions(dataset, color)
+    of_directions = colours_directions(sweep, color)
     if not of_directions:
-        dataset, color = with_colour(dataset, color)
-    left = {*dataset["status"].dims} - {*(at or {}), *(() if of_directions else (DIRECTION,))}
-    points = cut_at(dataset, at, free=[*map(str, left)])
+        sweep, color = with_colour(sweep, color)
+    left = {*sweep.grid} - {*(at or {}), *(() if of_directions else (DIRECTION,))}
+    points = sweep.cut(at, free=[*map(str, left)])
     if points["status"].size == 1:
-        both = f"; color = {DIRECTION} shows both directions" if directions(dataset) else ""
+        both = f"; color = {DIRECTION} shows both directions" if sweep.directions else ""
         raise Refused(f"a color tells several motions apart, and only one point is left{both}")
     shown = (
         _paint_directions(points, grey)
@@ -240,7 +239,7 @@ def coloured_points(
     return points, shown
 
 
-def _paint_directions(points: xr.Dataset, grey: bool) -> Paint:
+def _paint_directions(points: OpenedSweep, grey: bool) -> Paint:
     """Return the colours of the directions of points."""
     way, status = points[DIRECTION].broadcast_like(points["status"]), points["status"]
     result = has_result(status.values)
@@ -283,12 +282,12 @@ def _cells_of_few(
 
 
 def _special_cells(
-    cut: xr.Dataset, name: str, values: np.ndarray, result: np.ndarray, looks: Sequence[Look]
+    cut: OpenedSweep, name: str, values: np.ndarray, result: np.ndarray, looks: Sequence[Look]
 ) -> list[Cells]:
     """Return the points with a result whose value is not on a scale, the value 0 first."""
     rests = np.zeros(values.shape, bool)
     if name in _NOT_AT_REST:
-        rests = result & (cut["rest_fraction"].transpose(*cut["status"].dims).values > 0.0)
+        rests = result & (cut["rest_fraction"].transpose(*cut.grid).values > 0.0)
     zero = result & ~rests & ~(values > 0.0) & (name in _ZERO)
     infinite = result & np.isneginf(values) & (name == "lyapunov")
     none = result & ~np.isfinite(values) & ~zero & ~rests & ~infinite

@@ -14,8 +14,7 @@ import xarray as xr
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES
-from sweeps.opened.cuts import Selection, chosen_axes, cut_at
-from sweeps.opened.dataset import check_diagnostic, nomenclature_of
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.store import DIRECTION, VARIABLES
 from sweeps.store.variables import description_in
 from sweeps.text import choice_of, listed, near_miss, suggestion
@@ -33,37 +32,37 @@ MEAN_FORCE = "mean_force"
 PEAK_TO_PEAK = "peak_to_peak"
 
 
-def numbers_of(dataset: xr.Dataset) -> list[str]:
+def numbers_of(sweep: OpenedSweep) -> list[str]:
     """List what has a number for each point, results first; the Lyapunov exponents have two."""
-    replaced = PARAMETERS.keys() - nomenclature_of(dataset).parameters.keys()
+    replaced = PARAMETERS.keys() - sweep.nomenclature.parameters.keys()
     held = [
         str(name)
-        for name in (*dataset.data_vars, *dataset.coords)
+        for name in (*sweep.data.data_vars, *sweep.data.coords)
         if name not in replaced
-        and dataset[name].dtype.kind in "biuf"
-        and _is_of_points(dataset, dataset[name], "exponent")
+        and sweep[name].dtype.kind in "biuf"
+        and _is_of_points(sweep, sweep[name], "exponent")
     ]
     follow = [name for name, (sources, _) in _FOLLOWING.items() if sources <= set(held)]
     return list(dict.fromkeys([*held, *follow]))
 
 
-def _mean_force(dataset: xr.Dataset) -> xr.DataArray:
+def _mean_force(sweep: OpenedSweep) -> xr.DataArray:
     """Return impulse times omega / (2 pi), without a value where the mass rests on the stop.
 
     The impulse of the file has no part of the force at rest.
     """
-    force = dataset["impulse"] * dataset["omega"] / (2.0 * np.pi)
-    force = force.where(dataset["rest_fraction"] == 0.0).transpose(*dataset["status"].dims)
-    in_si = nomenclature_of(dataset).in_si
+    force = sweep["impulse"] * sweep["omega"] / (2.0 * np.pi)
+    force = force.where(sweep["rest_fraction"] == 0.0).transpose(*sweep.grid)
+    in_si = sweep.nomenclature.in_si
     meaning = "mean force on the stop" if in_si else "mean force on the stop per mass"
-    about = description_in(dataset.attrs, meaning, "N" if in_si else "length/time^2")
+    about = description_in(sweep.attrs, meaning, "N" if in_si else "length/time^2")
     return force.assign_attrs(about, symbol=r"\overline{F}")
 
 
-def _peak_to_peak(dataset: xr.Dataset) -> xr.DataArray:
+def _peak_to_peak(sweep: OpenedSweep) -> xr.DataArray:
     """Return the greatest displacement less the least."""
-    about = description_in(dataset.attrs, "peak-to-peak displacement", "length")
-    travel = dataset["x_max"] - dataset["x_min"]
+    about = description_in(sweep.attrs, "peak-to-peak displacement", "length")
+    travel = sweep["x_max"] - sweep["x_min"]
     return travel.assign_attrs(about, symbol=r"x_\mathrm{pp}")
 
 
@@ -74,14 +73,14 @@ _FOLLOWING = {
 }
 
 
-def _is_of_points(dataset: xr.Dataset, values: xr.DataArray, *further: str) -> bool:
+def _is_of_points(sweep: OpenedSweep, values: xr.DataArray, *further: str) -> bool:
     own = set(values.dims) - set(further)
-    return bool(own) and own <= set(dataset["status"].dims)
+    return bool(own) and own <= set(sweep.grid)
 
 
 def with_number(
-    dataset: xr.Dataset, wanted: Wanted, further: Sequence[str] = ()
-) -> tuple[xr.Dataset, str]:
+    sweep: OpenedSweep, wanted: Wanted, further: Sequence[str] = ()
+) -> tuple[OpenedSweep, str]:
     """Return the dataset with what is wanted, described like a result, and its name there.
 
     A refusal also names what else is allowed, the `further` names.
@@ -89,88 +88,85 @@ def with_number(
     if isinstance(wanted, str):
         name = wanted
     else:
-        dataset, name = _with_own(dataset, wanted)
+        sweep, name = _with_own(sweep, wanted)
     needed = "x_min" if name == PEAK_TO_PEAK else name
     if needed in VARIABLES and VARIABLES[needed].diagnostic in DIAGNOSTICS:
-        check_diagnostic(dataset, needed)
-    available = numbers_of(dataset)
+        sweep.check_diagnostic(needed)
+    available = numbers_of(sweep)
     if name not in available:
         available += further
         problem = f"there is no {name or repr(name)}{suggestion(near_miss(name, available))}"
-        if name in dataset:
+        if name in sweep:
             problem = f"{name} is not a number for each point"
         raise Refused(f"{problem}; {choice_of(available)}")
-    if name not in dataset:
+    if name not in sweep:
         _, computed = _FOLLOWING[name]
-        dataset = dataset.assign({name: computed(dataset)})
-    about = {"long_name": name, "symbol": ""} | dataset[name].attrs
-    described = dataset.copy()
+        sweep = sweep.over(sweep.data.assign({name: computed(sweep)}))
+    about = {"long_name": name, "symbol": ""} | sweep[name].attrs
+    described = sweep.data.copy()
     described[name].attrs = about
-    return described, name
+    return sweep.over(described), name
 
 
-def _with_own(dataset: xr.Dataset, values: xr.DataArray) -> tuple[xr.Dataset, str]:
+def _with_own(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep, str]:
     """Return the dataset with a DataArray computed from it; refuse one that does not fit."""
-    name, dims = (
-        str("the DataArray" if values.name is None else values.name),
-        dataset["status"].dims,
-    )
-    if name in dataset and values.identical(dataset[name]):
-        return dataset, name
-    over = f"expected: numbers over {listed(map(str, dims))}, as in the Dataset"
-    if not _is_of_points(dataset, values):
+    name = str("the DataArray" if values.name is None else values.name)
+    if name in sweep and values.identical(sweep[name]):
+        return sweep, name
+    over = f"expected: numbers over {listed(sweep.grid)}, as in the Dataset"
+    if not _is_of_points(sweep, values):
         own = listed(map(str, values.dims)) or "no dimension"
         raise Refused(f"{name} is over {own}; {over}")
     if values.dtype.kind not in "biuf":
         raise Refused(f"{name} holds {values.dtype}; {over}")
     try:
-        xr.align(dataset["status"], values, join="exact")
+        xr.align(sweep["status"], values, join="exact")
     except ValueError:
         raise Refused(f"{name} is at other values of the axes; {over}") from None
     about = {"long_name": name} | values.attrs
-    while name in dataset:
+    while name in sweep:
         name += "'"
     plain = values.drop_vars([one for one in values.coords if one not in values.dims])
-    return dataset.assign({name: plain.assign_attrs(about)}), name
+    return sweep.over(sweep.data.assign({name: plain.assign_attrs(about)})), name
 
 
-def number_at(cut: xr.Dataset, name: str) -> xr.DataArray:
+def number_at(cut: OpenedSweep, name: str) -> xr.DataArray:
     """Return a number at each point of a cut; the larger exponent of two."""
     number = cut[name]
     if "exponent" in number.dims:
         about = {"symbol": rf"{number.symbol}_1", "long_name": f"larger {number.long_name}"}
         number = number.isel(exponent=0).assign_attrs(about)
-    return number.broadcast_like(cut["status"]).transpose(*cut["status"].dims)
+    return number.broadcast_like(cut["status"]).transpose(*cut.grid)
 
 
 def select_line(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     axes: Sequence[str] = (),
     at: Selection | None = None,
     coordinate: str | None = None,
-) -> tuple[xr.Dataset, str, str]:
+) -> tuple[OpenedSweep, str, str]:
     """Return the points that `sweeps.plotting.bifurcation` shows, their axis and coordinate."""
-    (axis,) = chosen_axes(dataset, axes, at, 1, "bifurcation")
-    coordinate = choose_coordinate(dataset, coordinate)
-    return cut_at(dataset, at, free=[axis, DIRECTION]), axis, coordinate
+    (axis,) = sweep.chosen_axes(axes, at, 1, "bifurcation")
+    coordinate = choose_coordinate(sweep, coordinate)
+    return sweep.cut(at, free=[axis, DIRECTION]), axis, coordinate
 
 
-def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
+def choose_coordinate(sweep: OpenedSweep, coordinate: str | None) -> str:
     """Return the requested coordinate, by default the first in the file; refuse unknown ones."""
-    available = [name for name, about in COORDINATES.items() if about.dimension in dataset.dims]
+    available = [name for name, about in COORDINATES.items() if about.dimension in sweep.data.dims]
     if coordinate is None:
         coordinate = next(iter([*available, *COORDINATES]))
     if coordinate in available:
         return coordinate
     choice = choice_of(available, "coordinate")
-    if coordinate not in dataset:
+    if coordinate not in sweep:
         raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw; {choice}")
-    if coordinate in numbers_of(dataset):
+    if coordinate in numbers_of(sweep):
         choice += f"; {coordinate} can be drawn in a panel below the diagram"
     raise Refused(f"{coordinate} is not a coordinate of the motion; {choice}")
 
 
-def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
+def refuse_empty(line: OpenedSweep, coordinate: str) -> NoReturn:
     """Refuse a line that has no value of a coordinate, and say why."""
     refuse_without_result(line["status"].values)
     raise Refused(

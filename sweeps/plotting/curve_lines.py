@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
-from sweeps.opened.motions import classes_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.style import ground, ink
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
@@ -37,7 +37,7 @@ class _Piece(NamedTuple):
 
 def _pieces(
     found: xr.Dataset,
-    cut: xr.Dataset,
+    cut: OpenedSweep,
     axes: Sequence[np.ndarray],
     shown: Container[tuple[int, int]] | None,
 ) -> Iterator[_Piece]:
@@ -49,7 +49,7 @@ def _pieces(
     """
     from scipy.ndimage import binary_closing, binary_opening, maximum_filter
 
-    regimes, *mq = classes_of(cut)
+    regimes, *mq = cut.classes
     classes = np.where(regimes == Regime.PERIODIC, mq, 0)
     window = np.ones(_PER_CELL * _GAP, bool)
     values = np.stack([found[name].values for name in found.coords], axis=1)
@@ -86,7 +86,7 @@ def _one_point_each(found: xr.Dataset) -> xr.Dataset:
 def draw_curves(
     panel: Axes,
     found: xr.Dataset,
-    cut: xr.Dataset,
+    cut: OpenedSweep,
     axes: Sequence[np.ndarray],
     coloured: Container[tuple[int, int]],
     marks: bool,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
 from sweeps.opened.coordinates import COORDINATES, in_parts, recorded_coordinate
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
 from sweeps.plotting.pixels import cell_edges, pixels_of
 from sweeps.plotting.style import (
@@ -30,19 +30,21 @@ _PART_SIZE = 1_000_000
 _SCALE_OF_SHARES = LogNorm(LEAST_SHARE, 1.0, clip=True)
 
 
-def computed_parts(line: xr.Dataset, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def computed_parts(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Read a coordinate of the computed points of a line in parts.
 
     Yields the indices of k points and their values, shapes (k,) and (k, record).
     """
     computed = has_result(line["status"].values)
-    for part, cut in in_parts(line, _PART_SIZE // line.sizes[COORDINATES[coordinate].dimension]):
+    for part, cut in in_parts(
+        line.data, _PART_SIZE // line.sizes[COORDINATES[coordinate].dimension]
+    ):
         kept = np.flatnonzero(computed[cut])
         if len(kept):
             yield cut.start + kept, recorded_coordinate(part, coordinate).values[kept]
 
 
-def value_range(lines: Sequence[xr.Dataset], coordinate: str) -> tuple[float, float]:
+def value_range(lines: Sequence[OpenedSweep], coordinate: str) -> tuple[float, float]:
     """Return the least and the greatest value of a coordinate; inf and -inf without values."""
     low, high = np.inf, -np.inf
     for line in lines:
@@ -69,7 +71,7 @@ def _ramps(colours: Sequence[str]) -> list[LinearSegmentedColormap]:
 def draw_density(
     panel: Axes,
     values: np.ndarray,
-    ways: Sequence[xr.Dataset],
+    ways: Sequence[OpenedSweep],
     coordinate: str,
     colours: Sequence[str],
     tint: np.ndarray | None = None,
@@ -121,7 +123,7 @@ class _Pixels:
 
     def __init__(
         self,
-        line: xr.Dataset,
+        line: OpenedSweep,
         coordinate: str,
         values: np.ndarray,
         x_edges: np.ndarray,

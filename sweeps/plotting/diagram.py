@@ -15,9 +15,7 @@ from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, recorded_coordinate, shows_part
-from sweeps.opened.cuts import Selection, split_directions
-from sweeps.opened.dataset import config_of
-from sweeps.opened.motions import approaching, classify
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.branch_lines import draw_branches, name_parts, without_idle
 from sweeps.plotting.colours import Paint, paint
@@ -58,7 +56,7 @@ _EXPONENTS = 1.0, 0.45
 
 @functools.partial(styled, marks=True)
 def bifurcation(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     *,
     axes: Sequence[str] = (),
     at: Selection | None = None,
@@ -110,18 +108,18 @@ def bifurcation(
     """
     if ax is not None and len(below):
         raise Refused("panels below a diagram need a figure of their own: leave out ax or below")
-    dataset, names, tint = _with_numbers(dataset, below, color)
-    line, axis, coordinate = select_line(dataset, axes, at, coordinate)
+    sweep, names, tint = _with_numbers(sweep, below, color)
+    line, axis, coordinate = select_line(sweep, axes, at, coordinate)
     if tint is not None:
-        line = split_directions(line)[0]
-    _check(dataset, axis, exact, names)
-    points = read_overlay(overlay, dataset, [[axis], [coordinate, *names]])
+        line = line.each_direction[0]
+    _check(sweep, axis, exact, names)
+    points = read_overlay(overlay, sweep, [[axis], [coordinate, *names]])
     shown = None if tint is None else paint(line, tint, dots=True, grey=page.grey)
     drawn = _Drawn.of(line, axis, coordinate, shown, page.grey)
     heights, shared = [1.0] + [_LOWER] * len(names), range(len(names) + 1)
     panel, *lower = canvas.stacked_panels(page, heights, shared) if ax is None else [ax]
     label_axis((lower or [panel])[-1].xaxis, drawn.line[drawn.axis])
-    label_axis(panel.yaxis, as_variable(coordinate, config_of(dataset).nomenclature))
+    label_axis(panel.yaxis, as_variable(coordinate, sweep.config.nomenclature))
     low, high = drawn.draw_points(panel)
     parts, idle = dict[str, list[Line2D]](), list[Artist]()
     if exact is not None:
@@ -160,35 +158,35 @@ def bifurcation(
 
 
 def _with_numbers(
-    dataset: xr.Dataset, below: Wanted | Sequence[Wanted], color: Wanted | None
-) -> tuple[xr.Dataset, list[str], str | None]:
+    sweep: OpenedSweep, below: Wanted | Sequence[Wanted], color: Wanted | None
+) -> tuple[OpenedSweep, list[str], str | None]:
     """Return the dataset with what is wanted, the names below, and that of what colours points."""
     names, tint = [], None
     for wanted in [below] if isinstance(below, str | xr.DataArray) else below:
-        dataset, name = with_number(dataset, wanted)
+        sweep, name = with_number(sweep, wanted)
         names.append(name)
-    if color is not None and not colours_directions(dataset, color):
-        dataset, tint = with_colour(dataset, color)
-    return dataset, names, tint
+    if color is not None and not colours_directions(sweep, color):
+        sweep, tint = with_colour(sweep, color)
+    return sweep, names, tint
 
 
-def _check(dataset: xr.Dataset, axis: str, exact: xr.Dataset | None, below: Sequence[str]) -> None:
+def _check(sweep: OpenedSweep, axis: str, exact: xr.Dataset | None, below: Sequence[str]) -> None:
     """Refuse branches over another axis, and names below that are words or are given twice."""
     if exact is not None and axis not in exact.coords:
         raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
     for name in below:
-        if name in FLAGS or name in dataset.coords:
+        if name in FLAGS or name in sweep.data.coords:
             why = "its numbers stand for words" if name in FLAGS else "it is no result"
             raise Refused(f"{name} cannot be drawn below a diagram: {why}")
         if list(below).count(name) > 1:
             raise Refused(f"{name} is asked for twice below the diagram")
 
 
-def _in_chaos(line: xr.Dataset, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def _in_chaos(line: OpenedSweep, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """Return a function that says where on the axis all motions are chaotic or unknown."""
     no_class = np.zeros((1, len(values)), bool)
     if "period" in line:
-        no_class = np.isin(classify(line), NO_CLASS).reshape(-1, len(values))
+        no_class = np.isin(line.regimes, NO_CLASS).reshape(-1, len(values))
     order = np.argsort(values)
     share = no_class.all(axis=0).astype(float)[order]
     return lambda x: np.interp(x, values[order], share) > 0.5
@@ -197,21 +195,21 @@ def _in_chaos(line: xr.Dataset, values: np.ndarray) -> Callable[[np.ndarray], np
 class _Drawn(NamedTuple):
     """The points of a diagram: the `ways` in which the `line` was followed, over its `values`."""
 
-    line: xr.Dataset
+    line: OpenedSweep
     axis: str
     coordinate: str
     values: np.ndarray
-    ways: list[xr.Dataset]
+    ways: list[OpenedSweep]
     tint: np.ndarray | None  # colours of the points, shape (n, 4), if chosen
     dense: bool
     grey: bool
 
     @classmethod
     def of(
-        cls, line: xr.Dataset, axis: str, coordinate: str, shown: Paint | None, grey: bool
+        cls, line: OpenedSweep, axis: str, coordinate: str, shown: Paint | None, grey: bool
     ) -> Self:
         """Split a line into its directions."""
-        values, ways = line[axis].values, split_directions(line)
+        values, ways = line[axis].values, line.each_direction
         tint = None if shown is None else shown.colours()
         computed = int(has_result(line["status"].values).sum())
         dense = computed * line.sizes[COORDINATES[coordinate].dimension] > DENSITY_FROM
@@ -236,7 +234,7 @@ class _Drawn(NamedTuple):
         return [
             np.where(
                 has_result(way["status"].values)[:, None],
-                recorded_coordinate(way, self.coordinate).values,
+                recorded_coordinate(way.data, self.coordinate).values,
                 np.nan,
             )
             for way in self.ways
@@ -278,7 +276,7 @@ class _Drawn(NamedTuple):
         """In grey, give some of the points the marker of their class or word; of many, the last."""
         last = slice(-4, None) if self.dense else slice(None)
         (way,) = (way.isel({COORDINATES[self.coordinate].dimension: last}) for way in self.ways)
-        y = recorded_coordinate(way, self.coordinate).values
+        y = recorded_coordinate(way.data, self.coordinate).values
         shown.mark(panel, np.broadcast_to(self.values[:, None], y.shape), y)
 
     def direction_colours(self) -> tuple[str, str]:
@@ -308,7 +306,7 @@ class _Drawn(NamedTuple):
 
         These are on their way to m/q, or show only part of a repetition.
         """
-        masks = {APPROACHING: approaching(self.line)} if marks else {}
+        masks = {APPROACHING: self.line.on_its_way} if marks else {}
         if marks and COORDINATES[self.coordinate].dimension == "impact":
             masks = {PARTIAL: shows_part(self.line), **masks}
         canvas.mark_status(panel, self.values, self.line["status"].values, masks, self.grey)

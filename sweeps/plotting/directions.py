@@ -6,13 +6,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from sweeps.opened.cuts import directions
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.style import ink
 from sweeps.store import DIRECTION
@@ -22,22 +20,22 @@ from sweeps.store import DIRECTION
 _SAME, _APART, _JUMP = 0.004, 0.01, 0.04
 
 
-def colours_directions(dataset: xr.Dataset, color: Wanted) -> bool:
+def colours_directions(sweep: OpenedSweep, color: Wanted) -> bool:
     """Whether colours are to tell apart the two directions in which an axis was followed."""
-    return bool(directions(dataset)) and isinstance(color, str) and color == DIRECTION
+    return bool(sweep.directions) and isinstance(color, str) and color == DIRECTION
 
 
-def direction_names(dataset: xr.Dataset) -> tuple[str, str]:
+def direction_names(sweep: OpenedSweep) -> tuple[str, str]:
     """Return the names of the two directions for a legend, with the symbol of the followed axis."""
-    config = config_of(dataset)
+    config = sweep.config
     assert config.follow is not None
     symbol = config.nomenclature.about(config.follow.axis).symbol
     return rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
 
 
-def with_colour(dataset: xr.Dataset, color: Wanted) -> tuple[xr.Dataset, str]:
+def with_colour(sweep: OpenedSweep, color: Wanted) -> tuple[OpenedSweep, str]:
     """Return the dataset with the number that colours the points, and its name there."""
-    return with_number(dataset, color, [DIRECTION] if directions(dataset) else [])
+    return with_number(sweep, color, [DIRECTION] if sweep.directions else [])
 
 
 def nearest_distances(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:

@@ -21,8 +21,7 @@ from sweeps.attractor.integrity import refuse_unfit, with_measures
 from sweeps.attractor.knocks import at_section, knocks
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
-from sweeps.opened.cuts import Selection, cut_at, swept_axes
-from sweeps.opened.dataset import config_of, oscillator_of
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.basin_pictures import (
     attractors_in,
@@ -63,7 +62,7 @@ _BOUND_MARKER = "^"
 
 @functools.partial(styled, panels=range(1, 5))
 def integrity(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     *,
     at: Selection | None = None,
     panels: Sequence[str] = (),
@@ -98,17 +97,17 @@ def integrity(
     >>> from sweeps import plotting
     >>> plotting.integrity(ds).savefig("integrity.png")
     """
-    others = [name for name in swept_axes(dataset) if name not in STARTS]
-    along = sorted(others, key=lambda name: -dataset.sizes[name])[:1]
+    others = [name for name in sweep.axes if name not in STARTS]
+    along = sorted(others, key=lambda name: -sweep.sizes[name])[:1]
     cuts = {name: value for name, value in (at or {}).items() if name not in along}
-    line = cut_at(dataset, cuts, free=[*along, "x0", "v0"])
+    line = sweep.cut(cuts, free=[*along, "x0", "v0"])
     refuse_unfit(line)
     names = canvas.chosen_panels(panels, [*(_MEASURES if along else ()), BASINS])
     drawn = dict(zip(names, _panels_for(names, page, ax), strict=True))
     basins, profile = drawn.get(BASINS), {name: drawn[name] for name in names if name != BASINS}
-    found, looks = attractors_in(line, dataset, page.grey)
-    found, config = with_measures(line, found), config_of(line)
-    starts = cut_at(line, {name: at[name] for name in along if at and name in at}, ["x0", "v0"])
+    found, looks = attractors_in(line, sweep, page.grey)
+    found, config = with_measures(line, found), line.config
+    starts = line.cut({name: at[name] for name in along if at and name in at}, ["x0", "v0"])
     there = found.sel({name: float(starts[name]) for name in along})
     table, rows_there = attractor_rows(line, found), attractor_rows(starts, there)
     handles, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
@@ -151,7 +150,7 @@ def _panels_for(
 
 
 def _mark_place(
-    profile: Iterable[Axes], basins: Axes, axis: xr.DataArray, starts: xr.Dataset
+    profile: Iterable[Axes], basins: Axes, axis: xr.DataArray, starts: OpenedSweep
 ) -> list[Artist]:
     """Mark the value of the axis at which the basins are; return a handle if there is a mark."""
     here = float(starts[str(axis.name)])
@@ -166,7 +165,7 @@ def _handles_of_profile(
     table: Sequence[AttractorRow],
     there: Sequence[AttractorRow],
     looks: Looks,
-    line: xr.Dataset,
+    line: OpenedSweep,
     axis: str,
 ) -> list[Artist]:
     """Return the entries of the legend for the looks that are in the profile, not in the basins.
@@ -176,7 +175,7 @@ def _handles_of_profile(
     shown = set() if looks.grey else {looks.look(row) for row in there}
     series = [[table[i] for i in places] for places in looks.series(table)]
     handles: list[Artist] = []
-    named = names_of(series, config_of(line), line[axis])
+    named = names_of(series, line.config, line[axis])
     for own, names in zip(series, named, strict=True):
         look = looks.look(own[0])
         if look not in shown:
@@ -265,19 +264,19 @@ def _draw_lines(
 
 
 def _draw_disturbances(
-    panel: Axes, starts: xr.Dataset, there: xr.Dataset, table: Sequence[AttractorRow], looks: Looks
+    panel: Axes, starts: OpenedSweep, there: xr.Dataset, table: Sequence[AttractorRow], looks: Looks
 ) -> list[Artist]:
     """Draw discs, knocks and the attractors at the section; return their handles."""
-    oscillator, section = oscillator_of(starts), config_of(starts).record.phase
+    oscillator, section = starts.oscillator, starts.config.record.phase
     line: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
-    exact = config_of(starts).method.impact == "exact"
+    exact = starts.config.method.impact == "exact"
     own, others = looks.split(table)
-    names = names_of([[row] for row in own], config_of(starts))
+    names = names_of([[row] for row in own], starts.config)
     places = {
         row.number: place.replace("\n", " ") for row, (_, place) in zip(own, names, strict=True)
     }
     there = knocks(starts, there, list(places)) if exact else there
-    named = named_unit(as_variable("v0", config_of(starts).nomenclature))
+    named = named_unit(as_variable("v0", starts.config.nomenclature))
     unit = f" {named}" if named else ""
     handles: list[Artist] = [
         Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)

@@ -17,7 +17,7 @@ from matplotlib.ticker import (
 
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.opened.coordinates import COORDINATES, impacts_left_out
-from sweeps.opened.dataset import config_of, nomenclature_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store import DIRECTION, VARIABLES
 from sweeps.text import shown_count, unit_name
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -124,9 +124,9 @@ def status_name(outcome: Status) -> str:
     return outcome.name.lower().replace("_", "-")
 
 
-def record_text(drawn: xr.Dataset, coordinate: str = "poincare_x") -> str:
+def record_text(drawn: OpenedSweep, coordinate: str = "poincare_x") -> str:
     """Write a phase that is not 0, the transient and the periods, and impacts left out."""
-    kept = config_of(drawn).record
+    kept = drawn.config.record
     transient = "auto" if kept.transient == "auto" else f"{kept.transient:,}"
     parts = [f"phase {kept.phase:.6g} rad"] if kept.phase else []
     parts += [f"transient {transient}", f"record {shown_count(kept.periods, 'period')}"]
@@ -144,37 +144,37 @@ def method_text(config: SweepConfig) -> list[str]:
     return [method.integrator, f"impact{_JOINT}rule{_JOINT}{method.impact}", steps]
 
 
-def title(drawn: xr.Dataset, record: str | None = None) -> str:
+def title(drawn: OpenedSweep, record: str | None = None) -> str:
     """Write the title of a picture: name, parameters that are not the defaults, record, method.
 
     Parameters have units if names were chosen for these. The record is by default that of
     `record_text`.
     """
-    config = config_of(drawn)
-    seen = nomenclature_of(drawn)
+    config = drawn.config
+    seen = drawn.nomenclature
     usual = {name: parameter.default for name, parameter in seen.parameters.items()}
-    if "a" in drawn.coords and bool((drawn["a"] > 0.0).any()):
+    if "a" in drawn and bool((drawn["a"] > 0.0).any()):
         usual[seen.name("f")] = 0.0  # the base alone may shake the mass
     parts = [
         equation(parameter.symbol, drawn[name], float(drawn[name]))
         for name, parameter in seen.parameters.items()
         if not drawn[name].dims and float(drawn[name]) != usual[name]
     ]
-    if config.follow is not None and DIRECTION not in drawn.dims:  # else it is in the legend
+    if config.follow is not None and DIRECTION not in drawn.data.dims:  # else it is in the legend
         parts.append(followed(drawn))
     parts.append(record_text(drawn) if record is None else record)
     parts += method_text(config)
-    if not drawn["status"].dims:
+    if not drawn.grid:
         parts += filter(None, [Status(int(drawn["status"])).remark(config.method.impact)])
     name = config.name.replace("$", r"\$")
     return f"{name}\n{', '.join(parts)}"
 
 
-def followed(drawn: xr.Dataset) -> str:
+def followed(drawn: OpenedSweep) -> str:
     """Write in which directions, and along which axis, the motions of a picture were followed."""
-    config = config_of(drawn)
+    config = drawn.config
     assert config.follow is not None
-    ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.follow.directions
+    ways = drawn[DIRECTION] if DIRECTION in drawn else config.follow.directions
     symbol = config.nomenclature.about(config.follow.axis).symbol
     return f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$"
 

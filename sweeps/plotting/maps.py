@@ -18,8 +18,7 @@ from matplotlib.path import Path
 
 from sweeps.bifurcation.exact_curves import map_axes
 from sweeps.errors import Refused
-from sweeps.opened.cuts import Selection, cut_at
-from sweeps.opened.motions import approaching, classes_of
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import paint
 from sweeps.plotting.contents import Wanted, with_number
@@ -51,7 +50,7 @@ _APPROACHING: dict[str, Any] = {"edgecolor": "white", "hatch": "////////", "line
 
 @functools.partial(styled, marks=True)
 def parameter_map(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     *,
     axes: Sequence[str] = (),
     at: Selection | None = None,
@@ -95,13 +94,13 @@ def parameter_map(
     >>> from sweeps import plotting
     >>> plotting.parameter_map(ds, exact=sweeps.curves(ds)).savefig("map.png")
     """
-    abscissa, ordinate = chosen = map_axes(dataset, axes, at)
+    abscissa, ordinate = chosen = map_axes(sweep, axes, at)
     if exact is not None and set(exact.coords) != set(chosen):
         over = listed(map(str, exact.coords))
         raise Refused(f"the exact curves are over {over}, not {listed(chosen)}")
-    dataset, name = with_number(dataset, shown_quantity(dataset, quantity))
-    points = read_overlay(overlay, dataset, [[abscissa], [ordinate]], name)
-    cut = cut_at(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
+    sweep, name = with_number(sweep, shown_quantity(sweep, quantity))
+    points = read_overlay(overlay, sweep, [[abscissa], [ordinate]], name)
+    cut = sweep.cut(at, free=chosen).sortby(chosen).transpose(ordinate, abscissa)
     shown = paint(cut, name, grey=page.grey)
     panel = canvas.new_panel(ax, page)
     if shown.values.count():
@@ -121,15 +120,15 @@ def parameter_map(
     handles += draw_overlay(points, [(panel, abscissa, ordinate)], page, scale)
     figure = canvas.finish(panel, page, cut, handles, shown.title, rarest=rarest)
     if name == "period":
-        name_and_bound(panel, page, cut, *class_numbers(*classes_of(cut)))
+        name_and_bound(panel, page, cut, *class_numbers(*cut.classes))
     return figure
 
 
-def shown_quantity(dataset: xr.Dataset, quantity: Wanted | None) -> Wanted:
+def shown_quantity(sweep: OpenedSweep, quantity: Wanted | None) -> Wanted:
     """Return the quantity of a map, by default the class if the file has it."""
     if quantity is not None:
         return quantity
-    return "period" if "period" in dataset else "impacts_per_period"
+    return "period" if "period" in sweep else "impacts_per_period"
 
 
 def _by_share(handles: Sequence[Artist], cells: Sequence[Cells]) -> tuple[list[Artist], list[str]]:
@@ -144,7 +143,7 @@ def _by_share(handles: Sequence[Artist], cells: Sequence[Cells]) -> tuple[list[A
 
 
 def name_and_bound(
-    panel: Axes, page: Page, cut: xr.Dataset, classes: np.ndarray, names: Mapping[int, str]
+    panel: Axes, page: Page, cut: OpenedSweep, classes: np.ndarray, names: Mapping[int, str]
 ) -> None:
     """Write the names of classes into their regions; in grey, draw the boundaries."""
     edges = _edges_of(cut)
@@ -154,7 +153,7 @@ def name_and_bound(
 
 
 def draw_cells(
-    panel: Axes, cut: xr.Dataset, cells: Iterable[Cells], hatched: bool = False
+    panel: Axes, cut: OpenedSweep, cells: Iterable[Cells], hatched: bool = False
 ) -> list[Artist]:
     """Draw the cells and those of failed points, and label the axes; return the legend's patches.
 
@@ -186,9 +185,9 @@ def draw_cells(
     return handles
 
 
-def _mark_approaching(panel: Axes, cut: xr.Dataset) -> list[Artist]:
+def _mark_approaching(panel: Axes, cut: OpenedSweep) -> list[Artist]:
     """Draw white lines over motions that are not on their orbit yet; return them for the legend."""
-    where = approaching(cut)
+    where = cut.on_its_way
     if not where.any():
         return []
     _draw_hatch(panel, cut, where, **_APPROACHING)
@@ -197,7 +196,7 @@ def _mark_approaching(panel: Axes, cut: xr.Dataset) -> list[Artist]:
     return [Patch(facecolor="#888888", label=text, **_APPROACHING)]
 
 
-def _draw_hatch(panel: Axes, cut: xr.Dataset, where: np.ndarray, **look: Any) -> None:
+def _draw_hatch(panel: Axes, cut: OpenedSweep, where: np.ndarray, **look: Any) -> None:
     """Hatch the cells of a mask."""
     x, y = _edges_of(cut)
     ends = np.diff(np.pad(where, ((0, 0), (1, 1))).astype(np.int8), axis=1)
@@ -211,12 +210,12 @@ def _draw_hatch(panel: Axes, cut: xr.Dataset, where: np.ndarray, **look: Any) ->
     panel.add_artist(PathPatch(outline, facecolor="none", rasterized=True, **look))
 
 
-def _axes_of(cut: xr.Dataset) -> list[xr.DataArray]:
+def _axes_of(cut: OpenedSweep) -> list[xr.DataArray]:
     """Return the ordinate and the abscissa."""
-    return [cut[name] for name in cut["status"].dims]
+    return [cut[name] for name in cut.grid]
 
 
-def _edges_of(cut: xr.Dataset) -> list[np.ndarray]:
+def _edges_of(cut: OpenedSweep) -> list[np.ndarray]:
     """Return the edges of the cells along the abscissa and along the ordinate."""
     y, x = _axes_of(cut)
     return [cell_edges(axis.values, log_spaced(axis.values)) for axis in (x, y)]
@@ -224,7 +223,7 @@ def _edges_of(cut: xr.Dataset) -> list[np.ndarray]:
 
 def _draw_mesh(
     panel: Axes,
-    cut: xr.Dataset,
+    cut: OpenedSweep,
     values: np.ma.MaskedArray,
     norm: Normalize,
     colours: str | Colormap,

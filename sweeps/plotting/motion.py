@@ -12,9 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
-from sweeps.opened.cuts import Selection, cut_at
-from sweeps.opened.dataset import config_of
-from sweeps.opened.motions import labels
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.opened.trajectories import (
     MOST_DRAWN,
     RECORDED,
@@ -40,7 +38,7 @@ _MOST_MOTIONS = MOST_DRAWN // 4
 
 @functools.partial(styled, panels=(3,))
 def trajectory(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     *,
     at: Selection | None = None,
     periods: int | None = None,
@@ -76,15 +74,15 @@ def trajectory(
     """
     over_time, velocity, phase_plane = panels = _new_panels(page) if ax is None else list(ax)
     if color is None:
-        drawn, shown = cut_at(dataset, at), None
-        (found,) = _classes(drawn.expand_dims("motion"))
-        motions = [_motion_at(dataset, at, periods, found)]
+        drawn, shown = sweep.cut(at), None
+        (found,) = _classes(drawn.over(drawn.data.expand_dims("motion")))
+        motions = [_motion_at(sweep, at, periods, found)]
         _draw_curves(panels, motions[0])
         _mark_impacts(panels, motions[0], page.grey)
     else:
-        drawn, shown, found = *coloured_points(dataset, at, color, page.grey), None
+        drawn, shown, found = *coloured_points(sweep, at, color, page.grey), None
         motions = _draw_coloured(panels, drawn, shown, periods)
-    seen = config_of(dataset).nomenclature
+    seen = sweep.config.nomenclature
     if not drawn["clearance"].dims:
         clearance = float(drawn["clearance"])
         canvas.draw_stop(over_time.axhline, clearance)
@@ -113,21 +111,21 @@ def trajectory(
 
 
 def _motion_at(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     at: Selection | None,
     periods: int | None,
     found: Label | None,
     most: int = MOST_DRAWN,
 ) -> PointMotion:
     """Return the motion at one point, recorded or computed; at most so many of its periods."""
-    if periods is None and all(name in dataset for name in RECORDED):
-        return recorded_motion(dataset, at, most)
+    if periods is None and all(name in sweep for name in RECORDED):
+        return recorded_motion(sweep, at, most)
     periods = periods_shown(found.m if found else 0) if periods is None else periods
-    return continued_motion(dataset, at, periods, most)
+    return continued_motion(sweep, at, periods, most)
 
 
 def _draw_coloured(
-    panels: Sequence[Axes], points: xr.Dataset, shown: Paint, periods: int | None
+    panels: Sequence[Axes], points: OpenedSweep, shown: Paint, periods: int | None
 ) -> list[PointMotion]:
     """Draw a curve for each point with a result, in its colour; return the motions."""
     with_result = np.argwhere(has_result(points["status"].values))
@@ -137,7 +135,7 @@ def _draw_coloured(
             f"{_MOST_MOTIONS} points"
         )
     most = MOST_DRAWN // len(with_result)
-    dims, colours, motions = points["status"].dims, shown.colours(), []
+    dims, colours, motions = points.grid, shown.colours(), []
     at_each = dict(zip(dims, [("motion", place) for place in with_result.T], strict=True))
     classes, dashes = _classes(points.isel(at_each)), shown.dashes()
     for index, found in zip(with_result, classes, strict=True):
@@ -169,9 +167,9 @@ def _text_of_motions(
     return record if drawn == periods else f"{record}, {drawn:,} of {periods:,} periods"
 
 
-def _classes(line: xr.Dataset) -> list[Label | None]:
+def _classes(line: OpenedSweep) -> list[Label | None]:
     """Return the class of each motion; None where the file does not know it."""
-    return labels(line) if "period" in line else [None] * line["status"].size
+    return line.labels if "period" in line else [None] * line["status"].size
 
 
 def _new_panels(page: Page) -> list[Axes]:

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from sweeps.config.points import check_header, read_columns
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import has_scale
 from sweeps.plotting.contents import with_number
@@ -56,7 +56,7 @@ class Overlay(NamedTuple):
 
 
 def read_overlay(
-    given: Any, dataset: xr.Dataset, needed: Sequence[Sequence[str]], quantity: str = ""
+    given: Any, sweep: OpenedSweep, needed: Sequence[Sequence[str]], quantity: str = ""
 ) -> Overlay | None:
     """Read a table whose columns are what a picture shows; None if none is given.
 
@@ -66,7 +66,7 @@ def read_overlay(
         return None
     names = [name for group in needed for name in group]
     names += [quantity] if quantity and has_scale(quantity) else []
-    seen = {name: _in_shown_unit(dataset, name) for name in names}
+    seen = {name: _in_shown_unit(sweep, name) for name in names}
     heads, is_file = dict[str, tuple[str, str]](), isinstance(given, str | Path)
 
     def check(columns: list[str]) -> Mapping[str, Parameter]:
@@ -101,11 +101,11 @@ def read_overlay(
     return Overlay({name: table[head] for head, (name, _) in heads.items()}, units, seen, labels)
 
 
-def _in_shown_unit(dataset: xr.Dataset, name: str) -> xr.DataArray:
+def _in_shown_unit(sweep: OpenedSweep, name: str) -> xr.DataArray:
     """Return a variable with the unit in which the picture shows it."""
     if name in COORDINATES:
-        return as_variable(name, config_of(dataset).nomenclature)
-    return with_number(dataset, name)[0][name]
+        return as_variable(name, sweep.config.nomenclature)
+    return with_number(sweep, name)[0][name]
 
 
 def _expected(seen: Mapping[str, xr.DataArray]) -> str:

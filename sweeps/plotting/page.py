@@ -22,8 +22,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
-from sweeps.opened.dataset import in_si, nomenclature_of, orbits_on_axes
 from sweeps.opened.doors import takes_sweep
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import grey_style, user_style
 from vibroimpact.inputs import FLAG, TEXT, Allowed, integer, is_number, number
@@ -233,36 +233,36 @@ def styled(
 
     @takes_sweep({**PICTURE_ARGUMENTS, "ax": of_panels})
     @functools.wraps(draw)
-    def _in_style(dataset: xr.Dataset, **options: Any) -> Figure:
+    def _in_style(sweep: OpenedSweep, **options: Any) -> Figure:
         """Draw with the names of a rig, and in the common style unless `ax` has its own."""
         page = options.get("page", PAGE)
         if not (page.marks or marks):
             raise Refused("only maps and diagrams can leave out marks")
         with _style(options.get("ax") is None, page.grey):
-            dataset, options = _arguments_in_si(dataset, options)
-            return draw(dataset, **options)
+            sweep, options = _arguments_in_si(sweep, options)
+            return draw(sweep, **options)
 
     _in_style.__doc__ = _documented(inspect.getdoc(draw) or "")
     return _in_style
 
 
 def _arguments_in_si(
-    dataset: xr.Dataset, options: Mapping[str, Any]
-) -> tuple[xr.Dataset, dict[str, Any]]:
+    sweep: OpenedSweep, options: Mapping[str, Any]
+) -> tuple[OpenedSweep, dict[str, Any]]:
     """Return the arguments of a picture in SI units; those of a caller in Python are the model's.
 
     `options` may have the arguments of `sweeps.plotting.plot`.
     """
-    si = in_si(dataset)
-    if si is dataset:
-        return dataset, dict(options)
-    seen = nomenclature_of(si)
+    si = sweep.in_si()
+    if si is sweep:
+        return sweep, dict(options)
+    seen = si.nomenclature
 
     def number(wanted: Any) -> Any:
         """Return a name of the rig, or a DataArray over the axes of the rig."""
         if isinstance(wanted, xr.DataArray):
-            name = wanted.name
-            if name not in dataset or not wanted.identical(dataset[name]):
+            name = str(wanted.name)
+            if name not in sweep or not wanted.identical(sweep[name]):
                 return _on_axes(si, wanted)
             wanted = name
         return seen.name(wanted) if isinstance(wanted, str) else wanted
@@ -276,7 +276,7 @@ def _arguments_in_si(
         elif option == "beside" and value:
             converted[option] = seen.selection({name: np.array(of) for name, of in value.items()})
         elif option == "exact" and value is not None:
-            converted[option] = orbits_on_axes(si, value)
+            converted[option] = si.orbits_on_axes(value)
         elif option in ("quantity", "color") or isinstance(value, str | xr.DataArray):
             converted[option] = number(value)
         elif option in ("below", "axes", "panels"):
@@ -284,12 +284,12 @@ def _arguments_in_si(
     return si, converted
 
 
-def _on_axes(dataset: xr.Dataset, values: xr.DataArray) -> xr.DataArray:
+def _on_axes(sweep: OpenedSweep, values: xr.DataArray) -> xr.DataArray:
     """Return numbers over parameters of the model over the axes of a dataset in SI units."""
     for name in map(str, values.dims):
-        axis = nomenclature_of(dataset).name(name)
-        if axis != name and axis in dataset.dims and np.array_equal(values[name], dataset[name]):
-            own = dataset[axis]
+        axis = sweep.nomenclature.name(name)
+        if axis != name and axis in sweep.data.dims and np.array_equal(values[name], sweep[name]):
+            own = sweep[axis]
             values = values.assign_coords({axis: (name, own.values, own.attrs)})
             values = values.swap_dims({name: axis})
     return values
@@ -309,6 +309,6 @@ def _documented(own: str) -> str:
     """Return a docstring with the common parameters, results and errors."""
     written, mark, example = own.partition("\n\nExamples\n--------")
     text, _, parameters = written.partition("\n\nParameters\n----------")
-    head = "Parameters\n----------\ndataset : Dataset or str or Path"
+    head = "Parameters\n----------\nsweep : Dataset or str or Path"
     head += "\n    From `sweeps.open_sweep`, or the path of its file."
     return f"{text}\n\n{head}{parameters}\n{_COMMON_PARAMETERS}{mark}{example}"

@@ -6,15 +6,15 @@ import logging
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -24,7 +24,6 @@ from matplotlib.lines import Line2D
 from matplotlib.spines import Spine
 from matplotlib.text import Text
 
-from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.plotting.style import STYLE, dots_per_inch, user_style
 from sweeps.store.replacing import check_target, writing
@@ -47,25 +46,21 @@ _MOST_PIXELS = 2**16
 _MOST_IN_LINE = 240
 
 
-def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
-    """Return title, program and text for the metadata of a picture, without the rows of a table.
+def description(attributes: Mapping[str, Any], command: str) -> tuple[str, str, str]:
+    """Return title, program and text for the metadata of a picture, from the attributes of a file.
 
     `command` is the command that draws it, or ``""``. It may name files that are not in UTF-8.
     """
     about = {
         name.removesuffix("_version"): value
-        for name, value in dataset.attrs.items()
+        for name, value in attributes.items()
         if name.endswith("_version") or name == "numerics"
     }
     text = "computed with " + ", ".join(f"{name} {value}" for name, value in about.items())
     text += f"\ncommand: {printable(command)}" if command else ""
-    stored = dataset.attrs["configuration"]
-    name = dataset.attrs.get("name", "")
-    if isinstance(stored, SweepConfig):  # of a table in SI units
-        name, stored = stored.name, stored.to_yaml(table=False)
-    text += f"\nconfiguration:\n{stored}"
+    text += f"\nconfiguration:\n{attributes['configuration']}"
     program = f"vibroimpact {__version__}, matplotlib {mpl.__version__}"
-    return name, program, text
+    return attributes.get("name", ""), program, text
 
 
 def refuse_replacing(data: str | Path, output: Path, what: str = "picture") -> None:

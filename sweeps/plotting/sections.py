@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
-import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from sweeps.opened.coordinates import recorded
-from sweeps.opened.cuts import Selection
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.contents import Wanted
@@ -29,7 +27,7 @@ from sweeps.store import DIRECTION
 class _Records(NamedTuple):
     """Values recorded at one point, or at several points with a colour each, as flat columns."""
 
-    points: xr.Dataset
+    points: OpenedSweep
     columns: Sequence[np.ndarray]
     colours: np.ndarray | None = None
     shown: Paint | None = None
@@ -39,7 +37,7 @@ class _Records(NamedTuple):
     @classmethod
     def of(
         cls,
-        dataset: xr.Dataset,
+        sweep: OpenedSweep,
         names: tuple[str, str],
         at: Selection | None,
         color: Wanted | None,
@@ -47,14 +45,14 @@ class _Records(NamedTuple):
     ) -> Self:
         """Read the values of one point or, with a colour, of all points that `at` leaves."""
         if color is None:
-            return cls(*recorded(dataset, names, at))
-        points, shown = coloured_points(dataset, at, color, grey)
-        dims = points["status"].dims
+            return cls(*recorded(sweep, names, at))
+        points, shown = coloured_points(sweep, at, color, grey)
+        dims = points.grid
         columns = np.array([points[name].transpose(*dims, ...) for name in names])
         seen = np.isfinite(columns).all(axis=0)
         colours = np.broadcast_to(shown.colours()[..., None, :], (*seen.shape, 4)).copy()
         flat, common = columns[:, seen], list[Artist]()
-        if DIRECTION in dims and colours_directions(dataset, color):
+        if DIRECTION in dims and colours_directions(sweep, color):
             both = in_both(columns, dims.index(DIRECTION))
             look = Look.plain(visible(BOTH_COLOUR))
             colours[both] = to_rgba(look.colour)
@@ -75,7 +73,7 @@ class _Records(NamedTuple):
 
 @styled
 def section(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     *,
     at: Selection | None = None,
     color: Wanted | None = None,
@@ -100,7 +98,7 @@ def section(
     >>> from sweeps import plotting
     >>> plotting.section(ds, at={"omega": 2.7}).savefig("section.png")
     """
-    found = _Records.of(dataset, ("poincare_x", "poincare_v"), at, color, page.grey)
+    found = _Records.of(sweep, ("poincare_x", "poincare_v"), at, color, page.grey)
     (x, v), clearance = found.columns, found.points["clearance"]
     panel = canvas.new_panel(ax, page)
     canvas.draw_points(panel, x, v, found.colours)
@@ -108,7 +106,7 @@ def section(
     label_axis(panel.yaxis, found.points["poincare_v"])
     ends = [x.min(), x.max()]
     if not clearance.dims:
-        stop = as_variable("clearance", config_of(dataset).nomenclature)
+        stop = as_variable("clearance", sweep.config.nomenclature)
         canvas.draw_stop(panel.axvline, float(clearance), stop)
         ends.append(float(clearance))
     canvas.widen_if_constant(panel.set_xlim, min(ends), max(ends))
@@ -120,7 +118,7 @@ def section(
 
 @styled
 def impacts(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     *,
     at: Selection | None = None,
     color: Wanted | None = None,
@@ -146,7 +144,7 @@ def impacts(
     >>> from sweeps import plotting
     >>> plotting.impacts(ds, at={"omega": 2.7}).savefig("impacts.png")
     """
-    found = _Records.of(dataset, ("impact_phase", "impact_v"), at, color, page.grey)
+    found = _Records.of(sweep, ("impact_phase", "impact_v"), at, color, page.grey)
     panel = canvas.new_panel(ax, page)
     phase, v = found.columns
     canvas.draw_points(panel, phase, v, found.colours)

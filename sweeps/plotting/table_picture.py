@@ -15,14 +15,13 @@ from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
-from sweeps.opened.cuts import Selection, cut_at
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, paint
 from sweeps.plotting.contents import Wanted, number_at, refuse_without_result, with_number
 from sweeps.plotting.labels import label_axis
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
-from sweeps.store import columns_of
 from sweeps.text import listed, shown_count
 
 #: Least width of a panel, for its labels [inch].
@@ -33,7 +32,7 @@ _MOST_ROWS = 6
 
 @styled
 def table_panels(
-    dataset: xr.Dataset,
+    sweep: OpenedSweep,
     *,
     axes: Sequence[str] = (),
     at: Selection | None = None,
@@ -72,19 +71,19 @@ def table_panels(
     >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "table.h5", overwrite=True))
     >>> plotting.table_panels(ds).savefig("table.png")
     """
-    if TABLE not in dataset["status"].dims:
+    if TABLE not in sweep.grid:
         raise Refused("the points of this file are a grid, and not the rows of a table")
-    cut_at(dataset, at, free=[TABLE])  # refuses a value of TABLE
-    columns = [name for name, values in columns_of(dataset).items() if values.dtype.kind in "iuf"]
-    varying = [name for name in columns if np.ptp(dataset[name].values) > 0.0] or columns[:1]
-    color = ("period" if "period" in dataset else "status") if color is None else color
+    sweep.cut(at, free=[TABLE])  # refuses a value of TABLE
+    columns = [name for name, values in sweep.columns.items() if values.dtype.kind in "iuf"]
+    varying = [name for name in columns if np.ptp(sweep[name].values) > 0.0] or columns[:1]
+    color = ("period" if "period" in sweep else "status") if color is None else color
     names = []
     for wanted in (
         color,
         "impacts_per_period" if quantity is None else quantity,
         *([*axes] or varying),
     ):
-        dataset, name = with_number(dataset, wanted)
+        sweep, name = with_number(sweep, wanted)
         names.append(name)
     tint, ordinate, *there = names
     beside = max(1, int(canvas.width_of(page) / _LEAST_WIDTH))
@@ -93,13 +92,13 @@ def table_panels(
         abscissas = there[: 1 if ax is not None else _MOST_ROWS * beside]
     if ax is not None and len(abscissas) > 1:
         raise Refused(f"ax is one panel, and {listed(abscissas)} take {len(abscissas)}: choose one")
-    shown = paint(dataset, tint, dots=True, grey=page.grey)
-    points = read_overlay(overlay, dataset, [abscissas, [ordinate]])
-    refuse_without_result(dataset["status"].values)
+    shown = paint(sweep, tint, dots=True, grey=page.grey)
+    points = read_overlay(overlay, sweep, [abscissas, [ordinate]])
+    refuse_without_result(sweep["status"].values)
     across = min(math.ceil(math.sqrt(len(abscissas))), beside)
     drawn = [ax] if ax is not None else None
     drawn = drawn or canvas.panel_grid(page, len(abscissas), across, 0.75)
-    y = number_at(dataset, ordinate)
+    y = number_at(sweep, ordinate)
     if ax is None:  # the panels share the ordinate, whose label may not fit beside one of them
         heading = label_axis(drawn[0].yaxis, y, heading=True)
         if page.ylabel is not None:
@@ -109,20 +108,20 @@ def table_panels(
         label_axis(ax.yaxis, y)
     places = list(zip(drawn, abscissas, strict=False))
     for panel, name in places:
-        x = number_at(dataset, name)
+        x = number_at(sweep, name)
         _draw_points(panel, x, y, shown, across)
-        canvas.mark_status(panel, x.values, dataset["status"].values, grey=page.grey)
+        canvas.mark_status(panel, x.values, sweep["status"].values, grey=page.grey)
         panel.locator_params(axis="x", nbins=5 - across)
     page = page if ax is not None else replace(page, ylabel=None)
     page.set_limits(drawn[0])
     for panel, name in places:
-        shown.mark(panel, number_at(dataset, name).values[:, None], y.values[:, None])
+        shown.mark(panel, number_at(sweep, name).values[:, None], y.values[:, None])
     measured = draw_overlay(points, [(each, name, ordinate) for each, name in places], page)
     shown.add_bar(drawn)
     handles = shown.handles() + drawn[0].get_legend_handles_labels()[0] + measured
     if ax is None and not (axes or panels) and (left := len(there) - len(abscissas)):
         handles.append(Line2D([], [], linestyle="", label=shown_count(left, "further column")))
-    return canvas.finish(drawn[0], page, dataset, handles, shown.title)
+    return canvas.finish(drawn[0], page, sweep, handles, shown.title)
 
 
 def _draw_points(panel: Axes, x: xr.DataArray, y: xr.DataArray, shown: Paint, across: int) -> None:

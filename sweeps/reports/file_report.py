@@ -31,8 +31,7 @@ def contents(dataset: xr.Dataset) -> str:
     attributes = dict(dataset.attrs)
     configuration = _configuration(attributes.pop("configuration"))
     impact = str(yaml_mapping(attributes.pop("computation"), "the computation").get("impact"))
-    for name in ("columns", "in_si"):  # shown in another form
-        attributes.pop(name, None)
+    attributes.pop("columns", None)  # shown in another form
     rows = [
         ("name", str(attributes.pop("name"))),
         ("points", outcomes(dataset, impact)),
@@ -90,7 +89,7 @@ def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
             for name in VARIABLES
             if name in dataset
         },
-        "attributes": {name: one for name, one in attributes.items() if name != "in_si"},
+        "attributes": attributes,
         "configuration": yaml_mapping(configuration, "the configuration"),
     }
 

@@ -43,7 +43,9 @@ def equal_points(omit=(), axes=None, **changed):
     axes = {"R": R, "omega": OMEGA} if axes is None else axes
     shape = tuple(len(values) for values in axes.values())
     config = load_config(CONFIGURATION)
-    data = xr.Dataset(coords={**config.sweep.grid.fixed, **axes}, attrs={"configuration": config})
+    data = xr.Dataset(
+        coords={**config.sweep.grid.fixed, **axes}, attrs={"configuration": config.to_yaml()}
+    )
     for name, value in PLAIN.items():
         if name not in omit:
             values = np.full(shape, value, np.dtype(VARIABLES[name].dtype))

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from sweeps import attractors, bifurcations, curves, integrity, load_config, open_sweep, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
-from sweeps.opened.motions import classify
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import KINDS
 from tests.helpers import naive
 from tests.helpers.places import CONFIGS
@@ -58,7 +58,7 @@ def classes(dataset):
     """Return the class m/q or the kind of motion of every point."""
     named = []
     for motion, m, q in zip(
-        classify(dataset).ravel(), dataset["period"].values.ravel(),
+        OpenedSweep(dataset).regimes.ravel(), dataset["period"].values.ravel(),
         dataset["period_impacts"].values.ravel(), strict=True,
     ):  # fmt: skip
         named.append(f"{m}/{q}" if motion == Regime.PERIODIC else Regime(motion).name.lower())
@@ -135,7 +135,7 @@ def test_basins(scene):
     )
     dataset = scene("basins", grid)
     found = attractors(dataset)
-    table = {row.name: row for row in attractor_rows(dataset, found)}
+    table = {row.name: row for row in attractor_rows(OpenedSweep(dataset), found)}
     assert set(table) == {"1/1", "2/3"}
     assert table["1/1"].fraction == pytest.approx(0.181, abs=0.012)  # edge / grid: 0.01
     assert_allclose(table["1/1"].speeds, [one_impact_orbit(Oscillator(0.0, 0.8, 1.3, 1.0)).v])
@@ -156,7 +156,7 @@ def test_basins_on_the_stop(scene):
     grid = f"start={{x0: 0, v0: {v0}, phase: {phase}}}"
     dataset = scene("basins-at-impact", grid)
     found = attractors(dataset)
-    table = {row.name: row for row in attractor_rows(dataset, found)}
+    table = {row.name: row for row in attractor_rows(OpenedSweep(dataset), found)}
     assert set(table) == {"1/1", "2/3"}
     assert table["1/1"].fraction == pytest.approx(0.244, abs=0.012)
     osc = Oscillator(0.0, 0.8, 1.3, 1.0)
@@ -175,7 +175,7 @@ def test_basins_with_a_clearance(scene):
         "start={x0: {start: -2.98, stop: 0.57, num: 61}, v0: {start: -2.97, stop: 2.95, num: 67}}"
     )
     dataset = scene("basins-clearance", grid)
-    table = {row.name: row for row in attractor_rows(dataset, attractors(dataset))}
+    table = {row.name: row for row in attractor_rows(OpenedSweep(dataset), attractors(dataset))}
     assert set(table) == {"1/0", "2/1"}
     assert table["2/1"].fraction == pytest.approx(0.360, abs=0.012)
     orbit = one_impact_orbit(Oscillator(0.1, 0.8, 2.6, 1.0, clearance=0.6), n=2)
@@ -187,7 +187,7 @@ def test_basins_with_a_clearance(scene):
 def test_grazing(scene):
     dataset = scene("grazing", f"oscillator.clearance={values(1.845, 1.9, 1.925)}")
     found = {}
-    for row in attractor_rows(dataset, attractors(dataset)):
+    for row in attractor_rows(OpenedSweep(dataset), attractors(dataset)):
         found.setdefault(row.parameters["clearance"], set()).add(row.name)
     assert found == {1.845: {"1/1"}, 1.9: {"2/1", "1/0"}, 1.925: {"1/0"}}
     for clearance, exists in ((1.9205, True), (1.9207, False)):

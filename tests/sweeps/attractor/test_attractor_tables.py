@@ -10,6 +10,7 @@ from sweeps import attractors, integrity
 from sweeps.attractor.attractor_table import attractor_report, attractor_rows, cut
 from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.errors import Refused
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import attractor_diagram, basins, plot
 from sweeps.plotting.style import CLASSES
 from tests.helpers.commands import accepted, call, refused
@@ -49,7 +50,12 @@ def test_the_table_over_a_parameter(computed_starts):
     assert "2/3" in result.stdout and "1/1" in result.stdout
     assert "shown at omega = 1.3" in result.stderr
     assert (
-        len(attractor_rows(cut(dataset, {"omega": 1.3}), attractors(cut(dataset, {"omega": 1.3}))))
+        len(
+            attractor_rows(
+                cut(OpenedSweep(dataset), {"omega": 1.3}),
+                attractors(cut(OpenedSweep(dataset), {"omega": 1.3})),
+            )
+        )
         == 2
     )
 
@@ -59,7 +65,9 @@ def test_the_table_says_where_attractors_are_too_many_to_be_tracked(count):
     states = [[cycle((-1.0 - 0.01 * i, 0.0)) for i in range(count)]] * 2
     dataset = given_sections(states, 1, axes=("h", "x0"))
     found = attractors(dataset)
-    text = attractor_report(dataset, found, attractor_rows(dataset, found))
+    text = attractor_report(
+        OpenedSweep(dataset), found, attractor_rows(OpenedSweep(dataset), found)
+    )
     note = "at 2 parameter points more than 50 attractors are periodic: none of these has"
     assert (note in text) == (count > 50) and f"{count} attractors at 2 of 2" in text
     assert found["number"].values.max() + 1 == (count if count == 50 else 2 * count)
@@ -78,16 +86,16 @@ def test_a_refusal_offers_only_what_can_be_fixed():
     """Of a grid the parameters and the phase of the starts, not the starts; of a table nothing."""
     at_starts = np.zeros((2, 3, 4, 16, 2))
     grid = given_sections(at_starts, 1, axes=("omega", "phase", "v0"))
-    assert cut(grid, {"omega": 0.1, "phase": 0.2})["status"].dims == ("v0",)
+    assert cut(OpenedSweep(grid), {"omega": 0.1, "phase": 0.2})["status"].dims == ("v0",)
     for name in ("v0", "direction", "h"):
         with pytest.raises(
             Refused, match=f"{name} cannot be fixed here; choose from: omega, phase"
         ):
-            cut(grid, {name: 1.0})
+            cut(OpenedSweep(grid), {name: 1.0})
     table = given_sections(np.zeros((4, 16, 2)), 1, axes=("point",))
     for name in ("point", "omega"):
         with pytest.raises(Refused, match=f"{name} cannot be fixed here; there is no axis to"):
-            cut(table, {name: 1.0})
+            cut(OpenedSweep(table), {name: 1.0})
 
 
 def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
@@ -181,4 +189,4 @@ def test_up_and_down_are_starts():
     found = attractors(dataset)
     assert found["attractors"].dims == ("h",)
     assert found["attractors"].values.tolist() == [1, 2, 2, 2, 2, 1]
-    assert len(attractor_rows(dataset, found)) == 10
+    assert len(attractor_rows(OpenedSweep(dataset), found)) == 10

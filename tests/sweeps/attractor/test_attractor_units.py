@@ -5,6 +5,7 @@ import pytest
 
 from sweeps import integrity, knocks, open_sweep, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.other_units import in_units
 
 #: 1 / time and length of the other units.
@@ -35,7 +36,9 @@ def found_in(scene, rate, length, phase, path):
         knocked = knocks(starts, found.isel(omega=0))
         results = {name: found[name].values for name in found}
         results |= {name: knocked[name].values for name in knocked if "knock" in name}
-        results["speeds"] = np.concatenate([row.speeds for row in attractor_rows(dataset, found)])
+        results["speeds"] = np.concatenate(
+            [row.speeds for row in attractor_rows(OpenedSweep(dataset), found)]
+        )
     return results
 
 

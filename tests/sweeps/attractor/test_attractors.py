@@ -5,6 +5,7 @@ import pytest
 
 from sweeps import attractors, open_sweep, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import call
 from tests.helpers.motions import partition
 from tests.helpers.sweep_files import run_in
@@ -69,7 +70,7 @@ def test_the_known_coexisting_attractors(computed_starts, h, R, single, three):
     dataset = computed_starts(f"oscillator.h={h}", f"oscillator.R={R}", "record.transient=1500")
     found = attractors(dataset)
     assert found["attractors"].item() == 2
-    by_class = {row.name: row for row in attractor_rows(dataset, found)}
+    by_class = {row.name: row for row in attractor_rows(OpenedSweep(dataset), found)}
     assert set(by_class) == {"1/1", "2/3"}
     np.testing.assert_allclose(by_class["1/1"].speeds, [single], atol=1e-4)
     np.testing.assert_allclose(by_class["2/3"].speeds, three, atol=1e-4)
@@ -86,7 +87,9 @@ def test_the_known_coexisting_attractors(computed_starts, h, R, single, three):
 def test_speeds_are_shown_whatever_room_the_record_has(computed_starts, impacts):
     """In 32 periods the orbits have 32 and 48 impacts; the rest of a larger record is padding."""
     dataset = computed_starts("record.transient=1500", f"record.impacts={impacts}")
-    by_class = {row.name: row.speeds for row in attractor_rows(dataset, attractors(dataset))}
+    by_class = {
+        row.name: row.speeds for row in attractor_rows(OpenedSweep(dataset), attractors(dataset))
+    }
     np.testing.assert_allclose(by_class["1/1"], [1.4225], atol=1e-4)
     np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
 
@@ -108,9 +111,9 @@ def test_starts_that_settle_slowly_are_on_the_attractor_they_go_to(computed_star
     slow = dataset["orbit_distance"].values > 1e-6
     assert 0.1 < slow.mean() < 0.5 and (dataset["impacts_per_period"].values[slow] == 0.0).all()
     found = attractors(dataset)
-    assert {row.name for row in attractor_rows(dataset, found)} >= {"1/0", "2/1"}
+    assert {row.name for row in attractor_rows(OpenedSweep(dataset), found)} >= {"1/0", "2/1"}
     assert not (found["motion"] == Regime.UNKNOWN).any()
-    (free,) = (row for row in attractor_rows(dataset, found) if row.name == "1/0")
+    (free,) = (row for row in attractor_rows(OpenedSweep(dataset), found) if row.name == "1/0")
     assert (found["attractor"].values[slow] == free.number).all()
     np.testing.assert_array_equal(found["followed"], slow)
     long = computed_starts(*SLOW, "record.transient=4000")
@@ -141,7 +144,9 @@ def test_the_table_says_which_share_was_followed_on(computed_starts):
 def test_an_attractor_that_no_record_shows_has_its_speeds(computed_starts):
     """None of the starts settles within two periods."""
     short = computed_starts("record={transient: 0, periods: 2, impacts: 1, diagnostics: [period]}")
-    by_class = {row.name: row.speeds for row in attractor_rows(short, attractors(short))}
+    by_class = {
+        row.name: row.speeds for row in attractor_rows(OpenedSweep(short), attractors(short))
+    }
     np.testing.assert_allclose(by_class["1/1"], [1.4225], atol=1e-4)
     np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
 
@@ -180,7 +185,9 @@ def test_chaos_that_is_a_transient_at_every_start_is_followed_to_its_end(compute
         "record={transient: 50, periods: 32, diagnostics: [period, lyapunov]}",
     )
     assert (attractors(dataset, extensions=0)["motion"] == Regime.CHAOTIC).any()
-    assert [row.name for row in attractor_rows(dataset, attractors(dataset))] == ["1/1"]
+    assert [row.name for row in attractor_rows(OpenedSweep(dataset), attractors(dataset))] == [
+        "1/1"
+    ]
 
 
 @pytest.mark.slow
@@ -192,7 +199,9 @@ def test_weak_chaos_is_not_the_orbit_that_it_is_near(computed_starts):
         "start={x0: {start: -2.5, stop: 0.0, num: 20}, v0: {start: -2.0, stop: 2.0, num: 20}}",
         "record={transient: 200, periods: 100, diagnostics: [period, lyapunov]}",
     )
-    shares = {row.name: row.fraction for row in attractor_rows(dataset, attractors(dataset))}
+    shares = {
+        row.name: row.fraction for row in attractor_rows(OpenedSweep(dataset), attractors(dataset))
+    }
     assert shares == pytest.approx(
         {"3/3": 306 / 400, "1/1": 64 / 400, "48/48": 2 / 400, "chaotic": 28 / 400}
     )
@@ -318,7 +327,7 @@ def test_one_of_two_attractors_is_the_free_oscillation(computed_starts):
         "record.transient=300",
     )
     found = attractors(dataset)
-    by_class = {row.name: i for i, row in enumerate(attractor_rows(dataset, found))}
+    by_class = {row.name: i for i, row in enumerate(attractor_rows(OpenedSweep(dataset), found))}
     assert set(by_class) == {"1/0", "2/1"}
     steady = -1.0 / (1.0 - 2.6**2 + 2j * 0.1 * 2.6)
     free = found.isel(coexisting=by_class["1/0"])
@@ -326,7 +335,7 @@ def test_one_of_two_attractors_is_the_free_oscillation(computed_starts):
     assert free["section_v"].item() == pytest.approx((2.6j * steady).imag, abs=1e-9)
     orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0, clearance=0.6), n=2)
     assert orbit.stable
-    (speed,) = attractor_rows(dataset, found)[by_class["2/1"]].speeds
+    (speed,) = attractor_rows(OpenedSweep(dataset), found)[by_class["2/1"]].speeds
     assert speed == pytest.approx(orbit.v, rel=1e-9)
 
 

@@ -10,6 +10,7 @@ from sweeps import attractors, open_sweep, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.attractor.tracking import MAX_DISTANCE, MOST_TRACKED, mutually_nearest, track
 from sweeps.opened.motions import Cycles, distances
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.motions import cycle, given_sections, partition
 from tests.sweeps.attractor.test_attractor_identity import cycles_of
 from vibroimpact.points.regimes import Regime
@@ -137,7 +138,7 @@ def test_identities_on_a_sweep_over_omega(computed_starts):
         "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",
         "start={x0: [-1.6, -0.8, 0.0], v0: [-1.0, 0.0, 1.0]}",
     )
-    table = attractor_rows(dataset, attractors(dataset))
+    table = attractor_rows(OpenedSweep(dataset), attractors(dataset))
     single = {row.number for row in table if row.name == "1/1"}
     double = {row.number for row in table if row.name == "2/2"}
     three = {row.number for row in table if row.name == "2/3"}

@@ -10,7 +10,7 @@ import xarray as xr
 
 import sweeps
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
-from sweeps.opened.dataset import in_si
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.other_units import in_units
 
 #: Ranges of the parameters in which most motions have impacts.
@@ -127,7 +127,7 @@ def test_a_rig_has_the_bifurcations_of_its_model(tmp_path, axis, seed):
     path = sweeps.run_sweep({"rig": {"mass": mass, **rig}, "record": record}, tmp_path / "rig.h5")
     with sweeps.open_sweep(path) as dataset:
         model = sweeps.bifurcations(dataset, axis, most=6)
-        found = sweeps.bifurcations(in_si(dataset), RIG[axis][0], most=6)
+        found = sweeps.bifurcations(OpenedSweep(dataset).in_si(), RIG[axis][0], most=6)
     model[PLACES] = RIG[axis][1](mass, model[PLACES])
     pd.testing.assert_frame_equal(found, model, check_exact=False, rtol=1e-12)
     assert set(found["low"]) | set(found["high"]) <= set(rig[RIG[axis][0]])
@@ -141,7 +141,7 @@ def test_the_order_of_a_rig_is_that_of_its_model(tmp_path):
     record = {"transient": 100, "periods": 64, "diagnostics": ["period"]}
     path = sweeps.run_sweep({"rig": {"mass": 0.5, **rig}, "record": record}, tmp_path / "rig.h5")
 
-    def kinds(dataset, axis, place):
+    def kinds(sweep, axis, place):
         """Return the kinds of the rows, with all bifurcations of the branches at a place."""
 
         def moved(*arguments, **chosen):
@@ -149,12 +149,12 @@ def test_the_order_of_a_rig_is_that_of_its_model(tmp_path):
             special = np.isin(found["kind"], ["flip", "fold", "graze"])
             return found.assign_coords({axis: found[axis].where(~special, place)})
 
-        return find_bifurcations(dataset, axis, find=moved, most=2)["kind"].tolist()
+        return find_bifurcations(sweep, axis, find=moved, most=2)["kind"].tolist()
 
     with sweeps.open_sweep(path) as dataset:
         for p, expected in ((0.79, ["fold", "basin"]), (0.85, ["basin", "fold"])):
-            assert kinds(dataset, "p", p)[:2] == expected  # the middle is 0.8
-            assert kinds(in_si(dataset), "stiffness", 0.5 * p * p)[:2] == expected
+            assert kinds(OpenedSweep(dataset), "p", p)[:2] == expected  # the middle is 0.8
+            assert kinds(OpenedSweep(dataset).in_si(), "stiffness", 0.5 * p * p)[:2] == expected
 
 
 @pytest.mark.parametrize("end", [0, -1])
@@ -170,7 +170,7 @@ def test_a_bifurcation_at_an_end_of_the_axis_lies_on_it(tmp_path, end):
         return found.assign_coords(omega=found["omega"].where(~special, beyond))
 
     with sweeps.open_sweep(sweeps.run_sweep(scene, tmp_path / "flip.h5")) as dataset:
-        found = find_bifurcations(dataset, find=moved, most=2)
+        found = find_bifurcations(OpenedSweep(dataset), find=moved, most=2)
     (row,) = found[found["value"] == omega[end]].itertuples()
     assert (row.kind, row.low, row.high) == (
         "flip",

@@ -18,6 +18,7 @@ from sweeps import branches, open_sweep
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
 from sweeps.bifurcation.kept import with_cache
 from sweeps.config.sweep import SweepConfig
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.oscillators import SectionMap
 from tests.helpers.sweep_files import run_in
@@ -43,7 +44,7 @@ FIND = with_cache(branches, print)
 
 def bifurcations(path):
     with open_sweep(path) as dataset:
-        return list(find_bifurcations(dataset, find=FIND).itertuples())
+        return list(find_bifurcations(OpenedSweep(dataset), find=FIND).itertuples())
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 from sweeps import bifurcations, branches, open_sweep
 from sweeps.errors import Refused
 from sweeps.opened.csv_tables import branch_table, write_csv
-from sweeps.opened.cuts import cut_at
-from sweeps.opened.motions import motions_of, orbit_of_motion
+from sweeps.opened.motions import orbit_of_motion
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import bifurcation, plot
 from sweeps.plotting.branch_lines import parts_of
 from sweeps.plotting.page import Page
@@ -61,7 +61,7 @@ def line(exact):
 @pytest.mark.slow
 def test_settled_points_are_on_the_exact_orbits_to_rounding(line):
     """Their impacts, found by Newton's method for the equations of the flights."""
-    motions, compared = motions_of(line), set()
+    motions, compared = OpenedSweep(line).motions, set()
     for i in np.flatnonzero((motions["q"] > 0) & (line["orbit_distance"].values < 1e-13)).tolist():
         orbit = orbit_of_motion(motions[i], 1.0)
         assert orbit.stable
@@ -164,7 +164,7 @@ def classes_of(found):
 
 @pytest.mark.slow
 def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(exact):
-    cut = cut_at(exact, {"R": 0.8}, free=["omega"]).load()
+    cut = OpenedSweep(exact).cut({"R": 0.8}, free=["omega"]).data.load()
     m, q = cut["period"].values, cut["period_impacts"].values
     known = (m > 0) & (cut["rest_fraction"].values == 0.0)
     points = Counter(zip(m[known].tolist(), q[known].tolist(), strict=True))

@@ -12,6 +12,7 @@ from sweeps import curves, load_config, open_sweep
 from sweeps.bifurcation import curve_search, exact_curves
 from sweeps.bifurcation.curve_search import middles_of_regions
 from sweeps.errors import Refused
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import parameter_map
 from tests.helpers.commands import accepted, refused
 from tests.helpers.sweep_files import run_in
@@ -194,15 +195,18 @@ def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
 
 
 RIG = {"mass": 2, "stiffness": 8, "damping": 1, "force": 1, "gap": 0, "R": 0.5, "frequency": 1}
-OF_RIG = {"configuration": load_config({"rig": RIG}), "in_si": 1}
+OF_RIG = {"configuration": load_config({"rig": RIG}).to_yaml()}
 
 
 @pytest.mark.parametrize(
     ("cut", "place"),
     [
-        (xr.Dataset(coords={"R": [0.2], "omega": [1.0]}), "R = 0.25, omega = 2: "),
+        (OpenedSweep(xr.Dataset(coords={"R": [0.2], "omega": [1.0]})), "R = 0.25, omega = 2: "),
         (
-            xr.Dataset(coords={"R": [0.2], "omega": ("frequency", [1.0])}, attrs=OF_RIG),
+            OpenedSweep(
+                xr.Dataset(coords={"R": [0.2], "omega": ("frequency", [1.0])}, attrs=OF_RIG),
+                in_rig=True,
+            ),
             "R = 0.25, frequency = 0.31831: ",
         ),
     ],

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 import sweeps
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted, call, refused
 from vibroimpact.status import Status
 
@@ -84,7 +84,7 @@ def test_a_zoom_takes_overrides_as_a_run_does(small_file, unpainted):
     named = "small-omega-2-2.5-record.transient-60-oscillator.omega.num-3.h5"
     with sweeps.open_sweep(named) as zoomed, sweeps.open_sweep("run.h5") as run:
         assert zoomed.drop_attrs().identical(run.drop_attrs())
-        assert config_of(zoomed).record.transient == 60
+        assert OpenedSweep(zoomed).config.record.transient == 60
     other = ("--set", "record.transient=70", "--set", "oscillator.clearance=[0.1, 0.2]")
     planned = accepted("zoom", named, "omega=2:2.2", *other, "--dry-run")
     name = (
@@ -126,7 +126,9 @@ def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_f
     accepted("zoom", "small.h5", "omega=0.05:0.1", "-o", "beyond.h5")
     with sweeps.open_sweep("beyond.h5") as beyond, sweeps.open_sweep("small.h5") as small:
         assert (beyond["status"] == Status.CERTIFIED).all()
-        needed, had = (config_of(dataset).method.steps_per_period for dataset in (beyond, small))
+        needed, had = (
+            OpenedSweep(dataset).config.method.steps_per_period for dataset in (beyond, small)
+        )
     assert needed > had
 
 

@@ -15,7 +15,7 @@ from sweeps import attractors, load_config, open_sweep, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.config.groups import STARTS
 from sweeps.errors import ConfigError, StoreError
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted, refused
 from tests.helpers.configurations import load
 
@@ -176,11 +176,11 @@ def test_a_file_with_a_further_column_phase_still_opens():
     columns = {"omega": [1.0, 1.2], "R": [0.5, 0.6], "phase": [0.0, 1.5], "serial": [7.0, 8.0]}
     run_sweep({"points": columns, **yaml.safe_load(f"{FIXED}\n{RECORD}")}, "table.h5")
     with open_sweep("table.h5") as dataset:
-        assert config_of(dataset).points["phase"].tolist() == [0.0, 1.5]
+        assert OpenedSweep(dataset).config.points["phase"].tolist() == [0.0, 1.5]
         old = dataset.assign_coords(phase=("point", [0.0, 90.0]))
         old.attrs["computation"] = "integrator: exact\nphase: 0.0\nh: 0.05\n"
-        assert config_of(old).points.dtype.names == ("omega", "R", "serial")
-        assert config_of(old).start.phase == 0.0
+        assert OpenedSweep(old).config.points.dtype.names == ("omega", "R", "serial")
+        assert OpenedSweep(old).config.start.phase == 0.0
 
 
 def test_the_bytes_of_a_table_are_those_that_programs_write():
@@ -336,7 +336,7 @@ def test_attractors_of_a_table_are_those_of_the_grid_of_its_starts(omega):
     found = []
     for name in ("grid.h5", "table.h5"):
         with open_sweep(name) as dataset:
-            listed = attractor_rows(dataset, attractors(dataset))
+            listed = attractor_rows(OpenedSweep(dataset), attractors(dataset))
         found.append(
             sorted(
                 (row.parameters["omega"], row.name, row.fraction, *row.speeds.round(9))

@@ -10,6 +10,7 @@ from numpy.testing import assert_array_equal
 from sweeps import attractors, knocks, open_sweep, plotting
 from sweeps.errors import ConfigError, Refused
 from sweeps.explorer.view import View
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.opened.trajectories import continued_motion
 from sweeps.plotting.api import default_kind
 from tests.helpers import naive
@@ -204,7 +205,7 @@ def test_the_times_of_a_followed_sweep(tmp_path):
             first = value == (2.6 if way == "up" else 2.7)
             t = dataset.sel(at)["trajectory_t"].values
             turn = 2.0 * math.pi / value
-            motion = continued_motion(dataset, at, 4)
+            motion = continued_motion(OpenedSweep(dataset), at, 4)
             after = motion.rows[0, 0] + motion.turns * turn
             assert after == pytest.approx(np.nanmax(t), rel=1e-12)
             since = 11.0 - 0.5 / (2.0 * math.pi) if first else 10.0
@@ -297,7 +298,7 @@ def test_basins_over_phase_and_velocity(tmp_path):
         twice = np.abs(ends[:, 1] - ends[:, 0]) > 1e-6
         assert 10 < twice.sum() < 170
         assert_array_equal(dataset["period"].values.ravel(), 1 + twice)
-        assert default_kind(dataset) == "basins"
+        assert default_kind(OpenedSweep(dataset)) == "basins"
         panel = plotting.basins(dataset).axes[0]
         assert "at the start" in panel.get_xlabel() and r"v_0" in panel.get_ylabel()
         with pytest.raises(Refused, match="integrity needs x0 and v0 as axes"):

@@ -7,7 +7,7 @@ import pytest
 
 from sweeps import open_sweep
 from sweeps.engine.executors import compute
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.configurations import load, refusal
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, integrate, one_impact_orbit
@@ -40,7 +40,7 @@ def test_every_motion_with_a_class_is_on_its_orbit(found):
 
 
 def test_a_run_with_the_transient_that_was_found_has_the_same_bits(found):
-    steps = config_of(found).method.steps_per_period
+    steps = OpenedSweep(found).config.method.steps_per_period
     flat = found.stack(point=("h", "omega")).isel(point=slice(0, None, 9))
     for i in range(flat.sizes["point"]):
         point = flat.isel(point=i)

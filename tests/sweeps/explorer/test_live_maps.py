@@ -11,7 +11,7 @@ from sweeps.attractor.partition import attractors
 from sweeps.explorer.figures import without_tex
 from sweeps.explorer.live_maps import Filling
 from sweeps.explorer.view import BASINS_TAB, MAP_TAB
-from sweeps.opened.motions import classes_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import style
 from sweeps.plotting.basin_pictures import basin_cells
 from sweeps.plotting.looks import Looks, period_cells
@@ -29,12 +29,14 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
     tiles = filling.advance(config.sweep.grid.size)
     whole = open_sweep(run_sweep(config, tmp_path / "whole.h5")).transpose(y, x, ...)
     if tab == MAP_TAB:
-        cells = period_cells(*classes_of(whole), hatched=False)
+        cells = period_cells(*OpenedSweep(whole).classes, hatched=False)
         cells = [cell for cell in cells if cell.where.any()]
     else:
         result = attractors(whole, extensions=0)
         found = result["attractor"].values
-        cells = basin_cells(attractor_rows(whole, result), found, Looks.of(result), config)
+        cells = basin_cells(
+            attractor_rows(OpenedSweep(whole), result), found, Looks.of(result), config
+        )
     assert len(cells) == len(tiles.kinds) > 1
     for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
         label, *seen = kind

@@ -19,7 +19,7 @@ from sweeps import (
 )
 from sweeps.cli.main import app
 from sweeps.explorer.view import View
-from sweeps.opened.dataset import in_si
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.configurations import linear_values, load
@@ -75,9 +75,9 @@ def test_the_file_has_the_names_and_numbers_of_the_model(joint):
 
 def test_a_sweep_in_si_units_has_the_axes_of_the_rig_and_is_still_read_late(joint):
     with open_sweep(joint) as ds:
-        si = in_si(ds)
+        si = OpenedSweep(ds).in_si()
         late = "poincare_x", "impulse", "energy_lost"
-        assert not any(si.variables[name]._in_memory for name in late)
+        assert not any(si.data.variables[name]._in_memory for name in late)
         assert si["status"].dims == ("frequency",)
         assert si["frequency"].values.tolist() == linear_values(22, 41, 39).tolist()
         assert si["omega"].dims == ("frequency",)  # beside it
@@ -86,14 +86,14 @@ def test_a_sweep_in_si_units_has_the_axes_of_the_rig_and_is_still_read_late(join
         assert si["impulse"].values.tolist() == (MASS * ds["impulse"].values).tolist()
         units = {"frequency": "Hz", "impulse": "N s", "energy_lost": "J", "poincare_v": "m/s"}
         assert {name: si[name].units for name in units} == units
-        assert in_si(si) is si
+        assert si.in_si() is si
 
 
 @pytest.mark.slow
 def test_what_is_computed_from_a_sweep_in_si_units_is_in_si_units(joint):
     turn = 2.0 * math.pi
     with open_sweep(joint) as ds:
-        si = in_si(ds)
+        si = OpenedSweep(ds).in_si()
         own, changes = branches(ds), bifurcations(ds)
         found, listed = branches(si), bifurcations(si)
     assert list(found.coords) == ["frequency"]

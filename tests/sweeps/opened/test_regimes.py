@@ -5,7 +5,7 @@ import xarray as xr
 from sweeps import bifurcations, open_sweep, run_sweep
 from sweeps.bifurcation.bifurcation_report import cascades
 from sweeps.bifurcation.explanations import Change, changes_of_class
-from sweeps.opened.motions import classify, labels
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers import naive
 from vibroimpact.points.regimes import Label, Regime
 from vibroimpact.status import Evidence, Status
@@ -31,7 +31,7 @@ def given_points(status, period, rest=0.0, growth=None):
 def test_the_status_decides_first():
     """Even if the remaining numbers suggest another regime."""
     dataset = given_points(list(Status), period=1, rest=0.5)
-    assert classify(dataset).tolist() == [
+    assert OpenedSweep(dataset).regimes.tolist() == [
         Regime.PENDING,
         Regime.REST,
         Regime.REST,
@@ -43,7 +43,7 @@ def test_the_status_decides_first():
 
 
 def test_a_repetition_decides_before_the_exponent():
-    assert classify(given_points([1, 1], [3, 0], growth=[50.0, 50.0])).tolist() == [
+    assert OpenedSweep(given_points([1, 1], [3, 0], growth=[50.0, 50.0])).regimes.tolist() == [
         Regime.PERIODIC,
         Regime.CHAOTIC,
     ]
@@ -53,11 +53,11 @@ def test_the_exponent_decides_by_the_growth_that_a_torus_allows():
     """Linear growth over the record is the factor 100."""
     growth = [-np.inf, np.log(0.0099), np.log(0.0101), 0.0, np.log(99.0), np.log(101.0)]
     motion = [Regime.UNKNOWN] * 5 + [Regime.CHAOTIC]
-    assert classify(given_points(np.ones(6), 0, growth=growth)).tolist() == motion
+    assert OpenedSweep(given_points(np.ones(6), 0, growth=growth)).regimes.tolist() == motion
 
 
 def test_without_an_exponent_nothing_is_said_of_what_does_not_repeat():
-    assert classify(given_points([1, 0, 2], 0)).tolist() == [Regime.UNKNOWN] * 3
+    assert OpenedSweep(given_points([1, 0, 2], 0)).regimes.tolist() == [Regime.UNKNOWN] * 3
 
 
 def test_the_shape_is_that_of_the_grid_in_any_order():
@@ -68,9 +68,9 @@ def test_the_shape_is_that_of_the_grid_in_any_order():
     rate = np.full((2, 3, 2), 1.5 * np.log(PERIODS) / DURATION)
     both["lyapunov"] = (("R", "omega", "exponent"), rate)
     expected = [Regime.CHAOTIC, Regime.CHAOTIC, Regime.UNKNOWN]
-    assert classify(both).tolist() == [expected, expected]
+    assert OpenedSweep(both).regimes.tolist() == [expected, expected]
     turned = both.transpose("omega", "R", ...)
-    assert classify(turned).tolist() == np.transpose([expected, expected]).tolist()
+    assert OpenedSweep(turned).regimes.tolist() == np.transpose([expected, expected]).tolist()
 
 
 # Motions with rest
@@ -100,12 +100,12 @@ def test_a_rest_is_named_after_its_periods(tmp_path):
         periods = [slow_period(omega) for omega in PRELOADED["omega"]]
         assert periods == [1, 3, 6]
         expected = ["rest, 1 period", "rest, 3 periods", "rest, 6 periods"]
-        assert [*map(str, labels(exact))] == expected
+        assert [*map(str, OpenedSweep(exact).labels)] == expected
         found = bifurcations(exact)
         listed = found[["before", "after"]].values.tolist()
         assert [expected[:2], expected[1:]] == listed
     with rests(tmp_path / "steps.h5", integrator="rk4", impact="cubic") as steps:
-        assert [*map(str, labels(steps))] == expected
+        assert [*map(str, OpenedSweep(steps).labels)] == expected
 
 
 @pytest.mark.parametrize("impact", ["cubic", "reduced-step"])
@@ -120,7 +120,7 @@ def test_a_rest_before_the_motion_repeats_is_not_in_its_name(tmp_path, impact):
     with open_sweep(run_sweep(scene, tmp_path / "a.h5")) as dataset:
         assert (dataset["rest_fraction"] > 0.0).all()
         assert (dataset["class_evidence"] == Evidence.RELEASED).all()
-        assert [*map(str, labels(dataset))] == ["1/1"] * 3
+        assert [*map(str, OpenedSweep(dataset).labels)] == ["1/1"] * 3
 
 
 # Changes of the class: their kinds and cascades

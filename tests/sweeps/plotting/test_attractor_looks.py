@@ -12,6 +12,7 @@ from PIL import Image
 
 from sweeps import attractors, open_sweep
 from sweeps.attractor.attractor_table import attractor_rows
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import KINDS, Page
 from sweeps.plotting.looks import Looks
 from sweeps.plotting.style import (
@@ -163,9 +164,9 @@ def test_a_grey_picture_has_no_colour_and_names_all_classes(drawn):
 def test_lines_and_dots_in_grey_can_be_seen_on_paper(two):
     found = attractors(two)
     looks = Looks.of(found, grey=True)
-    for row in attractor_rows(two, found):
+    for row in attractor_rows(OpenedSweep(two), found):
         assert to_rgb(looks.look(row).ink)[0] <= 0.6
-    white = looks.look(attractor_rows(two, found)[0]._replace(m=1, q=0, number=99))
+    white = looks.look(attractor_rows(OpenedSweep(two), found)[0]._replace(m=1, q=0, number=99))
     assert to_hex(white.colour) == "#ffffff" and 0.55 < to_rgb(white.ink)[0] <= 0.6
 
 

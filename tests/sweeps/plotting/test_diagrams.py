@@ -5,6 +5,7 @@ import pytest
 from matplotlib.collections import QuadMesh
 
 from sweeps import ConfigError
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import (
     Page,
     bifurcation,
@@ -62,7 +63,7 @@ def test_the_height_is_measured_from_the_stop_of_each_point(random_sweep, monkey
     assert drawn(panel) == pairs(clearance[:, None], height)
     assert plain(panel.get_ylabel()) == r"height above the stop $\sigma - x$"
     monkeypatch.setattr(density, "_PART_SIZE", 10)
-    line, *_ = select_line(dataset, **cut)
+    line, *_ = select_line(OpenedSweep(dataset), **cut)
     parts = density.computed_parts(line, "poincare_height")
     np.testing.assert_array_equal(np.concatenate([values for _, values in parts]), height)
 

@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.bifurcation.exact_branches import branches
 from sweeps.errors import Refused
-from sweeps.opened.cuts import several
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import (
     attractor_diagram,
     bifurcation,
@@ -154,7 +154,7 @@ def test_a_colour_shows_the_motions_of_one_direction(dataset, way):
     at = {} if way == "up" else {"direction": way}
     one = dataset.sel(omega=[1.5], method="nearest").isel(h=0)
     x = one["poincare_x"].sel(direction=way).values.ravel()
-    some = several(dataset, {"omega": [1.4, 1.5]})
+    some = OpenedSweep(dataset).several({"omega": [1.4, 1.5]})
     states = section(some, at={"h": 0.05} | at, color="omega")
     (drawn,) = states.axes[0].collections
     places = drawn.get_offsets()[:, 0]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sweeps import open_sweep, plotting, run_sweep
-from sweeps.opened.dataset import config_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.plotting.test_pictures import MAP
 from vibroimpact import Oscillator, one_impact_orbit
@@ -65,7 +65,7 @@ def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it(tmp_path, monkey
         periods = np.split(t / (2.0 * np.pi / 2.3), gaps)
         begins = np.array([piece[0 if i == 0 else 1] for i, piece in enumerate(periods[:1000])])
         ends = np.array([piece[-1] for piece in periods[:1000]])
-        step = 7 / config_of(dataset).method.steps_per_period * (1 if recorded else 0)
+        step = 7 / OpenedSweep(dataset).config.method.steps_per_period * (1 if recorded else 0)
         np.testing.assert_allclose(begins, 3 * np.arange(1000), atol=step + 1e-6)
         assert (ends - begins > 1.0 - step - 1e-6).all()
         assert np.nanmax(x) < 1e-9 and np.nanmin(x) < -0.3

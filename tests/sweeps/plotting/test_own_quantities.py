@@ -7,8 +7,7 @@ from matplotlib.colors import to_hex, to_rgba
 
 from sweeps import open_sweep
 from sweeps.errors import Refused
-from sweeps.opened.cuts import several
-from sweeps.opened.motions import classes_of
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import (
     bifurcation,
     diagram,
@@ -155,7 +154,7 @@ def test_the_classes_have_the_colours_of_the_map_in_every_picture(dataset):
     assert len(shown) > 2 and shown.items() <= of_map.items()
     offsets, colours = points_of(figure)
     expected = {}
-    for cell in period_cells(*classes_of(line)):
+    for cell in period_cells(*OpenedSweep(line).classes):
         expected |= dict.fromkeys(line["omega"].values[cell.where], to_rgba(cell.colour))
     assert {tuple(c[:3]) for c in colours} > {to_rgba(style.CLASSES[1, 1])[:3]}
     for (x, _), colour in zip(offsets, colours, strict=True):
@@ -191,7 +190,9 @@ def test_sections_of_all_points_or_of_those_left_have_the_colours(dataset):
 
 def test_a_few_values_of_an_axis_are_named_in_the_legend(dataset):
     """The colours of the file: each section has that of its value."""
-    figure = section(several(dataset, {"omega": [3.4, 2.2]}), color="omega", at={"R": 0.8})
+    figure = section(
+        OpenedSweep(dataset).several({"omega": [3.4, 2.2]}), color="omega", at={"R": 0.8}
+    )
     shown = legend(figure)
     assert list(shown) == [r"$\omega=2.2$", r"$\omega=3.4$"]
     offsets, colours = points_of(figure)

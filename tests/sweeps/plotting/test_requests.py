@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from sweeps import open_sweep, run_sweep
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
 from sweeps.errors import Refused
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import (
     KINDS,
     api,
@@ -208,7 +209,7 @@ def test_a_picture_is_over_the_axis_that_is_left(random_sweep):
     over = {"R": "coefficient of restitution $R$", "omega": r"forcing frequency $\omega$"}
     for at, axis in (({}, "R"), ({"R": 0.8}, "omega"), ({"omega": 2.0}, "R")):
         assert bifurcation(dataset, at=at).axes[0].get_xlabel() == over[axis]
-        assert find_bifurcations(dataset, at=at).attrs["axis"] == axis
+        assert find_bifurcations(OpenedSweep(dataset), at=at).attrs["axis"] == axis
     with pytest.raises(Refused, match="R cannot be fixed here; choose from: omega"):
         bifurcation(dataset, axes=["R"], at={"R": 0.8})
     cube = random_sweep({"R": R, "omega": [1.0, 2.0], "h": [0.1, 0.2]}, diagnostics=("period",))

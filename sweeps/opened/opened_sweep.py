@@ -1,0 +1,379 @@
+"""An opened sweep: its data, configuration and names, cuts through it, the motion of each point.
+
+A file has the names and units of the model. `OpenedSweep.in_si` gives those of a rig, once, where
+a command opens a file or a picture is drawn; the parameters of the model, which computations need,
+stay beside those of the rig.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, Self
+
+import numpy as np
+import xarray as xr
+
+from sweeps.config.groups import DIAGNOSTICS, STARTS
+from sweeps.config.loading import stored_config
+from sweeps.config.nomenclature import Nomenclature
+from sweeps.config.rig import MASS, QUANTITIES
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
+from sweeps.grid import TABLE
+from sweeps.opened.motions import motions_from, oscillator_of
+from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES, columns_of
+from sweeps.text import choice_of, listed, near_miss, suggestion, told_apart, unit_name
+from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, Parameter
+from vibroimpact.points.destinations import RECORD
+from vibroimpact.points.regimes import (
+    OF_REGIMES,
+    Label,
+    labels_of,
+    on_its_way,
+    regimes_of,
+    repetitions,
+)
+
+#: Axes along which only the start or the past differs, not the oscillator.
+START_AXES = (*STARTS, DIRECTION)
+#: Where a sweep is cut: a value for each swept axis, and a name for ``direction``.
+Selection = Mapping[str, float | str]
+
+
+@dataclass(frozen=True, eq=False)
+class OpenedSweep:
+    """A sweep that was opened, or a cut through one. What is computed of it is computed once."""
+
+    data: xr.Dataset
+    of: OpenedSweep | None = None  # the sweep of which this is a cut, or that it shows in SI units
+    in_rig: bool = False  # whether the axes, names and units are those of a rig
+
+    def __getitem__(self, name: str) -> xr.DataArray:
+        return self.data[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.data
+
+    @property
+    def sizes(self) -> Mapping[Any, int]:
+        """The lengths of all dimensions."""
+        return self.data.sizes
+
+    @property
+    def attrs(self) -> dict[str, Any]:
+        """The attributes of the file."""
+        return self.data.attrs
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the grid of points."""
+        return self.data["status"].shape
+
+    @property
+    def grid(self) -> tuple[str, ...]:
+        """The dimensions of the grid of points, with ``direction``, in the order of the file."""
+        return tuple(map(str, self.data["status"].dims))
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The swept axes, in the order of the file."""
+        return tuple(name for name in self.grid if name != DIRECTION)
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """The directions of a sweep that was followed both ways; otherwise none."""
+        return tuple(self.data[DIRECTION].values) if DIRECTION in self.grid else ()
+
+    @property
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns of a sweep over a table; empty for a grid."""
+        return columns_of(self.data)
+
+    @property
+    def oscillator(self) -> Oscillator:
+        """The oscillator of a single point."""
+        return oscillator_of(self.data)
+
+    @cached_property
+    def config(self) -> SweepConfig:
+        """The configuration; ConfigError if it is not valid, since another version wrote it."""
+        if self.of is not None:
+            return self.of.config
+        text, table = self.attrs["configuration"], self.columns
+        return _parsed(text) if not table else stored_config(text, *_SOURCE, table)
+
+    @property
+    def nomenclature(self) -> Nomenclature:
+        """The names, units and numbers of the axes."""
+        return self.config.nomenclature if self.in_rig else Nomenclature()
+
+    def values(self, names: Iterable[str]) -> dict[str, np.ndarray]:
+        """Return parameters, swept or not, and those results that are recorded, at every point.
+
+        The arrays have the shape of the grid, followed by that of a record.
+        """
+        points = self.data["status"].sizes
+        held = {name: self.data[name].variable for name in names if name in self.data}
+        return {name: each.set_dims({**points, **each.sizes}).values for name, each in held.items()}
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """The points, of dtype POINT, in C order."""
+        points = np.empty(self.data["status"].size, POINT)
+        for name, values in self.values(PARAMETERS).items():
+            points[name] = values.ravel()
+        points.flags.writeable = False
+        return points
+
+    # The motion of every point
+
+    @cached_property
+    def regimes(self) -> np.ndarray:
+        """The `Regime` at every point of a sweep with ``period``."""
+        values = self.values((*OF_REGIMES, "omega"))
+        return regimes_of(values, values["omega"], self.sizes["section"])
+
+    @property
+    def on_its_way(self) -> np.ndarray:
+        """The mask of the points whose motion is on its way to its orbit."""
+        if "orbit_distance" not in self:
+            return np.zeros(self.shape, bool)
+        return on_its_way(self.regimes, *self.values(["orbit_distance"]).values())
+
+    @property
+    def classes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Regime, m and q at every point, as `repetitions`."""
+        results = self.values(("period", "period_impacts"))
+        return self.regimes, *repetitions(self.regimes, *results.values())
+
+    @property
+    def labels(self) -> list[Label | None]:
+        """The class at every point of a line with ``period``; None if it is not known."""
+        return labels_of(self.regimes, *self.values(("period", "period_impacts", "R")).values())
+
+    @property
+    def recorded_motions(self) -> dict[str, np.ndarray]:
+        """The results from which the motions are made."""
+        recorded = ("period_impacts", "orbit_x", "orbit_v") if "period" in self else RECORD
+        return self.values(sorted({*OF_REGIMES, *recorded}))
+
+    @cached_property
+    def motions(self) -> np.ndarray:
+        """The motion of every point, of dtype ``MOTION``, in the shape of the grid."""
+        results = {
+            name: values.reshape(len(self.points), *values.shape[len(self.shape) :])
+            for name, values in self.recorded_motions.items()
+        }
+        return motions_from(self.config.sweep.spec, self.points, results).reshape(self.shape)
+
+    # Cuts
+
+    def over(self, data: xr.Dataset) -> Self:
+        """Return a part of the data of this sweep, in another order or not, as an opened sweep."""
+        return replace(self, data=data, of=self)
+
+    def isel(self, places: Mapping[Any, Any]) -> Self:
+        """Return the points at these places of dimensions."""
+        return self.over(self.data.isel(places))
+
+    def sortby(self, axes: str | list[str]) -> Self:
+        """Return the points with increasing values along axes."""
+        return self.over(self.data.sortby(axes))
+
+    def transpose(self, *dims: str) -> Self:
+        """Return the sweep with its dimensions in this order."""
+        return self.over(self.data.transpose(*dims, ...))
+
+    @property
+    def each_direction(self) -> list[Self]:
+        """The sweep once for each direction in which it was followed, or the sweep itself."""
+        return [self.isel({DIRECTION: i}) for i in range(len(self.directions))] or [self]
+
+    def places(self, at: Selection, kept: Collection[str] = ()) -> dict[str, int]:
+        """Return the index of the grid value nearest to each value of `at`, and of its direction.
+
+        Refuses names that are no swept axis, or are in `kept`, and values outside their axis.
+        """
+        axes = [name for name in self.axes if name not in kept]
+        indices = dict[str, int]()
+        for name, value in at.items():
+            if name == DIRECTION and name not in kept:
+                indices[name] = self._place_of_direction(str(value))
+                continue
+            if name not in axes:
+                meant = "" if name in self.grid else suggestion(near_miss(name, axes))
+                raise Refused(f"{name} cannot be fixed here{meant}; {choice_of(axes)}")
+            if isinstance(value, str):
+                raise Refused(f"{name} = {value} is not a number")
+            values = self.data[name].values
+            low, high = float(values.min()), float(values.max())
+            slack = 1e-9 * max(abs(low), abs(high))  # a user types 0.3 for a grid value of 0.1 * 3
+            if not low - slack <= value <= high + slack:
+                asked, first, last = told_apart(value, low, high)
+                raise Refused(f"{name} = {asked} is outside the sweep: {first} to {last}")
+            indices[name] = int(np.argmin(np.abs(values - value)))
+        return indices
+
+    def _place_of_direction(self, name: str) -> int:
+        """Return the index of a direction of the sweep; refuse any other name."""
+        valid = self.directions
+        if not valid:
+            raise Refused("direction cannot be fixed here; the sweep was not followed in both")
+        if name not in valid:
+            meant = suggestion(near_miss(name, valid))
+            raise Refused(f"there is no direction {name}{meant}; choose from: {listed(valid)}")
+        return valid.index(name)
+
+    def cut(self, at: Selection | None, free: Collection[str] = ()) -> Self:
+        """Fix each axis that is not in `free` at the grid value nearest to `at`, or at its first.
+
+        ``direction`` is an axis, too; `at` may fix it also if it is in `free`.
+        """
+        first = {name: 0 for name in self.grid if name not in free}
+        return self.isel(first | self.places(at or {}, {*free} - {DIRECTION}))
+
+    def part(self, at: Selection) -> Self:
+        """Return the points at the grid values nearest to `at`, with all dimensions."""
+        return self.isel({name: slice(i, i + 1) for name, i in self.places(at).items()})
+
+    def several(self, at: Mapping[str, Sequence[float]]) -> Self:
+        """Return the points at the grid values nearest to several values of axes."""
+        chosen = dict[str, list[int]]()
+        for name, values in at.items():
+            indices = {self.places({name: value})[name] for value in values}
+            if len(indices) < len(values):
+                typed = listed([f"{value:.12g}" for value in values])
+                raise Refused(f"{name} = {typed}: two of these have the same nearest grid value")
+            chosen[name] = sorted(indices)
+        return self.isel(chosen)
+
+    def chosen_axes(
+        self, requested: Sequence[str], at: Selection | None, count: int, kind: str
+    ) -> list[str]:
+        """Return the `count` swept axes that a picture shows.
+
+        By default they are the longest ones that `at` does not fix, and among equally long axes the
+        first. Raises Refused if the file has fewer axes, or not the requested ones.
+        """
+        axes = self.axes
+        if TABLE in axes:
+            raise Refused(
+                f"a {kind} needs a swept axis, and the points of this file are the rows of a table"
+            )
+        if not axes:
+            raise Refused(f"the file holds a single point: a {kind} needs a swept axis")
+        for name in requested:
+            if name not in axes:
+                meant = suggestion(near_miss(name, axes))
+                if (called := self.config.nomenclature.name(name)) != name and called in axes:
+                    meant = f" (it is called {called} here)"
+                raise Refused(
+                    f"{name or repr(name)} is not a swept axis{meant}; the file has {listed(axes)}"
+                )
+        needed = f"a {kind} has {count} swept {'axis' if count == 1 else 'axes'}"
+        if len(axes) < count:
+            raise Refused(f"{needed}; the file has only {listed(axes)}")
+        longest = sorted(axes, key=lambda name: (name in (at or {}), -self.sizes[name]))
+        chosen = [*dict.fromkeys(requested), *(name for name in longest if name not in requested)]
+        if len(requested) > count or len(set(requested)) < len(requested):
+            raise Refused(f"{needed}, not {listed(requested)}")
+        return chosen[:count]
+
+    # What is recorded, and its units
+
+    def check_diagnostic(self, name: str) -> None:
+        """Refuse a file in which the diagnostic of the variable `name` was not recorded."""
+        diagnostic = VARIABLES[name].diagnostic
+        if name not in self and diagnostic is not None:
+            again = f"run the sweep again with {self.diagnostics_with(diagnostic)}"
+            raise Refused(f"the file has no {name}: {again}")
+
+    def diagnostics_with(self, diagnostic: str) -> str:
+        """Return the key of a configuration that adds a diagnostic to those of the file."""
+        held = {VARIABLES[str(name)].diagnostic for name in self.data if name in VARIABLES}
+        chosen = ", ".join(name for name in DIAGNOSTICS if name in held | {diagnostic})
+        return f"record.diagnostics: [{chosen}]"
+
+    def in_si(self) -> OpenedSweep:
+        """Return the sweep with the axes, names and SI units of its rig, if it has one.
+
+        The axes are those of the rig; the parameters of the model stay as further coordinates. The
+        results of the file are still read when they are used.
+        """
+        if self.in_rig or not _HAS_RIG.search(self.data.attrs["configuration"]):
+            return self
+        rig, dataset = self.config.rig, self.data
+        if rig is None:
+            return self
+        seen = Nomenclature(rig)
+        mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)
+        coordinates: dict[str, Any] = {"mass": (mass.dims, mass.values, _about(MASS))}
+        for name in PARAMETERS:
+            if name in QUANTITIES:
+                own, called = dataset[name], seen.name(name)
+                about = {**own.attrs, **_about(seen.about(name))}
+                typed = called != name and called in dataset.coords  # a column of the table
+                masses = mass.values if rig.mass_varies else None
+                values = dataset[called].values if typed else rig.in_si(name, own.values, masses)
+                coordinates[called] = own.dims, values, about
+        si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, mass))
+        si = si.swap_dims({name: seen.name(name) for name in PARAMETERS if name in dataset.dims})
+        if COLUMN_NAMES in si.attrs:
+            columns = dict.fromkeys(seen.name(name) for name in si.attrs[COLUMN_NAMES].split())
+            si.attrs[COLUMN_NAMES] = " ".join(columns)
+        return OpenedSweep(si, self, in_rig=True)
+
+    def orbits_on_axes(self, orbits: xr.Dataset) -> xr.Dataset:
+        """Return exact branches or curves, over parameters of the model, over the axes."""
+        seen, axes = self.nomenclature, [str(name) for name in orbits.coords]
+        if not seen.in_si or _IN_SI in orbits.attrs:
+            return orbits
+        values = {axis: (orbits[axis].dims, seen.value(axis, orbits[axis].values)) for axis in axes}
+        si = orbits.assign_coords(values).assign_attrs({_IN_SI: 1})
+        if "range" in si.attrs:  # of branches
+            si.attrs["range"] = seen.value(axes[0], np.array(si.attrs["range"])).tolist()
+        return si.rename({axis: seen.name(axis) for axis in axes})
+
+
+#: Attribute that marks exact orbits over the axes of a rig.
+_IN_SI = "in_si"
+#: Finds the rig in a configuration without reading the table that may belong to it.
+_HAS_RIG = re.compile("^rig:", re.MULTILINE)
+#: What messages call the configuration of a file, and its name if it has none.
+_SOURCE = ("its configuration", "sweep")
+
+
+@lru_cache(maxsize=8)
+def _parsed(configuration: str) -> SweepConfig:
+    """Parse the configuration of a file; a user's Dataset is opened for each of its pictures."""
+    return stored_config(configuration, *_SOURCE)
+
+
+def _results_in_si(dataset: xr.Dataset, mass: xr.DataArray) -> xr.Dataset:
+    """Return the results that are given per mass in a file, multiplied when they are read.
+
+    With a mass of each row of a table, they are multiplied at once.
+    """
+    scaled = {}
+    for name in QUANTITIES.keys() - PARAMETERS.keys():
+        if name in dataset:
+            scaled[name] = dataset.variables[name].copy(deep=False)
+            if mass.dims:
+                scaled[name] = scaled[name].copy(data=scaled[name].values * mass.values)
+            factor = {} if mass.dims else {"scale_factor": mass.item()}
+            scaled[name].attrs |= {**_about(QUANTITIES[name].description), **factor}
+    return xr.decode_cf(xr.Dataset(scaled), decode_times=False)
+
+
+def _about(quantity: Parameter) -> dict[str, str]:
+    """Return the attributes of a quantity of the rig, as a file has them for a parameter."""
+    return {"long_name": quantity.meaning, "units": quantity.unit, "symbol": quantity.symbol}
+
+
+def headed(name: str, variable: xr.DataArray) -> str:
+    """Return the head of a column, with the unit of the variable in brackets if it has a name."""
+    unit = unit_name(variable.attrs.get("units", "1"))
+    return f"{name} [{unit}]" if unit else name
