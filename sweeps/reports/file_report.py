@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
     attributes = dict(dataset.attrs)
-    configuration = _configuration(attributes.pop("configuration"))
+    configuration = attributes.pop("configuration")
     impact = str(yaml_mapping(attributes.pop("computation"), "the computation").get("impact"))
     attributes.pop("columns", None)  # shown in another form
     rows = [
@@ -65,7 +65,7 @@ def contents(dataset: xr.Dataset) -> str:
 def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
     """Return the same for other programs: numbers, texts and mappings by the names of keys."""
     attributes = dict(dataset.attrs)
-    configuration = _configuration(attributes.pop("configuration"))
+    configuration = attributes.pop("configuration")
     return {
         "name": attributes.pop("name"),
         "points": dataset["status"].size,
@@ -92,11 +92,6 @@ def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
         "attributes": attributes,
         "configuration": yaml_mapping(configuration, "the configuration"),
     }
-
-
-def _configuration(stored: Any) -> str:
-    """Return a configuration as YAML; that of a table in SI units is stored as it was read."""
-    return stored if isinstance(stored, str) else str(stored.to_yaml(table=False))
 
 
 def _results(dataset: xr.Dataset) -> dict[str, np.ndarray]:
