@@ -199,10 +199,10 @@ def _table(file: io.BufferedReader) -> tuple[list[Row], str]:
         if table and zlib.crc32(table) == crc:
             with suppress(ValueError, TypeError, RecursionError):  # sound, but of another form
                 rows, at = json.loads(table), 0
-                for name, begin, count, _ in rows:
-                    if not isinstance(name, str) or begin != at or count <= 0:
+                for row in rows:
+                    if [*map(type, row)] != [str, int, int, int] or row[1] != at or row[2] < 1:
                         return [], ""
-                    at += count
+                    at += row[2]
                 if at == start:
                     return rows, hashlib.blake2b(table).hexdigest()[:32]
     return [], ""

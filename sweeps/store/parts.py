@@ -242,11 +242,9 @@ class Parts:
             lengths = self._array(file, number, SAMPLES) if columns else np.zeros(1)
             if lengths.max() != about["samples"]:
                 raise ValueError("it has other samples than it says")
-            for name in {"points", *self.schema.variables}.difference(self._single, columns):
-                if verify:
-                    self._array(file, number, name)
-            for name in columns if verify else ():
-                self._columns(file, number, name)
+            names = {"points", *self.schema.variables}.difference(self._single)
+            for name in names if verify else ():
+                (self._columns if name in columns else self._array)(file, number, name)
         return Entry(int(about["samples"]), float(about["seconds"]), now)
 
 

@@ -196,7 +196,7 @@ def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[Buffer
     target = checked()
     try:
         remove_leftovers(target, _DAY)
-        with replacing(target, checked) as new:
+        with replacing(target, checked, {} if only_new else None) as new:
             yield new
         sync_names(target.parent)
     except OSError as error:
@@ -227,10 +227,10 @@ def replacing(
             yield file
             file.flush()
             os.fsync(file.fileno())
-            written = identity_of(os.fstat(file.fileno()))
             refuse()
             if _WINDOWS:
                 file.close()
+            written = identity_of(os.lstat(new) if _WINDOWS else os.fstat(file.fileno()))
             if not has_name(new, mine):
                 raise Failed(f"{new} was replaced by another program while it was written")
             if known is None:
@@ -269,8 +269,7 @@ def _put(new: Path, path: Path, mine: os.stat_result, before: Identity | None) -
                 old.unlink(missing_ok=True)
         if isinstance(error, FileExistsError):
             raise Failed(
-                f"{path} was written by another program while the sweep was computed, and is not "
-                "replaced; move it, and resume the run"
+                f"{path} was written by another program meanwhile, and is not replaced; move it"
             ) from error
         raise
     if moved and identity(old) == before:

@@ -39,6 +39,7 @@ TABLES = {
     "nested": b"[" * 100_000 + b"]" * 100_000,
     "numbers": b"[1, 2]",
     "mapping": b'{"a": 1}',
+    "floats": b'[["rest", 0.0, SIZE.0, 1]]',
     "short rows": b'[["rest", 0]]',
     "number": b"7",
     "text": b"\xff\xfe",
