@@ -309,7 +309,7 @@ _PATIENCE = 2.0
 
 @contextmanager
 def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
-    """Say on stderr what work takes long, and on a terminal how far it is and what is compiled.
+    """Say on stderr what work takes long and what is compiled, and on a terminal how far it is.
 
     Call the result with the share that is done.
     """
@@ -322,6 +322,7 @@ def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
     console = Console(stderr=True, quiet=not on_terminal, markup=False)
     status, begin, done = console.status(""), time.perf_counter(), threading.Event()
     state: dict[str, Any] = {"share": 0.0, "compiling": ""}
+    told: set[str] = set()
 
     def show(**new: Any) -> None:
         state.update(new)
@@ -332,6 +333,12 @@ def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
             text += f", {100.0 * share:.0f} %, about {left} left"
         status.update(text)
         status.start()
+
+    def watch(text: str) -> None:
+        show(compiling=text)
+        if text and not on_terminal and text not in told:
+            told.add(text)
+            say(text, error=True)
 
     def wait() -> None:
         if done.wait(_PATIENCE):
@@ -346,7 +353,7 @@ def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
     waiting = threading.Thread(target=wait, daemon=True)
     waiting.start()
     try:
-        with watched(lambda text: show(compiling=text)):
+        with watched(watch):
             yield lambda share: show(share=share)
     finally:
         done.set()

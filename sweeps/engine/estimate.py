@@ -30,7 +30,7 @@ _BLOCKS_HELD = 5
 #: Memory that a run still takes, besides the results of its blocks, when their memory is checked
 #: [bytes]: measured were 45 MB with compiled code, and 245 MB to compile it.
 _OWN_MEMORY = 64 * 2**20
-_COMPILING = 256 * 2**20
+COMPILING_MEMORY = 256 * 2**20
 #: Most time steps of all points of a block, so that a block takes about a second.
 _BLOCK_STEPS = 200_000_000
 #: Least number of points of a block, if the sweep has as many and the memory allows it.
@@ -126,7 +126,7 @@ def check_memory(results: int, what: str) -> int:
     Return the memory in bytes that is available.
     """
     needed = _BLOCKS_HELD * results
-    own = _OWN_MEMORY if os.path.exists(cache_folder(WAY.name)) else _COMPILING
+    own = _OWN_MEMORY if os.path.exists(cache_folder(WAY.name)) else COMPILING_MEMORY
     available = max(0, available_memory() - own)
     if needed > available:
         raise StoreError(

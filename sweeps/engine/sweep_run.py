@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.cluster import ClusterComputer, is_client
+from sweeps.engine.compiling import preparing
 from sweeps.engine.estimate import expected_cost
 from sweeps.engine.executors import Computer, LocalComputer
 from sweeps.errors import Refused
@@ -23,7 +24,7 @@ from sweeps.reports.run_report import plan
 from sweeps.store import Schema, refuse_columns, sweep_writer
 from sweeps.text import printable
 from vibroimpact.inputs import FLAG, PATH, Allowed, integer
-from vibroimpact.jit import ALL_THREADS, watched
+from vibroimpact.jit import ALL_THREADS
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -122,10 +123,7 @@ def run_sweep(
     )
     with raised_by_check(), sweep_writer(path, overwrite=overwrite, resume=resume) as writer:
         computer = LocalComputer(threads) if client is None else ClusterComputer(client)
-        with (
-            console.status("preparing") as status,
-            watched(lambda text: status.update(text or "preparing")),
-        ):
+        with preparing(console, threads, config.sweep.spec.period):
             cost = expected_cost(config.sweep, path, computer, resume)
         text, units = config.to_yaml(table=False), config.units.model_dump()
         schema = Schema.of(config.sweep, cost.block, config.name, text, units, config.column_units)

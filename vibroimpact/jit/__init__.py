@@ -1,6 +1,6 @@
 """Compiled functions: their options, single LLVM instructions, the disk cache, and threads."""
 
-from vibroimpact.jit.cache import NUMERICS, name_of, numerics_of, watched
+from vibroimpact.jit.cache import COMPILING, NUMERICS, name_of, numerics_of, watched
 from vibroimpact.jit.compiling import (
     ALL_THREADS,
     called_before_passes,
@@ -24,6 +24,7 @@ from vibroimpact.jit.way import WAY
 
 __all__ = [
     "ALL_THREADS",
+    "COMPILING",
     "NUMERICS",
     "WAY",
     "called_before_passes",

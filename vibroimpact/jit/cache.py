@@ -37,6 +37,8 @@ _AS_IT_IS = (os.O_NOFOLLOW | os.O_NONBLOCK) if _OWNERS else 0
 _LONGEST_WAIT = 120.0
 _INTERVAL = 0.05  # between two attempts [s]
 
+#: What a user is told of a compilation.
+COMPILING = "compiling, which takes some ten seconds, once on this machine"
 #: Called while this process waits; each may raise an exception, which ends the wait.
 CHECKS: list[Callable[[], object]] = []
 #: Called with what is done in the words of a user: at its begin, and with ``""`` at its end.

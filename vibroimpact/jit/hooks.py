@@ -22,14 +22,15 @@ from functools import cache
 from typing import Any
 
 import numba
-from llvmlite.binding import Linkage
-from numba.core.codegen import JITCodeLibrary
+from llvmlite.binding import Linkage, parse_assembly
+from numba.core.cgutils import normalize_ir_text
+from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.compiler import Compiler, DefaultPassBuilder, Flags
 from numba.core.compiler_machinery import PassManager, _pass_registry
 from numba.core.cpu import CPUContext
 from numba.core.errors import TypingError
 from numba.core.event import trigger_event
-from numba.core.ir_utils import build_definitions
+from numba.core.ir_utils import build_definitions, check_and_legalize_ir
 from numba.core.ssa import reconstruct_ssa
 from numba.core.transforms import canonicalize_cfg
 from numba.core.typed_passes import PreLowerStripPhis
@@ -91,15 +92,25 @@ class _MergedLibrary(JITCodeLibrary):
 
     By default numba does both for every function, together with all that it calls, so an innermost
     function is optimised eight times. Only a function that Python calls needs machine code. Without
-    the others the first run compiles in half the time.
+    the others the first run compiles in half the time. Until then the code is a text.
     """
+
+    def __init__(self, codegen: Any, name: str) -> None:
+        CodeLibrary.__init__(self, codegen, name)
+        self._linking_libraries: list[Any] = []
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        """Keep the text, which several callers may link."""
+        for function in ir_module.functions:
+            if not (function.is_declaration or function.linkage):
+                function.linkage = "linkonce_odr"
+        self.text = normalize_ir_text(str(ir_module))
+
+    def add_linking_library(self, library: Any) -> None:
+        self._linking_libraries.append(library)
 
     def finalize(self) -> None:
         """Let callers link this function, which stays without those that it calls."""
-        for function in self._final_module.functions:
-            if function.linkage == Linkage.external and not function.is_declaration:
-                function.linkage = Linkage.linkonce_odr
-        self._shared_module = self._final_module
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
@@ -121,19 +132,41 @@ class _WholeLibrary(JITCodeLibrary):
     that describe it.
     """
 
+    def _optimize_functions(self, ll_module: Any) -> None:
+        """Do nothing: all functions are optimised once, together."""
+        ll_module.data_layout = self._codegen._data_layout
+
     def finalize(self) -> None:
         """Link every function once, after its callers: LLVM leaves out what nothing calls yet."""
         called: dict[Any, None] = {}
         for library in self._linking_libraries:
             _add_callees(library, called)
-        self._linking_libraries = list(reversed(called))
+        self._linking_libraries = []
+        for library in reversed(called):
+            if isinstance(library, _MergedLibrary):
+                module = parse_assembly(library.text)
+                self._optimize_functions(module)
+                self._final_module.link_in(module)
+            else:
+                self._linking_libraries.append(library)
         super().finalize()
+
+    def _get_module_for_linking(self) -> Any:
+        """Return only names, for the file of the machine code: no library links this one."""
+        module, hidden = self._final_module, (Linkage.internal, Linkage.private)
+        known = [*module.functions, *module.global_variables]
+        names = [one.name for one in known if not one.is_declaration and one.linkage not in hidden]
+        return parse_assembly("\n".join(f'@"{name}" = global i8 0' for name in names))
 
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
             if function.linkage == Linkage.linkonce_odr:
                 function.linkage = Linkage.internal
-        super()._optimize_final_module()
+        if not hasattr(self._codegen, "_pass_builder"):  # before numba 0.62
+            super()._optimize_final_module()
+            return
+        manager, builder = self._codegen._module_pass_manager()
+        manager.run(self._final_module, builder)
 
 
 def _add_callees(library: Any, called: dict[Any, None]) -> None:
@@ -242,7 +275,19 @@ def _strip_phis(state: Any) -> None:
     state.func_ir._definitions = build_definitions(state.func_ir.blocks)
 
 
-_IN_PLACE_OF = {"ReconstructSSA": _to_single_assignments, "PreLowerStripPhis": _strip_phis}
+def _legalize(state: Any) -> None:
+    """Do what ``IRLegalization`` does: mark where variables end, if references are counted."""
+    if state.flags.nrt:
+        check_and_legalize_ir(state.func_ir, flags=state.flags)
+    else:
+        state.func_ir.generator_info = None
+
+
+_IN_PLACE_OF = {
+    "ReconstructSSA": _to_single_assignments,
+    "PreLowerStripPhis": _strip_phis,
+    "IRLegalization": _legalize,
+}
 
 
 class _LeanManager(PassManager):

@@ -16,7 +16,16 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
-from vibroimpact.jit.cache import claimed, read, released, syntax, tell, warn_once, write
+from vibroimpact.jit.cache import (
+    COMPILING,
+    claimed,
+    read,
+    released,
+    syntax,
+    tell,
+    warn_once,
+    write,
+)
 
 
 class CompiledCode:
@@ -38,7 +47,7 @@ class CompiledCode:
         if kept is None:
             self._claim = claimed(self._path(self._key(signature, context.codegen())))
             kept = self._loaded(signature, context)
-            tell("" if kept else "compiling, which takes some ten seconds, once on this machine")
+            tell("" if kept else COMPILING)
         return kept
 
     def release(self) -> None:

@@ -159,3 +159,10 @@ def find_on_threads(
     threads = min(threads, max(1, -(-points.size // FEWEST_LANES)))
     on_threads(threads, interrupt, lambda: work(search, memory()))
     return found
+
+
+def compile_search() -> None:
+    """Compile the search for destinations with the rule ``exact``, for a run that begins."""
+    scheme, sections = Scheme.of("exact", "exact", 1, 0.0), np.empty((0, 1, 2))
+    interrupt = np.zeros(1, np.int64)
+    find_on_threads(np.empty(0, POINT), scheme, sections, np.empty(0, SUMS), 1, interrupt)
