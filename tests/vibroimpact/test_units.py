@@ -109,7 +109,9 @@ def oscillator_out_of(units, osc):
 def orbit_out_of(units, orbit):
     """Return an orbit in the units of the user."""
     osc, speeds = oscillator_out_of(units, orbit.oscillator), orbit.speeds
-    return PeriodicOrbit(osc, orbit.m, orbit.phases, units.out_of("length/time", speeds))
+    return PeriodicOrbit(
+        osc, orbit.m, orbit.phases, units.out_of("length/time", speeds), orbit.kind
+    )
 
 
 def range_out_of(units, axis):

@@ -33,7 +33,8 @@ from vibroimpact.orbits.orbit import (
     taken_twice,
 )
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_inadmissible, refuse_long
-from vibroimpact.orbits.special_points import Path, SpecialPoint, both_ways, doubling, one_way
+from vibroimpact.orbits.singular_ends import doubling
+from vibroimpact.orbits.special_points import Path, SpecialPoint, both_ways, one_way
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 
 #: Number of values of the parameter at which the free oscillation is checked.
@@ -114,7 +115,9 @@ class Branch:
     def orbits(self) -> Orbits:
         """Its orbits as arrays."""
         at = self.values.reshape(len(self.values), -1)
-        return Orbits.along(self.oscillator, self.parameters, at, self.m, self.phases, self.speeds)
+        return Orbits.along(
+            self.oscillator, self.parameters, at, self.m, self.phases, self.speeds, self.kind
+        )
 
     def orbit(self, i: int) -> PeriodicOrbit:
         """Return the orbit at a point of the branch.
@@ -129,7 +132,7 @@ class Branch:
         osc = self.oscillator_at(self.values[i])
         if self.q == 0:
             return free_orbit(osc)
-        return orbit_of(osc, self.m, self.phases[i], self.speeds[i])
+        return orbit_of(osc, self.m, self.phases[i], self.speeds[i], self.kind)
 
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return the orbits of a branch at a value of its parameter, in the order of the branch.

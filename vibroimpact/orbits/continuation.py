@@ -290,7 +290,12 @@ def _at_edges(step: ArclengthStep, reason: Inadmissible) -> np.ndarray:
     value, before = (float(family.kept(Y)[reason.at]) for Y in (X, begin))
     if value == reason.where or value == before:
         return X
-    X = X + (reason.where - value) / (value - before) * (X - begin)
+    return onto_edges(family, X + (reason.where - value) / (value - before) * (X - begin))
+
+
+def onto_edges(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
+    """Return a point whose free parameters are at the edges that they are nearer to than `ENDS`."""
+    X = X.copy()
     values = free(X, family.q)
     for j, axis in enumerate(family.parameters):
         for edge in (axis.low, axis.high):

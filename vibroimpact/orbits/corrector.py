@@ -39,8 +39,9 @@ from vibroimpact.orbits.unknowns import (
 )
 from vibroimpact.step.elementary import larger
 
-# Conditions of ``System``.
+# Conditions of ``System``, by the kind of bifurcation at which all orbits are.
 NONE, FLIP, FOLD, GRAZE = range(4)
+CONDITIONS = {"": NONE, "flip": FLIP, "fold": FOLD, "graze": GRAZE}
 
 #: Step of the central differences of flights; this one has the least error.
 FLIGHT_DIFFERENCE = 6e-6
@@ -168,10 +169,13 @@ def set_multipliers(system, X, parts):
     product = determinant(parameters_at(system, X), system.m, system.q)
     discriminant = trace * trace - 4.0 * product
     root = math.copysign(math.sqrt(abs(discriminant)), trace)
-    if discriminant < 0.0:
+    known = system.condition == FLIP or system.condition == FOLD
+    if discriminant < 0.0 and not known:
         parts[0], parts[1], parts[2], parts[3] = 0.5 * trace, 0.5 * root, 0.5 * trace, -0.5 * root
     else:
         most = 0.5 * (trace + root)
+        if known:  # near a graze the trace may have lost its digits
+            most = 1.0 if system.condition == FOLD else -1.0
         parts[0], parts[1], parts[3] = most, 0.0, 0.0
         parts[2] = product / most if most != 0.0 else 0.0
 

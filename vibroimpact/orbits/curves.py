@@ -12,7 +12,8 @@ import numpy as np
 
 from vibroimpact.inputs import input_text, one_of, refuse_other, shown_count
 from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
-from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
+from vibroimpact.orbits.corrector import CONDITIONS
+from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.orbits.special_points import both_ways
@@ -43,7 +44,8 @@ def bifurcation_curve(
     Parameters
     ----------
     orbit : PeriodicOrbit
-        An orbit near its bifurcation, which is searched along the first parameter, then the second.
+        An orbit near its bifurcation, which is searched along the first parameter, then the second;
+        one that is known to be there (its `kind`) is taken as it is.
     kind : str
         ``flip``, ``fold`` or ``graze``.
     first, second : tuple of str, float, float
@@ -83,10 +85,12 @@ def bifurcation_curve(
     axes = [ContinuationParameter.of(orbit.oscillator, *bounds) for bounds in (first, second)]
     if axes[0].name == axes[1].name:
         raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")
-    start = _bifurcation(orbit, kind, axes)
-    if kind == "graze":
-        start = _least_graze(start, axes)
-        _refuse_natural(start)
+    start = orbit
+    if orbit.kind != kind:
+        start = _bifurcation(orbit, kind, axes)
+        if kind == "graze":
+            start = _least_graze(start, axes)
+            _refuse_natural(start)
     for axis in axes:
         value = getattr(start.oscillator, axis.name)
         if not axis.holds(value):

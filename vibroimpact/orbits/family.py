@@ -15,7 +15,7 @@ import numpy as np
 from vibroimpact.inputs import input_text, one_of
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, System, determinant
+from vibroimpact.orbits.corrector import CONDITIONS, GRAZE, System, determinant
 from vibroimpact.orbits.flights import parameters_in
 from vibroimpact.orbits.orbit import (
     NAMES,
@@ -29,8 +29,6 @@ from vibroimpact.orbits.unknowns import free, inner, phases, speeds, unknowns
 from vibroimpact.oscillator import PARAMETERS, Oscillator, mesh
 from vibroimpact.step.integrators import Parameters
 
-#: The condition that all orbits of a family meet: none, or a bifurcation.
-CONDITIONS = {"": NONE, "flip": FLIP, "fold": FOLD, "graze": GRAZE}
 #: Most time steps of all evaluations of the flights in one direction; then no point is found.
 MOST_WORK = 2**24
 #: Most iterations of the corrector.
@@ -154,7 +152,8 @@ class OrbitFamily:
         in time, without damping and loss, has each touch twice.
         """
         maximum = calls.first_penetration(self.system, self.start)[2]
-        return self.q == 1 or bool(abs(maximum) < _TOUCHES)
+        symmetric = self.osc.h == 0.0 and self.osc.R == 1.0
+        return self.q == 1 or (symmetric and bool(abs(maximum) < _TOUCHES))
 
     def unknowns(self, phases: np.ndarray, speeds: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Return the points of impacts, shape (..., q) each, at values of the parameters."""
@@ -190,9 +189,9 @@ class OrbitFamily:
         v = np.where(np.abs(v) < _ZERO_SPEED, 0.0, v)
         return phases(X, self.q), self.units.out_of("length/time", v)
 
-    def orbit(self, X: np.ndarray) -> PeriodicOrbit:
-        """Return the orbit at a point."""
-        return orbit_of(self.oscillator(X), self.m, *self.impacts(X))
+    def orbit(self, X: np.ndarray, kind: str = "") -> PeriodicOrbit:
+        """Return the orbit at a point, which may be a bifurcation of a branch."""
+        return orbit_of(self.oscillator(X), self.m, *self.impacts(X), self.kind or kind)
 
     def related(self, z: np.ndarray, m: int, kind: str = "", graze: int = 0) -> OrbitFamily:
         """Return the family of other orbits of the same oscillators: those near impacts z."""
@@ -203,7 +202,7 @@ class OrbitFamily:
 
     def orbits(self, X: np.ndarray) -> Orbits:
         """Return the orbits at points, shape (n, 2 q + k), with impacts numbered as there."""
-        return Orbits.along(self.osc, self.names, self.kept(X), self.m, *self.impacts(X))
+        return Orbits.along(self.osc, self.names, self.kept(X), self.m, *self.impacts(X), self.kind)
 
     def corrected(
         self,
@@ -250,6 +249,15 @@ class OrbitFamily:
         tangent = calls.tangent(self.system, X)
         return -tangent if along is not None and self.inner(tangent, along) < 0.0 else tangent
 
+    def heading(self, X: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+        """Return the tangent of a curve of folds without its part along the null vector.
+
+        It vanishes only with the velocity of the parameters. Where they turn smoothly, it turns
+        little. It does not depend on the spans of the parameters.
+        """
+        null = np.append(calls.null_vector(self.system, X, 1.0), np.zeros(2))
+        return tangent - self.inner(tangent, null) / self.inner(null, null) * null
+
     def inner(self, X: np.ndarray, Y: np.ndarray) -> float:
         """Return the inner product of the continuation."""
         return float(inner(X, Y, self.q))
@@ -267,6 +275,9 @@ class OrbitFamily:
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
         """Return the point X of a path that has this tangent."""
         tests = calls.test_functions(self.system, X, tangent, self.bounds)
+        if self.kind == "fold":
+            heading = self.heading(X, tangent)
+            tests[0, -2] = math.sqrt(self.inner(heading, heading))
         reason, maximum = self.inadmissible(X)
         return Point(X, tangent, tests, maximum, reason)
 
@@ -341,9 +352,12 @@ class ArclengthStep:
         from scipy.optimize import brentq
 
         X, tangent = self.begin.X, self.begin.tangent
+        ends = {0.0: X, self.length: self.end.X}  # where Newton's method may fail
 
         def at(s: float) -> np.ndarray | None:
-            return X if s == 0.0 else self.family.corrected(X + s * tangent, tangent[None, :])
+            if s in ends:
+                return ends[s]
+            return self.family.corrected(X + s * tangent, tangent[None, :])
 
         def along_step(s: float) -> float:
             Y = at(s)

@@ -4,7 +4,8 @@ Along a branch or a curve the test functions are smooth:
 
     the distances of the free parameters from both edges of their ranges;
     on a branch the flip and the fold, det J(mu) at mu = -1 and +1; on a curve of grazes their
-    meeting, the middle coefficient of det J(mu).
+    meeting, the middle coefficient of det J(mu); on a curve of folds, in place of one, the share of
+    the tangent off the null vector of the fold, which tells whether a cusp can be seen.
 
 The signs at both ends of a step show one root, but not two. The values and slopes there give the
 cubic Hermite interpolant. It has no more roots than the control polygon of its Bernstein form has
@@ -63,11 +64,11 @@ from vibroimpact.step.polynomial import TERMS, first_crossing
 _DIFFERENCE, _DIFFERENCE_SHARE = 1e-9, 1e-12
 #: The natural oscillation of a flight advances by less than this in a step [rad].
 _MOST_ADVANCE = 1.0
-#: Where the parameters of a curve of folds move by less than this share of its tangent, their
-#: direction is rounding.
+#: Where less than this share of the tangent of a curve of folds is off the null vector of the fold,
+#: its sign is rounding.
 HEADING = 1e-5
 #: The difference of the halves of an orbit falls in a step along a curve of folds to no less than
-#: this share. The curve ends where it vanishes (``special_points.py``).
+#: this share. The curve ends where it vanishes (``singular_ends.py``).
 _LEAST_LEFT = 0.25
 
 
@@ -256,7 +257,7 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
         together, size = together + a * b, size + a * a
         off = c - 0.5 * (a + b)
         middle, bend = middle + a * c, bend + off * off
-    return size > HEADING * HEADING and together > 0.0 and middle < math.sqrt(size * bend)
+    return together > 0.0 and middle < math.sqrt(size * bend)
 
 
 @jit
@@ -279,6 +280,7 @@ def step_may_miss(system, here, there, length):
         return True
     if system.condition != FOLD:
         return False
-    return halves_may_meet(X, Y, system.m, system.q) or _may_have_cusps(
-        system, X, tangent, Y, tangent_Y, length
-    )
+    if halves_may_meet(X, Y, system.m, system.q):
+        return True
+    heading = tests[0, 2 * system.free.size]
+    return heading > HEADING and _may_have_cusps(system, X, tangent, Y, tangent_Y, length)

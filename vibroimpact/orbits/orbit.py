@@ -11,14 +11,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from vibroimpact.destination.free_motion import steady_response
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.corrector import NONE, System
+from vibroimpact.orbits.corrector import CONDITIONS, NONE, System
 from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 
@@ -46,6 +46,8 @@ class PeriodicOrbit:
         omega t of the impacts, increasing, over less than 2 pi m; the first is in [0, 2 pi).
     speeds : ndarray, shape (q,)
         Speeds before the impacts [length/time], >= 0; zero where an impact grazes.
+    kind : str
+        The bifurcation at which it is known to be; empty if none.
 
     Examples
     --------
@@ -59,6 +61,7 @@ class PeriodicOrbit:
     m: int
     phases: np.ndarray
     speeds: np.ndarray
+    kind: str = ""
 
     @property
     def q(self) -> int:
@@ -90,7 +93,10 @@ class PeriodicOrbit:
 
     @cached_property
     def multipliers(self) -> np.ndarray:
-        """Both Floquet multipliers, complex, the larger first; infinite at a graze or overflow."""
+        """Both Floquet multipliers, complex, the larger first; infinite at a graze or overflow.
+
+        Of an orbit known to be at a flip or fold, the larger is exactly -1 or 1.
+        """
         return self.alone.multipliers[0]
 
     @cached_property
@@ -101,7 +107,8 @@ class PeriodicOrbit:
     @property
     def alone(self) -> Orbits:
         """The orbit as arrays."""
-        return Orbits(point_of(self.oscillator), self.m, self.phases[None], self.speeds[None])
+        point = point_of(self.oscillator)
+        return Orbits(point, self.m, self.phases[None], self.speeds[None], self.kind)
 
     @cached_property
     def equations(self) -> tuple[System, np.ndarray]:
@@ -169,16 +176,17 @@ class Orbits(NamedTuple):
     m: int
     phases: np.ndarray  # of the impacts, increasing, (n, q)
     speeds: np.ndarray  # (n, q)
+    kind: str = ""  # the bifurcation at which all of them are known to be
 
     @classmethod
     def along(
-        cls, osc: Oscillator, names: Sequence[str], at: np.ndarray, m: int, *impacts: np.ndarray
+        cls, osc: Oscillator, names: Sequence[str], at: np.ndarray, m: int, *others: Any
     ) -> Self:
         """Return orbits of oscillators that differ in some parameters; `at` are these, (n, k)."""
         points = point_of(osc).repeat(len(at))
         for name, values in zip(names, at.T, strict=True):
             points[name] = values
-        return cls(points, m, *impacts)
+        return cls(points, m, *others)
 
     def sections(self, phase: float) -> np.ndarray:
         """Return x and v as ``PeriodicOrbit.sections``, shape (n, m, 2)."""
@@ -195,9 +203,8 @@ class Orbits(NamedTuple):
 
     def _equations(self, units: NaturalUnits) -> tuple[System, np.ndarray]:
         """Return the equations and the vectors of unknowns, in which all parameters are free."""
-        system = System(
-            _ONES, _ALL_FREE, _ONES, self.m, self.phases.shape[1], NONE, 0, False, np.zeros(1)
-        )
+        q, condition = self.phases.shape[1], CONDITIONS[self.kind]
+        system = System(_ONES, _ALL_FREE, _ONES, self.m, q, condition, 0, False, np.zeros(1))
         return system, _vectors(self, units, numbers_in(units, self.points))
 
     @property
@@ -209,18 +216,21 @@ class Orbits(NamedTuple):
             times = 2.0 * math.pi * self.m / omega
             return np.exp((np.stack([rate, -rate]) - h) * times).T
         found = calls.multipliers(*self._equations(NaturalUnits.of(self.points)))
-        found[~self.speeds.all(axis=1)] = math.inf, 0.0
+        if self.kind not in ("flip", "fold"):
+            found[~self.speeds.all(axis=1)] = math.inf, 0.0
         return found
 
 
-def orbit_of(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
+def orbit_of(
+    osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray, kind: str = ""
+) -> PeriodicOrbit:
     """Return the orbit with these impacts, shifted so that the first is in [0, 2 pi)."""
     turns = np.floor(phases / (2.0 * math.pi))
     within = phases - 2.0 * math.pi * m * np.floor(turns / m)
     order = np.argsort(within, kind="stable")
     within, speeds = within[order], speeds[order]
     within = within - 2.0 * math.pi * math.floor(within[0] / (2.0 * math.pi))
-    return PeriodicOrbit(osc, m, within, speeds)
+    return PeriodicOrbit(osc, m, within, speeds, kind)
 
 
 def taken_twice(orbit: PeriodicOrbit) -> PeriodicOrbit:

@@ -1,0 +1,170 @@
+"""A curve has the same ends and special points from each of its orbits, and its multipliers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.curves import CURVE_KINDS, bifurcation_curve
+from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.trajectory import simulate
+
+#: Curves with what was wrong from some of their orbits: an oscillator, m, phases, speeds, the kind,
+#: two ranges, and the special points as they are in quad precision.
+CUSP = (
+    Oscillator(0.008188662089148483, 0.6753756819258433, 5.151941492141442, 1.0, 1.0,
+               0.011286873178449537),
+    24,
+    (4.930434695929946, 23.490124393677284, 25.150417739349063, 42.60220948114409,
+     61.0428251649646, 62.372809780209344, 80.23875714662444, 98.97583160801877,
+     100.95098104987377, 118.22115011521748, 136.2058610732988, 137.47767274538322),
+    (0.25529752614055806, 0.1952502364883377, 0.0743716164306106, 0.278509804149993,
+     0.17632831563813223, 0.09525828697335807, 0.26069438519949656, 0.19912037920740655,
+     0.03764867766642314, 0.279111279324615, 0.1735343314738448, 0.10791767741691788),
+    "fold", ("R", 0.4849000139191449, 1.0), ("omega", 0.07423002576000019, 357.5709541616697),
+    {"cusp": (0.67425203042, 5.15317079165)},
+)  # fmt: skip
+SINGULAR_END = (
+    Oscillator(0.011642948232023047, 0.2674026958566805, 5.337345698403018, 1.0,
+               0.5886088495274829, 0.026389188219725128),
+    10, (5.648641739819293, 36.604774630652244), (0.31107344565118816, 0.3064261220972446),
+    "graze", ("clearance", -0.20258664612750543, 0.2553650225669557),
+    ("p", 0.44704439869226137, 0.7301733003627044),
+    {"graze": (0.00070906430, 0.57152628732), "edge": (0.15656333519, 0.7301733003627),
+     "flip": (0.040717331049748, 0.600279862793)},
+)  # fmt: skip
+#: Where Newton's method fails, 1 - omega / p is 1e-4: the end is a degenerate flip (model.md, 5).
+NEAR_RESONANCE = (
+    Oscillator(0.001589843647971795, 0.9478511307019399, 1.0804674567054975, 1.0,
+               1.0811109412827986, 1.566385912292227),
+    2, (4.74602023970686, 10.986473102518408), (0.9543481819117794, 2.0256200504350677),
+    "fold", ("p", 0.14955086693616904, 1.3048996635493246), ("R", 0.5184744805967156, 1.0),
+    {"flip": (1.08057242, 0.98413619)},
+)  # fmt: skip
+FLIPS = (
+    Oscillator(0.018243531395168308, 0.6672561989846931, 4.321828489104229, 0.827603027471529,
+               0.9080054690299556, 2.593916386006515e-05),
+    14,
+    (1.6848491371059362, 13.407262391163172, 27.21222850231014, 32.2941745752304,
+     45.6491960150754, 57.428881150355494, 71.1797758825463, 76.26579590719219),
+    (0.19218629918458993, 0.2352410277751331, 0.174253277692401, 0.15008397206141152,
+     0.19286911808799556, 0.23265559788530182, 0.16966633572620848, 0.15224079603244725),
+    "flip", ("clearance", -0.09843771312113518, 0.09843771312113518),
+    ("omega", 2.103611360775029, 6.54004561743343), {},
+)  # fmt: skip
+
+
+def assert_same_from_its_orbits(kind, whole, ranges, numbers):
+    """The curve that begins at each of these orbits has the ends and special points of the whole.
+
+    They agree to 1e-6 of the ranges, in the same or in reverse order.
+    """
+    spans = np.array([high - low for _, low, high in ranges])
+    for i in numbers:
+        again = bifurcation_curve(whole.orbit(i), kind, *ranges)
+        for points, others in ((whole.special, again.special), (again.special, whole.special)):
+            for k, point in enumerate(points):
+                away = [
+                    np.abs((point.value - other.value) / spans).max()
+                    for other in (others if 0 < k < len(points) - 1 else (others[0], others[-1]))
+                    if other.kind == point.kind
+                ]
+                assert min(away, default=math.inf) < 1e-6, (i, point.kind, point.value, away)
+
+
+@pytest.mark.parametrize(
+    "case", [CUSP, SINGULAR_END, NEAR_RESONANCE, FLIPS], ids=["cusp", "end", "resonance", "flips"]
+)
+def test_a_curve_is_the_same_from_each_of_its_orbits(case):
+    osc, m, phases, speeds, kind, first, second, expected = case
+    start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds))
+    whole = bifurcation_curve(start, kind, first, second)
+    spans = np.array([first[2] - first[1], second[2] - second[1]])
+    for name, value in expected.items():
+        found = [p.value for p in whole.special if p.kind == name]
+        away = np.array([np.abs((other - value) / spans).max() for other in found])
+        assert away.min() < 1e-6
+    last = len(whole.values) - 2
+    numbers = sorted({1, 2, 5, 10, *np.linspace(1, last, 5).astype(int).tolist()})
+    assert_same_from_its_orbits(kind, whole, (first, second), numbers)
+    swapped = bifurcation_curve(start, kind, second, first)
+    assert sorted(p.kind for p in swapped.special) == sorted(p.kind for p in whole.special)
+
+
+@pytest.mark.parametrize(("case", "multiplier"), [(FLIPS, -1.0), (CUSP, 1.0)])
+def test_each_orbit_of_a_curve_has_the_multipliers_of_its_kind(case, multiplier):
+    """Beside a graze their sum loses all digits, but one is known, and so is their product."""
+    osc, m, phases, speeds, kind, first, second, _ = case
+    start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds))
+    found = bifurcation_curve(start, kind, first, second)
+    orbits = [found.orbit(i) for i in range(len(found.values))]
+    h, R, omega = (
+        np.array([getattr(o.oscillator, n) for o in orbits]) for n in ("h", "R", "omega")
+    )
+    products = R ** (2 * start.q) * np.exp(-4.0 * math.pi * h * m / omega)
+    for multipliers in ([o.multipliers for o in orbits], found.orbits.multipliers):
+        assert np.all(np.array(multipliers)[:, 0] == multiplier)
+        second_ones = np.array(multipliers)[:, 1]
+        np.testing.assert_allclose(second_ones, multiplier * products, rtol=1e-12)
+
+
+def test_a_flip_on_a_branch_has_the_multiplier_minus_one():
+    """Beside it the orbit has a multiplier that is as near to -1 as the parameter to the flip."""
+    start = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0))
+    (flip,) = [p for p in branch(start, "omega", 2.3, 3.2).special if p.kind == "flip"]
+    bare = PeriodicOrbit(flip.orbit.oscillator, 1, flip.orbit.phases, flip.orbit.speeds)
+    assert flip.orbit.multipliers[0] == -1.0 and not flip.orbit.stable
+    assert bare.multipliers == pytest.approx(flip.orbit.multipliers, abs=1e-12)
+
+
+def random_curve(seed):
+    """Return a random curve and its ranges; None if there is none on the branches of an orbit."""
+    rng = np.random.default_rng(seed)
+    osc = Oscillator(
+        h=rng.choice([0.0, 10.0 ** rng.uniform(-3.0, -0.7)]), R=rng.uniform(0.2, 0.98),
+        omega=rng.uniform(0.5, 6.0), f=1.0, p=rng.choice([1.0, rng.uniform(0.5, 1.4)]),
+        clearance=rng.choice([0.0, rng.normal(0.0, 0.1), rng.uniform(0.1, 1.5)], p=[0.1, 0.6, 0.3]),
+    )  # fmt: skip
+    ranges = []
+    for name in rng.choice(["omega", "R", "clearance", "p", "f"], 2, replace=False).tolist():
+        value, width = getattr(osc, name), rng.choice([0.2, 0.4, 0.7, 0.95])
+        size = abs(value) + (0.1 if name == "clearance" else 0.0)
+        high = 1.0 if name == "R" else value + width * size / (1.0 - width)
+        ranges.append((name, value - width * size, high))
+    run = simulate(osc, 300, x0=min(0.0, osc.clearance))
+    for m in range(1, 9):
+        try:
+            orbit = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), m)
+            kind = CURVE_KINDS[seed % 3]
+            (start, *_) = [p for p in branch(orbit, *ranges[0]).special if p.kind == kind]
+            return bifurcation_curve(start.orbit, kind, *ranges), ranges
+        except (OrbitError, ValueError):
+            continue
+    return None
+
+
+@pytest.mark.parametrize(
+    ("first", "count"),
+    [
+        pytest.param(0, 10, marks=pytest.mark.slow),
+        pytest.param(1000, 300, marks=pytest.mark.campaign),
+    ],
+)
+def test_random_curves_are_the_same_from_ten_of_their_orbits(first, count):
+    """Also its multipliers are those of its kind at every point."""
+    seen, seed = 0, first
+    while seen < count:
+        found, seed = random_curve(seed), seed + 1
+        if found is None or len(found[0].values) < 12:
+            continue
+        whole, ranges = found
+        seen += 1
+        numbers = np.linspace(1, len(whole.values) - 2, 10).astype(int).tolist()
+        assert_same_from_its_orbits(whole.kind, whole, ranges, numbers)
+        if whole.kind != "graze":
+            known = {"flip": -1.0, "fold": 1.0}[whole.kind]
+            assert np.all(whole.orbits.multipliers[:, 0] == known)

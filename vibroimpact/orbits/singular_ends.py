@@ -1,0 +1,255 @@
+"""The singular ends of curves, as limits, and the orbits of half the period.
+
+A branch of orbits of twice the period ends at a flip of the half, where its halves change places.
+A curve of folds of such orbits ends where this flip is degenerate (Kuznetsov, *Elements of Applied
+Bifurcation Theory*, sec. 9.3): the orbits of twice the period then neither begin on one side of the
+curve of flips nor on the other. The equations of the folds are singular there, and so are those of
+a curve on which all impacts lose their speed at once: it ends in an orbit that touches the stop
+without speed, as without damping where omega is a fraction of p. Where no energy is lost, R = 1,
+the speeds of a curve may grow without bound. A curve of grazes ends where the other half grazes,
+too: without its touch the orbit is twice its half there, at a flip.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from vibroimpact.orbits import calls
+from vibroimpact.orbits.continuation import onto_edges
+from vibroimpact.orbits.family import NEARBY_DISTANCE, OrbitFamily
+from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.unknowns import free, impact_rows, speeds, unknowns
+
+#: A curve of folds ends where the mean square difference of its halves is below this, and a curve
+#: on which Newton's method fails where it is below the second, or all impacts are slower than that.
+_MEETS, _MAY_MEET = 4e-4, 0.1
+#: Its end is where it leads from at most so many of its last points, at which this difference or
+#: speed is at least so many times that of the next one. It is known if with one point less it is
+#: the same to this share of the ranges.
+_POINTS, _APART, _PRECISE = 5, 1.5, 1e-8
+#: Greatest sizes of the orbits of twice the period that tell where a flip is degenerate.
+_SIZES = 0.4, 0.2, 0.1, 0.05, 0.025, 0.0125, 0.00625
+#: The second place at which a touch is looked at, and the error of a root, in scaled unknowns.
+_NEAR, _ROOT = 1e-6, 1e-9
+#: A degenerate flip is nearer than this to where the curve of folds leads.
+_BELONGS = 0.05
+#: Impacts of a curve that are so many times faster than the force and the clearance alone make them
+#: may grow without bound.
+_FASTEST = 1e3
+
+
+def degenerate_flip(
+    family: OrbitFamily, points: Sequence[np.ndarray], lost: bool
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return how a curve of folds ends beyond some points, where, and the orbit; None if not near.
+
+    It ends in a ``flip`` of the half, or at an ``edge`` just before it if it is `lost` there. The
+    mean of the halves is a smooth function of the square of their difference: its limit is near.
+    """
+    if family.kind != "fold" or family.m % 2 or family.q % 2:
+        return None
+    squares = np.array([calls.halves_apart(family.system, X) for X in points])
+    if not squares[-1] < (_MAY_MEET if lost else _MEETS):
+        return None
+    means = np.array([mean_of_halves(family, X) for X in points])
+    halves, _ = half_of(family, points[-1], "flip")
+    guess, error = _where_zero(squares, means)
+    Y = _where_flips_turn(halves, family, guess) if error < NEARBY_DISTANCE else None
+    if Y is None:
+        return None
+    if not lost and not speeds(Y, halves.q).max() > NEARBY_DISTANCE:  # it may stand still
+        return None
+    reason, _ = halves.inadmissible(Y)
+    if reason is None:
+        return "flip", doubling(halves, Y)[0], halves.orbit(Y)
+    if not (lost and reason.kind == "edge"):
+        return None
+    chord = doubling(halves, Y)[0] - points[-1]
+    inside, edge = free(points[-1], family.q)[reason.at], reason.where / family.spans[reason.at]
+    X, axis = points[-1] + (edge - inside) / free(chord, family.q)[reason.at] * chord, 0.0 * chord
+    free(X, family.q)[reason.at], free(axis, family.q)[reason.at] = edge, 1.0
+    X = family.corrected(X, np.array([axis, chord]))
+    return None if X is None else ("edge", X, family.orbit(X))
+
+
+def _where_flips_turn(
+    halves: OrbitFamily, family: OrbitFamily, guess: np.ndarray
+) -> np.ndarray | None:
+    """Return the degenerate flip near a point on a curve of flips; None if none is near.
+
+    There the cubic coefficient of the flip vanishes. Orbits of twice the period tell it: too large
+    ones not well, and small ones lose digits, so of several sizes those that agree best count.
+    """
+    places = [
+        _root_along(halves, guess, partial(_bend, halves, family, size), NEARBY_DISTANCE)
+        for size in _SIZES
+    ]
+    off = np.abs(np.diff(places))
+    if not np.nanmin(off, initial=math.inf) < NEARBY_DISTANCE:
+        return None
+    place = places[int(np.nanargmin(off))]
+    return _along(halves, guess, place) if abs(place) < _BELONGS else None
+
+
+def _along(family: OrbitFamily, guess: np.ndarray, place: float) -> np.ndarray:
+    """Return the point of a curve at a place along its tangent from a guess."""
+    along = family.tangent(guess)
+    X = family.corrected(guess + place * along, along[None, :])
+    if X is None:
+        raise ArithmeticError
+    return X
+
+
+def _root_along(
+    family: OrbitFamily, guess: np.ndarray, function: Callable[[np.ndarray], float], second: float
+) -> float:
+    """Return where along a curve a function is zero, by the secant method; NaN if not found."""
+    from scipy.optimize import newton
+
+    try:
+        with np.errstate(invalid="ignore"):
+            root = newton(lambda s: function(_along(family, guess, s)), 0.0, x1=second, tol=_ROOT)
+    except (ArithmeticError, RuntimeError):
+        return math.nan
+    return float(root)
+
+
+def _bend(halves: OrbitFamily, family: OrbitFamily, largest: float, Y: np.ndarray) -> float:
+    """Return how far from a flip orbits of twice the period are, per square of their size.
+
+    It is the limit at size 0 of the distance of their parameters across the curve of flips.
+    """
+    X, direction = doubling(halves, Y)
+    planes = np.array([direction, 0.0 * direction])
+    first, second = free(planes[1], family.q)[:] = free(halves.tangent(Y), halves.q)
+    squares, bends = largest**2 / np.array([1.0, 2.0, 4.0]), np.empty(3)
+    for i, square in enumerate(squares):
+        Z = family.corrected(X + math.sqrt(square) * direction, planes)
+        if Z is None:
+            raise ArithmeticError
+        off = free(Z - X, family.q)
+        bends[i] = (first * off[1] - second * off[0]) / square
+    return float(_at_zero(squares) @ bends)
+
+
+def standstill(
+    family: OrbitFamily, points: Sequence[np.ndarray], lost: bool
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return the ``graze`` in which all impacts of a curve lose their speed, as above."""
+    if family.kind not in ("flip", "fold") or family.q == 1:
+        return None
+    fastest = np.array([speeds(X, family.q).max() for X in points])
+    X, error = _where_zero(fastest, np.array(points))
+    if not fastest[-1] < (_MAY_MEET if lost else NEARBY_DISTANCE) or not error < NEARBY_DISTANCE:
+        return None
+    speeds(X, family.q)[:] = 0.0
+    missed = float(np.abs(calls.linearised(family.system, X)[0]).max())
+    if not missed < NEARBY_DISTANCE or family.inadmissible(X)[0] is not None:
+        return None
+    return "graze", X, family.orbit(X)
+
+
+def flip_that_touches(
+    family: OrbitFamily, X: np.ndarray
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return the ``graze`` near X in which both halves of a grazing orbit graze, as above."""
+    m, q, at = family.m, family.q, family.system.graze
+    if family.kind != "graze" or m % 2 or q < 3 or not q % 2:
+        return None
+    z, turn = np.roll(impact_rows(X, q), -at, axis=0), np.array([math.pi * m, 0.0])
+    z[q - at :] += 2.0 * turn  # now the touch is the first
+    half, second = z[1 : 1 + q // 2], z[1 + q // 2 :] - turn
+    halves = family.related(half, m // 2, "flip")
+    guess = unknowns(0.5 * (half + second), free(X, q))
+    root = _root_along(halves, guess, lambda Y: calls.first_penetration(halves.system, Y)[2], _NEAR)
+    if not np.abs(second - half).max() < NEARBY_DISTANCE or not abs(root) < NEARBY_DISTANCE:
+        return None
+    Y = _along(halves, guess, root)
+    half = impact_rows(Y, halves.q)
+    z[0, 0] = calls.turning_point(halves.system, Y, q // 2 - 1, z[0, 0] + turn[0])[0] - turn[0]
+    z[1:] = np.concatenate([half, half + turn])
+    z[q - at :] -= 2.0 * turn
+    X = unknowns(np.roll(z, at, axis=0), free(Y, halves.q))
+    return "graze", X, family.orbit(X)
+
+
+def unbounded(
+    family: OrbitFamily, points: Sequence[np.ndarray]
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return the ``edge`` at which the speeds of a curve become infinite, as above.
+
+    The parameters are smooth functions of the inverse speed.
+    """
+    pt, fastest = family.natural(points[-1]), np.array([speeds(X, family.q).max() for X in points])
+    if not fastest[-1] > _FASTEST * (pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance)) > 0.0:
+        return None
+    limit, error = _where_zero(1.0 / fastest, np.array([free(X, family.q) for X in points]))
+    X = points[-1].copy()
+    free(X, family.q)[:] = limit
+    X = onto_edges(family, X)
+    values = list(zip(family.parameters, family.kept(X).tolist(), strict=True))
+    inside = error < _PRECISE and all(axis.holds(value) for axis, value in values)
+    at_edge = any(value in (axis.low, axis.high) for axis, value in values)
+    return ("edge", X, family.orbit(X)) if inside and at_edge else None
+
+
+def _where_zero(places: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the limit at the place 0 of values, shape (n, k), at decreasing places, and its error.
+
+    It is that of the polynomial through some of the last values that changes least by one value
+    more. The nearest values are less accurate.
+    """
+    kept = [len(places) - 1]
+    for i in range(len(places) - 2, -1, -1):
+        if _APART * places[kept[-1]] <= places[i] < _MAY_MEET:
+            kept.append(i)
+    best, least = values[-1], math.inf
+    for first in range(len(kept)):
+        before = None
+        for last in range(first + 1, min(first + _POINTS, len(kept)) + 1):
+            limit = _at_zero(places[kept[first:last]]) @ values[kept[first:last]]
+            if before is not None and np.abs(limit - before).max() < least:
+                best, least = limit, float(np.abs(limit - before).max())
+            before = limit
+    return best, least
+
+
+def _at_zero(places: np.ndarray) -> np.ndarray:
+    """Return the weights of values at some places in the value at 0 of their polynomial."""
+    weights: np.ndarray = np.prod(places / (places - places[:, None] + np.diag(places)), axis=1)
+    return weights
+
+
+def half_of(
+    family: OrbitFamily, X: np.ndarray, kind: str = "", graze: int = 0
+) -> tuple[OrbitFamily, np.ndarray]:
+    """Return the family of orbits of half the period, and the mean of the halves of a point."""
+    mean = mean_of_halves(family, X)
+    return family.related(impact_rows(mean, family.q // 2), family.m // 2, kind, graze), mean
+
+
+def difference_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
+    """Return the difference of the second half of an orbit from the first, shape (q / 2, 2)."""
+    z, q = impact_rows(X, family.q), family.q // 2
+    return z[q:] - z[:q] - np.array([math.pi * family.m, 0.0])
+
+
+def mean_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
+    """Return the mean of the halves of an orbit as a point of the orbits of half the period."""
+    first = impact_rows(X, family.q)[: family.q // 2]
+    return unknowns(first + 0.5 * difference_of_halves(family, X), free(X, family.q))
+
+
+def doubling(family: OrbitFamily, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a flip X as a point of the orbits of twice the period, and their direction there."""
+    q, z = family.q, impact_rows(X, family.q)
+    vector = impact_rows(calls.null_vector(family.system, X, -1.0), q)
+    vector /= math.sqrt(np.sum(vector**2) / q)
+    second = z + np.array([2.0 * math.pi * family.m, 0.0])
+    doubled = unknowns(np.concatenate([z, second]), free(X, q))
+    along = unknowns(np.concatenate([vector, -vector]), np.zeros(len(family.parameters)))
+    return doubled, along
