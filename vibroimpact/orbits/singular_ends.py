@@ -33,8 +33,10 @@ _MEETS, _MAY_MEET = 4e-4, 0.1
 _POINTS, _APART, _PRECISE = 5, 1.5, 1e-8
 #: Greatest sizes of the orbits of twice the period that tell where a flip is degenerate.
 _SIZES = 0.4, 0.2, 0.1, 0.05, 0.025, 0.0125, 0.00625
-#: The second place at which a touch is looked at, and the error of a root, in scaled unknowns.
-_NEAR, _ROOT = 1e-6, 1e-9
+#: Two sizes agree if they tell the same place to this, in scaled unknowns.
+_AGREE = 1e-6
+#: The second place at which a touch is looked at, and the error of the root, in scaled unknowns.
+_NEAR = 1e-6, 1e-9
 #: A degenerate flip is nearer than this to where the curve of folds leads.
 _BELONGS = 0.05
 #: Impacts of a curve that are so many times faster than the force and the clearance alone make them
@@ -82,16 +84,15 @@ def _where_flips_turn(
     """Return the degenerate flip near a point on a curve of flips; None if none is near.
 
     There the cubic coefficient of the flip vanishes. Orbits of twice the period tell it: too large
-    ones not well, and small ones lose digits, so of several sizes those that agree best count.
+    ones not well, and small ones lose digits, so of several sizes the largest that agree count.
     """
-    places = [
-        _root_along(halves, guess, partial(_bend, halves, family, size), NEARBY_DISTANCE)
-        for size in _SIZES
-    ]
+    bends = [partial(_bend, halves, family, size) for size in _SIZES]
+    roots = [_root_along(halves, guess, bend, NEARBY_DISTANCE, 0.1 * _AGREE) for bend in bends]
+    places = np.array([root for root in roots if not math.isnan(root)])
     off = np.abs(np.diff(places))
-    if not np.nanmin(off, initial=math.inf) < NEARBY_DISTANCE:
+    if not off.min(initial=math.inf) < NEARBY_DISTANCE:
         return None
-    place = places[int(np.nanargmin(off))]
+    place = places[1 + int(np.argmax(off <= max(_AGREE, off.min())))]
     return _along(halves, guess, place) if abs(place) < _BELONGS else None
 
 
@@ -105,14 +106,18 @@ def _along(family: OrbitFamily, guess: np.ndarray, place: float) -> np.ndarray:
 
 
 def _root_along(
-    family: OrbitFamily, guess: np.ndarray, function: Callable[[np.ndarray], float], second: float
+    family: OrbitFamily,
+    guess: np.ndarray,
+    function: Callable[[np.ndarray], float],
+    second: float,
+    error: float,
 ) -> float:
     """Return where along a curve a function is zero, by the secant method; NaN if not found."""
     from scipy.optimize import newton
 
     try:
         with np.errstate(invalid="ignore"):
-            root = newton(lambda s: function(_along(family, guess, s)), 0.0, x1=second, tol=_ROOT)
+            root = newton(lambda s: function(_along(family, guess, s)), 0.0, x1=second, tol=error)
     except (ArithmeticError, RuntimeError):
         return math.nan
     return float(root)
@@ -165,7 +170,9 @@ def flip_that_touches(
     half, second = z[1 : 1 + q // 2], z[1 + q // 2 :] - turn
     halves = family.related(half, m // 2, "flip")
     guess = unknowns(0.5 * (half + second), free(X, q))
-    root = _root_along(halves, guess, lambda Y: calls.first_penetration(halves.system, Y)[2], _NEAR)
+    root = _root_along(
+        halves, guess, lambda Y: calls.first_penetration(halves.system, Y)[2], *_NEAR
+    )
     if not np.abs(second - half).max() < NEARBY_DISTANCE or not abs(root) < NEARBY_DISTANCE:
         return None
     Y = _along(halves, guess, root)
