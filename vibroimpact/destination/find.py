@@ -13,10 +13,12 @@ With exact impacts, the first of these that applies decides:
    shows that it goes there: ``CAPTURED`` or ``FALLING``. The orbit has impacts, and no rest.
 
 An orbit whose multipliers say that it is unstable is no class: rounding alone kept the motion on
-it. A rest counts only if the motion rests again in the next repetition; one at the start of the
-record does not.
+it. Nor is a repetition with rest of which rounding decides the length, see ``rest.py``. A rest
+counts only if the motion rests again in the next repetition; one at the start of the record does
+not.
 
-With another impact rule, a record that repeats is all the evidence, to the same bits or nearly.
+With another impact rule, a record that repeats is all the other evidence, to the same bits or
+nearly.
 
 ``RELEASED`` takes the place of ``REPEATS`` where the mass rested in the record, but not in the
 repetition.
@@ -49,6 +51,7 @@ from vibroimpact.destination.repetition import (
     repetition_of_cycle,
     size_of,
 )
+from vibroimpact.destination.rest import rests_alike_by_steps, rests_alike_exactly
 from vibroimpact.destination.section_map import (
     derivative_over,
     flow_of,
@@ -56,7 +59,7 @@ from vibroimpact.destination.section_map import (
     replay,
     section_state,
 )
-from vibroimpact.jit import inlined, jit
+from vibroimpact.jit import inlined, jit, specialised
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.contact import Scratch
 from vibroimpact.step.propagator import from_dimensionless
@@ -97,6 +100,7 @@ class Memory(NamedTuple):
     scratch: Scratch
     passed: np.ndarray  #: That of a ``Flow``.
     tried: np.ndarray  #: Receives the ``near_repetitions`` of a record, shape (MOST_REPETITIONS,).
+    beside: np.ndarray  #: Receives a point beside another, shape (1,).
 
 
 @inlined
@@ -161,15 +165,19 @@ def nearer_section(flow, orbit, y, w, size):
 
 
 @jit
-def put_cycle(found, sections, sums, pt):
+def put_cycle(found, sections, sums, scheme, memory, pt):
     """Write the class of a motion that came back to the same bits, if it needs no proof.
 
     Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
     """
     m = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt)
-    sure = sums.cycle_rests if kind_of(sums) == _RESTS else not stayed(sections, pt)
+    rests = kind_of(sums) == _RESTS
+    sure = sums.cycle_rests if rests else not stayed(sections, pt)
     if m == 0 or not sure or is_coarse(sections, pt):
         return False
+    if rests and not rests_alike_exactly(pt, scheme, m, memory):
+        found.evidence = _UNSTABLE
+        return True
     put_repetition(found, sections, m, 0.0, math.nan, sums.cycle_impacts * m // sums.cycle)
     return True
 
@@ -207,7 +215,7 @@ def is_neutral(pt, kind):
 
 
 @jit
-def judge_exact_repetition(flow, sections, sums, m, off, size, found):
+def judge_exact_repetition(flow, scheme, memory, sections, sums, m, off, size, found):
     """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back."""
     pt, kind = flow.pt, kind_of(sums)
     y, w = section_state(pt, sections, sections.shape[0] - 1)
@@ -218,6 +226,9 @@ def judge_exact_repetition(flow, sections, sums, m, off, size, found):
     if not smooth and is_coarse(sections, pt) and not is_replayed(flow, y, w, m, size):
         return
     neutral = is_neutral(pt, kind)
+    if not smooth and not neutral and not rests_alike_exactly(pt, scheme, m, memory):
+        found.evidence = _UNSTABLE
+        return
     if smooth and kind == _RESTS and judge(flow, y, w, m, size, found):
         return
     if off == 0.0:
@@ -244,16 +255,16 @@ def judge_repetition(flow, sections, kind, m, size, found):
 
 
 @jit
-def find_exact(pt, sections, sums, grid, memory, found):
+def find_exact(pt, sections, sums, scheme, memory, found):
     """Find the destination of one motion with exact impacts."""
-    kind = kind_of(sums)
+    kind, grid = kind_of(sums), scheme.grid
     if kind == _NO_RESULT:
         return
     last = sections.shape[0] - 1
     x, v = sections[last, 0], sections[last, 1]
     steady = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
     free = pt.h > 0.0 and excess(pt, x, v, steady) < 0.0
-    if not free and put_cycle(found, sections, sums, pt):
+    if not free and put_cycle(found, sections, sums, scheme, memory, pt):
         return
     size = size_of(sections, pt, False)
     flow = flow_of(pt, grid, memory.scratch, memory.passed)
@@ -273,7 +284,7 @@ def find_exact(pt, sections, sums, grid, memory, found):
     units = size[0], size[1] / pt.omega
     neutral = is_neutral(pt, kind)
     if m > 0 and (off == 0.0 or kind == _RESTS or neutral):
-        judge_exact_repetition(flow, sections, sums, m, off, units, found)
+        judge_exact_repetition(flow, scheme, memory, sections, sums, m, off, units, found)
     elif m > 0:
         judge_repetition(flow, sections, kind, m, units, found)
     elif not neutral:
@@ -284,8 +295,8 @@ def find_exact(pt, sections, sums, grid, memory, found):
                 return
 
 
-@jit
-def find_repetition(pt, sections, sums, grid, memory, found):
+@specialised
+def find_repetition(pt, sections, sums, scheme, memory, found, plain):
     """Find after how many periods a record repeats, which is all that other rules show."""
     kind = kind_of(sums)
     if kind == _NO_RESULT:
@@ -299,7 +310,25 @@ def find_repetition(pt, sections, sums, grid, memory, found):
     if m == 0:
         m, off = repetition(sections, size_of(sections, pt, True))
         q = -1
-    if m > 0:
-        put_repetition(found, sections, m, off, math.nan, q)
-        if q >= 0 and kind == _RESTS and not sums.cycle_rests:
-            found.evidence = _RELEASED
+    if m == 0:
+        return
+    released = q >= 0 and kind == _RESTS and not sums.cycle_rests
+    if not plain and kind == _RESTS and not released:
+        if not rests_alike_by_steps(pt, scheme, m, memory):
+            found.evidence = _UNSTABLE
+            return
+    put_repetition(found, sections, m, off, math.nan, q)
+    if released:
+        found.evidence = _RELEASED
+
+
+@jit
+def find_plain(pt, sections, sums, scheme, memory, found):
+    """Do what ``find_repetition`` does, with the rule ``plain``, which has no rests."""
+    find_repetition(pt, sections, sums, scheme, memory, found, True)
+
+
+@jit
+def find_shortened(pt, sections, sums, scheme, memory, found):
+    """Do what ``find_repetition`` does, with the rules ``reduced-step`` and ``cubic``."""
+    find_repetition(pt, sections, sums, scheme, memory, found, False)

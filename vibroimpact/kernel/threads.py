@@ -24,7 +24,8 @@ from vibroimpact.destination.find import (
     NO_DESTINATION,
     Memory,
     find_exact,
-    find_repetition,
+    find_plain,
+    find_shortened,
 )
 from vibroimpact.destination.repetition import MOST_REPETITIONS
 from vibroimpact.destination.section_map import MOST_SECTIONS
@@ -36,7 +37,7 @@ from vibroimpact.kernel.reduced_step_impacts import REDUCED_STEP_COLUMNS
 from vibroimpact.kernel.workspace import KEPT, LANES, LANES_SIZE, ROW, VECTOR, Workspace
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.contact import new_scratch
-from vibroimpact.step.scheme import EXACT, PLAIN, PhaseGrid, Scheme
+from vibroimpact.step.scheme import EXACT, PLAIN, Scheme
 
 #: Fewest lanes of a thread, if there are so many points. With exact impacts, fewer points take
 #: nearly as long.
@@ -63,7 +64,7 @@ class Search(NamedTuple):
     points: np.ndarray  #: Of dtype ``POINT``, shape (n,).
     sections: np.ndarray  #: Of their records, which are complete.
     sums: np.ndarray
-    grid: PhaseGrid
+    scheme: Scheme
     found: np.ndarray  #: Receives where each motion goes; of dtype ``DESTINATION``.
     claimed: np.ndarray  #: As in a ``KernelJob``.
     interrupt: np.ndarray
@@ -120,7 +121,7 @@ def find_all(search, memory, find):
     row = claim(search.claimed)
     while row < search.points.size and not is_set(search.interrupt):
         find(
-            search.points[row], search.sections[row], search.sums[row], search.grid, memory,
+            search.points[row], search.sections[row], search.sums[row], search.scheme, memory,
             search.found[row],
         )  # fmt: skip
         row = claim(search.claimed)
@@ -133,9 +134,15 @@ def find_all_exact(search, memory):
 
 
 @jit
-def find_all_repetitions(search, memory):
-    """Find destinations for the other rules."""
-    find_all(search, memory, find_repetition)
+def find_all_plain(search, memory):
+    """Find destinations for the rule ``plain``."""
+    find_all(search, memory, find_plain)
+
+
+@jit
+def find_all_shortened(search, memory):
+    """Find destinations for the rules ``reduced-step`` and ``cubic``."""
+    find_all(search, memory, find_shortened)
 
 
 def find_on_threads(
@@ -148,14 +155,15 @@ def find_on_threads(
 ) -> np.ndarray:
     """Find where every motion of a record goes; returns dtype ``DESTINATION``, (n,)."""
     found, claimed = np.full(points.size, NO_DESTINATION), np.zeros(1, np.int64)
-    search = Search(points, sections, sums, scheme.grid, found, claimed, interrupt)
+    search = Search(points, sections, sums, scheme, found, claimed, interrupt)
 
     def memory() -> Memory:
         passed, tried = np.zeros((MOST_SECTIONS, 2)), np.zeros(MOST_REPETITIONS, np.int64)
-        return Memory(new_scratch.py_func(), passed, tried)  # compiled code calls it, too
+        beside = np.empty(1, POINT)
+        return Memory(new_scratch.py_func(), passed, tried, beside)  # compiled code calls it, too
 
-    exact = scheme.method[0] == EXACT
-    work = compiled(find_all_exact if exact else find_all_repetitions, search, memory())
+    finds = {PLAIN: find_all_plain, EXACT: find_all_exact}
+    work = compiled(finds.get(scheme.method[0], find_all_shortened), search, memory())
     threads = min(threads, max(1, -(-points.size // FEWEST_LANES)))
     on_threads(threads, interrupt, lambda: work(search, memory()))
     return found
