@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 #: The names of the signals that end work: Ctrl-C, Ctrl-Break, and those by which a terminal, a
 #: scheduler of jobs or a limit of processor time says that the end is near.
-NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU", "SIGBREAK")
+SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU", "SIGBREAK")
 #: Those that the system has.
-SIGNALS = [signal.Signals[name] for name in NAMES if hasattr(signal, name)]
+SIGNALS = [signal.Signals[name] for name in SIGNAL_NAMES if hasattr(signal, name)]
 _came = False
 
 

@@ -10,7 +10,7 @@ import os
 import sys
 
 #: As in `sweeps.interrupts`, which is not imported yet.
-SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU", "SIGBREAK")
+NOTED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU", "SIGBREAK")
 _OUTPUT = "the standard output cannot be written: {}"
 
 
@@ -39,7 +39,7 @@ def main() -> None:
 def _noted() -> list[int]:
     """Return a list to which signals are appended, except those that are ignored."""
     came: list[int] = []
-    for name in SIGNALS:
+    for name in NOTED:
         number = getattr(_signal, name, None)  # no system has all of them
         if number is not None and _signal.getsignal(number) is not _signal.SIG_IGN:
             _signal.signal(number, lambda number, _: came.append(number))

@@ -20,7 +20,7 @@ import pytest
 import xarray as xr
 
 from sweeps import interrupts, open_sweep, run_sweep
-from sweeps.cli.__main__ import SIGNALS as NOTED
+from sweeps.cli.__main__ import NOTED
 from sweeps.config.loading import load_config
 from sweeps.store import SweepWriter
 from tests.helpers.commands import call
@@ -158,7 +158,7 @@ def test_an_interrupted_run_goes_on_with_the_command_it_names(forks):
 
 
 def test_a_process_notes_from_its_start_the_signals_that_end_work():
-    assert NOTED == interrupts.NAMES and len(interrupts.SIGNALS) >= 3
+    assert NOTED == interrupts.SIGNAL_NAMES and len(interrupts.SIGNALS) >= 3
 
 
 @pytest.mark.slow

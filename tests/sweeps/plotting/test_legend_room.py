@@ -7,6 +7,7 @@ import pytest
 from matplotlib.lines import Line2D
 
 from sweeps import branches, open_sweep
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, bifurcation
 from sweeps.plotting.branch_lines import _BRANCHES_IN_FULL, without_idle
 from sweeps.plotting.canvas import Picture
@@ -80,9 +81,9 @@ def test_branches_to_which_no_motion_goes_are_counted_and_drawn_on_request(folde
     with open_sweep("out.h5") as dataset:
         found = branches(dataset)
         chosen = branches(dataset, most=61)
-        kept, idle = without_idle(found, dataset)
+        kept, idle = without_idle(found, OpenedSweep(dataset))
         figure = bifurcation(dataset, exact=found)
-        assert without_idle(chosen, dataset)[1] == 0
+        assert without_idle(chosen, OpenedSweep(dataset))[1] == 0
         m, q = dataset["period"].values, dataset["period_impacts"].values
     count = found["branch"].values.max() + 1
     assert count > _BRANCHES_IN_FULL and 0 < idle < count
