@@ -12,8 +12,8 @@ from .oscillator import Oscillator as Oscillator
 from .paper import PaperRun as PaperRun
 from .paper import paper_procedure as paper_procedure
 from .status import Status as Status
-from .step.integrators import INTEGRATORS as INTEGRATORS
 from .step.scheme import IMPACT_RULES as IMPACT_RULES
+from .step.scheme import INTEGRATORS as INTEGRATORS
 from .trajectory import Trajectory as Trajectory
 from .trajectory import simulate as simulate
 

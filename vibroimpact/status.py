@@ -2,6 +2,9 @@
 
 from enum import IntEnum
 
+#: A record repeats if its sections agree to within this share of its size.
+TOLERANCE = 1e-6
+
 
 class Status(IntEnum):
     """The outcome at one parameter point, as stored in ``status``.

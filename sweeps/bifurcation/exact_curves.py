@@ -84,7 +84,7 @@ def curves(
             meant = suggestion(near_miss(kind, CURVE_KINDS))
             raise Refused(f"there is no curve of kind {kind!r}{meant}; {choice_of(CURVE_KINDS)}")
     chosen = [axes] if isinstance(axes, str) else axes
-    across, up = map_axes(sweep, chosen, at)
+    across, up = sweep.map_axes(chosen, at)
     if len(chosen) == 1:
         raise Refused(f"curves are over two swept axes, not {across} alone")
     for axis in (across, up):
@@ -158,13 +158,3 @@ def curves_summary(
                 name = f"{curve.kind}s of {curve.m}/{curve.q}"
                 lines.append(f"a curve of {name} is lost at {where}: {why}")
     return "\n".join(lines)
-
-
-def map_axes(
-    sweep: OpenedSweep, axes: Sequence[str] = (), at: Selection | None = None
-) -> list[str]:
-    """Return abscissa and ordinate, by default the two longest axes; if equal, the later first."""
-    chosen = sweep.chosen_axes(axes, at, 2, "map")
-    if not axes and sweep.sizes[chosen[0]] == sweep.sizes[chosen[1]]:
-        chosen.reverse()
-    return chosen

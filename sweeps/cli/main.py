@@ -92,7 +92,7 @@ def _check_numba() -> None:
     with warnings.catch_warnings(record=True) as unread:
         warnings.simplefilter("always")
         try:
-            import vibroimpact.jit  # noqa: F401 - it needs the compiler
+            import vibroimpact.jit.compiling  # noqa: F401
         except Exception as error:
             problem = str(error)
             # A setting causes other errors than a library that cannot be loaded.

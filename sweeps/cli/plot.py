@@ -248,7 +248,7 @@ def _exact(
 ) -> tuple[xr.Dataset, list[str], pd.DataFrame]:
     """Find the exact branches, or the curves of a map; return them, lines to print and a table."""
     from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches
-    from sweeps.bifurcation.exact_curves import curves, map_axes
+    from sweeps.bifurcation.exact_curves import curves
     from sweeps.bifurcation.kept import with_cache
     from sweeps.opened import csv_tables
     from sweeps.plotting.branch_lines import without_idle
@@ -264,7 +264,7 @@ def _exact(
                 f"--most {chosen['most']} limits exact branches, and a map shows curves; expected: "
                 "--exact, with or without --classes"
             )
-        pair = map_axes(sweep, axes, cut)
+        pair = sweep.map_axes(axes, cut)
         name = str(shown_quantity(sweep, options.get("quantity")))
         read_overlay(overlay, sweep, [[one] for one in pair], name)  # before all is computed
         with progress_shown("following exact orbits") as report:

@@ -181,12 +181,11 @@ def planned_text(
 
 def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:
     """Run a sweep and print its summary; on failure, name the command that resumes the run."""
+    from sweeps.engine.sweep_run import run_sweep
     from sweeps.reports import run_report
 
     old = run_report.identities(path) if options["overwrite"] else (None, None)
     try:
-        from sweeps.engine.sweep_run import run_sweep
-
         check()
         path = run_sweep(config, path, progress=not quiet, **options)
         summary = run_report.run_summary(path, config.sweep)

@@ -18,8 +18,13 @@ from sweeps.grid import TABLE
 from sweeps.text import fewest_digits
 from vibroimpact.inputs import integer
 from vibroimpact.oscillator import mesh, with_one_force
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import IMPACT_RULES, MOST_STEPS, default_steps, least_stable_steps
+from vibroimpact.step.scheme import (
+    IMPACT_RULES,
+    INTEGRATORS,
+    MOST_STEPS,
+    default_steps,
+    least_stable_steps,
+)
 
 # Limits that turn a typing error into a message instead of a lack of memory.
 _MOST_POINTS = 1_000_000_000

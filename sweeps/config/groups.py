@@ -38,8 +38,13 @@ from sweeps.config.values import (
 from sweeps.text import fewest_digits, near_miss, suggestion
 from vibroimpact.inputs import PHASE, integer, number_meant
 from vibroimpact.oscillator import PARAMETERS, Parameter
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
+from vibroimpact.step.scheme import (
+    IMPACT_RULES,
+    INTEGRATORS,
+    MOST_PERIODS,
+    MOST_RECORDED,
+    MOST_STEPS,
+)
 
 #: Optional quantities of each point, in addition to those that are always recorded.
 DIAGNOSTICS = ("period", "lyapunov", "extremes")

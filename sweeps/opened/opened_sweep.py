@@ -23,11 +23,9 @@ from sweeps.config.rig import MASS, QUANTITIES
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
-from sweeps.opened.motions import motions_from, oscillator_of
 from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES, columns_of
 from sweeps.text import choice_of, listed, near_miss, suggestion, told_apart, unit_name
 from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, Parameter
-from vibroimpact.points.destinations import RECORD
 from vibroimpact.points.regimes import (
     OF_REGIMES,
     Label,
@@ -95,6 +93,8 @@ class OpenedSweep:
     @property
     def oscillator(self) -> Oscillator:
         """The oscillator of a single point."""
+        from sweeps.opened.motions import oscillator_of
+
         return oscillator_of(self.data)
 
     @cached_property
@@ -157,12 +157,16 @@ class OpenedSweep:
     @property
     def recorded_motions(self) -> dict[str, np.ndarray]:
         """The results from which the motions are made."""
+        from vibroimpact.points.destinations import RECORD
+
         recorded = ("period_impacts", "orbit_x", "orbit_v") if "period" in self else RECORD
         return self.values(sorted({*OF_REGIMES, *recorded}))
 
     @cached_property
     def motions(self) -> np.ndarray:
         """The motion of every point, of dtype ``MOTION``, in the shape of the grid."""
+        from sweeps.opened.motions import motions_from  # with the compiler
+
         results = {
             name: values.reshape(len(self.points), *values.shape[len(self.shape) :])
             for name, values in self.recorded_motions.items()
@@ -281,6 +285,13 @@ class OpenedSweep:
         if len(requested) > count or len(set(requested)) < len(requested):
             raise Refused(f"{needed}, not {listed(requested)}")
         return chosen[:count]
+
+    def map_axes(self, axes: Sequence[str] = (), at: Selection | None = None) -> list[str]:
+        """Return abscissa and ordinate, by default the longest axes; if equal, the later first."""
+        chosen = self.chosen_axes(axes, at, 2, "map")
+        if not axes and self.sizes[chosen[0]] == self.sizes[chosen[1]]:
+            chosen.reverse()
+        return chosen
 
     # What is recorded, and its units
 

@@ -9,22 +9,15 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from sweeps import plotting
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
-from sweeps.plotting.basin_pictures import basins
-from sweeps.plotting.coexistence import attractor_diagram
-from sweeps.plotting.diagram import bifurcation
-from sweeps.plotting.erosion import integrity
-from sweeps.plotting.maps import parameter_map
-from sweeps.plotting.motion import trajectory
 from sweeps.plotting.page import PAGE, PICTURE_ARGUMENTS, Page
 from sweeps.plotting.saving import check_picture, description, save
-from sweeps.plotting.sections import impacts, section
 from sweeps.plotting.style import user_style
-from sweeps.plotting.table_picture import table_panels
 from sweeps.store import DIRECTION
 from sweeps.text import choice_of, listed, near_miss, suggestion
 from vibroimpact.inputs import PATH, TEXT
@@ -39,22 +32,33 @@ class Kind(NamedTuple):
     shown: tuple[str, ...] = ()  # axes that it always shows
 
 
+def _drawn_by(name: str) -> Callable[..., Figure]:
+    """Return a function of this room, which is imported when it draws: some need the compiler."""
+    return lambda *arguments, **options: getattr(plotting, name)(*arguments, **options)
+
+
 #: The pictures by name.
 KINDS: Mapping[str, Kind] = {
     "bifurcation": Kind(
-        bifurcation,
+        _drawn_by("bifurcation"),
         ("axes", "coordinate", "exact", "below", "color", "overlay"),
         axes=1,
         shown=(DIRECTION,),
     ),
-    "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, shown=START_AXES),
-    "basins": Kind(basins, ("beside",), shown=STARTS),
-    "integrity": Kind(integrity, ("panels",), shown=("x0", "v0")),
-    "map": Kind(parameter_map, ("axes", "quantity", "exact", "overlay"), axes=2),
-    "section": Kind(section, ("color",)),
-    "impacts": Kind(impacts, ("color",)),
-    "trajectory": Kind(trajectory, ("periods", "color")),
-    "table": Kind(table_panels, ("axes", "quantity", "color", "overlay", "panels"), shown=(TABLE,)),
+    "attractors": Kind(
+        _drawn_by("attractor_diagram"), ("axes", "coordinate"), axes=1, shown=START_AXES
+    ),
+    "basins": Kind(_drawn_by("basins"), ("beside",), shown=STARTS),
+    "integrity": Kind(_drawn_by("integrity"), ("panels",), shown=("x0", "v0")),
+    "map": Kind(_drawn_by("parameter_map"), ("axes", "quantity", "exact", "overlay"), axes=2),
+    "section": Kind(_drawn_by("section"), ("color",)),
+    "impacts": Kind(_drawn_by("impacts"), ("color",)),
+    "trajectory": Kind(_drawn_by("trajectory"), ("periods", "color")),
+    "table": Kind(
+        _drawn_by("table_panels"),
+        ("axes", "quantity", "color", "overlay", "panels"),
+        shown=(TABLE,),
+    ),
 }
 
 

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 
-from sweeps.bifurcation.exact_branches import wide_branches
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION, ground, ink
 
@@ -44,6 +43,8 @@ class Part(NamedTuple):
 
 def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
     """Yield the parts of `sweeps.branches` that a diagram of a coordinate shows."""
+    from sweeps.bifurcation.exact_branches import wide_branches
+
     (axis,), wide = found.coords, wide_branches(found)
     for number, is_wide in enumerate(wide.tolist()):
         own = (found["branch"].values == number) & (found["kind"].values == "")
@@ -74,7 +75,7 @@ def without_idle(found: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, int]
     Of more than a few branches that were not chosen, these are those to which motions of the line
     go, and those that meet one of these at a bifurcation, which bound the motions.
     """
-    (axis,), count = map(str, found.coords), len(wide_branches(found))
+    (axis,), count = map(str, found.coords), 1 + found["branch"].values.max(initial=-1)
     if count <= _BRANCHES_IN_FULL or found.attrs.get("chosen") or "period" not in line:
         return found, 0
     _, m, q = (each.ravel() for each in line.classes)

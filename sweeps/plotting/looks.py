@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
 from matplotlib.patches import Patch
 
-from sweeps.attractor.attractor_table import AttractorRow
 from sweeps.plotting.labels import status_name
 from sweeps.plotting.style import (
     CLASSES,
@@ -29,6 +28,9 @@ from sweeps.plotting.style import (
     ink,
 )
 from vibroimpact.points.regimes import NO_CLASS, Label, Regime, rest_of
+
+if TYPE_CHECKING:
+    from sweeps.attractor.attractor_table import AttractorRow
 
 
 def look_of_class(m: int, q: int, grey: bool = False) -> Look:

@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
-from sweeps.bifurcation.exact_curves import map_axes
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
@@ -94,7 +93,7 @@ def parameter_map(
     >>> from sweeps import plotting
     >>> plotting.parameter_map(ds, exact=sweeps.curves(ds)).savefig("map.png")
     """
-    abscissa, ordinate = chosen = map_axes(sweep, axes, at)
+    abscissa, ordinate = chosen = sweep.map_axes(axes, at)
     if exact is not None and set(exact.coords) != set(chosen):
         over = listed(map(str, exact.coords))
         raise Refused(f"the exact curves are over {over}, not {listed(chosen)}")

@@ -18,7 +18,7 @@ import numba
 import pytest
 
 import vibroimpact
-from vibroimpact.jit import cache, called_before_passes, overloads
+from vibroimpact.jit import cache, called_before_passes, overloads, watched
 from vibroimpact.jit.cache import CacheWarning
 from vibroimpact.jit.overloads import CompiledCode
 
@@ -321,7 +321,7 @@ def lock_of_another(folder):
 def told_of(folder):
     """Compile, and return what a user is told meanwhile, each thing once."""
     told = []
-    with cache.watched(told.append):
+    with watched(told.append):
         assert not call(folder)
     return [text.split(",")[0] for text in dict.fromkeys(told)]
 

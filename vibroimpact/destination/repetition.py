@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 from vibroimpact.jit import jit
+from vibroimpact.status import TOLERANCE
 
-#: A record repeats if its sections agree to within this share of its size.
-TOLERANCE = 1e-6
 #: It does so after m periods only if its deviation from that is less than this share of its
 #: deviation from every divisor of m.
 _LESS_THAN_DIVISORS = 0.01

@@ -17,13 +17,15 @@ import os
 import stat
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
 import platformdirs
+
+from vibroimpact.jit.watching import CHECKS, tell
 
 #: The kinds of nodes that may have a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -36,13 +38,6 @@ _AS_IT_IS = (os.O_NOFOLLOW | os.O_NONBLOCK) if _OWNERS else 0
 #: Longest wait for another process [s], many times that of a compilation: it may be stopped.
 _LONGEST_WAIT = 120.0
 _INTERVAL = 0.05  # between two attempts [s]
-
-#: What a user is told of a compilation.
-COMPILING = "compiling, which takes some ten seconds, once on this machine"
-#: Called while this process waits; each may raise an exception, which ends the wait.
-CHECKS: list[Callable[[], object]] = []
-#: Called with what is done in the words of a user: at its begin, and with ``""`` at its end.
-_WATCHERS: list[Callable[[str], object]] = []
 
 
 def root() -> Path:
@@ -220,22 +215,6 @@ def warn_once(folder: Path, what: str, reason: str) -> None:
         CacheWarning,
         stacklevel=2,
     )
-
-
-@contextlib.contextmanager
-def watched(watcher: Callable[[str], object]) -> Iterator[None]:
-    """Tell `watcher` of every compilation, and wait for one, that begins or ends in the block."""
-    _WATCHERS.append(watcher)
-    try:
-        yield
-    finally:
-        _WATCHERS.remove(watcher)
-
-
-def tell(text: str) -> None:
-    """Tell every watcher."""
-    for watcher in list(_WATCHERS):
-        watcher(text)
 
 
 def claimed(path: Path) -> Any:

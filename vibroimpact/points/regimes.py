@@ -22,8 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.destination.repetition import TOLERANCE
-from vibroimpact.status import Evidence, Status
+from vibroimpact.status import TOLERANCE, Evidence, Status
 
 
 class Regime(IntEnum):

@@ -58,6 +58,13 @@ def sin_cos(angle):
     return -s if half >= 1.0 else s, -c if (half == 0.5) | (half == 1.0) else c
 
 
+@jit
+def fill_waves(phases, sines, cosines):
+    """Fill arrays with the sines and cosines of phases."""
+    for n in range(phases.size):
+        sines[n], cosines[n] = sin_cos(phases[n])
+
+
 @inlined
 def sine_after(s, c, angle):
     """Return the sine of the phase `angle` after the phase with sine `s` and cosine `c`."""

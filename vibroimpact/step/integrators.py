@@ -1,4 +1,4 @@
-"""The integrators of eq. (1) between impacts: one function each, its longest step, its map.
+"""The integrators of eq. (1) between impacts: one function each, and its map.
 
 Eq. (1) is linear, so a step of any of these integrators is an affine map,
 
@@ -6,23 +6,18 @@ Eq. (1) is linear, so a step of any of these integrators is an affine map,
 
 with 2x2 matrices M and G that are constant for a parameter point and step length. Each integrator
 is written once, as a scalar step; its map follows by applying the step to the unit vectors.
-A new integrator is one step function and one line in ``INTEGRATORS``: its name, its order, the step
-and its stability limit. The limit is the greatest p T of stable free motion as a function of
-zeta = h / p, the only parameter of free motion. M is stable where |det M| <= 1 and
-|trace M| <= 1 + det M (Jury).
+A new integrator is one step function here and one line in ``INTEGRATORS`` of ``scheme.py``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import NamedTuple
-
-import numpy as np
 
 from vibroimpact.jit import fma, inlined, jit, specialised
 from vibroimpact.step.elementary import sin_cos, sine_after
+from vibroimpact.step.scheme import INTEGRATORS
 
 
 class Parameters(NamedTuple):
@@ -34,12 +29,6 @@ class Parameters(NamedTuple):
     f: float
     p: float
     clearance: float
-
-
-def _eigenvalue(zeta: np.ndarray) -> np.ndarray:
-    """Return the eigenvalue of free motion of greatest modulus, over p; any of a complex pair."""
-    z = zeta + 0j
-    return -z - np.sqrt(z - 1.0) * np.sqrt(z + 1.0)
 
 
 @specialised
@@ -121,24 +110,6 @@ def rk4(x, v, s, c, T, pt):
     )
 
 
-def rk4_limit(zeta: np.ndarray) -> np.ndarray:
-    """Solve |P(lambda T)| = 1 along the ray of the eigenvalue lambda by Newton's iteration.
-
-    P(z) = 1 + z + z^2/2 + z^3/6 + z^4/24. On every ray there is one root. It lies between 2.6 and
-    3, where |P|^2 is convex: 2 sqrt 2 without damping, 2.7853 from critical damping on.
-    """
-    eigenvalue = _eigenvalue(zeta)
-    modulus = np.abs(eigenvalue)
-    ray = eigenvalue / modulus
-    r = np.full_like(zeta, 3.0)
-    for _ in range(7):
-        z = r * ray
-        slope = 1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0))
-        P = slope + z**4 / 24.0
-        r -= 0.5 * (np.abs(P) ** 2 - 1.0) / (P.conj() * slope * ray).real
-    return r / modulus
-
-
 @jit
 def _taylor(x, v, s, c, T, pt):
     """Sum the Taylor series of eq. (1) over a short step: the matrix exponential, to rounding.
@@ -202,33 +173,6 @@ def closed_form(x, v, s, c, T, pt):
         )
         tau *= 2.0
     return xx * x + xv * v + xs * s + xc * c, vx * x + vv * v + vs * s + vc * c
-
-
-@dataclass(frozen=True)
-class Integrator:
-    """A one-step integrator."""
-
-    code: int  #: Its number in compiled code: its position in ``INTEGRATORS``.
-    order: int | None  #: Order of accuracy on smooth motion; None: exact to rounding.
-    step: Callable  #: ``(x, v, sin theta, cos theta, T, point) -> (x_T, v_T)``, compiled.
-    #: zeta = h / p -> greatest p T of stable free motion, elementwise; inf where every step is
-    #: stable, 0 where no step is. At the limit M is marginal, and motion may grow linearly.
-    limit: Callable[[np.ndarray], np.ndarray]
-
-
-INTEGRATORS: Mapping[str, Integrator] = {
-    name: Integrator(code, *row)
-    for code, (name, *row) in enumerate(
-        (
-            ("euler", 1, euler, lambda z: -2.0 * _eigenvalue(z).real / abs(_eigenvalue(z)) ** 2),
-            ("semi-implicit-euler", 1, semi_implicit_euler, lambda z: 2.0 / (z + np.hypot(z, 1.0))),
-            ("verlet", 2, verlet, lambda zeta: np.full_like(zeta, 2.0)),
-            ("newmark", 2, newmark, lambda zeta: np.full_like(zeta, math.inf)),
-            ("rk4", 4, rk4, rk4_limit),
-            ("exact", None, closed_form, lambda zeta: np.full_like(zeta, math.inf)),
-        )
-    )
-}
 
 
 def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:

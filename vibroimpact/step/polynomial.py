@@ -19,12 +19,10 @@ import math
 
 from vibroimpact.jit import fma, inlined, jit
 from vibroimpact.step.elementary import larger, smaller
+from vibroimpact.step.scheme import LONGEST_STEP as LONGEST_STEP
 
-#: Number of Taylor coefficients.
+#: Number of Taylor coefficients, enough for ``LONGEST_STEP``.
 TERMS = 22
-#: Largest (2h + p + omega) T: the first term left out is below 1.31^22 / 22! = 4e-19 in y, and
-#: 22 times that in its slope.
-LONGEST_STEP = 1.31
 
 #: The smallest normal number. A flight with only smaller coefficients has no significant digits.
 SMALLEST_NORMAL = 2.0**-1022

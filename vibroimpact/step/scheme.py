@@ -1,4 +1,8 @@
-"""How orbits are stepped: the impact rules by name, the grid of steps, and the scheme of a run.
+"""How orbits are stepped: integrators and impact rules by name, and the grid of steps of a run.
+
+A configuration is checked with this file, without the compiler. An integrator has a limit: the
+greatest p T of stable free motion as a function of zeta = h / p, the only parameter of free motion.
+Its matrix M is stable where |det M| <= 1 and |trace M| <= 1 + det M (Jury).
 
 A method is an integrator with an impact rule:
 
@@ -13,18 +17,72 @@ The steps per period are an integer, so one table of the phases of the force ser
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vibroimpact.inputs import PHASE, integer, one_of, refusal
-from vibroimpact.jit import compiled, jit
-from vibroimpact.step.elementary import sin_cos
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.polynomial import LONGEST_STEP
+
+
+def _eigenvalue(zeta: np.ndarray) -> np.ndarray:
+    """Return the eigenvalue of free motion of greatest modulus, over p; any of a complex pair."""
+    z = zeta + 0j
+    return -z - np.sqrt(z - 1.0) * np.sqrt(z + 1.0)
+
+
+def rk4_limit(zeta: np.ndarray) -> np.ndarray:
+    """Solve |P(lambda T)| = 1 along the ray of the eigenvalue lambda by Newton's iteration.
+
+    P(z) = 1 + z + z^2/2 + z^3/6 + z^4/24. On every ray there is one root. It lies between 2.6 and
+    3, where |P|^2 is convex: 2 sqrt 2 without damping, 2.7853 from critical damping on.
+    """
+    eigenvalue = _eigenvalue(zeta)
+    modulus = np.abs(eigenvalue)
+    ray = eigenvalue / modulus
+    r = np.full_like(zeta, 3.0)
+    for _ in range(7):
+        z = r * ray
+        slope = 1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0))
+        P = slope + z**4 / 24.0
+        r -= 0.5 * (np.abs(P) ** 2 - 1.0) / (P.conj() * slope * ray).real
+    return r / modulus
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """A one-step integrator."""
+
+    code: int  #: Its number in compiled code: its position in ``INTEGRATORS``.
+    order: int | None  #: Order of accuracy on smooth motion; None: exact to rounding.
+    function: str  #: The name of its step in ``integrators.py``.
+    #: zeta = h / p -> greatest p T of stable free motion, elementwise; inf where every step is
+    #: stable, 0 where no step is. At the limit M is marginal, and motion may grow linearly.
+    limit: Callable[[np.ndarray], np.ndarray]
+
+    @property
+    def step(self) -> Callable:
+        """``(x, v, sin theta, cos theta, T, point) -> (x_T, v_T)``, which alone is compiled."""
+        step: Callable = getattr(import_module("vibroimpact.step.integrators"), self.function)
+        return step
+
+
+INTEGRATORS: Mapping[str, Integrator] = {
+    name: Integrator(code, order, function, limit)
+    for code, (name, order, function, limit) in enumerate(
+        (
+            ("euler", 1, "euler", lambda z: -2.0 * _eigenvalue(z).real / abs(_eigenvalue(z)) ** 2),
+            ("semi-implicit-euler", 1, "semi_implicit_euler", lambda z: 2.0 / (z + np.hypot(z, 1))),
+            ("verlet", 2, "verlet", lambda zeta: np.full_like(zeta, 2.0)),
+            ("newmark", 2, "newmark", lambda zeta: np.full_like(zeta, math.inf)),
+            ("rk4", 4, "rk4", rk4_limit),
+            ("exact", None, "closed_form", lambda zeta: np.full_like(zeta, math.inf)),
+        )
+    )
+}
 
 # The codes of the impact rules in compiled code.
 PLAIN, REDUCED_STEP, CUBIC, EXACT = range(4)
@@ -61,22 +119,21 @@ class PhaseGrid(NamedTuple):
     size: int  # number of steps
 
 
-@jit
-def _fill_waves(table):
-    """Fill the rows of sines and cosines of a table."""
-    for n in range(table.shape[1]):
-        table[SIN, n], table[COS, n] = sin_cos(table[THETA, n])
-
-
 def one_period(phase: float, steps_per_period: int) -> PhaseGrid:
     """Return the steps of one forcing period from the section's `phase`."""
+    from vibroimpact.jit import compiled
+    from vibroimpact.step.elementary import fill_waves
+
     table = np.empty((3, steps_per_period + 1))
     table[THETA] = phase + math.tau * np.arange(steps_per_period + 1) / steps_per_period
-    compiled(_fill_waves, table)(table)
+    compiled(fill_waves, *table)(*table)
     table[SIN:, -1] = table[SIN:, 0]  # the start of the next period, to the last bit
     return PhaseGrid(table, math.tau / steps_per_period, steps_per_period)
 
 
+#: Largest (2h + p + omega) T of exact impacts: the first term that ``polynomial.py`` leaves out is
+#: below 1.31^22 / 22! = 4e-19 in y, and 22 times that in its slope.
+LONGEST_STEP = 1.31
 #: Most steps per forcing period. The program never chooses more, and refuses the rule ``exact``
 #: where it needs more.
 MOST_STEPS = 1_000_000

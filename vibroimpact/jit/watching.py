@@ -1,0 +1,29 @@
+"""Who is told of compilations, and who may end a wait for one; without the compiler itself."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+#: What a user is told of a compilation.
+COMPILING = "compiling, which takes some ten seconds, once on this machine"
+#: Called while this process waits; each may raise an exception, which ends the wait.
+CHECKS: list[Callable[[], object]] = []
+#: Called with what is done in the words of a user: at its begin, and with ``""`` at its end.
+_WATCHERS: list[Callable[[str], object]] = []
+
+
+@contextlib.contextmanager
+def watched(watcher: Callable[[str], object]) -> Iterator[None]:
+    """Tell `watcher` of every compilation, and wait for one, that begins or ends in the block."""
+    _WATCHERS.append(watcher)
+    try:
+        yield
+    finally:
+        _WATCHERS.remove(watcher)
+
+
+def tell(text: str) -> None:
+    """Tell every watcher."""
+    for watcher in list(_WATCHERS):
+        watcher(text)
