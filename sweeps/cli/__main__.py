@@ -17,6 +17,9 @@ _OUTPUT = "the standard output cannot be written: {}"
 def main() -> None:
     """Run the command line and exit: 0 if done, 1 if failed or interrupted, 2 if refused."""
     came = _noted()
+    if not any(word.startswith("--dask") for word in sys.argv):
+        # At the first variable xarray would import all of it, which takes as long as xarray itself.
+        sys.modules.setdefault("dask", None)  # type: ignore[arg-type]
     import sweeps.interrupts as interrupts  # not from sweeps: it would import all its names
 
     interrupts.listen(came)
