@@ -61,6 +61,20 @@ def test_the_sum_keeps_its_digits_near_grazes():
     np.testing.assert_allclose(total[flies], loss[flies], rtol=1e-6, atol=1e-6)
 
 
+def test_the_exponents_have_the_same_bits_on_every_processor(monkeypatch):
+    """The logarithm of NumPy has not: it depends on the vectors of the processor."""
+    points = Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0).at().repeat(100)
+    points["R"], points["omega"] = np.linspace(0.3, 1.0, 100), np.linspace(1.3, 4.0, 100)
+    expected = integrate(points, transient=20, periods=20, lyapunov=True)["lyapunov"]
+
+    def another(x):
+        return np.nextafter(np.log1p(x - 1.0), np.inf)
+
+    monkeypatch.setattr(np, "log", another)
+    again = integrate(points, transient=20, periods=20, lyapunov=True)["lyapunov"]
+    np.testing.assert_array_equal(again, expected)
+
+
 def test_the_larger_comes_first():
     """As the docstring says, also where both are equal but for the ends of the record."""
     omegas = np.linspace(1.3, 3.0, 200)

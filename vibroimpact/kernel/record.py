@@ -36,7 +36,9 @@ SUMS = np.dtype(
         ("rested", float),
         ("chatters", np.int64),
         ("near_grazes", np.int64),
-        ("growth", float),  # logarithm of that of a tangent vector
+        # Logarithms of the growth of a tangent vector, and of an area by the impacts.
+        ("growth", float),
+        ("area", float),
         ("status", np.int64),
         # Periods after which the motion came back to the same bits, 0 if it did not while it was
         # recorded; the impacts in them; and whether there is a rest.
@@ -224,10 +226,9 @@ def named_results(points: np.ndarray, record: Record) -> dict[str, np.ndarray]:
 
 def _exponents(points: np.ndarray, sums: np.ndarray, duration: np.ndarray) -> np.ndarray:
     """Return both Lyapunov exponents, (n, 2), the larger first, by their known sum."""
-    with np.errstate(all="ignore"):  # ln 0, and infinite durations
-        lost = np.where(sums["impacts"] > 0, 2.0 * sums["impacts"] * np.log(points["R"]), 0.0)
+    with np.errstate(all="ignore"):  # infinite durations
         one = sums["growth"] / duration
-        other = np.where(one == -np.inf, one, lost / duration - 2.0 * points["h"] - one)
+        other = np.where(one == -np.inf, one, sums["area"] / duration - 2.0 * points["h"] - one)
     return np.stack([np.maximum(one, other), np.minimum(one, other)], axis=1)
 
 

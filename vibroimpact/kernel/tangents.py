@@ -73,6 +73,11 @@ def normalise_lanes(batch, n):
 
 @jit
 def sum_up_tangents(workspace, i):
-    """Add up the growth that remains in the tangent vector of lane `i`, in dx^2 + (dv / p)^2."""
-    y, w = tangent_in(workspace.lanes, TANGENT + i, 2 * ROW)
-    normalise((y, w * workspace.points[i].omega / workspace.points[i].p), workspace.sums[i])
+    """Add up the growth that remains in lane `i`, in dx^2 + (dv / p)^2, and that of an area.
+
+    The logarithm is the package's own, because NumPy's depends on the processor.
+    """
+    (y, w), pt = tangent_in(workspace.lanes, TANGENT + i, 2 * ROW), workspace.points[i]
+    sums = workspace.sums[i]
+    normalise((y, w * pt.omega / pt.p), sums)
+    sums.area = 2.0 * sums.impacts * log(pt.R) if sums.impacts > 0 else 0.0
