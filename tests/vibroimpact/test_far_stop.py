@@ -1,6 +1,7 @@
 """A stop so far from the rest position that x has few digits for the motion near it."""
 
 from dataclasses import replace
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from tests.vibroimpact.test_free_motions import found_of
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.computation import compute_points
+from vibroimpact.points.destinations import classified_later
 from vibroimpact.points.regimes import is_chaotic
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence
@@ -184,6 +186,59 @@ def test_a_motion_by_time_steps_repeats_only_as_it_does_in_front_of_a_near_stop(
             )  # fmt: skip
             out = compute_points(spec, osc.at(-0.5), None)
             assert (out["period"], out["period_impacts"]) == (period, 0)
+
+
+def bound_of(point):
+    """Return a bound of a free motion, in numbers that neither underflow nor overflow."""
+    h, omega, f, p, x0, v0 = (
+        Decimal(float(point[name])) for name in ("h", "omega", "f", "p", "x0", "v0")
+    )
+    amplitude = f / ((p * p - omega * omega) ** 2 + (2 * h * omega) ** 2).sqrt()
+    return abs(x0) + abs(v0) / p + amplitude * (1 + max(1, omega / p))
+
+
+def test_a_stop_moves_only_beyond_the_motion_in_any_units():
+    """Squares of a frequency underflow or overflow; near resonance with hardly any damping, too."""
+    rng, points = np.random.default_rng(11), random_points(2000, 11)
+    rate = 10.0 ** rng.uniform(-200.0, 140.0, points.size)
+    near = rng.uniform(size=points.size) < 0.3
+    points["omega"][near] = 1.0 + 10.0 ** rng.uniform(-14.0, -1.0, near.sum())
+    points["omega"] *= 10.0 ** np.where(rng.uniform(size=points.size) < 0.2, 160.0, 0.0)
+    for name in ("h", "omega", "p", "v0"):
+        points[name] *= rate
+    points["f"] *= 10.0 ** rng.uniform(-300.0, 300.0, points.size)
+    points["clearance"] = 10.0 ** rng.uniform(0.0, 300.0, points.size)
+    moved = with_stop_in_reach(points, "exact")["clearance"]
+    rows = np.flatnonzero(moved != points["clearance"])
+    assert rows.size > 500
+    for row in rows:
+        assert Decimal(float(moved[row])) > 2 * bound_of(points[row]), points[row]
+
+
+@pytest.mark.parametrize(
+    "method", [("exact", "exact"), ("rk4", "plain"), ("newmark", "reduced-step")]
+)
+def test_a_class_does_not_depend_on_how_a_run_is_divided(method):
+    """The start is far larger than the motion to which it fades, but not for each part of a run."""
+    points = random_points(150, 12)
+    points["h"], rng = np.clip(points["h"], 0.001, 0.4), np.random.default_rng(12)
+    points["f"] = 10.0 ** rng.uniform(-14.0, 0.0, points.size)
+    points["clearance"] = 10.0 ** rng.uniform(0.5, 14.0, points.size)
+    steps = max(default_steps(points, method[1]), 60)
+    spec = RunSpec(
+        *method, steps, 0, 300, 20, 0.5, 4, False, True, None, False, None, ()
+    )  # fmt: skip
+    swept = compute_points(spec, points, None)
+    names = ("period", "period_impacts", "orbit_x", "orbit_v", "orbit_distance", "class_evidence")
+    for transient in np.unique(swept["transient"]).tolist():
+        rows = np.flatnonzero(swept["transient"] == transient)
+        whole = replace(spec, transient=transient, longest=None)
+        bare = compute_points(replace(whole, period=False), points[rows], None)
+        once = compute_points(whole, points[rows], None)
+        later = classified_later(whole, points[rows], bare)
+        for name in names:
+            np.testing.assert_array_equal(once[name], swept[name][rows], err_msg=name)
+            np.testing.assert_array_equal(later[name], once[name], err_msg=name)
 
 
 # --- rests on a far stop ---

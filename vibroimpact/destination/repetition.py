@@ -33,7 +33,8 @@ def size_of(sections, pt, stepped):
 
     These are the greatest distance from the rest position or, if it is less, from the stop, and the
     greatest |v|, neither of which may be rounding. It is the clearance that is rounded, but a
-    `stepped` motion, by time stepping, does not know a stop that it is far from.
+    `stepped` motion, by time stepping, does not know a stop that it is far from. Only a motion that
+    damping alone brings to rest has no other size; the start is not that of the whole run.
     """
     size_x, size_y, size_v = 0.0, 0.0, 0.0
     for k in range(sections.shape[0]):
@@ -41,8 +42,8 @@ def size_of(sections, pt, stepped):
         size_y = max(size_y, abs(sections[k, 0] - pt.clearance))
         size_v = max(size_v, abs(sections[k, 1]))
     least = _LEAST_SIZE * abs(pt.clearance)
-    if stepped:
-        least = min(least, _LEAST_SIZE * (abs(pt.x0) + abs(pt.v0) / pt.p + size_x))
+    if stepped and (pt.f > 0.0 or pt.h == 0.0):
+        least = min(least, _LEAST_SIZE * size_x)
     size_x = min(size_x, size_y)
     size_x, size_v = max(size_x, least), max(size_v, pt.p * least)
     size_x = max(size_x, _LEAST_SHARE * size_v / max(pt.omega, pt.p))

@@ -66,9 +66,10 @@ def classified_later(
 ) -> dict[str, np.ndarray]:
     """Return what `classified` does, for a run that was not asked for classes."""
     scheme = Scheme.of(spec.integrator, spec.impact, spec.steps_per_period, spec.phase)
-    ends = points.copy()
-    put_last(ends, results, spec.phase)
-    found = find_destinations(with_stop_in_reach(ends, spec.impact), scheme, results, threads)
+    starts = points.copy()
+    if spec.followed is not None:  # the run started each point elsewhere
+        put_last(starts, results, spec.phase)
+    found = find_destinations(with_stop_in_reach(starts, spec.impact), scheme, results, threads)
     return classified(spec, points, {**results, "destination": found}, threads)
 
 

@@ -148,10 +148,15 @@ def with_stop_in_reach(points: np.ndarray, impact: str) -> np.ndarray:
     if impact == "exact":
         h, omega, f, p, stop = (points[name] for name in ("h", "omega", "f", "p", "clearance"))
         with np.errstate(all="ignore"):  # resonance and extreme values, of which nothing is proved
-            resistance = np.hypot((p - omega) * (p + omega), 2.0 * h * omega)
-            amplitude = f / np.maximum(resistance, SMALLEST_NORMAL)
+            ratio = omega / p
+            most = np.maximum(1.0, ratio)
+            # No square of omega or p, which may underflow. The amplitude times `most` is f / p^2
+            # over the hypotenuse of these two, which is at least the greater one.
+            detuning = np.abs(p - omega) / p * ((1.0 + ratio) / most)
+            damping = 2.0 * (h * (ratio / most) / p)
+            resistance = np.maximum(np.maximum(detuning, damping), SMALLEST_NORMAL)
             start = np.abs(points["x0"]) + np.abs(points["v0"]) / p
-            bound = np.maximum(start + amplitude * (1.0 + np.maximum(1.0, omega / p)), _NO_MOTION)
+            bound = np.maximum(start + 2.0 * (f / p / p / resistance), _NO_MOTION)
             nearer = np.ldexp(4.0, np.frexp(bound)[1])
         points["clearance"] = np.where(bound < stop / _FAR, nearer, stop)
     return points
