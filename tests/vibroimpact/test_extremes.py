@@ -196,6 +196,17 @@ def test_blocks_and_threads_change_no_bit(rule, integrator):
 
 
 @METHODS
+def test_extremes_change_no_other_result(rule, integrator):
+    points = mixed_points(100, 2)
+    method = {"impact": rule, "integrator": integrator, "steps_per_period": steps_for(points, rule)}
+    method |= {"transient": 10, "periods": 30, "lyapunov": rule == "exact"}
+    without, out = integrate(points, **method), integrate(points, extremes=True, **method)
+    assert set(out) - set(without) == set(NAMES)
+    for name, values in without.items():
+        np.testing.assert_array_equal(out[name], values, err_msg=name)
+
+
+@METHODS
 @pytest.mark.parametrize(("rate", "length"), [(2.0**10, 2.0**5), (2.0**-20, 2.0**300)])
 def test_units_change_no_bit_of_the_extremes(rule, integrator, rate, length):
     points = random_points(100)

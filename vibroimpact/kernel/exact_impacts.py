@@ -13,6 +13,8 @@ computes several vectors at the same time.
 
 from __future__ import annotations
 
+import math
+
 from vibroimpact.jit import inlined, jit, select, transpose, widest_vectors
 from vibroimpact.kernel.workspace import (
     COEFFICIENTS,
@@ -31,6 +33,7 @@ from vibroimpact.kernel.workspace import (
 from vibroimpact.step.chatter import may_rest
 from vibroimpact.step.impact import (
     FREE,
+    ONLY,
     Flight,
     FreeEnd,
     Guess,
@@ -45,6 +48,15 @@ from vibroimpact.step.impact import (
     rebound,
 )
 from vibroimpact.step.propagator import Coefficients, remainder_bound
+from vibroimpact.step.turning_points import (
+    approach_turn,
+    bounds,
+    guess_turn,
+    is_settled,
+    late_from,
+    part_of,
+    turn_at,
+)
 from vibroimpact.step.variational import fly_tangent, tangent_after_impact
 
 _rows = Rows(COLUMN_ROW)
@@ -61,6 +73,8 @@ BOUND = _rows.take()  #: The remainder bound of the step.
 TANGENT_0, _TANGENT_I, TANGENT_1 = _rows.take(2), _rows.take(2), _rows.take(2)
 # The phase of the impact since the start of the step, its speed, and what is proved of it.
 AT, W_I, PROVED = _rows.take(), _rows.take(), _rows.take()
+FLOOR = _rows.take()  #: A lower bound of y in the flight, and in the last one if it is known.
+EXTREME = _rows.take()  #: Where a flight turns, or else its end; NaN if this is not found.
 # Handed from one stage to the next: the guess, the length of the flight and the time left after it,
 # the value of the series with its derivatives, and the series.
 _LATE, _T, _NONE = _rows.take(), _rows.take(), _rows.take()
@@ -185,9 +199,55 @@ def carry_columns(c, vectors, wave):
 
 
 @jit
-def fill_columns(workspace, lo, count, n, carrying):
-    """Copy `count` listed lanes, from index `lo` on, to the columns: their flights in step `n`."""
-    lanes, met, c = workspace.lanes, workspace.met, workspace.columns
+def bound_flights(c, vectors, phase_step):
+    """Find the FLOOR of the columns of `vectors` vectors."""
+    widest_vectors()
+    for j in range(VECTOR * vectors):
+        R, met = c[COLUMN_COEFFICIENTS + 4 * COLUMN_ROW + j], c[PROVED + j] < FREE
+        r, w_i = c[_R + j], c[W_I + j]
+        u = select(met, c[_LENGTH + j], c[_LENGTH + j] + r)
+        y_1, w_1 = select(met, 0.0, c[Y_T + j]), select(met, w_i, c[W_T + j])
+        part = part_of(c[BOUND + j], u, phase_step)
+        floor, _ = bounds(c[Y_0 + j], c[W_0 + j], y_1, w_1, u, part)
+        part = part_of(c[BOUND + j], r, phase_step)
+        after, _ = bounds(0.0, -R * w_i, c[Y_1 + j], c[W_1 + j], r, part)
+        c[FLOOR + j] = select(c[PROVED + j] == ONLY, min(floor, after), floor)
+
+
+@jit
+def find_turns(c, vectors, waves, phase_step):
+    """Find the turning points of `vectors` vectors of whole steps, as ``widen_by_flight`` does.
+
+    `waves` holds sine and cosine of the phase at the start of the step, and at its end.
+    """
+    widest_vectors()
+    count = VECTOR * vectors
+    wave, end_wave = waves
+    for j in range(count):
+        f, y, w = _FACTORS + j, c[Y_0 + j], c[W_0 + j]
+        c[S_0 + j], c[C_0 + j], c[BEGIN + j] = wave[0], wave[1], 0.0
+        c[BOUND + j] = remainder_bound((c[f], c[f + COLUMN_ROW], c[f + 2 * COLUMN_ROW]), y, w)
+        n, turns, sure = guess_turn(y, w, c[Y_T + j], c[W_T + j], phase_step, c[BOUND + j])
+        c[_NONE + j] = select(sure, select(turns, 0.0, 1.0), math.nan)
+        late = late_from(n * phase_step, phase_step, phase_step)
+        c[_LATE + j], c[_T + j] = late, n * phase_step - late * phase_step
+    for j in range(count):
+        eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
+        flight, free = flight_in(c, j), _free_end_in(c, j)
+        _put_series(c, j, expand_near(eq, flight, free, end_wave, c[_LATE + j]))
+    for j in range(count):
+        c[_T + j], c[_VALUES + j] = approach_turn(_series_in(c, j), c[_T + j], phase_step)
+    for j in range(count):
+        y, change = turn_at(_series_in(c, j), c[_T + j], c[_VALUES + j])
+        found = is_settled(c[_T + j] + c[_LATE + j] * phase_step, change, phase_step)
+        y = select(c[_NONE + j] == 0.0, select(found, y, math.nan), c[Y_T + j])
+        c[EXTREME + j] = y + 0.0 * c[_NONE + j]
+
+
+@jit
+def fill_columns(workspace, met, lo, count, n, carrying):
+    """Copy `count` lanes of a list from index `lo` on to the columns: their flights in step `n`."""
+    lanes, c = workspace.lanes, workspace.columns
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     for vector in range((count + VECTOR - 1) // VECTOR):
         j = VECTOR * vector & (COLUMNS - 1)  # the mask shows LLVM that it is not negative

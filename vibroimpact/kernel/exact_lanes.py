@@ -7,7 +7,7 @@ which this proves nothing goes through ``exact_step`` alone, as that of a single
 
 from __future__ import annotations
 
-from vibroimpact.jit import jit, lowest_bit, not_negative, widest_vectors
+from vibroimpact.jit import jit, lowest_bit, not_negative, specialised, widest_vectors
 from vibroimpact.kernel.exact_impacts import (
     AT,
     BEGIN,
@@ -21,12 +21,14 @@ from vibroimpact.kernel.exact_impacts import (
     W_I,
     Y_1,
     begin_next_flight,
+    bound_flights,
     carry_columns,
     coefficients_in,
     fill_columns,
     flight_in,
     follow_flights,
 )
+from vibroimpact.kernel.extremes import turn_lanes, widen_by_column
 from vibroimpact.kernel.record import list_impact, record_step
 from vibroimpact.kernel.tangents import CHECKED_EVERY, normalise_lanes, propagate_all_tangents
 from vibroimpact.kernel.workspace import (
@@ -35,11 +37,14 @@ from vibroimpact.kernel.workspace import (
     COEFFICIENTS,
     COEFFICIENTS_SIZE,
     COLUMNS,
+    EXCESS,
     FORCING,
     GUARD,
     KEPT,
     LANES,
+    LEAST,
     LEVEL,
+    MOST,
     OMEGA,
     PERIOD,
     POSITION,
@@ -51,6 +56,7 @@ from vibroimpact.kernel.workspace import (
     VELOCITY,
     W,
     Y,
+    any_is_recorded,
     list_lanes,
     propagator_in,
     put_tangent,
@@ -72,6 +78,7 @@ from vibroimpact.step.propagator import (
     to_dimensionless,
 )
 from vibroimpact.step.scheme import COS, SIN, THETA
+from vibroimpact.step.turning_points import widen_by_events
 from vibroimpact.step.variational import carry_tangent
 
 
@@ -120,6 +127,20 @@ def place_of_added(workspace, grid, n):
     return 0
 
 
+@specialised
+def _propagate(lanes, size, added, phase_step, n, watching):
+    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
+    for i in range(whole_vectors(size)):
+        y, w = lanes[Y + old_row + i], lanes[W + old_row + i]
+        y, w, _, guard, floor = propagate(
+            propagator_in(lanes, i), y, w, (added[0, i], added[1, i]), phase_step
+        )
+        if watching:
+            lanes[EXCESS + i] = max(lanes[LEAST + i] - floor, guard - lanes[MOST + i])
+        lanes[GUARD + i] = guard
+        lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
+
+
 @jit
 def propagate_lanes(lanes, size, added, phase_step, n):
     """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact.
@@ -127,17 +148,18 @@ def propagate_lanes(lanes, size, added, phase_step, n):
     A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step.
     """
     widest_vectors()
-    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
-    for i in range(whole_vectors(size)):
-        y, w = lanes[Y + old_row + i], lanes[W + old_row + i]
-        y, w, _, lanes[GUARD + i] = propagate(
-            propagator_in(lanes, i), y, w, (added[0, i], added[1, i]), phase_step
-        )
-        lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
+    _propagate(lanes, size, added, phase_step, n, False)
 
 
 @jit
-def end_flights(batch, lo, count, grid, n, carrying, last):
+def watch_lanes(lanes, size, added, phase_step, n):
+    """As ``propagate_lanes``, with the EXCESS of the lanes."""
+    widest_vectors()
+    _propagate(lanes, size, added, phase_step, n, True)
+
+
+@jit
+def end_flights(batch, lo, count, grid, n, carrying, last, turning):
     """List the impacts that end the flights of these columns, and end or go on with their steps.
 
     Return the number of flights that begin now, with rebounds, in the first columns; their lanes
@@ -153,6 +175,8 @@ def end_flights(batch, lo, count, grid, n, carrying, last):
         if (proved == ONLY or proved == FIRST) and lanes[PERIOD + i] >= 0.0:
             ring, speed = record.impacts[workspace.rows[i]], c[W_I + j] * lanes[OMEGA + i]
             list_impact(ring, workspace.sums[i], theta + c[AT + j], speed)
+        if turning is not None:
+            widen_by_column(workspace, i, j, grid, n)
         if carrying and (proved == ONLY or (proved == FREE and c[BEGIN + j] > 0.0)):
             tangent = tangent_in(c, TANGENT_1 + j, COLUMN_ROW)
             put_tangent(lanes, TANGENT + new_row + i, 2 * ROW, tangent)
@@ -168,12 +192,12 @@ def end_flights(batch, lo, count, grid, n, carrying, last):
                 begun += 1
                 continue
             j = begun
-        resolve_exact_lane(batch, i, j, grid, n, carrying)
+        resolve_exact_lane(batch, i, j, grid, n, carrying, turning)
     return begun
 
 
 @jit
-def resolve_exact_lane(batch, i, j, grid, n, carrying):
+def resolve_exact_lane(batch, i, j, grid, n, carrying, turning):
     """Take lane `i` from the start of the flight in column `j` to the end of step `n`, alone."""
     workspace, record, _ = batch
     lanes, c, scratch = workspace.lanes, workspace.columns, workspace.scratch
@@ -193,6 +217,11 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying):
         ring = record.impacts[workspace.rows[i]]
         record_step(scratch.events, n_events, rested / pt.omega, theta, pt, ring, sums)
         sums.near_grazes += grazes
+        if turning is not None:
+            lanes[LEAST + i], lanes[MOST + i] = widen_by_events(
+                eq, flight_in(c, j), was_resting, (y, w), (0, n_events), theta, c[BOUND + j],
+                phase_step, pt, scratch, (lanes[LEAST + i], lanes[MOST + i]),
+            )  # fmt: skip
     if carrying:
         tangent = carry_tangent(
             (eq, propagator_in(lanes, i)), tangent_in(c, TANGENT_0 + j, COLUMN_ROW),
@@ -202,18 +231,20 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying):
 
 
 @jit
-def take_flights(batch, lo, count, grid, n, carrying):
+def take_flights(batch, lo, count, grid, n, carrying, turning):
     """Take `count` listed lanes, from index `lo` on, over step `n`, flight after flight."""
     workspace, table = batch.workspace, grid.table
     c, phase_step = workspace.columns, grid.phase_step
     wave, end_wave = (table[SIN, n], table[COS, n]), (table[SIN, n + 1], table[COS, n + 1])
-    fill_columns(workspace, lo, count, n, carrying)
+    fill_columns(workspace, workspace.met, lo, count, n, carrying)
     for k in range(SIDE_BY_SIDE):
         vectors = (count + VECTOR - 1) // VECTOR
         follow_flights(c, vectors, (wave, end_wave), phase_step, k > 0)
         if carrying:
             carry_columns(c, vectors, wave)
-        count = end_flights(batch, lo, count, grid, n, carrying, k + 1 == SIDE_BY_SIDE)
+        if turning is not None:
+            bound_flights(c, vectors, phase_step)
+        count = end_flights(batch, lo, count, grid, n, carrying, k + 1 == SIDE_BY_SIDE, turning)
         if count == 0:
             break
 
@@ -223,7 +254,7 @@ def list_awake(workspace, size, theta, n):
     """List the lanes that may have met the stop; those that rest until after `theta` stay there."""
     lanes, met, new_row = workspace.lanes, workspace.met, (~n & 1) * ROW
     awake = 0
-    for j in range(list_lanes(lanes, met, size)):
+    for j in range(list_lanes(lanes, GUARD, met, size)):
         i = met[j] & (LANES - 1)
         if sleeps_until(lanes, i, theta):
             lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
@@ -235,18 +266,28 @@ def list_awake(workspace, size, theta, n):
 
 
 @jit
-def take_exact_steps(batch, grid, carrying):
-    """Take all lanes over the steps of `grid`."""
+def take_exact_steps(batch, grid, carrying, turning):
+    """Take all lanes over the steps of `grid`.
+
+    `turning` is None, or a list of lanes, if the extremes of the motions are asked for.
+    """
     workspace, _, size = batch
     lanes = workspace.lanes
+    watching = any_is_recorded(lanes, size)
     for n in range(grid.size):
         added = workspace.added[place_of_added(workspace, grid, n)]
-        propagate_lanes(lanes, size, added, grid.phase_step, n)
+        if turning is None:
+            propagate_lanes(lanes, size, added, grid.phase_step, n)
+        elif watching:
+            watch_lanes(lanes, size, added, grid.phase_step, n)
+            turn_lanes(workspace, size, grid, n)
+        else:
+            propagate_lanes(lanes, size, added, grid.phase_step, n)
         listed = list_awake(workspace, size, grid.table[THETA, n] + grid.phase_step, n)
         if carrying:
             propagate_all_tangents(lanes, size, n)
         for lo in range(0, listed, COLUMNS):
-            take_flights(batch, lo, min(COLUMNS, listed - lo), grid, n, carrying)
+            take_flights(batch, lo, min(COLUMNS, listed - lo), grid, n, carrying, turning)
         if carrying and ((n + 1) % CHECKED_EVERY == 0 or n + 1 == grid.size):
             normalise_lanes(batch, n + 1)
     if grid.size & 1:

@@ -14,7 +14,6 @@ from vibroimpact.kernel.threads import KernelJob, find_on_threads, lanes_per_thr
 from vibroimpact.oscillator import refuse_invalid, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import with_stop_in_reach
-from vibroimpact.step.recorder import extremes_of
 from vibroimpact.step.scheme import (
     EXACT,
     MOST_PERIODS,
@@ -78,8 +77,7 @@ def integrate(
     lyapunov : bool
         Whether to compute the Lyapunov exponents; with the rule ``exact`` only.
     extremes : bool
-        Whether to compute the least and the greatest displacement. This follows the recorded
-        periods once more, point by point.
+        Whether to compute the least and the greatest displacement.
     threads : int, optional
         Threads to use; all by default. The results do not depend on it.
 
@@ -151,9 +149,7 @@ def integrate(
     if lyapunov and scheme.method[0] != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
     interrupt = np.zeros(1, np.int64)
-    results = run_points(points, scheme, length, lyapunov, threads, interrupt)
-    if extremes:
-        results |= recorded_extremes(points, scheme, length, results, threads, interrupt)
+    results = run_points(points, scheme, length, lyapunov, threads, interrupt, extremes=extremes)
     del results["begun"]
     return results
 
@@ -166,6 +162,7 @@ def run_points(
     threads: int | None,
     interrupt: np.ndarray,
     classes: bool = False,
+    extremes: bool = False,
 ) -> dict[str, np.ndarray]:
     """Do what ``integrate`` does, for valid arguments of which the scheme is known.
 
@@ -176,7 +173,7 @@ def run_points(
     """
     points = with_one_force(points)
     threads = ALL_THREADS if threads is None else threads
-    record = _record(points, scheme, length, lyapunov, threads, interrupt)
+    record = _record(points, scheme, length, lyapunov, threads, interrupt, extremes)
     more = {}
     if classes:
         of_record = record.sections, record.sums
@@ -202,21 +199,6 @@ def record_begins(
     return points
 
 
-def recorded_extremes(
-    points: np.ndarray,
-    scheme: Scheme,
-    length: Length,
-    results: Mapping[str, np.ndarray],
-    threads: int | None,
-    interrupt: np.ndarray,
-) -> dict[str, np.ndarray]:
-    """Return ``x_min`` and ``x_max`` of the record that ``run_points`` returned."""
-    begins = record_begins(points, scheme, length.transient, results["begun"])
-    failed = (results["status"] >= Status.UNRESOLVED) | (results["status"] == Status.PENDING)
-    values = extremes_of(begins, scheme, length.periods, length.transient, threads, interrupt)
-    return {name: np.where(failed, np.nan, extreme) for name, extreme in values.items()}
-
-
 def _record(
     points: np.ndarray,
     scheme: Scheme,
@@ -224,13 +206,15 @@ def _record(
     lyapunov: bool,
     threads: int,
     interrupt: np.ndarray,
+    extremes: bool,
 ) -> Record:
     """Run points with one force; return their record."""
     (transient, periods, impacts), n = length, points.size
     sums = np.zeros(n, dtype=SUMS)
     sums["slowest_impact"], sums["status"] = np.inf, Status.PENDING
     begun = np.full((n, 2), np.nan)
-    record = Record(np.empty((n, periods, 2)), np.empty((n, impacts, 2)), begun, sums)
+    reach = np.full((n if extremes else 0, 2), np.nan)
+    record = Record(np.empty((n, periods, 2)), np.empty((n, impacts, 2)), begun, sums, reach)
     lanes, claimed = lanes_per_thread(n, threads), np.zeros(1, np.int64)
     job = KernelJob(points, scheme, transient, periods, lyapunov, lanes, record, claimed, interrupt)
     run_on_threads(threads, job)
@@ -248,7 +232,7 @@ class Effort(NamedTuple):
 def effort(points: np.ndarray, scheme: Scheme, length: Length, lyapunov: bool = False) -> Effort:
     """Run valid points on one thread, and count what the run computed."""
     points, interrupt = with_one_force(points), np.zeros(1, np.int64)
-    sums = _record(points, scheme, length, lyapunov, 1, interrupt).sums
+    sums = _record(points, scheme, length, lyapunov, 1, interrupt, False).sums
     all_periods = length.transient + length.periods
     computed = all_periods - sums["skipped"]
     impacts = (sums["impacts"] * computed).sum() / length.periods

@@ -31,11 +31,13 @@ from vibroimpact.kernel.workspace import (
     GREATEST,
     GUARD,
     KEPT,
+    LEAST,
     LEVEL,
     MARK_LEVEL,
     MARK_PERIOD,
     MARK_V,
     MARK_X,
+    MOST,
     OMEGA,
     PERIOD,
     POSITION,
@@ -51,6 +53,7 @@ from vibroimpact.kernel.workspace import (
 from vibroimpact.step.contact import RELEASE_MARGIN, time_to_release
 from vibroimpact.step.scheme import THETA
 from vibroimpact.step.stepper import first_section
+from vibroimpact.step.turning_points import EVERYTHING, reach_of_x
 
 
 @specialised
@@ -76,8 +79,12 @@ def fill_lane(workspace, job, i, exactly):
     lanes[PERIOD + i], lanes[DUE + i] = -job.transient, 1 - job.transient
     # The start is not marked: after a lead-in it is not rounded, as sections are.
     lanes[MARK_X + i] = math.nan
+    lanes[LEAST + i], lanes[MOST + i] = EVERYTHING
     if job.transient == 0:
-        begin_record(workspace, i, grid.table[THETA, 0])
+        x = lanes[POSITION + i] + (pt.clearance if exactly else 0.0)
+        if pt.phase == grid.table[THETA, 0]:
+            x = pt.x0
+        begin_record(workspace, job, i, x)
     return True
 
 
@@ -115,9 +122,13 @@ def move_lane(workspace, source, target, exactly):
 
 
 @jit
-def begin_record(workspace, i, theta):
-    """Begin the record of lane `i`, at the phase `theta` of the section."""
-    lanes, pt = workspace.lanes, workspace.points[i]
+def begin_record(workspace, job, i, x):
+    """Begin the record of lane `i` at the displacement `x`."""
+    lanes, pt, theta = workspace.lanes, workspace.points[i], job.scheme.grid.table[THETA, 0]
+    reach = job.record.reach
+    lanes[LEAST + i] = lanes[MOST + i] = lanes[POSITION + i]
+    if reach.size > 0:
+        reach[workspace.rows[i], 0] = reach[workspace.rows[i], 1] = x
     begin_sums(workspace.sums[i])
     lanes[SLEPT + i], lanes[GREATEST + i] = 0.0, pt.clearance
     # A rest leaves no tangent vector, unless it ends now.
@@ -201,7 +212,7 @@ def attend_lane(batch, i, offset, job):
     period = lanes[PERIOD + i]
     end = 0.0 if period < 0.0 else float(periods)
     if period == 0.0:
-        begin_record(workspace, i, job.scheme.grid.table[THETA, 0])
+        begin_record(workspace, job, i, x)
         begun = record.begun[workspace.rows[i]]
         begun[0], begun[1] = x, v
     elif period < lanes[DUE + i]:
@@ -235,5 +246,13 @@ def close_lane(workspace, job, i, exactly, plain):
         sum_up_tangents(workspace, i)
     if plain:
         sums.max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
+    if job.record.reach.size > 0:
+        reach, last = job.record.reach[row], job.record.sections[row, job.periods - 1, 0]
+        least, most = lanes[LEAST + i], lanes[MOST + i]
+        if not exactly and most == math.inf:
+            most = lanes[GREATEST + i]
+        reach[0], reach[1] = reach_of_x(
+            (least, most), reach[0], last, lanes[CLEARANCE + i], exactly
+        )
     put_in_order(job.record.impacts[row], sums.listed)
     job.record.sums[row] = sums

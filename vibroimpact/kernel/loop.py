@@ -13,15 +13,15 @@ from vibroimpact.kernel.lane import (
     move_lane,
 )
 from vibroimpact.kernel.strides import take_strides
-from vibroimpact.kernel.workspace import PERIOD, ROW, Batch, any_is_recorded, list_lanes
+from vibroimpact.kernel.workspace import GUARD, PERIOD, ROW, Batch, any_is_recorded, list_lanes
 
 
 @specialised
-def run_lanes(workspace, job, fill, exactly, plain):
+def run_lanes(workspace, job, fill, exactly, plain, turning):
     """Run point after point until the threads have taken all of them.
 
     `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so only
-    the loop of that rule is compiled.
+    the loop of that rule is compiled. `turning` is a list of lanes, or None without extremes.
     """
     lanes, met, record = workspace.lanes, workspace.met, job.record
     (method, grid), size, offset = job.scheme, 0, ROW if exactly else 0
@@ -31,13 +31,13 @@ def run_lanes(workspace, job, fill, exactly, plain):
         batch = Batch(workspace, record, size)
         if exactly:
             carrying = job.lyapunov and any_is_recorded(lanes, size)
-            take_exact_steps(batch, grid, carrying)
+            take_exact_steps(batch, grid, carrying, turning)
             round_states(lanes, size)
         else:
-            take_strides(batch, method, plain, grid)
+            take_strides(batch, method, plain, grid, turning)
         end_period(batch, offset, grid.phase_step)
         # From the last lane on: a lane that takes the place of a complete one is done already.
-        for j in range(list_lanes(lanes, met, size) - 1, -1, -1):
+        for j in range(list_lanes(lanes, GUARD, met, size) - 1, -1, -1):
             i = met[j]
             attend_lane(batch, i, offset, job)
             if lanes[PERIOD + i] >= job.periods:
@@ -50,16 +50,34 @@ def run_lanes(workspace, job, fill, exactly, plain):
 @jit
 def run_exact(workspace, job):
     """Run the lanes of a thread with the rule ``exact``."""
-    run_lanes(workspace, job, fill_exact_lane, True, False)
+    run_lanes(workspace, job, fill_exact_lane, True, False, None)
+
+
+@jit
+def run_exact_with_extremes(workspace, job):
+    """Run the lanes of a thread with the rule ``exact``, and find their extremes."""
+    run_lanes(workspace, job, fill_exact_lane, True, False, workspace.turning)
 
 
 @jit
 def run_plain(workspace, job):
     """Run the lanes of a thread with the rule ``plain``."""
-    run_lanes(workspace, job, fill_stepped_lane, False, True)
+    run_lanes(workspace, job, fill_stepped_lane, False, True, None)
+
+
+@jit
+def run_plain_with_extremes(workspace, job):
+    """Run the lanes of a thread with the rule ``plain``, and find their extremes."""
+    run_lanes(workspace, job, fill_stepped_lane, False, True, workspace.turning)
 
 
 @jit
 def run_shortened(workspace, job):
-    """Run the lanes of a thread with the rules ``reduced-step`` and ``cubic``."""
-    run_lanes(workspace, job, fill_stepped_lane, False, False)
+    """Run the lanes of a thread with ``reduced-step`` or ``cubic``."""
+    run_lanes(workspace, job, fill_stepped_lane, False, False, None)
+
+
+@jit
+def run_shortened_with_extremes(workspace, job):
+    """Run the lanes of a thread with ``reduced-step`` or ``cubic``, and find their extremes."""
+    run_lanes(workspace, job, fill_stepped_lane, False, False, workspace.turning)

@@ -52,6 +52,8 @@ SUMS = np.dtype(
     ]
 )
 
+#: The least and the greatest displacement of a record.
+EXTREMES = "x_min", "x_max"
 #: Significant digits that the motion of a certified point keeps at the sections.
 _FEWEST_DIGITS = 8
 #: Share of the time, for rounding, by which a mass may be held less than all the time.
@@ -77,6 +79,7 @@ class Record(NamedTuple):
     impacts: np.ndarray
     begun: np.ndarray  #: x and v where the record begins after a transient, shape (n, 2).
     sums: np.ndarray  #: Of dtype ``SUMS``, shape (n,).
+    reach: np.ndarray  #: The least and the greatest x, shape (n, 2); (0, 2) if not asked for.
 
 
 @inlined
@@ -219,6 +222,11 @@ def named_results(points: np.ndarray, record: Record) -> dict[str, np.ndarray]:
         "chatters": np.where(failed, 0, sums["chatters"]),
         "near_grazes": np.where(failed, 0, sums["near_grazes"]),
         "lyapunov": np.where(failed[:, None], np.nan, _exponents(points, sums, duration)),
+        **{
+            name: np.where(failed, np.nan, values)
+            for name, values in zip(EXTREMES, record.reach.T, strict=True)
+            if record.reach.size
+        },
         "status": sums["status"].astype(np.int8),
         "begun": record.begun,
     }

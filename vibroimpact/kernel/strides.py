@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.jit import jit, select, specialised, widest_vectors
+from vibroimpact.jit import fma, inlined, jit, select, specialised, widest_vectors
 from vibroimpact.kernel.record import list_impact, record_step
 from vibroimpact.kernel.reduced_step_impacts import (
     C_0,
@@ -20,6 +20,7 @@ from vibroimpact.kernel.reduced_step_impacts import (
     OF_OMEGA,
     OF_P,
     OF_R,
+    REMAINDER,
     S_0,
     SINGLE,
     STEP,
@@ -39,14 +40,17 @@ from vibroimpact.kernel.workspace import (
     COLUMNS,
     GREATEST,
     GUARD,
+    LEAST,
     LEVEL,
     MAP,
+    MOST,
     OMEGA,
     PERIOD,
     POSITION,
     RESTITUTION,
     ROW,
     SPEEDS,
+    THIRD,
     VELOCITY,
     any_is_recorded,
     list_lanes,
@@ -55,9 +59,12 @@ from vibroimpact.kernel.workspace import (
     whole_vectors,
 )
 from vibroimpact.step.integrators import affine_map, apply_map
-from vibroimpact.step.scheme import COS, REDUCED_STEP, SIN, THETA
+from vibroimpact.step.scheme import COS, PLAIN, REDUCED_STEP, SIN, THETA
 from vibroimpact.step.stepper import take_step
+from vibroimpact.step.turning_points import widen_by_step
 
+#: The GUARD of a lane that may widen its reach.
+WIDENS = 2.0
 #: Steps in a stride; the numbers of a lane stay in registers meanwhile.
 STRIDE = 4
 
@@ -67,6 +74,7 @@ def set_map(workspace, i, integrator, grid):
     """Give lane `i` its affine map of one step of `grid`."""
     pt = workspace.points[i]
     rows = affine_map(integrator, grid.phase_step / pt.omega, pt)
+    workspace.lanes[THIRD + i] = grid.phase_step / pt.omega * (1.0 / 3.0)
     for k in range(8):
         workspace.lanes[MAP + k * ROW + i] = rows[k]
 
@@ -89,38 +97,62 @@ def step_lane(lanes, i, x, v, s, c):
     return x_T, v_T, x_T < lanes[LEVEL + i]  # False for a NaN
 
 
+@inlined
+def _bounded(reach, start, end, third):
+    """Return bounds that hold for another step, too, from (x, v) to (x, v); see ``bounds``."""
+    P, Q = fma(start[1], third, start[0]), fma(-end[1], third, end[0])
+    return min(min(reach[0], P), Q), max(max(reach[1], P), Q)
+
+
+@inlined
+def _is_within(lanes, i, reach):
+    """Whether the reach of lane `i` includes another one."""
+    return (reach[0] >= lanes[LEAST + i]) & (reach[1] <= lanes[MOST + i])
+
+
 @specialised
-def _step_span(lanes, size, table, n, span):
+def _step_span(lanes, size, table, n, span, watching):
     for i in range(whole_vectors(size)):
         x, v, safe = lanes[POSITION + i], lanes[VELOCITY + i], True
+        reach = math.inf, -math.inf
         for q in range(span):
+            start = x, v
             x, v, below = step_lane(lanes, i, x, v, table[SIN, n + q], table[COS, n + q])
             safe &= below
+            if watching:
+                reach = _bounded(reach, start, (x, v), lanes[THIRD + i])
+        guard = select(safe, -1.0, 1.0)
+        if watching:
+            within = _is_within(lanes, i, reach)
+            safe &= within
+            guard = select(within, guard, WIDENS)
         lanes[POSITION + i] = select(safe, x, lanes[POSITION + i])
         lanes[VELOCITY + i] = select(safe, v, lanes[VELOCITY + i])
-        lanes[GUARD + i] = select(safe, -1.0, 1.0)
+        lanes[GUARD + i] = guard
 
 
 @jit
-def step_lanes(lanes, size, table, n, span):
+def step_lanes(lanes, size, table, n, span, turning):
     """Take the first lanes over a stride from step `n`, or over a single step.
 
-    A lane that may meet its stop stays where it is, and its GUARD is not negative.
+    A lane that may meet its stop stays where it is, and its GUARD is not negative. If `turning` is
+    not None, so does a lane that may widen its reach, with the GUARD ``WIDENS``.
     """
     widest_vectors()
+    watching = turning is not None
     if span == STRIDE:
-        _step_span(lanes, size, table, n, STRIDE)
+        _step_span(lanes, size, table, n, STRIDE, watching)
     else:
-        _step_span(lanes, size, table, n, 1)
+        _step_span(lanes, size, table, n, 1, watching)
 
 
 @jit
 def plain_step(lanes, i, x, v, table, n, place, recording):
     """Take lane `i` from (x, v) over step `n` with the rule (2)-(5): selects instead of branches.
 
-    The speed of its impact goes to `place`. A displacement that overflowed counts as an impact,
-    too. If the speed did not overflow, the state after it is right; only the penetration, inf, is
-    lost, so a record with this step has failed.
+    Returns the states after and before an impact. Its speed goes to `place`. A displacement that
+    overflowed counts as an impact, too. If the speed did not overflow, the state after it is right;
+    only the penetration, inf, is lost, so a record with this step has failed.
     """
     to_x, to_v = map_of(lanes, i)
     s, c = table[SIN, n], table[COS, n]
@@ -132,36 +164,51 @@ def plain_step(lanes, i, x, v, table, n, place, recording):
         lanes[place] = select(impact, v_T, math.inf)
         lanes[GUARD + i] = select(impact, 1.0, lanes[GUARD + i])
         lanes[GREATEST + i] = select(x_T > lanes[GREATEST + i], x_T, lanes[GREATEST + i])
-    return select(impact, stop, x_T), select(impact, -R * v_T, v_T)
+    return (select(impact, stop, x_T), select(impact, -R * v_T, v_T)), (x_T, v_T)
 
 
 @specialised
-def _plain_span(lanes, size, table, n, span, recording):
+def _plain_span(lanes, size, table, n, span, recording, watching):
     for i in range(whole_vectors(size)):
         x, v = lanes[POSITION + i], lanes[VELOCITY + i]
         if recording:
             lanes[GUARD + i] = -1.0
-        x, v = plain_step(lanes, i, x, v, table, n, i + SPEEDS, recording)
+        now, end = plain_step(lanes, i, x, v, table, n, i + SPEEDS, recording)
+        third, reach = lanes[THIRD + i], (math.inf, -math.inf)
+        reach = _bounded(reach, (x, v), end, third)
         if span == STRIDE:
-            x, v = plain_step(lanes, i, x, v, table, n + 1, i + SPEEDS + ROW, recording)
-            x, v = plain_step(lanes, i, x, v, table, n + 2, i + SPEEDS + 2 * ROW, recording)
-            x, v = plain_step(lanes, i, x, v, table, n + 3, i + SPEEDS + 3 * ROW, recording)
-        lanes[POSITION + i], lanes[VELOCITY + i] = x, v
+            start = now
+            now, end = plain_step(lanes, i, *start, table, n + 1, i + SPEEDS + ROW, recording)
+            reach, start = _bounded(reach, start, end, third), now
+            now, end = plain_step(lanes, i, *start, table, n + 2, i + SPEEDS + 2 * ROW, recording)
+            reach, start = _bounded(reach, start, end, third), now
+            now, end = plain_step(lanes, i, *start, table, n + 3, i + SPEEDS + 3 * ROW, recording)
+            reach = _bounded(reach, start, end, third)
+        if watching:
+            within = _is_within(lanes, i, reach)
+            now = select(within, now[0], x), select(within, now[1], v)
+            lanes[GUARD + i] = select(within, lanes[GUARD + i], WIDENS)
+        lanes[POSITION + i], lanes[VELOCITY + i] = now
 
 
 @jit
-def plain_lanes(lanes, size, table, n, span, recording):
+def plain_lanes(lanes, size, table, n, span, recording, turning):
     """Take the first lanes over a stride from step `n`, or a single step, with the rule ``plain``.
 
-    While recording, the GUARD of lanes with an impact is not negative.
+    While recording, the GUARD of lanes with an impact is not negative. If `turning` is not None, a
+    lane that may widen its reach stays where it is, with the GUARD ``WIDENS``.
     """
     widest_vectors()
-    if span < STRIDE:
-        _plain_span(lanes, size, table, n, 1, recording)
-    elif recording:
-        _plain_span(lanes, size, table, n, STRIDE, True)
+    watching = turning is not None
+    if not recording:
+        if span < STRIDE:
+            _plain_span(lanes, size, table, n, 1, False, False)
+        else:
+            _plain_span(lanes, size, table, n, STRIDE, False, False)
+    elif span < STRIDE:
+        _plain_span(lanes, size, table, n, 1, True, watching)
     else:
-        _plain_span(lanes, size, table, n, STRIDE, False)
+        _plain_span(lanes, size, table, n, STRIDE, True, watching)
 
 
 @jit
@@ -201,8 +248,17 @@ def gather(batch, lo, count, table, n):
         columns[OF_F + j], columns[OF_P + j], columns[OF_CLEARANCE + j] = pt.f, pt.p, pt.clearance
 
 
+@inlined
+def _bounds_of_impact(c, j):
+    """Return bounds of the step of column `j`, before and after its impact."""
+    stop, v_Tr = c[OF_CLEARANCE + j], c[V_TR + j]
+    start, end, launch = (c[X_0 + j], c[V_0 + j]), (stop, v_Tr), (stop, -c[OF_R + j] * v_Tr)
+    reach = _bounded((math.inf, -math.inf), start, end, c[T_R + j] * (1.0 / 3.0))
+    return _bounded(reach, launch, (c[X_T + j], c[V_T + j]), c[REMAINDER + j] * (1.0 / 3.0))
+
+
 @jit
-def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n):
+def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n, turning):
     """Take `count` listed lanes, from index `lo` on, over the stride from step `n`.
 
     A lane for which a single impact is not certain is not moved; it is listed again, after the
@@ -216,9 +272,14 @@ def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n):
     for j in range(count):
         i = met[lo + j]
         x, v, single = c[X_T + j], c[V_T + j], c[SINGLE + j] > 0.0
+        if turning is not None:
+            single &= lanes[GUARD + i] < WIDENS and _is_within(lanes, i, _bounds_of_impact(c, j))
         for q in range(n + 1, n + STRIDE):
             x_T, v_T, safe = step_lane(lanes, i, x, v, table[SIN, q], table[COS, q])
             later = q > c[STEP + j]
+            if turning is not None:
+                reach = _bounded((math.inf, -math.inf), (x, v), (x_T, v_T), lanes[THIRD + i])
+                safe &= _is_within(lanes, i, reach)
             x, v = select(later, x_T, x), select(later, v_T, v)
             single &= safe | (not later)
         if not single:
@@ -227,14 +288,18 @@ def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n):
             continue
         lanes[POSITION + i], lanes[VELOCITY + i] = x, v
         if lanes[PERIOD + i] >= 0.0:
+            lanes[MOST + i] = math.inf
             phase = c[THETA_0 + j] + lanes[OMEGA + i] * c[T_R + j]
             list_impact(record.impacts[workspace.rows[i]], workspace.sums[i], phase, c[V_TR + j])
     return left
 
 
 @jit
-def resolve_stepped_lane(batch, i, method, grid, n, span):
-    """Take lane `i` over `span` steps from step `n` with every impact in them."""
+def resolve_stepped_lane(batch, i, method, grid, n, span, turning):
+    """Take lane `i` over `span` steps from step `n` with every impact in them.
+
+    With the rule ``plain`` its impacts are already recorded.
+    """
     workspace, record, _ = batch
     lanes, scratch = workspace.lanes, workspace.scratch
     pt, sums, table, phase_step = (
@@ -252,20 +317,24 @@ def resolve_stepped_lane(batch, i, method, grid, n, span):
             if recording:
                 sums.rested += phase_step / pt.omega
             continue
-        phase = theta, table[SIN, k], table[COS, k]
+        phase, start = (theta, table[SIN, k], table[COS, k]), state
         x, v, resting, n_events, rested, status = take_step(
             method, rows, state, phase, phase_step, pt, scratch
         )
         state = x, v, resting
+        if turning is not None and recording:
+            reach = lanes[LEAST + i], lanes[MOST + i]
+            least, most = widen_by_step(start, state, n_events, grid, k, pt, scratch.events, reach)
+            lanes[LEAST + i], lanes[MOST + i] = least, most if most < pt.clearance else math.inf
         set_rest(lanes, i, resting, theta + phase_step, pt)
         sums.status = max(sums.status, status)
-        if recording:
+        if recording and method[0] != PLAIN:
             record_step(scratch.events, n_events, rested, theta, pt, ring, sums)
     lanes[POSITION + i], lanes[VELOCITY + i] = state[0], state[1]
 
 
 @specialised
-def take_strides(batch, method, plain, grid):
+def take_strides(batch, method, plain, grid, turning):
     """Take all lanes over the steps of `grid` stride by stride, and singly over those left over.
 
     `plain` says whether the rule is ``plain``. It is a literal, so only that loop is compiled.
@@ -274,22 +343,32 @@ def take_strides(batch, method, plain, grid):
     lanes, met = workspace.lanes, workspace.met
     rule, integrator = method
     strides = grid.size // STRIDE
-    recording = plain and any_is_recorded(lanes, size)
+    recording = any_is_recorded(lanes, size)
     for k in range(strides + grid.size % STRIDE):
         n = k + min(k, strides) * (STRIDE - 1)
         span = STRIDE if k < strides else 1
         if plain:
-            plain_lanes(lanes, size, grid.table, n, span, recording)
+            plain_lanes(lanes, size, grid.table, n, span, recording, turning)
             if recording:
-                list_plain_impacts(batch, list_lanes(lanes, met, size), grid, n, span)
+                listed = list_lanes(lanes, GUARD, met, size)
+                list_plain_impacts(batch, listed, grid, n, span)
+                if turning is not None:
+                    for j in range(listed):
+                        if lanes[GUARD + met[j]] == WIDENS:
+                            resolve_stepped_lane(batch, met[j], method, grid, n, span, turning)
             continue
-        step_lanes(lanes, size, grid.table, n, span)
-        listed = list_lanes(lanes, met, size)
+        if turning is None:
+            step_lanes(lanes, size, grid.table, n, span, None)
+        elif recording:
+            step_lanes(lanes, size, grid.table, n, span, turning)
+        else:
+            step_lanes(lanes, size, grid.table, n, span, None)
+        listed = list_lanes(lanes, GUARD, met, size)
         if rule == REDUCED_STEP and span == STRIDE:
             left = 0
             for lo in range(0, listed, COLUMNS):
                 count = min(COLUMNS, listed - lo)
-                left = correct_stepped_lanes(batch, lo, count, left, integrator, grid, n)
+                left = correct_stepped_lanes(batch, lo, count, left, integrator, grid, n, turning)
             listed = left
         for j in range(listed):
-            resolve_stepped_lane(batch, met[j], method, grid, n, span)
+            resolve_stepped_lane(batch, met[j], method, grid, n, span, turning)

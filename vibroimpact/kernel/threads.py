@@ -7,7 +7,7 @@ without holding Python's global lock:
 - ``run_on_threads``: starts the threads, and gives each its memory. From here on nothing is
   allocated, so references to arrays need not be counted.
 - ``run_exact``, ``run_plain``, ``run_shortened`` of ``loop.py``: the work of one thread, its lanes
-  from point to point, compiled for one rule.
+  from point to point, compiled for one rule, without or with extremes.
 - ``take_exact_steps`` or ``take_strides``: one forcing period.
 
 Where the motions go is found from their records afterwards, by ``find_on_threads``: only a run that
@@ -31,7 +31,14 @@ from vibroimpact.destination.repetition import MOST_REPETITIONS
 from vibroimpact.destination.section_map import MOST_SECTIONS
 from vibroimpact.jit import claim, compiled, is_set, jit, on_threads, specialised
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
-from vibroimpact.kernel.loop import run_exact, run_plain, run_shortened
+from vibroimpact.kernel.loop import (
+    run_exact,
+    run_exact_with_extremes,
+    run_plain,
+    run_plain_with_extremes,
+    run_shortened,
+    run_shortened_with_extremes,
+)
 from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.reduced_step_impacts import REDUCED_STEP_COLUMNS
 from vibroimpact.kernel.workspace import KEPT, LANES, LANES_SIZE, ROW, VECTOR, Workspace
@@ -93,6 +100,7 @@ def new_workspace(columns: int) -> Workspace:
     return Workspace(
         lanes=aligned(LANES_SIZE),
         met=np.zeros(LANES, np.int64),
+        turning=np.zeros(LANES, np.int64),
         columns=aligned(columns),
         added=aligned(2 * KEPT * ROW).reshape((KEPT, 2, ROW)),
         scratch=new_scratch.py_func(),  # compiled code calls it, too
@@ -103,13 +111,21 @@ def new_workspace(columns: int) -> Workspace:
     )
 
 
+# The loop of a rule without and with extremes, and the numbers in its columns.
+_LOOPS = {
+    PLAIN: ((run_plain, run_plain_with_extremes), 0),
+    EXACT: ((run_exact, run_exact_with_extremes), EXACT_COLUMNS),
+}
+_SHORTENED = (run_shortened, run_shortened_with_extremes), REDUCED_STEP_COLUMNS
+
+
 def run_on_threads(threads: int, job: KernelJob) -> None:
     """Run every point, on `threads` threads or as many as have lanes.
 
     To start a thread takes longer than a few lanes.
     """
-    loops = {PLAIN: (run_plain, 0), EXACT: (run_exact, EXACT_COLUMNS)}
-    loop, columns = loops.get(job.scheme.method[0], (run_shortened, REDUCED_STEP_COLUMNS))
+    loops, columns = _LOOPS.get(job.scheme.method[0], _SHORTENED)
+    loop = loops[job.record.reach.size > 0]
     work = compiled(loop, new_workspace(columns), job)
     threads = min(threads, max(1, -(-job.points.size // job.lanes)))
     on_threads(threads, job.interrupt, lambda: work(new_workspace(columns), job))

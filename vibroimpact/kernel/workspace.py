@@ -68,6 +68,9 @@ GREATEST = _rows.take()  #: The greatest displacement.
 SPEEDS = _rows.take(4)  #: Those of the impacts in a stride.
 #: The period of the record in which the lane is, below 0 in its transient.
 PERIOD = _rows.take()
+LEAST, MOST = _rows.take(), _rows.take()  #: The reach of the motion, see ``turning_points.py``.
+EXCESS = _rows.take()  #: Not negative if a step may widen the reach.
+THIRD = _rows.take()  #: A third of the step T.
 DUE = _rows.take()  #: The period before which nothing happens but a return of the motion.
 # The state of the mark, and its period.
 MARK_X = _rows.take()
@@ -92,6 +95,7 @@ class Workspace(NamedTuple):
 
     lanes: np.ndarray  #: The rows of the lanes.
     met: np.ndarray  #: The list of lanes whose GUARD is not negative.
+    turning: np.ndarray  #: The list of lanes whose EXCESS is not negative.
     columns: np.ndarray  #: The rows of the columns, each a copy of a listed lane.
     #: With exact impacts, what each step adds to y and w of each lane: shape (KEPT, 2, ROW).
     added: np.ndarray
@@ -164,11 +168,11 @@ def any_is_recorded(lanes, size):
 
 
 @jit
-def list_lanes(lanes, met, size):
-    """List those of the first `size` lanes whose GUARD is not negative; return their number."""
+def list_lanes(lanes, row, met, size):
+    """List those of the first `size` lanes whose `row` is not negative; return their number."""
     listed = 0
     for first in range(0, size, 64):
-        bits = not_negative(lanes, GUARD + first)
+        bits = not_negative(lanes, row + first)
         if first + 64 > size:
             bits &= (1 << (size - first)) - 1
         while bits != 0:  # terminates: one bit less each time

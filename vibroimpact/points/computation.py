@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from vibroimpact.kernel.integrate import Length, record_begins, recorded_extremes, run_points
+from vibroimpact.kernel.integrate import Length, record_begins, run_points
 from vibroimpact.points.destinations import classified
 from vibroimpact.points.following import follow_chains
 from vibroimpact.points.run_spec import RunSpec
@@ -118,9 +118,9 @@ def _run(
         interrupt = np.zeros(1, np.int64)
     scheme = Scheme.of(spec.integrator, spec.impact, spec.steps_per_period, spec.phase)
     length = Length(spec.transient, spec.periods, spec.impacts)
-    results = run_points(points, scheme, length, spec.lyapunov, threads, interrupt, spec.period)
-    if spec.extremes:
-        results |= recorded_extremes(points, scheme, length, results, threads, interrupt)
+    results = run_points(
+        points, scheme, length, spec.lyapunov, threads, interrupt, spec.period, spec.extremes
+    )
     begun = results.pop("begun")
     if spec.every is not None:
         # A start beyond the phase of the section passes it in the next period of the clock.

@@ -83,6 +83,7 @@ class Impact(NamedTuple):
     at: float  #: Phase of the impact since the start of the step.
     w_i: float  #: w just before the impact.
     proved: float  #: ``NOTHING``, ``FIRST``, ``ONLY`` or ``FREE``.
+    free: FreeEnd  #: The end of the step as if there were no impact.
 
 
 @inlined
@@ -310,4 +311,4 @@ def meet_stop(eq, flight, free, end_wave, phase_step):
     values = all_terms(k, guessed.t)
     u, r, w_i, proved = end_flight(flight, free, guessed, k, values, phase_step)
     y, w, proved = rebound(eq, free, r, w_i, proved, phase_step)
-    return Impact(y, w, flight.begin + u, w_i, proved)
+    return Impact(y, w, flight.begin + u, w_i, proved, free)

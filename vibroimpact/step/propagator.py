@@ -157,15 +157,19 @@ def remainder_bound(factors, y, w):
 
 @inlined
 def propagate(propagator, y, w, added, phase_step):
-    """Take a state over a step as if there were no stop; return y_T, w_T, the bound and the guard.
+    """Take a state over a step as if there were no stop; return y_T, w_T, and bounds of its flight.
 
-    `added` is from ``forced``. A guard below 0 proves that the mass did not meet the stop.
+    `added` is from ``forced``. The bounds are the remainder bound, the guard and the floor: apart
+    from its ends, the flight is between floor and guard. A guard below 0 proves that the mass did
+    not meet the stop.
     """
     third = phase_step * (1.0 / 3.0)
     y_T = y + fma(propagator.yy, y, fma(propagator.yw, w, added[0]))
     w_T = w + fma(propagator.wy, y, fma(propagator.ww, w, added[1]))
     bound = remainder_bound((propagator.bound_y, propagator.bound_w, propagator.bound_1), y, w)
-    return y_T, w_T, bound, max(fma(0.5, bound, max(fma(third, w, y), fma(-third, w_T, y_T))), y_T)
+    P, Q = fma(third, w, y), fma(-third, w_T, y_T)
+    guard = max(fma(0.5, bound, max(P, Q)), y_T)
+    return y_T, w_T, bound, guard, fma(-0.5, bound, min(P, Q))
 
 
 @inlined

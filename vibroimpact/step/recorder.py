@@ -12,7 +12,6 @@ from vibroimpact.jit import (
     ALL_THREADS,
     claim,
     compiled,
-    inlined,
     is_set,
     jit,
     on_threads,
@@ -35,18 +34,16 @@ from vibroimpact.step.stepper import (
     from_state,
     prepare,
     prepare_exact,
-    take_exact_grid_step,
-    take_grid_step,
     to_state,
+    watch_exact_grid_step,
+    watch_grid_step,
 )
-from vibroimpact.step.turning_points import widen, widen_by_exact_step, widen_by_step
+from vibroimpact.step.turning_points import reach_of_x
 
 # Kinds of row besides the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
 #: The columns of a trajectory.
 TRAJECTORY = "trajectory_t", "trajectory_x", "trajectory_v"
-#: The least and the greatest displacement of a record.
-EXTREMES = "x_min", "x_max"
 _PENDING = int(Status.PENDING)
 _NO_LIMIT = sys.maxsize
 
@@ -95,20 +92,12 @@ def _put_start(log, t, pt, resting):
 
 
 @specialised
-def _put_first(log, t, pt, rule, state, first, led, reach):
+def _put_first(log, t, pt, rule, state, first, led):
     """Write the rows at the section number `first`; `led` says whether steps have led to it."""
     x, v = from_state(rule, state, pt)
-    widen(reach, x if led else pt.x0)
     if first == 0 and not led:
         return _put_start(log, t, pt, state[2])
     return _put(log, 0, REST if state[2] else _STATE, t, x, v)
-
-
-@inlined
-def _renewed(mark, due, state, period):
-    """Return whether a motion is back at its mark, an earlier section; its mark; when it is due."""
-    back = state == mark
-    return (back, state, period + 1 + period // 4) if period >= due else (back, mark, due)
 
 
 #: Periods, first section of each point, every and most rows, as in ``TraceJob``.
@@ -139,12 +128,8 @@ class TraceJob(NamedTuple):
 
 
 @specialised
-def _trace(job, i, prepare, take, widen_by, exactly):
-    """Run a point as the kernel's lanes do, and log its motion; return its rows and its status.
-
-    Without room for a log, a motion that has come back to the same bits ends: it repeats.
-    """
-    reach = job.reach[i]
+def _trace(job, i, prepare, take, exactly):
+    """Run a point as the kernel's lanes do, and log its motion; return its rows and its status."""
     pt, log = job.points[i], job.logs[:, job.starts[i] : job.starts[i + 1]]
     first, every, periods = job.first[i], job.every, job.periods
     scratch, (method, grid) = new_scratch(), job.scheme
@@ -152,19 +137,18 @@ def _trace(job, i, prepare, take, widen_by, exactly):
     state, status = first_section(method, grid, pt, scratch, first > 0, exactly)
     size, T = grid.size, grid.phase_step / pt.omega
     t = (2.0 * math.pi * first + grid.table[THETA, 0]) / pt.omega
-    rows = _put_first(log, t, pt, rule, state, first, led, reach)
-    prepared, due, mark = prepare(method, grid, pt), 1, (math.nan, math.nan, False)
+    rows, prepared = _put_first(log, t, pt, rule, state, first, led), prepare(method, grid, pt)
+    start, reach = state, (state[0], state[0])
     for k in range(periods):
         if is_set(job.interrupt):
-            reach[:] = math.nan
             return 0, _PENDING
         for n in range(size):
             if rows > job.most_rows:
                 return 0, _PENDING
-            before = state
-            state, n_events, outcome = take(method, prepared, state, grid, n, pt, scratch)
+            state, n_events, outcome, reach = take(
+                method, prepared, state, grid, n, pt, scratch, reach
+            )
             status = max(status, outcome)
-            widen_by(prepared, (before, state), n_events, grid, n, pt, scratch, reach)
             x, v = from_state(rule, state, pt)
             last = n + 1 == size
             if last:
@@ -176,22 +160,21 @@ def _trace(job, i, prepare, take, widen_by, exactly):
                     rows -= 1  # replace the state after an impact at the end of the step
                 rows = _put(log, rows, SECTION if last else _STATE, t_T, x, v)
             t = t_T
-        back, mark, due = _renewed(mark, due, state, k + 1)
-        if back and log.shape[1] == 0:
-            break
+    first_x = from_state(rule, start, pt)[0] if led else pt.x0
+    job.reach[i, 0], job.reach[i, 1] = reach_of_x(reach, first_x, x, pt.clearance, exactly)
     return rows, status
 
 
 @specialised
-def _trace_points(job, prepare, take, widen_by, exactly):
+def _trace_points(job, prepare, take, exactly):
     """Log point after point until the threads have taken all of them.
 
-    `prepare`, `take` and `widen_by` are the functions of the rule, and `exactly` says whether it is
-    ``exact``, so that what other rules need is not compiled.
+    `prepare` and `take` are the functions of the rule, and `exactly` says whether it is ``exact``,
+    so that what other rules need is not compiled.
     """
     i = claim(job.claimed)
     while i < job.points.size:  # terminates: the counter only rises
-        rows, status = _trace(job, i, prepare, take, widen_by, exactly)
+        rows, status = _trace(job, i, prepare, take, exactly)
         job.outcomes[i, 0], job.outcomes[i, 1] = rows, status
         i = claim(job.claimed)
 
@@ -199,36 +182,13 @@ def _trace_points(job, prepare, take, widen_by, exactly):
 @jit
 def _trace_exact(job):
     """Log points with the rule ``exact``."""
-    _trace_points(job, prepare_exact, take_exact_grid_step, widen_by_exact_step, True)
+    _trace_points(job, prepare_exact, watch_exact_grid_step, True)
 
 
 @jit
 def _trace_steps(job):
     """Log points with a rule of time stepping."""
-    _trace_points(job, prepare, take_grid_step, widen_by_step, False)
-
-
-def _trace_on_threads(
-    points: np.ndarray,
-    scheme: Scheme,
-    extent: Extent,
-    threads: int,
-    interrupt: np.ndarray,
-    columns: int,
-    room: np.ndarray,
-) -> tuple[np.ndarray, TraceJob]:
-    """Log motions with `room` for so many rows of each; return where their logs start, and the job.
-
-    `points` have one force.
-    """
-    run = _trace_exact if scheme.method[0] == EXACT else _trace_steps
-    starts, n = np.concatenate([[0], np.cumsum(room)]), points.size
-    reach = np.tile([math.inf, -math.inf], (n, 1))
-    logs = np.empty((columns, starts[-1]))  # memory that is not written is not taken
-    outcomes, claimed = np.zeros((n, 2), np.int64), np.zeros(1, np.int64)
-    job = TraceJob(points, scheme, *extent, logs, starts, outcomes, reach, claimed, interrupt)
-    on_threads(threads, interrupt, compiled(run, job), job)
-    return starts, job
+    _trace_points(job, prepare, watch_grid_step, False)
 
 
 def _logged(
@@ -245,7 +205,7 @@ def _logged(
     `extent` holds `periods`, `first`, `every` and `most_rows` of the job. There is room for so many
     `events` of each motion at first, by default for four in a period; an event takes two rows.
     """
-    n = points.size
+    n, run = points.size, _trace_exact if scheme.method[0] == EXACT else _trace_steps
     interrupt = np.zeros(1, np.int64) if interrupt is None else interrupt
     periods, _, every, _ = extent
     rows = np.full(n, 4 * periods) if events is None else np.ceil(events).astype(np.int64)
@@ -254,7 +214,15 @@ def _logged(
     points = with_one_force(points)
     while (rows > room).any():  # terminates: the second pass needs as many rows as the first
         room = np.maximum(rows, room)
-        starts, job = _trace_on_threads(points, scheme, extent, threads, interrupt, columns, room)
+        starts = np.concatenate([[0], np.cumsum(room)])
+        logs = np.empty((columns, starts[-1]))  # memory that is not written is not taken
+        outcomes, reach, claimed = (
+            np.zeros((n, 2), np.int64),
+            np.empty((n, 2)),
+            np.zeros(1, np.int64),
+        )
+        job = TraceJob(points, scheme, *extent, logs, starts, outcomes, reach, claimed, interrupt)
+        on_threads(threads, interrupt, compiled(run, job), job)
         rows = job.outcomes[:, 0]
     return [job.logs[:, starts[i] : starts[i] + rows[i]] for i in range(n)], job
 
@@ -320,22 +288,3 @@ def trajectories(
         for name, samples in zip(TRAJECTORY, log, strict=True):
             found[name][i] = samples
     return found
-
-
-def extremes_of(
-    points: np.ndarray,
-    scheme: Scheme,
-    periods: int,
-    first: int,
-    threads: int | None,
-    interrupt: np.ndarray,
-) -> dict[str, np.ndarray]:
-    """Follow many parameter points; return ``x_min`` and ``x_max`` of their motions, (n,).
-
-    The arguments are those of `trajectories`. An interrupted point has NaN.
-    """
-    points, n = with_one_force(points), points.size
-    threads = min(ALL_THREADS if threads is None else threads, n)
-    extent, room = (periods, np.full(n, first), 1, _NO_LIMIT), np.zeros(n, np.int64)
-    _, job = _trace_on_threads(points, scheme, extent, threads, interrupt, 3, room)
-    return dict(zip(EXTREMES, job.reach.T, strict=True))

@@ -38,6 +38,13 @@ from vibroimpact.step.propagator import (
 )
 from vibroimpact.step.scheme import COS, EXACT, PLAIN, SIN, THETA, PhaseGrid
 from vibroimpact.step.time_stepping import plain, reduced_step
+from vibroimpact.step.turning_points import (
+    EVERYTHING,
+    widen_by_events,
+    widen_by_flight,
+    widen_by_impact,
+    widen_by_step,
+)
 
 _CERTIFIED, _COMPUTED = int(Status.CERTIFIED), int(Status.COMPUTED)
 
@@ -94,32 +101,47 @@ def take_step(method, rows, state, phase, phase_step, pt, scratch):
 
 
 @specialised
-def take_exact_step(eq, propagators, state, phase, end_wave, phase_step, pt, scratch):
+def take_exact_step(prepared, state, grid, n, pt, scratch, reach, watching):
     """Take a step with the rule ``exact``, as ``exact_lanes.py`` does for many points at once.
 
-    `phase` is the phase at the start, its sine and its cosine; `end_wave` is sine and cosine at the
-    end. Returns the same as ``exact_step``.
+    Returns the state, the number of events, the status, and the reach if `watching`, a literal.
     """
-    (y, w, resting), (theta, s, c) = state, phase
-    propagator, forcing = propagators
-    y_T, w_T, bound, guard = propagate(propagator, y, w, forced(forcing, s, c), phase_step)
+    (y, w, resting), table, (eq, (propagator, forcing)) = state, grid.table, prepared
+    theta, wave, phase_step = table[THETA, n], (table[SIN, n], table[COS, n]), grid.phase_step
+    y_T, w_T, bound, guard, floor = propagate(propagator, y, w, forced(forcing, *wave), phase_step)
+    flight, free = Flight(y, w, *wave, 0.0), FreeEnd(y_T, w_T, bound)
+    end_wave, c = (table[SIN, n + 1], table[COS, n + 1]), scratch.coefficients
     if guard < 0.0:
-        return y_T, w_T, False, 0, 0.0, 0, 0
-    flight, free, n = Flight(y, w, s, c, 0.0), FreeEnd(y_T, w_T, bound), 0
+        if watching and (floor < reach[0] or guard > reach[1]):
+            end = y_T, w_T, phase_step
+            reach = widen_by_flight(eq, flight, free, end_wave, end, phase_step, c, reach)
+        return (y_T, w_T, False), 0, 0, reach
+    n_events = 0
     for _ in range(SIDE_BY_SIDE):
-        end = meet_stop(eq, flight, free, end_wave, phase_step)
-        if end.proved == FIRST or end.proved == ONLY:
-            time, speed = end.at / pt.omega, end.w_i * pt.omega
-            n = log_event(scratch.events, n, IMPACT, time, speed, pt.clearance)
-        if end.proved >= ONLY:
-            return end.y, end.w, False, n, 0.0, 0, 0
-        if end.proved == NOTHING:
+        impact = meet_stop(eq, flight, free, end_wave, phase_step)
+        y_T, w_T, at, w_i, proved, free = impact
+        if proved == FIRST or proved == ONLY:
+            time, speed = at / pt.omega, w_i * pt.omega
+            n_events = log_event(scratch.events, n_events, IMPACT, time, speed, pt.clearance)
+        if watching:
+            reach = widen_by_impact(eq, flight, impact, (wave, end_wave), phase_step, c, reach)
+        if proved >= ONLY:
+            return (y_T, w_T, False), n_events, 0, reach
+        if proved == NOTHING:
             break
-        flight = launch_after(eq, (s, c), end.at, end.w_i)
-        free = FreeEnd(end.y, end.w, bound)
+        flight, free = launch_after(eq, wave, at, w_i), FreeEnd(y_T, w_T, bound)
         if may_rest(eq, flight):
             break
-    return exact_step(eq, pt, flight, resting, bound, theta, phase_step, scratch, n)
+    first = n_events
+    y, w, now, n_events, _rested, status, _grazes = exact_step(
+        eq, pt, flight, resting, bound, theta, phase_step, scratch, first
+    )
+    if watching:
+        rows = first, n_events
+        reach = widen_by_events(
+            eq, flight, resting, (y, w), rows, theta, bound, phase_step, pt, scratch, reach
+        )
+    return (y, w, now), n_events, status, reach
 
 
 @jit
@@ -134,16 +156,27 @@ def take_grid_step(method, rows, state, grid, n, pt, scratch):
 
 
 @jit
+def watch_grid_step(method, rows, state, grid, n, pt, scratch, reach):
+    """Take step `n` of a grid; return the state, the number of events, the status and the reach."""
+    end, n_events, status = take_grid_step(method, rows, state, grid, n, pt, scratch)
+    reach = widen_by_step(state, end, n_events, grid, n, pt, scratch.events, reach)
+    return end, n_events, status, reach
+
+
+@jit
 def take_exact_grid_step(_, prepared, state, grid, n, pt, scratch):
     """Take step `n` of a grid with the rule ``exact``; return the same as `take_grid_step`."""
     widest_vectors()  # it keeps LLVM from merging this function into each of its callers
-    table, (eq, propagators) = grid.table, prepared
-    phase = table[THETA, n], table[SIN, n], table[COS, n]
-    end_wave = table[SIN, n + 1], table[COS, n + 1]
-    y, w, resting, n_events, _rested, status, _grazes = take_exact_step(
-        eq, propagators, state, phase, end_wave, grid.phase_step, pt, scratch
+    end, n_events, status, _ = take_exact_step(
+        prepared, state, grid, n, pt, scratch, EVERYTHING, False
     )
-    return (y, w, resting), n_events, status
+    return end, n_events, status
+
+
+@jit
+def watch_exact_grid_step(_, prepared, state, grid, n, pt, scratch, reach):
+    """Take step `n` of a grid with the rule ``exact``; return the same as `watch_grid_step`."""
+    return take_exact_step(prepared, state, grid, n, pt, scratch, reach, True)
 
 
 @specialised

@@ -1,166 +1,286 @@
-"""The least and the greatest displacement of a step, also where the mass turns within it.
+"""The reach of a motion: its least and its greatest displacement, also where the mass turns.
 
-Between its ends a flight turns where its speed changes sign. With the rule ``exact`` its Taylor
-series about its start is right to rounding over the whole step. With time stepping the cubic
-Hermite interpolant of the flight takes its place, from one state of the method to the next. A turn
-of this cubic beyond the stop counts as a turn at the stop; a state beyond the stop counts as it is.
+The reach is a pair, of x, or with the rule ``exact`` of y in the units of ``propagator.py``. A
+flight that is proved to stay within the reach so far is not searched. Between its ends a flight
+turns where its speed changes sign.
+
+**Exact impacts.** Let a flight go from (y_0, w_0) to (y_1, w_1) in the time t. Its cubic Hermite
+interpolant has the Bernstein coefficients y_0, P = y_0 + w_0 t / 3, Q = y_1 - w_1 t / 3 and y_1.
+With |y''''| <= A_4 and E = A_4 t^4 / 72, as in ``propagator.py``, the flight differs from it by
+less than E / 2. The first two derivatives differ by at most sqrt(3) / 216 A_4 t^3 and A_4 t^2 / 12
+(Birkhoff and Priver, 1967). With A = w_0 t, M = 3 (Q - P) and B = w_1 t, the Bernstein coefficients
+of t y', this proves:
+
+- If M - A and B - M exceed 3 E, the flight is convex, and turns once if A < 0 < B. It is concave if
+  both are below -3 E.
+- If A, M and B all exceed .6 E, or are all below -.6 E, the flight does not turn.
+
+A single turn is found in three stages without branches, which serve the columns of a vector and a
+single orbit alike. The interpolant gives a guess. The flight is expanded about the nearer of its
+start and the end of the step, and Newton's method, with two further terms of the reversed series,
+is applied to the speed. There y is evaluated, less w^2 / (2 y''), which leaves an error of third
+order. Any other flight is halved until this proves something of its pieces.
+
+**Time stepping.** The cubic Hermite interpolant takes the place of the flight, from one state of
+the method to the next. A turn of this cubic beyond the stop counts as a turn at the stop; a state
+beyond the stop counts as it is.
 """
 
 from __future__ import annotations
 
-from vibroimpact.jit import inlined, jit
+import math
+
+import numpy as np
+
+from vibroimpact.jit import fma, inlined, jit, select
 from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME, pressing
 from vibroimpact.step.elementary import sin_cos
-from vibroimpact.step.polynomial import (
-    curvature,
-    expand,
-    greatest_third_derivative,
-    turn_between,
-    value_and_slope,
+from vibroimpact.step.impact import (
+    FREE,
+    NOTHING,
+    ONLY,
+    FreeEnd,
+    all_terms,
+    expand_near,
+    first_terms,
+    launch_after,
+    newton_step,
 )
-from vibroimpact.step.scheme import COS, SIN, THETA
+from vibroimpact.step.polynomial import expand, turn_between, value_and_slope
+from vibroimpact.step.scheme import THETA
 
-# A flight in which the mass may turn is searched in so many equal pieces, so that it turns at most
-# twice in a piece.
-_PIECES = 4
+#: The reach of a motion that is not recorded: nothing widens it.
+EVERYTHING = -math.inf, math.inf
 
-
-@inlined
-def widen(reach, x):
-    """Let the least and the greatest displacement, ``reach``, include `x`."""
-    reach[0], reach[1] = min(reach[0], x), max(reach[1], x)
-
-
-@inlined
-def _may_turn(slope_0, second_0, slope_1, second_1):
-    """Whether a curve may turn between its ends, given its first two derivatives there."""
-    falls, rises = slope_0 < 0.0 and slope_1 < 0.0, slope_0 > 0.0 and slope_1 > 0.0
-    if falls:
-        return second_0 > 0.0 > second_1
-    if rises:
-        return second_0 < 0.0 < second_1
-    return True
+# Newton's method has converged if its next change is below this share of the flight: the error of y
+# is of third order.
+_LAST_CHANGE = 1e-6
+# Pieces narrower than this share of a step turn by rounding only.
+_NARROWEST = 2.0**-17
+_MOST_PIECES = 2**19
 
 
 @inlined
-def _keeps_sign(slope_0, second_0, slope_1, second_1, jerk, width):
-    """Whether a slope with the same sign at both ends of a piece is proved to keep it between them.
+def widened(reach, low, high):
+    """Return the reach that includes `low` and `high`."""
+    return min(reach[0], low), max(reach[1], high)
 
-    `jerk` bounds the third derivative. Each end vouches for the half of the piece beside it.
+
+@inlined
+def reach_of_x(reach, first, last, clearance, exactly):
+    """Return the reach of x from `first` to `last`, given that of x or, if `exactly`, of y."""
+    low, high = reach
+    if exactly:
+        low, high = low + clearance, high + clearance
+    return min(low, min(first, last)), max(high, max(first, last))
+
+
+@inlined
+def bounds(y_0, w_0, y_1, w_1, t, bound):
+    """Return bounds of a flight in the time `t`, apart from its start; E is `bound`."""
+    P, Q = fma(w_0, t * (1.0 / 3.0), y_0), fma(-w_1, t * (1.0 / 3.0), y_1)
+    return (
+        fma(-0.5, bound, min(min(P, Q), y_1)),
+        fma(0.5, bound, max(max(P, Q), y_1)),
+    )
+
+
+@inlined
+def part_of(bound, t, phase_step):
+    """Return the E of the part `t` of a step, given that of the step."""
+    n = t / phase_step
+    n *= n
+    return bound * (n * n)
+
+
+@inlined
+def guess_turn(y_0, w_0, y_1, w_1, t, bound):
+    """Return where a flight in the time `t` turns, as a share of `t`, and whether it does.
+
+    It turns once or not at all if the third value is true; else nothing is proved. Single precision
+    is enough for a guess.
     """
-    half = 0.5 * width
-    least = min(abs(slope_0) - half * abs(second_0), abs(slope_1) - half * abs(second_1))
-    return least > 0.5 * jerk * half * half
+    A, B = w_0 * t, w_1 * t
+    M = fma(3.0, y_1 - y_0, -(A + B))
+    least, most = min(M - A, B - M), max(M - A, B - M)
+    bent = (least > 3.0 * bound) | (most < -3.0 * bound)
+    rises = min(min(A, M), B) > 0.6 * bound
+    falls = max(max(A, M), B) < -0.6 * bound
+    inverse = 1.0 / abs(A)
+    q, p = np.float32(select(A < 0.0, M, -M) * inverse), np.float32(abs(B) * inverse)
+    n = np.float32(1.0) / (np.float32(1.0) + q + np.sqrt(q * q + p))
+    return np.float64(n), bent & (min(A, B) < 0.0) & (max(A, B) > 0.0), bent | rises | falls
+
+
+@inlined
+def late_from(t, rest, phase_step):
+    """Return 1. if `t` is nearer to the end of the step, `rest` after the start, else 0."""
+    return select((t > 0.5 * phase_step) & (rest - t < t), 1.0, 0.0)
+
+
+@inlined
+def approach_turn(k, t, phase_step):
+    """Improve the guess `t` of a turn, with terms of a series up to t^8; return it and y'' / 2."""
+    _, d, e = first_terms(k, t)
+    j = fma(fma(fma(fma(35.0 * k[7], t, 20.0 * k[6]), t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
+    fourth = fma(fma(60.0 * k[6], t, 20.0 * k[5]), t, 4.0 * k[4])
+    change, _ = newton_step(d, 2.0 * e, 3.0 * j, fourth, 1.0 / phase_step)
+    return t - change, fma(-3.0 * j, change, e)
+
+
+@inlined
+def turn_at(k, t, bend):
+    """Return y where a series turns near `t`, and how far from it; `bend` is y'' / 2 there."""
+    y, d, _ = all_terms(k, t)
+    change = d * (0.5 / bend)
+    return fma(-0.5 * d, change, y), change
+
+
+@inlined
+def is_settled(t, change, length):
+    """Whether the turn of a flight, at the time `t` of its `length`, is found."""
+    return (abs(change) < _LAST_CHANGE * length) & (t > 0.0) & (t < length)
 
 
 @jit
-def _root_of_curvature(c, low, high):
-    """Return where the second derivative of a polynomial changes sign between `low` and `high`."""
-    negative = curvature(c, 0, low) < 0.0
-    for _ in range(52):
-        u = 0.5 * (low + high)
-        if (curvature(c, 0, u) < 0.0) == negative:
-            low = u
-        else:
-            high = u
-    return 0.5 * (low + high)
+def _search(eq, start, span, bound, phase_step, c, reach):
+    """Return the reach that includes a flight for the phase `span` from its `start` y, w, s, c."""
+    y, w, s, wave = start
+    expand(eq, y, w, s, wave, phase_step, c)
+    end, a, width = span / phase_step, 0.0, span / phase_step
+    y_0, w_0 = c[0], c[1]
+    for _ in range(_MOST_PIECES):
+        if not (a < end and bound < math.inf):
+            break
+        b = end if a + width >= end else a + width
+        y_1, w_1 = value_and_slope(c, 0, b)
+        h = b - a
+        of_piece = part_of(bound, h, 1.0)
+        low, high = bounds(y_0, w_0, y_1, w_1, h, of_piece)
+        if low < reach[0] or high > reach[1]:
+            _, turns, sure = guess_turn(y_0, w_0, y_1, w_1, h, of_piece)
+            if not sure and h > _NARROWEST:
+                width = 0.5 * h
+                continue
+            reach = widened(reach, y_1, min(y_1, 0.0))
+            if turns:
+                sign = -1.0 if w_0 < 0.0 else 1.0
+                for k in range(c.size):
+                    c[k] *= sign
+                y, _ = value_and_slope(c, 0, turn_between(c, 0, a, b))
+                for k in range(c.size):
+                    c[k] *= sign
+                reach = widened(reach, sign * y, min(sign * y, 0.0))
+        a, y_0, w_0, width = b, y_1, w_1, 2.0 * h
+    return reach
 
 
 @jit
-def _widen_between(c, low, high, slope_0, slope_1, clearance, reach):
-    """Widen `reach` by the turning point of a polynomial between `low` and `high`, if any."""
-    if slope_0 > 0.0 >= slope_1:
-        y, _ = value_and_slope(c, 0, turn_between(c, 0, low, high))
-        widen(reach, min(y, 0.0) + clearance)
-    elif slope_0 < 0.0 <= slope_1:
-        for k in range(c.size):
-            c[k] = -c[k]
-        y, _ = value_and_slope(c, 0, turn_between(c, 0, low, high))
-        widen(reach, clearance - y)
-        for k in range(c.size):
-            c[k] = -c[k]
+def widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, reach):
+    """Return the reach that includes a flight of a step with the rule ``exact``.
 
-
-@jit
-def _widen_by_polynomial(c, end, clearance, reach):
-    """Widen `reach` by the turning points of the polynomial x(u) - stop from 0 to u = `end`."""
-    low, jerk = 0.0, greatest_third_derivative(c, 0)
-    slope_0, second_0 = c[1], 2.0 * c[2]
-    for j in range(_PIECES):
-        high = end if j + 1 == _PIECES else end * ((j + 1) / _PIECES)
-        _, slope_1 = value_and_slope(c, 0, high)
-        second_1 = curvature(c, 0, high)
-        proved = _keeps_sign(slope_0, second_0, slope_1, second_1, jerk, high - low)
-        if slope_0 == 0.0:  # the curve begins with a turn
-            slope_0 = second_0
-        if _may_turn(slope_0, second_0, slope_1, second_1):
-            middle, slope = high, slope_1
-            if (slope_0 < 0.0) == (slope_1 < 0.0) and not proved:
-                middle = _root_of_curvature(c, low, high)
-                _, slope = value_and_slope(c, 0, middle)
-            _widen_between(c, low, middle, slope_0, slope, clearance, reach)
-            _widen_between(c, middle, high, slope, slope_1, clearance, reach)
-        low, slope_0, second_0 = high, slope_1, second_1
-
-
-@jit
-def _widen_by_flight(eq, begin, end, span, phase_step, pt, coefficients, reach):
-    """Widen `reach` by the turning points of an exact flight that lasts for the phase `span`.
-
-    `begin` is y, w, and sine and cosine of the phase there; `end` is y, w and the sine there.
+    `free` and `end_wave` are the end of the step without impacts, and sine and cosine of the phase
+    there. `end` is y and w at the end of the flight, and its length.
     """
-    (y, w, s, c), (y_T, w_T, s_T) = begin, end
-    a = eq.of_w * w + eq.of_y * y + eq.of_sin * s + eq.of_1
-    a_T = eq.of_w * w_T + eq.of_y * y_T + eq.of_sin * s_T + eq.of_1
-    if span > 0.0 and _may_turn(w, a, w_T, a_T):
-        expand(eq, y, w, s, c, phase_step, coefficients)
-        _widen_by_polynomial(coefficients, span / phase_step, pt.clearance, reach)
+    y_1, w_1, t = end
+    bound, rest = part_of(free.bound, t, phase_step), phase_step - flight.begin
+    low, high = bounds(flight.y, flight.w, y_1, w_1, t, bound)
+    if not (low < reach[0] or high > reach[1]):
+        return reach
+    n, turns, sure = guess_turn(flight.y, flight.w, y_1, w_1, t, bound)
+    if sure:
+        reach = widened(reach, y_1, min(y_1, 0.0))
+        if not turns:
+            return reach
+        late = late_from(n * t, rest, phase_step)
+        k = expand_near(eq, flight, free, end_wave, late)
+        u, bend = approach_turn(k, n * t - late * rest, phase_step)
+        y, change = turn_at(k, u, bend)
+        if is_settled(u + late * rest, change, t):
+            return widened(reach, y, min(y, 0.0))
+    start = flight.y, flight.w, flight.s, flight.c
+    return _search(eq, start, t, free.bound, phase_step, coefficients, reach)
 
 
 @jit
-def widen_by_exact_step(prepared, ends, n_events, grid, n, pt, scratch, reach):
-    """Widen `reach` by step `n` of a grid with the rule ``exact``, between two states (y, w).
+def widen_by_impact(eq, flight, impact, waves, phase_step, coefficients, reach):
+    """Return the reach that includes a flight with its ``Impact``, and with ``ONLY`` the next one.
 
-    A chatter that is summed has its lowest point in its first flight.
+    `waves` holds sine and cosine of the phase at the start of the step, and at its end.
     """
-    (eq, _), ((y, w, resting), end), (events, coefficients, _) = prepared, ends, scratch
-    table, phase_step = grid.table, grid.phase_step
-    theta, s, c, at = table[THETA, n], table[SIN, n], table[COS, n], 0.0
-    for k in range(n_events):
+    (y, w, at, w_i, proved, free), (wave, end_wave) = impact, waves
+    if proved == FREE:
+        end = y, w, phase_step - flight.begin
+        return widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, reach)
+    if proved == NOTHING:
+        return reach
+    reach, end, left = widened(reach, 0.0, 0.0), (0.0, w_i, at - flight.begin), phase_step - at
+    reach = widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, reach)
+    bound = part_of(free.bound, left, phase_step)
+    if proved == ONLY and bounds(0.0, -eq.R * w_i, y, w, left, bound)[0] < reach[0]:
+        flight, free = launch_after(eq, wave, at, w_i), FreeEnd(y, w, free.bound)
+        end = y, w, left
+        reach = widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, reach)
+    return reach
+
+
+@jit
+def widen_by_events(eq, flight, resting, end, rows, theta, bound, phase_step, pt, scratch, reach):
+    """Return the reach that includes what ``exact_step`` took from a `flight`, or a rest, to `end`.
+
+    `rows` are the first of its events and the one after the last. A chatter that is summed has its
+    lowest point in its first flight.
+    """
+    (y, w, s, c, at), (events, coefficients, _) = flight, scratch
+    for k in range(rows[0], rows[1]):
         kind, then = events[k, KIND], events[k, TIME] * pt.omega
-        s_T, c_T = sin_cos(theta + then)
-        w_T = events[k, SPEED] / pt.omega if kind == IMPACT else 0.0
-        if not resting:
-            _widen_by_flight(
-                eq, (y, w, s, c), (0.0, w_T, s_T), then - at, phase_step, pt, coefficients, reach
-            )
-        widen(reach, pt.clearance)
-        y, w, s, c, at, resting = 0.0, -pt.R * w_T, s_T, c_T, then, kind == REST
-    if not resting:
-        last = end[0], end[1], table[SIN, n + 1]
-        span = phase_step - at
-        _widen_by_flight(eq, (y, w, s, c), last, span, phase_step, pt, coefficients, reach)
-    widen(reach, min(end[0], 0.0) + pt.clearance)
+        w_T, low = 0.0, -math.inf
+        if kind == IMPACT:
+            w_T = events[k, SPEED] / pt.omega
+            low, _ = bounds(y, w, 0.0, w_T, then - at, part_of(bound, then - at, phase_step))
+        if not resting and low < reach[0]:
+            start = y, w, s, c
+            reach = _search(eq, start, then - at, bound, phase_step, coefficients, reach)
+        reach = widened(reach, 0.0, 0.0)
+        s, c = sin_cos(theta + then)
+        y, w, at, resting = 0.0, -pt.R * w_T, then, kind == REST
+    if resting:
+        return widened(reach, 0.0, 0.0)
+    left = phase_step - at
+    low, high = bounds(y, w, end[0], end[1], left, part_of(bound, left, phase_step))
+    if low < reach[0] or high > reach[1]:
+        reach = _search(eq, (y, w, s, c), left, bound, phase_step, coefficients, reach)
+    return widened(reach, min(end[0], 0.0), min(end[0], 0.0))
 
 
 @jit
-def _widen_by_cubic(x, v, x_T, v_T, T, pt, coefficients, reach):
-    """Widen `reach` by the turning points of the cubic from (x, v) to (x_T, v_T) after `T`."""
-    rise, c = x_T - x, coefficients[:4]
-    c[0], c[1] = x - pt.clearance, T * v
-    c[2], c[3] = 3.0 * rise - T * (2.0 * v + v_T), T * (v + v_T) - 2.0 * rise
-    if T > 0.0 and _may_turn(c[1], c[2], T * v_T, c[2] + 3.0 * c[3]):
-        _widen_by_polynomial(c, 1.0, pt.clearance, reach)
+def _widen_by_cubic(x, v, x_T, v_T, T, stop, reach):
+    """Return the reach that includes the turning points of the cubic from (x, v) to (x_T, v_T)."""
+    low, high = bounds(x, v, x_T, v_T, T, 0.0)
+    size = max(abs(v), abs(v_T)) * T + abs(x_T - x)
+    if (low < reach[0] or high > reach[1]) and 0.0 < size < math.inf:
+        # As in the text above, in units of the size, so that squares neither overflow nor vanish.
+        A, B = v * T / size, v_T * T / size
+        M = 3.0 * ((x_T - x) / size) - (A + B)
+        bend, third, square = M - A, A + B - 2.0 * M, M * M - A * B
+        if square >= 0.0:
+            q = -(bend + math.copysign(math.sqrt(square), bend))
+            for n in (q / third, A / q):
+                if 0.0 < n < 1.0:
+                    y = x + size * (n * (A + n * (bend + n * third / 3.0)))
+                    y = min(max(y, min(x, low)), max(x, high))  # not beyond, by rounding
+                    reach = widened(reach, y, min(y, stop))
+    return reach
 
 
 @jit
-def widen_by_step(_, ends, n_events, grid, n, pt, scratch, reach):
-    """Widen `reach` by step `n` of a grid with a rule of time stepping, between two states (x, v).
+def widen_by_step(start, end, n_events, grid, n, pt, events, reach):
+    """Return the reach that includes step `n` of a grid with a rule of time stepping.
 
-    The first flight of a chatter that is summed is a parabola, as its sum takes it to be.
+    `start` and `end` are states (x, v, resting). The first flight of a chatter that is summed is a
+    parabola, as its sum takes it to be.
     """
-    ((x, v, resting), end), (events, coefficients, _) = ends, scratch
-    at, launched = 0.0, False
+    (x, v, resting), at, launched = start, 0.0, False
     for k in range(n_events):
         kind, then = events[k, KIND], events[k, TIME]
         x_T, v_T = pt.clearance, 0.0
@@ -171,13 +291,14 @@ def widen_by_step(_, ends, n_events, grid, n, pt, scratch, reach):
             if launched and kind == REST:
                 a = pressing(sin_cos(grid.table[THETA, n] + pt.omega * at)[0], pt)
             if -v <= a * (then - at) and a > 0.0:
-                widen(reach, x - v * (0.5 * v / a))
+                low = x - v * (0.5 * v / a)
+                reach = widened(reach, low, low)
             else:
-                _widen_by_cubic(x, v, x_T, v_T, then - at, pt, coefficients, reach)
-        widen(reach, x_T)
+                reach = _widen_by_cubic(x, v, x_T, v_T, then - at, pt.clearance, reach)
+        reach = widened(reach, x_T, x_T)
         launched, resting = kind == IMPACT, kind == REST
         x, v, at = pt.clearance, -pt.R * v_T, then
     if not resting:
-        T = grid.phase_step / pt.omega
-        _widen_by_cubic(x, v, end[0], end[1], T - at, pt, coefficients, reach)
-    widen(reach, end[0])
+        T = grid.phase_step / pt.omega - at
+        reach = _widen_by_cubic(x, v, end[0], end[1], T, pt.clearance, reach)
+    return widened(reach, end[0], end[0])
