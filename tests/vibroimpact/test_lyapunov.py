@@ -2,10 +2,11 @@
 
 import math
 
+import mpmath as mp
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, Status, integrate
+from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import POINT
 
@@ -39,12 +40,9 @@ def test_the_exponents_add_up_to_the_loss(n, slowest, transient, periods):
     assert (out["lyapunov"][rested] == -np.inf).all()
 
 
-def test_the_sum_keeps_its_digits_near_grazes():
-    """A stop just within the free oscillation, hit at speeds down to rounding; and R down to 1e-12.
-
-    An area between two tangent vectors loses its digits there, all of them with R = 1e-9.
-    """
-    rng, n = np.random.default_rng(5), 1000
+def near_grazes(n, seed):
+    """Return points with a stop just within the free oscillation, some with R down to 1e-12."""
+    rng = np.random.default_rng(seed)
     points = np.zeros(n, dtype=POINT)
     points["f"], points["p"] = 1.0, 1.0
     points["h"], points["omega"] = rng.uniform(0.0, 0.1, n), 10.0 ** rng.uniform(-0.5, 0.8, n)
@@ -52,6 +50,47 @@ def test_the_sum_keeps_its_digits_near_grazes():
     amplitude = 1.0 / np.hypot(1.0 - points["omega"] ** 2, 2.0 * points["h"] * points["omega"])
     points["clearance"] = amplitude * (1.0 - 10.0 ** rng.uniform(-14.0, -2.0, n))
     points["x0"] = points["clearance"] - 0.1 * amplitude
+    return points
+
+
+def products(point, times, speeds, end):
+    """Return both exponents from the impacts of a motion, by matrices of 40 digits."""
+    with mp.workdps(40):
+        h, R, omega, f, p, stop = (
+            mp.mpf(float(point[name])) for name in ("h", "R", "omega", "f", "p", "clearance")
+        )
+        A, tangent = mp.matrix([[0, 1], [-p * p, -2 * h]]), mp.matrix([1, 0])
+        det, before = mp.mpf(1), mp.mpf(0)
+        for t, v in zip(map(mp.mpf, times), map(mp.mpf, speeds), strict=True):
+            turn = (1 + R) * (-f * mp.sin(omega * t) - p * p * stop) / v
+            flight, saltation = mp.expm(A * (t - before)), mp.matrix([[-R, 0], [turn, -R]])
+            tangent, before = saltation * (flight * tangent), t
+            det *= mp.det(flight) * mp.det(saltation)
+        last = mp.expm(A * (end - before))
+        tangent, det = last * tangent, det * mp.det(last)
+        one = mp.log(mp.hypot(tangent[0], tangent[1] / p)) / end
+        both = one, mp.log(det) / end - one
+        return float(max(both)), float(min(both))
+
+
+def test_exponents_near_grazes_are_those_of_the_matrices():
+    points, periods, met = near_grazes(40, 6), 8, 0
+    out = integrate(points, transient=0, periods=periods, lyapunov=True)
+    for i in np.flatnonzero((out["chatters"] == 0) & (out["impacts_per_period"] > 0.0)):
+        h, R, omega, stop = (float(points[name][i]) for name in ("h", "R", "omega", "clearance"))
+        osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=stop)
+        tr = simulate(osc, periods, x0=points["x0"][i])
+        end = mp.mpf(periods) * 2 * mp.pi / osc.omega
+        expected = products(points[i], tr.impact_t, tr.impact_v, end)
+        np.testing.assert_allclose(out["lyapunov"][i], expected, rtol=1e-9, atol=1e-9)
+        met += 1
+    assert met >= 10
+
+
+def test_the_sum_keeps_its_digits_near_grazes():
+    """An area between two tangent vectors loses its digits there, all of them with R = 1e-9."""
+    n = 1000
+    points = near_grazes(n, 5)
     out = integrate(points, transient=30, periods=60, lyapunov=True)
     rate = out["impacts_per_period"] * points["omega"] / (2 * math.pi)
     loss = 2 * np.log(points["R"]) * rate - 2 * points["h"]
