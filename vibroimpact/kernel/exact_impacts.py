@@ -256,7 +256,7 @@ def fill_columns(workspace, met, lo, count, n, carrying):
         i = met[lo + j] & (LANES - 1)
         c[Y_0 + j], c[W_0 + j] = lanes[Y + old_row + i], lanes[W + old_row + i]
         c[Y_T + j], c[W_T + j] = lanes[Y + new_row + i], lanes[W + new_row + i]
-        if carrying:
+        if carrying is not None and carrying:
             tangent = tangent_in(lanes, TANGENT + old_row + i, 2 * ROW)
             put_tangent(c, TANGENT_0 + j, COLUMN_ROW, tangent)
 

@@ -177,7 +177,8 @@ def end_flights(batch, lo, count, grid, n, carrying, last, turning):
             list_impact(ring, workspace.sums[i], theta + c[AT + j], speed)
         if turning is not None:
             widen_by_column(workspace, i, j, grid, n)
-        if carrying and (proved == ONLY or (proved == FREE and c[BEGIN + j] > 0.0)):
+        ended = proved == ONLY or (proved == FREE and c[BEGIN + j] > 0.0)
+        if carrying is not None and carrying and ended:
             tangent = tangent_in(c, TANGENT_1 + j, COLUMN_ROW)
             put_tangent(lanes, TANGENT + new_row + i, 2 * ROW, tangent)
     bits, begun = ~not_negative(c, PROVED) & ((1 << count) - 1), 0
@@ -222,7 +223,7 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying, turning):
                 eq, flight_in(c, j), was_resting, (y, w), (0, n_events), theta, c[BOUND + j],
                 phase_step, pt, scratch, (lanes[LEAST + i], lanes[MOST + i]),
             )  # fmt: skip
-    if carrying:
+    if carrying is not None and carrying:
         tangent = carry_tangent(
             (eq, propagator_in(lanes, i)), tangent_in(c, TANGENT_0 + j, COLUMN_ROW),
             scratch.events, n_events, begin, theta, phase_step, pt.omega,
@@ -240,7 +241,7 @@ def take_flights(batch, lo, count, grid, n, carrying, turning):
     for k in range(SIDE_BY_SIDE):
         vectors = (count + VECTOR - 1) // VECTOR
         follow_flights(c, vectors, (wave, end_wave), phase_step, k > 0)
-        if carrying:
+        if carrying is not None and carrying:
             carry_columns(c, vectors, wave)
         if turning is not None:
             bound_flights(c, vectors, phase_step)
@@ -269,6 +270,7 @@ def list_awake(workspace, size, theta, n):
 def take_exact_steps(batch, grid, carrying, turning):
     """Take all lanes over the steps of `grid`.
 
+    `carrying` says whether tangent vectors are carried now, and is None without exponents;
     `turning` is None, or a list of lanes, if the extremes of the motions are asked for.
     """
     workspace, _, size = batch
@@ -284,14 +286,15 @@ def take_exact_steps(batch, grid, carrying, turning):
         else:
             propagate_lanes(lanes, size, added, grid.phase_step, n)
         listed = list_awake(workspace, size, grid.table[THETA, n] + grid.phase_step, n)
-        if carrying:
+        if carrying is not None and carrying:
             propagate_all_tangents(lanes, size, n)
         for lo in range(0, listed, COLUMNS):
             take_flights(batch, lo, min(COLUMNS, listed - lo), grid, n, carrying, turning)
-        if carrying and ((n + 1) % CHECKED_EVERY == 0 or n + 1 == grid.size):
+        due = (n + 1) % CHECKED_EVERY == 0 or n + 1 == grid.size
+        if carrying is not None and carrying and due:
             normalise_lanes(batch, n + 1)
     if grid.size & 1:
-        for a in range(0, GUARD if carrying else TANGENT, 2 * ROW):  # the next step has number 0
+        for a in range(0, GUARD, 2 * ROW):  # the next step has number 0
             for i in range(a, a + LANES):
                 lanes[i] = lanes[i + ROW]
 

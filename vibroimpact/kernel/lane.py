@@ -233,7 +233,7 @@ def compare_ends(x, v, sections, sums):
 
 
 @specialised
-def close_lane(workspace, job, i, exactly, plain):
+def close_lane(workspace, job, i, exactly, plain, exponents):
     """End the record of lane `i`."""
     row, sums, lanes = workspace.rows[i], workspace.sums[i], workspace.lanes
     if job.transient > 0:
@@ -242,7 +242,7 @@ def close_lane(workspace, job, i, exactly, plain):
     elif workspace.points[i].phase == job.scheme.grid.table[THETA, 0]:
         pt = workspace.points[i]  # else the record does not begin at the start
         compare_ends(pt.x0, pt.v0, job.record.sections[row], sums)
-    if exactly and job.lyapunov:
+    if exponents and job.lyapunov:
         sum_up_tangents(workspace, i)
     if plain:
         sums.max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]

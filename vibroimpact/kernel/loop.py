@@ -17,11 +17,12 @@ from vibroimpact.kernel.workspace import GUARD, PERIOD, ROW, Batch, any_is_recor
 
 
 @specialised
-def run_lanes(workspace, job, fill, exactly, plain, turning):
+def run_lanes(workspace, job, fill, exactly, plain, exponents, turning):
     """Run point after point until the threads have taken all of them.
 
     `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so only
-    the loop of that rule is compiled. `turning` is a list of lanes, or None without extremes.
+    the loop of that rule is compiled; so is `exponents`, whether tangent vectors may be carried.
+    `turning` is a list of lanes, or None without extremes.
     """
     lanes, met, record = workspace.lanes, workspace.met, job.record
     (method, grid), size, offset = job.scheme, 0, ROW if exactly else 0
@@ -30,8 +31,11 @@ def run_lanes(workspace, job, fill, exactly, plain, turning):
     while size > 0 and not is_set(job.interrupt):
         batch = Batch(workspace, record, size)
         if exactly:
-            carrying = job.lyapunov and any_is_recorded(lanes, size)
-            take_exact_steps(batch, grid, carrying, turning)
+            if exponents:
+                carrying = job.lyapunov and any_is_recorded(lanes, size)
+                take_exact_steps(batch, grid, carrying, turning)
+            else:
+                take_exact_steps(batch, grid, None, turning)
             round_states(lanes, size)
         else:
             take_strides(batch, method, plain, grid, turning)
@@ -41,7 +45,7 @@ def run_lanes(workspace, job, fill, exactly, plain, turning):
             i = met[j]
             attend_lane(batch, i, offset, job)
             if lanes[PERIOD + i] >= job.periods:
-                close_lane(workspace, job, i, exactly, plain)
+                close_lane(workspace, job, i, exactly, plain, exponents)
                 if not fill(workspace, job, i):
                     size -= 1
                     move_lane(workspace, size, i, exactly)
@@ -50,34 +54,40 @@ def run_lanes(workspace, job, fill, exactly, plain, turning):
 @jit
 def run_exact(workspace, job):
     """Run the lanes of a thread with the rule ``exact``."""
-    run_lanes(workspace, job, fill_exact_lane, True, False, None)
+    run_lanes(workspace, job, fill_exact_lane, True, False, False, None)
+
+
+@jit
+def run_exact_with_exponents(workspace, job):
+    """Run the lanes of a thread with the rule ``exact``, and carry their tangent vectors."""
+    run_lanes(workspace, job, fill_exact_lane, True, False, True, None)
 
 
 @jit
 def run_exact_with_extremes(workspace, job):
-    """Run the lanes of a thread with the rule ``exact``, and find their extremes."""
-    run_lanes(workspace, job, fill_exact_lane, True, False, workspace.turning)
+    """Run the lanes of a thread with the rule ``exact``; find extremes, and exponents if asked."""
+    run_lanes(workspace, job, fill_exact_lane, True, False, True, workspace.turning)
 
 
 @jit
 def run_plain(workspace, job):
     """Run the lanes of a thread with the rule ``plain``."""
-    run_lanes(workspace, job, fill_stepped_lane, False, True, None)
+    run_lanes(workspace, job, fill_stepped_lane, False, True, False, None)
 
 
 @jit
 def run_plain_with_extremes(workspace, job):
     """Run the lanes of a thread with the rule ``plain``, and find their extremes."""
-    run_lanes(workspace, job, fill_stepped_lane, False, True, workspace.turning)
+    run_lanes(workspace, job, fill_stepped_lane, False, True, False, workspace.turning)
 
 
 @jit
 def run_shortened(workspace, job):
     """Run the lanes of a thread with ``reduced-step`` or ``cubic``."""
-    run_lanes(workspace, job, fill_stepped_lane, False, False, None)
+    run_lanes(workspace, job, fill_stepped_lane, False, False, False, None)
 
 
 @jit
 def run_shortened_with_extremes(workspace, job):
     """Run the lanes of a thread with ``reduced-step`` or ``cubic``, and find their extremes."""
-    run_lanes(workspace, job, fill_stepped_lane, False, False, workspace.turning)
+    run_lanes(workspace, job, fill_stepped_lane, False, False, False, workspace.turning)

@@ -7,7 +7,7 @@ without holding Python's global lock:
 - ``run_on_threads``: starts the threads, and gives each its memory. From here on nothing is
   allocated, so references to arrays need not be counted.
 - ``run_exact``, ``run_plain``, ``run_shortened`` of ``loop.py``: the work of one thread, its lanes
-  from point to point, compiled for one rule, without or with extremes.
+  from point to point, compiled for one rule, without or with exponents or extremes.
 - ``take_exact_steps`` or ``take_strides``: one forcing period.
 
 Where the motions go is found from their records afterwards, by ``find_on_threads``: only a run that
@@ -33,6 +33,7 @@ from vibroimpact.jit import claim, compiled, is_set, jit, on_threads, specialise
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
 from vibroimpact.kernel.loop import (
     run_exact,
+    run_exact_with_exponents,
     run_exact_with_extremes,
     run_plain,
     run_plain_with_extremes,
@@ -126,6 +127,8 @@ def run_on_threads(threads: int, job: KernelJob) -> None:
     """
     loops, columns = _LOOPS.get(job.scheme.method[0], _SHORTENED)
     loop = loops[job.record.reach.size > 0]
+    if loop is run_exact and job.lyapunov:
+        loop = run_exact_with_exponents
     work = compiled(loop, new_workspace(columns), job)
     threads = min(threads, max(1, -(-job.points.size // job.lanes)))
     on_threads(threads, job.interrupt, lambda: work(new_workspace(columns), job))

@@ -86,6 +86,20 @@ def test_the_other_process_compiles_what_a_run_needs():
     assert len(find_all_exact.overloads) == 1
 
 
+PLAIN_RUN = """
+from vibroimpact import Oscillator, integrate
+from vibroimpact.kernel import loop, threads
+integrate(Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0).at(), transient=1, periods=1)
+assert loop.run_exact.signatures
+assert not loop.run_exact_with_exponents.signatures and not threads.find_all_exact.signatures
+"""
+
+
+@pytest.mark.slow
+def test_a_run_without_classes_and_exponents_compiles_nothing_of_them():
+    subprocess.run([sys.executable, "-c", PLAIN_RUN], check=True)
+
+
 PARENT = """
 import subprocess, sys, time
 from sweeps.engine import compiling
