@@ -68,15 +68,16 @@ GREATEST = _rows.take()  #: The greatest displacement.
 SPEEDS = _rows.take(4)  #: Those of the impacts in a stride.
 #: The period of the record in which the lane is, below 0 in its transient.
 PERIOD = _rows.take()
-LEAST, MOST = _rows.take(), _rows.take()  #: The reach of the motion, see ``turning_points.py``.
-EXCESS = _rows.take()  #: Not negative if a step may widen the reach.
-THIRD = _rows.take()  #: A third of the step T.
 DUE = _rows.take()  #: The period before which nothing happens but a return of the motion.
 # The state of the mark, and its period.
 MARK_X = _rows.take()
 MARK_V = _rows.take()
 MARK_LEVEL = _rows.take()
 MARK_PERIOD = _rows.take()
+# For the extremes.
+LEAST, MOST = _rows.take(), _rows.take()  #: The reach of the motion, see ``turning_points.py``.
+EXCESS = _rows.take()  #: Not negative if a step may widen the reach.
+THIRD = _rows.take()  #: A third of the step T.
 #: The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers of
 #: one lane are contiguous.
 COEFFICIENTS = _rows.size
