@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sweeps.bifurcation.branch_set import BranchSet
-from sweeps.bifurcation.chords import with_short_chords
+from sweeps.bifurcation.branch_set import BranchSet, with_short_chords
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, orbit_coordinates
 from sweeps.opened.doors import takes_sweep

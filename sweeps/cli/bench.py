@@ -57,29 +57,28 @@ def accuracy_speed(
     """Chart the accuracy of every method against its speed."""
     import pandas as pd
 
-    from sweeps.bench import work_precision
+    from sweeps.bench import accuracy as bench
     from sweeps.bench.accuracy_picture import accuracy_picture
-    from sweeps.bench.accuracy_speed import FULL, QUICK, measure_methods, plan_for_sweep
-    from sweeps.bench.event_solvers import PEERS
-    from sweeps.opened.csv_tables import write_csv
+    from sweeps.bench.scenes import PEERS
+    from sweeps.opened.tables import write_csv
     from sweeps.plotting.saving import save_chart
 
     with _files(output, csv):
-        plan = QUICK if quick else FULL
+        plan = bench.QUICK if quick else bench.FULL
         if config is not None:
-            plan = plan_for_sweep(read_config(config), plan)
+            plan = bench.plan_for_sweep(read_config(config), plan)
             (scene,) = plan.scenes
             points = shown_count(len(scene.points), "point")
             say(f"{points} of the {scene.name}, each after one forcing period\n")
-        measured = measure_methods(plan, threads, progress=True)
+        measured = bench.measure_methods(plan, threads, progress=True)
         if config is None:
-            measured = pd.concat([measured, work_precision.means(measured)])
-        measured = work_precision.with_orders(measured)
+            measured = pd.concat([measured, bench.means(measured)])
+        measured = bench.with_orders(measured)
         for name in plan.peers:
             if not PEERS[name].installed:
                 say(f"{name} is not installed, so it is not on the chart", error=True)
-        say(work_precision.of_methods(measured))
-        say(work_precision.of_targets(measured))
+        say(bench.of_methods(measured))
+        say(bench.of_targets(measured))
         save_chart(output, accuracy_picture, measured)
         if csv is not None:
             write_csv(csv, measured)
@@ -91,30 +90,29 @@ def stability(
     """Show how long a step may be, and where each method fails."""
     import pandas as pd
 
-    from sweeps.bench import failures, longest_step
-    from sweeps.opened.csv_tables import write_csv
+    from sweeps.bench import stability as bench
+    from sweeps.opened.tables import write_csv
     from sweeps.plotting.saving import save_chart
 
     with _files(output, csv):
-        limits, figures = longest_step.longest_steps(quick), failures.measure_failures()
-        for part in (longest_step.table_of(limits), *failures.failure_tables(figures)):
+        limits, figures = bench.longest_steps(quick), bench.measure_failures()
+        for part in (bench.table_of(limits), *bench.failure_tables(figures)):
             say(part)
-        save_chart(output, longest_step.stability_chart, quick)
+        save_chart(output, bench.stability_chart, quick)
         if csv is not None:
-            rows = [*longest_step.stability_rows(limits), *failures.failure_rows(figures)]
-            write_csv(csv, pd.DataFrame(rows, columns=failures.FAILURE_COLUMNS))
+            rows = [*bench.stability_rows(limits), *bench.failure_rows(figures)]
+            write_csv(csv, pd.DataFrame(rows, columns=bench.FAILURE_COLUMNS))
 
 
 def paper(output: Figure = Path("paper.png")) -> None:
     """Compute the three cases of the paper, without and with its procedure."""
-    from sweeps.bench import paper_cases
-    from sweeps.bench.paper_picture import paper_picture
+    from sweeps.bench import paper as bench
     from sweeps.plotting.saving import save_chart
 
     with _files(output):
-        measured = paper_cases.measure_cases()
-        say(paper_cases.case_tables(measured))
-        save_chart(output, paper_picture, measured)
+        measured = bench.measure_cases()
+        say(bench.case_tables(measured))
+        save_chart(output, bench.paper_picture, measured)
 
 
 JsonFile = Annotated[
@@ -144,7 +142,7 @@ def speed(
 ) -> None:
     """Show the forcing periods per second of this machine, and the share of its peak."""
     from sweeps.bench import speed
-    from sweeps.opened.json_text import json_text
+    from sweeps.opened.tables import json_text
     from sweeps.store.replacing import writing
 
     count, periods = (1024, 150) if quick else (4096, 300)

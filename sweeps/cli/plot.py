@@ -236,7 +236,7 @@ def draw_picture(
     for line in lines:
         say(line)
     if csv is not None and table is not None:
-        from sweeps.opened.csv_tables import write_csv
+        from sweeps.opened.tables import write_csv
 
         write_csv(csv, table)
         say(csv)
@@ -250,9 +250,9 @@ def _exact(
     from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches
     from sweeps.bifurcation.exact_curves import curves
     from sweeps.bifurcation.kept import with_cache
-    from sweeps.opened import csv_tables
-    from sweeps.plotting.branch_lines import without_idle
+    from sweeps.opened import tables
     from sweeps.plotting.contents import select_line
+    from sweeps.plotting.exact_lines import without_idle
     from sweeps.plotting.maps import shown_quantity
     from sweeps.plotting.overlay import read_overlay
 
@@ -269,7 +269,7 @@ def _exact(
         read_overlay(overlay, sweep, [[one] for one in pair], name)  # before all is computed
         with progress_shown("following exact orbits") as report:
             found = with_cache(curves, notes.append)(sweep, pair, cut, report, **chosen)
-        return found, [*found.attrs["summary"].split("\n"), *notes], csv_tables.curve_table(found)
+        return found, [*found.attrs["summary"].split("\n"), *notes], tables.curve_table(found)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     line, axis, coordinate = select_line(sweep, axes, cut, options.get("coordinate"))
@@ -282,4 +282,4 @@ def _exact(
             f"branches not drawn, because no motion goes to them: {idle}; "
             f"--most {MOST_BRANCHES + 1} draws all, and --classes those of some classes"
         )
-    return found, lines, csv_tables.branch_table(found, coordinate)
+    return found, lines, tables.branch_table(found, coordinate)

@@ -72,8 +72,7 @@ def _show_attractors(
 ) -> None:
     """Show the attractors that are found in a part of a sweep, and write them to a CSV file."""
     from sweeps.attractor import attractor_table as text
-    from sweeps.opened.csv_tables import refuse_points, write_csv
-    from sweeps.opened.json_text import json_text
+    from sweeps.opened.tables import json_text, refuse_points, write_csv
 
     cuts = selection_of(at)
     with opened_in_si(file) as sweep, named(file):
@@ -131,8 +130,8 @@ def info_command(
         elif config:
             _show_configuration(sweep)
         else:
-            from sweeps.opened.json_text import json_text
-            from sweeps.reports.file_report import contents, contents_by_key
+            from sweeps.opened.tables import json_text
+            from sweeps.reports import contents, contents_by_key
 
             if json:
                 say(json_text(contents_by_key(sweep.data)))
@@ -168,8 +167,7 @@ def _show_bifurcations(
     from sweeps.bifurcation.bifurcation_table import find_bifurcations, public_table
     from sweeps.bifurcation.exact_branches import branches
     from sweeps.bifurcation.kept import with_cache
-    from sweeps.opened.csv_tables import write_csv
-    from sweeps.opened.json_text import json_text
+    from sweeps.opened.tables import json_text, write_csv
 
     notes = list[str]()
     with progress_shown("following exact orbits") as report:
@@ -247,7 +245,7 @@ def export_command(
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
     from sweeps.opened.coordinates import impacts_left_out
-    from sweeps.opened.csv_tables import ROWS, write_rows
+    from sweeps.opened.tables import ROWS, write_rows
 
     if rows not in ROWS:
         raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")

@@ -171,7 +171,7 @@ def planned_text(
     from sweeps.engine.cluster import ClusterComputer
     from sweeps.engine.estimate import expected_cost
     from sweeps.engine.executors import LocalComputer
-    from sweeps.reports.run_report import plan
+    from sweeps.reports import plan
 
     computer = LocalComputer(threads) if client is None else ClusterComputer(client)
     with progress_shown(f"estimating the cost of {config.name}"):
@@ -181,20 +181,20 @@ def planned_text(
 
 def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:
     """Run a sweep and print its summary; on failure, name the command that resumes the run."""
+    from sweeps import reports
     from sweeps.engine.sweep_run import run_sweep
-    from sweeps.reports import run_report
 
-    old = run_report.identities(path) if options["overwrite"] else (None, None)
+    old = reports.identities(path) if options["overwrite"] else (None, None)
     try:
         check()
         path = run_sweep(config, path, progress=not quiet, **options)
-        summary = run_report.run_summary(path, config.sweep)
+        summary = reports.run_summary(path, config.sweep)
     except (Cancelled, KeyboardInterrupt):
-        raise Failed(f"interrupted; {run_report.kept_text(path, resuming(), old)}") from None
+        raise Failed(f"interrupted; {reports.kept_text(path, resuming(), old)}") from None
     except (Failed, OSError, MemoryError) as error:
         reason = str(error) or type(error).__name__
         raise Failed(
-            f"the run failed: {reason}; {run_report.kept_text(path, resuming(), old)}"
+            f"the run failed: {reason}; {reports.kept_text(path, resuming(), old)}"
         ) from error
     if not quiet:
         say(summary)

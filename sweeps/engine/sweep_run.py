@@ -20,7 +20,7 @@ from sweeps.engine.executors import Computer, LocalComputer
 from sweeps.errors import Refused
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
-from sweeps.reports.run_report import plan
+from sweeps.reports import plan
 from sweeps.store import Schema, refuse_columns, sweep_writer
 from sweeps.text import printable
 from vibroimpact.inputs import FLAG, PATH, Allowed, integer

@@ -68,7 +68,7 @@ class Branches:
 
     def _find(self, view: View, config: SweepConfig) -> Columns:
         """Follow the branches from the points of the diagram; return the data of each part."""
-        from sweeps.plotting.branch_lines import parts_of  # this import takes a second
+        from sweeps.plotting.exact_lines import parts_of  # this import takes a second
 
         if self._found is None or self._found[0] != config:
             sweep = config.sweep

@@ -26,8 +26,8 @@ from bokeh.plotting import figure
 
 from sweeps.engine.executors import Results
 from sweeps.errors import Refused
+from sweeps.explorer.controls import labelled
 from sweeps.explorer.figures import label_of, narrow, value_text
-from sweeps.explorer.keyboard import labelled
 from sweeps.explorer.live_diagram import numbers
 from sweeps.explorer.view import View
 from sweeps.explorer.worker import Step

@@ -18,15 +18,22 @@ from bokeh.models import CustomJS, Div, RadioButtonGroup, TabPanel, Tabs, TextIn
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError, StoreError, SweepError
-from sweeps.explorer.controls import Controls, connect, parameter_choices, selector
+from sweeps.explorer.controls import (
+    DESCRIBE,
+    LISTEN,
+    MOVES,
+    Controls,
+    connect,
+    labelled,
+    parameter_choices,
+    selector,
+)
 from sweeps.explorer.figures import narrow
-from sweeps.explorer.keyboard import DESCRIBE, LISTEN, MOVES, labelled
 from sweeps.explorer.live_branches import Branches
 from sweeps.explorer.live_diagram import Diagram
 from sweeps.explorer.live_maps import Map
 from sweeps.explorer.live_motion import MotionPanel
-from sweeps.explorer.saved_view import write_yaml
-from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View
+from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, write_yaml
 from sweeps.explorer.worker import Step, Worker
 from sweeps.text import command, shown_count
 

@@ -1,4 +1,4 @@
-"""The view of a page: a point in parameter space, and the windows around it.
+"""The view of a page: a point in parameter space, the windows around it, and its YAML file.
 
 A `View` is an immutable value. It provides the configuration of every picture, which alone
 determines the results, and the query in the address of the page. Its numbers are those that a
@@ -7,9 +7,12 @@ reader sees; the names of parameters are those of the model, but for the address
 
 from __future__ import annotations
 
+import itertools
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Self
 from urllib.parse import parse_qsl, urlencode
 
@@ -20,6 +23,8 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError
 from sweeps.opened.coordinates import COORDINATES
 from sweeps.opened.motions import oscillator_of
+from sweeps.store.replacing import writing
+from sweeps.text import command
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 Window = tuple[float, float]
@@ -325,3 +330,28 @@ def bounds(name: str, view: View, window: Window) -> tuple[float | None, float |
     high = view.values["clearance"] if name == "x0" else parameter.high
     ends = (low if math.isfinite(low) else None, high if math.isfinite(high) else None)
     return None if ends == (None, None) else ends
+
+
+def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
+    """Write the configuration of the picture in the open tab to a new file in a folder."""
+    names = (f"{view.name}-view-{number}" for number in itertools.count(1))
+    name = next(name for name in names if not os.path.lexists(folder / f"{name}.yaml"))
+    path = folder / f"{name}.yaml"
+    text = _commands(view, name) + config.model_copy(update={"name": name}).to_yaml()
+    with writing(path, "configuration", only_new=True) as new:
+        new.write(text.encode())
+    return path
+
+
+def _commands(view: View, name: str) -> str:
+    """Return a comment with the commands that draw the picture."""
+    options = f"--kind {('bifurcation', 'map', 'basins')[view.tab]}"
+    if view.tab == DIAGRAM_TAB:
+        options += f" --coordinate {view.ordinate} --xlim={view.xlim[0]!r}:{view.xlim[1]!r}"
+        if view.ylim is not None:
+            options += f" --ylim={view.ylim[0]!r}:{view.ylim[1]!r}"
+    run, plot = command("run", Path(f"{name}.yaml")), command("plot", Path(f"{name}.h5"))
+    return (
+        "# Saved by vibroimpact explore. It is run, and drawn as it was seen, with\n"
+        f"#   {run}\n#   {plot} {options}\n"
+    )

@@ -5,8 +5,8 @@ from .coexistence import attractor_diagram as attractor_diagram
 from .diagram import bifurcation as bifurcation
 from .erosion import integrity as integrity
 from .maps import parameter_map as parameter_map
+from .motion import impacts as impacts
+from .motion import section as section
 from .motion import trajectory as trajectory
 from .page import Page as Page
-from .sections import impacts as impacts
-from .sections import section as section
 from .table_picture import table_panels as table_panels

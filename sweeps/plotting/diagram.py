@@ -17,7 +17,6 @@ from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, recorded_coordinate, shows_part
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.branch_lines import draw_branches, name_parts, without_idle
 from sweeps.plotting.colours import Paint, paint
 from sweeps.plotting.contents import Wanted, refuse_empty, select_line, with_number
 from sweeps.plotting.density import draw_density, value_range
@@ -28,6 +27,7 @@ from sweeps.plotting.directions import (
     draw_jumps,
     with_colour,
 )
+from sweeps.plotting.exact_lines import draw_branches, name_parts, without_idle
 from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled

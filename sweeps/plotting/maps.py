@@ -21,7 +21,7 @@ from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import paint
 from sweeps.plotting.contents import Wanted, with_number
-from sweeps.plotting.curve_lines import draw_curves
+from sweeps.plotting.exact_lines import draw_curves
 from sweeps.plotting.labels import (
     label_axis,
     log_spaced,

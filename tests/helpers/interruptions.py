@@ -54,7 +54,7 @@ PATIENCE = 300.0
 
 _FORKS = """
 import gc, json, os, signal, sys
-import sweeps.cli.main, sweeps.reports.run_report, sweeps.engine.sweep_run, sweeps.engine.estimate
+import sweeps.cli.main, sweeps.reports, sweeps.engine.sweep_run, sweeps.engine.estimate
 from sweeps.cli.__main__ import main
 from vibroimpact import Oscillator, integrate
 

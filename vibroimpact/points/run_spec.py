@@ -26,7 +26,7 @@ class RunSpec:
     every: int | None  #: Steps between samples of the trajectory; None for no trajectory.
     #: Whether points that differ only in f are computed once, see ``computation.py``.
     scaled: bool
-    #: The axis along which each point starts from its neighbour, see ``following.py``, and the
+    #: The axis along which each point starts from its neighbour, see ``computation.py``, and the
     #: directions: ``up``, ``down`` or both.
     followed: str | None
     directions: tuple[str, ...]

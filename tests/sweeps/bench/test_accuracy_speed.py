@@ -11,20 +11,19 @@ import pytest
 import yaml
 
 from sweeps import load_config
-from sweeps.bench import accuracy_speed, work_precision
-from sweeps.bench.accuracy_speed import MEASURED_COLUMNS, Plan, measure_methods
-from sweeps.bench.event_solvers import PEERS
-from sweeps.bench.method_scenes import (
+from sweeps.bench import accuracy
+from sweeps.bench.accuracy import MEAN, MEASURED_COLUMNS, Plan, measure_methods
+from sweeps.bench.scenes import (
     CHATTER_SCENE,
     EXACT_METHOD,
     GRAZING,
     METHODS,
     ORBIT_ERRORS,
+    PEERS,
     REGULAR,
     Method,
     of_sweep,
 )
-from sweeps.bench.work_precision import MEAN
 from sweeps.grid import Grid
 from tests.helpers.commands import call
 from vibroimpact import Status
@@ -56,17 +55,17 @@ def test_the_efficient_frontier():
     good = [made(0.5, 1.0), made(0.1, 2.0), made(1e-9, 7.0)]
     # Same cost but less accurate, more costly but not better, failed, no correct digit.
     bad = [made(0.2, 2.0), made(0.1, 3.0), made(math.nan, 0.1), made(2.0, 0.2), made(0.6, 1.5)]
-    found = work_precision.efficient_frontier(in_a_table([*bad, *good[::-1]]))
+    found = accuracy.efficient_frontier(in_a_table([*bad, *good[::-1]]))
     pd.testing.assert_frame_equal(found.reset_index(drop=True), in_a_table(good))
-    assert work_precision.efficient_frontier(in_a_table([])).empty
+    assert accuracy.efficient_frontier(in_a_table([])).empty
 
 
 def test_the_cheapest_that_reaches_an_error():
     all_ = [made(1e-3, 5.0), made(1e-4, 3.0), made(1e-2, 1.0), made(math.nan, 0.1)]
     table = in_a_table(all_)
-    assert work_precision.cheapest(table, 1e-2).index.tolist() == [2]
-    assert work_precision.cheapest(table, 1e-3).index.tolist() == [1]
-    assert work_precision.cheapest(table, 1e-5).empty
+    assert accuracy.cheapest(table, 1e-2).index.tolist() == [2]
+    assert accuracy.cheapest(table, 1e-3).index.tolist() == [1]
+    assert accuracy.cheapest(table, 1e-5).empty
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
@@ -74,17 +73,17 @@ def test_the_order_of_a_power_law(order):
     steps = np.array([25, 50, 100, 200, 400, 800])
     wiggle = 1.0 + 0.05 * np.array([1, -1, 1, -1, 1, -1])
     errors = 0.1 * (steps / 10.0) ** -order
-    assert work_precision.measured_order(steps, errors) == pytest.approx(order, abs=1e-12)
-    assert work_precision.measured_order(steps, errors * wiggle) == pytest.approx(order, abs=0.1)
+    assert accuracy.measured_order(steps, errors) == pytest.approx(order, abs=1e-12)
+    assert accuracy.measured_order(steps, errors * wiggle) == pytest.approx(order, abs=0.1)
     # Neither a coarse start nor a plateau at the reference's error counts.
     steps, bent = [5, *steps], [0.9, *np.where(steps > 200, 1e-13, errors)]
-    known = work_precision.measured_order(steps, bent, floor=1e-13)
+    known = accuracy.measured_order(steps, bent, floor=1e-13)
     assert known == pytest.approx(order, abs=1e-12)
-    assert work_precision.measured_order(steps, bent) > order + 1.0
+    assert accuracy.measured_order(steps, bent) > order + 1.0
 
 
 def test_no_order_from_less_than_three_errors():
-    order = work_precision.measured_order
+    order = accuracy.measured_order
     assert math.isnan(order([50, 100], [1e-2, 1e-3]))
     assert math.isnan(order([50, 100, 200], [0.5, 1e-2, 1e-3]))
     assert math.isnan(order([50, 100, 200], [math.nan, 1e-2, 1e-3]))
@@ -100,7 +99,7 @@ def test_the_reference_and_the_peers_have_no_order():
     all_ += [made(e, 1.0, None, peer, tolerance=e) for e in errors]
 
     def order(table, method):
-        found = work_precision.with_orders(table)
+        found = accuracy.with_orders(table)
         (one,) = set(found[found["impact"] == method.impact]["measured_order"].astype(str))
         return float(one)
 
@@ -117,11 +116,11 @@ def test_means_are_geometric_and_of_all_regular_scenes():
     all_ = [made(10.0**-k, 2.0**k, scene=name) for k, name in enumerate(names)]
     all_ += [made(1e-3, 1.0, 200, scene=name) for name in names[1:]]  # one is missing
     all_ += [made(1e-3, 1.0, scene=CHATTER_SCENE.name)]
-    (mean,) = work_precision.means(in_a_table(all_)).itertuples()
+    (mean,) = accuracy.means(in_a_table(all_)).itertuples()
     assert (mean.scene, mean.steps_per_period, mean.integrator) == (MEAN, 100, "rk4")
     assert mean.error == pytest.approx(1e-2) and mean.seconds_per_period == pytest.approx(4.0)
     failed = [made(math.nan, 1.0, scene=names[0]), *all_[1:]]
-    assert math.isnan(work_precision.means(in_a_table(failed))["error"].item())
+    assert math.isnan(accuracy.means(in_a_table(failed))["error"].item())
 
 
 # Scenes
@@ -218,7 +217,7 @@ def test_a_failed_method_is_run_once(monkeypatch):
     """Such a measurement might never end."""
     calls = []
     failed = {STATE: math.nan}
-    monkeypatch.setattr(accuracy_speed.Scene, "errors", lambda *_: calls.append(1) or failed)
+    monkeypatch.setattr(accuracy.Scene, "errors", lambda *_: calls.append(1) or failed)
     found = measure_methods(
         Plan(ladder=(50,), rounds=3, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=())
     )
@@ -245,7 +244,7 @@ def test_a_peer_meets_the_truth(name):
 
 def test_a_peer_that_is_not_installed_is_left_out(monkeypatch):
     absent = {"absent": replace(PEERS["heyoka"], name="absent", module="not_there")}
-    monkeypatch.setattr(accuracy_speed, "PEERS", absent)
+    monkeypatch.setattr(accuracy, "PEERS", absent)
     plan = Plan(ladder=(50,), rounds=1, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=("absent",))
     assert set(measure_methods(plan)["impact"]) == {"plain"}
 
@@ -256,15 +255,15 @@ def test_a_peer_that_is_not_installed_is_left_out(monkeypatch):
 @pytest.mark.slow
 def test_the_command(monkeypatch, unpainted):
     """All methods and scenes on a short ladder, each run once: picture, rows and tables."""
-    monkeypatch.setattr(accuracy_speed, "_LEAST_WORK", 1)
+    monkeypatch.setattr(accuracy, "_LEAST_WORK", 1)
     plan = replace(
-        accuracy_speed.QUICK,
+        accuracy.QUICK,
         ladder=(50, 100, 200),
         rounds=1,
         tolerances=(1e-9,),
         peers=("SciPy DOP853",),
     )
-    monkeypatch.setattr(accuracy_speed, "QUICK", plan)
+    monkeypatch.setattr(accuracy, "QUICK", plan)
     options = ("--quick", "-o", "chart.png", "--csv", "all.csv", "--threads", 1)
     result = call("bench", "accuracy-speed", *options)
     assert result.exit_code == 0, result.output
@@ -277,7 +276,7 @@ def test_the_command(monkeypatch, unpainted):
     assert list(rows[0]) == [*MEASURED_COLUMNS, "measured_order"]
     methods = {(row["integrator"], row["impact"]) for row in rows}
     assert methods == {*METHODS, ("SciPy DOP853", "events")}
-    assert {row["scene"] for row in rows} == {*(s.name for s in accuracy_speed.SCENES), MEAN}
+    assert {row["scene"] for row in rows} == {*(s.name for s in accuracy.SCENES), MEAN}
     (row,) = (
         row
         for row in rows
@@ -293,9 +292,9 @@ def test_the_command(monkeypatch, unpainted):
 def test_the_command_on_few_measurements(monkeypatch):
     """A peer may be missing, and a required error may be reached by no method."""
     few = in_a_table([made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)])
-    monkeypatch.setattr(accuracy_speed, "measure_methods", lambda *_, **__: few)
+    monkeypatch.setattr(accuracy, "measure_methods", lambda *_, **__: few)
     absent = {name: replace(peer, module="not_there") for name, peer in PEERS.items()}
-    monkeypatch.setattr("sweeps.bench.event_solvers.PEERS", absent)
+    monkeypatch.setattr("sweeps.bench.scenes.PEERS", absent)
     result = call("bench", "accuracy-speed", "-o", "chart.svg")
     assert result.exit_code == 0, result.output
     assert "heyoka is not installed, so it is not on the chart" in result.stderr
@@ -307,13 +306,11 @@ def test_the_command_on_few_measurements(monkeypatch):
 @pytest.mark.slow
 def test_the_command_on_a_sweep(monkeypatch):
     """Also with a name that a formula would be read in, and steps that `exact` needs."""
-    monkeypatch.setattr(accuracy_speed, "_LEAST_WORK", 1)
+    monkeypatch.setattr(accuracy, "_LEAST_WORK", 1)
     sweep = SWEEP | {"name": "a $x^2$ sweep", "output": "a.h5"}
     sweep["oscillator"] = sweep["oscillator"] | {"omega": {"start": 0.05, "stop": 3.4, "num": 9}}
     Path("sweep.yaml").write_text(yaml.safe_dump(sweep))
-    monkeypatch.setattr(
-        accuracy_speed, "QUICK", replace(accuracy_speed.QUICK, ladder=(50, 100), rounds=1)
-    )
+    monkeypatch.setattr(accuracy, "QUICK", replace(accuracy.QUICK, ladder=(50, 100), rounds=1))
     options = ("sweep.yaml", "--quick", "-o", "chart.png", "--csv", "all.csv")
     result = call("bench", "accuracy-speed", *options)
     assert result.exit_code == 0, result.output

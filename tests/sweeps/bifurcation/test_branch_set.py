@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sweeps.bifurcation.branch_set import BranchSet
-from sweeps.bifurcation.chords import with_short_chords
+from sweeps.bifurcation.branch_set import BranchSet, with_short_chords
 from tests.helpers.oscillators import bifurcation
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.one_impact import one_impact_orbit

@@ -7,11 +7,11 @@ import pytest
 
 from sweeps import bifurcations, branches, open_sweep
 from sweeps.errors import Refused
-from sweeps.opened.csv_tables import branch_table, write_csv
 from sweeps.opened.motions import orbit_of_motion
 from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.opened.tables import branch_table, write_csv
 from sweeps.plotting import bifurcation, plot
-from sweeps.plotting.branch_lines import parts_of
+from sweeps.plotting.exact_lines import parts_of
 from sweeps.plotting.page import Page
 from tests.helpers import naive
 from tests.helpers.sweep_files import run_in

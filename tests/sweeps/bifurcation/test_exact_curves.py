@@ -248,7 +248,7 @@ def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
         thin = parameter_map(elsewhere, exact=found)
         assert not strong_lines(thin) and thin.axes[0].lines
         assert "1 further curve" in legend_of(thin)
-        monkeypatch.setattr("sweeps.plotting.curve_lines._CURVES_IN_FULL", 0)
+        monkeypatch.setattr("sweeps.plotting.exact_lines._CURVES_IN_FULL", 0)
         assert len(strong_lines(parameter_map(dataset, exact=found))) == 1
         left_out = parameter_map(elsewhere, exact=found)
         assert not left_out.axes[0].lines and "1 further curve not shown" in legend_of(left_out)
@@ -257,7 +257,7 @@ def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
 @pytest.mark.slow
 def test_a_curve_that_bounds_a_motion_on_a_part_is_drawn_whole(path, monkeypatch, unpainted):
     """Where starts lead to another orbit, the rest of the curve is thin, also among many curves."""
-    monkeypatch.setattr("sweeps.plotting.curve_lines._CURVES_IN_FULL", 0)
+    monkeypatch.setattr("sweeps.plotting.exact_lines._CURVES_IN_FULL", 0)
     with open_sweep(path) as dataset:
         found = curves(dataset, classes=[(1, 1)])
         half = dataset.copy()

@@ -13,7 +13,7 @@ from tests.helpers.oscillators import bifurcation
 from tests.helpers.places import CONFIGS
 from tests.helpers.sweep_files import data, run_and_read
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
-from vibroimpact.points.following import follow_chains
+from vibroimpact.points.computation import follow_chains
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import scheme_of
 

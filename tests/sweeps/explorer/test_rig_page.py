@@ -11,8 +11,7 @@ from sweeps import ConfigError, load_config
 from sweeps.explorer.live_maps import Filling
 from sweeps.explorer.live_motion import motion_at
 from sweeps.explorer.live_page import LivePage
-from sweeps.explorer.saved_view import write_yaml
-from sweeps.explorer.view import MAP_TAB, View
+from sweeps.explorer.view import MAP_TAB, View, write_yaml
 from sweeps.plotting.style import STABLE
 from tests.helpers.places import CONFIGS
 from vibroimpact.oscillator import PARAMETERS, Oscillator

@@ -12,7 +12,7 @@ import yaml
 
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.errors import Failed
-from sweeps.opened.csv_tables import write_csv
+from sweeps.opened.tables import write_csv
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.sweep_files import run_in
 from vibroimpact.status import Evidence, Status
@@ -74,7 +74,7 @@ def test_every_scalar_comes_back_to_the_last_bit(file):
 @pytest.mark.slow
 def test_parts_give_the_same_file(file, monkeypatch):
     exported(file)
-    monkeypatch.setattr("sweeps.opened.csv_tables._PART", 3)
+    monkeypatch.setattr("sweeps.opened.tables._PART", 3)
     exported(file, "parts.csv")
     assert Path("parts.csv").read_bytes() == Path("points.csv").read_bytes()
 
@@ -98,7 +98,7 @@ def test_every_record_comes_back_to_the_last_bit(file, monkeypatch, rows, dimens
         [*map(float, at), *values] for at, values in zip(frame.index, frame.values, strict=True)
     ]
     assert [[float(cell) for cell in row.values()] for row in table] == expected
-    monkeypatch.setattr("sweeps.opened.csv_tables._PART", 30)
+    monkeypatch.setattr("sweeps.opened.tables._PART", 30)
     exported(file, "parts.csv", "--rows", rows)
     assert Path("parts.csv").read_bytes() == Path("rows.csv").read_bytes()
 

@@ -9,8 +9,8 @@ from matplotlib.lines import Line2D
 from sweeps import branches, open_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, bifurcation
-from sweeps.plotting.branch_lines import _BRANCHES_IN_FULL, without_idle
 from sweeps.plotting.canvas import Picture
+from sweeps.plotting.exact_lines import _BRANCHES_IN_FULL, without_idle
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import run_in
 

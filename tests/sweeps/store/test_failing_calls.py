@@ -16,7 +16,7 @@ import pytest
 import xarray as xr
 
 from sweeps.errors import StoreError, SweepError
-from sweeps.reports.run_report import kept_text
+from sweeps.reports import kept_text
 from sweeps.store import kept_points, open_sweep
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import FOUR_BLOCKS, block_results, contents, fill_blocks

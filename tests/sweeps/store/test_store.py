@@ -11,7 +11,7 @@ import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import TABLE, Grid, table_values
-from sweeps.reports.run_report import status_counts
+from sweeps.reports import status_counts
 from sweeps.store import VARIABLES, open_sweep
 from sweeps.store.variables import held_variables
 from tests.helpers.written_files import (

@@ -1,13 +1,15 @@
-"""Tables as CSV: points, sections, impacts, branches and curves; and what they may replace."""
+"""Tables of a sweep and its orbits as CSV, what they may replace, and results as JSON."""
 
 from __future__ import annotations
 
 import csv
+import json
+import math
 from collections.abc import Iterable, Mapping
 from io import TextIOWrapper
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import xarray as xr
@@ -156,3 +158,26 @@ def _frame(part: OpenedSweep, dimension: str | None) -> pd.DataFrame:
     columns = [name for name in about if data[name].dims]  # of a table
     frame = data[results].to_dataframe(dim_order=dims).reset_index().dropna(subset=results)
     return frame[[*dims[:-1], *columns, dimension, *results]]
+
+
+def json_text(value: object) -> str:
+    """Write mappings, lists, texts and numbers as strict JSON, with all digits.
+
+    NaN, which is no value, becomes null, and an infinite number the text "inf" or "-inf". All other
+    characters than printable ASCII are escaped: no terminal and no encoding changes the text.
+    """
+    text = json.dumps(_in_json(value), indent=2, allow_nan=False)
+    return text.replace("\x7f", "\\u007f")
+
+
+def _in_json(value: Any) -> Any:
+    """Convert a value to the types of JSON."""
+    if isinstance(value, Mapping):
+        return {str(name): _in_json(one) for name, one in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _in_json(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_in_json(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    return value if isinstance(value, bool | int | float | str | None) else str(value)

@@ -1,1 +1,0 @@
-"""Reports of the commands: a run and its file as text."""
