@@ -27,7 +27,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from sweeps.bench.scenes import (
+from sweeps.bench.method_scenes import (
     CHATTER_SCENE,
     EXACT_METHOD,
     GRAZING,

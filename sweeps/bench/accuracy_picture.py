@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.bench.accuracy import MEAN, METHOD, NO_DIGIT, efficient_frontier, main_scene
-from sweeps.bench.scenes import CHATTER_SCENE, GRAZING, ORBIT_ERRORS, Method
+from sweeps.bench.method_scenes import CHATTER_SCENE, GRAZING, ORBIT_ERRORS, Method
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from vibroimpact.step.integrators import INTEGRATORS
 

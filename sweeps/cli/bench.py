@@ -59,7 +59,7 @@ def accuracy_speed(
 
     from sweeps.bench import accuracy as bench
     from sweeps.bench.accuracy_picture import accuracy_picture
-    from sweeps.bench.scenes import PEERS
+    from sweeps.bench.method_scenes import PEERS
     from sweeps.opened.tables import write_csv
     from sweeps.plotting.saving import save_chart
 
@@ -90,7 +90,7 @@ def stability(
     """Show how long a step may be, and where each method fails."""
     import pandas as pd
 
-    from sweeps.bench import stability as bench
+    from sweeps.bench import failures as bench
     from sweeps.opened.tables import write_csv
     from sweeps.plotting.saving import save_chart
 
@@ -106,7 +106,7 @@ def stability(
 
 def paper(output: Figure = Path("paper.png")) -> None:
     """Compute the three cases of the paper, without and with its procedure."""
-    from sweeps.bench import paper as bench
+    from sweeps.bench import paper_cases as bench
     from sweeps.plotting.saving import save_chart
 
     with _files(output):

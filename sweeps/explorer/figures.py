@@ -27,7 +27,7 @@ from bokeh.plotting import figure
 
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.sweep import SweepConfig
-from sweeps.explorer.view import View, Window, bounds
+from sweeps.explorer.view import View, Window, window_bounds
 from sweeps.plotting.labels import as_variable, label, named_unit, prefix_of
 from sweeps.plotting.pixels import cell_edges
 
@@ -37,7 +37,7 @@ Report = Callable[[SweepConfig, int, float, float], None]
 
 _CLEAR = "#00000000"
 #: Fewest and most columns and rows of a picture.
-LEAST, _MOST = 16, 4096
+LEAST_PIXELS, _MOST = 16, 4096
 #: A label may be longer than its axis by the space beside the canvas, and the label of the ordinate
 #: lies above the canvas, beside the tools [px].
 _BESIDE, _TOOLS = 40.0, 230.0
@@ -161,7 +161,7 @@ class PixelFigure:
     @property
     def resolution(self) -> tuple[int, int]:
         """Number of columns and rows to compute."""
-        columns, rows = (min(max(size, LEAST), _MOST) for size in self.size)
+        columns, rows = (min(max(size, LEAST_PIXELS), _MOST) for size in self.size)
         return columns, rows
 
     @property
@@ -174,7 +174,7 @@ class PixelFigure:
         """Set the label, the scale, the window and the bounds of axis x or y."""
         axis, log, allowed = getattr(self.figure, f"{side}axis"), name in view.log, None
         if name in view.values:
-            allowed = bounds(name, view, window)
+            allowed = window_bounds(name, view, window)
         scale = LogScale if log else LinearScale
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())

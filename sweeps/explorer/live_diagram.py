@@ -25,7 +25,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.engine.estimate import check_memory
 from sweeps.engine.executors import Results, compute
 from sweeps.errors import StoreError
-from sweeps.explorer.figures import LEAST, PixelFigure, Report, outer_edges, set_range
+from sweeps.explorer.figures import LEAST_PIXELS, PixelFigure, Report, outer_edges, set_range
 from sweeps.explorer.view import View, Window
 from sweeps.explorer.worker import Step
 from sweeps.opened.coordinates import COORDINATES, recorded_coordinate
@@ -225,7 +225,7 @@ class Diagram(PixelFigure):
         if kept in configs:  # continue from the results computed last
             configs = configs[configs.index(kept) :]
         else:
-            configs = [view.diagram(max(LEAST, columns // _COARSER)), *configs]
+            configs = [view.diagram(max(LEAST_PIXELS, columns // _COARSER)), *configs]
         seen = view.axis, view.ordinate, view.ylim, rows
         return [
             Step("diagram", (config, *seen), partial(self._draw, view, config, rows), self._paint)

@@ -319,7 +319,9 @@ def _typed_number(name: str, text: str, parameter: Parameter) -> float:
         raise ConfigError(f"{name} = {text} is not a number; expected: {allowed}") from None
 
 
-def bounds(name: str, view: View, window: Window) -> tuple[float | None, float | None] | None:
+def window_bounds(
+    name: str, view: View, window: Window
+) -> tuple[float | None, float | None] | None:
     """Return the limits of a window that is shown; None where there is no limit."""
     parameter = PARAMETERS[name]
     low = parameter.low

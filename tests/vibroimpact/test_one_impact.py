@@ -277,7 +277,7 @@ def test_units_do_not_matter():
 )
 def test_where_the_equations_have_no_orbit_none_is_returned(osc, n):
     assert one_impact_orbits(osc, n) == ()
-    with pytest.raises(OrbitError, match=f"no solution with one impact in {n} forcing periods"):
+    with pytest.raises(OrbitError, match=f"no solution with one impact in {n} forcing periods?"):
         one_impact_orbit(osc, n)
 
 
@@ -301,5 +301,7 @@ def test_n_is_an_integer_and_not_too_great(n):
     ],
 )
 def test_numbers_out_of_scale_are_refused(change):
-    with pytest.raises(ValueError, match=r"are .* time steps, more than|too large or too small"):
+    with pytest.raises(
+        ValueError, match=r"would be .* time steps, more than|too large or too small"
+    ):
         one_impact_orbit(dataclasses.replace(oscillator(0.0, 0.5, 2.3), **change))

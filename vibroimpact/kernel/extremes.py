@@ -38,7 +38,7 @@ from vibroimpact.kernel.workspace import (
 )
 from vibroimpact.step.impact import FREE, NOTHING, FreeEnd, Impact
 from vibroimpact.step.scheme import COS, SIN
-from vibroimpact.step.turning_points import widen_by_impact, widened
+from vibroimpact.step.turning_points import reach_with, widen_by_impact
 
 
 @jit
@@ -88,5 +88,5 @@ def turn_lanes(workspace, size, grid, n):
                     workspace.scratch.coefficients, reach,
                 )  # fmt: skip
             else:
-                reach = widened(reach, min(y, y_T), min(max(y, y_T), 0.0))
+                reach = reach_with(reach, min(y, y_T), min(max(y, y_T), 0.0))
             lanes[LEAST + i], lanes[MOST + i] = reach

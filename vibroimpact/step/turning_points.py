@@ -61,7 +61,7 @@ _MOST_PIECES = 2**19
 
 
 @inlined
-def widened(reach, low, high):
+def reach_with(reach, low, high):
     """Return the reach that includes `low` and `high`."""
     return min(reach[0], low), max(reach[1], high)
 
@@ -162,7 +162,7 @@ def _search(eq, start, span, bound, phase_step, c, reach):
             if not sure and h > _NARROWEST:
                 width = 0.5 * h
                 continue
-            reach = widened(reach, y_1, min(y_1, 0.0))
+            reach = reach_with(reach, y_1, min(y_1, 0.0))
             if turns:
                 sign = -1.0 if w_0 < 0.0 else 1.0
                 for k in range(c.size):
@@ -170,7 +170,7 @@ def _search(eq, start, span, bound, phase_step, c, reach):
                 y, _ = value_and_slope(c, 0, turn_between(c, 0, a, b))
                 for k in range(c.size):
                     c[k] *= sign
-                reach = widened(reach, sign * y, min(sign * y, 0.0))
+                reach = reach_with(reach, sign * y, min(sign * y, 0.0))
         a, y_0, w_0, width = b, y_1, w_1, 2.0 * h
     return reach
 
@@ -189,7 +189,7 @@ def widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, r
         return reach
     n, turns, sure = guess_turn(flight.y, flight.w, y_1, w_1, t, bound)
     if sure:
-        reach = widened(reach, y_1, min(y_1, 0.0))
+        reach = reach_with(reach, y_1, min(y_1, 0.0))
         if not turns:
             return reach
         late = late_from(n * t, rest, phase_step)
@@ -197,7 +197,7 @@ def widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, r
         u, bend = approach_turn(k, n * t - late * rest, phase_step)
         y, change = turn_at(k, u, bend)
         if is_settled(u + late * rest, change, t):
-            return widened(reach, y, min(y, 0.0))
+            return reach_with(reach, y, min(y, 0.0))
     start = flight.y, flight.w, flight.s, flight.c
     return _search(eq, start, t, free.bound, phase_step, coefficients, reach)
 
@@ -214,7 +214,7 @@ def widen_by_impact(eq, flight, impact, waves, phase_step, coefficients, reach):
         return widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, reach)
     if proved == NOTHING:
         return reach
-    reach, end, left = widened(reach, 0.0, 0.0), (0.0, w_i, at - flight.begin), phase_step - at
+    reach, end, left = reach_with(reach, 0.0, 0.0), (0.0, w_i, at - flight.begin), phase_step - at
     reach = widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, reach)
     bound = part_of(free.bound, left, phase_step)
     if proved == ONLY and bounds(0.0, -eq.R * w_i, y, w, left, bound)[0] < reach[0]:
@@ -241,16 +241,16 @@ def widen_by_events(eq, flight, resting, end, rows, theta, bound, phase_step, pt
         if not resting and low < reach[0]:
             start = y, w, s, c
             reach = _search(eq, start, then - at, bound, phase_step, coefficients, reach)
-        reach = widened(reach, 0.0, 0.0)
+        reach = reach_with(reach, 0.0, 0.0)
         s, c = sin_cos(theta + then)
         y, w, at, resting = 0.0, -pt.R * w_T, then, kind == REST
     if resting:
-        return widened(reach, 0.0, 0.0)
+        return reach_with(reach, 0.0, 0.0)
     left = phase_step - at
     low, high = bounds(y, w, end[0], end[1], left, part_of(bound, left, phase_step))
     if low < reach[0] or high > reach[1]:
         reach = _search(eq, (y, w, s, c), left, bound, phase_step, coefficients, reach)
-    return widened(reach, min(end[0], 0.0), min(end[0], 0.0))
+    return reach_with(reach, min(end[0], 0.0), min(end[0], 0.0))
 
 
 @jit
@@ -269,7 +269,7 @@ def _widen_by_cubic(x, v, x_T, v_T, T, stop, reach):
                 if 0.0 < n < 1.0:
                     y = x + size * (n * (A + n * (bend + n * third / 3.0)))
                     y = min(max(y, min(x, low)), max(x, high))  # not beyond, by rounding
-                    reach = widened(reach, y, min(y, stop))
+                    reach = reach_with(reach, y, min(y, stop))
     return reach
 
 
@@ -292,13 +292,13 @@ def widen_by_step(start, end, n_events, grid, n, pt, events, reach):
                 a = pressing(sin_cos(grid.table[THETA, n] + pt.omega * at)[0], pt)
             if -v <= a * (then - at) and a > 0.0:
                 low = x - v * (0.5 * v / a)
-                reach = widened(reach, low, low)
+                reach = reach_with(reach, low, low)
             else:
                 reach = _widen_by_cubic(x, v, x_T, v_T, then - at, pt.clearance, reach)
-        reach = widened(reach, x_T, x_T)
+        reach = reach_with(reach, x_T, x_T)
         launched, resting = kind == IMPACT, kind == REST
         x, v, at = pt.clearance, -pt.R * v_T, then
     if not resting:
         T = grid.phase_step / pt.omega - at
         reach = _widen_by_cubic(x, v, end[0], end[1], T, pt.clearance, reach)
-    return widened(reach, end[0], end[0])
+    return reach_with(reach, end[0], end[0])

@@ -13,7 +13,7 @@ import yaml
 from sweeps import load_config
 from sweeps.bench import accuracy
 from sweeps.bench.accuracy import MEAN, MEASURED_COLUMNS, Plan, measure_methods
-from sweeps.bench.scenes import (
+from sweeps.bench.method_scenes import (
     CHATTER_SCENE,
     EXACT_METHOD,
     GRAZING,
@@ -294,7 +294,7 @@ def test_the_command_on_few_measurements(monkeypatch):
     few = in_a_table([made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)])
     monkeypatch.setattr(accuracy, "measure_methods", lambda *_, **__: few)
     absent = {name: replace(peer, module="not_there") for name, peer in PEERS.items()}
-    monkeypatch.setattr("sweeps.bench.scenes.PEERS", absent)
+    monkeypatch.setattr("sweeps.bench.method_scenes.PEERS", absent)
     result = call("bench", "accuracy-speed", "-o", "chart.svg")
     assert result.exit_code == 0, result.output
     assert "heyoka is not installed, so it is not on the chart" in result.stderr

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sweeps.bench import paper, speed, stability
-from sweeps.bench.paper import paper_picture
+from sweeps.bench import failures, paper_cases, speed
+from sweeps.bench.paper_cases import paper_picture
 from tests.helpers.commands import call
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.stability import spectral_radius
@@ -39,8 +39,8 @@ from vibroimpact.step.stability import spectral_radius
 def test_a_wrong_request_is_refused_before_anything_is_measured(monkeypatch, arguments, words):
     for measure in (
         "accuracy.measure_methods",
-        "paper.measure_cases",
-        "stability.longest_steps",
+        "paper_cases.measure_cases",
+        "failures.longest_steps",
         "speed.measure_speed",
     ):
         monkeypatch.setattr(f"sweeps.bench.{measure}", lambda *_, **__: pytest.fail("it was run"))
@@ -150,16 +150,16 @@ KNOWN = {
 @pytest.fixture(scope="module")
 def measured():
     """Measurements with few step sizes."""
-    return paper.measure_cases(ladder=(400, 800, 1600), spread=4, stalling=(100, 10_000))
+    return paper_cases.measure_cases(ladder=(400, 800, 1600), spread=4, stalling=(100, 10_000))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KNOWN)
 def test_the_claim_and_the_orders(measured, name):
     case, (impacts, speeds, order) = measured.cases.loc[name], KNOWN[name]
-    assert case.impacts["exact"] == case.impacts["with"] == impacts * paper.PERIODS
+    assert case.impacts["exact"] == case.impacts["with"] == impacts * paper_cases.PERIODS
     deepest = (
-        1.3 * max(speeds) * 2.0 * math.pi / paper.STEPS_OF_PAPER
+        1.3 * max(speeds) * 2.0 * math.pi / paper_cases.STEPS_OF_PAPER
     )  # the first impact is the fastest
     assert 0.3 * deepest < case.deepest["without"] < deepest
     assert case.deepest["with"] == case.deepest["to the letter"] == 0.0
@@ -182,12 +182,14 @@ def test_the_stall_is_before_the_end_of_the_chatter(measured):
 
 def test_an_impact_that_never_comes_is_an_infinite_error():
     """To the letter the chatter stalls after two impacts."""
-    errors = paper._errors("to the letter", paper.CHATTER, (100,), 1, paper.simulate(paper.CHATTER))
+    errors = paper_cases._errors(
+        "to the letter", paper_cases.CHATTER, (100,), 1, paper_cases.simulate(paper_cases.CHATTER)
+    )
     assert errors[0] == np.inf
 
 
 def test_the_tables_have_the_numbers(measured):
-    text = paper.case_tables(measured)
+    text = paper_cases.case_tables(measured)
     for part in ("0.042", "0.078", "0.043", "12.41264", "12.11439", " 60 "):
         assert part in text
     assert max(map(len, text.splitlines())) <= 100
@@ -207,7 +209,7 @@ def test_the_picture_shows_what_was_measured(measured):
 
 @pytest.mark.slow
 def test_the_command_draws_the_papers_cases(measured, monkeypatch):
-    monkeypatch.setattr("sweeps.bench.paper.measure_cases", lambda: measured)
+    monkeypatch.setattr("sweeps.bench.paper_cases.measure_cases", lambda: measured)
     done = call("bench", "paper")
     assert done.exit_code == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "paper.png" and "12.41264" in done.stdout
@@ -219,12 +221,12 @@ def test_the_command_draws_the_papers_cases(measured, monkeypatch):
 
 @pytest.fixture(scope="module")
 def limits():
-    return stability.longest_steps(quick=True)
+    return failures.longest_steps(quick=True)
 
 
 @pytest.fixture(scope="module")
 def figures():
-    return stability.measure_failures()
+    return failures.measure_failures()
 
 
 def test_the_limits_agree(limits):
@@ -232,7 +234,7 @@ def test_the_limits_agree(limits):
     assert list(limits) == list(INTEGRATORS)
     for name, found in limits.items():
         closed, radius, run = found["closed"], found["radius"], found["run"]
-        np.testing.assert_array_equal(closed, INTEGRATORS[name].limit(stability.ZETAS))
+        np.testing.assert_array_equal(closed, INTEGRATORS[name].limit(failures.ZETAS))
         some = np.isfinite(closed)
         np.testing.assert_array_equal(np.isfinite(radius), some)
         np.testing.assert_array_equal(np.isfinite(run), some)
@@ -240,13 +242,13 @@ def test_the_limits_agree(limits):
         positive = some & (closed > 0.0)
         np.testing.assert_allclose(run[positive], closed[positive], rtol=3e-3)
     # Euler without damping grows by p^2 T^2 / 2 a step.
-    seen = math.sqrt(2.0 * stability.SEEN / stability.CHART_STEPS_QUICK)
+    seen = math.sqrt(2.0 * failures.SEEN / failures.CHART_STEPS_QUICK)
     assert limits["euler"]["run"][0] == pytest.approx(seen, rel=0.02)
 
 
 def test_the_chart_is_the_spectral_radius():
     """Its region of growth is that beyond the closed form."""
-    drawn = stability.stability_chart(quick=True)
+    drawn = failures.stability_chart(quick=True)
     panels = [panel for panel in drawn.axes if panel.get_title()]
     assert [panel.get_title().split(",")[0] for panel in panels] == list(INTEGRATORS)
     step, zeta = np.linspace(0.0, 4.0, 81), np.linspace(0.0, 2.0, 41)
@@ -283,54 +285,54 @@ def test_what_the_failures_are(figures):
         ("exact", "exact", "graze at"): (2.8308, 5e-5),
     }
     for (integrator, rule, name), (value, allowed) in known.items():
-        figure = figures[stability.Method(integrator, rule), name]
+        figure = figures[failures.Method(integrator, rule), name]
         assert figure == value or abs(figure - value) <= allowed, (integrator, rule, name)
-    energies = {m: figures[m, "energy"] for m in stability.TESTED_METHODS if m != stability.LETTER}
+    energies = {m: figures[m, "energy"] for m in failures.TESTED_METHODS if m != failures.LETTER}
     assert all(energies[m] > 1e3 for m in energies if m.integrator == "euler")
 
 
 def test_who_resolves_the_fourth_impact(figures):
     """Its speed is known to 15 digits; every order 2 with a reduced step finds it."""
-    checks = [failure for failure in stability.FAILURES if failure.name in ("impacts", "slowest")]
-    for method in stability.TESTED_METHODS:
+    checks = [failure for failure in failures.FAILURES if failure.name in ("impacts", "slowest")]
+    for method in failures.TESTED_METHODS:
         second = method.integrator not in ("euler", "semi-implicit-euler")
         finds = second and method.impact not in ("plain", "to the letter")
         assert finds != any(check.fails(figures[method, check.name]) for check in checks)
 
 
 def test_only_exact_impacts_never_fail_and_every_failure_is_seen(figures):
-    for failure in stability.FAILURES:
-        fails = {m: failure.fails(figures[m, failure.name]) for m in stability.TESTED_METHODS}
-        assert any(fails.values()) and not fails[stability.EXACT_METHOD], failure.name
-    methods = [m for m in stability.TESTED_METHODS if m.integrator in ("newmark", "rk4")]
+    for failure in failures.FAILURES:
+        fails = {m: failure.fails(figures[m, failure.name]) for m in failures.TESTED_METHODS}
+        assert any(fails.values()) and not fails[failures.EXACT_METHOD], failure.name
+    methods = [m for m in failures.TESTED_METHODS if m.integrator in ("newmark", "rk4")]
     failing = {
         name: {m.impact for m in methods if failure.fails(figures[m, name])}
-        for name, failure in {failure.name: failure for failure in stability.FAILURES}.items()
+        for name, failure in {failure.name: failure for failure in failures.FAILURES}.items()
     }
     assert failing["energy"] == {"plain", "reduced-step"}
     assert failing["at rest"] == failing["astray"] == failing["depth"] == {"plain"}
-    coarse = next(failure for failure in stability.FAILURES if failure.name == "p T = pi")
+    coarse = next(failure for failure in failures.FAILURES if failure.name == "p T = pi")
     assert coarse.fails(0.623) and not coarse.fails(1.62)
     assert failing["touch from"] == {"plain", "reduced-step", "cubic"}
 
 
 def test_the_tables_fit_a_terminal_and_mark_the_failures(limits, figures):
-    text = stability.table_of(limits) + "".join(stability.failure_tables(figures))
+    text = failures.table_of(limits) + "".join(failures.failure_tables(figures))
     assert max(len(line) for line in text.splitlines() if ": " not in line) <= 80
     lines = {line.strip().split("  ")[0]: line for line in text.splitlines()}
     assert lines["euler plain"].count("!") == 3  # of the last table
     assert "every step" in lines["newmark"] and "> 10" in lines["newmark"]
     assert lines["exact exact"].count("!") == 0
     assert "never" in text and "12.11!" in text and "no step" in text and "nan" not in text
-    for failure in stability.FAILURES:
+    for failure in failures.FAILURES:
         assert f"{failure.name}: " in text
 
 
 @pytest.mark.slow
 def test_the_command_shows_the_failures(limits, figures, monkeypatch):
     """Picture, table on the terminal, and every figure in the CSV file."""
-    monkeypatch.setattr(stability, "longest_steps", lambda quick: limits)
-    monkeypatch.setattr(stability, "measure_failures", lambda: figures)
+    monkeypatch.setattr(failures, "longest_steps", lambda quick: limits)
+    monkeypatch.setattr(failures, "measure_failures", lambda: figures)
     result = call("bench", "stability", "--quick", "--csv", "all.csv")
     assert result.exit_code == 0, result.output
     assert "spectral radius" in result.stdout and result.stdout.endswith("stability.png\nall.csv\n")

@@ -14,7 +14,7 @@ from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.explorer.live_diagram import Diagram, density, numbers, ordinates, ramp
 from sweeps.explorer.live_motion import motion_at
 from sweeps.explorer.live_page import LivePage
-from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, bounds
+from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, window_bounds
 from sweeps.plotting.style import PARTIAL
 from tests.helpers.commands import refused
 from tests.helpers.places import CONFIGS
@@ -106,9 +106,9 @@ def test_an_axis_ends_near_zero_in_every_unit_of_time(unit):
     scene = {"h": 0.1 * unit, "R": 0.8, "omega": omega, "f": unit**2, "p": unit}
     view = View.of(load_config({"oscillator": scene}))
     for name in ("omega", "p"):
-        low, _ = bounds(name, view, (0.5 * unit, unit))
+        low, _ = window_bounds(name, view, (0.5 * unit, unit))
         assert 0.0 < low < 0.01 * unit
-    assert bounds("omega", view, (1e-9 * unit, unit))[0] == 1e-9 * unit
+    assert window_bounds("omega", view, (1e-9 * unit, unit))[0] == 1e-9 * unit
 
 
 @pytest.mark.parametrize("axis", PARAMETERS)

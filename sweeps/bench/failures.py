@@ -19,8 +19,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
-from sweeps.bench.paper import CHATTER
-from sweeps.bench.scenes import EXACT_METHOD, Method
+from sweeps.bench.method_scenes import EXACT_METHOD, Method
+from sweeps.bench.paper_cases import CHATTER
 from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
 from vibroimpact.oscillator import POINT
@@ -92,7 +92,7 @@ def table_of(limits: Limits) -> str:
 
 
 def stability_rows(limits: Limits) -> Iterator[tuple[str, str, str, float]]:
-    """Yield every limit as a row of `sweeps.bench.stability.FAILURE_COLUMNS`."""
+    """Yield every limit as a row of `sweeps.bench.failures.FAILURE_COLUMNS`."""
     for name, limit in limits.items():
         for source, values in limit.items():
             for zeta, value in zip(ZETAS, values, strict=True):
