@@ -15,7 +15,7 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
@@ -49,6 +49,16 @@ _GAP = 0.06
 _MARKS = 20
 
 
+class _Canvas(FigureCanvasAgg):
+    """Measures all texts with one parser, so that a formula is parsed once for all heights."""
+
+    def get_renderer(self) -> RendererAgg:
+        """Return the renderer for the size of the figure."""
+        renderer = super().get_renderer()
+        renderer.mathtext_parser = vars(self).setdefault("parser", renderer.mathtext_parser)
+        return renderer
+
+
 class Picture(Figure):
     """A figure made by a function of this room.
 
@@ -60,7 +70,7 @@ class Picture(Figure):
         size = (width_of(page), stretch * mpl.rcParams["figure.figsize"][1])
         super().__init__(figsize=size, layout="constrained")
         self._usual = size[1]  #: Height of the panels unless the page has its own [inch].
-        FigureCanvasAgg(self)  # measures all texts with the same renderer
+        _Canvas(self)
 
     def draw(self, renderer: RendererBase) -> None:
         """Draw the figure, with room for all labels at the final size of the panels.
@@ -136,14 +146,14 @@ class Picture(Figure):
         If the others need more, the panels become higher, too, but by at most a half; then, or at a
         final `height`, others are left out.
         """
+        room = SHARE / (1.0 - SHARE)
         if rarest is None:
-            room = SHARE / (1.0 - SHARE) * self.get_figheight()
             beside = self.get_figheight() - (1.0 - _LEAST_PANELS) * self._usual
             most = (HIGHEST if height is None else height) - beside
-            self.make_room(legend_of_all(self, handles, title, self.dpi * room, self.dpi * most))
+            usual = room * self.get_figheight()
+            self.make_room(legend_of_all(self, handles, title, self.dpi * usual, self.dpi * most))
             return
         below = partial(legend_below, self, handles, title, rarest=rarest)
-        room = SHARE / (1.0 - SHARE)
         least, most = (room * (self.get_figheight() + more * self._usual) for more in (0.0, 0.5))
         if height is not None:
             least = most = SHARE * height
@@ -355,16 +365,13 @@ def draw_stop(
 
     The attributes of the clearance, `about`, put the stop into the legend.
     """
-    text = None
-    if about is not None:
-        text = f"stop, {equation(f'x={about.symbol}', about, clearance)}"
+    text = None if about is None else f"stop, {equation(f'x={about.symbol}', about, clearance)}"
     draw_line(clearance, color=ink(), linewidth=0.8, linestyle="--", label=text)
 
 
 def widen_if_constant(set_limits: Callable[..., object], low: float, high: float) -> None:
     """Widen the limits of a panel if the data are constant, so that it does not show rounding."""
-    ends = widened(low, high)
-    if ends != (low, high):
+    if (ends := widened(low, high)) != (low, high):
         set_limits(*ends)
 
 

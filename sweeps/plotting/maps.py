@@ -22,11 +22,7 @@ from sweeps.plotting import canvas
 from sweeps.plotting.colours import paint
 from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.exact_lines import draw_curves
-from sweeps.plotting.labels import (
-    label_axis,
-    log_spaced,
-    status_name,
-)
+from sweeps.plotting.labels import label_axis, log_spaced, status_name
 from sweeps.plotting.looks import Cells, class_numbers, failed_cells
 from sweeps.plotting.names import draw_boundaries, name_regions
 from sweeps.plotting.overlay import draw_overlay, read_overlay
@@ -40,9 +36,7 @@ from vibroimpact.status import Status
 #: A legend always has the classes with at least this share of the points.
 _COMMON = 0.1
 #: Look of points that are not computed yet.
-_LOOK_OF_PENDING: dict[str, Any] = {
-    "edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0
-}  # fmt: skip
+_LOOK_OF_PENDING: dict[str, Any] = {"edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0}
 #: Look of the lines over points that are not on their orbit yet.
 _APPROACHING: dict[str, Any] = {"edgecolor": "white", "hatch": "////////", "linewidth": 0.0}
 
