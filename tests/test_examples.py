@@ -40,20 +40,41 @@ def public(package: ModuleType) -> dict[str, object]:
 EVERY = public(vibroimpact) | public(sweeps) | public(sweeps.plotting)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", EVERY)
-def test_its_example_gives_what_it_says(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+#: How an example says from which other one it goes on: it uses a file of that one, or a name.
+GOES_ON = re.compile(r"# of the example of `([\w.]+)`$", re.MULTILINE)
+
+
+def run_example(name: str, names: dict[str, object]) -> dict[str, object]:
+    """Run the example of a public name, with the names of another; return those that it leaves."""
     value = EVERY[name]
     text = inspect.getdoc(value) or ""
-    example = doctest.DocTestParser().get_doctest(
-        text, dict(vars(sys.modules[value.__module__])), name, None, None
-    )
+    known = vars(sys.modules[value.__module__]) | names
+    example = doctest.DocTestParser().get_doctest(text, known, name, None, None)
     assert example.examples, "there is no example"
     runner = doctest.DocTestRunner()
     told: list[str] = []
-    runner.run(example, out=told.append)
+    runner.run(example, out=told.append, clear_globs=False)
     assert not runner.failures, "".join(told)
+    return {key: left for key, left in example.globs.items() if key not in known}
+
+
+@pytest.fixture(scope="session")
+def first(tmp_path_factory):
+    """Return a folder with the files of the examples from which others go on, and their names."""
+    folder = tmp_path_factory.mktemp("examples")
+    sources = {name for value in EVERY.values() for name in GOES_ON.findall(value.__doc__ or "")}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        return folder, {name: run_example(f"sweeps.{name}", {}) for name in sources}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EVERY)
+def test_its_example_gives_what_it_says(name, first, monkeypatch):
+    folder, names = first
+    monkeypatch.chdir(folder)
+    (source,) = GOES_ON.findall(EVERY[name].__doc__ or "") or [None]
+    run_example(name, names.get(source, {}))
 
 
 @pytest.mark.parametrize("package", [vibroimpact, sweeps], ids=["vibroimpact", "sweeps"])

@@ -71,12 +71,7 @@ def integrity(sweep: OpenedSweep) -> xr.Dataset:
 
     Examples
     --------
-    >>> import sweeps
-    >>> x0 = {"start": -3, "stop": 0, "num": 12}
-    >>> v0 = {"start": -2, "stop": 2, "num": 12}
-    >>> starts = {"x0": x0, "v0": v0}
-    >>> scene = {"oscillator": {"h": 0.0, "R": 0.8, "omega": 1.3, "f": 1.0}, "start": starts}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> ds = sweeps.open_sweep("basins.h5")  # of the example of `attractors`
     >>> sweeps.integrity(ds)["integrity_factor"].values.round(3)
     array([1.091, 0.455])
     """

@@ -113,10 +113,7 @@ def bifurcations(
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
     >>> found = sweeps.bifurcations(ds)
     >>> found[["kind", "value", "before", "after"]].round(6).values.tolist()
     [['flip', 2.663945, '1/1', '2/2']]

@@ -100,10 +100,7 @@ def branches(
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
     >>> found = sweeps.branches(ds, "omega")
     >>> flips = found.where(found.kind == "flip", drop=True)
     >>> flips.omega.values.round(6)

@@ -59,10 +59,7 @@ class SweepConfig(Group):
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> config = sweeps.load_config(scene)
+    >>> config = sweeps.load_config(scene)  # of the example of `run_sweep`
     >>> config.oscillator.R, config.method.impact, config.size
     (0.8, 'exact', 20)
     """
@@ -183,10 +180,8 @@ class SweepConfig(Group):
 
         Examples
         --------
-        >>> import sweeps
-        >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-        >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-        >>> print(sweeps.load_config(scene).to_yaml().splitlines()[0])
+        >>> config = sweeps.load_config(scene)  # of the example of `run_sweep`
+        >>> print(config.to_yaml().splitlines()[0])
         oscillator:
         """
         plain = _for_yaml(self)

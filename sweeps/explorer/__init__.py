@@ -44,10 +44,7 @@ def explore(
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> page = sweeps.explore(sweeps.load_config(scene))
+    >>> page = sweeps.explore(scene)  # of the example of `run_sweep`
     >>> page.address.startswith("http://127.0.0.1:")
     True
     >>> page.close()

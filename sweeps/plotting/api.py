@@ -114,12 +114,8 @@ def plot(
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> plotting.plot(ds, "flip.png").name
+    >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
+    >>> sweeps.plotting.plot(ds, "flip.png").name
     'flip.png'
     """
     output = Path(output)

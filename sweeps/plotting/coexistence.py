@@ -69,15 +69,8 @@ def attractor_diagram(
 
     Examples
     --------
-    >>> import sweeps
-    >>> x0 = {"start": -3, "stop": 0, "num": 12}
-    >>> v0 = {"start": -2, "stop": 2, "num": 12}
-    >>> starts = {"x0": x0, "v0": v0}
-    >>> oscillator = {"h": 0.0, "R": 0.8, "omega": [1.3, 1.35], "f": 1.0}
-    >>> scene = {"oscillator": oscillator, "start": starts}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> plotting.attractor_diagram(ds).savefig("attractors.png")
+    >>> ds = sweeps.open_sweep("two_basins.h5")  # of the example of `plotting.integrity`
+    >>> sweeps.plotting.attractor_diagram(ds).savefig("attractors.png")
     """
     free = [name for name in sweep.grid if name in START_AXES]
     if free and not parameter_axes(sweep):

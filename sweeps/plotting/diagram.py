@@ -99,12 +99,8 @@ def bifurcation(
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> plotting.bifurcation(ds, below=["impacts_per_period"]).savefig("flip.png")
+    >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
+    >>> sweeps.plotting.bifurcation(ds, below=["impacts_per_period"]).savefig("flip.png")
     """
     if ax is not None and len(below):
         raise Refused("panels below a diagram need a figure of their own: leave out ax or below")

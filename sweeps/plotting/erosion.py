@@ -93,9 +93,8 @@ def integrity(
     >>> starts = {"x0": x0, "v0": v0}
     >>> oscillator = {"h": 0.0, "R": 0.8, "omega": [1.3, 1.35], "f": 1.0}
     >>> scene = {"oscillator": oscillator, "start": starts}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> plotting.integrity(ds).savefig("integrity.png")
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "two_basins.h5", overwrite=True))
+    >>> sweeps.plotting.integrity(ds).savefig("integrity.png")
     """
     others = [name for name in sweep.axes if name not in STARTS]
     along = sorted(others, key=lambda name: -sweep.sizes[name])[:1]

@@ -79,13 +79,8 @@ def parameter_map(
 
     Examples
     --------
-    >>> import sweeps
-    >>> R = {"start": 0.6, "stop": 0.9, "num": 12}
-    >>> omega = {"start": 2.5, "stop": 2.8, "num": 12}
-    >>> scene = {"oscillator": {"h": 0.1, "R": R, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "map.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> plotting.parameter_map(ds, exact=sweeps.curves(ds)).savefig("map.png")
+    >>> ds = sweeps.open_sweep("map.h5")  # of the example of `curves`
+    >>> sweeps.plotting.parameter_map(ds, exact=sweeps.curves(ds)).savefig("map.png")
     """
     abscissa, ordinate = chosen = sweep.map_axes(axes, at)
     if exact is not None and set(exact.coords) != set(chosen):

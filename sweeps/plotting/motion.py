@@ -104,12 +104,8 @@ def section(
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> plotting.section(ds, at={"omega": 2.7}).savefig("section.png")
+    >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
+    >>> sweeps.plotting.section(ds, at={"omega": 2.7}).savefig("section.png")
     """
     found = _Records.of(sweep, ("poincare_x", "poincare_v"), at, color, page.grey)
     (x, v), clearance = found.columns, found.points["clearance"]
@@ -150,12 +146,8 @@ def impacts(
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> plotting.impacts(ds, at={"omega": 2.7}).savefig("impacts.png")
+    >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
+    >>> sweeps.plotting.impacts(ds, at={"omega": 2.7}).savefig("impacts.png")
     """
     found = _Records.of(sweep, ("impact_phase", "impact_v"), at, color, page.grey)
     panel = canvas.new_panel(ax, page)
@@ -206,12 +198,8 @@ def trajectory(
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> plotting.trajectory(ds, at={"omega": 2.7}).savefig("motion.png")
+    >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
+    >>> sweeps.plotting.trajectory(ds, at={"omega": 2.7}).savefig("motion.png")
     """
     over_time, velocity, phase_plane = panels = _new_panels(page) if ax is None else list(ax)
     if color is None:

@@ -61,13 +61,9 @@ class Page:
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> page = plotting.Page(width=3.4, title="", xlim=(2.62, 2.68))
-    >>> plotting.bifurcation(ds, page=page).savefig("column.pdf")
+    >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
+    >>> page = sweeps.plotting.Page(width=3.4, title="", xlim=(2.62, 2.68))
+    >>> sweeps.plotting.bifurcation(ds, page=page).savefig("column.pdf")
     """
 
     width: float | None = None

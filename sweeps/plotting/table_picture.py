@@ -65,11 +65,10 @@ def table_panels(
     Examples
     --------
     >>> import sweeps
-    >>> from sweeps import plotting
     >>> rows = {"omega": [2.3, 2.5, 2.4], "R": [0.7, 0.8, 0.75]}
     >>> scene = {"oscillator": {"h": 0.1, "f": 1.0}, "points": rows}
     >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "table.h5", overwrite=True))
-    >>> plotting.table_panels(ds).savefig("table.png")
+    >>> sweeps.plotting.table_panels(ds).savefig("table.png")
     """
     if TABLE not in sweep.grid:
         raise Refused("the points of this file are a grid, and not the rows of a table")
