@@ -44,8 +44,7 @@ def as_variable(name: str, seen: Nomenclature) -> xr.DataArray:
 
     Those of a parameter are what a reader sees.
     """
-    is_parameter = name in PARAMETERS
-    of = seen.about(name) if is_parameter else {**VARIABLES, **COORDINATES}[name]
+    of = seen.about(name) if name in PARAMETERS else {**VARIABLES, **COORDINATES}[name]
     meaning = of.meaning if isinstance(of, Parameter) else of.long_name
     about = {"long_name": meaning, "units": seen.unit(of.unit), "symbol": of.symbol}
     return xr.DataArray(attrs=about)
