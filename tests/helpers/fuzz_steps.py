@@ -26,7 +26,7 @@ from vibroimpact.step.propagator import (
     propagator_of,
 )
 from vibroimpact.step.recorder import trace
-from vibroimpact.step.scheme import EXACT, IMPACT_RULES, PLAIN, scheme_of
+from vibroimpact.step.scheme import EXACT, IMPACT_RULES, PLAIN, PhaseGrid, scheme_of
 from vibroimpact.step.stepper import take_exact_step
 from vibroimpact.step.time_stepping import plain, reduced_step
 
@@ -40,7 +40,7 @@ LARGEST, SMALLEST_NORMAL, SMALLEST = sys.float_info.max, sys.float_info.min, 5e-
 @jit
 def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
     """Take one step from each state; the fields are floats but otherwise arbitrary."""
-    most = 0
+    most, table = 0, np.zeros((3, 2))
     for k in range(states.shape[0]):
         x, v, x_T, v_T, theta, s, c, step = states[k]
         pt, r, start, at = points[k], rows[k], (x, v, k % 2 == 0), (theta, s, c)
@@ -55,7 +55,9 @@ def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
             if consistent:
                 eq = coefficients_of(pt)
                 flow = propagator_of(eq, step, scratch.coefficients)
-            n = take_exact_step(eq, flow, start, at, (x_T, v_T), step, pt, scratch)[3]
+            table[:, 0], table[1:, 1] = at, (x_T, v_T)
+            grid, reach = PhaseGrid(table, step, 1), (0.0, 0.0)
+            n = take_exact_step((eq, flow), start, grid, 0, pt, scratch, reach, True)[1]
         else:
             n = reduced_step(method, start, (x_T, v_T), at, step / pt.omega, pt, scratch)[3]
         for j in range(n):

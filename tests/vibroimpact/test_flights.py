@@ -171,12 +171,13 @@ def test_the_bounds_are_bounds():
         flight = np.polynomial.Polynomial(c)
         fourth = np.abs(flight.deriv(4)(u)).max() / 72
         added = forced(flow[1], math.sin(theta), math.cos(theta))
-        _, _, E, high = propagate(flow[0], y, w, added, step)
+        _, _, E, high, low = propagate(flow[0], y, w, added, step)
         bound = E - 2.0 * SLACK * (abs(y) + abs(w))  # without the slack
         assert fourth <= bound
         if fourth > 0.0:
             tightest = min(tightest, bound / fourth)
         highest = flight(u).max()
+        assert flight(u).min() >= min(low, *flight(u[[0, -1]]))
         proved = high < 0.0 or any(stays_below(c, 1.0, E, pieces, extent(eq)) for pieces in (2, 4))
         assert not proved or highest < 0.0 or highest == y == 0.0
         passed += high < 0.0
