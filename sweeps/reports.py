@@ -24,14 +24,7 @@ from sweeps.store import (
     per_point,
 )
 from sweeps.store.variables import unit_in
-from sweeps.text import (
-    fewest_digits,
-    shown_bytes,
-    shown_count,
-    shown_duration,
-    shown_range,
-    table,
-)
+from sweeps.text import fewest_digits, shown_bytes, shown_count, shown_duration, shown_range, table
 from sweeps.yaml_text import yaml_mapping
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import (

@@ -5,6 +5,7 @@ Files of sweeps come from anywhere, so their YAML is read as strictly as a confi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import yaml
@@ -42,8 +43,20 @@ def yaml_node(text: str, origin: str) -> yaml.Node | None:
 
     `origin` tells the error, ConfigError, where the text comes from.
     """
+    return _read(yaml.compose, text, origin)
+
+
+def yaml_mapping(text: object, origin: str) -> dict[str, Any]:
+    """Return the mapping that the YAML in a file of a sweep holds; raise ConfigError otherwise."""
+    data = _read(yaml.load, str(text), origin)
+    if not isinstance(data, dict):
+        raise ConfigError(f"{origin}: not a mapping of keys")
+    return {str(key): value for key, value in data.items()}
+
+
+def _read(function: Callable[..., Any], text: str, origin: str) -> Any:
     try:
-        return yaml.compose(text, Loader=_Loader)
+        return function(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
@@ -53,15 +66,3 @@ def yaml_node(text: str, origin: str) -> yaml.Node | None:
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".
         raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
-
-
-def yaml_mapping(text: object, origin: str) -> dict[str, Any]:
-    """Return the mapping that the YAML in a file of a sweep holds; raise ConfigError otherwise."""
-    node = yaml_node(str(text), origin)
-    try:
-        data = _Loader("").construct_document(node) if node is not None else None
-    except (yaml.YAMLError, ValueError, OverflowError) as error:
-        raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
-    if not isinstance(data, dict):
-        raise ConfigError(f"{origin}: not a mapping of keys")
-    return {str(key): value for key, value in data.items()}

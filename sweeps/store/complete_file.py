@@ -28,13 +28,7 @@ import numpy as np
 from sweeps.errors import StoreError
 from sweeps.grid import Block
 from sweeps.interrupts import check
-from sweeps.store.paths import (
-    FORMAT_VERSION,
-    NO_LOCKS,
-    Content,
-    content,
-    open_regular,
-)
+from sweeps.store.paths import FORMAT_VERSION, NO_LOCKS, Content, content, open_regular
 from sweeps.store.replacing import TRAILER, UnreadableError, error_number
 from sweeps.store.schema import Schema, of_this_form, schema_in, write_schema
 from sweeps.text import command, missing_text

@@ -29,11 +29,7 @@ from sweeps.errors import StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.interrupts import check
 from sweeps.store.complete_file import schema_of
-from sweeps.store.paths import (
-    SCHEMA,
-    open_regular,
-    parts_path,
-)
+from sweeps.store.paths import SCHEMA, open_regular, parts_path
 from sweeps.store.replacing import UnreadableError, identity_of
 from sweeps.store.schema import Schema
 from sweeps.store.variables import TRAJECTORIES, VARIABLES

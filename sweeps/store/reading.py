@@ -22,12 +22,7 @@ from xarray.core import indexing
 from sweeps.errors import StoreError
 from sweeps.store.complete_file import check_file, open_file, schema_of
 from sweeps.store.parts import Parts
-from sweeps.store.paths import (
-    SCHEMA,
-    Content,
-    content,
-    parts_path,
-)
+from sweeps.store.paths import SCHEMA, Content, content, parts_path
 from sweeps.store.replacing import UnreadableError, identity, reason
 from sweeps.store.schema import Schema, attributes_of, of_this_form, schema_in
 from sweeps.store.variables import VARIABLES

@@ -218,7 +218,8 @@ def replacing(
     Others may write to the folder, and put files and links in the place of the draft or of `path`,
     which must not be a link itself. Therefore the draft is never opened by its name again, and it
     stays open: the system could give the number of a closed file to theirs. With `known`, only the
-    file that has this identity there is replaced, and the new identity is noted there.
+    file that has this identity there is replaced, or a free name taken; the new identity is noted
+    there. Only between the last look at the file and its replacement, one put there is lost.
     """
     new = draft_of(path)
     with new.open("x+b") as file:  # creates the file, so that no file of another user is opened
@@ -246,45 +247,27 @@ def replacing(
 
 
 def _put(new: Path, path: Path, mine: os.stat_result, before: Identity | None) -> None:
-    """Give a file the name of the one that was there before, or a free name; replace no other file.
-
-    Only a name that must be free is safe from what others put there meanwhile. So the file of
-    before becomes a draft, and gets its name back if the new one cannot have it.
-    """
-    old, moved = draft_of(path), before is not None and identity(path) == before
-    if moved:
-        os.rename(path, old)
-    try:
-        if moved and identity(old) != before:
-            raise FileExistsError
-        _link(new, path)
-        if not has_name(path, mine):
-            if has_name(new, os.lstat(path)):  # it was no draft that got the name
-                path.unlink()
-            raise Failed(f"{path} or its draft was replaced by another program")
-    except BaseException as error:
-        if moved:
-            with suppress(FileExistsError):
-                _link(old, path)
-                old.unlink(missing_ok=True)
-        if isinstance(error, FileExistsError):
-            raise Failed(
-                f"{path} was written by another program meanwhile, and is not replaced; move it"
-            ) from error
-        raise
-    if moved and identity(old) == before:
-        old.unlink()
+    """Give a draft the name of the file that was there before, or a free name, and no other."""
+    if before and identity(path) == before:
+        os.replace(new, path)
+    else:
+        _take(new, path)
+    if not has_name(path, mine):
+        if has_name(new, os.lstat(path)):  # it was no draft that got the name
+            path.unlink()
+        raise Failed(f"{path} or its draft was replaced by another program")
 
 
-def _link(old: Path, path: Path) -> None:
+def _take(new: Path, path: Path) -> None:
     """Give a file another name, which must be free, besides its own or, if need be, instead."""
     if not _WINDOWS:
-        try:
-            return os.link(old, path, follow_symlinks=False)
-        except OSError:  # not every file system has several names for a file
-            if os.path.lexists(path):
-                raise FileExistsError from None
-    os.rename(old, path)
+        with suppress(OSError):  # not every file system has several names for a file
+            return os.link(new, path, follow_symlinks=False)
+    if os.path.lexists(path):
+        raise Failed(
+            f"{path} was written by another program meanwhile, and is not replaced; move it"
+        )
+    os.rename(new, path)
 
 
 def has_name(path: Path, about: os.stat_result) -> bool:

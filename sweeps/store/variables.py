@@ -131,10 +131,7 @@ VARIABLES: Mapping[str, Variable] = {
 TRAJECTORIES = tuple(name for name, one in VARIABLES.items() if one.dimension == "sample")
 
 #: The variables whose numbers stand for words, and these words.
-FLAGS: Mapping[str, type[Evidence] | type[Status]] = {
-    "class_evidence": Evidence,
-    "status": Status,
-}
+FLAGS: Mapping[str, type[Evidence] | type[Status]] = {"class_evidence": Evidence, "status": Status}
 
 #: The first dimension of a sweep followed up and down, and its meaning.
 DIRECTION = "direction"

@@ -70,7 +70,6 @@ def sweep_writer(
     real = path.resolve()  # everything works on the file that is checked, also if a link changes
     lock_file, folder = real.with_name(f"{real.name}{LOCK}"), parts_path(real)
     try:
-        _lock_text(lock_file)  # refuses another file of that name
         lock, mine = _acquired(lock_file)
     except Timeout:
         if not os.path.lexists(lock_file):
@@ -269,33 +268,20 @@ def _acquired(name: Path) -> tuple[BaseFileLock, os.stat_result | None]:
     status, as the lock removes its file. A killed process leaves such a file, which a process of
     the same machine, outside containers or in the same one, then takes over.
     """
-    was_there = os.path.lexists(name)
+    _, before = _lock(name)  # refuses another file of that name
     lock: BaseFileLock = FileLock(name, fallback_to_soft=False)
     try:
         lock.acquire(blocking=False)
     except OSError as error:
         if error.errno not in NO_LOCKS:
             raise
-        if not (was_there or _lock_text(name)):
+        if not (before or _lock(name)[0]):
             name.unlink(missing_ok=True)
         lock = SoftFileLock(name)  # it writes a text of its own
         lock.acquire(blocking=False)
         return lock, None
     try:
-        flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-        descriptor = os.open(name, flags)  # follows no link put there
-        try:
-            about = os.fstat(descriptor)
-            if text := os.read(descriptor, _MOST_TEXT):
-                _check_lock(name, text)
-                os.ftruncate(descriptor, 0)
-                os.lseek(descriptor, 0, os.SEEK_SET)
-            os.write(descriptor, b"vibroimpact lock of process %d\n" % os.getpid())
-        finally:
-            os.close(descriptor)
-        return lock, about
-    except PermissionError:  # on Windows a locked file cannot be written
-        return lock, None
+        return lock, _lock(name, b"vibroimpact lock of process %d\n" % os.getpid())[1]
     except BaseException:
         lock.release()
         raise
@@ -303,7 +289,7 @@ def _acquired(name: Path) -> tuple[BaseFileLock, os.stat_result | None]:
 
 def _holder(name: Path) -> str:
     """Name the process that holds a lock, and say what the user can do."""
-    text = _lock_text(name).decode(errors="replace")
+    text = _lock(name)[0].decode(errors="replace")
     found = re.search(r"(\d+)\n?(.*)", text)
     number, host = found.groups() if found else ("of an unknown number", "")
     process = f"process {number}{f' on {host}' if host else ''}"
@@ -311,23 +297,28 @@ def _holder(name: Path) -> str:
     return f"{process}; wait for it, stop it with Ctrl-C or kill, {ended}or give another output"
 
 
-def _lock_text(name: Path) -> bytes:
-    """Return the content of a lock, if it can be read; refuse another file of its name."""
-    text = b""
-    with suppress(FileNotFoundError, PermissionError):
-        if stat.S_ISREG(os.lstat(name).st_mode):
-            with name.open("rb") as file:
-                text = file.read(_MOST_TEXT)
-        else:
+def _lock(name: Path, new: bytes = b"") -> tuple[bytes, os.stat_result | None]:
+    """Return content and status of a lock, and write a new content; refuse another file there."""
+    text, about = b"", None
+    with suppress(FileNotFoundError, PermissionError):  # of a lock held by others on Windows
+        about = os.lstat(name)
+        if not stat.S_ISREG(about.st_mode):
             text = b"another"
-    _check_lock(name, text)
-    return text
-
-
-def _check_lock(name: Path, text: bytes) -> None:
-    """Refuse a file that is no lock but has the name of one."""
+        else:  # follows no link and waits for no FIFO put there
+            flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+            descriptor = os.open(name, flags | (os.O_RDWR if new else os.O_RDONLY))
+            try:
+                about, text = os.fstat(descriptor), os.read(descriptor, _MOST_TEXT)
+                if new and _LOCK_TEXT.fullmatch(text):
+                    if text:
+                        os.ftruncate(descriptor, 0)
+                        os.lseek(descriptor, 0, os.SEEK_SET)
+                    os.write(descriptor, new)
+            finally:
+                os.close(descriptor)
     if not _LOCK_TEXT.fullmatch(text):
         raise StoreError(
             f"{name} is needed as a lock, but something else has that name; move it, or give "
             "another output"
         )
+    return text, about

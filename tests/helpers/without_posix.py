@@ -16,7 +16,7 @@ import sys
 import time
 import types
 
-LIBRARIES = "filelock h5netcdf numba pandas platformdirs.unix psutil scipy.optimize xarray"
+LIBRARIES = "dask.base filelock h5netcdf numba pandas platformdirs.unix psutil scipy.optimize xarray"
 #: Libraries used only by these commands and options, which take long to import.
 MORE = {
     "plot": "matplotlib.pyplot",
