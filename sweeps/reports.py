@@ -235,7 +235,7 @@ def contents(dataset: xr.Dataset) -> str:
         ("points", outcomes(dataset, impact)),
         *zip(
             chain(["classes"], repeat("")),
-            destinations_text(_results(dataset), *_record_of(dataset)),
+            destinations_text(*_motions(dataset)),
             strict=False,
         ),
         *(
@@ -272,7 +272,7 @@ def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
             for status, number in status_counts(dataset).items()
             if number
         },
-        "classes": destination_counts(_results(dataset), *_record_of(dataset)),
+        "classes": destination_counts(*_motions(dataset)),
         "axes": {
             str(axis): {"units": dataset[axis].attrs.get("units"), "values": dataset[axis].values}
             for axis in dataset["status"].dims
@@ -292,16 +292,13 @@ def contents_by_key(dataset: xr.Dataset) -> dict[str, Any]:
     }
 
 
-def _results(dataset: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return the results that say where motions go, in the shape of ``status``."""
+def _motions(dataset: xr.Dataset) -> tuple[dict[str, np.ndarray], np.ndarray, int]:
+    """Return results and omega in the shape of ``status``, and the periods of a record."""
     dims = dataset["status"].dims
-    return {name: dataset[name].transpose(*dims, ...).values for name in RESULTS if name in dataset}
-
-
-def _record_of(dataset: xr.Dataset) -> tuple[np.ndarray, int]:
-    """Return omega of each point, in the shape of ``status``, and the periods of a record."""
-    omega = dataset["omega"].broadcast_like(dataset["status"])
-    return omega.transpose(*dataset["status"].dims).values, dataset.sizes["section"]
+    held = [name for name in RESULTS if name in dataset]
+    results = {name: dataset[name].transpose(*dims, ...).values for name in held}
+    omega = dataset["omega"].broadcast_like(dataset["status"]).transpose(*dims).values
+    return results, omega, dataset.sizes["section"]
 
 
 def _of_rig(dataset: xr.Dataset) -> list[tuple[str, str]]:

@@ -179,10 +179,8 @@ def _text(path: Path) -> str:
         reason = f"longer than {_MOST_BYTES:,} bytes"
     except FileNotFoundError:
         raise ConfigError(missing_text(path)) from None
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-    except ValueError as error:
-        reason = str(error)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
     raise ConfigError(f"{path}: cannot be read ({reason}); expected: a YAML file in UTF-8")
 
 

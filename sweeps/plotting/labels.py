@@ -20,7 +20,7 @@ from sweeps.opened.coordinates import COORDINATES, impacts_left_out
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store import DIRECTION, VARIABLES
 from sweeps.text import shown_count, unit_name
-from vibroimpact.oscillator import PARAMETERS, Parameter
+from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:
@@ -45,8 +45,7 @@ def as_variable(name: str, seen: Nomenclature) -> xr.DataArray:
     Those of a parameter are what a reader sees.
     """
     of = seen.about(name) if name in PARAMETERS else {**VARIABLES, **COORDINATES}[name]
-    meaning = of.meaning if isinstance(of, Parameter) else of.long_name
-    about = {"long_name": meaning, "units": seen.unit(of.unit), "symbol": of.symbol}
+    about = {"long_name": of.meaning, "units": seen.unit(of.unit), "symbol": of.symbol}
     return xr.DataArray(attrs=about)
 
 

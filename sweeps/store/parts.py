@@ -224,8 +224,6 @@ class Parts:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the lengths of the trajectories of a block, and a column of all their samples."""
         lengths = self._array(file, number, SAMPLES)
-        if lengths.min() < 0:
-            raise ValueError("a trajectory has less than no samples")
         return lengths, self._array(file, number, name, int(lengths.sum()))
 
     def _entry(self, number: int, verify: bool) -> Entry:
@@ -236,7 +234,7 @@ class Parts:
                 raise StoreError(f"{self.files[number]} belongs to another sweep")
             columns = set(TRAJECTORIES).intersection(self.schema.variables)
             lengths = self._array(file, number, SAMPLES) if columns else np.zeros(1)
-            if lengths.max() != about["samples"]:
+            if lengths.min() < 0 or lengths.max() != about["samples"]:
                 raise ValueError("it has other samples than it says")
             names = {"points", *self.schema.variables}.difference(self._single)
             for name in names if verify else ():

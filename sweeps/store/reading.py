@@ -67,12 +67,10 @@ def _opened(path: Path, digest: str) -> xr.Dataset:
 
 def _in_file(path: Path, manager: CachingFileManager, name: str, key: Index) -> np.ndarray:
     """Return the values of a variable that a key selects."""
-    file = manager.acquire()
     try:
-        values: np.ndarray = file[name][key]
+        return np.asarray(manager.acquire()[name][key])
     except OSError as error:
         raise UnreadableError(path, error) from error
-    return values
 
 
 def _incomplete(parts: Parts) -> xr.Dataset:

@@ -94,8 +94,8 @@ def check_place(path: Path, what: str) -> Path:
     a link made by another user. In a folder where others may write, the kernel follows no link of
     theirs when a file is opened; a link that is resolved here is not opened.
     """
+    name = shortened(repr(str(path)), 300)
     if problem := _unportable(path.name):
-        name = shortened(repr(str(path)), 300)
         raise StoreError(
             f"the {what} {name} cannot be used: on Windows no file {problem}; give the {what} "
             "another name"
@@ -121,9 +121,7 @@ def check_place(path: Path, what: str) -> Path:
     except FileNotFoundError:
         return target
     except (OSError, ValueError) as error:  # a name too long, a null byte, a loop of links
-        reason = getattr(error, "strerror", None) or error
-        name = shortened(repr(str(path)), 300)
-        raise StoreError(f"the {what} {name} cannot be used: {reason}") from None
+        raise StoreError(f"the {what} {name} cannot be used: {reason(error)}") from None
     if stat.S_ISDIR(mode):
         raise StoreError(f"{path} is a directory; give the {what} the name of a file")
     if not stat.S_ISREG(mode):
@@ -231,14 +229,14 @@ def replacing(
             refuse()
             if _WINDOWS:
                 file.close()
-            written = identity_of(os.lstat(new) if _WINDOWS else os.fstat(file.fileno()))
-            if not has_name(new, mine):
+            about = os.lstat(new)
+            if not os.path.samestat(about, mine):
                 raise Failed(f"{new} was replaced by another program while it was written")
             if known is None:
                 os.replace(new, path)
             else:
                 _put(new, path, mine, known.get(path))
-                known[path] = written
+                known[path] = identity_of(about)
         finally:
             if _WINDOWS:
                 file.close()

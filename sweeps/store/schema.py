@@ -214,15 +214,11 @@ def write_schema(
 
 def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
     """Return what a file says of an axis, a parameter, a column, a record or a variable."""
-    if name in PARAMETERS:
-        parameter = PARAMETERS[name]
-        about, symbol = (parameter.meaning, parameter.unit), parameter.symbol
-    elif name in VARIABLES:
-        variable = VARIABLES[name]
-        about, symbol = (variable.long_name, variable.unit), variable.symbol
+    if of := PARAMETERS.get(name) or VARIABLES.get(name):
+        meaning, unit, symbol = of.meaning, of.unit, of.symbol
     else:
-        about, symbol = (_MEANINGS.get(name, name), schema.column_units.get(name, "1")), ""
-    found: dict[str, Any] = description_in(schema.attributes, *about) | {"symbol": symbol}
+        meaning, unit, symbol = _MEANINGS.get(name, name), schema.column_units.get(name, "1"), ""
+    found: dict[str, Any] = description_in(schema.attributes, meaning, unit) | {"symbol": symbol}
     if name in FLAGS:
         found["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)
         found["flag_meanings"] = " ".join(one.name.lower() for one in FLAGS[name])

@@ -25,7 +25,7 @@ class Variable:
     ----------
     dimension : str or None
         The record dimension after the swept axes; None for a single value per point.
-    unit, long_name, symbol : str
+    unit, meaning, symbol : str
         As for the parameters in ``PARAMETERS``.
     dtype : str
         The type in the file. Points that are not computed yet hold NaN, or ``Status.PENDING`` (-1)
@@ -36,7 +36,7 @@ class Variable:
 
     dimension: str | None
     unit: str
-    long_name: str
+    meaning: str
     symbol: str
     dtype: str = "float64"
     diagnostic: str | None = None

@@ -55,14 +55,9 @@ def equal_points(omit=(), axes=None, **changed):
     if "lyapunov" in data:
         data["lyapunov"] = data["lyapunov"].expand_dims(exponent=2, axis=-1).copy()
     data["poincare_x"] = ((*axes, "section"), np.zeros((*shape, PERIODS)))
-    for name in axes:
-        about = PARAMETERS[name]
+    for name in [*axes, *data.data_vars]:
+        about = PARAMETERS.get(name) or VARIABLES[name]
         data[name].attrs = {"long_name": about.meaning, "units": about.unit, "symbol": about.symbol}
-    for name in data.data_vars:
-        about = VARIABLES[name]
-        data[name].attrs = {
-            "long_name": about.long_name, "units": about.unit, "symbol": about.symbol
-        }  # fmt: skip
     return data
 
 

@@ -16,7 +16,9 @@ import sys
 import time
 import types
 
-LIBRARIES = "dask.base filelock h5netcdf numba pandas platformdirs.unix psutil scipy.optimize xarray"
+LIBRARIES = (
+    "dask.base filelock h5netcdf numba pandas platformdirs.unix psutil scipy.optimize xarray"
+)
 #: Libraries used only by these commands and options, which take long to import.
 MORE = {
     "plot": "matplotlib.pyplot",

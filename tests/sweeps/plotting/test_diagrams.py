@@ -47,7 +47,7 @@ def test_a_bifurcation_shows_every_value_over_its_axis(random_sweep, coordinate)
     panel = figure.axes[0]
     assert drawn(panel) == pairs(OMEGA[:, None], dataset[coordinate].values[1])
     assert panel.get_xlabel() == r"forcing frequency $\omega$"
-    assert VARIABLES[coordinate].long_name in panel.get_ylabel()
+    assert VARIABLES[coordinate].meaning in panel.get_ylabel()
     assert f"${VARIABLES[coordinate].symbol}$" in plain(panel.get_ylabel())
     assert panel.get_xscale() == "linear"
     assert not figure.legends
