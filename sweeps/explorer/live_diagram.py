@@ -251,12 +251,6 @@ class Diagram(PixelFigure):
             configs.append(config)
         return configs
 
-    def finest(self, view: View) -> SweepConfig:
-        """Return the configuration of the picture shown last, or of the one to be shown first."""
-        configs = self.configurations(view)
-        kept = None if self.kept is None else self.kept.config
-        return kept if kept in configs else configs[0]
-
     def saved(self, view: View) -> SweepConfig:
         """Return the configuration to save: with the periods of the view, and the classes."""
         return view.diagram(self.resolution[0], ("period",))

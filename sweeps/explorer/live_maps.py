@@ -31,8 +31,6 @@ from vibroimpact.status import Status
 _STRIDES = (27, 9, 3, 1)
 #: A map is shown at least this many times until it is complete.
 _SHOWN = 20
-#: A higher and wider legend.
-_HIGHER = {"flex": "none", "height": "min(108px, 15vh)", "margin_left": "8px"}
 #: Names are placed on every so many columns and rows, as soon as these are computed.
 _NAMED = 3
 #: Height of a name and width of one of its characters, with the space around it [px].
@@ -251,7 +249,8 @@ class Map(PixelFigure):
         self.legend = Div(name=f"{name} legend", text="", sizing_mode="stretch_width")
         # Its height is fixed: a different height of the figure would need other points.
         self.legend.update(margin=(0, 8, 4, 60), height=36, styles={"overflow-y": "auto"})
-        self.legend.stylesheets = [narrow(**_HIGHER)]
+        wider = narrow(flex="none", height="min(108px, 15vh)", margin_left="8px")
+        self.legend.stylesheets = [wider]
         self.layout = column(self.figure, self.legend, sizing_mode="stretch_both")
 
     def resize(self, side: str, pixels: int) -> None:
@@ -268,20 +267,16 @@ class Map(PixelFigure):
 
     def steps(self, view: View) -> list[Step]:
         """Return the steps that draw a view from coarse to fine."""
-        config = self.finest(view)
+        config = self.saved(view)
         if self.filling is None or self.filling.config != config:
             self.filling = Filling(config, view.plane(self._tab)[0][0], self._tab == BASINS_TAB)
         advance, show = self.filling.advance, partial(self._paint, view)
         stops = self.filling.stops
         return [Step(self._name, (config, n), partial(advance, n), show) for n in stops]
 
-    def finest(self, view: View) -> SweepConfig:
-        """Return the configuration of the complete map, with a point for every pixel."""
-        return view.tiles(self._tab, *self.resolution)
-
     def saved(self, view: View) -> SweepConfig:
-        """Return the configuration to save."""
-        return self.finest(view)
+        """Return the configuration to save: the complete map, with a point for every pixel."""
+        return view.tiles(self._tab, *self.resolution)
 
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
         """Show a map and its legend."""

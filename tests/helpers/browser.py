@@ -113,7 +113,7 @@ class Window:
                 self.idle()
                 and shown
                 and filling
-                and filling.config == picture.finest(self.page.view)
+                and filling.config == picture.saved(self.page.view)
             ):
                 advance, size = filling.advance, filling.config.sweep.grid.size
                 tiles = self.page.worker.submit(advance, size).result(PATIENCE)
