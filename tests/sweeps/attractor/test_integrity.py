@@ -321,7 +321,7 @@ def test_integrity_is_drawn_into_panels_of_another_figure(two, no_knocks):
     assert draw_integrity(two, ax=four) is four[0].figure and all(panel.lines for panel in four)
     one = Figure().subplots()
     assert draw_integrity(two.isel(omega=0), ax=one) is one.figure and one.collections
-    with pytest.raises(Refused, match="ax has 1 panels; expected: 4"):
+    with pytest.raises(Refused, match="ax has 1 panel; expected: 4"):
         draw_integrity(two, ax=one)
     with pytest.raises(Refused, match="ax has 2 panels; expected: 4"):
         draw_integrity(two, ax=four[:2])
