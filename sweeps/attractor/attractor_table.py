@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.attractor.partition import SETS, GridIndex
+from sweeps.attractor.partition import ATTRACTOR_COLUMNS, SETS, GridIndex
 from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.grid import TABLE
 from sweeps.opened.motions import run_on
@@ -24,10 +24,6 @@ from vibroimpact.points.run_spec import RunSpec
 
 if TYPE_CHECKING:
     import pandas as pd
-
-#: The variables of `sweeps.attractors` that are fields of a `AttractorRow`, or only lead to one.
-_NO_MEASURES = {"number", "fraction", "motion", "m", "q", "from_record", "representative"}
-_NO_MEASURES |= {"section_x", "section_v"}
 
 #: Most impact speeds that are written out; of more, only the slowest and the fastest are.
 _MOST_SPEEDS = 4
@@ -111,9 +107,8 @@ def attractor_rows(sweep: OpenedSweep, result: xr.Dataset) -> list[AttractorRow]
     points["x0"], points["v0"] = frame["section_x"], frame["section_v"]
     m = np.where(frame["motion"] == Regime.PERIODIC, frame["m"], 0)
     orbits = orbits_of(sweep.config.sweep.spec, points, m, frame["q"].values)
-    measures = {
-        name: frame[name].tolist() for name in map(str, columns) if name not in _NO_MEASURES
-    }
+    added = [name for name in map(str, columns) if name not in ATTRACTOR_COLUMNS]
+    measures = {name: frame[name].tolist() for name in added}
     return [
         AttractorRow(
             {name: values.flat[place[i]].item() for name, values in swept.items()},

@@ -144,11 +144,8 @@ class _Motions:
         self._of_regime = dict(zip(found["motion"].values, found["number"].values, strict=True))
         motion = np.zeros(1, MOTION)
         motion["point"] = self._oscillator.at(self._oscillator.clearance)
-        for one in (
-            found[["number", "motion", "m", "q", "section_x", "section_v"]]
-            .to_dataframe()
-            .itertuples()
-        ):
+        rows = found[["number", "motion", "m", "q", "section_x", "section_v"]].to_dataframe()
+        for one in rows.itertuples():
             motion["point"]["x0"], motion["point"]["v0"] = one.section_x, one.section_v
             motion["m"], motion["q"] = one.m, one.q
             if one.motion == Regime.PERIODIC:

@@ -49,7 +49,7 @@ COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
 #: States that agree to this much less than the tolerance are continued and compared once.
 _FINER = 256
 #: The variables of an attractor at a parameter point, with their meanings and units.
-_ATTRACTOR_COLUMNS = {
+ATTRACTOR_COLUMNS = {
     "number": ("number of the attractor", "1"),
     "fraction": ("share of the starts", "1"),
     "motion": ("kind of motion", "1"),
@@ -197,7 +197,7 @@ def attractors(
         number, fraction, motion["regime"], m[:-1], motion["q"], ~followed[shown], x, v,
         index.start[shown],
     )  # fmt: skip
-    data = _by_rank(sweep, index, parameter, dict(zip(_ATTRACTOR_COLUMNS, columns, strict=True)))
+    data = _by_rank(sweep, index, parameter, dict(zip(ATTRACTOR_COLUMNS, columns, strict=True)))
     counted = np.bincount(
         parameter[np.isin(motion["regime"], COUNTED)], minlength=math.prod(index.shape)
     ).reshape(index.shape)
@@ -226,7 +226,7 @@ def _by_rank(
         missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
         grid = np.full((*index.shape, int(rank.max(initial=0)) + 1), missing, values.dtype)
         grid.reshape(-1, grid.shape[-1])[parameter, rank] = values
-        about = description_in(sweep.attrs, *_ATTRACTOR_COLUMNS[name])
+        about = description_in(sweep.attrs, *ATTRACTOR_COLUMNS[name])
         data[name] = (*index.parameters, "coexisting"), grid, about
     data["motion"][2]["flag_values"] = np.array(list(Regime))
     data["motion"][2]["flag_meanings"] = " ".join(regime.word for regime in Regime)

@@ -33,18 +33,6 @@ TABLE_COLUMNS = (
     "kind", "value", "low", "high", "before", "after", "between", "orbit", "source",
     "x", "v", "impact_v", "multiplier_1", "multiplier_2",
 )  # fmt: skip
-#: Columns that only reports read.
-_MORE = ("down", "narrow", "place")
-#: What the list has where no orbit is known, in the columns of `_row_of`.
-_NO_ORBIT = {
-    "x": np.nan,
-    "v": np.nan,
-    "impact_v": "",
-    "multiplier_1": np.nan,
-    "multiplier_2": np.nan,
-}
-#: The way of a bifurcation of a branch, which holds whichever way a line was followed.
-_BOTH = "both"
 
 
 @takes_sweep({})
@@ -155,12 +143,12 @@ def find_bifurcations(
     one_line = {*others} <= {DIRECTION} and data.sizes[along] > 1
     if one_line and along not in START_AXES:
         exact = find(sweep, along, at, report, **chosen)
-        summary, way = exact.attrs["summary"], dict.fromkeys(others, _BOTH)
+        summary, way = exact.attrs["summary"], dict.fromkeys(others, "both")
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
         rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), row["place"]))
     given = [name for name in TABLE_COLUMNS if name != "source"]
-    found = pd.DataFrame(rows, columns=[*others, *given, *_MORE])
+    found = pd.DataFrame(rows, columns=[*others, *given, "down", "narrow", "place"])
     numbers = ("value", "low", "high", "place", "x", "v", "multiplier_1", "multiplier_2")
     found = found.astype({**dict.fromkeys(numbers, float), "between": int})
     found["source"] = np.where(found["value"].notna(), "exact", "bracket")
@@ -193,7 +181,7 @@ def _of_changes(
         for change in changes_of_class(values, classes):
             for part, found in explain(own, phase, parameter, values, change, down):
                 row = here | vars(part) | {"kind": found.kind, "value": found.value}
-                row |= {"orbit": found.orbit} | _NO_ORBIT
+                row |= {"orbit": found.orbit, "impact_v": ""}
                 if (orbit := found.at) is not None:
                     row |= _row_of(orbit.sections(phase)[0], orbit.speeds, orbit.multipliers)
                 rows.append(row)

@@ -135,16 +135,11 @@ def branches_of(
     left_out: dict[str, Counter[tuple[int, int]]] = {}
     for motion, length in _seeds(lines):
         mq = int(motion["m"]), int(motion["q"])
-        reason = ""
-        if mq[0] > LONGEST_ORBIT and mq not in classes:
-            reason = f"of more than {LONGEST_ORBIT} periods"
-        else:
+        reason = f"of more than {LONGEST_ORBIT} periods"
+        if mq[0] <= LONGEST_ORBIT or mq in classes:
             try:
-                reason = (
-                    ""
-                    if found.add(orbit_at(motion, phase))
-                    else f"beyond the first {shown_count(most, 'branch')}"
-                )
+                is_added = found.add(orbit_at(motion, phase))
+                reason = "" if is_added else f"beyond the first {shown_count(most, 'branch')}"
             except OrbitError as error:
                 reason = f"of which {error}"
         if reason and found.is_chosen(*mq):

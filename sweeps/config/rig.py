@@ -22,15 +22,7 @@ from sweeps.config.groups import (
     parameter_field,
     refuse_out_of_bounds,
 )
-from sweeps.config.values import (
-    Axis,
-    ConflictError,
-    Elsewhere,
-    Number,
-    Range,
-    Values,
-    ordered,
-)
+from sweeps.config.values import Axis, ConflictError, Elsewhere, Number, Range, Values, ordered
 from sweeps.text import fewest_digits
 from vibroimpact.oscillator import PARAMETERS, Parameter
 

@@ -8,16 +8,7 @@ from typing import Any
 from urllib.parse import urlencode
 
 from bokeh.layouts import column, row
-from bokeh.models import (
-    Button,
-    Div,
-    LayoutDOM,
-    Model,
-    Select,
-    Slider,
-    TextInput,
-    Toggle,
-)
+from bokeh.models import Button, Div, LayoutDOM, Model, Select, Slider, TextInput, Toggle
 
 from sweeps.config.nomenclature import Nomenclature
 from sweeps.explorer.figures import narrow, symbol
@@ -112,14 +103,8 @@ class Controls:
 
     def _record(self, name: str) -> LayoutDOM:
         """Return the field of a value of the record."""
-        return self._field(
-            RECORD_FIELDS[name],
-            RECORD_FIELDS[name],
-            title=RECORD_FIELDS[name],
-            width=74,
-            margin=(0, 0, 2, 0),
-            description=_RECORD[name],
-        )
+        called, look = RECORD_FIELDS[name], {"width": 74, "margin": (0, 0, 2, 0)}
+        return self._field(called, called, title=called, description=_RECORD[name], **look)
 
     def _field(self, name: str, called: str, **look: Any) -> TextInput:
         """Return a field for a number in the view, which is called so in an address."""

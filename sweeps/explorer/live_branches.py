@@ -74,10 +74,8 @@ class Branches:
             sweep = config.sweep
             check_axis(view.axis, sweep.grid.axes[view.axis], "it")
             line = motions_from(sweep.spec, sweep.grid.points(), numbers(config))
-            self._found = (
-                config,
-                branches_of([line], view.axis, config.record.phase, lambda share: check()),
-            )
+            phase = config.record.phase
+            self._found = config, branches_of([line], view.axis, phase, lambda share: check())
         parts = _nothing()
         for name, x, y, _, orbit in parts_of(self._found[1], view.ordinate):
             columns, x = parts[name], config.nomenclature.value(view.axis, x)

@@ -269,11 +269,9 @@ class LivePage:
         home = self.home
         if view.tab == BASINS_TAB:
             return replace(view, x0lim=home.x0lim, v0lim=home.v0lim).moved(**view.values)
-        xlim = (
-            home.xlim
-            if view.axis == home.axis
-            else view.around(view.axis, (view.across, view.maplim))
-        )
+        xlim = home.xlim
+        if view.axis != home.axis:
+            xlim = view.around(view.axis, (view.across, view.maplim))
         if view.tab == DIAGRAM_TAB:
             return replace(view, xlim=xlim, ylim=None)
         unchanged = (view.axis, view.across) == (home.axis, home.across)

@@ -149,23 +149,17 @@ def comparison_report(
     found = list(differences(one, other, rtol))
     lines = [_line(OpenedSweep(one), each) for each in found if each.values]
     for data, without, name in ((one, other, names[0]), (other, one, names[1])):
-        lines += [f"{variable}: only in {name}" for variable in sorted({*data} - {*without})]
-        lines += [
-            f"{variable}: only in {name}" for variable in sorted({*data.coords} - {*without.coords})
-        ]
-    if (
-        _SAMPLE in one.dims
-        and _SAMPLE in other.dims
-        and (a := one.sizes[_SAMPLE]) != (b := other.sizes[_SAMPLE])
-    ):
-        lines.append(f"the longest trajectory has {a:,} and {b:,} samples")
+        missing = sorted({*data} - {*without}) + sorted({*data.coords} - {*without.coords})
+        lines += [f"{variable}: only in {name}" for variable in missing]
+    widths = [data.sizes.get(_SAMPLE) for data in (one, other)]
+    if None not in widths and widths[0] != widths[1]:
+        lines.append("the longest trajectory has {:,} and {:,} samples".format(*widths))
     pair = f"{names[0]} and {names[1]}"
     if lines:
         more = f" by more than {rtol:g} of a value" if rtol else ""
         return "\n".join([*lines, f"{pair} differ{more}"]), True
     within = f" to {rtol:g} of each value" if rtol else ""
-    count = f"{len(found)} variables"
-    return f"{pair} are equal{within}: {count} and coordinates", False
+    return f"{pair} are equal{within}: {len(found)} variables and coordinates", False
 
 
 def _line(data: OpenedSweep, found: Difference) -> str:

@@ -28,10 +28,7 @@ from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbi
 from vibroimpact.oscillator import POINT, Oscillator
 from vibroimpact.points.computation import compute_points
 from vibroimpact.points.destinations import classified_later
-from vibroimpact.points.regimes import (
-    regimes_of,
-    repetitions,
-)
+from vibroimpact.points.regimes import regimes_of, repetitions
 from vibroimpact.points.run_spec import RunSpec
 
 #: Cycles closer than this, relative to their greatest coordinate, are the same motion.

@@ -26,12 +26,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.labels import (
-    CLASSES_TITLE,
-    as_variable,
-    basins_title,
-    equation,
-)
+from sweeps.plotting.labels import CLASSES_TITLE, as_variable, basins_title, equation
 from sweeps.plotting.looks import Cells, Looks
 from sweeps.plotting.maps import draw_cells, name_and_bound
 from sweeps.plotting.page import PAGE, Page, styled
@@ -259,9 +254,7 @@ def names_of(
     names = list[tuple[str, str]]()
     for own in series:
         place = ""
-        shared = [row for row in own if counts[row.name] > 1]
-        if shared:
-            row = shared[0]
+        if row := next((row for row in own if counts[row.name] > 1), None):
             state = zip(("x0", "v0"), ("x", "v"), row.states[0], strict=True)
             parts = [
                 equation(symbol, as_variable(name, config.nomenclature), float(f"{value:.3g}"))

@@ -24,13 +24,7 @@ from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.basin_pictures import attractors_in, names_of
 from sweeps.plotting.contents import choose_coordinate, refuse_empty, refuse_without_result
-from sweeps.plotting.labels import (
-    CLASSES_TITLE,
-    as_variable,
-    followed,
-    label_axis,
-    record_text,
-)
+from sweeps.plotting.labels import CLASSES_TITLE, as_variable, followed, label_axis, record_text
 from sweeps.plotting.looks import Looks
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
@@ -38,9 +32,6 @@ from sweeps.plotting.style import PARTIAL, Look
 from sweeps.store import DIRECTION
 from sweeps.text import choice_of, listed, shown_count
 from vibroimpact.points.regimes import NO_CLASS, Regime
-
-#: Size of a marker in the legend [pt].
-_MARK = 4.0
 
 
 @functools.partial(styled, marks=True)
@@ -106,7 +97,8 @@ def attractor_diagram(
     record = record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, legend_title=title, record=record)
     if page.grey:
-        _mark_series(panel, series)
+        for _, look, points in series:
+            canvas.mark_some(panel, points, look.marker, look.ink)
         named = [one for one in series if one.rows[0].regime is Regime.PERIODIC]
         name_lines(panel, [(classes_text(one.rows), one.points) for one in named])
     return figure
@@ -127,12 +119,6 @@ class _Series(NamedTuple):
     rows: list[AttractorRow]
     look: Look
     points: np.ndarray
-
-
-def _mark_series(panel: Axes, series: Sequence[_Series]) -> None:
-    """Mark some points of each series, about evenly in the finished panel, with its marker."""
-    for _, look, points in series:
-        canvas.mark_some(panel, points, look.marker, look.ink)
 
 
 def _draw_rows(
@@ -172,7 +158,7 @@ def _draw_rows(
         points.set(markersize=size, markeredgewidth=0, zorder=zorder)
         label = name if own else "other periodic attractors"
         (handle,) = panel.plot([], [], look.marker, color=look.ink, label=label)
-        handle.set(markersize=_MARK, markeredgewidth=0)
+        handle.set(markersize=4.0, markeredgewidth=0)
         if own and first.regime not in NO_CLASS:
             marked.append(_Series([table[i] for i in places], look, np.stack([x, y], axis=1)))
     return marked

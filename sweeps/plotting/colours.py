@@ -17,12 +17,7 @@ from matplotlib.lines import Line2D
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.contents import (
-    MEAN_FORCE,
-    Wanted,
-    number_at,
-    refuse_without_result,
-)
+from sweeps.plotting.contents import MEAN_FORCE, Wanted, number_at, refuse_without_result
 from sweeps.plotting.directions import colours_directions, direction_names, with_colour
 from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
 from sweeps.plotting.looks import Cells, period_cells
@@ -198,7 +193,9 @@ def _paint(cut: OpenedSweep, name: str, dots: bool, grey: bool) -> Paint:
     if dots and name in cut.data.dims and 1 < cut.sizes[name] <= _MOST_NAMED:
         cells = _cells_of_few(cut[name], variable, has_value, None if grey else ramp)
         return Paint(variable, cells, nothing, Normalize(), ramp)
-    pale, *_ = looks = GREY_SPECIAL if grey else _special_looks(PALE if dots else WHITE)
+    # The looks of the value 0, of rest, of its exponent, and of no value.
+    plain = tuple(map(Look.plain, (PALE if dots else WHITE, REST_COLOUR, "#F0E442", NO_VALUE)))
+    pale, *_ = looks = GREY_SPECIAL if grey else plain
     cells = _special_cells(cut, name, values, has_value, looks)
     for cell in cells:
         has_value &= ~cell.where
@@ -293,11 +290,6 @@ def _special_cells(
     none = result & ~np.isfinite(values) & ~zero & ~rests & ~infinite
     words = (_ZERO.get(name, ""), Regime.REST.word, r"rest, $\lambda_1 = -\infty$", "no value")
     return list(map(Cells, words, looks, (zero, rests, infinite, none)))
-
-
-def _special_looks(pale: str) -> tuple[Look, ...]:
-    """Return the looks of the value 0, of rest, of its exponent, and of no value."""
-    return tuple(map(Look.plain, (pale, REST_COLOUR, "#F0E442", NO_VALUE)))
 
 
 def _scale(name: str, values: np.ndarray, rounding: float) -> Normalize:

@@ -126,7 +126,9 @@ def bifurcation(
     canvas.widen_if_constant(panel.set_ylim, low, high)
     page.fit_ordinate(panel, *drawn.ranges_within(page.xlim))
     page.set_limits(panel)
-    drawn.draw_below(lower, names, page)
+    for below_it, name in zip(lower, names, strict=True):
+        drawn.draw_scalar(below_it, name)
+        page.fit_ordinate(below_it)
     if shown is not None:
         drawn.mark_cells(panel, shown)
     panels = zip([panel, *lower], [coordinate, *names], strict=True)
@@ -315,13 +317,7 @@ class _Drawn(NamedTuple):
         ways = [way.isel({self.axis: seen}) for way in self.ways]
         return [value_range(ways, self.coordinate)]
 
-    def draw_below(self, panels: Sequence[Axes], names: Sequence[str], page: Page) -> None:
-        """Draw a scalar in each panel below the diagram; only the last one labels the axis."""
-        for panel, name in zip(panels, names, strict=True):
-            self._draw_scalar(panel, name)
-            page.fit_ordinate(panel)
-
-    def _draw_scalar(self, panel: Axes, name: str) -> None:
+    def draw_scalar(self, panel: Axes, name: str) -> None:
         """Draw a scalar, or both Lyapunov exponents, over the axis."""
         columns = [
             np.asarray(way[name].values, float).reshape(len(self.values), -1) for way in self.ways

@@ -47,11 +47,6 @@ def look_of_regime(regime: Regime, grey: bool = False) -> Look:
     return look.on_ground()
 
 
-def look_of_rest(m: int, grey: bool = False) -> Look:
-    """Return the look of motions with rest that repeat after m periods; 0: not known to repeat."""
-    return look_of_regime(Regime.REST, grey)._replace(hatch=RESTS.get(m, OTHER_RESTS))
-
-
 class Cells(NamedTuple):
     """The points of a picture with the same look."""
 
@@ -113,14 +108,14 @@ def period_cells(
 
 def _rest_cells(rest: np.ndarray, m: np.ndarray, grey: bool, hatched: bool) -> list[Cells]:
     """Return the points with `rest`, those of each period of ``RESTS`` apart if `hatched`."""
+    look = look_of_regime(Regime.REST, grey)
     if not hatched:
-        look = look_of_regime(Regime.REST, grey)
         return [Cells(rest_of(np.unique(m[rest]).tolist()), look, rest)]
     others = rest & ~np.isin(m, [*RESTS])
-    groups = [*((periods, rest & (m == periods)) for periods in RESTS), (-1, others)]
+    groups = [*((hatch, rest & (m == n)) for n, hatch in RESTS.items()), (OTHER_RESTS, others)]
     return [
-        Cells(rest_of(np.unique(m[where]).tolist()), look_of_rest(periods, grey), where)
-        for periods, where in groups
+        Cells(rest_of(np.unique(m[where]).tolist()), look._replace(hatch=hatch), where)
+        for hatch, where in groups
     ]
 
 

@@ -234,9 +234,8 @@ def trajectory(
     if shown is not None:
         shown.add_bar(panels)
         handles, title = [*shown.handles(curves=True), *handles], shown.title
-    return canvas.finish(
-        over_time, page, drawn, handles, title, _text_of_motions(motions, time, found)
-    )
+    record = _text_of_motions(motions, time, found)
+    return canvas.finish(over_time, page, drawn, handles, title, record)
 
 
 def _motion_at(
