@@ -26,7 +26,6 @@ from sweeps.store.replacing import reason
 from sweeps.store.variables import (
     COLUMN_NAMES,
     DIRECTION,
-    DIRECTION_MEANING,
     FLAGS,
     RECORDS,
     VARIABLES,
@@ -42,7 +41,7 @@ _COORDINATES = "coordinates"
 #: Dataset of the blocks; only the schema of an incomplete sweep has it.
 _BLOCKS = "blocks"
 #: What a dimension means that is no parameter.
-_MEANINGS = {**RECORDS, TABLE: "row of the table", DIRECTION: DIRECTION_MEANING}
+_MEANINGS = {**RECORDS, TABLE: "row of the table", DIRECTION: "way in which the axis was followed"}
 #: Most values in one chunk of a variable.
 _CHUNK_VALUES = 1 << 17
 

@@ -133,9 +133,8 @@ TRAJECTORIES = tuple(name for name, one in VARIABLES.items() if one.dimension ==
 #: The variables whose numbers stand for words, and these words.
 FLAGS: Mapping[str, type[Evidence] | type[Status]] = {"class_evidence": Evidence, "status": Status}
 
-#: The first dimension of a sweep followed up and down, and its meaning.
+#: The first dimension of a sweep followed up and down.
 DIRECTION = "direction"
-DIRECTION_MEANING = "way in which the axis was followed"
 
 #: Attribute of a sweep over a table: the names of its columns.
 COLUMN_NAMES = "columns"

@@ -51,10 +51,9 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     >>> ds["period"].values
     array([1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2])
     """
-    from vibroimpact.inputs import FLAG, PATH
+    from vibroimpact.inputs import PATH
 
     PATH.checked("path", path, Refused)
-    FLAG.checked("verify", verify, Refused)
     return xr.open_dataset(path, engine=SweepEngine, verify=verify)
 
 
