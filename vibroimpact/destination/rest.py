@@ -20,6 +20,8 @@ from vibroimpact.step.stepper import prepare, take_exact_grid_step, take_grid_st
 
 #: The motions beside another have a p that differs by this share: some ten times its rounding.
 _BESIDE = 2.0**-48
+#: Most periods in which rounding has never been seen to grow enough to decide a rest.
+_SURE = 12
 #: Rests are about as long as each other if they differ by less than this share.
 _ALIKE = 0.5
 
@@ -70,8 +72,8 @@ def rests_alike(pt, scheme, m, memory, exactly):
 
 @jit
 def rests_alike_exactly(pt, scheme, m, memory):
-    """Do what ``rests_alike`` does, with the rule ``exact``."""
-    return rests_alike(pt, scheme, m, memory, True)
+    """Do what ``rests_alike`` does, with the rule ``exact``, where m is not small."""
+    return m <= _SURE or rests_alike(pt, scheme, m, memory, True)
 
 
 @jit
