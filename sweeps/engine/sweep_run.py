@@ -14,9 +14,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.cluster import ClusterComputer, is_client
-from sweeps.engine.compiling import preparing
 from sweeps.engine.estimate import expected_cost
 from sweeps.engine.executors import Computer, LocalComputer
+from sweeps.engine.second_process import preparing
 from sweeps.errors import Refused
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check

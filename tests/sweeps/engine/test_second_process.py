@@ -13,7 +13,7 @@ import psutil
 import pytest
 from rich.console import Console
 
-from sweeps.engine import compiling
+from sweeps.engine import second_process
 from vibroimpact.jit import COMPILING
 from vibroimpact.jit.cache import tell
 from vibroimpact.kernel.integrate import Length, run_points
@@ -28,15 +28,15 @@ WAITING = "waiting for another process, which compiles the same"
 def started(monkeypatch):
     """Count the processes that would be started."""
     started = []
-    monkeypatch.setattr(compiling, "compile_beside", lambda: started.append(1))
-    monkeypatch.setattr(compiling, "ALL_THREADS", 2)
+    monkeypatch.setattr(second_process, "compile_beside", lambda: started.append(1))
+    monkeypatch.setattr(second_process, "ALL_THREADS", 2)
     return started
 
 
 def prepared(told, *, terminal=False, cores=None, classes=True):
     """Return what is written while a compilation tells these texts."""
     stream = io.StringIO()
-    with compiling.preparing(Console(file=stream, force_terminal=terminal), cores, classes):
+    with second_process.preparing(Console(file=stream, force_terminal=terminal), cores, classes):
         for text in told:
             tell(text)
     return stream.getvalue()
@@ -67,10 +67,10 @@ def test_without_memory_python_or_a_process_nothing_else_is_started(monkeypatch,
         raise OSError("no more processes")
 
     monkeypatch.setattr(subprocess, "Popen", start)
-    monkeypatch.setattr(compiling, "available_memory", lambda: 2**29 - (lack == "memory"))
+    monkeypatch.setattr(second_process, "available_memory", lambda: 2**29 - (lack == "memory"))
     if lack == "python":
         monkeypatch.setattr(sys, "executable", "/opt/program")
-    compiling.compile_beside()
+    second_process.compile_beside()
     for thread in threading.enumerate():
         if thread.daemon and thread.name.endswith("(run)"):
             thread.join()
@@ -102,15 +102,15 @@ def test_a_run_without_classes_and_exponents_compiles_nothing_of_them():
 
 PARENT = """
 import subprocess, sys, time
-from sweeps.engine import compiling
+from sweeps.engine import second_process
 popen = subprocess.Popen
 def start(*arguments, **options):
     process = popen(*arguments, **options)
     print(process.pid, flush=True)
     return process
 subprocess.Popen = start
-compiling.available_memory = lambda: 2**40
-compiling.compile_beside()
+second_process.available_memory = lambda: 2**40
+second_process.compile_beside()
 time.sleep(600)
 """
 
