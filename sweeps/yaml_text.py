@@ -55,6 +55,7 @@ def yaml_mapping(text: object, origin: str) -> dict[str, Any]:
 
 
 def _read(function: Callable[..., Any], text: str, origin: str) -> Any:
+    """Read a text with a function of PyYAML; raise ConfigError for what it refuses."""
     try:
         return function(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
