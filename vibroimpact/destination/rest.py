@@ -66,6 +66,8 @@ def rests_alike(pt, scheme, m, memory, exactly):
     for share in (-_BESIDE, _BESIDE):
         beside.p = pt.p * (1.0 + share)
         length = rest_after(beside, scheme, m, memory.scratch, exactly)
+        if length == 0.0:
+            return False
         shortest, longest = min(shortest, length), max(longest, length)
     return longest - shortest < _ALIKE * shortest
 

@@ -19,7 +19,7 @@ from vibroimpact.step.propagator import (
 )
 from vibroimpact.step.scheme import SIN, THETA, PhaseGrid
 from vibroimpact.step.stepper import take_exact_grid_step
-from vibroimpact.step.variational import carry_tangent
+from vibroimpact.step.variational import carry_tangent, propagate_tangent
 
 #: Rows of the memory for the states at the sections of a motion.
 MOST_SECTIONS = 64
@@ -77,8 +77,11 @@ def follow(flow, y, w, periods, carrying):
                 if events[j, KIND] != IMPACT:
                     return Passage(y, w, (of_y, of_w), impacts, False)
                 impacts += 1
-            if carrying:
-                prepared, theta = (flow.eq, flow.propagators[0]), grid.table[THETA, n]
+            M = flow.propagators[0]
+            if carrying and n_events == 0:  # what `carry_tangent` does, without two calls
+                of_y, of_w = propagate_tangent(M, of_y), propagate_tangent(M, of_w)
+            elif carrying:
+                prepared, theta = (flow.eq, M), grid.table[THETA, n]
                 of_y = carry_tangent(
                     prepared, of_y, events, n_events, 0.0, theta, grid.phase_step, flow.pt.omega
                 )
