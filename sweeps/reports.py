@@ -233,11 +233,7 @@ def contents(dataset: xr.Dataset) -> str:
     rows = [
         ("name", str(attributes.pop("name"))),
         ("points", outcomes(dataset, impact)),
-        *zip(
-            chain(["classes"], repeat("")),
-            destinations_text(*_motions(dataset)),
-            strict=False,
-        ),
+        *zip(chain(["classes"], repeat("")), destinations_text(*_motions(dataset)), strict=False),
         *(
             ("axis", shown_axis(str(axis), dataset[axis].values, _unit(dataset, str(axis))))
             for axis in dataset["status"].dims

@@ -74,9 +74,7 @@ class Knock(NamedTuple):
 
 @takes_sweep({})
 def knocks(
-    starts: OpenedSweep,
-    found: xr.Dataset | None = None,
-    numbers: Collection[int] | None = None,
+    starts: OpenedSweep, found: xr.Dataset | None = None, numbers: Collection[int] | None = None
 ) -> xr.Dataset:
     """Find the least knock that takes each periodic motion at a parameter point to another one.
 

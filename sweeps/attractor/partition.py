@@ -212,10 +212,7 @@ def attractors(
 
 
 def _by_rank(
-    sweep: OpenedSweep,
-    index: GridIndex,
-    parameter: np.ndarray,
-    columns: Mapping[str, np.ndarray],
+    sweep: OpenedSweep, index: GridIndex, parameter: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> dict[str, Any]:
     """Return variables of attractors by parameter point and rank, the most frequent first."""
     order = np.lexsort((columns["number"], -columns["fraction"], parameter))
@@ -234,10 +231,7 @@ def _by_rank(
 
 
 def attractors_of(
-    motions: np.ndarray,
-    parameter: np.ndarray,
-    spec: RunSpec,
-    tolerance: float = ORBIT_TOLERANCE,
+    motions: np.ndarray, parameter: np.ndarray, spec: RunSpec, tolerance: float = ORBIT_TOLERANCE
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a motion on each attractor, and the attractor of each motion, -1 for none.
 

@@ -74,12 +74,7 @@ class Plan:
 
 
 FULL = Plan()
-QUICK = Plan(
-    ladder=(25, 100, 400, 1600),
-    rounds=2,
-    tolerances=(1e-3, 1e-9),
-    thinning=32,
-)
+QUICK = Plan(ladder=(25, 100, 400, 1600), rounds=2, tolerances=(1e-3, 1e-9), thinning=32)
 
 
 def plan_for_sweep(config: SweepConfig, plan: Plan) -> Plan:

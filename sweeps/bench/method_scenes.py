@@ -321,10 +321,7 @@ class Peer:
         """
         points = with_one_force(scene.points)
         first = integrate(
-            points,
-            steps_per_period=2 * least_steps(EXACT_METHOD, points),
-            transient=0,
-            periods=1,
+            points, steps_per_period=2 * least_steps(EXACT_METHOD, points), transient=0, periods=1
         )
         begin = 2.0 * math.pi / points["omega"]
         end = (scene.phase + 2.0 * math.pi * scene.periods) / points["omega"]

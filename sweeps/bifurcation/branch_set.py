@@ -151,11 +151,7 @@ _CHECKS = 2
 
 
 def with_short_chords(
-    found: Branch,
-    low: float,
-    high: float,
-    drawn: Callable[[Orbits], np.ndarray],
-    tolerance: float,
+    found: Branch, low: float, high: float, drawn: Callable[[Orbits], np.ndarray], tolerance: float
 ) -> Branch:
     """Return a branch with enough points that its plotted curve stays close to their chords.
 

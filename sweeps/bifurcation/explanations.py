@@ -85,12 +85,7 @@ class Explanation(NamedTuple):
 
 
 def explain(
-    motions: np.ndarray,
-    phase: float,
-    axis: str,
-    values: np.ndarray,
-    change: Change,
-    down: bool,
+    motions: np.ndarray, phase: float, axis: str, values: np.ndarray, change: Change, down: bool
 ) -> list[tuple[Change, Explanation]]:
     """Return a change with its explanation.
 

@@ -48,9 +48,7 @@ def accuracy_speed(
     threads: Annotated[
         int,
         typer.Option(
-            metavar="N",
-            parser=read_threads,
-            help="Threads of the kernel; other solvers use one.",
+            metavar="N", parser=read_threads, help="Threads of the kernel; other solvers use one."
         ),
     ] = 1,
 ) -> None:
@@ -135,11 +133,7 @@ FailBelow = Annotated[
 ]
 
 
-def speed(
-    quick: Quick = False,
-    json: JsonFile = None,
-    fail_below: FailBelow = None,
-) -> None:
+def speed(quick: Quick = False, json: JsonFile = None, fail_below: FailBelow = None) -> None:
     """Show the forcing periods per second of this machine, and the share of its peak."""
     from sweeps.bench import speed
     from sweeps.opened.tables import json_text

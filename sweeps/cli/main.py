@@ -67,9 +67,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 measurements = typer.Typer(
-    cls=Commands,
-    rich_markup_mode=None,
-    help="Measure the methods: accuracy, speed and stability.",
+    cls=Commands, rich_markup_mode=None, help="Measure the methods: accuracy, speed and stability."
 )
 app.add_typer(measurements, name="bench")
 
@@ -199,10 +197,4 @@ _add(
     cli_read.export_command,
     schema_command,
 )
-_add(
-    measurements,
-    cli_bench.accuracy_speed,
-    cli_bench.stability,
-    cli_bench.paper,
-    cli_bench.speed,
-)
+_add(measurements, cli_bench.accuracy_speed, cli_bench.stability, cli_bench.paper, cli_bench.speed)

@@ -157,11 +157,7 @@ OrdinateLabel = Annotated[
     str | None, typer.Option(metavar="TEXT", help="Label of the ordinate, likewise.")
 ]
 Grey = Annotated[
-    bool,
-    typer.Option(
-        "--grey",
-        help="Draw for print in greys, hatches, markers and dashes.",
-    ),
+    bool, typer.Option("--grey", help="Draw for print in greys, hatches, markers and dashes.")
 ]
 NoLegend = Annotated[bool, typer.Option("--no-legend", help="Leave out the legend.")]
 NoMarks = Annotated[

@@ -109,8 +109,7 @@ def info_command(
     most: MostBranches = None,
     csv: Csv = None,
     config: Annotated[
-        bool,
-        typer.Option("--config", help="Print only the configuration, as YAML to run again."),
+        bool, typer.Option("--config", help="Print only the configuration, as YAML to run again.")
     ] = False,
     json: Json = False,
 ) -> None:
@@ -238,10 +237,7 @@ TableFile = Annotated[
 
 
 def export_command(
-    file: SweepFile,
-    output: TableFile,
-    rows: RowsOption = "points",
-    at: At = None,
+    file: SweepFile, output: TableFile, rows: RowsOption = "points", at: At = None
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
     from sweeps.opened.coordinates import impacts_left_out

@@ -256,8 +256,7 @@ class RecordConfig(Group):
         | Annotated[TrajectoryConfig, Tag("<mapping>")],
         Discriminator(form),
     ] = Field(
-        False,
-        description="samples of the motion: false, or {every: k} to keep each k-th time step",
+        False, description="samples of the motion: false, or {every: k} to keep each k-th time step"
     )
     diagnostics: tuple[
         Annotated[str, known_word(DIAGNOSTICS), Field(json_schema_extra={"enum": [*DIAGNOSTICS]})],
@@ -295,9 +294,7 @@ class FollowConfig(Group):
         json_schema_extra={"enum": [*OscillatorConfig.model_fields]},
     )
     direction: Annotated[str, known_word(DIRECTIONS)] = choice(
-        "values of the axis increasing (up), decreasing (down), or once each way",
-        DIRECTIONS,
-        "up",
+        "values of the axis increasing (up), decreasing (down), or once each way", DIRECTIONS, "up"
     )
 
     @property

@@ -78,8 +78,7 @@ class SweepConfig(Group):
         "parameters, with a rig also like its keys, and further ones are kept",
     )
     rig: Annotated[RigConfig | None, BeforeValidator(null)] = Field(
-        None,
-        description=f"a rig in SI units, in place of the oscillator: {key_list(RigConfig)}",
+        None, description=f"a rig in SI units, in place of the oscillator: {key_list(RigConfig)}"
     )
     oscillator: OscillatorConfig = Field(
         description=f"parameters of eq. (1): {key_list(OscillatorConfig)}"

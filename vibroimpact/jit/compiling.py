@@ -46,11 +46,7 @@ _BORROWING = (
     "vibroimpact.step.",
 )
 #: These modules of theirs create arrays, so they count.
-_CREATING = {
-    "vibroimpact.step.contact",
-    "vibroimpact.step.recorder",
-    "vibroimpact.step.stepper",
-}
+_CREATING = {"vibroimpact.step.contact", "vibroimpact.step.recorder", "vibroimpact.step.stepper"}
 
 
 def jit(function: Callable) -> Any:
