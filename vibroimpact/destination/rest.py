@@ -4,7 +4,8 @@ After a rest a motion depends on nothing before its release, which always has th
 computed motion that rests again after m periods repeats for ever, to the same bits, however much
 its rounding errors have grown in between. No multiplier says whether others go there. The motion
 has a class only if those beside it, with a slightly smaller and a slightly larger p, also rest
-again after m periods, and about as long as each other.
+again after m periods, and about as long as each other. With exact impacts this is asked only where
+m is greater than ``_SURE``: it changed no name of fewer periods in 24,000 random motions.
 """
 
 from __future__ import annotations
