@@ -1,22 +1,291 @@
-"""The exact curves over a map as a Dataset, and a summary: the borders of its tongues."""
+"""The exact curves over a map, the borders of its tongues: their search and their Dataset.
+
+From the middle of each large region of a class its orbit is followed along both axes until it first
+flips, folds or grazes, and these bifurcations are followed in both parameters
+(`vibroimpact.orbits.curves`). Then every change between two periodic classes is a seed: the orbit
+on one side is followed to the other side. Beside a flip motions settle slowly, so a few cells
+without a class may lie between the two. A change counts as explained if a curve of one of its
+classes passes within one cell of it. For every other change a reason is given.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from sweeps.bifurcation.curve_search import CurveSearch
 from sweeps.bifurcation.exact_branches import check_axis, with_special_points
 from sweeps.errors import Refused
 from sweeps.opened.doors import takes_sweep
+from sweeps.opened.motions import leads_to, orbit_of_motion
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.text import choice_of, listed, near_miss, shown_count, suggestion
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.continuation import lost_text
-from vibroimpact.orbits.curves import CURVE_KINDS
+from vibroimpact.orbits.curves import CURVE_KINDS, bifurcation_curve
+from vibroimpact.orbits.periodic import OrbitError
+from vibroimpact.orbits.special_points import SpecialPoint
+from vibroimpact.points.regimes import Regime
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+#: Most steps from one side of a change to the other: a share of the axis, but at least a few cells.
+WIDEST_GAP, FEW = 0.05, 3.0
+#: Least share of the map that a large region covers.
+LARGE = 0.01
+#: Most curves that are followed.
+MOST_CURVES = 400
+#: Distances in cells: how far beyond a change its bifurcation is sought, and how near to a curve of
+#: its kind a bifurcation counts as on the curve.
+_CELLS, _ON = 0.5, 0.2
+
+
+def cells_of_change(classes: np.ndarray, regimes: np.ndarray) -> np.ndarray:
+    """Return the two cells of every change along a row or a column, shape (changes, 2, 2).
+
+    `classes` are m and q of each cell, 0 if it is not periodic. The cells between the two have no
+    class, or are chaotic: a known rest or a motion without bound ends the search.
+    """
+    known = np.argwhere(np.isin(regimes, [Regime.PERIODIC, Regime.REST, Regime.UNBOUNDED]))
+    found = [np.empty((0, 2, 2), int)]
+    for axis in (0, 1):
+        widest = max(FEW, WIDEST_GAP * regimes.shape[axis])
+        cells = known[np.lexsort((known[:, axis], known[:, 1 - axis]))]
+        pairs = np.stack([cells[:-1], cells[1:]], axis=1)
+        steps = pairs[:, 1] - pairs[:, 0]
+        before, after = classes[*pairs[:, 0].T], classes[*pairs[:, 1].T]
+        is_change = (before != after).any(axis=1) & (before[:, 0] > 0) & (after[:, 0] > 0)
+        found.append(pairs[is_change & (steps[:, 1 - axis] == 0) & (steps[:, axis] <= widest)])
+    return np.concatenate(found)
+
+
+def steps_between(changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the middles of all steps from cell to cell of changes, and whose steps they are."""
+    first, last = changes.transpose(1, 0, 2)
+    counts = (last - first).max(axis=1)
+    owners = np.repeat(np.arange(len(changes)), counts)
+    before = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (before + 0.5) / counts[owners]
+    return owners, first[owners] + share[:, None] * (last - first)[owners]
+
+
+def middles_of_regions(classes: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
+    """Yield the middle of every large region of a class where it is widest, for each axis.
+
+    If all regions of a class are small but cover much of the map together, the largest counts.
+    """
+    from scipy.ndimage import label
+
+    flat = classes.reshape(-1, 2)
+    names, counts = np.unique(flat[flat[:, 0] > 0], axis=0, return_counts=True)
+    for name in names[counts >= LARGE * len(flat)]:
+        regions, _ = label((classes == name).all(axis=2))
+        sizes = np.bincount(regions.ravel())[1:]
+        for number in np.flatnonzero(sizes >= min(LARGE * len(flat), sizes.max())) + 1:
+            inside = regions == number
+            for axis in (0, 1):
+                widest = int(np.argmax(inside.sum(axis=axis)))
+                within = np.flatnonzero(inside.take(widest, axis=1 - axis))
+                middle = int(within[len(within) // 2])
+                yield np.array([middle, widest] if axis == 0 else [widest, middle]), axis
+
+
+def separated(kind: str, m: int, q: int) -> set[tuple[int, int]]:
+    """Return the classes beside a curve of a kind and of a class m/q."""
+    if kind == "flip":
+        return {(m, q), (2 * m, 2 * q)}
+    if kind == "graze":
+        return {(m, q), (1, 0) if q == 1 else (m, q - 1)}
+    return {(m, q)}
+
+
+class _UnaskedError(OrbitError):
+    """There is a bifurcation, of a class or kind that was not asked for."""
+
+
+class CurveSearch:
+    """The search for the curves of one map, of the `chosen` classes, if any, and `kinds`.
+
+    `motions`, of dtype ``MOTION``, are at the `values` of two `axes`, parameters of the model, and
+    `phase` is that of their section.
+    """
+
+    def __init__(
+        self,
+        motions: np.ndarray,
+        axes: Sequence[str],
+        values: Sequence[np.ndarray],
+        phase: float,
+        chosen: Collection[tuple[int, int]],
+        kinds: Collection[str],
+    ) -> None:
+        self._motions, self._axes, self._values, self._phase = motions, axes, values, phase
+        self._chosen, self._kinds = chosen, kinds
+        periodic = motions["regime"] == Regime.PERIODIC
+        self._classes = np.stack([np.where(periodic, motions[one], 0) for one in "mq"], axis=2)
+        self._cells = cells_of_change(self._classes, self._motions["regime"])
+        sides = (self._classes[i, j].tolist() for i, j in self._cells.transpose(1, 2, 0))
+        #: The two classes of each change, and which changes have a curve.
+        self.names = [tuple(sorted(map(tuple, pair))) for pair in zip(*sides, strict=True)]
+        self.explained = np.zeros(len(self._cells), bool)
+        self._lines: list[tuple[Branch, cKDTree]] = []
+        of_chosen = [any(mq in chosen for mq in pair) or not chosen for pair in self.names]
+        #: The changes that are counted, and from which curves are sought.
+        self.counted = np.array(of_chosen, bool)
+
+    def _is_asked(self, kind: str, mq: tuple[int, int]) -> bool:
+        """Whether a curve of a kind and of a class is asked for."""
+        return kind in self._kinds and (not self._chosen or mq in self._chosen)
+
+    def _may_border(self, mq: tuple[int, int]) -> bool:
+        """Whether a curve that is asked for may border a region of a class."""
+        return any(
+            not self._chosen or any(mq in separated(kind, *own) for own in self._chosen)
+            for kind in self._kinds
+        )
+
+    @property
+    def curves(self) -> list[Branch]:
+        """The curves found."""
+        return [curve for curve, _ in self._lines]
+
+    def run(self, report: Callable[[float], object]) -> dict[int, str]:
+        """Search from the large tongues, and then from every change that no curve explains yet.
+
+        Returns the reason for each change from which no curve was found.
+        """
+        for cell, axis in middles_of_regions(self._classes):
+            if not self._may_border(tuple(self._classes[*cell].tolist())):
+                continue
+            report(self._share(()))
+            for point in self._borders(cell, axis):
+                if not self._is_on_curve(point, axis, cell):
+                    with suppress(OrbitError):  # the search from its changes reports the reason
+                        self._follow(point)
+        reasons: dict[int, str] = {}
+        while (chosen := self._next(reasons)) is not None:
+            report(self._share(reasons))
+            try:
+                self._follow(self._bifurcation(self._cells[chosen]))
+                reasons[chosen] = "the curve found there is of other classes"
+            except _UnaskedError as error:
+                pair = self.names[chosen]  # its other changes are likely to be of the same kind
+                reasons |= {i: str(error) for i, name in enumerate(self.names) if name == pair}
+            except OrbitError as error:
+                reasons[chosen] = str(error)
+        return reasons
+
+    def _share(self, reasons: Collection[int]) -> float:
+        """Return the share of the counted changes that have a curve or a reason."""
+        done = self.explained.copy()
+        done[[*reasons]] = True
+        return int((self.counted & done).sum()) / max(1, int(self.counted.sum()))
+
+    def _borders(self, cell: np.ndarray, axis: int) -> Iterator[SpecialPoint]:
+        """Yield the bifurcations to which the orbit of a cell leads on both sides."""
+        values = self._values[axis]
+        for end in values[[0, -1]]:
+            if end == values[cell[axis]]:
+                continue
+            try:
+                point = self._leads_to(cell, axis, end)
+            except OrbitError:
+                continue
+            if self._is_asked(point.kind, (point.orbit.m, point.orbit.q)):
+                yield point
+
+    def _is_on_curve(self, point: SpecialPoint, axis: int, cell: np.ndarray) -> bool:
+        """Whether a bifurcation on the line through a cell lies on a curve found before."""
+        at = cell.astype(float)
+        at[axis] = np.interp(point.value, self._values[axis], np.arange(len(self._values[axis])))
+        return any(
+            (curve.kind, curve.m, curve.q) == (point.kind, point.orbit.m, point.orbit.q)
+            and line.query(at, p=np.inf)[0] < _ON
+            for curve, line in self._lines
+        )
+
+    def _next(self, reasons: Container[int]) -> int | None:
+        """Return the next change to search from, the middle one of the most frequent pair.
+
+        Only changes without a curve and without a reason count; None if there is none.
+        """
+        groups: dict[tuple[tuple[int, int], ...], list[int]] = {}
+        for i in np.flatnonzero(self.counted & ~self.explained).tolist():
+            if i not in reasons:
+                groups.setdefault(self.names[i], []).append(i)
+        if not groups:
+            return None
+        most = max(groups.values(), key=len)
+        return most[len(most) // 2]
+
+    def _leads_to(self, cell: np.ndarray, axis: int, value: float) -> SpecialPoint:
+        """Return where the orbit of a cell leads; OrbitError if none of its class is found."""
+        orbit = orbit_of_motion(self._motions[*cell], self._phase)
+        return leads_to(orbit, self._axes[axis], float(value))
+
+    def _bifurcation(self, cells: np.ndarray) -> SpecialPoint:
+        """Return the bifurcation at a change, sought from both sides; OrbitError has the reason."""
+        axis = int(np.flatnonzero(cells[0] != cells[1])[0])
+        values = self._values[axis]
+        ends = values[cells[:, axis]]
+        beyond = cells[:, axis] + np.array([-_CELLS, _CELLS])
+        low, high = np.interp(beyond, np.arange(len(values)), values)
+        points: list[SpecialPoint] = []
+        reason = "both motions are stable on both sides, and the start decides"
+        for cell, end in zip(cells, (high, low), strict=True):
+            try:
+                points.append(self._leads_to(cell, axis, end))
+            except OrbitError as error:
+                reason = str(error)
+        bifurcations = [point for point in points if point.kind in CURVE_KINDS]
+        asked = [p for p in bifurcations if self._is_asked(p.kind, (p.orbit.m, p.orbit.q))]
+        if asked:
+            middle = 0.5 * (ends[0] + ends[1])
+            return min(asked, key=lambda point: abs(point.value - middle))
+        if bifurcations:
+            raise _UnaskedError("the curve there is of a class or kind that was not asked for")
+        ends_so = [point.kind for point in points if point.kind != "edge"]
+        raise OrbitError(f"a branch ends there: {ends_so[0]}" if ends_so else reason)
+
+    def _follow(self, point: SpecialPoint) -> None:
+        """Follow a bifurcation in both parameters, and mark the changes that its curve explains.
+
+        Raises OrbitError if it cannot be followed.
+        """
+        if len(self._lines) >= MOST_CURVES:
+            raise OrbitError(f"curves beyond the first {MOST_CURVES} are not followed")
+        first, second = (
+            (axis, float(values[0]), float(values[-1]))
+            for axis, values in zip(self._axes, self._values, strict=True)
+        )
+        curve = bifurcation_curve(point.orbit, point.kind, first, second)
+        line = self._line(curve)
+        self._lines.append((curve, line))
+        beside = separated(curve.kind, curve.m, curve.q)
+        separated_rows = np.array([not beside.isdisjoint(pair) for pair in self.names], bool)
+        rows = np.flatnonzero(separated_rows & ~self.explained)
+        owners, middles = steps_between(self._cells[rows])
+        distances, _ = line.query(middles, p=np.inf)
+        self.explained[rows[owners[distances <= 1.0]]] = True
+
+    def _line(self, curve: Branch) -> cKDTree:
+        """Return points along a curve, at most a quarter of a cell apart, in units of cells."""
+        from scipy.spatial import cKDTree
+
+        columns = zip(curve.values.T, self._values, strict=True)
+        line = np.stack(
+            [np.interp(column, values, np.arange(len(values))) for column, values in columns], 1
+        )
+        steps = np.ceil(4.0 * np.abs(np.diff(line, axis=0)).max(axis=1, initial=0.0)).astype(int)
+        along = np.concatenate([[0], np.cumsum(np.maximum(steps, 1))])
+        points = np.arange(along[-1] + 1)
+        return cKDTree(np.stack([np.interp(points, along, column) for column in line.T], axis=1))
+
 
 #: Most pairs of classes that are named with a reason.
 _EXAMPLES = 3

@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 from sweeps import curves, load_config, open_sweep
-from sweeps.bifurcation import curve_search, exact_curves
-from sweeps.bifurcation.curve_search import middles_of_regions
+from sweeps.bifurcation import exact_curves
+from sweeps.bifurcation.exact_curves import middles_of_regions
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import parameter_map
@@ -73,7 +73,7 @@ def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
 
 def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(path, monkeypatch):
     """As beside a flip, where motions settle slowly."""
-    monkeypatch.setattr(curve_search, "middles_of_regions", lambda _: iter(()))
+    monkeypatch.setattr(exact_curves, "middles_of_regions", lambda _: iter(()))
     with open_sweep(path) as dataset:
         period = dataset["period"].copy()
         for axis in ("omega", "R"):
@@ -103,14 +103,14 @@ def test_chosen_classes_have_all_their_curves(path):
 @pytest.mark.slow
 def test_only_the_curves_that_are_asked_for_are_followed(path, monkeypatch):
     """And the changes beside other curves have that as their reason."""
-    followed, follow = [], curve_search.bifurcation_curve
+    followed, follow = [], exact_curves.bifurcation_curve
 
     def counted(orbit, kind, *ranges):
         curve = follow(orbit, kind, *ranges)
         followed.append((curve.kind, curve.m, curve.q))
         return curve
 
-    monkeypatch.setattr(curve_search, "bifurcation_curve", counted)
+    monkeypatch.setattr(exact_curves, "bifurcation_curve", counted)
     with open_sweep(path) as dataset:
         curves(dataset)
         every, followed[:] = list(followed), []
@@ -187,7 +187,7 @@ def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
     def refuse(*_):
         raise OrbitError("the flip does not go on")
 
-    monkeypatch.setattr(curve_search, "bifurcation_curve", refuse)
+    monkeypatch.setattr(exact_curves, "bifurcation_curve", refuse)
     with open_sweep(path) as dataset:
         found = curves(dataset)
     assert found.sizes["point"] == found.attrs["explained"] == 0 < found.attrs["changes"]
@@ -297,7 +297,7 @@ def test_the_kinds_of_the_curves_can_be_chosen(tmp_path, unpainted):
 
 def test_a_change_with_a_reason_and_a_curve_counts_once_in_the_share_of_the_work():
     """A curve found later may explain a change that already had a reason."""
-    search = object.__new__(curve_search.CurveSearch)
+    search = object.__new__(exact_curves.CurveSearch)
     search.explained = np.array([True, True, False, False])
     search.counted = np.array([True, True, True, False])
     assert search._share({0: "lost", 3: "of other classes"}) == pytest.approx(2 / 3)

@@ -4,7 +4,7 @@ import xarray as xr
 
 from sweeps import bifurcations, open_sweep, run_sweep
 from sweeps.bifurcation.bifurcation_report import cascades
-from sweeps.bifurcation.explanations import Change, changes_of_class
+from sweeps.bifurcation.bifurcation_table import Change, changes_of_class
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers import naive
 from vibroimpact.points.regimes import Label, Regime
