@@ -113,7 +113,7 @@ class Filling:
 
     def _tiles(self) -> Tiles:
         """Colour the computed points by the kinds that `plot` uses."""
-        from sweeps.plotting.basin_pictures import basin_cells
+        from sweeps.plotting.attractor_pictures import basin_cells
         from sweeps.plotting.looks import Looks, class_numbers, failed_cells, period_cells
 
         discs = list[Disc]()

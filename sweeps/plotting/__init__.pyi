@@ -1,7 +1,7 @@
 from .api import KINDS as KINDS
 from .api import plot as plot
-from .basin_pictures import basins as basins
-from .coexistence import attractor_diagram as attractor_diagram
+from .attractor_pictures import attractor_diagram as attractor_diagram
+from .attractor_pictures import basins as basins
 from .diagram import bifurcation as bifurcation
 from .erosion import integrity as integrity
 from .maps import parameter_map as parameter_map

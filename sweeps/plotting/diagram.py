@@ -19,7 +19,6 @@ from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, paint
 from sweeps.plotting.contents import Wanted, refuse_empty, select_line, with_number
-from sweeps.plotting.density import draw_density, value_range
 from sweeps.plotting.directions import (
     agreeing,
     colours_directions,
@@ -31,6 +30,7 @@ from sweeps.plotting.exact_lines import draw_branches, name_parts, without_idle
 from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
+from sweeps.plotting.pixels import draw_density, value_range
 from sweeps.plotting.style import (
     APPROACHING,
     BOTH_COLOUR,

@@ -23,7 +23,7 @@ from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.basin_pictures import (
+from sweeps.plotting.attractor_pictures import (
     attractors_in,
     basin_cells,
     mark_attractors,

@@ -1,8 +1,27 @@
-"""Ranges of numbers as cells and pixels."""
+"""Ranges of numbers as cells and pixels, and the density of a diagram of very many points."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
+
+from sweeps.opened.coordinates import COORDINATES, in_parts, recorded_coordinate
+from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.plotting.style import (
+    BOTH_COLOUR,
+    LEAST_SHARE,
+    data_colour,
+    dots_per_inch,
+    ground,
+    ink,
+    shades,
+    visible,
+)
+from vibroimpact.points.regimes import has_result
 
 
 def pixels_of(
@@ -46,3 +65,136 @@ def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
     inner = 0.5 * (values[1:] + values[:-1])
     edges = np.array([2.0 * values[0] - inner[0], *inner, 2.0 * values[-1] - inner[-1]])
     return np.exp(edges) if log else edges
+
+
+#: Number of values read at a time.
+_PART_SIZE = 1_000_000
+_SCALE_OF_SHARES = LogNorm(LEAST_SHARE, 1.0, clip=True)
+
+
+def computed_parts(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Read a coordinate of the computed points of a line in parts.
+
+    Yields the indices of k points and their values, shapes (k,) and (k, record).
+    """
+    computed = has_result(line["status"].values)
+    for part, cut in in_parts(
+        line.data, _PART_SIZE // line.sizes[COORDINATES[coordinate].dimension]
+    ):
+        kept = np.flatnonzero(computed[cut])
+        if len(kept):
+            yield cut.start + kept, recorded_coordinate(part, coordinate).values[kept]
+
+
+def value_range(lines: Sequence[OpenedSweep], coordinate: str) -> tuple[float, float]:
+    """Return the least and the greatest value of a coordinate; inf and -inf without values."""
+    low, high = np.inf, -np.inf
+    for line in lines:
+        for _, values in computed_parts(line, coordinate):
+            values = values[np.isfinite(values)]
+            low, high = values.min(initial=low), values.max(initial=high)
+    return float(low), float(high)
+
+
+def _ramps(colours: Sequence[str]) -> list[LinearSegmentedColormap]:
+    """Return the colours of a share, from the least one to 1: of one way, or of up, down and both.
+
+    Those of directions end at full colours: the darker ends would all look the same where the
+    motion is periodic.
+    """
+    both_ways = len(colours) > 0
+    own = [*colours, visible(BOTH_COLOUR)] if both_ways else [data_colour()]
+    ends = [shades(colour, ground(), ink())[: 2 if both_ways else 3] for colour in own]
+    return [
+        LinearSegmentedColormap.from_list("density", [*map(visible, colours)]) for colours in ends
+    ]
+
+
+def draw_density(
+    panel: Axes,
+    values: np.ndarray,
+    ways: Sequence[OpenedSweep],
+    coordinate: str,
+    colours: Sequence[str],
+    tint: np.ndarray | None = None,
+) -> None:
+    """Draw the share of each column's points in each of its pixels, with a colour bar.
+
+    Call this last, because the pixels are those of the finished panel in a PNG. A column is one of
+    the `values` of the axis, or one pixel wide if there are more values than pixels. With two
+    directions, the colour of a pixel, one of their `colours`, tells which direction has points in
+    it, or that both have. If the colours of the points are given, shape (n, 4), a pixel has that of
+    a point in it.
+    """
+    figure = panel.get_figure(root=True)
+    assert figure is not None
+    ramps = _ramps(colours if len(ways) > 1 else ())
+    if tint is None:
+        bar = figure.colorbar(
+            ScalarMappable(_SCALE_OF_SHARES, ramps[-1]), ax=panel, pad=0.01, aspect=40
+        )
+        bar.set_label("share of the points of a column")
+    figure.draw_without_rendering()  # computes the layout
+    box, scale = panel.get_window_extent(), dots_per_inch() / figure.dpi
+    columns, rows = (round(size * scale) for size in (box.width, box.height))
+    low, high = panel.get_ylim()
+    log = panel.get_xscale() == "log"
+    left, right = sorted(panel.get_xlim())
+    in_view = np.sort(values[(values >= left) & (values <= right)])
+    in_view = in_view if len(in_view) > 1 else np.sort(values)
+    x_edges = cell_edges(in_view, log)
+    if len(in_view) > columns:
+        x_edges = (np.geomspace if log else np.linspace)(in_view[0], in_view[-1], columns + 1)
+    y_edges = np.linspace(low, high, rows + 1)
+    pixels = [_Pixels(way, coordinate, values, x_edges, y_edges) for way in ways]
+    if tint is not None:
+        image = np.append(tint, np.zeros((1, 4)), axis=0)[pixels[0].owners()]
+        panel.pcolormesh(x_edges, y_edges, image.swapaxes(0, 1), rasterized=True)
+        return
+    shares = [one.shares() for one in pixels]
+    if len(shares) == 2:
+        in_both = (shares[0] > 0.0) & (shares[1] > 0.0)
+        mean = np.where(in_both, 0.5 * (shares[0] + shares[1]), 0.0)
+        shares = [*(np.where(in_both, 0.0, share) for share in shares), mean]
+    for share, ramp in zip(shares, ramps, strict=True):
+        cells = np.ma.masked_equal(share, 0.0).T
+        panel.pcolormesh(x_edges, y_edges, cells, norm=_SCALE_OF_SHARES, cmap=ramp, rasterized=True)
+
+
+class _Pixels:
+    """The points of a line in the pixels of a panel; all results have the shape (columns, rows)."""
+
+    def __init__(
+        self,
+        line: OpenedSweep,
+        coordinate: str,
+        values: np.ndarray,
+        x_edges: np.ndarray,
+        y_edges: np.ndarray,
+    ) -> None:
+        self._line, self._coordinate = line, coordinate
+        self._shape, self._ends = (len(x_edges) - 1, len(y_edges) - 1), y_edges[[0, -1]]
+        self._column = np.searchsorted(x_edges, values, side="right") - 1
+        self._column[values == x_edges[-1]] = self._shape[0] - 1
+
+    def _points(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield the points in view in parts: their number and the number of the pixel of each."""
+        in_view = (self._column >= 0) & (self._column < self._shape[0])
+        for indices, y in computed_parts(self._line, self._coordinate):
+            indices, y = indices[in_view[indices]], y[in_view[indices]]
+            place, pixel = pixels_of(self._column[indices], y, self._shape[1], *self._ends)
+            yield indices[place], pixel
+
+    def shares(self) -> np.ndarray:
+        """Return the share of each column's points in each of its pixels."""
+        counts = np.zeros(self._shape)
+        for _, pixel in self._points():
+            counts += np.bincount(pixel, minlength=counts.size).reshape(counts.shape)
+        return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+
+    def owners(self) -> np.ndarray:
+        """Return the number of a point in each pixel, -1 if there is none."""
+        owner = np.full(self._shape, -1)
+        for number, pixel in self._points():
+            owner.reshape(-1)[pixel] = number
+        return owner

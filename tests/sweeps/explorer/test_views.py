@@ -234,7 +234,7 @@ def test_the_colours_are_those_of_the_files_pictures():
     import matplotlib as mpl
     from matplotlib.colors import to_rgb
 
-    from sweeps.plotting.density import _ramps
+    from sweeps.plotting.pixels import _ramps
     from sweeps.plotting.style import user_style
 
     seen = np.array([to_rgb(colour) for colour in ramp()])

@@ -9,9 +9,9 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import (
     Page,
     bifurcation,
-    density,
     diagram,
     impacts,
+    pixels,
     section,
     trajectory,
 )
@@ -62,9 +62,9 @@ def test_the_height_is_measured_from_the_stop_of_each_point(random_sweep, monkey
     panel = bifurcation(dataset, **cut).axes[0]
     assert drawn(panel) == pairs(clearance[:, None], height)
     assert plain(panel.get_ylabel()) == r"height above the stop $\sigma - x$"
-    monkeypatch.setattr(density, "_PART_SIZE", 10)
+    monkeypatch.setattr(pixels, "_PART_SIZE", 10)
     line, *_ = select_line(OpenedSweep(dataset), **cut)
-    parts = density.computed_parts(line, "poincare_height")
+    parts = pixels.computed_parts(line, "poincare_height")
     np.testing.assert_array_equal(np.concatenate([values for _, values in parts]), height)
 
 
@@ -175,7 +175,7 @@ def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(
 ):
     """Against NumPy's histogram, with a failed point and missing impacts."""
     monkeypatch.setattr(diagram, "DENSITY_FROM", 100)
-    monkeypatch.setattr(density, "_PART_SIZE", 500)
+    monkeypatch.setattr(pixels, "_PART_SIZE", 500)
     values = np.linspace(1.0, 2.0, 3000)
     status = np.zeros(3000, np.int8)
     status[1234] = Status.UNRESOLVED
