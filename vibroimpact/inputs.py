@@ -1,4 +1,4 @@
-"""What may be given to a public function, a command or a configuration, in the words of its user.
+"""What a user may give: numbers, flags, choices; checked at every door.
 
 Every door of both packages asks here whether a value is a number, an integer, a truth value or one
 of several names, and says with the same words what is allowed.

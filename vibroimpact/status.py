@@ -1,4 +1,4 @@
-"""The outcome of a parameter point, and the evidence for the class of its motion."""
+"""The outcome of a point, and the evidence for its class."""
 
 from enum import IntEnum
 

@@ -1,4 +1,4 @@
-"""The motion of one oscillator: every step and every impact."""
+"""`simulate`: every step and every impact of one oscillator."""
 
 from __future__ import annotations
 

@@ -24,28 +24,40 @@ def imported(tree):
             yield from (alias.name for alias in node.names)
 
 
-def in_order(folder, trees):
-    """Return the files of a folder so that each imports only files of the folder above it."""
-    files = sorted(path for path in trees if path.parent == folder)
-    modules = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in files}
-    uses = {
-        path: sorted({modules[name] for name in imported(trees[path]) if name in modules} - {path})
-        for path in files
+def in_order(nodes, trees, part_of):
+    """Return folders or files so that each imports only those before it."""
+    places = {path: path.parent if path.stem == "__init__" else path for path in trees}
+    of_name = {
+        ".".join(place.relative_to(ROOT).with_suffix("").parts): path
+        for path, place in places.items()
     }
+    uses = {node: set() for node in nodes}
+    for path, tree in trees.items():
+        names = sorted({of_name[name] for name in imported(tree) if name in of_name})
+        if part_of(path) in uses:
+            uses[part_of(path)].update(map(part_of, names))
+    uses = {node: sorted(used & uses.keys() - {node}) for node, used in uses.items()}
     return list(TopologicalSorter(uses).static_order())
 
 
 def table(package):
-    """Return the table of the files of a package, folder by folder."""
+    """Return the list of the files of a package, room by room."""
     root = ROOT / package
-    paths = sorted(path for path in root.rglob("*.py") if not path.name.startswith("__init__"))
-    trees = {path: ast.parse(path.read_text()) for path in paths}
-    folders = sorted({path.parent for path in paths})
-    rows = []
-    for path in (path for folder in folders for path in in_order(folder, trees)):
-        subject = ast.get_docstring(trees[path]).splitlines()[0]
-        rows.append(f"| `{path.relative_to(root).as_posix()}` | {subject} |")
-    return "\n".join(["| file | subject |", "| --- | --- |", *rows, ""])
+    trees = {path: ast.parse(path.read_text()) for path in sorted(root.rglob("*.py"))}
+    paths = [path for path in trees if path.name != "__init__.py"]
+    rooms = sorted({path.parent for path in paths} - {root})
+    lines = []
+    for room in (root, *in_order(rooms, trees, lambda path: path.parent)):
+        files = in_order([path for path in paths if path.parent == room], trees, lambda path: path)
+        if room != root:
+            lines.append(f"\n**`{room.name}/`** {subject(room / '__init__.py')}\n")
+        lines += [f"- `{path.name}`: {subject(path)}" for path in files]
+    return "\n".join([*lines, ""])
+
+
+def subject(path):
+    """Return the first line of the docstring of a module."""
+    return ast.get_docstring(ast.parse(path.read_text())).splitlines()[0]
 
 
 def with_table(page, package):

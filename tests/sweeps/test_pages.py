@@ -84,13 +84,6 @@ def test_the_table_of_files_is_that_of_the_docstrings(package):
     assert page.read_text() == with_table(page, package)
 
 
-def test_every_room_of_sweeps_has_a_row():
-    """In the list of rooms at the top of the page."""
-    text = PAGES["sweeps"].read_text()
-    rooms = sorted(path.parent.name for path in (ROOT / "sweeps").glob("*/__init__.py"))
-    assert [room for room in rooms if f"| `{room}/` |" not in text] == []
-
-
 #: Names of other projects and of examples.
 ELSEWHERE = {"heyoka.py", "//bluescarni.github.io/heyoka.py", "tests/sweeps/ROOM/test_FILE.py"}
 #: Made while the code runs: an attribute of a file, columns of a table, a variable of Dask.

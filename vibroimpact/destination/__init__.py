@@ -1,1 +1,1 @@
-"""Where motions go: the periodic orbit that each approaches, with the evidence that it does."""
+"""Where each of many motions goes, and the evidence that it does."""

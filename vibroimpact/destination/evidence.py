@@ -1,4 +1,4 @@
-"""Evidence that a motion goes to a stable orbit near it: an ellipse around it, or how it falls.
+"""Evidence that a motion goes to a stable orbit: an ellipse around it, or its fall.
 
 A chaotic motion may pass a stable orbit, or stay beside it for a whole record. So a motion near a
 stable orbit must show that it approaches it. Its distance from the orbit is measured in a norm in

@@ -1,4 +1,4 @@
-"""The destination of every point: the orbit to which its motion goes, and the evidence.
+"""The destination of every point, from its record.
 
 With exact impacts, the first of these that applies decides:
 

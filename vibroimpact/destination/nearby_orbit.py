@@ -1,4 +1,4 @@
-"""The periodic orbit near a section, by Newton's method on the map of m periods, and its flip."""
+"""The periodic orbit near a section, by Newton's method, and its flip."""
 
 from __future__ import annotations
 

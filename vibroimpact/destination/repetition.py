@@ -1,4 +1,4 @@
-"""After how many forcing periods a record repeats, and after how many it nearly does."""
+"""After how many forcing periods a record repeats, or nearly does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions that rest again and again: whether rounding decides after how many periods.
+"""Whether rounding decides after how many periods a motion rests again.
 
 After a rest a motion depends on nothing before its release, which always has the same phase. So a
 computed motion that rests again after m periods repeats for ever, to the same bits, however much

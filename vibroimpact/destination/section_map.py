@@ -1,4 +1,4 @@
-"""The map from a section to a later one, with exact impacts, and its derivative."""
+"""The map from a section to a later one, and its derivative."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled functions: their options, single LLVM instructions, the disk cache, and threads."""
+"""How functions are compiled, and kept on disk; which parts of numba are used."""
 
 import lazy_loader
 

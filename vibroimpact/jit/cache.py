@@ -1,4 +1,4 @@
-"""Compiled code on disk: stored where no other user can write, and never required.
+"""Compiled code on disk, where no other user can write.
 
 Code in a cache is executed. So the folder of the cache must belong to this user alone, and every
 file begins with a checksum of the rest. If a folder or file cannot be used, the code is compiled

@@ -1,4 +1,4 @@
-"""Private parts of numba that make the start and the kernel faster, and change no result.
+"""Private parts of numba that make the start and the kernel faster.
 
 ``way.py`` decides whether they are used; otherwise this file is not imported. What each part is
 worth, in processor time, with AVX-512:

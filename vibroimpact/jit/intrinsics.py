@@ -1,4 +1,4 @@
-"""Operations that Python lacks, as LLVM instructions; each ``generate`` emits them."""
+"""Operations that Python lacks, as LLVM instructions."""
 
 from __future__ import annotations
 

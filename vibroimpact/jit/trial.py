@@ -1,4 +1,4 @@
-"""The check of a way of using numba: small functions of the kinds that the kernel has.
+"""The trial of a way of using numba, with small functions.
 
 ``way.py`` runs it in a process of its own. The numbers are powers of two, so that the right results
 are known to the last bit.

@@ -1,4 +1,4 @@
-"""Functions of the trial that use the arrays of their caller, as the steps of the kernel do."""
+"""Functions of the trial that use the arrays of their caller."""
 
 from __future__ import annotations
 

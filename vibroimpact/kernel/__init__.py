@@ -1,1 +1,1 @@
-"""The steps of many points side by side: workspace, loops, records and threads."""
+"""The steps of many points side by side."""

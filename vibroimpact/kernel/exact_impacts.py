@@ -1,4 +1,4 @@
-"""Exact impacts side by side: the stages of ``meet_stop``, each for many columns at once.
+"""Exact impacts of many columns: the stages of ``meet_stop``.
 
 A column is a flight: what happens in a lane from the start of a step, or from a rebound in it, to
 the next impact or to the end of the step. At first the columns hold the lanes that may have met the

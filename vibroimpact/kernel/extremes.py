@@ -1,4 +1,4 @@
-"""The reach of lanes with exact impacts: few of their flights are searched for turning points.
+"""The extremes of lanes with exact impacts.
 
 See ``turning_points.py``. Nothing widens the reach of a lane that is not recorded.
 """

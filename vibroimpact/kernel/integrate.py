@@ -1,4 +1,4 @@
-"""`integrate`: arrays of points in, named results out; the effort and the record of a run."""
+"""`integrate`: arrays of points in, named results out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lane from one point to the next: its start, its marks, its record, and its end.
+"""A lane from one point to the next: start, marks, record, end.
 
 Every forcing period takes the same steps, and the state at the section determines what they do: x,
 v and whether the mass rests. So once it equals that at an earlier section to the last bit, the

@@ -1,4 +1,4 @@
-"""The loop of a thread over forcing periods, for each rule: its lanes, from point to point."""
+"""The loop of a thread over forcing periods, for each impact rule."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tangent vectors of all lanes, for Lyapunov exponents: steps, and growth."""
+"""The tangent vectors of all lanes, for Lyapunov exponents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The workspace of a thread: points in lanes, and their impacts in columns.
+"""The memory of a thread: points in lanes, impacts in columns.
 
 A lane is one parameter point. Lanes lie side by side and so fill SIMD vectors.
 The steps per period are an integer, so one table of omega t_n mod 2 pi serves every lane, even if

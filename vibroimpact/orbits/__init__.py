@@ -1,1 +1,1 @@
-"""Periodic orbits, their branches and bifurcation curves; one-impact orbits in closed form."""
+"""Periodic orbits, stable or not: branches, and curves of bifurcations."""

@@ -1,4 +1,4 @@
-"""The corrector: Newton's method onto an orbit, a point of a branch, or one of a curve.
+"""Newton's method onto an orbit, or a point of a branch or curve.
 
 With k free parameters the orbits are a manifold of k dimensions in the space of the unknowns
 (``unknowns.py``): k = 0 is an orbit, k = 1 a branch, k = 2 a surface on which each kind of

@@ -1,4 +1,4 @@
-"""Curves of bifurcations in two parameters: flips, folds and grazes of periodic orbits.
+"""`bifurcation_curve`: flips, folds and grazes in two parameters.
 
 A curve is a branch with one more condition and two free parameters (``corrector.py``), continued in
 both directions like a branch.

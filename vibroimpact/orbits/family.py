@@ -1,4 +1,4 @@
-"""A family of orbits over free parameters: their ranges and units, its points, a step along them.
+"""Orbits over free parameters: ranges, units, points, a step.
 
 A point is a vector of unknowns (``unknowns.py``).
 """

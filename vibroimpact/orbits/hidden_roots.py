@@ -1,4 +1,4 @@
-"""Whether a step along a path may hide roots of test functions, or points that are not orbits.
+"""Whether a step along a path may hide roots of test functions.
 
 Along a branch or a curve the test functions are smooth:
 

@@ -1,4 +1,4 @@
-"""One-impact orbits in closed form: speed, phase, Floquet multipliers and existence.
+"""One-impact orbits in closed form.
 
 An orbit with one impact in n forcing periods, T = 2 pi n / omega, leaves the stop at the phase
 theta = omega t0 with the speed R v and returns with the speed v at the same phase. With the exact

@@ -1,4 +1,4 @@
-"""Find periodic orbits by Newton's method from a motion or a guess, and prove that they exist.
+"""`periodic_orbit`: Newton's method from a motion or a guess.
 
 The unknowns are the phases and speeds of the impacts; the equations are those of ``flights.py``.
 """

@@ -1,4 +1,4 @@
-"""The points of a grid: each from its own start, once for all f, or from its neighbour's end.
+"""The points of a sweep: each from its own start, scaled along f, or followed.
 
 Everything that determines the numbers of a sweep is in `vibroimpact`; ``jit.NUMERICS`` is the
 digest of its sources.

@@ -1,4 +1,4 @@
-"""The computation of points by the kernel: scaled, followed, or with transients of their own.
+"""Points by the kernel: scaled, followed, or with transients of their own.
 
 The first point of a chain starts as every point of a sweep does, from x0, v0. Each further
 point starts at the section, in the last state that its neighbour recorded there. So its transient

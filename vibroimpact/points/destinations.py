@@ -1,4 +1,4 @@
-"""The class of every point from its record: the results of a run, with classes added."""
+"""The results of a run, with the classes of its points."""
 
 from __future__ import annotations
 

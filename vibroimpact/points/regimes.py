@@ -1,4 +1,4 @@
-"""What the record of a motion shows: where the motion goes, or that this is not known.
+"""What a record shows: where the motion goes, or that this is unknown.
 
 The record of a point determines its regime. The first of these rules that applies decides:
 

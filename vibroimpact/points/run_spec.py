@@ -1,4 +1,4 @@
-"""The specification of what is computed for every point of a sweep."""
+"""What is computed for every point of a sweep."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions continued in stages until they need no more: until they have a class, for example.
+"""Motions continued in stages until they need no more.
 
 A run that starts from a section continues the run before it to the last bit.
 """

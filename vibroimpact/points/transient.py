@@ -1,4 +1,4 @@
-"""Transients that are found: each point runs until it is on its orbit, and is recorded then.
+"""`transient: auto`: each point runs until it is on its orbit.
 
 Points run in stages, each as long as all before it. After a stage the class of every motion is
 found from the last sections. A motion with a class still needs as many periods as its distance from

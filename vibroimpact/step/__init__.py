@@ -1,1 +1,1 @@
-"""The motion of one orbit step by step: flights, impacts, rests, and the record of them."""
+"""One step of one orbit: the exact map, impacts, rest, integrators."""

@@ -1,4 +1,4 @@
-"""Elementary functions for compiled code, which give the same bits on every machine.
+"""Sine, arc sine, logarithm: the same bits on every machine.
 
 Those of the C library differ in the last bit from one processor and system to the next. Here the
 polynomials are those of fdlibm (Sun Microsystems 1993).

@@ -1,4 +1,4 @@
-"""The impact rule ``exact``: every impact on the closed-form flow, to rounding, and none missed.
+"""The impact rule ``exact``: one step of one orbit, no impact missed.
 
 A step of ``propagator.py`` whose guard proves it safe needs no correction. Of the others, nearly
 all are settled by ``impact.py``. The remaining ones come here: the start and the end of a rest, the

@@ -1,4 +1,4 @@
-"""The integrators of eq. (1) between impacts: one function each, and its map.
+"""The integrators of eq. (1) between impacts, each with its map.
 
 Eq. (1) is linear, so a step of any of these integrators is an affine map,
 

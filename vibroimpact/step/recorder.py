@@ -1,4 +1,4 @@
-"""Record the motion of one orbit step by step, to the same bits as in the lanes of the kernel."""
+"""The motion of one orbit step by step, to the bits of the kernel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reach of a motion: its least and its greatest displacement, also where the mass turns.
+"""The least and the greatest displacement, also where the mass turns.
 
 The reach is a pair, of x, or with the rule ``exact`` of y in the units of ``propagator.py``. A
 flight that is proved to stay within the reach so far is not searched. Between its ends a flight
