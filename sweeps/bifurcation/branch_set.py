@@ -79,7 +79,7 @@ class BranchSet:
             if self._has_room(m, q):
                 self._follow(kind, start, depth)
             else:
-                self._give_up(f"branches beyond the first {self.most_branches}", m, q)
+                self._give_up(f"beyond the first {self.most_branches}", m, q)
 
     def _follow(self, kind: str, start: PeriodicOrbit, depth: int) -> None:
         """Add the branch that begins at an orbit, and queue the orbits where others begin."""
@@ -94,9 +94,9 @@ class BranchSet:
         for number, (kind_, onward) in enumerate(_onward(grown)):
             m, q = _class_from(onward, kind_)
             if m > self.most_periods and (m, q) not in self.classes:
-                self._give_up(f"orbits of more than {self.most_periods} periods", m, q)
+                self._give_up(f"of more than {self.most_periods} periods", m, q)
             elif depth > 1:
-                self._give_up("branches between unstable ones", m, q)
+                self._give_up("between unstable ones", m, q)
             else:
                 order = m, onward.q, len(self.branches), number
                 heapq.heappush(self._queue, (*order, depth, kind_, onward))

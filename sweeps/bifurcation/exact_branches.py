@@ -272,19 +272,19 @@ def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]])
     names += ", ..." if len(classes) > _MOST_NAMES else ""
     noun = "branch" if len(found.branches) == 1 else "branches"
     lines = [
-        f"{len(found.branches)} exact {noun} of {names}" if names else "no exact orbit is found"
+        f"{len(found.branches)} exact {noun} of {names}" if names else "no exact branch is found"
     ]
     for reason, motions in left_out.items():
         texts = [
             f"{m}/{q} ({shown_count(count, 'point')})" for (m, q), count in motions.most_common()
         ]
         more = f" and {len(texts) - _MOST_NAMES} more" if len(texts) > _MOST_NAMES else ""
-        lines.append(f"not followed, {reason}: {listed(texts[:_MOST_NAMES])}{more}")
+        lines.append(f"without an exact branch, {reason}: {listed(texts[:_MOST_NAMES])}{more}")
     if missing := [f"{m}/{q}" for m, q in found.classes if (m, q) not in classes]:
         lines.append(f"no orbit of {listed(missing)} is found")
     if found.given_up:
         counted = [f"{reason} ({count})" for reason, count in sorted(found.given_up.items())]
-        lines.append(f"not followed: {'; '.join(counted)}")
+        lines.append(f"branches not followed: {'; '.join(counted)}")
     return lines
 
 

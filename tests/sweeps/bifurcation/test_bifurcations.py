@@ -4,6 +4,7 @@ All its digits are compared with those of Newton's method on the section map.
 """
 
 import csv
+import re
 import shlex
 from dataclasses import fields
 
@@ -60,6 +61,16 @@ def test_flips_are_at_their_certified_values(sweep, oscillator, value):
     assert (flip.kind, str(flip.before), str(flip.after)) == ("flip", "1/1", "2/2")
     assert flip.value == pytest.approx(value, rel=1e-12)
     assert 0.0 < flip.high - flip.low < 0.04
+
+
+def test_a_flip_beyond_the_branches_stands_beside_no_line_that_denies_it(sweep):
+    """Each flip is found from its own orbit; branches are followed only of few periods."""
+    path = sweep("h: 0.02, omega: 2.8, f: 1, R: {start: 0.5617, stop: 0.5623, num: 4}")
+    text = accepted("info", path, "--bifurcations")
+    assert re.search(r"^0\.56206739267 +flip +16/16 ", text, re.M)
+    assert "without an exact branch, of more than 8 periods: 16/16 (" in text
+    denied = [line for line in text.splitlines() if line.startswith("not followed")]
+    assert not any("16/16" in line for line in denied), denied
 
 
 @pytest.mark.slow

@@ -91,4 +91,4 @@ def test_a_tree_has_no_branch_twice_and_every_stable_orbit_attracts():
             (x, v), *_ = orbit.sections()
             run = simulate(orbit.oscillator, 20 * one.m, x0=min(x + 1e-9, 0.0), v0=v)
             assert run.section_x[-1] == pytest.approx(x, abs=2e-8)
-    assert tree.given_up["orbits of more than 8 periods"] > 0
+    assert tree.given_up["of more than 8 periods"] > 0

@@ -175,7 +175,7 @@ def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(ex
     for (periods, impacts), count in others:
         if periods <= 8:
             assert f"{periods}/{impacts} ({count} point" in said
-    assert re.search(r"not followed: .*branches beyond the first 2 \(\d+\)", found.attrs["summary"])
+    assert re.search(r"not followed: .*beyond the first 2 \(\d+\)", found.attrs["summary"])
     chosen = branches(exact, "omega", {"R": 0.8}, classes=[(2, 2), (1, 1), (3, 5)], most=4)
     assert {*classes_of(chosen)} == {(1, 1), (2, 2)}
     assert "no orbit of 3/5 is found" in chosen.attrs["summary"]

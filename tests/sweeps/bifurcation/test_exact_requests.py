@@ -112,7 +112,7 @@ def test_where_nothing_is_periodic_there_is_nothing(file, name):
         ("failed", "map", "0 exact curves: none"),
         ("failed", "bifurcation", "no point has a result: a number overflow"),
         ("at rest", "map", "0 exact curves: none"),
-        ("at rest", "bifurcation", "no exact orbit is found"),
+        ("at rest", "bifurcation", "no exact branch is found"),
         ("single value", "map", "omega has the single value 2.6"),
         ("single value", "bifurcation", "omega has the single value 2.6"),
     ],
