@@ -12,6 +12,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).absolute().parents[1]
+#: On a narrow screen a wide table scrolls by itself, not the page.
+STYLE = "table {display: block; overflow-x: auto}"
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
@@ -23,6 +25,7 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
     for package, modules in pages.items():
         text = "\n".join(functions(module) for module in modules)
         taken.append(File.generated(config, f"{package}/functions.md", content=text))
+    taken.append(File.generated(config, "site.css", content=STYLE))
     return Files([file for file in files if file.src_dir != config.docs_dir] + taken)
 
 
