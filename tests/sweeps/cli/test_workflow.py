@@ -45,6 +45,3 @@ def test_a_second_job_compiles_nothing(tmp_path):
     first = stored_by_a_job()
     (tmp_path / "new.h5").unlink()
     assert first and stored_by_a_job() == first
-    # The code of all methods would take half a minute to compile: here that of the tests is used.
-    subprocess.run(["sh", "-c", commands[2]], cwd=tmp_path, env=usual, check=True)
-    assert (tmp_path / "speed.json").stat().st_size
