@@ -1,0 +1,414 @@
+"""Faults at moments of a run, and what holds then: nothing is lost without a word.
+
+`FAULTS` is the table. Whatever happens, the run ends with one message, nothing is half written, an
+old sweep and the files of other programs stay, and the run that goes on ends with the same bits.
+`test_every_call.py` has the faults that may meet any call of the system. A full disk at 400 sizes:
+``pytest -m campaign tests/sweeps/store/test_faults.py``.
+"""
+
+import errno
+import io
+import os
+import resource
+import shutil
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.engine import estimate
+from sweeps.errors import Failed, StoreError, SweepError
+from sweeps.store import SweepWriter, complete_file, reading
+from tests.helpers.commands import call
+from tests.helpers.sweep_files import data, run_in
+from tests.helpers.written_files import (
+    begun,
+    block_results,
+    contents,
+    fill_blocks,
+    schema,
+)
+from vibroimpact.status import Status
+
+#: Forty points, which the tests compute in four blocks.
+CONFIG = """\
+oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 40}, f: 1.0}
+method: {integrator: newmark, impact: plain}
+record: {transient: 3, periods: 4, impacts: 2}
+output: out.h5
+"""
+PARTS = Path("out.h5.parts")
+FIRST = PARTS / "block-000000.npz"
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """Return the file of a run that nothing disturbed."""
+    return run_in(tmp_path_factory.mktemp("undisturbed"), CONFIG)
+
+
+# The table: moments
+
+#: What is called at each moment of a run; whether it is now, from the number of calls made before.
+MOMENTS = {
+    "planned": (estimate, "trial", lambda made: True),
+    "schema": (complete_file, "write_schema", lambda made: True),
+    "block 2": (SweepWriter, "write", lambda made: made == 1),
+    "block 4": (SweepWriter, "write", lambda made: made == 3),
+    "completed": (SweepWriter, "finish", lambda made: True),
+    "file": (complete_file, "write_schema", lambda made: made == 1),
+    "fsync": (os, "fsync", lambda made: list(Path().glob(".out.h5.*.new"))),
+    "end": (SweepWriter, "_remove", lambda made: True),
+}
+
+
+@contextmanager
+def happening(fault, moment):
+    """Let a fault happen, once, just before what is called at a moment of a run."""
+    owner, name, is_now = MOMENTS[moment]
+    function, made, happened = getattr(owner, name), [], []
+
+    def disturbed(*arguments, **options):
+        if not happened and is_now(len(made)):
+            happened.append(None)
+            fault()
+        made.append(1)
+        return function(*arguments, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(owner, name, disturbed)
+        yield happened
+
+
+# The table: faults
+
+
+def remove():
+    shutil.rmtree(PARTS)
+
+
+def replace():
+    shutil.copytree(PARTS, "other")
+    shutil.rmtree(PARTS)
+    os.replace("other", PARTS)
+
+
+def remove_block():
+    FIRST.unlink()
+
+
+def truncate():
+    os.truncate(FIRST, 1000)
+
+
+def empty_and_restore():
+    """Like ``cp``: the size is the same, the content is not."""
+    size = FIRST.stat().st_size
+    os.truncate(FIRST, 0)
+    os.truncate(FIRST, size)
+
+
+def move_folder():
+    Path("elsewhere").mkdir()
+    PARTS.rename("elsewhere/out.h5.parts")
+
+
+def put_file():
+    Path("out.h5").write_bytes(b"precious")
+
+
+def put_sweep():
+    shutil.copy("../other.h5", "out.h5")
+
+
+def remove_file():
+    Path("out.h5").unlink()
+
+
+def interrupt():
+    raise KeyboardInterrupt
+
+
+def fail():
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def refuse():
+    raise StoreError("too large")
+
+
+def fill_disk(size=0):
+    """Limit the size of files, until the end of `room_again`."""
+    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), hard))
+
+
+def fill_disk_in_block():
+    fill_disk(FIRST.stat().st_size - 100)
+
+
+@contextmanager
+def room_again():
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+class Fault(NamedTuple):
+    """A row: what happens when, and what the run says of it, and of the results that are kept.
+
+    `blocks` is the number of blocks, of six, of another sweep that is overwritten.
+    """
+
+    moment: str
+    happens: Callable
+    said: str
+    kept: str
+    blocks: int = 0
+
+
+NOTHING = "nothing is kept"
+GONE = "out.h5.parts was removed by another program"
+FOREIGN = "out.h5 was written by another program"
+ONE, THREE, ALL = (f"{done} of 40 points kept" for done in (10, 30, 40))
+
+
+def unchanged(file):
+    return f"nothing of it is kept, and the old {file} is unchanged"
+
+
+FAULTS = [
+    # Another program takes away what is written, between two blocks and before the last.
+    *(
+        Fault(f"block {block}", *row)
+        for block in (2, 4)
+        for row in (
+            (remove, GONE, NOTHING),
+            (move_folder, GONE, NOTHING),
+            (replace, "was replaced by another program", f"{10 * block - 10} of 40 points kept"),
+            (remove_block, "block-000000.npz was removed by another program", THREE),
+            (truncate, "block-000000.npz is damaged", THREE),
+            (empty_and_restore, "block-000000.npz is damaged", THREE),
+        )
+    ),
+    Fault("end", remove_file, "the output is gone: out.h5 does not exist", ""),
+    # It puts something in the place of the output, also the complete file of another sweep.
+    *(Fault("planned", put, FOREIGN, "0 of 40 points kept") for put in (put_file, put_sweep)),
+    *(Fault(moment, put_file, FOREIGN, ALL) for moment in ("completed", "fsync")),
+    # The run is refused, fails or is interrupted: an old sweep stays until the new one is there.
+    Fault("planned", refuse, "too large", ""),
+    *(
+        Fault(moment, end, "", unchanged(file), blocks)
+        for moment in ("planned", "schema")
+        for end in (fail, interrupt)
+        for blocks, file in ((2, "out.h5.parts"), (6, "out.h5"))
+    ),
+    *(Fault("block 2", end, "", ONE, 6) for end in (fail, interrupt)),
+    *(Fault("file", end, "", ALL, 6) for end in (fail, interrupt)),
+    # The disk is full.
+    Fault("schema", fill_disk, "out.h5 cannot be created: File too large", NOTHING),
+    Fault("block 2", fill_disk, "out.h5 cannot be written: File too large", ONE),
+    Fault("block 4", fill_disk_in_block, "written: File too large", THREE),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", FAULTS, ids=lambda row: f"{row.moment}-{row.happens.__name__}")
+def test_a_fault_is_said_and_loses_nothing_else(monkeypatch, undisturbed, row):
+    monkeypatch.setattr(estimate, "block_size", lambda *_, **__: 10)
+    fill_blocks("../other.h5", overwrite=True)
+    if row.blocks:
+        fill_blocks("out.h5", row.blocks)
+    there, after = {path: contents(path) for path in Path().glob("out.h5*")}, []
+
+    def disturb():
+        try:
+            row.happens()
+        finally:
+            after.extend(contents(path) for path in Path().glob("out.h5"))
+
+    with room_again(), happening(disturb, row.moment) as happened:
+        result = call("run", "sweep.yaml", "--quiet", "--overwrite")
+    assert happened and result.exit_code == (2 if row.happens is refuse else 1)
+    assert result.stderr.startswith("vibroimpact: error: ") and result.stderr.count("\n") == 1
+    assert row.said in result.stderr and row.kept in result.stderr
+    assert ("; to go on: " in result.stderr) == row.kept.endswith("points kept")
+    assert not [name for name in os.listdir() if name.startswith(".") or name.endswith(".lock")]
+    # What is at the output was there before, or another program put it there.
+    assert [contents(path) for path in Path().glob("out.h5")] == after
+    if row.kept.endswith("unchanged"):
+        assert {path: contents(path) for path in Path().glob("out.h5*")} == there
+    if row.said == FOREIGN:
+        Path("out.h5").unlink()
+    go_on = "--resume" if row.kept.endswith("points kept") else "--overwrite"
+    assert call("run", "sweep.yaml", "--quiet", go_on).exit_code == 0
+    xr.testing.assert_identical(data("out.h5"), data(undisturbed))
+    assert not PARTS.exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "sizes", [5, pytest.param(400, marks=pytest.mark.campaign)], ids=["some", "many"]
+)
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_disk_that_is_full_anywhere_in_the_complete_file_loses_nothing(whole, compressed, sizes):
+    """HDF5 alone would end the process."""
+    fill_blocks("size.h5", compressed=compressed)
+    full = Path("size.h5").stat().st_size
+    Path("size.h5").unlink()
+    with begun("out.h5", schema()) as (store, pending):
+        for block in pending:
+            store.write(block, block_results(block))
+        for size in np.linspace(0, full - 100, sizes):
+            with pytest.raises(Failed, match=r"out\.h5 cannot be completed: File too large$"):
+                with room_again():
+                    fill_disk(size)
+                    store.finish(compressed=compressed)
+    assert sorted(os.listdir()) == ["out.h5.parts", "sweep.yaml"]
+    fill_blocks("out.h5", results=None, resume=True, compressed=compressed)  # nothing is computed
+    xr.testing.assert_identical(data("out.h5"), whole)
+
+
+# Names that change their meaning, and folders of others
+
+
+def turn_the_link():
+    Path("link.h5").unlink()
+    Path("link.h5").symlink_to("other.h5")
+
+
+@pytest.mark.parametrize("change", [turn_the_link, lambda: os.chdir("folder")])
+def test_a_run_keeps_to_the_file_that_it_began(tmp_path, monkeypatch, change):
+    """A link may be redirected to another file, and a program may change its folder."""
+    monkeypatch.setattr(estimate, "block_size", lambda *_, **__: 10)
+    Path("folder").mkdir()
+    Path("link.h5").symlink_to("real.h5")
+    with happening(change, "block 2"):
+        run_sweep(load_config("sweep.yaml"), "link.h5")
+    assert not (tmp_path / "other.h5").exists() and not (tmp_path / "real.h5.parts").exists()
+    with open_sweep(tmp_path / "real.h5") as dataset:
+        assert not (dataset["status"] == Status.PENDING).any()
+
+
+def test_an_empty_folder_of_blocks_that_is_removed_is_made_again():
+    """Another program may tidy it up while the run is planned."""
+    with happening(PARTS.rmdir, "planned"):
+        assert call("run", "sweep.yaml", "--quiet").exit_code == 0
+    assert open_sweep("out.h5")["status"].size == 40
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_the_folder_of_the_blocks_is_taken_before_the_run_is_planned(monkeypatch):
+    """In a shared folder, nobody else can then make it, and change the blocks in it."""
+    folders = []
+
+    def note():
+        assert PARTS.stat().st_uid == os.geteuid() and not list(PARTS.glob("block-*"))
+        folders.append(PARTS.stat().st_ino)
+        Path("to have another number").touch()
+
+    def late(path, by=Path.mkdir, **options):
+        if path.name == PARTS.name:
+            os.mkdir(path)
+            os.chown(path, 65534, 65534)
+        by(path, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "mkdir", late)
+        result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 2 and "out.h5.parts belongs to another user" in result.stderr
+    PARTS.rmdir()
+    with happening(note, "planned"), happening(note, "schema"):
+        assert call("run", "sweep.yaml", "--quiet").exit_code == 0
+    assert not PARTS.exists() and len(set(folders)) == 1 < len(folders)
+
+
+@pytest.mark.parametrize("complete", [False, True])
+def test_a_folder_of_blocks_without_a_schema_is_kept_unless_overwritten(complete):
+    """Like a copy that was cut short; also with another file of the name of the output."""
+    fill_blocks("out.h5", 3)
+    (PARTS / "schema.h5").unlink()
+    if complete:
+        fill_blocks("other.h5")
+        os.replace("other.h5", "out.h5")
+    before = contents(PARTS)
+    for options in ({"resume": True}, {}):
+        with pytest.raises(StoreError, match=r"out\.h5\.parts has blocks but no schema\.h5, like"):
+            fill_blocks("out.h5", **options)
+        assert contents(PARTS) == before
+    fill_blocks("out.h5", overwrite=True)
+    open_sweep("out.h5").close()
+    assert not PARTS.exists()
+
+
+# Readers
+
+
+@pytest.mark.slow
+def test_the_commands_read_a_sweep_that_is_not_complete(stop_after):
+    """And `run` uses its configuration and resumes it."""
+    with stop_after(1, size=10):
+        assert call("run", "sweep.yaml", "--quiet").exit_code == 1
+    assert "40 points, of which 30 PENDING" in call("info", "out.h5").stdout
+    for arguments in (["plot", "out.h5"], ["export", "out.h5", "-o", "out.csv"]):
+        assert call(*arguments).exit_code == 0
+    Path("sweep.yaml").unlink()
+    assert call("run", "out.h5", "--quiet", "--resume").exit_code == 0
+    assert "40 points" in call("info", "out.h5").stdout and not PARTS.exists()
+
+
+def test_an_opened_file_that_was_replaced_is_not_read_as_if_it_were_the_old_one():
+    """xarray closes files when many are open, and opens them again by their names."""
+    fill_blocks("out.h5")
+    fill_blocks("other.h5")
+    with xr.set_options(file_cache_maxsize=1), open_sweep("out.h5") as dataset:
+        fill_blocks("out.h5", overwrite=True, plan=schema(block_size=3, numerics="2"))
+        open_sweep("other.h5").close()
+        with pytest.raises(StoreError, match=r"out\.h5 was replaced by another program; open"):
+            dataset["poincare_x"].load()
+        Path("out.h5").unlink()
+        with pytest.raises(StoreError, match=r"out\.h5 was removed by another program"):
+            dataset["poincare_x"].load()
+
+
+def test_a_sweep_that_is_replaced_while_it_is_opened_is_not_opened(monkeypatch):
+    """Its data would not have been compared with their checksums."""
+    fill_blocks("out.h5")
+    fill_blocks("other.h5", plan=schema(numerics="2"))
+    checked = reading.check_file
+
+    def checking(path, **options):
+        digest = checked(path, **options)
+        os.replace("other.h5", "out.h5")
+        return digest
+
+    monkeypatch.setattr(reading, "check_file", checking)
+    with pytest.raises(StoreError, match="was replaced by another program"):
+        open_sweep("out.h5")
+
+
+def test_a_block_that_the_disk_cannot_read_any_more_is_named_and_can_be_deleted(monkeypatch):
+    fill_blocks("whole.h5")
+    fill_blocks("out.h5", 4)
+    block, opened = PARTS / "block-000002.npz", io.open
+
+    def failing(path, *arguments, **options):
+        if str(path).endswith(block.name):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return opened(path, *arguments, **options)
+
+    said = r"block-000002\.npz' cannot be read: Input/output error; if that stays so, delete that"
+    for read in (lambda: fill_blocks("out.h5", resume=True), lambda: open_sweep("out.h5")):
+        with monkeypatch.context() as patch, pytest.raises(SweepError, match=said):
+            patch.setattr(io, "open", failing)
+            read()
+    block.unlink()
+    fill_blocks("out.h5", resume=True)
+    xr.testing.assert_identical(data("out.h5"), data("whole.h5"))
