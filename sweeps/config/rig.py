@@ -1,14 +1,16 @@
-"""A rig in SI units in place of the model's parameters, and its quantities in pictures and tables.
+"""A rig in SI units in place of the model's parameters, and what a reader sees of parameters.
 
 ``QUANTITIES`` is the only place that converts; it agrees bit for bit with `Oscillator.from_rig`. A
-file holds the names and numbers of the model; the configuration stored in it holds the rig.
+file holds the names and numbers of the model; the configuration stored in it holds the rig. All
+code computes with the parameters of the model. Where a user reads or types them, it asks the
+`Nomenclature` of the sweep.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Annotated, Any, NamedTuple
 
@@ -23,7 +25,7 @@ from sweeps.config.groups import (
     refuse_out_of_bounds,
 )
 from sweeps.config.values import Axis, ConflictError, Elsewhere, Number, Range, Values, ordered
-from sweeps.text import fewest_digits
+from sweeps.text import fewest_digits, in_units
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 
@@ -227,3 +229,69 @@ def with_rig(data: dict[str, Any]) -> dict[str, Any]:
     if isinstance(follow, dict) and isinstance(follow.get("axis"), str):
         data["follow"] = {**follow, "axis": model_name(follow["axis"])}
     return data
+
+
+@dataclass(frozen=True)
+class Nomenclature:
+    """The names, units and numbers of the parameters: those of the model, or of a rig."""
+
+    rig: RigConfig | None = None
+    units: Mapping[str, str] = field(default_factory=dict)  # names of the units of length and time
+
+    @property
+    def in_si(self) -> bool:
+        """Whether numbers are in SI units, as those of a rig."""
+        return self.rig is not None
+
+    @property
+    def group(self) -> str:
+        """The group of a configuration that has the parameters."""
+        return "oscillator" if self.rig is None else "rig"
+
+    @property
+    def constants(self) -> dict[str, Any]:
+        """What this group has besides the parameters."""
+        return {} if self.rig is None else {"mass": self.rig.mass}
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """All that a reader sees, by the reader's names."""
+        if self.rig is None:
+            return PARAMETERS
+        return {"mass": MASS, **{self.name(own): self.about(own) for own in PARAMETERS}}
+
+    def name(self, own: str) -> str:
+        """Return the reader's name for a parameter of the model; others are left unchanged."""
+        return own if self.rig is None or own not in QUANTITIES else QUANTITIES[own].name
+
+    def parameter(self, name: str) -> str:
+        """Return the parameter of the model that a reader calls so; others are left unchanged."""
+        return name if self.rig is None else model_name(name)
+
+    def about(self, own: str) -> Parameter:
+        """Return the symbol, the meaning, the unit and the bounds of a parameter of the model."""
+        is_own = self.rig is None or own not in QUANTITIES
+        return PARAMETERS[own] if is_own else QUANTITIES[own].description
+
+    def unit(self, unit: str) -> str:
+        """Return a unit made of length and time with the names of both."""
+        return in_units(unit, self.units)
+
+    def value(self, own: str, values: Any) -> Any:
+        """Convert values of a parameter of the model to the reader's unit."""
+        if self.rig is None or own not in QUANTITIES:
+            return values
+        return self.rig.in_si(own, values)
+
+    def in_model(self, own: str, values: Any) -> Any:
+        """Convert values in the reader's unit to those of a parameter of the model."""
+        if self.rig is None or own not in QUANTITIES:
+            return values
+        return QUANTITIES[own].in_model(self.rig.mass, values)
+
+    def selection(self, at: Mapping[str, Any]) -> dict[str, Any]:
+        """Convert values of parameters of the model by name, without texts, and their names."""
+        return {
+            self.name(own): one if isinstance(one, str) else self.value(own, one)
+            for own, one in at.items()
+        }

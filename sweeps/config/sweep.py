@@ -26,9 +26,8 @@ from sweeps.config.groups import (
     choice,
     key_list,
 )
-from sweeps.config.nomenclature import Nomenclature
 from sweeps.config.points import in_model, with_columns
-from sweeps.config.rig import RIG_PARAMETERS, RigConfig, with_rig
+from sweeps.config.rig import RIG_PARAMETERS, Nomenclature, RigConfig, with_rig
 from sweeps.config.values import Axis, Group, Table, known_word, null
 from sweeps.grid import TABLE, Grid, Sweep
 from sweeps.text import printable

@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 from bokeh.layouts import column, row
 from bokeh.models import Button, Div, LayoutDOM, Model, Select, Slider, TextInput, Toggle
 
-from sweeps.config.nomenclature import Nomenclature
+from sweeps.config.rig import Nomenclature
 from sweeps.explorer.figures import narrow, symbol
 from sweeps.explorer.view import RECORD_FIELDS, View, window_around
 from sweeps.opened.coordinates import COORDINATES

@@ -25,7 +25,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from sweeps.config.nomenclature import Nomenclature
+from sweeps.config.rig import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import View, Window, window_bounds
 from sweeps.plotting.labels import as_variable, label, named_unit, prefix_of

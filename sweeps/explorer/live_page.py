@@ -29,8 +29,7 @@ from sweeps.explorer.controls import (
     selector,
 )
 from sweeps.explorer.figures import narrow
-from sweeps.explorer.live_branches import Branches
-from sweeps.explorer.live_diagram import Diagram
+from sweeps.explorer.live_diagram import Branches, Diagram
 from sweeps.explorer.live_maps import Map
 from sweeps.explorer.live_motion import MotionPanel
 from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, write_yaml

@@ -18,7 +18,7 @@ from urllib.parse import parse_qsl, urlencode
 
 from sweeps.config.groups import OscillatorConfig, RecordConfig
 from sweeps.config.loading import load_config
-from sweeps.config.nomenclature import Nomenclature
+from sweeps.config.rig import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError
 from sweeps.opened.coordinates import COORDINATES

@@ -26,8 +26,7 @@ import numpy as np
 from vibroimpact.orbits.branches import SpecialPoint, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import POINT, Oscillator
-from vibroimpact.points.computation import compute_points
-from vibroimpact.points.destinations import classified_later
+from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import regimes_of, repetitions
 from vibroimpact.points.run_spec import RunSpec
 

@@ -18,8 +18,7 @@ import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS, STARTS
 from sweeps.config.loading import stored_config
-from sweeps.config.nomenclature import Nomenclature
-from sweeps.config.rig import MASS, QUANTITIES
+from sweeps.config.rig import MASS, QUANTITIES, Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
@@ -157,7 +156,7 @@ class OpenedSweep:
     @property
     def recorded_motions(self) -> dict[str, np.ndarray]:
         """The results from which the motions are made."""
-        from vibroimpact.points.destinations import RECORD
+        from vibroimpact.points.computation import RECORD
 
         recorded = ("period_impacts", "orbit_x", "orbit_v") if "period" in self else RECORD
         return self.values(sorted({*OF_REGIMES, *recorded}))

@@ -15,7 +15,7 @@ from matplotlib.ticker import (
     StrMethodFormatter,
 )
 
-from sweeps.config.nomenclature import Nomenclature
+from sweeps.config.rig import Nomenclature
 from sweeps.opened.coordinates import COORDINATES, impacts_left_out
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store import DIRECTION, VARIABLES

@@ -9,7 +9,7 @@ from tests.helpers import naive
 from tests.helpers.oscillators import bifurcation
 from vibroimpact import Oscillator, integrate, one_impact_orbit
 from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
-from vibroimpact.points.destinations import classified_later
+from vibroimpact.points.computation import classified_later
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps

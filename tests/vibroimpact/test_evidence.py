@@ -8,8 +8,7 @@ import pytest
 from tests.vibroimpact.test_destination import on_the_orbit, run, spec_of
 from vibroimpact import Oscillator, integrate, periodic_orbit
 from vibroimpact.oscillator import POINT
-from vibroimpact.points.computation import compute_points
-from vibroimpact.points.destinations import classified_later
+from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import Regime, regimes_of
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps

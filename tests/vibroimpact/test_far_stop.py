@@ -10,8 +10,7 @@ from tests.helpers import naive
 from tests.vibroimpact.test_free_motions import found_of
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, simulate
 from vibroimpact.oscillator import POINT
-from vibroimpact.points.computation import compute_points
-from vibroimpact.points.destinations import classified_later
+from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import is_chaotic
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence

@@ -17,7 +17,7 @@ class RunSpec:
     impact: str
     steps_per_period: int
     transient: int
-    longest: int | None  #: Longest transient if each point has its own, see ``transient.py``.
+    longest: int | None  #: Longest transient if each point has its own, see ``stages.py``.
     periods: int
     phase: float
     impacts: int

@@ -1,15 +1,25 @@
-"""Motions continued in stages until they need no more.
+"""Motions continued in stages until they need no more: a class, or their orbit to be recorded.
 
 A run that starts from a section continues the run before it to the last bit.
+
+**Transients that are found.** Points run in stages, each as long as all before it. After a stage
+the class of every motion is found from the last sections. A motion with a class still needs as many
+periods as its distance from the orbit, which its greatest multiplier reduces, takes to fall to
+rounding. A motion without a class goes on, but not beyond the longest transient. It does not go on
+if its exponents over a long stage say that it is chaotic. So the results are those of a run from
+the start, with the transient that was found. The status is the worst of all stages: a motion that
+failed in one has no record.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from vibroimpact.points.regimes import has_result
+from vibroimpact.points.regimes import has_result, is_chaotic
+from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence, Status
 
 #: Results by name, of shape (points, ...).
@@ -74,3 +84,93 @@ def worst_of(before: np.ndarray, status: np.ndarray) -> np.ndarray:
 def without_class(evidence: np.ndarray, status: np.ndarray) -> np.ndarray:
     """Return the mask of the motions that have not failed, and go to no known orbit."""
     return (evidence <= Evidence.UNREACHED) & has_result(status)
+
+
+#: Sections from which a class is found, and periods of the first stage.
+_SECTIONS, _FIRST = 32, 64
+#: Periods of a stage whose exponents tell chaos from long transients.
+_LONG = 512
+#: A distance from an orbit that is rounding, as a share of the size of the record.
+_ROUNDING = 1e-15
+#: Motions that end their transient together wait for the longest of them; so many per doubling.
+_STEPS_PER_DOUBLING = 4
+
+#: Computes points by a specification.
+Run = Callable[[RunSpec, np.ndarray], dict[str, np.ndarray]]
+
+
+def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict[str, np.ndarray]:
+    """Compute points, each with its own transient; ``transient`` has the periods, shape (n,)."""
+    assert spec.longest is not None
+    needed, longest = np.zeros(points.size, np.int64), spec.longest
+    worst = np.full(points.size, Status.COMPUTED, np.int8)
+
+    def stage(points: np.ndarray, periods: int) -> dict[str, np.ndarray]:
+        return run(_stage(spec, periods), points)
+
+    def goes_on(going: np.ndarray, done: int, results: Results) -> np.ndarray:
+        found = results["destination"]
+        needed[going] = _needed(found, longest - done)
+        worst[going] = worst_of(worst[going], results["status"])
+        on = without_class(found["evidence"], results["status"])
+        if "lyapunov" in results:
+            periods = results["poincare_x"].shape[1]
+            on &= ~is_chaotic(results["lyapunov"], points["omega"][going], periods)
+        return on
+
+    state, done = in_stages(points, _doubled(longest), spec.phase, stage, goes_on)
+    results = _recorded(spec, points, state, done, needed, run)
+    failed = ~has_result(worst)
+    for name, values in results.items():
+        if name not in ("destination", "transient"):
+            values[failed] = np.nan if values.dtype.kind == "f" else 0
+    status = np.where(
+        results["status"] < 0, results["status"], np.maximum(results["status"], worst)
+    )
+    return results | {"status": status}
+
+
+def _doubled(longest: int) -> Iterator[int]:
+    """Yield the periods after which classes are found: each twice as many as before."""
+    stop = _FIRST
+    while stop < longest:
+        yield stop
+        stop *= 2
+    yield longest
+
+
+def _stage(spec: RunSpec, length: int) -> RunSpec:
+    """Return the specification of a stage; exponents cover it if it is long enough."""
+    lyapunov = spec.lyapunov and length >= _LONG
+    sections = length if lyapunov else min(length, _SECTIONS)
+    return spec.part(length - sections, sections, 0, lyapunov)
+
+
+def _needed(found: np.ndarray, most: int) -> np.ndarray:
+    """Return the periods that motions still need, in few different numbers, at most `most`."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        falls = np.log(_ROUNDING / found["distance"]) / np.log(found["multiplier"])
+    falls = np.clip(np.nan_to_num(falls), 0.0, most)
+    falls[found["evidence"] <= Evidence.UNREACHED] = 0.0
+    periods = np.minimum(falls * found["m"], most)
+    steps = np.ceil(_STEPS_PER_DOUBLING * np.log2(np.maximum(periods, 1.0)))
+    rounded = np.ceil(2.0 ** (steps / _STEPS_PER_DOUBLING))
+    return np.where(periods < 1.0, 0, np.minimum(rounded, most)).astype(np.int64)
+
+
+def _recorded(
+    spec: RunSpec,
+    points: np.ndarray,
+    state: np.ndarray,
+    done: np.ndarray,
+    needed: np.ndarray,
+    run: Run,
+) -> dict[str, np.ndarray]:
+    """Record points after the periods that they still need from their states."""
+    arrays: dict[str, np.ndarray] = {}
+    for more in np.unique(needed).tolist():
+        rows = np.flatnonzero(needed == more)
+        record = spec.part(more, spec.periods, spec.impacts, spec.lyapunov)
+        record = replace(record, extremes=spec.extremes)
+        put_rows(arrays, points.size, rows, run(record, state[rows]))
+    return arrays | {"transient": done + needed}
