@@ -5,7 +5,6 @@ As in ``main.py``, modules are imported inside the command.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -121,7 +120,6 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
     """
     from sweeps.config.loading import load_config, stored_config
     from sweeps.store import columns_of, is_sweep
-    from sweeps.yaml_text import yaml_mapping
 
     if not is_sweep(path):
         if path.suffix == ".h5" and path.is_file():
@@ -134,12 +132,6 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
 
     with open_sweep(path, verify=False) as dataset:
         text, table = dataset.attrs["configuration"], columns_of(dataset) or None
-        if "refine" in yaml_mapping(text, f"{path}, its configuration"):
-            warnings.warn(
-                f"an earlier version added points to those of the configuration of {path}, which "
-                f"has {dataset['status'].size:,}; the added points are not computed again",
-                stacklevel=2,
-            )
     config = stored_config(text, f"{path}, its configuration", path.stem, table, overrides)
     if any(override.partition("=")[0].strip() == "output" for override in overrides):
         return config

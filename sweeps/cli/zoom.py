@@ -25,8 +25,7 @@ from sweeps.cli.options import (
     opened_in_si,
     say,
 )
-from sweeps.cli.picture_options import Coordinate, Width
-from sweeps.cli.plot import draw_picture
+from sweeps.cli.plot import Coordinate, Width, draw_picture
 from sweeps.cli.run import DryRun, Overrides, planned_text, read_config, run_and_report
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once

@@ -304,7 +304,7 @@ class FollowConfig(Group):
 
 
 #: Units with which xarray converts numbers to differences of dates, and what to write instead.
-DATE_UNITS = {
+_DATE_UNITS = {
     "nanoseconds": "ns", "microseconds": "us", "milliseconds": "ms", "seconds": "s",
     "minutes": "min", "hours": "h", "days": "d",
 }  # fmt: skip
@@ -312,8 +312,8 @@ DATE_UNITS = {
 
 def _no_date(unit: str) -> str:
     """Refuse a unit with which other programs take numbers for differences of dates."""
-    if unit in DATE_UNITS:
-        hint = suggestion(DATE_UNITS[unit])
+    if unit in _DATE_UNITS:
+        hint = suggestion(_DATE_UNITS[unit])
         raise ValueError(f"is a unit with which xarray reads numbers as dates{hint}")
     return unit
 
@@ -326,7 +326,7 @@ def _unit(quantity: str) -> Any:
         description=f"name of the unit of {quantity}: a word of at most 12 letters",
         json_schema_extra={
             "type": ["string", "boolean", "null"],  # the words true and null
-            "not": {"enum": [*DATE_UNITS]},
+            "not": {"enum": [*_DATE_UNITS]},
         },
     )
 

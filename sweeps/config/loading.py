@@ -15,7 +15,7 @@ import yaml
 from pydantic import ValidationError
 
 from sweeps.config.checks import conflicts, with_defaults
-from sweeps.config.groups import DATE_UNITS, key_list
+from sweeps.config.groups import key_list
 from sweeps.config.messages import (
     as_typed,
     conflict_at,
@@ -105,14 +105,9 @@ def stored_config(
 ) -> SweepConfig:
     """Read the configuration in a sweep file, which stores its table of `points` apart from it.
 
-    Columns of the model that were made from those of a rig are left out. Files of earlier versions
-    may name ``refine``, by which points were added to their grid. It is left out, too; units of
-    dates become their short names.
+    Columns of the model that were made from those of a rig are left out.
     """
     data, sources = _parse(text, origin)
-    data.pop("refine", None)
-    if isinstance(units := data.get("units"), dict):
-        data["units"] = {key: DATE_UNITS.get(str(name), name) for key, name in units.items()}
     if points is not None:
         made = made_of_rig(points, data["rig"]) if "rig" in data else set()
         points = {key: values for key, values in points.items() if key not in made}

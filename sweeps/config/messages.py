@@ -13,16 +13,6 @@ from sweeps.config.values import ConflictError, Group, Key, Range
 from sweeps.text import near_miss, shortened, suggestion
 from vibroimpact import inputs
 
-#: What takes the place of keys of earlier versions.
-_GONE = {
-    "method.accuracy": "because exact impacts, the default, cost less than every other method at "
-    "every error below 1e-2; expected: no accuracy, or an integrator, an impact rule and "
-    "steps_per_period, which `vibroimpact bench accuracy-speed CONFIG` compares",
-    "refine": "because `vibroimpact info OUT.h5 --bifurcations` lists the changes of class, with "
-    "exact values of flips, folds and grazes, and `vibroimpact zoom OUT.h5` computes the interval "
-    "of another change; expected: no refine",
-}
-
 
 def without_misspelt(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
     """Remove the errors about a missing key that is only misspelt, which has its own error."""
@@ -52,8 +42,6 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
     if error["type"] == "missing":
         return f"{where}{dotted(key)} is missing; expected: {expected}"
     if error["type"] == "extra_forbidden":
-        if gone := _GONE.get(dotted(key)):
-            return f"{where}{dotted(key)}: is not a key any more, {gone}"
         name = str(key[-1])
         hint = suggestion(meant(name, group.model_fields, _keys_elsewhere()))
         if name.isdecimal():  # {h: 0,1} is read as {h: 0, 1: }

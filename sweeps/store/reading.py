@@ -115,9 +115,6 @@ def _lazy(
     # A file of an earlier version lacks the parameters that came later.
     coordinates: dict[str, Any] = {name: ((), one.default) for name, one in PARAMETERS.items()}
     coordinates |= schema.coordinates()
-    computed = schema.computation
-    if "fixed" not in computed:  # all points had one phase, and a column phase was a comment
-        coordinates["phase"] = (), float(computed.get("start", 0.0))
     dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})
     for called, variable in dataset.variables.items():
         variable.attrs = attributes_of(schema, str(called))

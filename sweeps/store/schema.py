@@ -153,11 +153,6 @@ class Schema:
         found |= {name: ((), float(value)) for name, value in self.fixed.items()}
         return found | {record: ((record,), numbers) for record, numbers in self.records.items()}
 
-    @property
-    def computation(self) -> dict[str, Any]:
-        """What the code computed, as far as the file says it."""
-        return yaml_mapping(self.attributes.get("computation", "fixed:"), "the computation")
-
     def differences(self, old: Schema) -> list[str]:
         """Say what makes this sweep, or the code that computes it, another one than an old one."""
         was, now = old.attributes, self.attributes

@@ -166,8 +166,6 @@ def description_in(attributes: Mapping[str, Any], meaning: str, unit: str) -> di
 def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     """Return the columns of a sweep over a table, or of a selection from it; empty for a grid."""
     names = str(dataset.attrs.get(COLUMN_NAMES, "")).split()
-    if "phase" in names and "fixed:" not in dataset.attrs.get("computation", "fixed:"):
-        names.remove("phase")  # it was a comment in files of earlier versions
     return {name: np.atleast_1d(dataset[name].values) for name in names}
 
 

@@ -18,9 +18,8 @@ import sweeps
 from sweeps import branches, open_sweep
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
 from sweeps.bifurcation.kept import with_cache
-from sweeps.config.sweep import SweepConfig
 from sweeps.opened.opened_sweep import OpenedSweep
-from tests.helpers.commands import accepted, call, refused
+from tests.helpers.commands import accepted, refused
 from tests.helpers.oscillators import SectionMap
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, PeriodicOrbit, one_impact_orbits, periodic_orbit
@@ -252,27 +251,6 @@ def test_the_command_that_is_named_narrows_a_change_without_a_value(tmp_path, mo
     accepted(*shlex.split(command), "-o", "narrow.h5")
     (change,) = bifurcations("narrow.h5")
     assert change.low <= np.hypot(np.pi, 1.0) <= change.high <= change.low + 0.051
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("default")  # which a command writes to stderr
-def test_a_file_with_added_points_still_opens(tmp_path, monkeypatch):
-    """As earlier versions wrote with the key refine: the values are more than the grid has."""
-    text = "oscillator: {h: 0, R: 0.8, omega: [2.64, 2.653, 2.654, 2.66], f: 1}\n"
-    with monkeypatch.context() as earlier:  # undo() would also leave the folder of the test
-        earlier.setattr(SweepConfig, "to_yaml", lambda _, **options: (
-            "oscillator: {h: 0, R: 0.8, omega: [2.64, 2.66], f: 1}\n"
-            "refine: {axis: omega, around: changes, levels: 4}\n"))  # fmt: skip
-        path = run_in(tmp_path, text)
-    (flip,) = bifurcations(path)
-    assert (flip.kind, flip.low, flip.high) == ("flip", 2.653, 2.654)
-    assert "refine" in accepted("info", path) and "refine" not in accepted("info", path, "--config")
-    assert "4 rows" in accepted("export", path, "-o", tmp_path / "out.csv")
-    result = call("run", path, "--resume", "--quiet")
-    warning, error = result.stderr.splitlines()
-    assert result.exit_code == 2 and warning.startswith("vibroimpact: warning: an earlier version")
-    assert " has 4; the added points are not" in warning
-    assert "refine.levels was 4 and is not given" in error
 
 
 @pytest.mark.slow

@@ -171,18 +171,6 @@ def test_a_bad_table_is_refused_by_row_and_column(text, part):
     assert part in refused_table(text)
 
 
-def test_a_file_with_a_further_column_phase_still_opens():
-    """Earlier versions took it for a comment, in any unit."""
-    columns = {"omega": [1.0, 1.2], "R": [0.5, 0.6], "phase": [0.0, 1.5], "serial": [7.0, 8.0]}
-    run_sweep({"points": columns, **yaml.safe_load(f"{FIXED}\n{RECORD}")}, "table.h5")
-    with open_sweep("table.h5") as dataset:
-        assert OpenedSweep(dataset).config.points["phase"].tolist() == [0.0, 1.5]
-        old = dataset.assign_coords(phase=("point", [0.0, 90.0]))
-        old.attrs["computation"] = "integrator: exact\nphase: 0.0\nh: 0.05\n"
-        assert OpenedSweep(old).config.points.dtype.names == ("omega", "R", "serial")
-        assert OpenedSweep(old).config.start.phase == 0.0
-
-
 def test_the_bytes_of_a_table_are_those_that_programs_write():
     """A BOM, Windows' line ends, empty lines, quotes, spaces and long serial numbers are read."""
     text = '\ufeffomega , R,serial\r\n2.5 ,"0.8",99999999999999999999\r\n\r\n1e-3,1,7\r\n\r\n'

@@ -93,19 +93,6 @@ def test_a_phase_of_the_start_beyond_one_turn_is_refused(phase):
     assert "start.phase = " in message and "a number >= 0 and < 2 pi" in message
 
 
-def test_a_key_that_is_gone_names_what_takes_its_place():
-    message = refusal(oscillator_yaml() + "refine: {axis: omega, levels: 17}\n")
-    assert message.startswith("sweep.yaml, line 2: refine: is not a key any more")
-    assert "info OUT.h5 --bifurcations" in message and "vibroimpact zoom" in message
-
-
-@pytest.mark.parametrize("method", ["{accuracy: 1e-4}", "{accuracy: null, impact: plain}"])
-def test_an_accuracy_in_place_of_a_method(method):
-    message = refusal(oscillator_yaml() + f"method: {method}\n")
-    assert message.startswith("sweep.yaml, line 2: method.accuracy: is not a key any more")
-    assert message.count("\n") == 0 and "vibroimpact bench accuracy-speed CONFIG" in message
-
-
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
