@@ -275,13 +275,3 @@ def test_a_base_takes_the_place_of_the_force_or_adds_to_it():
 )  # fmt: skip
 def test_a_force_that_cannot_be_is_refused(text, part):
     assert part in refusal(text)
-
-
-def test_the_schema_asks_for_a_force_or_a_base():
-    jsonschema = pytest.importorskip("jsonschema")
-    validator = jsonschema.Draft202012Validator(json_schema())
-    given = {"h": 0.1, "R": 0.8, "omega": 2.0}
-    for force in ({"f": 1.0}, {"f": 0.0, "a": 0.0}, {"a": 0.1}, {"a": [0.0, 0.1]}):
-        assert validator.is_valid({"oscillator": {**given, **force}})
-    for force in ({}, {"a": -1.0}, {"a": 0}, {"a": 0.0}):
-        assert not validator.is_valid({"oscillator": {**given, **force}})

@@ -1,8 +1,7 @@
-"""The JSON schema and the loader agree on thousands of random documents, valid and invalid."""
+"""The JSON schema accepts all random documents that the loader accepts, and marks most others."""
 
 import copy
 import json
-import re
 
 import numpy as np
 import pytest
@@ -11,12 +10,6 @@ from sweeps.config.json_schema import json_schema
 from sweeps.config.loading import parse_config
 from sweeps.errors import ConfigError
 
-#: What no schema can say: a comparison of numbers at different places, or what is computed of them.
-COMPARED = re.compile(
-    r"lies beyond the stop|needs start and stop to|too wide for|f \+ a omega\^2 must be a finite"
-    r"|steps per|are not enough for|samples per point|points; expected|equal length|did you mean"
-    r"|cannot be read|is not a range in the units|in the units of the model"
-)
 KEYS = ("h", "R", "omega", "f", "p", "clearance", "a")
 RIG = ("mass", "stiffness", "damping", "frequency", "gap", "R", "force", "base")
 MODEL_NAME = {
@@ -166,36 +159,33 @@ class Documents:
         return document
 
 
-def loaded(document):
-    """Return the message of the loader; empty if it accepts a document."""
+def is_loaded(document):
+    """Whether the loader accepts a document."""
     try:
         parse_config(json.dumps(document), "sweep.yaml", "sweep")
-    except ConfigError as error:
-        return str(error)
-    return ""
+    except ConfigError:
+        return False
+    return True
 
 
 def compare(seed, count):
     jsonschema = pytest.importorskip("jsonschema")
     validator = jsonschema.Draft202012Validator(json_schema())
-    documents, accepted = Documents(seed), 0
+    documents, marked, refused = Documents(seed), 0, 0
     for _ in range(count):
         document = documents.any()
-        message, valid = loaded(document), validator.is_valid(document)
-        accepted += valid
-        if valid:
-            wrong = [line for line in message.splitlines() if not COMPARED.search(line)]
-            assert not wrong or len(wrong) < len(message.splitlines()), (message, document)
-        else:
-            assert message, (document, [error.message for error in validator.iter_errors(document)])
-    assert 0.1 * count < accepted < 0.5 * count
+        errors, loaded = [*validator.iter_errors(document)], is_loaded(document)
+        assert not (loaded and errors), (document, [error.message for error in errors])
+        refused += not loaded
+        marked += bool(errors)
+    assert 0.5 * count < refused < 0.9 * count and marked > 0.5 * refused
 
 
-def test_the_schema_and_the_loader_agree():
+def test_the_schema_accepts_what_the_loader_accepts():
     compare(seed=1, count=400)
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(2, 12))
-def test_the_schema_and_the_loader_agree_on_thousands(seed):
+def test_the_schema_accepts_what_the_loader_accepts_of_thousands(seed):
     compare(seed, 2000)
