@@ -54,7 +54,7 @@ def json_schema() -> JsonSchema:
     required: JsonSchema = {}
     for name, group in groups.items():
         asked = schema["$defs"][group.__name__].pop("required")
-        required[name] = {"required": [key for key in asked if key not in group.FORCES]}
+        required[name] = {"required": [key for key in asked if key not in (group.FORCES or ())]}
     table = {"required": ["points"], "properties": {"points": {"not": {"type": "null"}}}}
     whole = {"properties": required, "anyOf": [{"required": [name]} for name in groups]}
     return {**about, **schema, "if": table, "else": whole}
