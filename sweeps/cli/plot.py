@@ -386,8 +386,8 @@ def _exact(
     """Find the exact branches, or the curves of a map; return them, lines to print and a table."""
     from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches
     from sweeps.bifurcation.exact_curves import curves
-    from sweeps.bifurcation.kept import with_cache
     from sweeps.opened import tables
+    from sweeps.opened.kept import with_cache
     from sweeps.plotting.contents import select_line
     from sweeps.plotting.exact_lines import without_idle
     from sweeps.plotting.maps import shown_quantity

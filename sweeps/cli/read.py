@@ -53,13 +53,18 @@ def integrity_command(file: SweepFile, at: At = None, csv: Csv = None, json: Jso
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
     from sweeps.attractor.integrity import integrity
     from sweeps.attractor.knocks import knocks
+    from sweeps.opened.kept import with_cache
+
+    notes = list[str]()
 
     def find(shown: OpenedSweep) -> xr.Dataset:
         found = integrity(shown)
         alone = not found["attractors"].ndim and shown.config.method.impact == "exact"
-        return knocks(shown, found) if alone else found
+        return with_cache(knocks, notes.append, "least knocks")(shown, found) if alone else found
 
     _show_attractors(file, at, csv, json, "measuring the integrity of attractors", find)
+    for note in notes:
+        say(note, error=json)
 
 
 def _show_attractors(
@@ -165,7 +170,7 @@ def _show_bifurcations(
     from sweeps.bifurcation.bifurcation_report import bifurcation_report
     from sweeps.bifurcation.bifurcation_table import find_bifurcations, public_table
     from sweeps.bifurcation.exact_branches import branches
-    from sweeps.bifurcation.kept import with_cache
+    from sweeps.opened.kept import with_cache
     from sweeps.opened.tables import json_text, write_csv
 
     notes = list[str]()

@@ -21,6 +21,7 @@ from sweeps.attractor.integrity import refuse_unfit, with_measures
 from sweeps.attractor.knocks import at_section, knocks
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
+from sweeps.opened.kept import with_cache
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.attractor_pictures import (
@@ -274,7 +275,8 @@ def _draw_disturbances(
     places = {
         row.number: place.replace("\n", " ") for row, (_, place) in zip(own, names, strict=True)
     }
-    there = knocks(starts, there, list(places)) if exact else there
+    if exact:
+        there = with_cache(knocks, what="least knocks")(starts, there, list(places))
     named = named_unit(as_variable("v0", starts.config.nomenclature))
     unit = f" {named}" if named else ""
     handles: list[Artist] = [

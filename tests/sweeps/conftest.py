@@ -42,10 +42,10 @@ def short_trials():
 
 @pytest.fixture(autouse=True, scope="session")
 def own_results(tmp_path_factory):
-    """Keep exact orbits in a folder of the tests, and leave those of the user alone."""
+    """Keep orbits and knocks in a folder of the tests, and leave those of the user alone."""
     folder = tmp_path_factory.mktemp("kept")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sweeps.bifurcation.kept.root", lambda: folder)
+        patch.setattr("sweeps.opened.kept.root", lambda: folder)
         yield
 
 
@@ -177,8 +177,9 @@ def client(cluster):
 
 
 @pytest.fixture
-def no_knocks(monkeypatch):
+def no_knocks(monkeypatch, tmp_path):
     """Seek no knock for a picture; return the list of the attractors for which one is wanted."""
+    monkeypatch.setattr("sweeps.opened.kept.root", lambda: tmp_path / "kept")
     sought = []
 
     def worst(motions, home, limit):

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 import sweeps
 from sweeps import branches, open_sweep
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
-from sweeps.bifurcation.kept import with_cache
+from sweeps.opened.kept import with_cache
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted, refused
 from tests.helpers.oscillators import SectionMap

@@ -9,8 +9,8 @@ import pytest
 from matplotlib.colors import to_hex
 
 from sweeps import open_sweep
-from sweeps.bifurcation import kept
 from sweeps.errors import Refused
+from sweeps.opened import kept
 from sweeps.plotting import Page, bifurcation, parameter_map, plot, table_panels
 from tests.helpers.commands import SMALL, accepted, refused
 from tests.helpers.equal_points import equal_points

@@ -1,11 +1,11 @@
-"""Exact branches and curves that are kept in the cache of this user: packed, and read again."""
+"""What takes long to find and is kept in the cache of this user: exact orbits and least knocks."""
 
 from __future__ import annotations
 
 import hashlib
 import io
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.opened_sweep import OpenedSweep, Selection
+from sweeps.opened.opened_sweep import OpenedSweep
 from vibroimpact.jit import NUMERICS, numerics_of
 from vibroimpact.jit.cache import read, root, write
 from vibroimpact.status import Status
@@ -24,43 +24,39 @@ _ABOUT = "about"
 #: Most results that are kept; the oldest go first.
 _MOST = 100
 #: The rooms whose code decides, besides the physics, what is found.
-_ROOMS = ("bifurcation", "opened")
+_ROOMS = ("attractor", "bifurcation", "opened")
 
 
 def with_cache(
-    find: Callable[..., xr.Dataset], say: Callable[[str], object]
+    find: Callable[..., xr.Dataset],
+    say: Callable[[str], object] = lambda text: None,
+    what: str = "exact orbits",
 ) -> Callable[..., xr.Dataset]:
-    """Return `branches` or `curves` as a function that keeps what it finds, and uses it again.
+    """Return `branches`, `curves` or `knocks` as a function that keeps and reuses what it finds.
 
-    What was found is used again if all that the sweep says of its motions, the code of the physics,
-    of ``bifurcation`` and of ``opened``, and the request are the same. `say` is told that, or why
-    what was found is not kept.
+    What was found is used again if all that the sweep says of its motions, the code of the physics
+    and of ``_ROOMS``, and the request are the same. `say` is told that, or why what was found is
+    not kept; `what` is its name.
     """
 
     @takes_sweep({})
-    def found(
-        sweep: OpenedSweep,
-        axes: str | Sequence[str],
-        at: Selection | None = None,
-        *checks: Callable[..., object],
-        **chosen: Any,
-    ) -> xr.Dataset:
+    def found(sweep: OpenedSweep, *request: Any, **chosen: Any) -> xr.Dataset:
         """Look for a kept result first."""
         code = [numerics_of(Path(__file__).parents[1] / room) for room in _ROOMS]
-        request = [find.__name__, axes, sorted((at or {}).items()), sorted(chosen.items())]
-        key = json.dumps([_motions(sweep), NUMERICS, code, request], default=int)
+        asked = [find.__name__, [one for one in request if not callable(one)], chosen]
+        key = json.dumps([_motions(sweep), NUMERICS, code, asked], default=_plain, sort_keys=True)
         path = root() / "exact" / hashlib.sha256(key.encode()).hexdigest()[:24]
         if (before := _read(path, key)) is not None:
-            say("the exact orbits were found before, and are used again")
+            say(f"the {what} were found before, and are used again")
             return before
-        result = find(sweep, axes, at, *checks, **chosen)
+        result = find(sweep, *request, **chosen)
         if (sweep["status"] == Status.PENDING).any():
-            say("the exact orbits are not kept: the sweep is not complete")
+            say(f"the {what} are not kept: the sweep is not complete")
             return result
         try:
             write(path, _packed(result, key), _MOST)
         except OSError as error:
-            say(f"the exact orbits are not kept in {path.parent}: {error.strerror or error}")
+            say(f"the {what} are not kept in {path.parent}: {error.strerror or error}")
         return result
 
     return found
@@ -69,9 +65,19 @@ def with_cache(
 def _motions(sweep: OpenedSweep) -> str:
     """Return a digest of the motions of a sweep, as it is now, and of its axes and their names."""
     about = sweep.config.to_yaml(), sweep.in_rig, sweep.grid
+    return _digest(about, sweep.data.coords, sweep.recorded_motions)
+
+
+def _plain(part: Any) -> int | str:
+    """Return what JSON cannot hold of a request: an integer of NumPy, or a digest of a Dataset."""
+    return _digest("", part.variables, {}) if isinstance(part, xr.Dataset) else int(part)
+
+
+def _digest(about: object, variables: Mapping[Any, Any], arrays: Mapping[str, np.ndarray]) -> str:
+    """Return a digest of variables of xarray and of arrays, and of what else describes them."""
     digest = hashlib.sha256(repr(about).encode())
-    axes = {(name, *one.dims): one.values for name, one in sweep.data.coords.items()}
-    for name, values in (axes | sweep.recorded_motions).items():
+    named = {(name, *one.dims): one.values for name, one in variables.items()}
+    for name, values in [*named.items(), *arrays.items()]:
         numbers = values.astype(str) if values.dtype == object else values
         digest.update(repr((name, numbers.dtype.str, numbers.shape)).encode() + numbers.tobytes())
     return digest.hexdigest()

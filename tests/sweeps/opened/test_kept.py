@@ -1,4 +1,4 @@
-"""Exact branches and curves are kept in the cache of the user, and used if all is the same."""
+"""Exact orbits and least knocks are kept in the cache of the user, and used if all is the same."""
 
 import os
 
@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import branches, curves, open_sweep
-from sweeps.bifurcation import kept as module
-from sweeps.bifurcation.kept import with_cache
+from sweeps import attractors, branches, curves, knocks, open_sweep
+from sweeps.attractor.knocks import _Motions
+from sweeps.opened import kept as module
+from sweeps.opened.kept import with_cache
 from tests.helpers.commands import accepted
 from tests.helpers.sweep_files import run_in
 from vibroimpact.jit.cache import write
@@ -87,13 +88,13 @@ def test_nothing_is_used_again_after_a_change_of_the_data_or_of_the_code(path, m
     assert find.calls == 2
     changed = []
     monkeypatch.setattr(module, "numerics_of", lambda folder: (folder.name, folder.name in changed))
-    for room, calls in ((None, 3), ("bifurcation", 4), ("opened", 5), (None, 5)):
+    for room, calls in ((None, 3), ("bifurcation", 4), ("opened", 5), ("attractor", 6), (None, 6)):
         changed[:] = [room]
         asked(path, find, "omega")
         assert find.calls == calls
     run_in(path.parent, SCENE.replace("h: 0.1", "h: 0.11"), overwrite=True)
     found, _ = asked(path, find, "omega")
-    assert find.calls == 6
+    assert find.calls == 7
     expected = branches(path, "omega")
     np.testing.assert_array_equal(found["omega"], expected["omega"])
 
@@ -231,3 +232,51 @@ def test_plot_and_info_share_what_was_found(path):
     table = "info", "out.h5", "--bifurcations", "--at", "R=0.7"
     first = accepted(*table).strip()
     assert FOUND in (again := accepted(*table)) and again.split(FOUND)[0].strip() in first
+
+
+#: Two motions, the free one and one with an impact in two periods.
+BASINS = """
+oscillator: {h: 0.1, R: 0.8, omega: [2.6, 2.7], f: 1.0, clearance: 0.6}
+start: {x0: {start: -3.0, stop: 0.6, num: 16}, v0: {start: -3.0, stop: 3.0, num: 21}}
+record: {transient: 200, periods: 8, impacts: 4}
+"""
+
+
+@pytest.fixture
+def sought(monkeypatch):
+    """Return the list of the attractors whose knocks were computed."""
+    sought, worst = [], _Motions.worst
+
+    def counted(motions, home, limit):
+        sought.append(home)
+        return worst(motions, home, limit)
+
+    monkeypatch.setattr(_Motions, "worst", counted)
+    return sought
+
+
+@pytest.mark.slow
+def test_knocks_are_computed_once_for_all_pictures_and_tables(tmp_path, sought, unpainted):
+    run_in(tmp_path, BASINS)
+    picture = "plot", "out.h5", "--kind", "integrity", "--panels", "basins"
+    accepted(*picture)
+    accepted(*picture)
+    assert sought == [0, 1]
+    table = "integrity", "out.h5", "--at", "omega=2.6"
+    first = accepted(*table)
+    assert accepted(*table) == first + "the least knocks were found before, and are used again\n"
+
+
+@pytest.mark.slow
+def test_knocks_are_not_taken_for_those_of_others(tmp_path, sought):
+    with open_sweep(run_in(tmp_path, BASINS)) as dataset:
+        starts = dataset.isel(omega=0)
+        find, found = with_cache(knocks), attractors(starts)
+        both = find(starts, found)
+        xr.testing.assert_identical(find(starts, found), both)
+        assert sought == [0, 1]
+        alone = find(starts, found, [1])
+        assert sought == [0, 1, 1]
+        assert np.isnan(alone["knock_harmful"][0]) and alone["knock_harmful"][1] < np.inf
+        other = found.assign(number=1 - found["number"])
+        xr.testing.assert_identical(find(starts, other), knocks(starts, other))
