@@ -1,4 +1,4 @@
-"""The errors of the package, all derived from `SweepError`. The text of each is one paragraph."""
+"""The errors of the package, all derived from `SweepError`."""
 
 
 class SweepError(Exception):

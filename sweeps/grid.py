@@ -1,4 +1,4 @@
-"""A sweep: its axes, its points and a sample of them, its blocks, and what is computed of each."""
+"""A sweep: its axes, points and blocks, and what is computed of each point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reports as text: the plan and the outcome of a run, and what a sweep file contains."""
+"""Reports as text: of a run, and of what a file contains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words and numbers for messages: missing files, units, tables, digits, bytes and durations."""
+"""Words and numbers for messages: units, digits, bytes and durations."""
 
 from __future__ import annotations
 

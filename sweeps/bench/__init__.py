@@ -1,1 +1,1 @@
-"""Measurements of the methods: accuracy, speed and stability, all from runs."""
+"""Measurements of the methods, with SciPy and heyoka for comparison."""

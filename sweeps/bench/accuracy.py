@@ -1,4 +1,4 @@
-"""Accuracy against speed: errors and cost of every method on every scene; their orders and tables.
+"""Accuracy against speed: errors, costs and orders of every method.
 
 All methods run interleaved, each round over all of them, so that a drift of the machine affects all
 of them alike; the best time of the rounds counts. A rung n of the ladder stands for numbers of

@@ -1,4 +1,4 @@
-"""The work-precision diagram: error over cost of a forcing period, with one line per method."""
+"""The work-precision diagram: error over cost, a line for each method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes on which the methods are compared, the errors of a run, and general solvers with events.
+"""Scenes of the comparison, the errors of a run, and other solvers.
 
 A scene is not a single point but 64 neighbours of it: this fills whole blocks of lanes, as in a
 sweep, and impacts fall on different places within a step. A scene may also be 64 points of a sweep.

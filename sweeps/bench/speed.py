@@ -1,4 +1,4 @@
-"""Forcing periods per second on this machine, by method and by scene, and their share of its peak.
+"""Forcing periods per second, and their share of this machine's peak.
 
 The peak is the measured rate of fused multiply-adds in a loop that does nothing else. A step of the
 affine map takes eight of them; the share counts only these. All runs are

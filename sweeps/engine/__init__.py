@@ -1,4 +1,4 @@
-"""The run of a sweep: estimate and compute it, on this machine or on a cluster.
+"""A run: its estimate, its blocks in a thread or on a cluster.
 
 Only this room imports Dask.
 """

@@ -1,4 +1,4 @@
-"""A Dask client for a typed address: of an existing cluster, or of new processes here."""
+"""A Dask client for a typed address."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Computing the blocks of a sweep on the workers of a Dask cluster.
+"""The blocks of a sweep on the workers of a Dask cluster.
 
 Only the submitting process writes, and its folder is the only record of the finished blocks. So
 commit, resume, interrupt, lock and checksums are the same code as on one machine, and a block that

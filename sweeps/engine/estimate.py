@@ -1,4 +1,4 @@
-"""The cost of a sweep before it is run: its time from a trial, memory, disk, and size of blocks."""
+"""The cost of a sweep before it is run: time, memory, disk, size of blocks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run says while it compiles, and the process that compiles beside it on another core."""
+"""The process that compiles beside a run on another core."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The run of a sweep: compute its blocks, write them to the store, and show the progress."""
+"""`run_sweep`: compute the blocks, store them, show the progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The live picture: a bifurcation diagram in the browser, recomputed for every view.
+"""The live page in the browser.
 
 This is the only room that imports Bokeh. `sweeps.explore(config)` opens the page.
 """

@@ -1,4 +1,4 @@
-"""The column of sliders, fields and drop-down lists beside the picture; keys and screen readers."""
+"""Sliders, fields and lists beside the picture; keys and screen readers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Common parts of the figures of the page: labels, axes and a picture made of pixels."""
+"""Common parts of the figures: labels, axes, a picture of pixels."""
 
 from __future__ import annotations
 

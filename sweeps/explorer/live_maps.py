@@ -1,4 +1,4 @@
-"""The maps of the page, filled in tiles: classes over two parameters, and basins over starts."""
+"""The maps, filled in tiles: classes over two parameters, and basins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion at the mark: its time history, its phase portrait, and a text with its class."""
+"""The motion at the mark: time history, phase plane, class."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page: its view, its parts with their sizes and events, and the thread that computes them."""
+"""The page: its view, its parts and events, and its thread."""
 
 from __future__ import annotations
 

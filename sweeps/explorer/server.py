@@ -1,4 +1,4 @@
-"""The server of the page, only for this machine and for users who know the secret address."""
+"""The server of the page, for users of this machine with the secret address."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A thread that computes the newest request, and cancels work that a newer request replaces."""
+"""A thread that computes the newest request and cancels the older."""
 
 from __future__ import annotations
 

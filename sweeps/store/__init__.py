@@ -1,4 +1,4 @@
-"""The HDF5 file of a sweep: its content, and how it is created, written, verified and read.
+"""The file of a sweep: its content, and how it is created, verified and read.
 
 Only this room imports h5py. The names that other rooms use are listed here and imported on first
 use.

@@ -1,4 +1,4 @@
-"""The finished blocks of an incomplete sweep, in its folder ``OUT.h5.parts``.
+"""The blocks of an incomplete sweep, in ``OUT.h5.parts``.
 
 ``schema.h5`` is a complete file without data. ``block-NNNNNN.npz``, which `numpy.load` reads, holds
 a block: an array for each variable with a record dimension, and ``points``, a structured array with

@@ -1,4 +1,4 @@
-"""The paths of a sweep: what exists there, who owns it, what may be written, and is there room.
+"""The paths of a sweep: what exists there, whose it is, is there room.
 
 While a sweep runs, it has a folder for its blocks, ``OUT.h5.parts``, and a lock, ``OUT.h5.lock``.
 """

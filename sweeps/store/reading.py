@@ -1,4 +1,4 @@
-"""A sweep as an ``xarray.Dataset`` whose variables are read when they are used.
+"""A sweep as an ``xarray.Dataset`` whose variables are read when used.
 
 They are read from the complete file, or from the blocks while the sweep is incomplete. The class of
 the arrays implements the interface of an xarray backend

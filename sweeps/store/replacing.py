@@ -1,4 +1,4 @@
-"""Replace a file only when the new one is complete, and refuse targets that must not be replaced.
+"""The safe replacement of any file, only by a complete one.
 
 Every file that the program writes as a whole is written with these functions.
 """

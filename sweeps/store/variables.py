@@ -1,4 +1,4 @@
-"""The variables that a sweep file can hold: dimensions, units, types and sizes."""
+"""The variables that a file can hold: dimensions, units, types."""
 
 from __future__ import annotations
 

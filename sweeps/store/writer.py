@@ -1,4 +1,4 @@
-"""The only writer of a sweep: its lock ``OUT.h5.lock``, its blocks, and the complete file."""
+"""The only writer of a sweep: lock, blocks, complete file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The engine ``vibroimpact`` of xarray, with which `open_sweep` opens a sweep.
+"""`open_sweep`, and the engine ``vibroimpact`` of xarray.
 
 xarray imports this module when it first opens any file, and asks the engine whether a file is its
 own: so what takes long to import is imported only for a sweep.
