@@ -106,6 +106,7 @@ def _is_summary(found: pd.DataFrame) -> bool:
 
 def _row(found: pd.DataFrame, item: Mapping[str, Any]) -> list[str]:
     between = item["between"]
+    unknown = f"{shown_count(between, 'point')} unknown" if between else ""
     return [
         *(_label(item[name]) for name in found.attrs["others"]),
         "" if np.isnan(item["value"]) else f"{item['value']:.12g}",
@@ -113,13 +114,20 @@ def _row(found: pd.DataFrame, item: Mapping[str, Any]) -> list[str]:
         item["orbit"],
         _pair(item),
         f"{item['low']:.12g} .. {item['high']:.12g}",
-        f"{shown_count(between, 'point')} unknown" if between else "",
+        f"{item['criticality']} {unknown}".strip(),
     ]
 
 
 def _pair(item: Mapping[str, Any]) -> str:
-    """Write the classes in the order of the axis; the arrow points where the line was followed."""
-    return f"{item['before']} {'<-' if item['down'] else '->'} {item['after']}"
+    """Write the classes in the order of the axis; the arrow points where the line was followed.
+
+    At a subcritical flip it leads away from the stable orbit, from which the motion jumps.
+    """
+    before, after = str(item["before"]), str(item["after"])
+    back = item["down"]
+    if item["criticality"] == "subcritical" and item["orbit"] in (before, after):
+        back = item["orbit"] == after
+    return f"{before} {'<-' if back else '->'} {after}"
 
 
 def _label(value: float | str) -> str:

@@ -183,7 +183,7 @@ def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> Explana
 #: The columns of the table after those of the other axes.
 TABLE_COLUMNS = (
     "kind", "value", "low", "high", "before", "after", "between", "orbit", "source",
-    "x", "v", "impact_v", "multiplier_1", "multiplier_2",
+    "x", "v", "impact_v", "multiplier_1", "multiplier_2", "criticality",
 )  # fmt: skip
 
 
@@ -237,7 +237,8 @@ def bifurcations(
           `vibroimpact.periodic_orbit` starts; NaN if there is no value, as in the columns below;
         - ``impact_v``: its speeds before the impacts, a text with spaces between them;
         - ``multiplier_1`` and ``multiplier_2``: its Floquet multipliers, the larger one first;
-          infinite and 0 at a graze, NaN where they are complex, which none is at a flip or fold.
+          infinite and 0 at a graze, NaN where they are complex, which none is at a flip or fold;
+        - ``criticality``: that of a flip, ``supercritical`` or ``subcritical``; else empty.
 
         Where ``value`` is NaN, ``vibroimpact zoom`` with ``low`` and ``high`` narrows the interval.
         If points of unknown class lie between two classes, and no bifurcation leads from one to the
@@ -333,9 +334,10 @@ def _of_changes(
         for change in changes_of_class(values, classes):
             for part, found in explain(own, phase, parameter, values, change, down):
                 row = here | vars(part) | {"kind": found.kind, "value": found.value}
-                row |= {"orbit": found.orbit, "impact_v": ""}
+                row |= {"orbit": found.orbit, "impact_v": "", "criticality": ""}
                 if (orbit := found.at) is not None:
                     row |= _row_of(orbit.sections(phase)[0], orbit.speeds, orbit.multipliers)
+                    row["criticality"] = orbit.criticality
                 rows.append(row)
     table = np.array([[row[name] for name in ("low", "value", "high")] for row in rows])
     low, value, high = table.reshape(-1, 3).T
@@ -386,6 +388,7 @@ def _of_branches(
                 "kind": kind, "value": value, "low": low, "high": high, "place": value,
                 "before": before, "after": after, "between": 0, "orbit": orbit, "down": False,
                 "narrow": not wide[exact["branch"].values[members]].any(),
+                "criticality": str(exact["criticality"].values[row]),
                 **_row_of(state, speeds[row, : exact["q"].values[row]], multipliers[row]),
             }
         )  # fmt: skip

@@ -83,6 +83,7 @@ def branches(
         - ``kind`` of a special point: ``flip``, ``fold``, ``graze`` or an end of the branch; empty
           for all other points. The orbit of a graze has the impact of speed zero. At the flip in
           which a branch ends it is the orbit of half the period;
+        - ``criticality`` of a flip: ``supercritical`` or ``subcritical``, as of a `PeriodicOrbit`;
         - ``multipliers`` (``point``, ``multiplier``): the Floquet multipliers, complex, the larger
           one first;
         - ``impact_phase``, ``impact_v`` (``point``, ``impact``), NaN beyond q impacts;
@@ -182,10 +183,11 @@ def _as_dataset(
     """Collect the branches found as the Dataset that `branches` returns."""
     items = _smooth(found, phase, report)
     parts: list[Orbits] = []
-    stable = [np.zeros(0, bool)]
+    stable, critical = [np.zeros(0, bool)], list[str]()
     for item in items:
         parts += [item.orbits, *(point.orbit.alone for point in item.special)]
         stable += [item.stable, np.zeros(len(item.special), bool)]
+        critical += [""] * len(item.values) + [point.orbit.criticality for point in item.special]
     records, multipliers = [], [np.empty((0, 2), complex)]
     for number, part in enumerate(parts):
         report(_SMOOTH + (1.0 - _SMOOTH) * number / len(parts))
@@ -200,6 +202,7 @@ def _as_dataset(
         "m": ("point", np.repeat(m, sizes)),
         "q": ("point", np.repeat(q, sizes)),
         "stable": ("point", np.concatenate(stable) | (at_end & within)),
+        "criticality": ("point", np.array(critical, "U13")),
         "multipliers": (("point", "multiplier"), np.concatenate(multipliers)),
     }
     for name, variable in COORDINATES.items():

@@ -19,6 +19,7 @@ from vibroimpact.destination.free_motion import steady_response
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import CONDITIONS, NONE, System
+from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 
@@ -103,6 +104,23 @@ class PeriodicOrbit:
     def characteristic(self) -> tuple[float, float, float]:
         """c0, c1, c2 of c0 + c1 mu + c2 mu^2, whose roots are the multipliers, also at a graze."""
         return calls.characteristic(*self.equations)
+
+    @cached_property
+    def criticality(self) -> str:
+        """``supercritical`` or ``subcritical`` of an orbit known to be at a flip; empty otherwise.
+
+        Orbits of twice the period are stable at a supercritical flip, and unstable at a subcritical
+        one, at which a motion jumps to another attractor. Empty also if no energy is lost.
+
+        Examples
+        --------
+        >>> from vibroimpact import Oscillator, branch, one_impact_orbit
+        >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.4, f=1.0))
+        >>> branch(orbit, "omega", 2.3, 3.2).special[1].orbit.criticality
+        'supercritical'
+        """
+        sign = cubic_coefficient(*self.equations) if self.kind == "flip" else math.nan
+        return "supercritical" if sign > 0.0 else "subcritical" if sign < 0.0 else ""
 
     @property
     def alone(self) -> Orbits:

@@ -148,7 +148,7 @@ def test_the_table_in_python_is_the_one_that_is_listed(sweep):
         found = sweeps.bifurcations(dataset)
         omega = dataset["omega"].values.tolist()
     columns = ["R", "kind", "value", "low", "high", "before", "after", "between", "orbit"]
-    columns += ["source", "x", "v", "impact_v", "multiplier_1", "multiplier_2"]
+    columns += ["source", "x", "v", "impact_v", "multiplier_1", "multiplier_2", "criticality"]
     assert [*found] == columns
     (row,) = found[found["R"] == 0.8].to_dict("records")
     assert row["value"] == pytest.approx(2.65888454668484, rel=1e-12)
@@ -184,7 +184,11 @@ def test_every_bifurcation_is_listed_once_with_both_sides(sweep, tmp_path):
     assert (found["value"].fillna(found["high"]) <= found["high"]).all()
     accepted("info", path, "--bifurcations", "--csv", tmp_path / "b.csv")
     empty = {name: [""] for name in ("value", "x", "v", "multiplier_1", "multiplier_2")}
-    text = {"keep_default_na": False, "na_values": empty, "dtype": {"impact_v": str}}
+    text = {
+        "keep_default_na": False,
+        "na_values": empty,
+        "dtype": {"impact_v": str, "criticality": str},
+    }
     written = pd.read_csv(tmp_path / "b.csv", **text)
     pd.testing.assert_frame_equal(written, found, rtol=1e-14)
 
@@ -353,3 +357,21 @@ def test_all_twelve_digits_are_those_of_the_section_map(tmp_path, scene):
         compared.add((kind, f"{m}/{q}", f"{expected:.12g}"))
     assert compared <= printed
     assert len(compared) == count
+
+
+@pytest.mark.slow
+def test_at_a_subcritical_flip_the_arrow_leads_away_from_the_orbit(sweep):
+    """On the motion 2/3, followed upwards from its flip: it would jump downwards."""
+    scene = "h: 0.05, R: 0.8, clearance: 1.5, f: 1, omega: {start: 0.6235, stop: 0.6255, num: 5}"
+    start = ["start.x0=-1.1", "start.v0=0", "follow.axis=omega", "follow.direction=up"]
+    found = sweeps.bifurcations(path := sweep(scene, changes=start))
+    (flip,) = found[(found["kind"] == "flip") & (found["orbit"] == "2/3")].to_dict("records")
+    assert flip["value"] == pytest.approx(0.624320457334, rel=1e-11)
+    assert (flip["before"], flip["after"], flip["criticality"]) == ("?", "2/3", "subcritical")
+    assert (found.loc[found["kind"] != "flip", "criticality"] == "").all()
+    (line,) = (
+        row
+        for row in accepted("info", path, "--bifurcations").split("\n")
+        if "2/3" in row and "flip" in row
+    )
+    assert "? <- 2/3" in line and line.endswith("subcritical")
