@@ -6,6 +6,7 @@ Each command imports its modules inside its function, so that ``--help`` answers
 from __future__ import annotations
 
 import os
+import textwrap
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -37,6 +38,16 @@ class Command(TyperCommand):
         except Exception as error:
             error.ctx = ctx  # type: ignore[attr-defined]
             raise
+
+
+class InitCommand(Command):
+    """The command ``init``, whose help lists the scenes."""
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the names of the scenes at the end of the help."""
+        with formatter.section("Scenes"):
+            names = textwrap.wrap(", ".join(_scenes()), 76, break_on_hyphens=False)
+            formatter.write("".join(f"  {line}\n" for line in names))
 
 
 class Commands(TyperGroup):
@@ -139,7 +150,7 @@ SceneName = Annotated[
     typer.Argument(
         metavar="SCENE",
         autocompletion=completion(_scenes),
-        help="The name of a scene of the gallery.",
+        help="The name of a scene.",
     ),
 ]
 
@@ -176,16 +187,18 @@ def schema_command() -> None:
     say(json.dumps(json_schema(), indent=2))
 
 
-def _add(group: typer.Typer, *commands: Callable[..., None]) -> None:
+def _add(
+    group: typer.Typer, *commands: Callable[..., None], cls: type[TyperCommand] = Command
+) -> None:
     """Add the command ``run`` for ``run_command``, with its whole first line in the list."""
     for command in commands:
         name = command.__name__.removesuffix("_command").replace("_", "-")
-        group.command(name, cls=Command, short_help=command.__doc__)(command)
+        group.command(name, cls=cls, short_help=command.__doc__)(command)
 
 
+_add(app, init_command, cls=InitCommand)
 _add(
     app,
-    init_command,
     cli_run.run_command,
     cli_zoom.zoom_command,
     cli_explore.explore_command,

@@ -65,6 +65,16 @@ PictureKind = Annotated[
         help=f"{', '.join(KIND_NAMES[:-1])} or {KIND_NAMES[-1]}.",
     ),
 ]
+
+
+def _numbers() -> list[str]:
+    """Return the names of the numbers of each point that a file can have."""
+    from sweeps.store.variables import VARIABLES
+
+    held = [name for name, one in VARIABLES.items() if one.dimension in (None, "exponent")]
+    return [*held, "mean_force", "peak_to_peak"]
+
+
 AxisNames = Annotated[
     list[str] | None,
     typer.Option(
@@ -93,6 +103,7 @@ QuantityOption = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
+        autocompletion=completion(_numbers),
         help="What a map shows, or the ordinate for a table: a number per point, e.g. period, "
         "lyapunov, energy_lost, mean_force, peak_to_peak, or another that the file has.",
     ),
@@ -101,6 +112,7 @@ Color = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
+        autocompletion=completion(_numbers),
         help="What colours the points of a diagram or a table, or the sections, impacts or motions "
         "of several points: a number per point, e.g. period or lyapunov, or direction for a sweep "
         "that was followed both ways.",
@@ -122,6 +134,7 @@ Below = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
+        autocompletion=completion(_numbers),
         help="A number per point, e.g. lyapunov, in a panel below a bifurcation diagram; "
         "repeatable.",
     ),

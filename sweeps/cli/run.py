@@ -49,11 +49,23 @@ Output = Annotated[
         help="The file to write, instead of the output in CONFIG; for a single CONFIG.",
     ),
 ]
+
+
+def _completed_keys(incomplete: str) -> list[str]:
+    """Return the keys that begin with a text; those of a range if the text names the range."""
+    from sweeps.config.json_schema import dotted_keys
+
+    deepest = max(1, incomplete.count("."))
+    keys = [key for key in dotted_keys() if key.count(".") <= deepest]
+    return [f"{key}=" for key in keys if key.startswith(incomplete)]
+
+
 Overrides = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
+        autocompletion=_completed_keys,
         help="Override a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 in a "
         "range; repeatable.",
     ),

@@ -6,6 +6,7 @@ The schema also refuses a number in quotes, which the loader does not see.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from sweeps.config.groups import OscillatorConfig, ParameterConfig, number_schema
@@ -58,3 +59,18 @@ def json_schema() -> JsonSchema:
     table = {"required": ["points"], "properties": {"points": {"not": {"type": "null"}}}}
     whole = {"properties": required, "anyOf": [{"required": [name]} for name in groups]}
     return {**about, **schema, "if": table, "else": whole}
+
+
+def dotted_keys() -> Iterator[str]:
+    """Yield the keys of a configuration as ``--set`` takes them, with those of each range."""
+    schema = json_schema()
+
+    def below(part: JsonSchema, start: str) -> Iterator[str]:
+        part = schema["$defs"][part["$ref"].rpartition("/")[2]] if "$ref" in part else part
+        for name, inner in part.get("properties", {}).items():
+            yield f"{start}{name}"
+            yield from below(inner, f"{start}{name}.")
+        for form in (*part.get("anyOf", ()), *part.get("oneOf", ())):
+            yield from below(form, start)
+
+    return below(schema, "")

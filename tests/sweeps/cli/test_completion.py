@@ -4,12 +4,16 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from sweeps import plotting
-from tests.helpers.commands import accepted
+from sweeps import ConfigError, load_config, plotting
+from sweeps.cli.options import opened_in_si
+from sweeps.plotting.contents import numbers_of
+from tests.helpers.commands import SMALL, accepted
 from tests.helpers.places import ROOT
+from tests.helpers.sweep_files import run_in
 
 
 def completed(monkeypatch, *words):
@@ -39,11 +43,48 @@ def test_every_command_is_completed(monkeypatch):
         (["nonsense", "x"], []),
         (["run", "swe"], []),  # then the shell completes the names of files
         (["plot", "--kind", ""], list(plotting.KINDS)),
+        (["run", "a.yaml", "--set", "oscillator.om"], ["oscillator.omega="]),
+        (
+            ["zoom", "a.h5", "omega=2:3", "--set", "record.t"],
+            ["record.transient=", "record.trajectory="],
+        ),
+        (
+            ["run", "--set", "oscillator.R.s"],
+            [f"oscillator.R.{key}=" for key in ("start", "stop", "spacing", "step")],
+        ),
+        (["run", "--set", "rig.stiff"], ["rig.stiffness="]),
+        (["run", "--set", "start"], ["start=", "start.x0=", "start.v0=", "start.phase="]),
+        (["plot", "a.h5", "--below", "l"], ["lyapunov"]),
+        (["plot", "a.h5", "--color", "peri"], ["period", "period_impacts"]),
+        (["plot", "a.h5", "--quantity", "mean"], ["mean_force"]),
         (["init", ""], [path.stem for path in sorted((ROOT / "configs").glob("*.yaml"))]),
     ],
 )
 def test_a_word_is_completed(monkeypatch, words, expected):
     assert completed(monkeypatch, *words) == expected
+
+
+def test_every_key_that_is_completed_can_be_set(monkeypatch):
+    """Each is taken for a key, and only its value is refused."""
+    keys = completed(monkeypatch, "run", "--set", "")
+    assert len(keys) == len(set(keys)) > 40 and {"name=", "oscillator.h=", "record="} <= {*keys}
+    for key in keys:
+        with pytest.raises(ConfigError) as error:
+            load_config({}, [f"{key}[[0]]"])
+        assert "unknown" not in str(error.value) and "there is no" not in str(error.value)
+
+
+def test_the_numbers_that_are_completed_are_those_of_pictures(monkeypatch):
+    names = completed(monkeypatch, "plot", "a.h5", "--below", "")
+    everything = "record={transient: auto, periods: 2, diagnostics: [period, lyapunov, extremes]}"
+    with opened_in_si(run_in(Path(), SMALL, everything)) as sweep:
+        assert {*names} == {*numbers_of(sweep)} - {"omega", "clearance"}  # without its axes
+
+
+def test_the_help_lists_the_scenes():
+    scenes = [path.stem for path in sorted((ROOT / "configs").glob("*.yaml"))]
+    shown = accepted("init", "--help").partition("Scenes:")[2]
+    assert shown.replace(",", " ").split() == scenes
 
 
 @pytest.mark.slow
