@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import math
 import re
-import warnings
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -29,10 +30,6 @@ _MOST_COLUMNS = 4_000
 COLUMN_NAME = r"^\w(?!.*[^\w.-])"
 #: Checks the names of all columns, and says what those may hold that must be numbers.
 NamesCheck = Callable[[list[str]], Mapping[str, Parameter]]
-
-
-class _UnclosedError(ValueError):
-    """A quote is not closed where its line ends."""
 
 
 def read_points(given: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
@@ -62,16 +59,8 @@ def read_columns(given: Any, folder: Path, check_names: NamesCheck) -> np.ndarra
     except OSError as error:
         reason = f"cannot be read ({error.strerror})"
     except ValueError as error:
-        found = re.search(r"requires (\d+) columns but (\d+) were found at row (\d+)", str(error))
-        reason = _ragged(*map(int, found.groups())) if found else str(error)
+        reason = str(error)
     raise ValueError(reason if path is None else f"{path}: {reason}")
-
-
-def _ragged(header: int, cells: int, row: int) -> str:
-    """Say that a row has more or fewer cells than the header, and why it may have more."""
-    more = "; a number has a decimal point, and there is no comma at the end of a line"
-    more *= cells > header
-    return f"row {row} has {shown_count(cells, 'cell')}, and the header {header}{more}"
 
 
 def with_columns(data: dict[str, Any]) -> dict[str, Any]:
@@ -133,24 +122,15 @@ def _read_csv(
     """
     if path.exists() and not path.is_file():  # a device may never end, and a FIFO never begin
         raise ValueError("is not a regular file; expected: a CSV file")
-    with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # NumPy warns of a file without rows
+    with path.open(encoding="utf-8-sig", newline="") as file:
         names = _header(file)
         known = check_names(names)
-        for kind in (float, object):
-            file.seek(0)
-            _header(file)
-            types = [(name, kind if name in known else object) for name in names]
-            lines = _closed_lines(file, names)
-            try:
-                table = np.loadtxt(lines, types, None, ",", ndmin=1, quotechar='"')
-                break
-            except _UnclosedError:
-                raise
-            except ValueError:
-                if kind is object:
-                    raise
-    return {name: table[name] for name in names}, known
+        rows = [*_rows(file, names)]
+    table = np.array(rows, object).reshape(-1, len(names))
+    return {
+        name: _numbers_in(cells) if name in known else cells
+        for name, cells in zip(names, table.T, strict=True)
+    }, known
 
 
 def _header(file: TextIO) -> list[str]:
@@ -160,35 +140,45 @@ def _header(file: TextIO) -> list[str]:
         header = file.readline(_LONGEST_HEADER + 1)
     if len(header) > _LONGEST_HEADER:
         raise ValueError(f"the header is longer than {_LONGEST_HEADER:,} characters")
-    if '"' in header and not _closed(header)[1]:
-        raise _UnclosedError("a quote in the header is not closed")
-    return [name.strip() for name in next(csv.reader([header]), [])]
+    names = next(csv.reader([header, "\n"]), [])
+    if any("\n" in name for name in names):
+        raise ValueError("a quote in the header is not closed")
+    return [name.strip() for name in names]
 
 
-def _closed_lines(file: TextIO, names: list[str]) -> Iterator[str]:
-    """Yield the rows, without blank lines; refuse a quote that would take in the next rows."""
+def _rows(file: TextIO, names: list[str]) -> Iterator[list[str]]:
+    """Yield the cells of each row, without blank lines; refuse other numbers of cells.
+
+    A quote that is not closed takes in the next line, or the one that is put at the end.
+    """
     row = 0
-    for line in file:
-        if not line.strip():
-            continue
-        row += 1
-        if '"' in line:
-            cells, closed = _closed(line)
-            if not closed:
-                name = names[min(cells, len(names)) - 1]
-                problem = "a quote is not closed; expected: another one in the same line"
-                raise _UnclosedError(f"row {row}, column {name}: {problem}")
-        yield line
-
-
-def _closed(line: str) -> tuple[int, bool]:
-    """Return the number of cells in a line, and whether its last quote is closed."""
-    reader = csv.reader([line, ""])  # an open quote takes in the next line
     try:
-        return len(next(reader)), reader.line_num == 1
+        for cells in csv.reader(chain(file, ["\n"])):
+            if not cells or (len(cells) == 1 and cells[0].isspace()):
+                continue
+            row += 1
+            for name, cell in zip(names, cells, strict=False):
+                if "\n" in cell or "\r" in cell:
+                    problem = "a quote is not closed; expected: another one in the same line"
+                    raise ValueError(f"row {row}, column {name}: {problem}")
+            if len(cells) != len(names):
+                more = "; a number has a decimal point, and there is no comma at the end of a line"
+                more *= len(cells) > len(names)
+                found = shown_count(len(cells), "cell")
+                raise ValueError(f"row {row} has {found}, and the header {len(names)}{more}")
+            yield cells
     except csv.Error:
         most = csv.field_size_limit()
-        raise _UnclosedError(f"a cell with a quote has more than {most:,} characters") from None
+        raise ValueError(f"a cell with a quote has more than {most:,} characters") from None
+
+
+def _numbers_in(cells: np.ndarray) -> np.ndarray:
+    """Return cells as numbers if all are, as ``number_meant`` reads them."""
+    text = "".join(cells)
+    if text.isascii() and "_" not in text:
+        with suppress(ValueError):
+            return cells.astype(float)
+    return cells
 
 
 def _columns(
