@@ -13,13 +13,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from sweeps.bench.method_scenes import (
     CHATTER_SCENE,
@@ -85,7 +83,9 @@ def plan_for_sweep(config: SweepConfig, plan: Plan) -> Plan:
 
 
 def measure_methods(
-    plan: Plan = FULL, threads: int | None = None, progress: bool = False
+    plan: Plan = FULL,
+    threads: int | None = None,
+    report: Callable[[float], object] = lambda share: None,
 ) -> pd.DataFrame:
     """Measure the errors and the cost of every method, a row for each error.
 
@@ -93,41 +93,33 @@ def measure_methods(
     for a peer its name and ``events``; ``steps_per_period``, missing if the solver chooses them;
     ``tolerance``, only for a peer; ``error``, dimensionless, NaN or inf if the method failed; and
     ``seconds_per_period``, per forcing period. `threads` are those of the kernel; peers use one.
+    `report` is given the share that is done.
     """
     runs, peer_runs = list(_runs(plan)), list(_peer_runs(plan))
+    total, done = plan.rounds * len(runs) + len(peer_runs), 0
     rows: list[tuple] = []
     failed: set[_Run] = set()
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("runs"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        disable=not progress,
-    ) as bar:
-        task = bar.add_task(
-            "compiling (kept for the next run)", total=plan.rounds * len(runs) + len(peer_runs)
-        )
-        truths = {scene.name: scene.truth() for scene in plan.scenes}
-        for turn in range(plan.rounds):
-            for run in runs:
-                scene, rung, method = run
-                if run not in failed:  # a failed run might never end
-                    steps = _steps(rung, turn, plan.rounds)
-                    results, seconds = _timed(scene, method, steps, threads)
-                    errors = scene.errors(truths[scene.name], results)
-                    for kind, error in errors.items():
-                        rows.append((scene.name, kind, *method, rung, None, error, seconds))
-                    failed |= set() if np.isfinite([*errors.values()]).all() else {run}
-                bar.update(task, advance=1, description=scene.name)
-        for scene, name, tolerance in peer_runs:
-            errors, seconds = _peer_errors(scene, name, tolerance, plan.thinning)
-            rows += [
-                (scene.name, kind, name, "events", None, tolerance, errors[kind], seconds)
-                for kind in _PEER_KINDS
-            ]
-            bar.update(task, advance=1, description=name)
+    truths = {scene.name: scene.truth() for scene in plan.scenes}
+    for turn in range(plan.rounds):
+        for run in runs:
+            scene, rung, method = run
+            if run not in failed:  # a failed run might never end
+                steps = _steps(rung, turn, plan.rounds)
+                results, seconds = _timed(scene, method, steps, threads)
+                errors = scene.errors(truths[scene.name], results)
+                for kind, error in errors.items():
+                    rows.append((scene.name, kind, *method, rung, None, error, seconds))
+                failed |= set() if np.isfinite([*errors.values()]).all() else {run}
+            done += 1
+            report(done / total)
+    for scene, name, tolerance in peer_runs:
+        errors, seconds = _peer_errors(scene, name, tolerance, plan.thinning)
+        rows += [
+            (scene.name, kind, name, "events", None, tolerance, errors[kind], seconds)
+            for kind in _PEER_KINDS
+        ]
+        done += 1
+        report(done / total)
     rounds = pd.DataFrame(rows, columns=MEASURED_COLUMNS).astype(_TYPES)
     same = rounds.groupby(MEASURED_COLUMNS[:-2], sort=False, dropna=False)
     return same.agg({"error": _root_mean_square, "seconds_per_period": "min"}).reset_index()

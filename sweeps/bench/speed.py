@@ -16,8 +16,6 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
 from sweeps.text import table
 from vibroimpact import Oscillator, integrate
@@ -94,12 +92,12 @@ def effort_of(
 
 
 def measure_speed(
-    count: int = 4096, periods: int = 300, progress: bool = False
+    count: int = 4096, periods: int = 300, report: Callable[[float], object] = lambda share: None
 ) -> tuple[float, dict[str, Speed]]:
     """Time every work on one thread and on all threads; return the peak, and the speeds by work.
 
     The last third of the forcing `periods` is recorded. The peak is in fused multiply-adds per
-    second on one thread.
+    second on one thread. `report` is given the share that is done.
     """
     threads = sorted({1, ALL_THREADS})
     scenes = {name: points_over(RANGES[scene], count) for name, (scene, _) in WORKS.items()}
@@ -112,16 +110,12 @@ def measure_speed(
     }
     runs["peak", 1] = lambda: _multiply_adds(sums, _TIMES)
     times: dict[tuple[str, int], list[float]] = {key: [] for key in runs}
-    # The first round also compiles, if necessary.
-    for key in track(
-        list(runs) * (_ROUNDS + 1),
-        "compiling, then timing",
-        console=Console(stderr=True, quiet=not progress),
-        transient=True,
-    ):
+    turns = list(runs) * (_ROUNDS + 1)  # the first round also compiles, if necessary
+    for turn, key in enumerate(turns, 1):
         began = time.perf_counter()
         runs[key]()
         times[key].append(time.perf_counter() - began)
+        report(turn / len(turns))
     best = {key: min(each) for key, each in times.items()}
 
     peak = _SUMS * _CHAIN * _TIMES / best["peak", 1]

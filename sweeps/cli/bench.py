@@ -9,7 +9,14 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.options import Csv, number_option, read_threads, say, written_file
+from sweeps.cli.options import (
+    Csv,
+    number_option,
+    progress_shown,
+    read_threads,
+    say,
+    written_file,
+)
 from sweeps.cli.run import read_config
 from sweeps.errors import Failed
 from sweeps.text import shown_count
@@ -68,7 +75,8 @@ def accuracy_speed(
             (scene,) = plan.scenes
             points = shown_count(len(scene.points), "point")
             say(f"{points} of the {scene.name}, each after one forcing period\n")
-        measured = bench.measure_methods(plan, threads, progress=True)
+        with progress_shown("measuring") as report:
+            measured = bench.measure_methods(plan, threads, report)
         if config is None:
             measured = pd.concat([measured, bench.means(measured)])
         measured = bench.with_orders(measured)
@@ -140,7 +148,8 @@ def speed(quick: Quick = False, json: JsonFile = None, fail_below: FailBelow = N
     from sweeps.store.replacing import writing
 
     count, periods = (1024, 150) if quick else (4096, 300)
-    measured = speed.measure_speed(count, periods, progress=True)
+    with progress_shown("measuring") as report:
+        measured = speed.measure_speed(count, periods, report)
     say(speed.speed_text(*measured))
     if json is not None:
         with writing(json, "JSON file") as new:

@@ -98,7 +98,7 @@ def test_the_peak_loop_adds_and_multiplies():
 
 def test_the_command_shows_the_speeds(monkeypatch):
     monkeypatch.setattr(
-        "sweeps.bench.speed.measure_speed", lambda count, periods, progress: (58e9, SPEEDS)
+        "sweeps.bench.speed.measure_speed", lambda count, periods, report: (58e9, SPEEDS)
     )
     done = call("bench", "speed", "--quick")
     assert done.exit_code == 0, done.stderr
@@ -112,7 +112,7 @@ def test_the_command_shows_the_speeds(monkeypatch):
 def test_the_speeds_as_json_and_as_a_gate(monkeypatch):
     """The geometric mean of the shares 0.4 and 0.0048 is 0.0438."""
     monkeypatch.setattr(
-        "sweeps.bench.speed.measure_speed", lambda count, periods, progress: (58e9, SPEEDS)
+        "sweeps.bench.speed.measure_speed", lambda count, periods, report: (58e9, SPEEDS)
     )
     mean = math.sqrt(0.4 * 0.0048)
     assert mean == pytest.approx(0.0438, rel=1e-3)
