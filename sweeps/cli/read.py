@@ -245,7 +245,6 @@ def export_command(
     file: SweepFile, output: TableFile, rows: RowsOption = "points", at: At = None
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
-    from sweeps.opened.coordinates import impacts_left_out
     from sweeps.opened.tables import ROWS, write_rows
 
     if rows not in ROWS:
@@ -254,7 +253,7 @@ def export_command(
     with opened_in_si(file) as sweep, named(file):
         cut = sweep.part(cuts)
         written = write_rows(cut, output, rows)
-        left_out = impacts_left_out(cut) if rows == "impacts" else ""
+        left_out = cut.impacts_left_out if rows == "impacts" else ""
         say_moved(sweep, cuts, "written")
     points = "; the file has only the " + left_out + " of a point" if left_out else ""
     say(f"{output}: {shown_count(written, 'row')}{points}")

@@ -12,8 +12,7 @@ from sweeps.errors import Refused
 from sweeps.grid import Grid, block_points
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.store.variables import VARIABLES, Variable
-from sweeps.text import listed, shown_count
-from vibroimpact.points.regimes import impacts_met, shown_in_part
+from sweeps.text import listed
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:
@@ -64,20 +63,6 @@ def recorded_coordinate(record: Mapping[Any, _Values], coordinate: str) -> _Valu
     if coordinate != "poincare_height":
         return record[coordinate]
     return -record["poincare_x"] + record["clearance"]  # with the dimensions of x in their order
-
-
-def impacts_left_out(sweep: OpenedSweep) -> str:
-    """Say how many impacts of the record were kept at most; empty if all were."""
-    met = impacts_met(sweep["impacts_per_period"].values, sweep.config.record.periods)
-    kept, most = sweep.sizes["impact"], int(met.max(initial=0))
-    several = "up to " if sweep["status"].size > 1 else ""
-    return f"last {kept:,} of {several}{shown_count(most, 'impact')}" if most > kept else ""
-
-
-def shows_part(sweep: OpenedSweep) -> np.ndarray:
-    """Return the mask of the points of which less than a repetition of impacts was kept."""
-    results = sweep.values(("impacts_per_period", "period", "period_impacts"))
-    return shown_in_part(results, sweep.config.record.periods, sweep.sizes["impact"])
 
 
 def orbit_coordinates(orbits: Orbits, phase: float) -> dict[str, np.ndarray]:

@@ -23,15 +23,17 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES, columns_of
-from sweeps.text import choice_of, listed, near_miss, suggestion, told_apart, unit_name
+from sweeps.text import choice_of, listed, near_miss, shown_count, suggestion, told_apart, unit_name
 from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, Parameter
 from vibroimpact.points.regimes import (
     OF_REGIMES,
     Label,
+    impacts_met,
     labels_of,
     on_its_way,
     regimes_of,
     repetitions,
+    shown_in_part,
 )
 
 #: Axes along which only the start or the past differs, not the oscillator.
@@ -152,6 +154,20 @@ class OpenedSweep:
     def labels(self) -> list[Label | None]:
         """The class at every point of a line with ``period``; None if it is not known."""
         return labels_of(self.regimes, *self.values(("period", "period_impacts", "R")).values())
+
+    @property
+    def shows_part(self) -> np.ndarray:
+        """The mask of the points of which less than a repetition of impacts was kept."""
+        results = self.values(("impacts_per_period", "period", "period_impacts"))
+        return shown_in_part(results, self.config.record.periods, self.sizes["impact"])
+
+    @property
+    def impacts_left_out(self) -> str:
+        """How many impacts of the record were kept at most, in words; empty if all were."""
+        met = impacts_met(self["impacts_per_period"].values, self.config.record.periods)
+        kept, most = self.sizes["impact"], int(met.max(initial=0))
+        several = "up to " if self["status"].size > 1 else ""
+        return f"last {kept:,} of {several}{shown_count(most, 'impact')}" if most > kept else ""
 
     @property
     def recorded_motions(self) -> dict[str, np.ndarray]:

@@ -27,7 +27,7 @@ from sweeps.attractor.partition import attractors
 from sweeps.config.groups import STARTS
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import COORDINATES, records, shows_part
+from sweeps.opened.coordinates import COORDINATES, records
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.contents import choose_coordinate, refuse_empty, refuse_without_result
@@ -345,7 +345,7 @@ def attractor_diagram(
     page.set_limits(panel)
     masks = {}
     if page.marks and COORDINATES[coordinate].dimension == "impact":
-        masks[PARTIAL] = shows_part(line.transpose(axis)).ravel()
+        masks[PARTIAL] = line.transpose(axis).shows_part.ravel()
     canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks, page.grey)
     title = f"{CLASSES_TITLE}\n{_starts_at_each(line)}"
     record = record_text(line, coordinate)

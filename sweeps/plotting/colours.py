@@ -17,8 +17,14 @@ from matplotlib.lines import Line2D
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.contents import MEAN_FORCE, Wanted, number_at, refuse_without_result
-from sweeps.plotting.directions import colours_directions, direction_names, with_colour
+from sweeps.plotting.contents import (
+    MEAN_FORCE,
+    Wanted,
+    number_at,
+    refuse_without_result,
+    with_number,
+)
+from sweeps.plotting.directions import colours_directions, direction_names
 from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
 from sweeps.plotting.looks import Cells, period_cells
 from sweeps.plotting.pixels import widened
@@ -221,7 +227,7 @@ def coloured_points(
     """
     of_directions = colours_directions(sweep, color)
     if not of_directions:
-        sweep, color = with_colour(sweep, color)
+        sweep, color = with_number(sweep, color, for_colour=True)
     left = {*sweep.grid} - {*(at or {}), *(() if of_directions else (DIRECTION,))}
     points = sweep.cut(at, free=[*map(str, left)])
     if points["status"].size == 1:

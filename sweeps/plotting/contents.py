@@ -79,11 +79,11 @@ def _is_of_points(sweep: OpenedSweep, values: xr.DataArray, *further: str) -> bo
 
 
 def with_number(
-    sweep: OpenedSweep, wanted: Wanted, further: Sequence[str] = ()
+    sweep: OpenedSweep, wanted: Wanted, for_colour: bool = False
 ) -> tuple[OpenedSweep, str]:
     """Return the dataset with what is wanted, described like a result, and its name there.
 
-    A refusal also names what else is allowed, the `further` names.
+    A refusal of what is wanted for colours names the directions, too, if there are any.
     """
     if isinstance(wanted, str):
         name = wanted
@@ -94,7 +94,7 @@ def with_number(
         sweep.check_diagnostic(needed)
     available = numbers_of(sweep)
     if name not in available:
-        available += further
+        available += [DIRECTION] if for_colour and sweep.directions else []
         problem = f"there is no {name or repr(name)}{suggestion(near_miss(name, available))}"
         if name in sweep:
             problem = f"{name} is not a number for each point"

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import COORDINATES, recorded_coordinate, shows_part
+from sweeps.opened.coordinates import COORDINATES, recorded_coordinate
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, paint
@@ -24,7 +24,6 @@ from sweeps.plotting.directions import (
     colours_directions,
     direction_names,
     draw_jumps,
-    with_colour,
 )
 from sweeps.plotting.exact_lines import draw_branches, name_parts, without_idle
 from sweeps.plotting.labels import as_variable, label_axis, record_text
@@ -164,7 +163,7 @@ def _with_numbers(
         sweep, name = with_number(sweep, wanted)
         names.append(name)
     if color is not None and not colours_directions(sweep, color):
-        sweep, tint = with_colour(sweep, color)
+        sweep, tint = with_number(sweep, color, for_colour=True)
     return sweep, names, tint
 
 
@@ -306,7 +305,7 @@ class _Drawn(NamedTuple):
         """
         masks = {APPROACHING: self.line.on_its_way} if marks else {}
         if marks and COORDINATES[self.coordinate].dimension == "impact":
-            masks = {PARTIAL: shows_part(self.line), **masks}
+            masks = {PARTIAL: self.line.shows_part, **masks}
         canvas.mark_status(panel, self.values, self.line["status"].values, masks, self.grey)
 
     def ranges_within(self, limits: tuple[float, float] | None) -> list[tuple[float, float]]:

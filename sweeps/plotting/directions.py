@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting.contents import Wanted, with_number
+from sweeps.plotting.contents import Wanted
 from sweeps.plotting.style import ink
 from sweeps.store import DIRECTION
 
@@ -31,11 +31,6 @@ def direction_names(sweep: OpenedSweep) -> tuple[str, str]:
     assert config.follow is not None
     symbol = config.nomenclature.about(config.follow.axis).symbol
     return rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
-
-
-def with_colour(sweep: OpenedSweep, color: Wanted) -> tuple[OpenedSweep, str]:
-    """Return the dataset with the number that colours the points, and its name there."""
-    return with_number(sweep, color, [DIRECTION] if sweep.directions else [])
 
 
 def nearest_distances(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:

@@ -16,7 +16,7 @@ from matplotlib.ticker import (
 )
 
 from sweeps.config.rig import Nomenclature
-from sweeps.opened.coordinates import COORDINATES, impacts_left_out
+from sweeps.opened.coordinates import COORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store import DIRECTION, VARIABLES
 from sweeps.text import shown_count, unit_name
@@ -128,7 +128,7 @@ def record_text(drawn: OpenedSweep, coordinate: str = "poincare_x") -> str:
     transient = "auto" if kept.transient == "auto" else f"{kept.transient:,}"
     parts = [f"phase {kept.phase:.6g} rad"] if kept.phase else []
     parts += [f"transient {transient}", f"record {shown_count(kept.periods, 'period')}"]
-    if COORDINATES[coordinate].dimension == "impact" and (text := impacts_left_out(drawn)):
+    if COORDINATES[coordinate].dimension == "impact" and (text := drawn.impacts_left_out):
         parts.append(text)
     return ", ".join(part.replace(" ", _JOINT) for part in parts)
 
