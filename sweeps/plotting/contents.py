@@ -146,8 +146,8 @@ def select_line(
     coordinate: str | None = None,
 ) -> tuple[OpenedSweep, str, str]:
     """Return the points that `sweeps.plotting.bifurcation` shows, their axis and coordinate."""
-    (axis,) = sweep.chosen_axes(axes, at, 1, "bifurcation")
     coordinate = choose_coordinate(sweep, coordinate)
+    (axis,) = sweep.chosen_axes(axes, at, 1, "bifurcation")
     return sweep.cut(at, free=[axis, DIRECTION]), axis, coordinate
 
 

@@ -107,7 +107,8 @@ def bifurcation(
     line, axis, coordinate = select_line(sweep, axes, at, coordinate)
     if tint is not None:
         line = line.each_direction[0]
-    _check(sweep, axis, exact, names)
+    if exact is not None and axis not in exact.coords:
+        raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
     points = read_overlay(overlay, sweep, [[axis], [coordinate, *names]])
     shown = None if tint is None else paint(line, tint, dots=True, grey=page.grey)
     drawn = _Drawn.of(line, axis, coordinate, shown, page.grey)
@@ -157,26 +158,22 @@ def bifurcation(
 def _with_numbers(
     sweep: OpenedSweep, below: Wanted | Sequence[Wanted], color: Wanted | None
 ) -> tuple[OpenedSweep, list[str], str | None]:
-    """Return the dataset with what is wanted, the names below, and that of what colours points."""
-    names, tint = [], None
+    """Return the dataset with what is wanted, the names below, and that of what colours points.
+
+    Names below must be results, not words, and each is allowed once.
+    """
+    names, tint = list[str](), None
     for wanted in [below] if isinstance(below, str | xr.DataArray) else below:
         sweep, name = with_number(sweep, wanted)
+        if name in FLAGS or name in sweep.data.coords:
+            why = "its numbers stand for words" if name in FLAGS else "it is no result"
+            raise Refused(f"{name} cannot be drawn below a diagram: {why}")
+        if name in names:
+            raise Refused(f"{name} is asked for twice below the diagram")
         names.append(name)
     if color is not None and not colours_directions(sweep, color):
         sweep, tint = with_number(sweep, color, for_colour=True)
     return sweep, names, tint
-
-
-def _check(sweep: OpenedSweep, axis: str, exact: xr.Dataset | None, below: Sequence[str]) -> None:
-    """Refuse branches over another axis, and names below that are words or are given twice."""
-    if exact is not None and axis not in exact.coords:
-        raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
-    for name in below:
-        if name in FLAGS or name in sweep.data.coords:
-            why = "its numbers stand for words" if name in FLAGS else "it is no result"
-            raise Refused(f"{name} cannot be drawn below a diagram: {why}")
-        if list(below).count(name) > 1:
-            raise Refused(f"{name} is asked for twice below the diagram")
 
 
 def _in_chaos(line: OpenedSweep, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
