@@ -1,1 +1,1 @@
-"""The attractors of an opened sweep: which starts reach them, their basins, and what ends them."""
+"""The attractors of an opened sweep: their starts, numbers and integrity."""

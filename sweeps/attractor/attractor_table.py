@@ -1,4 +1,4 @@
-"""The attractors of a sweep as rows, for a CSV file and the legends of pictures, and as text."""
+"""The attractors of a sweep as rows, and as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The least knock that takes a periodic motion to another attractor: its moment, by bisection.
+"""The least knock that takes a periodic motion to another attractor.
 
 A knock is a sudden change of the velocity alone, in either direction, as caused by a blow. Many
 sizes are tried at 64 moments of every forcing period and just after every impact, until no moment

@@ -1,4 +1,4 @@
-"""Motions without a known attractor, run on until they reach one, rest or are chaotic.
+"""Motions without a known attractor, run on until they reach one.
 
 The class of a motion is that of its destination (`vibroimpact.destination`). A motion without a
 class is continued, unless it rests twice, with the method of the file.

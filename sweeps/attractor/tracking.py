@@ -1,4 +1,4 @@
-"""One number for each attractor along the axes: the nearest of neighbouring points are matched.
+"""One number for each attractor along the axes.
 
 Two attractors at neighbouring values of an axis get the same number if each is the nearest to the
 other and their distance is at most ``MAX_DISTANCE``. An attractor keeps its number through a flip:

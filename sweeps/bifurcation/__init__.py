@@ -1,1 +1,1 @@
-"""The bifurcations of an opened sweep: changes of class, exact branches, and exact curves."""
+"""Changes of class and their bifurcations; exact branches and curves."""

@@ -1,4 +1,4 @@
-"""The list of bifurcations of a sweep as text: the changes of class, and the exact branches."""
+"""The list of bifurcations as text."""
 
 from __future__ import annotations
 

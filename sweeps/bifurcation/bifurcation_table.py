@@ -1,4 +1,4 @@
-"""The bifurcations along an axis of a sweep: where the class of the motion changes, and why.
+"""`bifurcations`: where the class of the motion changes, and why.
 
 The branch of the periodic orbit on each side of a change is followed to the other side
 (`vibroimpact.orbits.branches`). If the branch ends or loses its stability between the sides, this

@@ -1,4 +1,4 @@
-"""The exact curves over a map, the borders of its tongues: their search and their Dataset.
+"""`curves`: the search for borders of tongues, and their Dataset.
 
 From the middle of each large region of a class its orbit is followed along both axes until it first
 flips, folds or grazes, and these bifurcations are followed in both parameters

@@ -1,4 +1,4 @@
-"""The command line: arguments and exit codes only.
+"""The commands: arguments, names of outputs, exit codes.
 
 ``main.py`` assembles the commands and defines ``init`` and ``schema``. ``run.py``, ``zoom.py``,
 ``plot.py`` and ``explore.py`` define one command each, ``read.py`` the commands that read a sweep

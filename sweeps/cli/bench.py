@@ -1,4 +1,4 @@
-"""The commands of ``vibroimpact bench``, with the names of their CSV files and charts."""
+"""The commands of ``vibroimpact bench``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command ``explore``: what the live picture shows first, and the browser that opens it."""
+"""The command ``explore``, and the browser that opens the page."""
 
 from __future__ import annotations
 

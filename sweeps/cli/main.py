@@ -1,4 +1,4 @@
-"""The command line: its commands, with ``init`` and ``schema``, and checks before every command.
+"""The command line: its commands, with ``init`` and ``schema``.
 
 Each command imports its modules inside its function, so that ``--help`` answers at once.
 """

@@ -1,4 +1,4 @@
-"""Arguments and options that commands share: how each is read, and output to a terminal."""
+"""Options that commands share, and output to a terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command ``plot``: its options, and a picture of each file with its name and exact orbits.
+"""The command ``plot``: its options, and a picture of each file.
 
 As in ``main.py``, modules are imported inside the command.
 """

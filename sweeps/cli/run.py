@@ -1,4 +1,4 @@
-"""The command ``run``: its configuration and plan, the run here or on a cluster, its report.
+"""The command ``run``: its plan, the run, its report.
 
 As in ``main.py``, modules are imported inside the command.
 """

@@ -1,4 +1,4 @@
-"""The command ``zoom``: the piece of an axis, its configuration, its run and its picture.
+"""The command ``zoom``: a piece of an axis, computed and drawn.
 
 As in ``main.py``, modules are imported inside the command.
 """

@@ -1,4 +1,4 @@
-"""From a YAML file to a checked `SweepConfig`, with errors that name the line and the key.
+"""YAML to a checked `SweepConfig`, with the line of every key.
 
 ``values.py`` defines the forms of a value, ``points.py`` the table of points, ``groups.py`` the
 groups of keys, each key checked on its own, ``rig.py`` the group of a rig, and ``sweep.py`` the

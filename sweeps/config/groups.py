@@ -1,4 +1,4 @@
-"""The groups of a configuration: their keys, each with its default and what it may be.
+"""The groups of a configuration: keys, defaults, and what they may be.
 
 The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.PARAMETERS``.
 """

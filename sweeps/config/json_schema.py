@@ -1,4 +1,4 @@
-"""The JSON schema of a configuration, for editors: its keys, and the values of each.
+"""The JSON schema of a configuration, for editors.
 
 It accepts all that the loader accepts. What several keys decide together, only the loader refuses.
 The schema also refuses a number in quotes, which the loader does not see.

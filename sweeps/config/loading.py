@@ -1,4 +1,4 @@
-"""Reading a configuration file: the line of every YAML key is kept for the errors.
+"""Reading a configuration file, with the line of every key.
 
 Each error names the file, the line, the key, the given value and the allowed values.
 """

@@ -1,4 +1,4 @@
-"""Messages for the errors of a configuration: the place, what was typed and what is allowed."""
+"""Messages for errors: the place, what was typed, what is allowed."""
 
 from __future__ import annotations
 

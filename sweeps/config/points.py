@@ -1,4 +1,4 @@
-"""The points of a sweep as a table: a CSV file or columns by name; every cell is checked."""
+"""The points of a sweep as a table; every cell is checked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scenes that come with the program: configurations with comments, to start from."""
+"""The scenes that come with the program."""
 
 from __future__ import annotations
 

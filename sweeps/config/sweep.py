@@ -1,4 +1,4 @@
-"""The configuration of a sweep, `SweepConfig`: its groups, and the sweep that they describe.
+"""`SweepConfig`: the groups, and the sweep that they describe.
 
 The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.PARAMETERS``.
 """

@@ -1,4 +1,4 @@
-"""The forms of values in a configuration: numbers, lists, groups of keys, and exact ranges.
+"""The forms of values: numbers, lists, groups of keys, exact ranges.
 
 The values of a range are the numbers nearest to those of the decimal numbers that were typed.
 

@@ -1,4 +1,4 @@
-"""The bifurcation diagram of the page: its figure, the steps that fill it, exact branches."""
+"""The bifurcation diagram, the steps that fill it, exact branches."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""An opened sweep as its user reads it: its axes, coordinates, motions and tables, in its units."""
+"""An opened sweep: cuts, coordinates, SI units, motions, tables."""

@@ -1,4 +1,4 @@
-"""The differences of two sweeps of the same shape: which values differ, where and by how much."""
+"""The differences of two sweeps: which values, where, by how much."""
 
 from __future__ import annotations
 

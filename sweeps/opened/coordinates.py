@@ -1,4 +1,4 @@
-"""The coordinates that a sweep records at sections and impacts, and which of them are missing."""
+"""The coordinates that a sweep records at sections and impacts."""
 
 from __future__ import annotations
 

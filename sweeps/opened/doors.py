@@ -1,4 +1,4 @@
-"""The door of every public function of an opened sweep: it opens a path and checks the rest."""
+"""The door of every public function: it opens a path and checks the rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What takes long to find and is kept in the cache of this user: exact orbits and least knocks."""
+"""Exact orbits and least knocks that are kept in the cache of this user."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion of every point of a sweep as a row: its point, its regime and class, and its orbit.
+"""The motion of every point as a row: regime, class, orbit.
 
 Orbits are compared as cycles. A cycle consists of the states of a motion at m passages of the
 section, in time order. It may begin at any of the m states, because a motion of m forcing periods

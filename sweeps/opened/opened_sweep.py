@@ -1,4 +1,4 @@
-"""An opened sweep: its data, configuration and names, cuts through it, the motion of each point.
+"""`OpenedSweep`: data, configuration, names, cuts, motions.
 
 A file has the names and units of the model. `OpenedSweep.in_si` gives those of a rig, once, where
 a command opens a file or a picture is drawn; the parameters of the model, which computations need,

@@ -1,4 +1,4 @@
-"""Tables of a sweep and its orbits as CSV, what they may replace, and results as JSON."""
+"""Tables as CSV, and results as JSON."""
 
 from __future__ import annotations
 

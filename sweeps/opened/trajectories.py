@@ -1,4 +1,4 @@
-"""The motion of one point of a sweep in time: as recorded, or computed from its last section."""
+"""The motion of one point in time: recorded, or computed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of an opened sweep; each is drawn by a function that returns a matplotlib Figure.
+"""Pictures of an opened sweep, each a matplotlib Figure.
 
 ``plot`` writes a picture of one of the ``KINDS`` to a file. Only this room and `sweeps.bench`
 import matplotlib.

@@ -1,4 +1,4 @@
-"""The kinds of pictures by name, and the function that writes a picture to a file."""
+"""The kinds of pictures by name, written to a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Attractors in the colours of their classes: their basins, and the diagram along a parameter."""
+"""Basins, and the diagram of attractors along a parameter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Common parts of the pictures: the figure, its title and legend, and marks in its panels."""
+"""The figure, its title and legend, and marks in its panels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers per point as colours: words and classes with a legend, others with a ramp and a bar."""
+"""Numbers per point as colours: classes with a legend, others with a bar."""
 
 from __future__ import annotations
 

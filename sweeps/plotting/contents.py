@@ -1,4 +1,4 @@
-"""The contents of a picture, asked for by name: the line of a diagram, and numbers per point.
+"""What is drawn, by name: the line of a diagram, numbers per point.
 
 This is the only way in which ``quantity``, ``below`` and ``color`` become values, label and units.
 """

@@ -1,4 +1,4 @@
-"""The bifurcation diagram: a coordinate of the section or of the impacts over one swept axis."""
+"""The bifurcation diagram over one swept axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The two directions of a followed axis: their names, where they agree, where a motion jumps."""
+"""The two directions of a followed axis, and where a motion jumps."""
 
 from __future__ import annotations
 

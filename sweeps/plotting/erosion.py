@@ -1,4 +1,4 @@
-"""The erosion profile: integrity measures over a parameter, and basins with discs and knocks."""
+"""The picture of integrity: measures over a parameter, basins with knocks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exact orbits in pictures: branches over a diagram, and curves of bifurcations over a map."""
+"""Exact branches over a diagram, and curves over a map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The texts of a picture: labels and scales of axes, the title, and names of its parts."""
+"""Labels and scales of axes, the title, and names of parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rule for legends: as many columns as fit, at most a fifth of the height, what is left out."""
+"""The rule for legends: columns, height, what is left out."""
 
 from __future__ import annotations
 

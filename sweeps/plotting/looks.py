@@ -1,4 +1,4 @@
-"""The looks of classes, regimes and attractors, and the points of a picture that have one look."""
+"""The looks of classes, regimes and attractors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions: in time and in the phase plane, their stroboscopic section, and their impacts."""
+"""Motions in time and phase plane, their section, their impacts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names where there is room: in the regions of a map, with their boundaries, and beside lines."""
+"""Names where there is room: in regions of a map, beside lines."""
 
 from __future__ import annotations
 

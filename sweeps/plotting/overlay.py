@@ -1,4 +1,4 @@
-"""Points of a table over a picture, as measured beside computed: an overlay, read and drawn."""
+"""Measured points over a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all pictures take: a page with their size, title, limits and look, and common arguments.
+"""`Page`: size, title, limits and look of any picture.
 
 Each is decorated with `styled`: its arguments are checked, it has the names of a rig, a common
 style and a common part of its docstring.

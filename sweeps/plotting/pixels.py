@@ -1,4 +1,4 @@
-"""Ranges of numbers as cells and pixels, and the density of a diagram of very many points."""
+"""Cells and pixels, and the density of very many points."""
 
 from __future__ import annotations
 

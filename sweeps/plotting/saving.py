@@ -1,4 +1,4 @@
-"""Writing a figure to a file: names and sizes allowed, metadata, and what EPS cannot have."""
+"""Writing a figure to a file: formats, sizes, metadata."""
 
 from __future__ import annotations
 

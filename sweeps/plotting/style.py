@@ -1,4 +1,4 @@
-"""The common style of the pictures: colours by their meaning, and matplotlib's settings.
+"""Colours by their meaning, and matplotlib's settings.
 
 Any two colours of one picture can be told apart with normal colour vision, deuteranopia and
 protanopia: they differ by at least 10 in CIEDE2000. A colour without a meaning comes from the

@@ -1,4 +1,4 @@
-"""The picture of a sweep over a table: a result over columns or other results."""
+"""The picture of a sweep over a table."""
 
 from __future__ import annotations
 

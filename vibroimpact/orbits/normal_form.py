@@ -1,4 +1,4 @@
-"""The normal form of a flip: its criticality, the sign of the cubic coefficient.
+"""The normal form of a flip: its criticality.
 
 At a flip the map of m forcing periods has the normal form a -> -(1 + delta) a + c a^3 along the
 vector of the multiplier -1 (Kuznetsov, *Elements of Applied Bifurcation Theory*, sec. 5.4 and 9.3).

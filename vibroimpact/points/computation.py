@@ -1,4 +1,4 @@
-"""The computation of points by the kernel, and the class of each point from its record.
+"""Points by the kernel, and the class of each from its record.
 
 Points are scaled, followed, have transients of their own, or start plainly.
 

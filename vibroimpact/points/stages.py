@@ -1,4 +1,4 @@
-"""Motions continued in stages until they need no more: a class, or their orbit to be recorded.
+"""Motions continued in stages until they have a class or an orbit.
 
 A run that starts from a section continues the run before it to the last bit.
 
