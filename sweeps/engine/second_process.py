@@ -1,41 +1,32 @@
-"""The process that compiles beside a run on another core."""
+"""The copy of a run that compiles on another core meanwhile, and what a run says then."""
 
 from __future__ import annotations
 
 import os
-import subprocess
+import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 from rich.console import Console
 
 from sweeps.engine.estimate import COMPILING_MEMORY, available_memory
-from vibroimpact.jit import ALL_THREADS, COMPILING, watched
-
-#: Compiles the search for classes, and ends with the process that started it, whose end closes its
-#: input: first as after Ctrl-C, which leaves no lock, but not later than some seconds after.
-_PROGRAM = """
-import _thread, os, sys, threading, time
-def end():
-    sys.stdin.read()
-    _thread.interrupt_main()
-    time.sleep(5.0)
-    os._exit(1)
-threading.Thread(target=end, daemon=True).start()
+from vibroimpact.jit import ALL_THREADS, COMPILING, called_before_passes, watched
+from vibroimpact.jit.watching import WATCHERS
 from vibroimpact.kernel.threads import compile_search
-compile_search()
-"""
+
+#: More than the number of files that a process has open.
+_MOST_FILES = 4096
 
 
 @contextmanager
 def preparing(console: Console, cores: int | None, classes: bool) -> Iterator[None]:
     """Say what is compiled: on a terminal while it is, in a log in one line.
 
-    If the loop is compiled here, and `classes` are asked for, another process compiles the search
-    for them meanwhile, where a second core is allowed.
+    If the loop is compiled here, and `classes` of exact impacts are asked for, another process
+    compiles the search for them meanwhile, where a second core is allowed.
     """
     told = set()
     with console.status("preparing") as status:
@@ -54,25 +45,50 @@ def preparing(console: Console, cores: int | None, classes: bool) -> Iterator[No
 
 
 def compile_beside() -> None:
-    """Let another process compile the search for classes, if there is enough memory for it.
+    """Let a copy of this process compile the search for classes, if there is enough memory for it.
 
-    Whatever comes of it, this process waits for that code, loads it, or compiles it itself.
+    It begins with all that this process has imported, and with what both compile. Only Linux copies
+    a process whose libraries run; there no other thread has a lock that the compiler takes, because
+    this one has numba's own. Whatever comes of the copy, this process waits for that code, loads
+    it, or compiles it itself.
     """
-    # In a program that embeds Python, the executable is that program.
-    if available_memory() < 2 * COMPILING_MEMORY or "python" not in Path(sys.executable).name:
+    if sys.platform != "linux" or available_memory() < 2 * COMPILING_MEMORY:
+        return
+    compile_search(begin=True)
+    parent = os.getpid()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of threads
+            copy = os.fork()
+    except OSError:
+        return
+    if copy:
+        threading.Thread(target=_reap, args=(copy,), daemon=True).start()
         return
 
-    command = [sys.executable, "-P", "-c", _PROGRAM]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    null = subprocess.DEVNULL
+    def check() -> None:
+        if os.getppid() != parent:
+            raise SystemExit
 
-    def run() -> None:
-        with (
-            suppress(OSError),
-            subprocess.Popen(
-                command, env=environment, stdin=subprocess.PIPE, stdout=null, stderr=null
-            ) as process,
-        ):
-            process.wait()  # and its input stays open
+    try:
+        _leave()
+        with called_before_passes(check):
+            compile_search()
+    finally:
+        os._exit(0)
 
-    threading.Thread(target=run, daemon=True).start()
+
+def _leave() -> None:
+    """Let go of the files of the process that this one is a copy of, and of its watchers."""
+    WATCHERS.clear()
+    signal.set_wakeup_fd(-1)
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for file in range(3):
+        os.dup2(nothing, file)
+    os.closerange(3, _MOST_FILES)
+
+
+def _reap(process: int) -> None:
+    """Wait for the end of a process."""
+    with suppress(OSError):
+        os.waitpid(process, 0)

@@ -8,6 +8,7 @@ from .compiling import inlined as inlined
 from .compiling import jit as jit
 from .compiling import on_threads as on_threads
 from .compiling import specialised as specialised
+from .compiling import translate as translate
 from .intrinsics import claim as claim
 from .intrinsics import fma as fma
 from .intrinsics import is_set as is_set

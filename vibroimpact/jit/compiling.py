@@ -154,6 +154,11 @@ def compiled(function: Any, *arguments: Any) -> Any:
     return function
 
 
+def translate(function: Any, *arguments: Any) -> None:
+    """Translate a function, for such arguments, for the functions that will call it."""
+    function.get_call_template(tuple(map(numba.typeof, arguments)), {})
+
+
 @contextmanager
 def called_before_passes(check: Callable[[], None]) -> Iterator[None]:
     """Call `check` before every pass of the compiler in the block, so that it can end the work.

@@ -222,7 +222,7 @@ class _Typing(Context):
         self.__dict__ = context.__dict__  # what one of them learns, the other knows
 
     def refresh(self) -> None:
-        """Do nothing: `WholeCompiler` has looked for new declarations."""
+        """Do nothing: `CompiledCode` has looked for new declarations."""
 
     def resolve_value_type(self, value: Any) -> Any:
         found = super().resolve_value_type(value)
@@ -251,7 +251,7 @@ class _Target(CPUContext):
         return _ours(_Typing, self.__dict__["typing_context"])
 
     def refresh(self) -> None:
-        """Do nothing: `WholeCompiler` has looked for new declarations."""
+        """Do nothing: `CompiledCode` has looked for new declarations."""
 
     def get_abi_sizeof(self, type_: Any) -> Any:
         return _size(self._internal_codegen, type_)  # numba lets LLVM parse a module for it
@@ -349,7 +349,6 @@ class WholeCompiler(_LeanCompiler):
     """Compiles a function for Python."""
 
     def __init__(self, typing: Any, target: Any, library: None, *arguments: Any) -> None:
-        target.refresh()
         whole = _WholeLibrary(target.codegen(), "whole")
         whole.enable_object_caching()
         super().__init__(typing, target, whole, *arguments)

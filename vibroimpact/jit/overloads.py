@@ -39,6 +39,8 @@ class CompiledCode:
         if kept is None:
             self._claim = claimed(self._path(self._key(signature, context.codegen())))
             kept = self._loaded(signature, context)
+            if kept is None:
+                context.refresh()
             tell("" if kept else COMPILING)
         return kept
 

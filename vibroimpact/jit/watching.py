@@ -10,20 +10,20 @@ COMPILING = "compiling, which takes some ten seconds, once on this machine"
 #: Called while this process waits; each may raise an exception, which ends the wait.
 CHECKS: list[Callable[[], object]] = []
 #: Called with what is done in the words of a user: at its begin, and with ``""`` at its end.
-_WATCHERS: list[Callable[[str], object]] = []
+WATCHERS: list[Callable[[str], object]] = []
 
 
 @contextlib.contextmanager
 def watched(watcher: Callable[[str], object]) -> Iterator[None]:
     """Tell `watcher` of every compilation, and wait for one, that begins or ends in the block."""
-    _WATCHERS.append(watcher)
+    WATCHERS.append(watcher)
     try:
         yield
     finally:
-        _WATCHERS.remove(watcher)
+        WATCHERS.remove(watcher)
 
 
 def tell(text: str) -> None:
     """Tell every watcher."""
-    for watcher in list(_WATCHERS):
+    for watcher in list(WATCHERS):
         watcher(text)

@@ -28,8 +28,9 @@ from vibroimpact.destination.find import (
     find_shortened,
 )
 from vibroimpact.destination.repetition import MOST_REPETITIONS
+from vibroimpact.destination.rest import rests_alike_exactly
 from vibroimpact.destination.section_map import MOST_SECTIONS
-from vibroimpact.jit import claim, compiled, is_set, jit, on_threads, specialised
+from vibroimpact.jit import claim, compiled, is_set, jit, on_threads, specialised, translate
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
 from vibroimpact.kernel.loop import (
     run_exact,
@@ -45,7 +46,7 @@ from vibroimpact.kernel.reduced_step_impacts import REDUCED_STEP_COLUMNS
 from vibroimpact.kernel.workspace import KEPT, LANES, LANES_SIZE, ROW, VECTOR, Workspace
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.contact import new_scratch
-from vibroimpact.step.scheme import EXACT, PLAIN, Scheme
+from vibroimpact.step.scheme import EXACT, PLAIN, PhaseGrid, Scheme
 
 #: Fewest lanes of a thread, if there are so many points. With exact impacts, fewer points take
 #: nearly as long.
@@ -176,20 +177,29 @@ def find_on_threads(
     found, claimed = np.full(points.size, NO_DESTINATION), np.zeros(1, np.int64)
     search = Search(points, sections, sums, scheme, found, claimed, interrupt)
 
-    def memory() -> Memory:
-        passed, tried = np.zeros((MOST_SECTIONS, 2)), np.zeros(MOST_REPETITIONS, np.int64)
-        beside = np.empty(1, POINT)
-        return Memory(new_scratch.py_func(), passed, tried, beside)  # compiled code calls it, too
-
     finds = {PLAIN: find_all_plain, EXACT: find_all_exact}
-    work = compiled(finds.get(scheme.method[0], find_all_shortened), search, memory())
+    work = compiled(finds.get(scheme.method[0], find_all_shortened), search, _new_memory())
     threads = min(threads, max(1, -(-points.size // FEWEST_LANES)))
-    on_threads(threads, interrupt, lambda: work(search, memory()))
+    on_threads(threads, interrupt, lambda: work(search, _new_memory()))
     return found
 
 
-def compile_search() -> None:
-    """Compile the search for destinations with the rule ``exact``, for a run that begins."""
-    scheme, sections = Scheme.of("exact", "exact", 1, 0.0), np.empty((0, 1, 2))
-    interrupt = np.zeros(1, np.int64)
-    find_on_threads(np.empty(0, POINT), scheme, sections, np.empty(0, SUMS), 1, interrupt)
+def _new_memory() -> Memory:
+    """Return the memory of a thread that finds destinations."""
+    passed, tried = np.zeros((MOST_SECTIONS, 2)), np.zeros(MOST_REPETITIONS, np.int64)
+    beside = np.empty(1, POINT)
+    return Memory(new_scratch.py_func(), passed, tried, beside)  # compiled code calls it, too
+
+
+def compile_search(*, begin: bool = False) -> None:
+    """Compile the search for destinations with the rule ``exact``, for a run that begins.
+
+    If only to `begin`, translate what its loop contains, too: a step of a point alone.
+    """
+    points, memory, flag = np.zeros(1, POINT), _new_memory(), np.zeros(1, np.int64)
+    scheme = Scheme((EXACT, EXACT), PhaseGrid(np.empty((3, 2)), 0.0, 1))
+    if begin:
+        translate(rests_alike_exactly, points[0], scheme, 1, memory)
+        return
+    sections, sums, found = np.empty((1, 1, 2)), np.empty(1, SUMS), np.full(1, NO_DESTINATION)
+    compiled(find_all_exact, Search(points, sections, sums, scheme, found, flag, flag), memory)

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import numpy as np
@@ -58,22 +57,19 @@ def test_a_process_is_started_once_by_the_one_that_compiles_where_there_is_a_cor
     assert len(started) == 1
 
 
-@pytest.mark.parametrize("lack", ["memory", "python", "process"])
-def test_without_memory_python_or_a_process_nothing_else_is_started(monkeypatch, lack):
+@pytest.mark.parametrize("lack", ["memory", "system", "process"])
+def test_without_memory_another_system_or_a_process_nothing_else_is_started(monkeypatch, lack):
     calls = []
 
-    def start(*arguments, **options):
-        calls.append(arguments)
+    def fork():
+        calls.append(1)
         raise OSError("no more processes")
 
-    monkeypatch.setattr(subprocess, "Popen", start)
+    monkeypatch.setattr(os, "fork", fork, raising=False)
+    monkeypatch.setattr(sys, "platform", "darwin" if lack == "system" else "linux")
+    monkeypatch.setattr(second_process, "compile_search", lambda begin: None)
     monkeypatch.setattr(second_process, "available_memory", lambda: 2**29 - (lack == "memory"))
-    if lack == "python":
-        monkeypatch.setattr(sys, "executable", "/opt/program")
     second_process.compile_beside()
-    for thread in threading.enumerate():
-        if thread.daemon and thread.name.endswith("(run)"):
-            thread.join()
     assert len(calls) == (lack == "process")
 
 
@@ -94,27 +90,57 @@ assert loop.run_exact.signatures
 assert not loop.run_exact_with_exponents.signatures and not threads.find_all_exact.signatures
 """
 
-
-@pytest.mark.slow
-def test_a_run_without_classes_and_exponents_compiles_nothing_of_them():
-    subprocess.run([sys.executable, "-c", PLAIN_RUN], check=True)
-
-
-PARENT = """
-import subprocess, sys, time
-from sweeps.engine import second_process
-popen = subprocess.Popen
-def start(*arguments, **options):
-    process = popen(*arguments, **options)
-    print(process.pid, flush=True)
-    return process
-subprocess.Popen = start
-second_process.available_memory = lambda: 2**40
-second_process.compile_beside()
-time.sleep(600)
+SHARED = """
+from contextlib import suppress
+from numba.core.event import RecordingListener, install_listener
+from numba.core.registry import cpu_target
+from vibroimpact import Oscillator, integrate
+from vibroimpact.jit import translate
+from vibroimpact.kernel import threads
+def without_machine_code(function, *arguments):
+    translate(function, *arguments)
+    raise InterruptedError
+threads.compiled, passes = without_machine_code, RecordingListener()
+cpu_target.target_context.refresh()
+with install_listener("numba:run_pass", passes):
+    threads.compile_search(begin=True)
+    with suppress(InterruptedError):
+        integrate(Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0).at(), transient=1, periods=1)
+    with suppress(InterruptedError):
+        threads.compile_search()
+lowered = [event.data["qualname"] for _, event in passes.buffer
+           if event.is_start and event.data["name"] == "native_lowering"]
+for shared in ("take_exact_grid_step", "rests_alike_exactly", "run_exact", "find_all_exact"):
+    assert lowered.count(shared) == 1, lowered
 """
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("program", [PLAIN_RUN, SHARED], ids=["alone", "shared"])
+def test_a_run_compiles_no_classes_and_exponents_unasked_and_nothing_twice(program):
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+PARENT = """
+import os
+from rich.console import Console
+from sweeps.engine import second_process
+from vibroimpact import Oscillator, integrate
+fork, parent = os.fork, os.getpid()
+def start():
+    copy = fork()
+    if os.getpid() == parent:
+        print(copy, flush=True)
+    return copy
+os.fork = start
+second_process.available_memory = lambda: 2**40
+second_process.ALL_THREADS = 2
+with second_process.preparing(Console(quiet=True), None, True):
+    integrate(Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0).at(), transient=1, periods=1)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux copies a process that works")
 @pytest.mark.slow
 def test_the_other_process_ends_when_the_first_one_is_killed(tmp_path):
     """While it compiles, and it leaves neither code nor a lock."""
