@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sweeps.engine.executors import Computer, compute, in_thread
+from sweeps.engine.cluster import ClusterComputer
+from sweeps.engine.executors import LocalComputer, compute, in_thread
 from sweeps.errors import StoreError
 from sweeps.grid import Cost, Sweep
 from sweeps.store import bytes_per_point, check_room, held_variables
@@ -69,7 +70,9 @@ class _Chain(NamedTuple):
     lanes: int  #: How many chains a thread computes side by side.
 
 
-def expected_cost(sweep: Sweep, path: Path, computer: Computer, resume: bool) -> Cost:
+def expected_cost(
+    sweep: Sweep, path: Path, computer: LocalComputer | ClusterComputer, resume: bool
+) -> Cost:
     """Return the cost of a sweep; refuse the sweep if disk space or memory is too small."""
     spec, size, points = sweep.spec, sweep.size, sweep.grid.size
     check_room(path, 2 * size * bytes_per_point(spec, _AT_IMPACTS), resume=resume)

@@ -11,7 +11,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -103,38 +103,12 @@ def as_completed(
             yield out.pop(done), done
 
 
-class Computer(Protocol):
-    """Computes the blocks of a sweep, on this machine or on a cluster."""
-
-    @property
-    def threads(self) -> int | None:
-        """Number of threads of a trial, which runs on this machine; None for all cores."""
-
-    @property
-    def cores(self) -> int:
-        """Number of computations of the size of a trial that run in parallel."""
-
-    def described(self) -> str:
-        """Return where the blocks are computed, for the progress bar."""
-
-    def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
-        """Return arguments of `block_size` for a sweep of `size` points and this duration."""
-
-    def computed(
-        self, sweep: Sweep, blocks: Iterable[Block], advance: Callable[[int], object]
-    ) -> Generator[tuple[Block, Results], None, None]:
-        """Yield every block with its results as it is done, and tell `advance` of its points.
-
-        A caller that stops early must close the generator.
-        """
-
-
 @dataclass
 class LocalComputer:
     """Computes blocks one after the other on this machine; ``threads=None`` uses all cores."""
 
-    threads: int | None = None
-    cores = 1
+    threads: int | None = None  #: Of a trial, too.
+    cores = 1  #: How many trials would run at once.
 
     def described(self) -> str:
         """Return nothing: the work is done here."""
@@ -147,7 +121,10 @@ class LocalComputer:
     def computed(
         self, sweep: Sweep, blocks: Iterable[Block], advance: Callable[[int], object]
     ) -> Generator[tuple[Block, Results], None, None]:
-        """Yield the blocks in order; one is computed while another is written."""
+        """Yield the blocks in order; one is computed while another is written.
+
+        A caller that stops early must close the generator. `advance` is that of `compute_block`.
+        """
         with other_thread() as executor:
             done = as_completed(
                 lambda block: executor.submit(compute_block, sweep, block, self.threads, advance),

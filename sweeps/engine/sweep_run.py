@@ -15,7 +15,7 @@ from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.cluster import ClusterComputer, is_client
 from sweeps.engine.estimate import expected_cost
-from sweeps.engine.executors import Computer, LocalComputer
+from sweeps.engine.executors import LocalComputer
 from sweeps.engine.second_process import preparing
 from sweeps.errors import Refused
 from sweeps.grid import Block, block_points
@@ -145,7 +145,10 @@ def run_sweep(
 
 @contextmanager
 def _progress(
-    config: SweepConfig, pending: Iterable[Block], computer: Computer, console: Console
+    config: SweepConfig,
+    pending: Iterable[Block],
+    computer: LocalComputer | ClusterComputer,
+    console: Console,
 ) -> Iterator[Callable[[int], None]]:
     """Show points done, forcing periods per second and time left; yield the function to advance."""
     spec = config.sweep.spec

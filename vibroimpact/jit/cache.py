@@ -4,7 +4,8 @@ Code in a cache is executed. So the folder of the cache must belong to this user
 file begins with a checksum of the rest. If a folder or file cannot be used, the code is compiled
 again; if nothing can be stored, there is one warning. The cache never ends a program.
 
-Of processes that need the same code at once, one compiles it, and the others wait.
+Of processes that need the same code at once, one compiles it, and the others wait. Watchers are
+told of both.
 """
 
 from __future__ import annotations
@@ -17,15 +18,13 @@ import os
 import stat
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
 import platformdirs
-
-from vibroimpact.jit.watching import CHECKS, tell
 
 #: The kinds of nodes that may have a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -38,6 +37,13 @@ _AS_IT_IS = (os.O_NOFOLLOW | os.O_NONBLOCK) if _OWNERS else 0
 #: Longest wait for another process [s], many times that of a compilation: it may be stopped.
 _LONGEST_WAIT = 120.0
 _INTERVAL = 0.05  # between two attempts [s]
+
+#: What a user is told of a compilation.
+COMPILING = "compiling, which takes some ten seconds, once on this machine"
+#: Called while this process waits; each may raise an exception, which ends the wait.
+CHECKS: list[Callable[[], object]] = []
+#: Called with what is done in the words of a user: at its begin, and with ``""`` at its end.
+WATCHERS: list[Callable[[str], object]] = []
 
 
 def root() -> Path:
@@ -248,6 +254,22 @@ def released(lock: Any) -> None:
         with contextlib.suppress(OSError):  # on Windows an open file cannot be removed
             Path(lock.lock_file).unlink(missing_ok=True)
         lock.release()
+
+
+@contextlib.contextmanager
+def watched(watcher: Callable[[str], object]) -> Iterator[None]:
+    """Tell `watcher` of every compilation, and wait for one, that begins or ends in the block."""
+    WATCHERS.append(watcher)
+    try:
+        yield
+    finally:
+        WATCHERS.remove(watcher)
+
+
+def tell(text: str) -> None:
+    """Tell every watcher."""
+    for watcher in list(WATCHERS):
+        watcher(text)
 
 
 #: Digest of the code that computes.

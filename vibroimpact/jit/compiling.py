@@ -18,8 +18,7 @@ import llvmlite.binding
 import numba
 import numpy as np
 
-from vibroimpact.jit.cache import cache_folder, make_folder, warn_once
-from vibroimpact.jit.watching import CHECKS
+from vibroimpact.jit.cache import CHECKS, cache_folder, make_folder, warn_once
 from vibroimpact.jit.way import WAY
 
 if WAY.name == "private":
@@ -41,12 +40,17 @@ T = TypeVar("T")
 #: them an impact costs twice as much.
 _BORROWING = (
     "vibroimpact.destination.",
-    "vibroimpact.jit.trial_steps",
+    "vibroimpact.jit.trial.",
     "vibroimpact.kernel.",
     "vibroimpact.step.",
 )
-#: These modules of theirs create arrays, so they count.
-_CREATING = {"vibroimpact.step.contact", "vibroimpact.step.recorder", "vibroimpact.step.stepper"}
+#: These parts of theirs create arrays, so they count.
+_CREATING = (
+    "vibroimpact.jit.trial._take",
+    "vibroimpact.step.contact.",
+    "vibroimpact.step.recorder.",
+    "vibroimpact.step.stepper.",
+)
 
 
 def jit(function: Callable) -> Any:
@@ -83,8 +87,8 @@ def _compiled(function: Callable, **inlining: Any) -> Any:
         **inlining,
     }
     if WAY.name != "plain":
-        module = function.__module__
-        counted = not module.startswith(_BORROWING) or module in _CREATING
+        name = f"{function.__module__}.{function.__qualname__}"
+        counted = not name.startswith(_BORROWING) or name.startswith(_CREATING)
         options |= {"_nrt": counted, "no_cfunc_wrapper": True}  # no C code calls the function
     if WAY.name == "private":
         return dispatcher(function, options)
