@@ -119,8 +119,8 @@ class Grid:
     def along(self, name: str) -> np.ndarray:
         """Return the values of a parameter, in a shape that is broadcast against the grid."""
         for place, (axis, values) in enumerate(self.axes.items(), 1):
-            if name in (own := parameters_of(axis, values)):
-                return own[name].reshape(-1, *(1,) * (len(self.axes) - place))
+            if name in (columns := parameters_of(axis, values)):
+                return columns[name].reshape(-1, *(1,) * (len(self.axes) - place))
         return np.asarray(self.fixed[name])
 
     def spread(self, count: int) -> np.ndarray:

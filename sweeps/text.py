@@ -37,7 +37,7 @@ def of_shell(path: Path) -> str:
 
 def command(*words: str | Path) -> str:
     """Write a command of the program for a shell: a path that begins with - is not an option."""
-    typed = (f"./{one}" if isinstance(one, Path) and str(one)[0] == "-" else one for one in words)
+    typed = (f"./{w}" if isinstance(w, Path) and str(w)[0] == "-" else w for w in words)
     return " ".join(["vibroimpact", *(_quoted(str(word)) for word in typed)])
 
 

@@ -265,8 +265,8 @@ def _over_parameters(
     if SETS not in counted.dims:
         starts, where = starts // counted.size, "at each"
     for count, times in zip(*np.unique(counted.values, return_counts=True), strict=True):
-        found = shown_count(count, "attractor")
-        lines.append(f"{found} at {times:,} of {shown_count(counted.size, 'parameter point')}")
+        count_text = shown_count(count, "attractor")
+        lines.append(f"{count_text} at {times:,} of {shown_count(counted.size, 'parameter point')}")
     untracked = int(((result["motion"] == Regime.PERIODIC).sum("coexisting") > MOST_TRACKED).sum())
     if untracked and SETS not in counted.dims:
         lines.append(

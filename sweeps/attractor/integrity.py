@@ -79,15 +79,15 @@ def integrity(sweep: OpenedSweep) -> xr.Dataset:
     return with_measures(sweep, attractors(sweep))
 
 
-def with_measures(sweep: OpenedSweep, found: xr.Dataset) -> xr.Dataset:
+def with_measures(sweep: OpenedSweep, result: xr.Dataset) -> xr.Dataset:
     """Return the attractors found in a sweep with their measures."""
     config = sweep.config
-    starts = found["attractor"].sortby(["x0", "v0"]).transpose(..., "x0", "v0")
+    starts = result["attractor"].sortby(["x0", "v0"]).transpose(..., "x0", "v0")
     x, v = starts["x0"].values, starts["v0"].values
-    grid = (-1, found.sizes["coexisting"])
-    number, m = (found[name].values.reshape(grid) for name in ("number", "m"))
-    at = np.nonzero(np.isin(found["motion"].values.reshape(grid), COUNTED))
-    state = (found[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
+    grid = (-1, result.sizes["coexisting"])
+    number, m = (result[name].values.reshape(grid) for name in ("number", "m"))
+    at = np.nonzero(np.isin(result["motion"].values.reshape(grid), COUNTED))
+    state = (result[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
     points = sweep.isel({"x0": 0, "v0": 0}).points[at[0]]
     points["x0"], points["v0"] = state
     periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if m is not known
@@ -100,10 +100,10 @@ def with_measures(sweep: OpenedSweep, found: xr.Dataset) -> xr.Dataset:
         states = sections[n, : periods[n]]
         measures[:, i, k] = measures_of(basin, x, v, w, points["clearance"][n], states)
     for (name, about), values in zip(_BASIN_MEASURES.items(), measures, strict=True):
-        shaped = values.reshape(found["number"].shape)
+        shaped = values.reshape(result["number"].shape)
         shaped = shaped == 1.0 if name.endswith("edge") else shaped
-        found[name] = (found["number"].dims, shaped, description_in(sweep.attrs, *about))
-    return found
+        result[name] = (result["number"].dims, shaped, description_in(sweep.attrs, *about))
+    return result
 
 
 def measures_of(

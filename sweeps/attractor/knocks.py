@@ -134,23 +134,23 @@ def knocks(
 class _Motions:
     """The attractors at a parameter point, and the knocks that lead from one to another."""
 
-    def __init__(self, starts: OpenedSweep, found: xr.Dataset) -> None:
+    def __init__(self, starts: OpenedSweep, result: xr.Dataset) -> None:
         self._oscillator, config = starts.oscillator, starts.config
         self._spec, self._phase = config.sweep.spec, config.record.phase
         self.orbits: dict[int, PeriodicOrbit] = {}
         self._cycles: dict[int, np.ndarray] = {}  # their states at the section
-        self._of_regime = dict(zip(found["motion"].values, found["number"].values, strict=True))
+        self._of_regime = dict(zip(result["motion"].values, result["number"].values, strict=True))
         motion = np.zeros(1, MOTION)
         motion["point"] = self._oscillator.at(self._oscillator.clearance)
-        rows = found[["number", "motion", "m", "q", "section_x", "section_v"]].to_dataframe()
-        for one in rows.itertuples():
-            motion["point"]["x0"], motion["point"]["v0"] = one.section_x, one.section_v
-            motion["m"], motion["q"] = one.m, one.q
-            if one.motion == Regime.PERIODIC:
+        rows = result[["number", "motion", "m", "q", "section_x", "section_v"]].to_dataframe()
+        for row in rows.itertuples():
+            motion["point"]["x0"], motion["point"]["v0"] = row.section_x, row.section_v
+            motion["m"], motion["q"] = row.m, row.q
+            if row.motion == Regime.PERIODIC:
                 with suppress(OrbitError):  # too many periods: motions that end there are unknown
                     orbit = orbit_of_motion(motion[0], self._phase)
-                    self.orbits[one.number] = orbit
-                    self._cycles[one.number] = orbit.sections(self._phase)
+                    self.orbits[row.number] = orbit
+                    self._cycles[row.number] = orbit.sections(self._phase)
 
     def _reached(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the attractors that motions from states (n, 2) reach, and which are certified.
@@ -178,24 +178,24 @@ class _Motions:
         # just flipped, and therefore beside the orbit of twice the period.
         chaos = self._of_regime.get(Regime.CHAOTIC, -1)
         left = np.flatnonzero(endless)
-        for one in self.orbits if left.size else ():
-            number[left[self._is_on(one, last["x0"][left], last["v0"][left])]] = one
+        for attractor in self.orbits if left.size else ():
+            number[left[self._is_on(attractor, last["x0"][left], last["v0"][left])]] = attractor
         number[endless & (number < 0)] = chaos
         return number, certified
 
     def _of(self, results: Results) -> np.ndarray:
         """Return the attractors on which the orbits of motions are, -1 for none."""
         number = np.full(len(results["status"]), -1)
-        for one, orbit in self.orbits.items():
+        for attractor, orbit in self.orbits.items():
             same = (results["period"] == orbit.m) & (results["period_impacts"] == orbit.q)
             rows = np.flatnonzero(same)
-            on = self._is_on(one, results["orbit_x"][rows], results["orbit_v"][rows])
-            number[rows[on]] = one
+            on = self._is_on(attractor, results["orbit_x"][rows], results["orbit_v"][rows])
+            number[rows[on]] = attractor
         return number
 
-    def _is_on(self, one: int, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def _is_on(self, attractor: int, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the mask of the section states that are on an attractor."""
-        o, cycle = self._oscillator, self._cycles[one]
+        o, cycle = self._oscillator, self._cycles[attractor]
         size = ORBIT_TOLERANCE * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
         states, units = np.stack([x, v], axis=1)[:, None], (size, size * o.omega)
         apart = section_distance(states, cycle, o.clearance, np.array(o.R), units)

@@ -188,14 +188,14 @@ def attractors(
     fraction = members / np.bincount(parameter, members)[parameter]
     number = _numbers(spec, index, motions[heads], parameter, fraction)
     recorded = np.flatnonzero((of_point >= 0) & ~followed)[::-1]
-    shown = heads.copy()
-    shown[of_point[recorded]] = recorded  # where the record of a member shows it, the first such
-    motion, m = motions[shown], np.zeros(len(heads) + 1, np.int64)
+    member = heads.copy()
+    member[of_point[recorded]] = recorded  # the first whose record shows the attractor
+    motion, m = motions[member], np.zeros(len(heads) + 1, np.int64)
     np.maximum.at(m, of_point, motions["m"])  # not every motion with rest shows after how many
     x, v = motion["point"]["x0"], motion["point"]["v0"]
     columns = (
-        number, fraction, motion["regime"], m[:-1], motion["q"], ~followed[shown], x, v,
-        index.start[shown],
+        number, fraction, motion["regime"], m[:-1], motion["q"], ~followed[member], x, v,
+        index.start[member],
     )  # fmt: skip
     data = _by_rank(sweep, index, parameter, dict(zip(ATTRACTOR_COLUMNS, columns, strict=True)))
     counted = np.bincount(
@@ -239,28 +239,28 @@ def attractors_of(
     their parameter points, m and q agree, and their orbits; of all others, those of one regime are.
     """
     rows = np.flatnonzero(motions["regime"] > Regime.FAILED)
-    own, at = motions[rows], parameter[rows]
-    periodic, points = own["regime"] == Regime.PERIODIC, own["point"]
+    motion, at = motions[rows], parameter[rows]
+    periodic, points = motion["regime"] == Regime.PERIODIC, motion["point"]
     # Of the motions for which all of this agrees, with rounded states, one is compared.
     states = np.stack([points["x0"] - points["clearance"], points["v0"] / points["omega"]])
-    m, q, x, v = np.where(periodic, [own["m"], own["q"], *states], 0.0)
+    m, q, x, v = np.where(periodic, [motion["m"], motion["q"], *states], 0.0)
     _, exponent = np.frexp(np.maximum(np.abs(x), np.abs(v)))
     rounded = np.rint(np.ldexp([x, v], -exponent) / max(tolerance / _FINER, 1e-15))
-    columns = own["regime"], at, m, q, exponent, *rounded
+    columns = motion["regime"], at, m, q, exponent, *rounded
     order = np.lexsort(columns)
     begins = np.ones(len(order), bool)
     begins[1:] = np.any([np.diff(column[order]) != 0 for column in columns], axis=0)
-    one, of_row = order[begins], np.empty_like(order)
+    distinct, of_row = order[begins], np.empty_like(order)
     of_row[order] = np.cumsum(begins) - 1
     # The periodic ones of these are on one attractor if their cycles agree within the tolerance.
-    cyclic, same = np.flatnonzero(periodic[one]), np.arange(len(one))
-    compared = own[one[cyclic]]
-    apart = [at[one[cyclic]], compared["m"], compared["q"]]
+    cyclic, same = np.flatnonzero(periodic[distinct]), np.arange(len(distinct))
+    compared = motion[distinct[cyclic]]
+    apart = [at[distinct[cyclic]], compared["m"], compared["q"]]
     group = np.unique(apart, axis=1, return_inverse=True)[1].ravel()
     same[cyclic] = cyclic[same_motions(cycles_of(spec, compared), group, tolerance)]
-    heads = np.unique(one[same])
+    heads = np.unique(distinct[same])
     of_point = np.full(len(motions), -1)
-    of_point[rows] = np.searchsorted(heads, one[same[of_row]])
+    of_point[rows] = np.searchsorted(heads, distinct[same[of_row]])
     return rows[heads], of_point
 
 
@@ -284,7 +284,7 @@ def same_motions(
     # two of these places are in both coordinates as near as the cycles are.
     x, v = np.moveaxis(cycles.states, -1, 0)
     after = np.fmin(v, -cycles.R[:, None] * v)
-    places = (np.nansum(one, axis=1) / cycles.m for one in (x, after))
+    places = (np.nansum(column, axis=1) / cycles.m for column in (x, after))
     size = np.nanmax(np.abs(cycles.states), axis=(1, 2), initial=0.0)
     radius = tolerance * size * (1.0 + 1e-9)  # rounding included
     sites = np.column_stack([*places, 4.0 * radius.max() * group])  # groups are kept apart
@@ -292,7 +292,7 @@ def same_motions(
     a, b = np.repeat(np.arange(count), list(map(len, near))), np.concatenate(near).astype(int)
     a, b = a[a != b], b[a != b]
     equal = distances(cycles, a, b) <= tolerance
-    ends = tuple(one[equal].astype(np.int32) for one in (a, b))  # SciPy 1.11 needs int32
+    ends = tuple(column[equal].astype(np.int32) for column in (a, b))  # SciPy 1.11 needs int32
     graph = coo_array((equal[equal], ends), (count, count))
     number = connected_components(graph, directed=False)[1]
     return np.unique(number, return_index=True)[1][number]

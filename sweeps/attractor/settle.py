@@ -115,12 +115,12 @@ def _extended(
             rests += _rests_of(before["rest_fraction"], before["chatters"])
             worst = worst_of(worst, before["status"])
             put_last(state, before, spec.phase)
-        found = compute_points(spec.part(0, _CLASS_PERIODS, 0, False), state, None)
-        rests += _rests_of(found["rest_fraction"], found["chatters"])
-        share = np.maximum(before["rest_fraction"], found["rest_fraction"])
-        whole = {"rest_fraction": share, "status": np.maximum(worst, found["status"])}
-        reached = motions_from(bare, state, before | found | whole)
-        put_last(state, found, spec.phase)
+        record = compute_points(spec.part(0, _CLASS_PERIODS, 0, False), state, None)
+        rests += _rests_of(record["rest_fraction"], record["chatters"])
+        share = np.maximum(before["rest_fraction"], record["rest_fraction"])
+        whole = {"rest_fraction": share, "status": np.maximum(worst, record["status"])}
+        reached = motions_from(bare, state, before | record | whole)
+        put_last(state, record, spec.phase)
         parts.append((reached, state, rests))
     reached, state, rests = map(np.concatenate, zip(*parts, strict=True))
     return reached, state, rests

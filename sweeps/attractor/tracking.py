@@ -72,7 +72,7 @@ def _along(
     stride = int(np.prod(shape[axis + 1 :], dtype=np.int64))
     at = point // stride % shape[axis]
     free = np.tile(np.bincount(point)[point] <= MOST_TRACKED, (2, 1))  # without a link on a side
-    found = [np.empty((2, 0), np.int64)]
+    of_steps = [np.empty((2, 0), np.int64)]
     for step, linked in links:
         a, b = np.flatnonzero(free[0] & (at < shape[axis] - step)), np.flatnonzero(free[1])
         first, last = (
@@ -83,17 +83,17 @@ def _along(
         pairs = np.stack([a[row], b[column]])
         pairs = pairs[:, linked(*pairs)]
         free[[[0], [1]], pairs] = False
-        found.append(pairs)
-    return np.concatenate(found, axis=1)
+        of_steps.append(pairs)
+    return np.concatenate(of_steps, axis=1)
 
 
 def mutually_nearest(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the mask of the pairs in which each is the nearest to the other, and near enough."""
     apart = distances(cycles, a, b)
     mutual = apart <= MAX_DISTANCE
-    for own, other in ((a, b), (b, a)):
-        order = np.lexsort((other, apart, own))
-        mutual[order[1:]] &= np.diff(own[order]) > 0
+    for first, second in ((a, b), (b, a)):
+        order = np.lexsort((second, apart, first))
+        mutual[order[1:]] &= np.diff(first[order]) > 0
     return mutual
 
 
@@ -104,10 +104,10 @@ def lead_to_each_other(
     m, q, mask = motions["m"], motions["q"], np.zeros(len(a), bool)
     spec = spec.part(_SEED_PERIODS, _SEED_RECORD, 0, False)
     at = np.flatnonzero(np.isin(m[b] / m[a], (0.5, 1.0, 2.0)) & (q[b] * m[a] == q[a] * m[b]))
-    for own, other in ((a, b), (b, a)):
+    for first, second in ((a, b), (b, a)):
         if not len(at):
             break
-        from_, to = motions[own[at]], motions[other[at]]
+        from_, to = motions[first[at]], motions[second[at]]
         seeds = to["point"].copy()
         seeds["x0"] = np.minimum(from_["point"]["x0"], seeds["clearance"])
         seeds["v0"] = from_["point"]["v0"]
@@ -126,14 +126,14 @@ def _joined_chains(chain: np.ndarray, point: np.ndarray, borders: np.ndarray) ->
     from scipy.cluster.hierarchy import DisjointSet
 
     points = [set[int]() for _ in range(chain.max() + 1)]
-    for one, at in zip(chain.tolist(), point.tolist(), strict=True):
-        points[one].add(at)
+    for number, at in zip(chain.tolist(), point.tolist(), strict=True):
+        points[number].add(at)
     joined = DisjointSet(range(len(points)))
     pairs, lengths = np.unique(borders, axis=1, return_counts=True)
     for pair in pairs[:, np.argsort(-lengths, kind="stable")].T.tolist():
-        a, b = (joined[one] for one in pair)
+        a, b = (joined[number] for number in pair)
         if a != b and points[a].isdisjoint(points[b]):
             joined.merge(a, b)
             points[joined[a]] = points[a] | points[b]
-    names = [joined[one] for one in range(len(points))]
+    names = [joined[number] for number in range(len(points))]
     return np.unique(names, return_inverse=True)[1][chain]

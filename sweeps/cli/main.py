@@ -166,8 +166,8 @@ def init_command(scene: SceneName = "quickstart") -> None:
             f"there is no scene {scene!r}{suggestion(near_miss(scene, texts))}; "
             f"expected: {', '.join(texts)}"
         )
-    found = {f"{scene}{ending}": scenes(ending).get(scene) for ending in (".csv", ".yaml")}
-    new_texts = {Path(name): text for name, text in found.items() if text is not None}
+    files = {f"{scene}{ending}": scenes(ending).get(scene) for ending in (".csv", ".yaml")}
+    new_texts = {Path(name): text for name, text in files.items() if text is not None}
     for path in new_texts:
         if check_target(path, "configuration").exists():
             raise Refused(f"{path} exists, and is not replaced; remove it, or rename it")

@@ -175,9 +175,9 @@ def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:
 
 def resuming() -> str:
     """Return the command that resumes the run of this command."""
-    given = [word for word in sys.argv[1:] if word not in ("--overwrite", "--resume")]
-    given.insert(given.index("--") if "--" in given else len(given), "--resume")
-    return command(*given)
+    words = [word for word in sys.argv[1:] if word not in ("--overwrite", "--resume")]
+    words.insert(words.index("--") if "--" in words else len(words), "--resume")
+    return command(*words)
 
 
 def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Path]) -> list[Path]:

@@ -71,7 +71,7 @@ def _numbers() -> list[str]:
     """Return the names of the numbers of each point that a file can have."""
     from sweeps.store.variables import VARIABLES
 
-    held = [name for name, one in VARIABLES.items() if one.dimension in (None, "exponent")]
+    held = [name for name, of in VARIABLES.items() if of.dimension in (None, "exponent")]
     return [*held, "mean_force", "peak_to_peak"]
 
 
@@ -287,7 +287,7 @@ def plot_command(
         "panels": _at_commas(panels) if panels is not None else None,
         "periods": periods,
     }
-    values = {name: "-".join(map(fewest_digits, given)) for name, given in lists.items()}
+    values = {name: "-".join(map(fewest_digits, numbers)) for name, numbers in lists.items()}
     names = [_name(file, kind, cuts | values, options) for file in files]
     figures = targets(files, output, names)
     if kind == "basins":
@@ -301,21 +301,21 @@ def plot_command(
             datasets.append(stack.enter_context(opened_in_si(file)))
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with named(file):
-                shown = dataset if kind == "basins" else dataset.several(lists)
-                draw_picture(shown, figure, kind, cuts, page, csv, **options)
-                for name, value in ((axis, one) for axis in lists for one in lists[axis]):
+                part = dataset if kind == "basins" else dataset.several(lists)
+                draw_picture(part, figure, kind, cuts, page, csv, **options)
+                for name, value in ((axis, number) for axis in lists for number in lists[axis]):
                     say_moved(dataset, {name: value}, "drawn")
 
 
 def _check_several(lists: Mapping[str, list[float]], kind: str | None, color: str | None) -> None:
     """Refuse several values of an axis in a picture that does not show single motions."""
-    given = " ".join(f"--at {name}={','.join(map(fewest_digits, lists[name]))}" for name in lists)
+    text = " ".join(f"--at {name}={','.join(map(fewest_digits, lists[name]))}" for name in lists)
     if kind not in _OF_SEVERAL:
         raise Refused(
-            f"{given} is not allowed here; expected: with --kind {' or '.join(_OF_SEVERAL)}"
+            f"{text} is not allowed here; expected: with --kind {' or '.join(_OF_SEVERAL)}"
         )
     if len(lists) > 1 and kind != "basins" and color is None:
-        raise Refused(f"{given} is not allowed here; expected: with --color, as --color period")
+        raise Refused(f"{text} is not allowed here; expected: with --color, as --color period")
 
 
 def _chosen_orbits(classes: str | None, most: int | None, kinds: str | None) -> dict[str, Any]:
@@ -381,8 +381,8 @@ def draw_picture(
     picks = chosen.get("axes", ()), chosen.get("color")
     fixed = {**cuts, **dict.fromkeys(chosen.get("beside", ()), 0.0)}
     for name, value in silent_cuts(sweep, kind, fixed, *picks).items():
-        shown, size = f"{value:g}" if isinstance(value, float) else value, sweep.sizes[name]
-        say(f"{name} = {shown}, the first of {size}: --at {name}=VALUE takes another", error=True)
+        first, size = f"{value:g}" if isinstance(value, float) else value, sweep.sizes[name]
+        say(f"{name} = {first}, the first of {size}: --at {name}=VALUE takes another", error=True)
     for line in lines:
         say(line)
     if csv is not None and table is not None:
@@ -416,20 +416,20 @@ def _exact(
             )
         pair = sweep.map_axes(axes, cut)
         name = str(shown_quantity(sweep, options.get("quantity")))
-        read_overlay(overlay, sweep, [[one] for one in pair], name)  # before all is computed
+        read_overlay(overlay, sweep, [[pair[0]], [pair[1]]], name)  # before all is computed
         with progress_shown("following exact orbits") as report:
-            found = with_cache(curves, notes.append)(sweep, pair, cut, report, **chosen)
-        return found, [*found.attrs["summary"].split("\n"), *notes], tables.curve_table(found)
+            orbits = with_cache(curves, notes.append)(sweep, pair, cut, report, **chosen)
+        return orbits, [*orbits.attrs["summary"].split("\n"), *notes], tables.curve_table(orbits)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     line, axis, coordinate = select_line(sweep, axes, cut, options.get("coordinate"))
     read_overlay(overlay, sweep, [[axis], [coordinate, *options.get("below", ())]])
     with progress_shown("following exact orbits") as report:
-        found = with_cache(branches, notes.append)(sweep, axis, cut, report, **chosen)
-    lines = [*found.attrs["summary"].split("\n"), *notes]
-    if idle := without_idle(found, line)[1]:
+        orbits = with_cache(branches, notes.append)(sweep, axis, cut, report, **chosen)
+    lines = [*orbits.attrs["summary"].split("\n"), *notes]
+    if idle := without_idle(orbits, line)[1]:
         lines.append(
             f"branches not drawn, because no motion goes to them: {idle}; "
             f"--most {MOST_BRANCHES + 1} draws all, and --classes those of some classes"
         )
-    return found, lines, tables.branch_table(found, coordinate)
+    return orbits, lines, tables.branch_table(orbits, coordinate)

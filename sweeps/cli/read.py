@@ -57,10 +57,10 @@ def integrity_command(file: SweepFile, at: At = None, csv: Csv = None, json: Jso
 
     notes = list[str]()
 
-    def find(shown: OpenedSweep) -> xr.Dataset:
-        found = integrity(shown)
-        alone = not found["attractors"].ndim and shown.config.method.impact == "exact"
-        return with_cache(knocks, notes.append, "least knocks")(shown, found) if alone else found
+    def find(part: OpenedSweep) -> xr.Dataset:
+        result = integrity(part)
+        alone = not result["attractors"].ndim and part.config.method.impact == "exact"
+        return with_cache(knocks, notes.append, "least knocks")(part, result) if alone else result
 
     _show_attractors(file, at, csv, json, "measuring the integrity of attractors", find)
     for note in notes:
@@ -83,15 +83,15 @@ def _show_attractors(
     with opened_in_si(file) as sweep, named(file):
         if csv is not None:
             refuse_points(sweep, csv)
-        shown = text.cut(sweep, cuts)
+        part = text.cut(sweep, cuts)
         with progress_shown(work):
-            found = find(shown)
+            result = find(part)
         say_moved(sweep, cuts, "shown")
-        table = text.attractor_rows(shown, found)
+        table = text.attractor_rows(part, result)
         if json:
             say(json_text({"attractors": text.attractor_records(table)}))
         else:
-            say(text.attractor_report(shown, found, table))
+            say(text.attractor_report(part, result, table))
         if csv is not None:
             write_csv(csv, text.attractor_frame(table))
             say(csv, error=json)
@@ -176,15 +176,15 @@ def _show_bifurcations(
     notes = list[str]()
     with progress_shown("following exact orbits") as report:
         find = with_cache(branches, notes.append)
-        found = find_bifurcations(sweep, axis, cuts, report, find, **chosen)
+        changes = find_bifurcations(sweep, axis, cuts, report, find, **chosen)
     say_moved(sweep, cuts, "listed")
-    listed = public_table(found)
+    listed = public_table(changes)
     if json:
         rows = listed.to_dict("records")
         rows = [row | {"impact_v": [*map(float, row["impact_v"].split())]} for row in rows]
         say(json_text(listed.attrs | {"bifurcations": rows}))
     else:
-        say(bifurcation_report(sweep, file, found))
+        say(bifurcation_report(sweep, file, changes))
     for note in notes:
         say(note, error=json)
     if csv is not None:
@@ -211,9 +211,9 @@ def compare_command(
     """Say what differs in two sweeps, where first and by how much; exit with 1 if anything does."""
     from sweeps.opened.comparison import comparison_report
 
-    with opened_sweep(first) as one, opened_sweep(second) as other:
+    with opened_sweep(first) as data, opened_sweep(second) as other_data:
         with named(f"{first}, {second}"):
-            text, differ = comparison_report(one, other, (str(first), str(second)), rtol)
+            text, differ = comparison_report(data, other_data, (str(first), str(second)), rtol)
         say(text)
     if differ:
         raise typer.Exit(1)

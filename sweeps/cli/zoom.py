@@ -137,7 +137,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
         raise Refused("the rows of a table have no axis to zoom into")
     data = yaml_mapping(config.to_yaml(), "the configuration")
     seen = config.nomenclature
-    axes = {seen.name(own): values for own, values in config.sweep.grid.axes.items()}
+    axes = {seen.name(key): values for key, values in config.sweep.grid.axes.items()}
     for name, (low, high) in pieces.items():
         if name not in axes:
             raise Refused(

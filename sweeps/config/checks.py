@@ -83,7 +83,7 @@ def conflicts(config: SweepConfig) -> Iterator[ConflictError]:
         yield ConflictError(("follow",), problem)
     elif follow and axes[follow.axis].size == 1:
         name = config.nomenclature.name
-        others = [own for own, axis in axes.items() if axis.size > 1 and own not in STARTS]
+        others = [key for key, axis in axes.items() if axis.size > 1 and key not in STARTS]
         swept = f"a swept axis out of {', '.join(map(name, others))}"
         yield ConflictError(
             ("follow", "axis"),

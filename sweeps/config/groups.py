@@ -125,12 +125,12 @@ class ParameterConfig(Group):
 
     @model_validator(mode="before")
     @classmethod
-    def _without_force(cls, given: object) -> object:
+    def _without_force(cls, data: object) -> object:
         """Set the force to 0 where only the base or unbalance is given, and is not 0."""
-        if cls.FORCES is None or not isinstance(given, dict) or cls.FORCES[0] in given:
-            return given
+        if cls.FORCES is None or not isinstance(data, dict) or cls.FORCES[0] in data:
+            return data
         force, base = cls.FORCES
-        return given if _is_zero(given.get(base, 0.0)) else {force: 0.0, **given}
+        return data if _is_zero(data.get(base, 0.0)) else {force: 0.0, **data}
 
     @field_validator("*")
     @classmethod

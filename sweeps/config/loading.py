@@ -133,8 +133,8 @@ def _configuration(
             raise ConfigError(f"{source}: points: {error}") from None
     try:
         config = SweepConfig.model_validate(data)
-        if found := [conflict_at(conflict, sources, origin) for conflict in conflicts(config)]:
-            raise ConfigError("\n".join(found))
+        if problems := [conflict_at(conflict, sources, origin) for conflict in conflicts(config)]:
+            raise ConfigError("\n".join(problems))
         return with_defaults(config)
     except ConflictError as conflict:
         raise ConfigError(conflict_at(conflict, sources, origin)) from None

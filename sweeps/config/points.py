@@ -32,22 +32,22 @@ COLUMN_NAME = r"^\w(?!.*[^\w.-])"
 NamesCheck = Callable[[list[str]], Mapping[str, Parameter]]
 
 
-def read_points(given: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
+def read_points(source: Any, folder: Path, *, of_rig: bool) -> np.ndarray:
     """Read a table into a structured array of shape (rows,), with a field for every column.
 
-    `given` is a CSV file (relative to `folder`), a mapping of columns, a DataFrame or a structured
+    `source` is a CSV file (relative to `folder`), a mapping of columns, a DataFrame or a structured
     array. Columns of parameters, of the rig too if there is one, must hold valid numbers; further
     columns hold numbers or texts. A ValueError names the column and the row, counted from 1.
     """
     known = {**PARAMETERS, **(RIG_PARAMETERS if of_rig else {})}
-    return read_columns(given, folder, partial(_check_names, known=known))
+    return read_columns(source, folder, partial(_check_names, known=known))
 
 
-def read_columns(given: Any, folder: Path, check_names: NamesCheck) -> np.ndarray:
+def read_columns(source: Any, folder: Path, check_names: NamesCheck) -> np.ndarray:
     """Do the same as `read_points` with a table whose names another function checks."""
-    path = folder / given if isinstance(given, str | Path) else None
+    path = folder / source if isinstance(source, str | Path) else None
     try:
-        read = _columns(given, check_names) if path is None else _read_csv(path, check_names)
+        read = _columns(source, check_names) if path is None else _read_csv(path, check_names)
         columns, known = read
         checked = {name: _checked(name, column, known) for name, column in columns.items()}
         table = table_values(checked)
@@ -69,29 +69,29 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
     of_rig = null(data.get("rig")) is not None
     parameters = ("rig", RigConfig) if of_rig else ("oscillator", OscillatorConfig)
     for title, group in (parameters, ("start", StartConfig)):
-        given = data.get(title, {})
-        if not isinstance(given, dict):
+        values = data.get(title, {})
+        if not isinstance(values, dict):
             continue  # refused by the check of the group
         columns = {}
         for name in group.model_fields:
-            own = model_name(name)
-            if name != own and {name, own} <= {*names}:
+            parameter = model_name(name)
+            if name != parameter and {name, parameter} <= {*names}:
                 problem = f"is {name} in the units of the model; expected: one of both columns"
-                raise ConflictError(("points", own), problem)
-            is_parameter = own in PARAMETERS or name == "mass"
-            if is_parameter and not {name, own}.isdisjoint(names):
-                columns[name] = name if name in names else own
-        for name, value in given.items():
+                raise ConflictError(("points", parameter), problem)
+            is_parameter = parameter in PARAMETERS or name == "mass"
+            if is_parameter and not {name, parameter}.isdisjoint(names):
+                columns[name] = name if name in names else parameter
+        for name, value in values.items():
             if name in columns or isinstance(value, list | tuple | dict):
                 problem = "conflicts with points; expected: one number here, or only a column"
                 raise ConflictError((title, name), f"{problem} {columns.get(name, name)} of points")
         force, base = group.FORCES or ("", "")
-        if base in columns and force not in {*given, *columns}:
+        if base in columns and force not in {*values, *columns}:
             if not data["points"][columns[base]].any():
                 problem = f"is 0 in every row, and there is no {force}"
                 expected = f"{title}.{force}, a column {force}, or another {columns[base]}"
                 raise ConflictError(("points", columns[base]), f"{problem}; expected: {expected}")
-        groups[title] = {**given, **dict.fromkeys(columns, Elsewhere.COLUMN)}
+        groups[title] = {**values, **dict.fromkeys(columns, Elsewhere.COLUMN)}
     return {**data, **groups}
 
 
@@ -102,14 +102,14 @@ def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
     """
     columns = {name: table[name] for name in table.dtype.names or ()}
     for name, values in (rig.made_columns(columns) if rig is not None else {}).items():
-        own = model_name(name)
-        wrong = ~(np.isfinite(values) & PARAMETERS[own].accepts(values))
+        parameter = model_name(name)
+        wrong = ~(np.isfinite(values) & PARAMETERS[parameter].accepts(values))
         if wrong.any():
             row, key = int(wrong.argmax()), name if name in columns else "mass"
-            problem = f"row {row + 1}, {columns[key][row]:g} makes {own} = {values[row]:g}"
-            allowed = PARAMETERS[own].allowed
+            problem = f"row {row + 1}, {columns[key][row]:g} makes {parameter} = {values[row]:g}"
+            allowed = PARAMETERS[parameter].allowed
             raise ConflictError(("points", key), f"{problem}; expected: {allowed}")
-        columns[own] = values
+        columns[parameter] = values
     return table_values(columns)
 
 
@@ -164,8 +164,8 @@ def _rows(file: TextIO, names: list[str]) -> Iterator[list[str]]:
             if len(cells) != len(names):
                 more = "; a number has a decimal point, and there is no comma at the end of a line"
                 more *= len(cells) > len(names)
-                found = shown_count(len(cells), "cell")
-                raise ValueError(f"row {row} has {found}, and the header {len(names)}{more}")
+                count = shown_count(len(cells), "cell")
+                raise ValueError(f"row {row} has {count}, and the header {len(names)}{more}")
             yield cells
     except csv.Error:
         most = csv.field_size_limit()
@@ -182,13 +182,13 @@ def _numbers_in(cells: np.ndarray) -> np.ndarray:
 
 
 def _columns(
-    given: Any, check_names: NamesCheck
+    source: Any, check_names: NamesCheck
 ) -> tuple[dict[str, np.ndarray], Mapping[str, Parameter]]:
     """Return the same as `_read_csv` of a mapping, a DataFrame or a structured array."""
-    names = getattr(getattr(given, "dtype", None), "names", None)
-    if names is None and not hasattr(given, "items"):
+    names = getattr(getattr(source, "dtype", None), "names", None)
+    if names is None and not hasattr(source, "items"):
         raise ValueError("no table; expected: a CSV file, or a mapping of columns")
-    items = given.items() if names is None else ((name, given[name]) for name in names)
+    items = source.items() if names is None else ((name, source[name]) for name in names)
     pairs = [(str(name), column) for name, column in items]
     known = check_names([name for name, _ in pairs])
     for name, column in pairs:

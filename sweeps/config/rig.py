@@ -130,16 +130,16 @@ class RigConfig(ParameterConfig):
         if title == "mass":
             refuse_out_of_bounds(Axis.of(value), MASS)
             return value
-        name, given = model_name(title), Axis.of(value)
-        refuse_out_of_bounds(given, PARAMETERS[name])
+        name, axis = model_name(title), Axis.of(value)
+        refuse_out_of_bounds(axis, PARAMETERS[name])
         if mass is None or isinstance(mass, Elsewhere):  # refused already, or a column
             return value
-        made = _in_model(name, given, mass)
+        made = _in_model(name, axis, mass)
         if isinstance(value, Range) and not (made.low < made.high < math.inf or made.size == 1):
             problem = f"is not a range in the units of the model: {made.low!r} to {made.high!r}"
             raise ConflictError(("rig", title), f"{problem}; expected: other values")
         if not math.isfinite(made.high):
-            contains = f"contains {fewest_digits(given.high)}, which " if given.swept else ""
+            contains = f"contains {fewest_digits(axis.high)}, which " if axis.swept else ""
             raise ValueError(f"{contains}is not a finite number in the units of the model")
         refuse_out_of_bounds(made, PARAMETERS[name])
         if isinstance(value, tuple):
@@ -148,10 +148,10 @@ class RigConfig(ParameterConfig):
 
     def axes(self) -> dict[str, Axis]:
         """Return the values that are given here by the names and in the units of the model."""
-        given = {model_name(name): Axis.of(value) for name, value in self.items() if name != "mass"}
+        axes = {model_name(name): Axis.of(value) for name, value in self.items() if name != "mass"}
         if self.mass_varies:  # these vary with it, and are columns of the table
-            given = {name: axis for name, axis in given.items() if name not in _PER_MASS}
-        return {name: _in_model(name, axis, self.mass) for name, axis in given.items()}
+            axes = {name: axis for name, axis in axes.items() if name not in _PER_MASS}
+        return {name: _in_model(name, axis, self.mass) for name, axis in axes.items()}
 
     @property
     def mass_varies(self) -> bool:
@@ -165,9 +165,9 @@ class RigConfig(ParameterConfig):
         """
         mass = columns["mass"] if self.mass_varies else self.mass
         made = {}
-        for own, quantity in QUANTITIES.items():
-            values = columns.get(quantity.name) if own in PARAMETERS else None
-            if values is None and self.mass_varies and own in _PER_MASS and own not in columns:
+        for name, quantity in QUANTITIES.items():
+            values = columns.get(quantity.name) if name in PARAMETERS else None
+            if values is None and self.mass_varies and name in _PER_MASS and name not in columns:
                 values = np.full(len(columns["mass"]), getattr(self, quantity.name))
             if values is not None:
                 with np.errstate(over="ignore"):  # the caller refuses it
@@ -189,15 +189,15 @@ class RigConfig(ParameterConfig):
         typed = getattr(self, quantity.name, None)
         if typed is None or isinstance(typed, Elsewhere):  # a result, or a column of the model
             return converted
-        given = Axis.of(typed).values()
-        made = np.asarray(quantity.in_model(self.mass, given))
+        values = Axis.of(typed).values()
+        made = np.asarray(quantity.in_model(self.mass, values))
         order = np.argsort(made)
         after = np.searchsorted(made[order], value).clip(1, max(len(made) - 1, 1))
         below, above = order[after - 1], order[after.clip(max=len(made) - 1)]
         nearest = np.where(made[above] - value < value - made[below], above, below)
         # Ranges of earlier versions were rounded several times.
         same = np.abs(made[nearest] - value) <= 4.0 * np.spacing(np.abs(value))
-        return np.where(same, given[nearest], converted)[()]
+        return np.where(same, values[nearest], converted)[()]
 
 
 def _in_model(name: str, axis: Axis, mass: float) -> Axis:
@@ -209,14 +209,14 @@ def _in_model(name: str, axis: Axis, mass: float) -> Axis:
 
 def made_of_rig(columns: Collection[str], rig: Mapping[str, object]) -> set[str]:
     """Return the columns of the model that `RigConfig.made_columns` added to those of a table."""
-    typed = {own for own, one in QUANTITIES.items() if one.name in columns and one.name != own}
-    per_mass = {own for own in _PER_MASS if QUANTITIES[own].name in rig}
+    typed = {key for key, of in QUANTITIES.items() if of.name in columns and of.name != key}
+    per_mass = {name for name in _PER_MASS if QUANTITIES[name].name in rig}
     return typed | (per_mass if "mass" in columns else set())
 
 
 def model_name(name: str) -> str:
     """Return the model's name for a quantity of the rig; other names are returned unchanged."""
-    return next((own for own, quantity in QUANTITIES.items() if quantity.name == name), name)
+    return next((key for key, quantity in QUANTITIES.items() if quantity.name == name), name)
 
 
 def with_rig(data: dict[str, Any]) -> dict[str, Any]:
@@ -258,40 +258,40 @@ class Nomenclature:
         """All that a reader sees, by the reader's names."""
         if self.rig is None:
             return PARAMETERS
-        return {"mass": MASS, **{self.name(own): self.about(own) for own in PARAMETERS}}
+        return {"mass": MASS, **{self.name(name): self.about(name) for name in PARAMETERS}}
 
-    def name(self, own: str) -> str:
+    def name(self, name: str) -> str:
         """Return the reader's name for a parameter of the model; others are left unchanged."""
-        return own if self.rig is None or own not in QUANTITIES else QUANTITIES[own].name
+        return name if self.rig is None or name not in QUANTITIES else QUANTITIES[name].name
 
     def parameter(self, name: str) -> str:
         """Return the parameter of the model that a reader calls so; others are left unchanged."""
         return name if self.rig is None else model_name(name)
 
-    def about(self, own: str) -> Parameter:
+    def about(self, name: str) -> Parameter:
         """Return the symbol, the meaning, the unit and the bounds of a parameter of the model."""
-        is_own = self.rig is None or own not in QUANTITIES
-        return PARAMETERS[own] if is_own else QUANTITIES[own].description
+        is_own = self.rig is None or name not in QUANTITIES
+        return PARAMETERS[name] if is_own else QUANTITIES[name].description
 
     def unit(self, unit: str) -> str:
         """Return a unit made of length and time with the names of both."""
         return in_units(unit, self.units)
 
-    def value(self, own: str, values: Any) -> Any:
+    def value(self, name: str, values: Any) -> Any:
         """Convert values of a parameter of the model to the reader's unit."""
-        if self.rig is None or own not in QUANTITIES:
+        if self.rig is None or name not in QUANTITIES:
             return values
-        return self.rig.in_si(own, values)
+        return self.rig.in_si(name, values)
 
-    def in_model(self, own: str, values: Any) -> Any:
+    def in_model(self, name: str, values: Any) -> Any:
         """Convert values in the reader's unit to those of a parameter of the model."""
-        if self.rig is None or own not in QUANTITIES:
+        if self.rig is None or name not in QUANTITIES:
             return values
-        return QUANTITIES[own].in_model(self.rig.mass, values)
+        return QUANTITIES[name].in_model(self.rig.mass, values)
 
     def selection(self, at: Mapping[str, Any]) -> dict[str, Any]:
         """Convert values of parameters of the model by name, without texts, and their names."""
         return {
-            self.name(own): one if isinstance(one, str) else self.value(own, one)
-            for own, one in at.items()
+            self.name(name): value if isinstance(value, str) else self.value(name, value)
+            for name, value in at.items()
         }

@@ -286,14 +286,14 @@ class Axis:
     values: Callable[[], np.ndarray]  # returns the values in order, shape (size,)
 
     @classmethod
-    def of(cls, given: float | tuple[float, ...] | Range) -> Axis:
+    def of(cls, value: float | tuple[float, ...] | Range) -> Axis:
         """Return the values of a number, a list or a range."""
-        if isinstance(given, Range):
-            low, high = sorted((given.start, given.stop))
-            return cls(given.start, low, high, given.num, True, given.spacing, given.values)
-        numbers = given if isinstance(given, tuple) else (given,)
+        if isinstance(value, Range):
+            low, high = sorted((value.start, value.stop))
+            return cls(value.start, low, high, value.num, True, value.spacing, value.values)
+        numbers = value if isinstance(value, tuple) else (value,)
         ends = numbers[0], min(numbers), max(numbers)
-        return cls(*ends, len(numbers), numbers is given, "linear", lambda: np.array(numbers))
+        return cls(*ends, len(numbers), numbers is value, "linear", lambda: np.array(numbers))
 
     def converted(self, convert: Callable[[Any], Any]) -> Axis:
         """Return the axis of the converted values; `convert` must increase with the value."""

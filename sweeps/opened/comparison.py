@@ -35,7 +35,7 @@ class Difference:
     first: tuple[object, object] = ("", "")  # its two values
 
 
-def differences(one: xr.Dataset, other: xr.Dataset, rtol: float = 0.0) -> Iterator[Difference]:
+def differences(first: xr.Dataset, second: xr.Dataset, rtol: float = 0.0) -> Iterator[Difference]:
     """Yield what was found of each variable and coordinate that both sweeps have.
 
     Two values are equal if both are NaN, or if they differ by at most `rtol` times the greater
@@ -43,24 +43,24 @@ def differences(one: xr.Dataset, other: xr.Dataset, rtol: float = 0.0) -> Iterat
     trajectories, the samples that both sweeps have are compared. Raises Refused
     if the axes or records have other sizes.
     """
-    _refuse_other_shapes(one, other)
-    if _SAMPLE in one.dims and _SAMPLE in other.dims:
-        width = min(data.sizes[_SAMPLE] for data in (one, other))
-        one, other = (data.isel({_SAMPLE: slice(width)}) for data in (one, other))
-    for name in [*one.coords, *one.data_vars]:
-        if name in other.variables:
-            yield _compared(one, other, str(name), rtol)
+    _refuse_other_shapes(first, second)
+    if _SAMPLE in first.dims and _SAMPLE in second.dims:
+        width = min(data.sizes[_SAMPLE] for data in (first, second))
+        first, second = (data.isel({_SAMPLE: slice(width)}) for data in (first, second))
+    for name in [*first.coords, *first.data_vars]:
+        if name in second.variables:
+            yield _compared(first, second, str(name), rtol)
 
 
-def _refuse_other_shapes(one: xr.Dataset, other: xr.Dataset) -> None:
+def _refuse_other_shapes(first: xr.Dataset, second: xr.Dataset) -> None:
     """Refuse two sweeps whose dimensions differ, except in the number of samples."""
-    axes = [dict(data["status"].sizes) for data in (one, other)]
-    records = {name: size for name, size in one.sizes.items() if name in other.sizes}
+    axes = [dict(data["status"].sizes) for data in (first, second)]
+    records = {name: size for name, size in first.sizes.items() if name in second.sizes}
     if axes[0] == axes[1]:
         differing = [
-            name for name, size in records.items() if name != _SAMPLE and size != other.sizes[name]
+            name for name, size in records.items() if name != _SAMPLE and size != second.sizes[name]
         ]
-        axes = [{name: data.sizes[name] for name in differing} for data in (one, other)]
+        axes = [{name: data.sizes[name] for name in differing} for data in (first, second)]
     if axes[0] != axes[1]:
         shapes = (
             listed([f"{name}: {size}" for name, size in sizes.items()]) or "a single point"
@@ -74,12 +74,12 @@ def _refuse_other_shapes(one: xr.Dataset, other: xr.Dataset) -> None:
 
 def _compared(one: xr.Dataset, other: xr.Dataset, name: str, rtol: float) -> Difference:
     """Compare a variable of two sweeps, a part of the points at a time."""
-    found = Difference(name)
+    difference = Difference(name)
     if name in one.coords:
         bare = (data[name].drop_vars(data[name].coords) for data in (one, other))
         pair = xr.broadcast(*bare)  # a number in one may be a column in the other
-        _count(found, pair[0].values, pair[1].values, pair[0].sizes, 0, rtol)
-        return found
+        _count(difference, pair[0].values, pair[1].values, pair[0].sizes, 0, rtol)
+        return difference
     axes = one["status"].dims
     own, others = (data[name].variable.transpose(*axes, ...) for data in (one, other))
     shape = one["status"].variable.to_base_variable()
@@ -87,12 +87,12 @@ def _compared(one: xr.Dataset, other: xr.Dataset, name: str, rtol: float) -> Dif
     width = math.prod(own.shape[len(axes) :])
     for part, points in in_parts(joint, _VALUES_COMPARED // max(1, width)):
         first, second = part["one"].values, part["other"].values
-        _count(found, first, second, own.sizes, points.start, rtol, width)
-    return found
+        _count(difference, first, second, own.sizes, points.start, rtol, width)
+    return difference
 
 
 def _count(
-    found: Difference,
+    difference: Difference,
     first: np.ndarray,
     second: np.ndarray,
     sizes: Mapping[Hashable, int],
@@ -102,18 +102,18 @@ def _count(
 ) -> None:
     """Add the values of the points from number `start` on, each of `width` values."""
     first, second = first.ravel(), second.ravel()
-    found.size += first.size
-    differ, distance = _distances(found.name, first, second, rtol)
+    difference.size += first.size
+    differ, distance = _distances(difference.name, first, second, rtol)
     places = np.flatnonzero(differ)
     if not places.size:
         return
-    if not found.values:
+    if not difference.values:
         place = np.unravel_index(start * width + int(places[0]), tuple(sizes.values()) or (1,))
-        found.at = dict(zip(map(str, sizes), map(int, place), strict=False))
-        found.first = first[places[0]], second[places[0]]
-    found.values += places.size
-    found.points += len(np.unique(places // width))
-    found.greatest = max(found.greatest, float(distance[places].max()))
+        difference.at = dict(zip(map(str, sizes), map(int, place), strict=False))
+        difference.first = first[places[0]], second[places[0]]
+    difference.values += places.size
+    difference.points += len(np.unique(places // width))
+    difference.greatest = max(difference.greatest, float(distance[places].max()))
 
 
 def _distances(
@@ -140,18 +140,18 @@ def _distances(
 
 
 def comparison_report(
-    one: xr.Dataset, other: xr.Dataset, names: tuple[str, str], rtol: float
+    first: xr.Dataset, second: xr.Dataset, names: tuple[str, str], rtol: float
 ) -> tuple[str, bool]:
     """Write what differs in two opened sweeps, of these names; also return whether anything does.
 
     Raises Refused as `differences` does.
     """
-    found = list(differences(one, other, rtol))
-    lines = [_line(OpenedSweep(one), each) for each in found if each.values]
-    for data, without, name in ((one, other, names[0]), (other, one, names[1])):
+    results = list(differences(first, second, rtol))
+    lines = [_line(OpenedSweep(first), each) for each in results if each.values]
+    for data, without, name in ((first, second, names[0]), (second, first, names[1])):
         missing = sorted({*data} - {*without}) + sorted({*data.coords} - {*without.coords})
         lines += [f"{variable}: only in {name}" for variable in missing]
-    widths = [data.sizes.get(_SAMPLE) for data in (one, other)]
+    widths = [data.sizes.get(_SAMPLE) for data in (first, second)]
     if None not in widths and widths[0] != widths[1]:
         lines.append("the longest trajectory has {:,} and {:,} samples".format(*widths))
     pair = f"{names[0]} and {names[1]}"
@@ -159,39 +159,39 @@ def comparison_report(
         more = f" by more than {rtol:g} of a value" if rtol else ""
         return "\n".join([*lines, f"{pair} differ{more}"]), True
     within = f" to {rtol:g} of each value" if rtol else ""
-    return f"{pair} are equal{within}: {len(found)} variables and coordinates", False
+    return f"{pair} are equal{within}: {len(results)} variables and coordinates", False
 
 
-def _line(data: OpenedSweep, found: Difference) -> str:
+def _line(data: OpenedSweep, difference: Difference) -> str:
     """Write how many values of a variable differ, the first ones, and the greatest difference."""
-    seen, name = data.config.nomenclature, found.name
+    seen, name = data.config.nomenclature, difference.name
     here = [
         f"{seen.name(axis)} = {_shown(seen.value(axis, data[axis].values[place]))}"
-        for axis, place in found.at.items()
+        for axis, place in difference.at.items()
     ]
     if name in data.data.coords:
         called = seen.name(name) if name in PARAMETERS else name
-        where = f"{called}: {found.values:,} of {found.size:,} values differ"
-        if found.size == 1:
+        where = f"{called}: {difference.values:,} of {difference.size:,} values differ"
+        if difference.size == 1:
             where = f"{called}: differs"
         if name in data.data.dims:
-            here = [f"number {1 + place}" for place in found.at.values()]
+            here = [f"number {1 + place}" for place in difference.at.values()]
     else:
         points = shown_count(data["status"].size, "point")
-        where = f"{name}: differs at {found.points:,} of {points}"
-        if found.size > data["status"].size:
-            where += f" ({found.values:,} of {found.size:,} values)"
+        where = f"{name}: differs at {difference.points:,} of {points}"
+        if difference.size > data["status"].size:
+            where += f" ({difference.values:,} of {difference.size:,} values)"
     first = f", first at {', '.join(here)}" if here else ""
-    values = " and ".join(_values(name, found.first))
-    measured = found.greatest and name not in FLAGS
-    most = f"; greatest difference {found.greatest:.3g}" if measured else ""
+    values = " and ".join(_values(name, difference.first))
+    measured = difference.greatest and name not in FLAGS
+    most = f"; greatest difference {difference.greatest:.3g}" if measured else ""
     return f"{where}{first}: {values}{most}"
 
 
 def _values(name: str, values: tuple[object, object]) -> list[str]:
     """Write two values so that they can be told apart, flags as words."""
     if name in FLAGS:
-        words = {int(one): one.name.lower().replace("_", "-") for one in FLAGS[name]}
+        words = {int(flag): flag.name.lower().replace("_", "-") for flag in FLAGS[name]}
         return [words.get(int(value), str(value)) for value in values]  # type: ignore[call-overload]
     if any(isinstance(value, str) for value in values):
         return [str(value) for value in values]

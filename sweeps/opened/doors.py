@@ -27,19 +27,19 @@ _EXPECTED = "an opened sweep, a selection from one, or the path of its file"
 
 def _is_selection(value: object) -> bool:
     return isinstance(value, Mapping) and all(
-        isinstance(name, str) and (is_number(one) or (name == DIRECTION and isinstance(one, str)))
-        for name, one in value.items()
+        isinstance(name, str) and (is_number(at) or (name == DIRECTION and isinstance(at, str)))
+        for name, at in value.items()
     )
 
 
 def _are_names(value: object) -> bool:
-    several = isinstance(value, Sequence) and all(isinstance(one, str) for one in value)
+    several = isinstance(value, Sequence) and all(isinstance(name, str) for name in value)
     return isinstance(value, str) or several
 
 
 def _are_classes(value: object) -> bool:
-    def is_pair(one: object) -> bool:
-        pair = [*one] if isinstance(one, Sequence) and not isinstance(one, str) else []
+    def is_pair(item: object) -> bool:
+        pair = [*item] if isinstance(item, Sequence) and not isinstance(item, str) else []
         return len(pair) == 2 and integer(1).fits(pair[0]) and integer(0).fits(pair[1])
 
     return _is_collection(value) and all(map(is_pair, value))  # type: ignore[call-overload]
@@ -85,7 +85,7 @@ def takes_sweep(allowed: Mapping[str, Allowed]) -> Callable[[Inner[P, Out]], Out
     def decorated(function: Inner[P, Out]) -> Outer[P, Out]:
         signature = inspect.signature(function)
         first = next(iter(signature.parameters))
-        defaults = {name: one.default for name, one in signature.parameters.items()}
+        defaults = {name: parameter.default for name, parameter in signature.parameters.items()}
         known = {**ARGUMENTS, **allowed}
 
         @functools.wraps(function)
@@ -132,9 +132,9 @@ def _opened(dataset: object) -> OpenedSweep:
         *(f"has no coordinate {name}" for name in (*PARAMETERS, *dims) if name not in held),
     ]
     for name, variable in VARIABLES.items():
-        own = {*dims, *([variable.dimension] if variable.dimension else [])}
-        if name in dataset and set(dataset[name].dims) != own:
-            problems.append(f"has {name} without its dimensions {', '.join(sorted(own))}")
+        expected = {*dims, *([variable.dimension] if variable.dimension else [])}
+        if name in dataset and set(dataset[name].dims) != expected:
+            problems.append(f"has {name} without its dimensions {', '.join(sorted(expected))}")
     if problems:
         raise Refused(f"the Dataset {problems[0]}; expected: {_EXPECTED}")
     return OpenedSweep(dataset)

@@ -76,17 +76,17 @@ def _plain(part: Any) -> int | str:
 def _digest(about: object, variables: Mapping[Any, Any], arrays: Mapping[str, np.ndarray]) -> str:
     """Return a digest of variables of xarray and of arrays, and of what else describes them."""
     digest = hashlib.sha256(repr(about).encode())
-    named = {(name, *one.dims): one.values for name, one in variables.items()}
+    named = {(name, *variable.dims): variable.values for name, variable in variables.items()}
     for name, values in [*named.items(), *arrays.items()]:
         numbers = values.astype(str) if values.dtype == object else values
         digest.update(repr((name, numbers.dtype.str, numbers.shape)).encode() + numbers.tobytes())
     return digest.hexdigest()
 
 
-def _packed(found: xr.Dataset, key: str) -> bytes:
+def _packed(orbits: xr.Dataset, key: str) -> bytes:
     """Return an archive of the variables of a Dataset, their description and what was asked."""
-    arrays: dict[str, Any] = {str(name): one.values for name, one in found.variables.items()}
-    arrays[_ABOUT] = np.array(json.dumps([key, found.to_dict(data=False)]))
+    arrays: dict[str, Any] = {str(name): each.values for name, each in orbits.variables.items()}
+    arrays[_ABOUT] = np.array(json.dumps([key, orbits.to_dict(data=False)]))
     image = io.BytesIO()
     np.savez(image, **arrays)
     return image.getvalue()
@@ -98,8 +98,8 @@ def _read(path: Path, key: str) -> xr.Dataset | None:
         suppress(Exception),  # other contents raise errors of a dozen kinds
         np.load(io.BytesIO(read(path) or b"")) as arrays,
     ):
-        own, about = json.loads(str(arrays[_ABOUT]))
+        text, about = json.loads(str(arrays[_ABOUT]))
         for name, variable in {**about["coords"], **about["data_vars"]}.items():
             variable["data"] = arrays[name]
-        return xr.Dataset.from_dict(about) if own == key else None
+        return xr.Dataset.from_dict(about) if text == key else None
     return None

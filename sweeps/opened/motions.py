@@ -130,10 +130,10 @@ def distances(cycles: Cycles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
             first = np.tile(cycles.states[a[part], :periods], (1, turns, 1))
             second, R = cycles.states[b[part], : turns * periods], cycles.R[b[part], None]
             turned = (np.roll(first, turn, axis=1) for turn in range(periods))
-            apart = [section_distance(one, second, 0.0, R) for one in turned]
+            apart = [section_distance(cycle, second, 0.0, R) for cycle in turned]
             both = np.concatenate([first, second], axis=1).reshape(len(part), -1)
             # Column by column: many short rows have their maxima sooner than by `max`.
-            *far, greatest = (reduce(np.maximum, one.T) for one in (*apart, np.abs(both)))
+            *far, greatest = (reduce(np.maximum, cycle.T) for cycle in (*apart, np.abs(both)))
             result[part] = reduce(np.minimum, far) / np.where(greatest > 0.0, greatest, 1.0)
     return result
 

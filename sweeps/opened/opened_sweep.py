@@ -339,12 +339,12 @@ class OpenedSweep:
         coordinates: dict[str, Any] = {"mass": (mass.dims, mass.values, _about(MASS))}
         for name in PARAMETERS:
             if name in QUANTITIES:
-                own, called = dataset[name], seen.name(name)
-                about = {**own.attrs, **_about(seen.about(name))}
+                model, called = dataset[name], seen.name(name)
+                about = {**model.attrs, **_about(seen.about(name))}
                 typed = called != name and called in dataset.coords  # a column of the table
                 masses = mass.values if rig.mass_varies else None
-                values = dataset[called].values if typed else rig.in_si(name, own.values, masses)
-                coordinates[called] = own.dims, values, about
+                values = dataset[called].values if typed else rig.in_si(name, model.values, masses)
+                coordinates[called] = model.dims, values, about
         si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, mass))
         si = si.swap_dims({name: seen.name(name) for name in PARAMETERS if name in dataset.dims})
         if COLUMN_NAMES in si.attrs:

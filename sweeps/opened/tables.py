@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFrame:
+def branch_table(branches: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFrame:
     """Return a row for every section, or for every impact, of the orbits of `branches`.
 
     The `coordinate` decides between sections and impacts, which are numbered from 1. Each row has
@@ -34,11 +34,11 @@ def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFr
     """
     import pandas as pd
 
-    (axis,) = map(str, found.coords)
+    (axis,) = map(str, branches.coords)
     dimension = COORDINATES[coordinate].dimension
-    columns = {name: found[name].values for name in ("branch", "m", "q", axis, "stable", "kind")}
+    columns = {name: branches[name].values for name in ("branch", "m", "q", axis, "stable", "kind")}
     columns["stable"] = np.where(columns["kind"] == "", columns["stable"].astype(int), "")
-    for i, multiplier in enumerate(found["multipliers"].values.T, 1):
+    for i, multiplier in enumerate(branches["multipliers"].values.T, 1):
         columns[f"multiplier_{i}_real"] = multiplier.real
         columns[f"multiplier_{i}_imag"] = multiplier.imag
     counts = columns["m" if dimension == "section" else "q"]
@@ -48,17 +48,17 @@ def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFr
     frame[dimension] = place + 1
     for name, about in COORDINATES.items():
         if about.dimension == dimension:
-            values = found[name].values[orbit, place]
+            values = branches[name].values[orbit, place]
             frame[name] = values % (2.0 * np.pi) if name == "impact_phase" else values
     return frame
 
 
-def curve_table(found: xr.Dataset) -> pd.DataFrame:
+def curve_table(curves: xr.Dataset) -> pd.DataFrame:
     """Return the points of `curves`, curve after curve, each followed by its special points."""
     import pandas as pd
 
-    names = ["curve", "kind", "m", "q", *map(str, found.coords), "special"]
-    return pd.DataFrame({name: found[name].values for name in names})
+    names = ["curve", "kind", "m", "q", *map(str, curves.coords), "special"]
+    return pd.DataFrame({name: curves[name].values for name in names})
 
 
 #: Number of rows in memory at a time while a table is written.
@@ -152,7 +152,7 @@ def _frame(part: OpenedSweep, dimension: str | None) -> pd.DataFrame:
         rows = data if dims else data.expand_dims("point")
         frame = rows.to_dataframe(dim_order=dims or ["point"]).reset_index()
         for name in FLAGS.keys() & set(frame):
-            frame[name] = frame[name].map({int(one): one.name.lower() for one in FLAGS[name]})
+            frame[name] = frame[name].map({int(flag): flag.name.lower() for flag in FLAGS[name]})
         return frame[[*dims, *about, *data.data_vars]]
     results = [str(name) for name in data.data_vars if name != "status"]
     columns = [name for name in about if data[name].dims]  # of a table
@@ -173,11 +173,11 @@ def json_text(value: object) -> str:
 def _in_json(value: Any) -> Any:
     """Convert a value to the types of JSON."""
     if isinstance(value, Mapping):
-        return {str(name): _in_json(one) for name, one in value.items()}
+        return {str(name): _in_json(item) for name, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return _in_json(value.tolist())
     if isinstance(value, list | tuple):
-        return [_in_json(one) for one in value]
+        return [_in_json(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
     return value if isinstance(value, bool | int | float | str | None) else str(value)

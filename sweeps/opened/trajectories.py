@@ -52,15 +52,15 @@ class PointMotion:
         turns: int = 0,
     ) -> Self:
         """Join parts of a motion over `periods`, shape (3, k); keep at most so many of these."""
-        kept, depth, begin, drawn, gap = list[np.ndarray](), -np.inf, None, False, True
+        kept, depth, begin, last_chosen, gap = list[np.ndarray](), -np.inf, None, False, True
         for rows in parts:
             begin = rows[0, 0] if begin is None else begin
             depth = max(depth, float(rows[1].max()) - oscillator.clearance)
             turn = np.floor((rows[0] - begin) * (oscillator.omega / (2.0 * np.pi)) + 1e-6)
             chosen = (turn * most) % periods < most  # all, if they are no more
-            left_out = ~(chosen | np.append(drawn, chosen[:-1]))  # a period ends with a row
+            left_out = ~(chosen | np.append(last_chosen, chosen[:-1]))  # a period ends with a row
             first_left_out = left_out & ~np.append(gap, left_out[:-1])
-            drawn, gap = bool(chosen[-1]), bool(left_out[-1])
+            last_chosen, gap = bool(chosen[-1]), bool(left_out[-1])
             rows = np.where(left_out, np.nan, rows)
             kept.append(rows[:, ~left_out | first_left_out])
         is_exact = config.method.integrator == "exact"
