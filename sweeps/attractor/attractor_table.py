@@ -279,7 +279,7 @@ def _over_parameters(
 def classes_text(appearances: Sequence[AttractorRow], most: int = 3) -> str:
     """List the classes of one attractor along the axes: 1/1, 2/2 or rest, 1, 3 periods."""
     if appearances[0].regime is Regime.REST:
-        return rest_of(row.m for row in appearances)
+        return rest_of(sorted(row.m for row in appearances))
     names = {row.name: None for row in sorted(appearances, key=lambda row: (row.m, row.q))}
     more = ", ..." if len(names) > most else ""
     return ", ".join(list(names)[:most]) + more

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Container, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -136,31 +135,39 @@ class Picture(Figure):
         self,
         handles: Sequence[Artist],
         title: str | None,
-        rarest: Sequence[str] | None = None,
+        covered: Mapping[Artist, float] | None = None,
+        named: Callable[[], Container[str]] = tuple,
         height: float | None = None,
     ) -> None:
         """Put a legend below the panels, and increase the height of the figure.
 
-        It has all entries for which a page has room. If labels of the `rarest` entries are given,
-        it takes at most a fifth of the height: as many of these entries as necessary are left out.
-        If the others need more, the panels become higher, too, but by at most a half; then, or at a
-        final `height`, others are left out.
+        It has all entries for which a page has room. If it is known what share of a map each entry
+        has `covered`, it takes at most a fifth of the height: as many of those that cover little as
+        necessary are left out. If the others need more, the panels become higher, too, but by at
+        most a half; then, or at a final `height`, others are left out, first what is `named` in the
+        map.
         """
         room = SHARE / (1.0 - SHARE)
-        if rarest is None:
+        if covered is None:
             beside = self.get_figheight() - (1.0 - _LEAST_PANELS) * self._usual
             most = (HIGHEST if height is None else height) - beside
             usual = room * self.get_figheight()
             self.make_room(legend_of_all(self, handles, title, self.dpi * usual, self.dpi * most))
             return
-        below = partial(legend_below, self, handles, title, rarest=rarest)
         least, most = (room * (self.get_figheight() + more * self._usual) for more in (0.0, 0.5))
         if height is not None:
             least = most = SHARE * height
-        legend = below(self.dpi * least)
-        if legend.get_window_extent().height > self.dpi * most:
-            legend.remove()
-            legend = below(self.dpi * most, final=True)
+
+        def named_beside() -> Container[str]:
+            """Return what is named in the map beside a legend of a fifth of the height."""
+            usual = self.get_figheight()
+            self.set_figheight(usual if height is None else (1.0 - SHARE) * height)
+            names = named()
+            self.set_figheight(usual)
+            return names
+
+        heights = self.dpi * least, self.dpi * most
+        legend = legend_below(self, handles, title, covered, named_beside, heights)
         taken = legend.get_window_extent().height / self.dpi
         self.set_figheight(max(self.get_figheight() + taken, taken / SHARE))
 
@@ -282,14 +289,16 @@ def finish(
     handles: Sequence[Artist] | None = None,
     legend_title: str | None = None,
     record: str | None = None,
-    rarest: Sequence[str] | None = None,
+    covered: Mapping[Artist, float] | None = None,
+    named: Callable[[], Container[str]] = tuple,
 ) -> Figure:
     """Put the title above a `Picture` and the legend below it, and return the figure.
 
     In another figure, the panel gets the legend, and a title only if the page has one. `handles`
     are labelled artists for the legend, by default those of the panel. `drawn` is the part of the
-    sweep that is shown. `record` replaces the record of the configuration in the title. `rarest`
-    are the labels that a legend of at most a fifth of the height may leave out, rarest first.
+    sweep that is shown. `record` replaces the record of the configuration in the title. Of a map,
+    `covered` is the share that each entry of the legend covers, and `named` returns the names that
+    the regions have room for: `Picture.add_legend`.
     """
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
@@ -300,7 +309,7 @@ def finish(
         if text:
             figure.add_title(text)
         if handles:
-            figure.add_legend(handles, legend_title, rarest, page.height)
+            figure.add_legend(handles, legend_title, covered, named, page.height)
         figure.set_height(page.height)
         lay_out(panel)
         for each in figure.axes:
@@ -310,7 +319,7 @@ def finish(
             panel.set_title(page.title)
         if handles:
             lay_out(panel)
-            legend_within(panel, handles, legend_title, rarest)
+            legend_within(panel, handles, legend_title, covered)
     return figure
 
 

@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.transforms import Bbox
 
 from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.plotting import canvas
 from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION, ground, ink
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
@@ -180,6 +182,8 @@ _CURVES_IN_FULL = 12
 _PER_CELL, _GAP = 3, 6
 #: Dashes of the curves of each kind.
 _CURVES: dict[str, Any] = {"flip": "-", "fold": (0, (4, 2)), "graze": (0, (1, 1.5))}
+#: Width of a curve that bounds a motion with its light edge [pt].
+_EDGE = 1.8
 #: Look of curves that do not bound a motion.
 _THIN_CURVES: dict[str, Any] = {"color": "#666666", "linewidth": 0.3}
 
@@ -247,8 +251,8 @@ def draw_curves(
     axes: Sequence[np.ndarray],
     coloured: Container[tuple[int, int]],
     marks: bool,
-) -> list[Line2D]:
-    """Draw `sweeps.curves` over a map of a cut; return labelled handles for the legend.
+) -> dict[Artist, float]:
+    """Draw `sweeps.curves` over a map of a cut; return handles and the share that each covers.
 
     Pieces that bound a motion are drawn strongly. The others are thin: there the start leads to
     another orbit. If there are many curves, only those that bound one of the `coloured` classes
@@ -263,22 +267,33 @@ def draw_curves(
     bounding = {piece.number for piece in strong}
     shown = [piece for piece in pieces if not is_many or piece.number in bounding]
     bold: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
-    edge = [withStroke(linewidth=1.8, foreground=ground(), alpha=0.9)]  # on cells of any colour
+    edge = [withStroke(linewidth=_EDGE, foreground=ground(), alpha=0.9)]  # on cells of any colour
     for piece in shown:
         look = {"path_effects": edge, "zorder": 4, **bold} if piece.bounds else _THIN_CURVES
         panel.plot(*piece.points.T, ls=_CURVES[kinds[piece.number]], **look)
-    drawn = kinds[[piece.number for piece in shown]]
-    handles = [
-        Line2D([], [], ls=dashes, label=kind, **bold)
-        for kind, dashes in _CURVES.items()
-        if kind in drawn
-    ]
-    handles += _mark_special(panel, found, strong) if marks else []
+    panel.set(xlim=limits[0], ylim=limits[1])
+    covered = dict[Artist, float]()
+    for kind, dashes in _CURVES.items():
+        own = [piece.points for piece in shown if kinds[piece.number] == kind]
+        if own:
+            line = Line2D([], [], ls=dashes, label=kind, **bold)
+            covered[line] = _covered(panel, own, _EDGE)
+    covered |= _mark_special(panel, found, strong) if marks else {}
     if left := len(kinds) - len(bounding):
         text = f"{shown_count(left, 'further curve')}{' not shown' if is_many else ''}"
-        handles.append(Line2D([], [], ls="" if is_many else "-", label=text, **_THIN_CURVES))
-    panel.set(xlim=limits[0], ylim=limits[1])
-    return handles
+        line = Line2D([], [], ls="" if is_many else "-", label=text, **_THIN_CURVES)
+        thin = [piece.points for piece in shown if piece.number not in bounding]
+        covered[line] = _covered(panel, thin, line.get_linewidth())
+    return covered
+
+
+def _covered(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
+    """Return the share of a panel that lines of a width [pt] cover."""
+    box = panel.get_window_extent()
+    size, point = np.array([box.width, box.height]), canvas.figure_of(panel).dpi / 72.0
+    steps = [size * np.diff(_in_panel(panel, line), axis=0) for line in lines]
+    length = sum(float(np.hypot(*step.T).sum()) for step in steps)
+    return length * width * point / size.prod()
 
 
 def _in_panel(panel: Axes, points: np.ndarray) -> np.ndarray:
@@ -287,17 +302,17 @@ def _in_panel(panel: Axes, points: np.ndarray) -> np.ndarray:
     return shares
 
 
-def _mark_special(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> list[Line2D]:
-    """Mark cusps and meetings on strong pieces; return a handle if there are any."""
+def _mark_special(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> dict[Artist, float]:
+    """Mark cusps and meetings on strong pieces; return a handle, which covers next to nothing."""
     marked = found.isel(point=np.isin(found["special"].values, ["cusp", "flip"]))
     special = np.stack([marked[name].values for name in marked.coords], axis=1)
     if not len(special) or not strong:
-        return []
+        return {}
     lines = _in_panel(panel, np.concatenate([piece.points for piece in strong]))
     away = [np.abs(lines - place).max(axis=1).min() for place in _in_panel(panel, special)]
     shown = special[np.array(away) < 0.01]
     if not len(shown):
-        return []
+        return {}
     (marks,) = panel.plot(*shown.T, "D", color=ink(), label="cusp or meeting")
     marks.set(markersize=2.5, markerfacecolor=ground(), markeredgewidth=0.6, zorder=5)
-    return [marks]
+    return {marks: 0.0}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from copy import copy
 from functools import partial
 from statistics import median
@@ -16,9 +16,12 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
 from sweeps.plotting.style import user_style
+from vibroimpact.points.regimes import RESTING
 
 #: Greatest share of the height that a legend takes, if it has one.
 SHARE = 0.2
+#: A legend always has the entries that cover at least this share of a map.
+COMMON = 0.02
 #: Greatest share of the width, since texts are up to a tenth wider at other numbers of pixels per
 #: inch, and most columns.
 _WIDTH, _MOST_COLUMNS = 0.9, 8
@@ -32,19 +35,17 @@ def legend_below(
     figure: Figure,
     handles: Sequence[Artist],
     title: str | None,
-    height: float,
-    rarest: Sequence[str] | None = None,
-    final: bool = False,
+    covered: Mapping[Artist, float],
+    named: Callable[[], Container[str]],
+    heights: Sequence[float],
 ) -> Legend:
-    """Put a legend below the panels of a figure, and return it.
+    """Put a legend of a map below the panels of a figure, and return it.
 
-    As many of the `rarest` entries are left out as its greatest height [px] asks for, and if the
-    height is `final`, then the last ones, too.
+    `heights` are those up to which nothing, and only what covers little, is left out [px].
     """
-    make = partial(figure.legend, title=title, loc="outside lower center")
-    if rarest is not None:
-        make = partial(make, **_SMALL)
-    return _fitted(make, handles, rarest, final, (_WIDTH * figure.bbox.width, height))
+    make = partial(figure.legend, loc="outside lower center", **_SMALL)
+    rooms = [(_WIDTH * figure.bbox.width, height) for height in heights]
+    return _ranked(make, handles, title, covered, named, rooms)
 
 
 def legend_of_all(
@@ -63,14 +64,14 @@ def legend_of_all(
     tried = ((plain, handles), (small, handles), (small, short), (small, _broken(short)))
     legends = list[tuple[float, int]]()
     for make, entries in tried:
-        legend = _fitted(make, entries, None, False, (_WIDTH * figure.bbox.width, height))
+        legend = _fitted(make, entries, (), (_WIDTH * figure.bbox.width, height))
         if legend.get_window_extent().height <= height:
             break
         legends.append((legend.get_window_extent().height, len(legends)))
         legend.remove()
     else:
         make, entries = tried[min(legends)[1]]
-        legend = _fitted(make, entries, None, True, (_WIDTH * figure.bbox.width, most))
+        legend = _fitted(make, entries, entries[:0:-1], (_WIDTH * figure.bbox.width, most))
     return legend
 
 
@@ -90,56 +91,88 @@ def _broken(handles: Sequence[Artist]) -> list[Artist]:
 
 
 def legend_within(
-    panel: Axes, handles: Sequence[Artist], title: str | None, rarest: Sequence[str] | None
+    panel: Axes,
+    handles: Sequence[Artist],
+    title: str | None,
+    covered: Mapping[Artist, float] | None,
 ) -> None:
-    """Put a legend into a panel of any figure, with at most a fifth of the height of the panel.
-
-    The rarest entries are left out first, then the title, then the last entries, but never all.
-    """
+    """Put a legend into a panel of any figure, with at most a fifth of the height of the panel."""
     box = panel.get_window_extent()
     room = _WIDTH * box.width, SHARE * box.height
     look = {name: value for name, value in user_style().items() if name.startswith("legend.")}
     with mpl.rc_context({**look, "legend.frameon": mpl.rcParams["legend.frameon"]}):
         # Matplotlib would look for the best place of every legend that is tried.
         make = partial(panel.legend, loc="upper right", **_SMALL)
-        legend = _fitted(partial(make, title=title), handles, rarest, False, room)
-        size = legend.get_window_extent()
-        if size.width > room[0] or size.height > room[1]:
-            legend = _fitted(make, handles, rarest, True, room)
+        legend = _ranked(make, handles, title, covered, tuple, [room, room])
         legend.set_loc(mpl.rcParams["legend.loc"])
 
 
-def _place(text: str) -> int:
-    """Return 0 for a class, else the length of a label."""
-    return 0 if text[0].isdigit() and "/" in text else len(text)
+def _ranked(
+    make: Callable[..., Legend],
+    handles: Sequence[Artist],
+    title: str | None,
+    covered: Mapping[Artist, float] | None,
+    named: Callable[[], Container[str]],
+    rooms: Sequence[tuple[float, float]],
+) -> Legend:
+    """Return a legend that names first what covers most.
+
+    As many of the entries that have `covered` little of a map are left out as necessary for the
+    first of the `rooms`. If the legend is too large for the second one, the title is left out, and
+    then other entries but one: those with a name in the map, as `named` returns, come first.
+    Without a map, all entries are others, and the last ones are left out first.
+    """
+    covered_by = dict.fromkeys(handles, 1.0) if covered is None else covered
+    ordered = sorted(reversed(handles), key=covered_by.__getitem__)
+    rare = [handle for handle in ordered if covered_by[handle] < COMMON]
+    legend = _fitted(partial(make, title=title), handles, rare, rooms[0], covered)
+    size = legend.get_window_extent()
+    if size.width > rooms[1][0] or size.height > rooms[1][1]:
+        legend.remove()
+        seen = named()
+        known = [handle for handle in ordered if handle.get_label() in seen]
+        others = [handle for handle in ordered if handle not in {*rare, *known}]
+        spare = [*rare, *(handle for handle in known if handle not in rare), *others][:-1]
+        legend = _fitted(make, handles, spare, rooms[1], covered, known)
+    return legend
+
+
+def _is_class(handle: Artist) -> bool:
+    """Whether an entry is a class m/q, or motions with rest."""
+    text = str(handle.get_label())
+    return text.startswith(RESTING) or (text[0].isdigit() and "/" in text)
+
+
+def _place(handle: Artist) -> int:
+    """Return 0 for a class m/q, else the length of a label."""
+    text = str(handle.get_label())
+    return 0 if _is_class(handle) and not text.startswith(RESTING) else len(text)
 
 
 def _fitted(
     make: Callable[..., Legend],
     handles: Sequence[Artist],
-    rarest: Sequence[str] | None,
-    final: bool,
+    spare: Sequence[Artist],
     room: tuple[float, float],
+    covered: Mapping[Artist, float] | None = None,
+    known: Sequence[Artist] = (),
 ) -> Legend:
     """Return a legend with as many columns as its width allows, and as many entries as its height.
 
-    The `rarest` classes are left out first and, if the height is `final`, then the last entries but
-    one. A further entry says how many are left out. If there can be rare classes, the classes come
-    first, and then entries of one length are beside each other, so that more columns fit.
+    The first of the `spare` entries are left out first; a further entry counts those that are not
+    `known`. If it is known what they have `covered` of a map, the classes come first, and then
+    entries of one length are beside each other, so that more columns fit.
     """
     width, height = room
-    classes = rarest or ()
-    labels = [str(handle.get_label()) for handle in reversed(handles)] if final else []
-    spare = [*classes, *(text for text in labels if text not in classes)]
-    spare = spare[:-1] if final else spare
-    if rarest is not None:
-        handles = sorted(handles, key=lambda handle: _place(str(handle.get_label())))
+    if covered is not None:
+        handles = sorted(handles, key=lambda handle: -covered[handle])
+        handles.sort(key=_place)
 
     def without(count: int) -> Legend:
-        shown = [handle for handle in handles if handle.get_label() not in spare[:count]]
-        if count:
-            text = f"rarer classes: {count}" if count <= len(classes) else f"+{count}"
-            shown.append(Line2D([], [], linestyle="", label=text))
+        shown = [handle for handle in handles if handle not in spare[:count]]
+        if left_out := [handle for handle in spare[:count] if handle not in known]:
+            text = "rarer classes: " if covered and all(map(_is_class, left_out)) else "+"
+            shown.append(Line2D([], [], linestyle="", label=f"{text}{len(left_out)}"))
         for columns in range(min(_MOST_COLUMNS, len(shown)), 1, -1):
             legend = make(handles=shown, ncols=columns)
             if legend.get_window_extent().width <= width:

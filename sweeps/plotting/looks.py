@@ -33,6 +33,10 @@ if TYPE_CHECKING:
     from sweeps.attractor.attractor_table import AttractorRow
 
 
+#: Name of the classes without a look of their own.
+OTHERS = "other m/q"
+
+
 def look_of_class(m: int, q: int, grey: bool = False) -> Look:
     """Return the look of a class, or of all other classes."""
     if grey:
@@ -93,7 +97,7 @@ def period_cells(
         text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
         cells.append(Cells(text, look_of_class(periods, impacts, grey), where))
         periodic = periodic & ~where
-    cells.append(Cells("other m/q", look_of_class(0, 0, grey), periodic))
+    cells.append(Cells(OTHERS, look_of_class(0, 0, grey), periodic))
     results = max(1, int((regimes > Regime.FAILED).sum()))
     for regime in REGIMES:
         where, text = regimes == regime, regime.word
@@ -110,13 +114,19 @@ def _rest_cells(rest: np.ndarray, m: np.ndarray, grey: bool, hatched: bool) -> l
     """Return the points with `rest`, those of each period of ``RESTS`` apart if `hatched`."""
     look = look_of_regime(Regime.REST, grey)
     if not hatched:
-        return [Cells(rest_of(np.unique(m[rest]).tolist()), look, rest)]
+        return [Cells(_name_of_rests(m[rest]), look, rest)]
     others = rest & ~np.isin(m, [*RESTS])
     groups = [*((hatch, rest & (m == n)) for n, hatch in RESTS.items()), (OTHER_RESTS, others)]
     return [
-        Cells(rest_of(np.unique(m[where]).tolist()), look._replace(hatch=hatch), where)
+        Cells(_name_of_rests(m[where]), look._replace(hatch=hatch), where)
         for hatch, where in groups
     ]
+
+
+def _name_of_rests(m: np.ndarray) -> str:
+    """Name motions with rest by their periods; of many, by the most frequent ones."""
+    periods, counts = np.unique(m, return_counts=True)
+    return rest_of(periods[np.argsort(-counts, kind="stable")].tolist())
 
 
 def class_numbers(

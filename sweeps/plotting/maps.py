@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,9 @@ from sweeps.plotting.colours import paint
 from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.exact_lines import draw_curves
 from sweeps.plotting.labels import label_axis, log_spaced, status_name
-from sweeps.plotting.looks import Cells, class_numbers, failed_cells
-from sweeps.plotting.names import draw_boundaries, name_regions
+from sweeps.plotting.legend import COMMON
+from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells
+from sweeps.plotting.names import draw_boundaries, name_places, name_regions
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import cell_edges
@@ -33,8 +34,6 @@ from sweeps.text import listed
 from vibroimpact.points.regimes import ON_ITS_WAY, RESTING, has_result
 from vibroimpact.status import Status
 
-#: A legend always has the classes with at least this share of the points.
-_COMMON = 0.1
 #: Look of points that are not computed yet.
 _LOOK_OF_PENDING: dict[str, Any] = {"edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0}
 #: Look of the lines over points that are not on their orbit yet.
@@ -94,21 +93,28 @@ def parameter_map(
     if shown.values.count():
         _draw_mesh(panel, cut, shown.values, shown.norm, shown.ramp)
         shown.add_bar([panel])
-    handles = draw_cells(panel, cut, shown.cells, hatched=page.grey and name != "period")
-    rarest = None
+    patches = draw_cells(panel, cut, shown.cells, hatched=page.grey and name != "period")
+    covered = _shares(patches, shown.cells)
     if name == "period" and page.marks:
-        handles += _mark_approaching(panel, cut)
+        covered |= _mark_approaching(panel, cut)
     page.set_limits(panel)
     if exact is not None:
         y, x = (axis.values for axis in _axes_of(cut))
-        handles += draw_curves(panel, exact, cut, (x, y), CLASSES, page.marks)
-    if name == "period":
-        handles, rarest = _by_share(handles, shown.cells)
+        covered |= draw_curves(panel, exact, cut, (x, y), CLASSES, page.marks)
     scale = (name, shown.ramp, shown.norm)
-    handles += draw_overlay(points, [(panel, abscissa, ordinate)], page, scale)
-    figure = canvas.finish(panel, page, cut, handles, shown.title, rarest=rarest)
-    if name == "period":
-        name_and_bound(panel, page, cut, *class_numbers(*cut.classes))
+    measured = draw_overlay(points, [(panel, abscissa, ordinate)], page, scale)
+    covered |= dict.fromkeys(measured, 1.0)
+    if name != "period":
+        return canvas.finish(panel, page, cut, [*covered], shown.title)
+    of_regions = class_numbers(*cut.classes)
+
+    def named() -> set[str]:
+        """Return the names for which the regions have room."""
+        return {each for each, *_ in name_places(panel, _edges_of(cut), *of_regions)}
+
+    _name_others(patches, *of_regions, set if page.height else named)
+    figure = canvas.finish(panel, page, cut, [*covered], shown.title, covered=covered, named=named)
+    name_and_bound(panel, page, cut, *of_regions)
     return figure
 
 
@@ -119,15 +125,32 @@ def shown_quantity(sweep: OpenedSweep, quantity: Wanted | None) -> Wanted:
     return "period" if "period" in sweep else "impacts_per_period"
 
 
-def _by_share(handles: Sequence[Artist], cells: Sequence[Cells]) -> tuple[list[Artist], list[str]]:
-    """Return the handles, those of most points first, and the rare classes, from the rarest."""
-    counts = {cell.label: np.count_nonzero(cell.where) for cell in cells}
-    ordered = sorted(handles, key=lambda handle: -counts.get(str(handle.get_label()), 0))
-    there = [cell.label for cell in cells if cell.where.any()]
-    classes = [text for text in there if text[0].isdigit() or text.startswith(RESTING)]
-    classes.sort(key=counts.__getitem__)
-    common = _COMMON * sum(counts.values())
-    return ordered, [text for text in classes[:-1] if counts[text] < common]
+def _shares(patches: Sequence[Artist], cells: Sequence[Cells]) -> dict[Artist, float]:
+    """Return the share of a map that each entry explains.
+
+    That of the commonest rest explains the colour of all; failed points are no less than common.
+    """
+    shares = {cell.label: float(cell.where.mean()) for cell in cells}
+    rests = {text: share for text, share in shares.items() if text.startswith(RESTING)}
+    shares |= {max(rests, key=rests.__getitem__): sum(rests.values())} if rests else {}
+    return {patch: shares.get(str(patch.get_label()), COMMON) for patch in patches}
+
+
+def _name_others(
+    patches: Iterable[Artist],
+    numbers: np.ndarray,
+    names: Mapping[int, str],
+    named: Callable[[], Container[str]],
+) -> None:
+    """Name, in the entry of other classes, those that cover much and are not `named` in the map."""
+    found, counts = np.unique(numbers, return_counts=True)
+    common = found[np.argsort(-counts)][: np.count_nonzero(counts >= COMMON * numbers.size)]
+    classes = [name for one in common.tolist() if (name := names.get(one, ""))[:1].isdigit()]
+    if others := [name for name in classes if name not in {f"{m}/{q}" for m, q in CLASSES}]:
+        seen = named()
+        listed = ", ".join(name for name in others if name not in seen)
+        (patch,) = (patch for patch in patches if patch.get_label() == OTHERS)
+        patch.set_label(f"{OTHERS}: {listed}" if listed else OTHERS)
 
 
 def name_and_bound(
@@ -173,15 +196,15 @@ def draw_cells(
     return handles
 
 
-def _mark_approaching(panel: Axes, cut: OpenedSweep) -> list[Artist]:
-    """Draw white lines over motions that are not on their orbit yet; return them for the legend."""
+def _mark_approaching(panel: Axes, cut: OpenedSweep) -> dict[Artist, float]:
+    """Draw white lines over motions that are not on their orbit yet; return their handle, share."""
     where = cut.on_its_way
     if not where.any():
-        return []
+        return {}
     _draw_hatch(panel, cut, where, **_APPROACHING)
     share = 100.0 * where.sum() / has_result(cut["status"].values).sum()
     text = f"{ON_ITS_WAY} ({share:.3g} %)"
-    return [Patch(facecolor="#888888", label=text, **_APPROACHING)]
+    return {Patch(facecolor="#888888", label=text, **_APPROACHING): float(where.mean())}
 
 
 def _draw_hatch(panel: Axes, cut: OpenedSweep, where: np.ndarray, **look: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,31 +37,39 @@ def name_regions(
     that of the finished panel. `edges` are those of the cells along the abscissa and the ordinate;
     `classes`, shape (rows, columns), are numbers, of which some have names.
     """
+    for name, x, y, upright in name_places(panel, edges, classes, names):
+        text = _written(panel, name, clip_on=True)
+        if upright:
+            text.set(rotation=90.0, va="center")  # at center_baseline it would be below its place
+        text.set_transform(panel.transAxes)
+        text.set_position((x, y))
+
+
+def name_places(
+    panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray, names: Mapping[int, str]
+) -> Iterator[tuple[str, float, float, bool]]:
+    """Yield the names that `name_regions` writes, their places in the panel, and if upright."""
     canvas.lay_out(panel)
     raster = _as_seen(panel, edges, classes)
     _leave_marks_free(panel, raster)
 
-    def write(name: str) -> Text:
-        """Return a new text in the panel."""
-        return panel.text(
-            0.0, 0.0, name, size="x-small", color=ink(), zorder=6,
-            ha="center", va="center_baseline",
-            clip_on=True, path_effects=[withStroke(linewidth=1.8, foreground=ground())],
-        )  # fmt: skip
-
     def box(name: str) -> tuple[int, int]:
         """Return the height and the width of a name."""
-        text = write(name)
+        text = _written(panel, name)
         size = _box_of(text)
         text.remove()
         return size
 
     for name, row, column, upright in placed_names(raster, names, box):
-        text = write(name)
-        if upright:
-            text.set(rotation=90.0, va="center")  # at center_baseline it would be below its place
-        text.set_transform(panel.transAxes)
-        text.set_position(((column + 0.5) / raster.shape[1], (row + 0.5) / raster.shape[0]))
+        yield name, (column + 0.5) / raster.shape[1], (row + 0.5) / raster.shape[0], upright
+
+
+def _written(panel: Axes, name: str, **look: Any) -> Text:
+    """Return a new text in a panel."""
+    return panel.text(
+        0.0, 0.0, name, size="x-small", color=ink(), zorder=6, ha="center", va="center_baseline",
+        path_effects=[withStroke(linewidth=1.8, foreground=ground())], **look,
+    )  # fmt: skip
 
 
 def placed_names(
@@ -201,11 +210,7 @@ def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
     for name, own in pixels:
         if not own.any():
             continue
-        text = panel.text(
-            0.0, 0.0, name, size="x-small", color=ink(), zorder=6,
-            ha="center", va="center_baseline",
-            path_effects=[withStroke(linewidth=1.8, foreground=ground())],
-        )  # fmt: skip
+        text = _written(panel, name)
         height, width = _box_of(text)
         edge = np.pad(taken, 1, constant_values=True)
         free = ~maximum_filter(edge, (height, width))[1:-1, 1:-1]

@@ -87,13 +87,14 @@ class Label(NamedTuple):
 def rest_of(periods: Iterable[int]) -> str:
     """Name motions with rest by the forcing periods after which they repeat, 0 where not known.
 
-    >>> rest_of([1]), rest_of([3, 6, 3]), rest_of([0])
-    ('rest, 1 period', 'rest, 3, 6 periods', 'rest')
+    >>> rest_of([1]), rest_of([6, 3, 6]), rest_of([0]), rest_of([9, 5, 7, 6])
+    ('rest, 1 period', 'rest, 3, 6 periods', 'rest', 'rest, 5, 7, 9, ... periods')
     """
-    known = sorted({m for m in periods if m})
+    known = [*dict.fromkeys(m for m in periods if m)]
     if not known:
         return RESTING
-    listed = [*map(str, known[:_MOST_PERIODS]), *["..."] * (len(known) > _MOST_PERIODS)]
+    first = sorted(known[:_MOST_PERIODS])
+    listed = [*map(str, first), *["..."] * (len(known) > _MOST_PERIODS)]
     return f"{RESTING}, {', '.join(listed)} period{'s' * (known != [1])}"
 
 
