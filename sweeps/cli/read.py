@@ -201,19 +201,31 @@ Rtol = Annotated[
         help="Relative difference of two numbers that still counts as equal.",
     ),
 ]
+_DISTANCE = number(lambda given: given >= 0.0, "a number from 0, as 1e-9")
+Atol = Annotated[
+    float,
+    typer.Option(
+        metavar="NUMBER",
+        parser=number_option("--atol", _DISTANCE),
+        help="Difference of two numbers that still counts as equal, in addition to --rtol.",
+    ),
+]
 
 
 def compare_command(
     first: SweepFile,
     second: Annotated[Path, typer.Argument(metavar="OTHER.h5", help="The file of another sweep.")],
     rtol: Rtol = 0.0,
+    atol: Atol = 0.0,
 ) -> None:
     """Say what differs in two sweeps, where first and by how much; exit with 1 if anything does."""
     from sweeps.opened.comparison import comparison_report
 
     with opened_sweep(first) as data, opened_sweep(second) as other_data:
         with named(f"{first}, {second}"):
-            text, differ = comparison_report(data, other_data, (str(first), str(second)), rtol)
+            text, differ = comparison_report(
+                data, other_data, (str(first), str(second)), rtol, atol
+            )
         say(text)
     if differ:
         raise typer.Exit(1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +12,7 @@ import xarray as xr
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import in_parts
 from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.store.schema import differing_keys
 from sweeps.store.variables import FLAGS, VARIABLES
 from sweeps.text import listed, shown_count, told_apart
 from vibroimpact.oscillator import PARAMETERS
@@ -35,11 +36,13 @@ class Difference:
     first: tuple[object, object] = ("", "")  # its two values
 
 
-def differences(first: xr.Dataset, second: xr.Dataset, rtol: float = 0.0) -> Iterator[Difference]:
+def differences(
+    first: xr.Dataset, second: xr.Dataset, rtol: float = 0.0, atol: float = 0.0
+) -> Iterator[Difference]:
     """Yield what was found of each variable and coordinate that both sweeps have.
 
-    Two values are equal if both are NaN, or if they differ by at most `rtol` times the greater
-    magnitude; integers and texts must be the same, and phases may differ by full turns. Of
+    Two values are equal if both are NaN, or if they differ by at most `atol` plus `rtol` times the
+    greater magnitude; integers and texts must be the same, and phases may differ by full turns. Of
     trajectories, the samples that both sweeps have are compared. Raises Refused
     if the axes or records have other sizes.
     """
@@ -49,7 +52,7 @@ def differences(first: xr.Dataset, second: xr.Dataset, rtol: float = 0.0) -> Ite
         first, second = (data.isel({_SAMPLE: slice(width)}) for data in (first, second))
     for name in [*first.coords, *first.data_vars]:
         if name in second.variables:
-            yield _compared(first, second, str(name), rtol)
+            yield _compared(first, second, str(name), (rtol, atol))
 
 
 def _refuse_other_shapes(first: xr.Dataset, second: xr.Dataset) -> None:
@@ -72,13 +75,15 @@ def _refuse_other_shapes(first: xr.Dataset, second: xr.Dataset) -> None:
         )
 
 
-def _compared(one: xr.Dataset, other: xr.Dataset, name: str, rtol: float) -> Difference:
+def _compared(
+    one: xr.Dataset, other: xr.Dataset, name: str, within: tuple[float, float]
+) -> Difference:
     """Compare a variable of two sweeps, a part of the points at a time."""
     difference = Difference(name)
     if name in one.coords:
         bare = (data[name].drop_vars(data[name].coords) for data in (one, other))
         pair = xr.broadcast(*bare)  # a number in one may be a column in the other
-        _count(difference, pair[0].values, pair[1].values, pair[0].sizes, 0, rtol)
+        _count(difference, pair[0].values, pair[1].values, pair[0].sizes, 0, within)
         return difference
     axes = one["status"].dims
     own, others = (data[name].variable.transpose(*axes, ...) for data in (one, other))
@@ -87,7 +92,7 @@ def _compared(one: xr.Dataset, other: xr.Dataset, name: str, rtol: float) -> Dif
     width = math.prod(own.shape[len(axes) :])
     for part, points in in_parts(joint, _VALUES_COMPARED // max(1, width)):
         first, second = part["one"].values, part["other"].values
-        _count(difference, first, second, own.sizes, points.start, rtol, width)
+        _count(difference, first, second, own.sizes, points.start, within, width)
     return difference
 
 
@@ -97,13 +102,13 @@ def _count(
     second: np.ndarray,
     sizes: Mapping[Hashable, int],
     start: int,
-    rtol: float,
+    within: tuple[float, float],
     width: int = 1,
 ) -> None:
     """Add the values of the points from number `start` on, each of `width` values."""
     first, second = first.ravel(), second.ravel()
     difference.size += first.size
-    differ, distance = _distances(difference.name, first, second, rtol)
+    differ, distance = _distances(difference.name, first, second, *within)
     places = np.flatnonzero(differ)
     if not places.size:
         return
@@ -117,7 +122,7 @@ def _count(
 
 
 def _distances(
-    name: str, first: np.ndarray, second: np.ndarray, rtol: float
+    name: str, first: np.ndarray, second: np.ndarray, rtol: float, atol: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which values differ, and by how much; 0 where one of them is no finite number."""
     if "O" in (first.dtype.kind, second.dtype.kind):
@@ -131,8 +136,8 @@ def _distances(
         distance = np.abs(numbers[0] - numbers[1])
         if name in VARIABLES and VARIABLES[name].unit == "rad":
             distance = np.minimum(distance, np.abs(2.0 * np.pi - distance))
-    if rtol and "f" in (first.dtype.kind, second.dtype.kind):
-        differ &= ~(both & (distance <= rtol * np.maximum(*np.abs(numbers))))
+    if "f" in (first.dtype.kind, second.dtype.kind):
+        differ &= ~(both & (distance <= atol + rtol * np.maximum(*np.abs(numbers))))
     return differ, distance
 
 
@@ -140,14 +145,21 @@ def _distances(
 
 
 def comparison_report(
-    first: xr.Dataset, second: xr.Dataset, names: tuple[str, str], rtol: float
+    first: xr.Dataset, second: xr.Dataset, names: tuple[str, str], rtol: float, atol: float
 ) -> tuple[str, bool]:
     """Write what differs in two opened sweeps, of these names; also return whether anything does.
 
-    Raises Refused as `differences` does.
+    If their configurations differ, each key has a line, and unless a tolerance is given, one line
+    says what follows. Raises Refused as `differences` does.
     """
-    results = list(differences(first, second, rtol))
-    lines = [_line(OpenedSweep(first), each) for each in results if each.values]
+    results = list(differences(first, second, rtol, atol))
+    differing = [each for each in results if each.values]
+    mine, theirs = (str(data.attrs["configuration"]) for data in (first, second))
+    keys = differing_keys(mine, theirs, "{}: {} and {}")
+    if keys and not (rtol or atol):
+        lines = _following(OpenedSweep(first), differing, keys)
+    else:
+        lines = [_line(OpenedSweep(first), each) for each in differing]
     for data, without, name in ((first, second, names[0]), (second, first, names[1])):
         missing = sorted({*data} - {*without}) + sorted({*data.coords} - {*without.coords})
         lines += [f"{variable}: only in {name}" for variable in missing]
@@ -155,11 +167,32 @@ def comparison_report(
     if None not in widths and widths[0] != widths[1]:
         lines.append("the longest trajectory has {:,} and {:,} samples".format(*widths))
     pair = f"{names[0]} and {names[1]}"
+    given = [f"{rtol:g} of each value"] * bool(rtol) + [f"{atol:g}"] * bool(atol)
     if lines:
-        more = f" by more than {rtol:g} of a value" if rtol else ""
-        return "\n".join([*lines, f"{pair} differ{more}"]), True
-    within = f" to {rtol:g} of each value" if rtol else ""
+        more = f" by more than {' and '.join(given)}" if given else ""
+        return "\n".join([*keys, *lines, f"{pair} differ{more}"]), True
+    within = f" to {' and '.join(given)}" if given else ""
     return f"{pair} are equal{within}: {len(results)} variables and coordinates", False
+
+
+def _following(data: OpenedSweep, differing: Sequence[Difference], keys: list[str]) -> list[str]:
+    """Say in one line what differs because a key does, the displacement or the last in full.
+
+    Takes the steps per period out of the `keys` beside another one, which chooses them.
+    """
+    steps = [key for key in keys if key.startswith("method.steps_per_period")]
+    if len(keys) > len(steps):
+        keys[:] = [key for key in keys if key not in steps]
+    changed = {key.partition(":")[0].rpartition(".")[2] for key in keys}
+    follow = {data.config.nomenclature.name(each.name): each for each in differing}
+    follow = {name: each for name, each in follow.items() if name not in changed}
+    if not follow:
+        return []
+    shown = "poincare_x" if "poincare_x" in follow else [*follow][-1]
+    others = [key.partition(":")[0] for key in steps if key not in keys]
+    others += [name for name in follow if name != shown]
+    beside = f"; so {'do' if others[1:] else 'does'} {listed(others)}" if others else ""
+    return [f"{_line(data, follow[shown])}{beside}"]
 
 
 def _line(data: OpenedSweep, difference: Difference) -> str:

@@ -156,12 +156,12 @@ class Schema:
     def differences(self, old: Schema) -> list[str]:
         """Say what makes this sweep, or the code that computes it, another one than an old one."""
         was, now = old.attributes, self.attributes
-        found = _differing_keys(str(was["configuration"]), str(now["configuration"]))
+        found = differing_keys(str(was["configuration"]), str(now["configuration"]))
         if was["numerics"] != now["numerics"]:
             found.append("the code that computes is another version")
         # The computation follows from these two, and other code may name its parts differently.
         if not found:
-            found = _differing_keys(*(str(of.get("computation", "{}")) for of in (was, now)))
+            found = differing_keys(*(str(of.get("computation", "{}")) for of in (was, now)))
         same = list(old.axes) == list(self.axes) and all(
             _same(old.axes[axis], self.axes[axis]) for axis in self.axes
         )
@@ -307,8 +307,8 @@ def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
     return {"chunks": tuple(chunk), "fletcher32": True, "fillvalue": fill_value, **gzip}
 
 
-def _differing_keys(old: str, new: str) -> list[str]:
-    """List the keys in which two configurations differ, with both values.
+def differing_keys(old: str, new: str, words: str = "{} was {} and is {}") -> list[str]:
+    """List the keys in which two configurations differ, with both values, in these words.
 
     Neither the name nor the compression of the complete file makes another sweep.
     """
@@ -316,7 +316,7 @@ def _differing_keys(old: str, new: str) -> list[str]:
         return []
     was, now = (_flat(yaml_mapping(text, "the configuration of a sweep")) for text in (old, new))
     return [
-        f"{key} was {was.get(key, 'not given')} and is {now.get(key, 'not given')}"
+        words.format(key, was.get(key, "not given"), now.get(key, "not given"))
         for key in sorted({*was, *now} - {"name", "compression"})
         if was.get(key) != now.get(key)
     ]
