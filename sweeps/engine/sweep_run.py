@@ -128,10 +128,11 @@ def run_sweep(
             cost = expected_cost(config.sweep, path, computer, resume)
         text, units = config.to_yaml(table=False), config.units.model_dump()
         schema = Schema.of(config.sweep, cost.block, config.name, text, units, config.column_units)
-        console.print(printable(plan(config, path, cost)))
         pending = writer.begin(schema)
-        if pending is None:  # the file is complete
+        if pending is None:
+            console.print(printable(f"{path} is complete: nothing was left to do"))
             return path
+        console.print(printable(plan(config, path, cost)))
         if writer.damaged:
             console.print(f"damaged blocks, which are computed again: {writer.damaged}")
         with _progress(config, pending, computer, console) as advance:

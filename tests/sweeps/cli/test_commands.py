@@ -55,6 +55,9 @@ def test_the_configuration_of_a_file_runs_again(small_file):
     np.testing.assert_array_equal(other["omega"], np.linspace(2.0, 3.0, 5))
     assert "small.h5 exists" in refused("run", "small.h5")
     assert "output            small.h5" in accepted("run", "small.h5", "--resume", "--dry-run")
+    assert call("run", "small.h5", "--resume").stderr == (
+        "small.h5 is complete: nothing was left to do\n"
+    )
     assert "override oscillator.omga.start" in refused(
         "run", "small.h5", "--set", "oscillator.omga.start=2"
     )
