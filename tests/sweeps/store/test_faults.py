@@ -23,7 +23,7 @@ import xarray as xr
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import estimate
 from sweeps.errors import Failed, StoreError, SweepError
-from sweeps.store import SweepWriter, complete_file, reading
+from sweeps.store import SweepWriter, check_output, complete_file, reading
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import data, run_in
 from tests.helpers.written_files import (
@@ -376,6 +376,11 @@ def test_an_opened_file_that_was_replaced_is_not_read_as_if_it_were_the_old_one(
         Path("out.h5").unlink()
         with pytest.raises(StoreError, match=r"out\.h5 was removed by another program"):
             dataset["poincare_x"].load()
+    fill_blocks("out.h5", 2)
+    with open_sweep("out.h5") as dataset:
+        fill_blocks("out.h5", 2, overwrite=True)
+        with pytest.raises(StoreError, match=r"block-000000\.npz was replaced by another program"):
+            dataset["poincare_x"].load()
 
 
 def test_a_sweep_that_is_replaced_while_it_is_opened_is_not_opened(monkeypatch):
@@ -394,21 +399,66 @@ def test_a_sweep_that_is_replaced_while_it_is_opened_is_not_opened(monkeypatch):
         open_sweep("out.h5")
 
 
-def test_a_block_that_the_disk_cannot_read_any_more_is_named_and_can_be_deleted(monkeypatch):
+class Unreadable(io.FileIO):
+    """A file that is there, and whose first bytes the disk cannot read any more."""
+
+    def read(self, size=-1):
+        if self.tell() == 0:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return super().read(size)
+
+
+@contextmanager
+def failing_disk(name, at):
+    """Let the disk fail when a file is opened, or when it is read."""
+
+    def failing(path, *arguments, by=io.open, **options):
+        if not str(path).endswith(name):
+            return by(path, *arguments, **options)
+        if at == "read":
+            return Unreadable(path)
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(io, "open", failing)
+        yield
+
+
+@pytest.mark.parametrize("at", ["open", "read"])
+def test_what_the_disk_cannot_read_any_more_is_neither_missing_nor_damaged(at):
+    """A block is named, and can be deleted."""
     fill_blocks("whole.h5")
     fill_blocks("out.h5", 4)
-    block, opened = PARTS / "block-000002.npz", io.open
-
-    def failing(path, *arguments, **options):
-        if str(path).endswith(block.name):
-            raise OSError(errno.EIO, os.strerror(errno.EIO))
-        return opened(path, *arguments, **options)
-
+    block = PARTS / "block-000002.npz"
     said = r"block-000002\.npz' cannot be read: Input/output error; if that stays so, delete that"
     for read in (lambda: fill_blocks("out.h5", resume=True), lambda: open_sweep("out.h5")):
-        with monkeypatch.context() as patch, pytest.raises(SweepError, match=said):
-            patch.setattr(io, "open", failing)
+        with failing_disk(block.name, at), pytest.raises(SweepError, match=said):
             read()
     block.unlink()
     fill_blocks("out.h5", resume=True)
     xr.testing.assert_identical(data("out.h5"), data("whole.h5"))
+    for use in (open_sweep, check_output):
+        with (
+            failing_disk("out.h5", at),
+            pytest.raises(StoreError, match=r"out\.h5' cannot be read"),
+        ):
+            use("out.h5")
+
+
+def test_a_block_that_another_program_puts_there_is_neither_used_nor_removed(monkeypatch):
+    """Not by a run that goes on, nor by one that is complete."""
+    monkeypatch.setattr(estimate, "block_size", lambda *_, **__: 10)
+    with happening(interrupt, "block 4"):
+        call("run", "sweep.yaml", "--quiet")
+
+    def put_copy():
+        shutil.copy(FIRST, "copy")
+        os.replace("copy", FIRST)
+
+    command = "run", "sweep.yaml", "--quiet", "--resume"
+    with happening(put_copy, "planned"):
+        said = call(*command).stderr
+    assert "block-000000.npz was written by another program, and is not used" in said
+    with happening(lambda: FIRST.write_bytes(b"precious"), "end"):
+        assert call(*command).exit_code == 0
+    assert [path.read_bytes() for path in PARTS.iterdir()] == [b"precious"]
