@@ -266,17 +266,19 @@ def test_every_look_of_a_class_and_of_further_attractors_is_its_own():
     assert not set(FURTHER) & set(CLASSES.values())
 
 
-@pytest.mark.parametrize("grey", [False, True])
 @pytest.mark.parametrize(
-    ("kind", "at"),
+    ("kind", "at", "grey"),
     [
-        ("attractors", {}),
-        ("basins", {"omega": 0.9576}),
-        ("integrity", {}),
-        ("map", {"omega": 0.9576}),
-        ("bifurcation", {"x0": -2.0, "v0": 0.0}),
-        *((kind, {"omega": 0.9576, "x0": -2.0, "v0": 0.0}) for kind in ("section", "impacts")),
-        ("trajectory", {"omega": 0.9576, "x0": -2.0, "v0": 0.0}),
+        *((kind, {}, grey) for kind in ("attractors", "integrity") for grey in (False, True)),
+        ("basins", {"omega": 0.9576}, False),
+        ("basins", {"omega": 0.9576}, True),
+        ("map", {"omega": 0.9576}, True),
+        ("bifurcation", {"x0": -2.0, "v0": 0.0}, True),
+        *(
+            (kind, {"omega": 0.9576, "x0": -2.0, "v0": 0.0}, True)
+            for kind in ("section", "impacts")
+        ),
+        ("trajectory", {"omega": 0.9576, "x0": -2.0, "v0": 0.0}, True),
     ],
 )
 def test_every_picture_fits_a_column(two, kind, at, grey, with_layout, no_knocks):

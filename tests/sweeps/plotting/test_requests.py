@@ -238,7 +238,7 @@ SHAPES = {
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("shape", "blocks"),
-    [*((shape, 0) for shape in SHAPES), ("table", None), ("table of starts", None)],
+    [*((shape, 0) for shape in SHAPES), ("table", None)],
 )
 def test_every_command_draws_or_refuses_every_file(shape, blocks, laid_out):
     """A refusal is one line; without a finished block only maps have something to show."""

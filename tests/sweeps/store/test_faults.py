@@ -376,11 +376,16 @@ def test_an_opened_file_that_was_replaced_is_not_read_as_if_it_were_the_old_one(
         Path("out.h5").unlink()
         with pytest.raises(StoreError, match=r"out\.h5 was removed by another program"):
             dataset["poincare_x"].load()
-    fill_blocks("out.h5", 2)
-    with open_sweep("out.h5") as dataset:
-        fill_blocks("out.h5", 2, overwrite=True)
-        with pytest.raises(StoreError, match=r"block-000000\.npz was replaced by another program"):
-            dataset["poincare_x"].load()
+    for then, event in (
+        ({"overwrite": True, "blocks": 2}, "replaced"),
+        ({"resume": True}, "removed"),
+    ):
+        fill_blocks("out.h5", 2, resume=True)
+        with open_sweep("out.h5") as dataset:
+            fill_blocks("out.h5", **then)
+            said = rf"block-000000\.npz was {event} by another program, or its sweep was completed"
+            with pytest.raises(StoreError, match=said):
+                dataset["poincare_x"].load()
 
 
 def test_a_sweep_that_is_replaced_while_it_is_opened_is_not_opened(monkeypatch):

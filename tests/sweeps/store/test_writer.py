@@ -1,11 +1,11 @@
 """A sweep survives kills, and a resumed run ends with the same data."""
 
+import io
 import os
 import shutil
 import subprocess
 import sys
 import zipfile
-from functools import partial
 from pathlib import Path
 
 import h5py
@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 from sweeps import open_sweep
-from sweeps.errors import Failed, StoreError
+from sweeps.errors import StoreError
 from sweeps.grid import Grid
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
@@ -28,7 +28,6 @@ record: {transient: 3, periods: 4, impacts: 2}
 output: out.h5
 """
 PARTS = Path("out.h5.parts")
-SECTOR = 512
 
 
 def done_of(path, whole):
@@ -130,20 +129,6 @@ def test_another_name_or_compression_is_no_other_sweep():
         pass
 
 
-def test_the_names_of_the_blocks_are_on_the_disk_after_a_second(monkeypatch):
-    """A loss of power may lose the names of the blocks since then only, until the run ends."""
-    now, synced, fsync = [0.0], [], os.fsync
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
-    with begun("out.h5", schema()) as (store, pending):
-        folder = PARTS.stat().st_ino
-        monkeypatch.setattr(
-            os, "fsync", lambda file: (synced.append(os.fstat(file).st_ino), fsync(file))
-        )
-        for block, now[0] in zip(pending, (0.5, 0.9, 1.1, 1.5, 2.0, 2.2), strict=True):
-            store.write(block, block_results(block))
-    assert [file == folder for file in synced] == [0, 0, 0, 1, 0, 0, 0, 1, 1]
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 @pytest.mark.parametrize(("blocks", "action"), [(0, "created"), (5, "completed")])
@@ -210,55 +195,46 @@ def last_block():
     return max(PARTS.glob("block-*.npz"))
 
 
-@pytest.mark.slow
-def test_a_block_file_that_is_cut_off_anywhere_counts_as_not_computed(whole):
-    """Not by a kill, which leaves a draft, but by another program or a broken disk."""
-    fill_blocks("out.h5", 3)
-    content = last_block().read_bytes()
-    for length in np.linspace(0, len(content), 12).astype(int):
-        last_block().write_bytes(content[:length])
-        done = 6 if length == len(content) else 4
-        assert done_of("out.h5", whole) == done
-        with begun("out.h5", schema(), resume=True) as (store, pending):
-            assert 12 - 2 * len(pending) == done and store.damaged == (done < 6)
-    last_block().write_bytes(content[: len(content) // 2])
-    resumed(whole)
+def cut_off(content):
+    """By another program; a kill leaves a draft."""
+    for length in np.linspace(0, len(content) - 1, 11).astype(int):
+        yield content[:length]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("old", [b"\0", None])
-def test_of_a_block_any_sectors_may_be_lost(whole, old):
-    """They hold zeros or old data of the disk instead; the other blocks stay."""
-    fill_blocks("out.h5", 3)
-    first = PARTS / "block-000000.npz"
-    content = first.read_bytes()
-    random = np.random.default_rng(1)
-    sectors = range(-(-len(content) // SECTOR))
-    for case in (0, 1, 2, 3, 6, 9, 12, 15):
-        lost = [sectors[case % len(sectors)]] if case < 4 else random.permutation(sectors)[:case]
-        damaged = bytearray(content)
-        for sector in lost:
-            cut = slice(sector * SECTOR, min((sector + 1) * SECTOR, len(content)))
-            size = cut.stop - cut.start
-            damaged[cut] = old * size if old else random.bytes(size)
-        first.write_bytes(damaged)
-        assert done_of("out.h5", whole) == (6 if damaged == content else 4)
-    resumed(whole)
+def lost_sectors(content):
+    """They hold zeros or old data of the disk instead."""
+    random, sectors = np.random.default_rng(1), range(-(-len(content) // 512))
+    for number in (1, 1, 1, 3, 6, 9, 12, 15):
+        for old in (bytes, random.bytes):
+            damaged = bytearray(content)
+            for sector in random.permutation(sectors)[:number]:
+                cut = slice(sector * 512, min((sector + 1) * 512, len(content)))
+                damaged[cut] = old(cut.stop - cut.start)
+            yield damaged
 
 
-@pytest.mark.slow
-def test_zeros_in_the_directory_of_a_block_are_no_empty_array(whole):
+def zeros_in_the_directory(content):
     """Zeros are the checksum of nothing, and the size of nothing."""
-    fill_blocks("out.h5", 3)
-    content = last_block().read_bytes()
-    with zipfile.ZipFile(last_block()) as file:
+    with zipfile.ZipFile(io.BytesIO(content)) as file:
         members = file.infolist()
     for member in members:
         entry = content.rindex(member.filename.encode()) - 46
         damaged = bytearray(content)
         damaged[entry + 16 : entry + 28] = bytes(12)  # CRC-32, compressed size, size
+        yield damaged
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damages", [cut_off, lost_sectors, zeros_in_the_directory])
+def test_a_damaged_block_counts_as_not_computed_and_the_others_stay(whole, damages):
+    fill_blocks("out.h5", 3)
+    content = last_block().read_bytes()
+    for damaged in damages(content):
         last_block().write_bytes(damaged)
-        assert done_of("out.h5", whole) == 4
+        assert done_of("out.h5", whole) == (6 if damaged == content else 4)
+        with begun("out.h5", schema(), resume=True) as (store, pending):
+            assert len(pending) == (3 if damaged == content else 4)
+            assert store.damaged == (damaged != content)
     resumed(whole)
 
 
@@ -330,83 +306,6 @@ def test_what_killed_runs_left_in_the_folder_is_removed(whole):
         os.replace("other.h5.parts", PARTS)
         fill_blocks("out.h5", resume=resume, overwrite=not resume)
         assert not PARTS.exists()
-
-
-@pytest.mark.slow
-def test_a_dataset_that_is_read_after_the_end_of_its_run_says_so(whole):
-    fill_blocks("out.h5", 2)
-    for then in ({"resume": True}, {"overwrite": True, "blocks": 3}):
-        with open_sweep("out.h5") as early:
-            fill_blocks("out.h5", **then)
-            if PARTS.exists():
-                assert (early["status"].values[0, :2] == 0).all()
-                continue
-            said = r"block-000000\.npz was removed by another program, or its sweep was completed"
-            with pytest.raises(StoreError, match=said):
-                early["status"].load()
-        fill_blocks("out.h5", 2, overwrite=True)
-
-
-def test_each_block_is_on_the_disk_before_it_has_its_name_and_the_file_before_the_blocks_go(
-    monkeypatch,
-):
-    events = []
-    fsync, unlink = os.fsync, Path.unlink
-
-    def synced(descriptor):
-        fsync(descriptor)
-        events.append(("sync", os.fstat(descriptor).st_ino, os.fstat(descriptor).st_size))
-
-    def named(source, target, *, by, **options):
-        file = os.stat(source)
-        assert ("sync", file.st_ino, file.st_size) in events
-        by(source, target, **options)
-        events.append(("named", Path(target).name))
-
-    def unlinked(path, **options):
-        if path.stat().st_nlink == 1:  # no draft that has its name
-            events.append(("removed", path.name))
-        unlink(path)
-
-    monkeypatch.setattr(os, "fsync", synced)
-    monkeypatch.setattr(os, "link", partial(named, by=os.link))
-    monkeypatch.setattr(os, "replace", partial(named, by=os.replace))
-    monkeypatch.setattr(Path, "unlink", unlinked)
-    with begun("out.h5", schema()) as (store, pending):
-        folders = [os.stat(folder).st_ino for folder in (PARTS, ".")]
-        assert events[-3] == ("named", "schema.h5")
-        assert [event[1] for event in events[-2:]] == folders
-        for block in pending:
-            store.write(block, block_results(block))
-            assert events[-1] == ("named", last_block().name)
-        folder = os.stat(".").st_ino
-        store.finish()
-        at = events.index(("named", "out.h5"))
-        assert events[at + 1][:2] == ("sync", folder)
-        kinds = ["named", "sync", *["removed"] * 6, "sync", "removed"]
-        assert [event[0] for event in events[at + 2 :]] == kinds
-        # The schema gets the name of a draft first, and goes last.
-        assert events[at + 2][1] == events[-1][1] and "schema.h5" in events[-1][1]
-
-
-def test_a_schema_that_cannot_be_looked_at_fails_the_end_of_a_run(folder, monkeypatch):
-    """It is no refusal: the work is done, and what is kept can be resumed."""
-    with begun("out.h5", schema()) as (store, pending):
-        for block in pending:
-            store.write(block, block_results(block))
-        stat = os.stat
-
-        def denied(path, *args, **kwargs):
-            if str(path).endswith("schema.h5"):
-                raise PermissionError(13, "Permission denied", str(path))
-            return stat(path, *args, **kwargs)
-
-        monkeypatch.setattr(os, "stat", denied)
-        with pytest.raises(Failed, match="Permission denied"):
-            store.finish()
-        monkeypatch.undo()
-    fill_blocks("out.h5", resume=True)
-    assert open_sweep("out.h5")["status"].size == 12
 
 
 def test_the_schema_of_an_incomplete_sweep_has_no_duration(folder):
