@@ -182,6 +182,29 @@ def test_copied_periods_have_the_extremes_of_computed_ones(rule, integrator, tra
     assert (whole["x_max"] >= whole["poincare_x"].max(axis=1))[ok].all()
 
 
+@pytest.mark.parametrize("h", [0.003, 0.03, 1.5])
+def test_a_free_motion_is_watched_until_nothing_can_widen_its_reach(h):
+    """Also near resonance, where it rises for long, and where it meets its stop late."""
+    points = Oscillator(h=h, R=0.7, omega=1.0, f=1.0).at().repeat(60)
+    points["omega"] = np.linspace(0.7, 1.6, 60)
+    points["clearance"] = np.resize([0.8, 1.2, 3.0], 60) / (abs(1.0 - points["omega"]) + h)
+    points["x0"] = np.resize([-0.3, 0.0, 0.2, -2.0], 60)
+    n, periods = default_steps(points, "exact"), 40
+    whole = integrate(points, transient=0, periods=periods, extremes=True, steps_per_period=n)
+    free = whole["impacts_per_period"] == 0.0
+    assert free.sum() > 10
+    assert (~free).any() or h > 1.0
+    pieces = []
+    for k in range(periods):
+        piece = integrate(points, transient=0, periods=1, at_section=k > 0, extremes=True,
+                          steps_per_period=n)  # fmt: skip
+        points["x0"], points["v0"] = piece["poincare_x"][:, 0], piece["poincare_v"][:, 0]
+        pieces.append(piece)
+    for name, extreme in zip(NAMES, (np.minimum, np.maximum), strict=True):
+        values = extreme.reduce([piece[name] for piece in pieces])
+        np.testing.assert_array_equal(whole[name], values, err_msg=name)
+
+
 @METHODS
 def test_blocks_and_threads_change_no_bit(rule, integrator):
     points = mixed_points(70, 9)

@@ -65,6 +65,10 @@ _FACTORS = _rows.take(3)  # of the remainder bound
 # The flight: its state at the start, sine and cosine of the phase there, and this phase since the
 # start of the step.
 Y_0, W_0, S_0, C_0, BEGIN = (_rows.take() for _ in range(5))
+S_T, C_T = (
+    _rows.take(),
+    _rows.take(),
+)  #: Sine and cosine at the end of the step, for turning points.
 # The state at the end of the step, without and with the impact.
 Y_T, W_T = _rows.take(), _rows.take()
 Y_1, W_1 = _rows.take(), _rows.take()
@@ -215,25 +219,19 @@ def bound_flights(c, vectors, phase_step):
 
 
 @jit
-def find_turns(c, vectors, waves, phase_step):
-    """Find the turning points of `vectors` vectors of whole steps, as ``widen_by_flight`` does.
-
-    `waves` holds sine and cosine of the phase at the start of the step, and at its end.
-    """
+def find_turns(c, vectors, phase_step):
+    """Find the turning points of `vectors` vectors of whole steps, as ``widen_by_flight`` does."""
     widest_vectors()
     count = VECTOR * vectors
-    wave, end_wave = waves
     for j in range(count):
-        f, y, w = _FACTORS + j, c[Y_0 + j], c[W_0 + j]
-        c[S_0 + j], c[C_0 + j], c[BEGIN + j] = wave[0], wave[1], 0.0
-        c[BOUND + j] = remainder_bound((c[f], c[f + COLUMN_ROW], c[f + 2 * COLUMN_ROW]), y, w)
+        y, w = c[Y_0 + j], c[W_0 + j]
         n, turns, sure = guess_turn(y, w, c[Y_T + j], c[W_T + j], phase_step, c[BOUND + j])
         c[_NONE + j] = select(sure, select(turns, 0.0, 1.0), math.nan)
         late = late_from(n * phase_step, phase_step, phase_step)
         c[_LATE + j], c[_T + j] = late, n * phase_step - late * phase_step
     for j in range(count):
         eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
-        flight, free = flight_in(c, j), _free_end_in(c, j)
+        flight, free, end_wave = flight_in(c, j), _free_end_in(c, j), (c[S_T + j], c[C_T + j])
         _put_series(c, j, expand_near(eq, flight, free, end_wave, c[_LATE + j]))
     for j in range(count):
         c[_T + j], c[_VALUES + j] = approach_turn(_series_in(c, j), c[_T + j], phase_step)

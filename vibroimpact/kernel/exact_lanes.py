@@ -14,6 +14,7 @@ from vibroimpact.kernel.exact_impacts import (
     BOUND,
     COLUMN_COEFFICIENTS,
     COLUMN_ROW,
+    FLOOR,
     PROVED,
     TANGENT_0,
     TANGENT_1,
@@ -28,7 +29,12 @@ from vibroimpact.kernel.exact_impacts import (
     flight_in,
     follow_flights,
 )
-from vibroimpact.kernel.extremes import turn_lanes, widen_by_column
+from vibroimpact.kernel.extremes import (
+    stop_watching,
+    widen_by_column,
+    widen_by_lane,
+    widen_by_turns,
+)
 from vibroimpact.kernel.record import list_impact, record_step
 from vibroimpact.kernel.tangents import CHECKED_EVERY, normalise_lanes, propagate_all_tangents
 from vibroimpact.kernel.workspace import (
@@ -37,13 +43,13 @@ from vibroimpact.kernel.workspace import (
     COEFFICIENTS,
     COEFFICIENTS_SIZE,
     COLUMNS,
-    EXCESS,
     FORCING,
     GUARD,
     KEPT,
     LANES,
     LEAST,
     LEVEL,
+    LISTED,
     MOST,
     OMEGA,
     PERIOD,
@@ -56,7 +62,6 @@ from vibroimpact.kernel.workspace import (
     VELOCITY,
     W,
     Y,
-    any_is_recorded,
     list_lanes,
     propagator_in,
     put_tangent,
@@ -67,7 +72,7 @@ from vibroimpact.kernel.workspace import (
 )
 from vibroimpact.step.contact import SIDE_BY_SIDE
 from vibroimpact.step.exact_step import exact_step
-from vibroimpact.step.impact import FIRST, FREE, ONLY
+from vibroimpact.step.impact import FIRST, FREE, NOTHING, ONLY
 from vibroimpact.step.propagator import (
     Forcing,
     coefficients_of,
@@ -136,7 +141,7 @@ def _propagate(lanes, size, added, phase_step, n, watching):
             propagator_in(lanes, i), y, w, (added[0, i], added[1, i]), phase_step
         )
         if watching:
-            lanes[EXCESS + i] = max(lanes[LEAST + i] - floor, guard - lanes[MOST + i])
+            lanes[LISTED + i] = max(guard - lanes[MOST + i], lanes[LEAST + i] - floor)
         lanes[GUARD + i] = guard
         lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
 
@@ -153,13 +158,13 @@ def propagate_lanes(lanes, size, added, phase_step, n):
 
 @jit
 def watch_lanes(lanes, size, added, phase_step, n):
-    """As ``propagate_lanes``, with the EXCESS of the lanes."""
+    """As ``propagate_lanes``, with what is LISTED of the lanes."""
     widest_vectors()
     _propagate(lanes, size, added, phase_step, n, True)
 
 
 @jit
-def end_flights(batch, lo, count, grid, n, carrying, last, turning):
+def end_flights(batch, lo, count, grid, n, carrying, last, watching):
     """List the impacts that end the flights of these columns, and end or go on with their steps.
 
     Return the number of flights that begin now, with rebounds, in the first columns; their lanes
@@ -175,8 +180,11 @@ def end_flights(batch, lo, count, grid, n, carrying, last, turning):
         if (proved == ONLY or proved == FIRST) and lanes[PERIOD + i] >= 0.0:
             ring, speed = record.impacts[workspace.rows[i]], c[W_I + j] * lanes[OMEGA + i]
             list_impact(ring, workspace.sums[i], theta + c[AT + j], speed)
-        if turning is not None:
-            widen_by_column(workspace, i, j, grid, n)
+            lanes[MOST + i] = 0.0
+        if watching is not None and watching and proved != NOTHING:
+            higher = proved == FREE and lanes[MOST + i] < 0.0
+            if higher or c[FLOOR + j] < lanes[LEAST + i]:
+                widen_by_column(workspace, i, j, grid, n)
         ended = proved == ONLY or (proved == FREE and c[BEGIN + j] > 0.0)
         if carrying is not None and carrying and ended:
             tangent = tangent_in(c, TANGENT_1 + j, COLUMN_ROW)
@@ -193,12 +201,12 @@ def end_flights(batch, lo, count, grid, n, carrying, last, turning):
                 begun += 1
                 continue
             j = begun
-        resolve_exact_lane(batch, i, j, grid, n, carrying, turning)
+        resolve_exact_lane(batch, i, j, grid, n, carrying, watching)
     return begun
 
 
 @jit
-def resolve_exact_lane(batch, i, j, grid, n, carrying, turning):
+def resolve_exact_lane(batch, i, j, grid, n, carrying, watching):
     """Take lane `i` from the start of the flight in column `j` to the end of step `n`, alone."""
     workspace, record, _ = batch
     lanes, c, scratch = workspace.lanes, workspace.columns, workspace.scratch
@@ -218,7 +226,7 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying, turning):
         ring = record.impacts[workspace.rows[i]]
         record_step(scratch.events, n_events, rested / pt.omega, theta, pt, ring, sums)
         sums.near_grazes += grazes
-        if turning is not None:
+        if watching is not None:
             lanes[LEAST + i], lanes[MOST + i] = widen_by_events(
                 eq, flight_in(c, j), was_resting, (y, w), (0, n_events), theta, c[BOUND + j],
                 phase_step, pt, scratch, (lanes[LEAST + i], lanes[MOST + i]),
@@ -232,7 +240,7 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying, turning):
 
 
 @jit
-def take_flights(batch, lo, count, grid, n, carrying, turning):
+def take_flights(batch, lo, count, grid, n, carrying, watching):
     """Take `count` listed lanes, from index `lo` on, over step `n`, flight after flight."""
     workspace, table = batch.workspace, grid.table
     c, phase_step = workspace.columns, grid.phase_step
@@ -243,21 +251,26 @@ def take_flights(batch, lo, count, grid, n, carrying, turning):
         follow_flights(c, vectors, (wave, end_wave), phase_step, k > 0)
         if carrying is not None and carrying:
             carry_columns(c, vectors, wave)
-        if turning is not None:
+        if watching is not None and watching:
             bound_flights(c, vectors, phase_step)
-        count = end_flights(batch, lo, count, grid, n, carrying, k + 1 == SIDE_BY_SIDE, turning)
+        count = end_flights(batch, lo, count, grid, n, carrying, k + 1 == SIDE_BY_SIDE, watching)
         if count == 0:
             break
 
 
 @jit
-def list_awake(workspace, size, theta, n):
-    """List the lanes that may have met the stop; those that rest until after `theta` stay there."""
+def list_awake(workspace, size, grid, n, row, watching):
+    """List the lanes that may have met the stop, of those that `row` lists.
+
+    Those that rest until after the step stay there; the others may widen their reach.
+    """
     lanes, met, new_row = workspace.lanes, workspace.met, (~n & 1) * ROW
-    awake = 0
-    for j in range(list_lanes(lanes, GUARD, met, size)):
+    awake, theta = 0, grid.table[THETA, n] + grid.phase_step
+    for j in range(list_lanes(lanes, row, met, size)):
         i = met[j] & (LANES - 1)
-        if sleeps_until(lanes, i, theta):
+        if watching is not None and lanes[GUARD + i] < 0.0:
+            widen_by_lane(workspace, i, grid, n)
+        elif sleeps_until(lanes, i, theta):
             lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
             lanes[SLEPT + i] += 1.0
         else:
@@ -267,29 +280,26 @@ def list_awake(workspace, size, theta, n):
 
 
 @jit
-def take_exact_steps(batch, grid, carrying, turning):
+def take_exact_steps(batch, grid, carrying, watching):
     """Take all lanes over the steps of `grid`.
 
     `carrying` says whether tangent vectors are carried now, and is None without exponents;
-    `turning` is None, or a list of lanes, if the extremes of the motions are asked for.
+    `watching` says whether the reach of any lane is watched, and is None without extremes.
     """
     workspace, _, size = batch
     lanes = workspace.lanes
-    watching = any_is_recorded(lanes, size)
     for n in range(grid.size):
-        added = workspace.added[place_of_added(workspace, grid, n)]
-        if turning is None:
-            propagate_lanes(lanes, size, added, grid.phase_step, n)
-        elif watching:
+        added, row = workspace.added[place_of_added(workspace, grid, n)], GUARD
+        if watching is not None and watching:
             watch_lanes(lanes, size, added, grid.phase_step, n)
-            turn_lanes(workspace, size, grid, n)
+            row = LISTED
         else:
             propagate_lanes(lanes, size, added, grid.phase_step, n)
-        listed = list_awake(workspace, size, grid.table[THETA, n] + grid.phase_step, n)
+        listed = list_awake(workspace, size, grid, n, row, watching)
         if carrying is not None and carrying:
             propagate_all_tangents(lanes, size, n)
         for lo in range(0, listed, COLUMNS):
-            take_flights(batch, lo, min(COLUMNS, listed - lo), grid, n, carrying, turning)
+            take_flights(batch, lo, min(COLUMNS, listed - lo), grid, n, carrying, watching)
         due = (n + 1) % CHECKED_EVERY == 0 or n + 1 == grid.size
         if carrying is not None and carrying and due:
             normalise_lanes(batch, n + 1)
@@ -297,6 +307,9 @@ def take_exact_steps(batch, grid, carrying, turning):
         for a in range(0, GUARD, 2 * ROW):  # the next step has number 0
             for i in range(a, a + LANES):
                 lanes[i] = lanes[i + ROW]
+    if watching is not None and watching:
+        widen_by_turns(workspace, grid.phase_step)
+        stop_watching(batch, grid)
 
 
 @jit

@@ -53,7 +53,7 @@ from vibroimpact.kernel.workspace import (
 from vibroimpact.step.contact import RELEASE_MARGIN, time_to_release
 from vibroimpact.step.scheme import THETA
 from vibroimpact.step.stepper import first_section
-from vibroimpact.step.turning_points import EVERYTHING, reach_of_x
+from vibroimpact.step.turning_points import reach_of_x
 
 
 @specialised
@@ -79,7 +79,7 @@ def fill_lane(workspace, job, i, exactly):
     lanes[PERIOD + i], lanes[DUE + i] = -job.transient, 1 - job.transient
     # The start is not marked: after a lead-in it is not rounded, as sections are.
     lanes[MARK_X + i] = math.nan
-    lanes[LEAST + i], lanes[MOST + i] = EVERYTHING
+    lanes[LEAST + i], lanes[MOST + i] = -math.inf, 0.0 if exactly else math.inf
     if job.transient == 0:
         x = lanes[POSITION + i] + (pt.clearance if exactly else 0.0)
         if pt.phase == grid.table[THETA, 0]:
@@ -251,8 +251,10 @@ def close_lane(workspace, job, i, exactly, plain, exponents):
         least, most = lanes[LEAST + i], lanes[MOST + i]
         if not exactly and most == math.inf:
             most = lanes[GREATEST + i]
+        if least == -math.inf:  # not watched any more
+            least, most = math.inf, -math.inf
         reach[0], reach[1] = reach_of_x(
-            (least, most), reach[0], last, lanes[CLEARANCE + i], exactly
+            (least, most), min(reach[0], last), max(reach[1], last), lanes[CLEARANCE + i], exactly
         )
     put_in_order(job.record.impacts[row], sums.listed)
     job.record.sums[row] = sums

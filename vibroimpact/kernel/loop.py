@@ -13,7 +13,15 @@ from vibroimpact.kernel.lane import (
     move_lane,
 )
 from vibroimpact.kernel.strides import take_strides
-from vibroimpact.kernel.workspace import GUARD, PERIOD, ROW, Batch, any_is_recorded, list_lanes
+from vibroimpact.kernel.workspace import (
+    GUARD,
+    PERIOD,
+    ROW,
+    Batch,
+    any_is_recorded,
+    any_is_watched,
+    list_lanes,
+)
 
 
 @specialised
@@ -31,11 +39,12 @@ def run_lanes(workspace, job, fill, exactly, plain, exponents, turning):
     while size > 0 and not is_set(job.interrupt):
         batch = Batch(workspace, record, size)
         if exactly:
+            carrying = watching = None
             if exponents:
                 carrying = job.lyapunov and any_is_recorded(lanes, size)
-                take_exact_steps(batch, grid, carrying, turning)
-            else:
-                take_exact_steps(batch, grid, None, turning)
+            if turning is not None:
+                watching = any_is_watched(lanes, size)
+            take_exact_steps(batch, grid, carrying, watching)
             round_states(lanes, size)
         else:
             take_strides(batch, method, plain, grid, turning)
@@ -65,7 +74,13 @@ def run_exact_with_exponents(workspace, job):
 
 @jit
 def run_exact_with_extremes(workspace, job):
-    """Run the lanes of a thread with the rule ``exact``; find extremes, and exponents if asked."""
+    """Run the lanes of a thread with the rule ``exact``, and find their extremes."""
+    run_lanes(workspace, job, fill_exact_lane, True, False, False, workspace.turning)
+
+
+@jit
+def run_exact_with_both(workspace, job):
+    """Run the lanes of a thread with the rule ``exact``, with exponents and extremes."""
     run_lanes(workspace, job, fill_exact_lane, True, False, True, workspace.turning)
 
 

@@ -34,6 +34,7 @@ from vibroimpact.jit import claim, compiled, is_set, jit, on_threads, specialise
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
 from vibroimpact.kernel.loop import (
     run_exact,
+    run_exact_with_both,
     run_exact_with_exponents,
     run_exact_with_extremes,
     run_plain,
@@ -43,7 +44,7 @@ from vibroimpact.kernel.loop import (
 )
 from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.reduced_step_impacts import REDUCED_STEP_COLUMNS
-from vibroimpact.kernel.workspace import KEPT, LANES, LANES_SIZE, ROW, VECTOR, Workspace
+from vibroimpact.kernel.workspace import COLUMNS, KEPT, LANES, LANES_SIZE, ROW, VECTOR, Workspace
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.contact import new_scratch
 from vibroimpact.step.scheme import EXACT, PLAIN, PhaseGrid, Scheme
@@ -102,8 +103,9 @@ def new_workspace(columns: int) -> Workspace:
     return Workspace(
         lanes=aligned(LANES_SIZE),
         met=np.zeros(LANES, np.int64),
-        turning=np.zeros(LANES, np.int64),
         columns=aligned(columns),
+        turning=np.zeros(COLUMNS + 1, np.int64),
+        turns=aligned(columns),
         added=aligned(2 * KEPT * ROW).reshape((KEPT, 2, ROW)),
         scratch=new_scratch.py_func(),  # compiled code calls it, too
         rows=np.zeros(LANES, np.int64),
@@ -127,9 +129,9 @@ def run_on_threads(threads: int, job: KernelJob) -> None:
     To start a thread takes longer than a few lanes.
     """
     loops, columns = _LOOPS.get(job.scheme.method[0], _SHORTENED)
+    if job.lyapunov:
+        loops = run_exact_with_exponents, run_exact_with_both
     loop = loops[job.record.reach.size > 0]
-    if loop is run_exact and job.lyapunov:
-        loop = run_exact_with_exponents
     work = compiled(loop, new_workspace(columns), job)
     threads = min(threads, max(1, -(-job.points.size // job.lanes)))
     on_threads(threads, job.interrupt, lambda: work(new_workspace(columns), job))

@@ -76,8 +76,11 @@ MARK_LEVEL = _rows.take()
 MARK_PERIOD = _rows.take()
 # For the extremes.
 LEAST, MOST = _rows.take(), _rows.take()  #: The reach of the motion, see ``turning_points.py``.
-EXCESS = _rows.take()  #: Not negative if a step may widen the reach.
+LISTED = _rows.take()  #: Not negative if GUARD is not, or if a step may widen the reach.
 THIRD = _rows.take()  #: A third of the step T.
+#: The free oscillation: its state at the section, its least and greatest y with a margin for
+#: rounding, and (omega / p)^2.
+STEADY = _rows.take(5)
 #: The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers of
 #: one lane are contiguous.
 COEFFICIENTS = _rows.size
@@ -96,8 +99,10 @@ class Workspace(NamedTuple):
 
     lanes: np.ndarray  #: The rows of the lanes.
     met: np.ndarray  #: The list of lanes whose GUARD is not negative.
-    turning: np.ndarray  #: The list of lanes whose EXCESS is not negative.
     columns: np.ndarray  #: The rows of the columns, each a copy of a listed lane.
+    #: The lanes of steps that may turn, whose turning points are found together, and their number.
+    turning: np.ndarray
+    turns: np.ndarray  #: The rows of columns for these steps.
     #: With exact impacts, what each step adds to y and w of each lane: shape (KEPT, 2, ROW).
     added: np.ndarray
     scratch: Scratch
@@ -164,6 +169,15 @@ def any_is_recorded(lanes, size):
     """Whether any of the first lanes is in its record."""
     for i in range(size):
         if lanes[PERIOD + i] >= 0.0:
+            return True
+    return False
+
+
+@jit
+def any_is_watched(lanes, size):
+    """Whether the reach of any of the first lanes is watched."""
+    for i in range(size):
+        if lanes[LEAST + i] > -math.inf:
             return True
     return False
 

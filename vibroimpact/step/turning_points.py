@@ -104,12 +104,22 @@ def guess_turn(y_0, w_0, y_1, w_1, t, bound):
     M = fma(3.0, y_1 - y_0, -(A + B))
     least, most = min(M - A, B - M), max(M - A, B - M)
     bent = (least > 3.0 * bound) | (most < -3.0 * bound)
-    rises = min(min(A, M), B) > 0.6 * bound
-    falls = max(max(A, M), B) < -0.6 * bound
     inverse = 1.0 / abs(A)
     q, p = np.float32(select(A < 0.0, M, -M) * inverse), np.float32(abs(B) * inverse)
     n = np.float32(1.0) / (np.float32(1.0) + q + np.sqrt(q * q + p))
-    return np.float64(n), bent & (min(A, B) < 0.0) & (max(A, B) > 0.0), bent | rises | falls
+    return (
+        np.float64(n),
+        bent & (min(A, B) < 0.0) & (max(A, B) > 0.0),
+        bent | goes_one_way(y_0, w_0, y_1, w_1, t, bound),
+    )
+
+
+@inlined
+def goes_one_way(y_0, w_0, y_1, w_1, t, bound):
+    """Whether ``guess_turn`` finds that a flight in the time `t` does not turn."""
+    A, B = w_0 * t, w_1 * t
+    M = fma(3.0, y_1 - y_0, -(A + B))
+    return max(min(min(A, M), B), -max(max(A, M), B)) > 0.6 * bound
 
 
 @inlined
