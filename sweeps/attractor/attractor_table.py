@@ -106,7 +106,7 @@ def attractor_rows(sweep: OpenedSweep, result: xr.Dataset) -> list[AttractorRow]
     swept = sweep.values(parameter_axes(sweep))
     points["x0"], points["v0"] = frame["section_x"], frame["section_v"]
     m = np.where(frame["motion"] == Regime.PERIODIC, frame["m"], 0)
-    orbits = orbits_of(sweep.config.sweep.spec, points, m, frame["q"].values)
+    orbits = orbits_of(sweep.spec, points, m, frame["q"].values)
     added = [name for name in map(str, columns) if name not in ATTRACTOR_COLUMNS]
     measures = {name: frame[name].tolist() for name in added}
     return [
@@ -202,7 +202,7 @@ def attractor_report(
         root = "" if "p" in sweep.nomenclature.parameters else ", p = sqrt(stiffness / mass)"
         lines.append(
             f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = "
-            f"{sweep.config.record.phase:g}; >=: the window's edge decided"
+            f"{sweep.spec.phase:g}; >=: the window's edge decided"
         )
     return "\n".join(lines)
 

@@ -81,7 +81,7 @@ def integrity(sweep: OpenedSweep) -> xr.Dataset:
 
 def with_measures(sweep: OpenedSweep, result: xr.Dataset) -> xr.Dataset:
     """Return the attractors found in a sweep with their measures."""
-    config = sweep.config
+    spec = sweep.spec
     starts = result["attractor"].sortby(["x0", "v0"]).transpose(..., "x0", "v0")
     x, v = starts["x0"].values, starts["v0"].values
     grid = (-1, result.sizes["coexisting"])
@@ -90,9 +90,9 @@ def with_measures(sweep: OpenedSweep, result: xr.Dataset) -> xr.Dataset:
     state = (result[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
     points = sweep.isel({"x0": 0, "v0": 0}).points[at[0]]
     points["x0"], points["v0"] = state
-    periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if m is not known
+    periods = np.where(m[at] > 0, m[at], spec.periods)  # a record if m is not known
     longest = int(periods.max(initial=1))
-    sections, _ = run_on(config.sweep.spec, points, longest)
+    sections, _ = run_on(spec, points, longest)
     measures = np.full((len(_BASIN_MEASURES), *number.shape), np.nan)
     for n, (i, k) in enumerate(zip(*at, strict=True)):
         basin = starts.values.reshape(-1, len(x), len(v))[i] == number[i, k]
@@ -148,17 +148,16 @@ def _widened(values: np.ndarray) -> np.ndarray:
 
 def refuse_unfit(sweep: OpenedSweep) -> None:
     """Refuse a sweep whose starts are not a regular window at the phase of its section."""
-    axes, config = sweep.axes, sweep.config
+    axes, spec = sweep.axes, sweep.spec
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"integrity needs x0 and v0 as axes; the file has {listed(axes) or 'none'}")
-    if config.follow is not None:
+    if spec.followed is not None:
         raise Refused("integrity needs starts at every point: run the sweep again without follow")
     if "phase" in axes:
         raise Refused(
-            "integrity needs starts at one phase; fix phase at that of the section, "
-            f"{config.record.phase:g}"
+            f"integrity needs starts at one phase; fix phase at that of the section, {spec.phase:g}"
         )
-    start, section = float(sweep["phase"]), config.record.phase
+    start, section = float(sweep["phase"]), spec.phase
     if section != start:
         raise Refused(
             f"the starts are at omega t = {start:g}, and the section is at {section:g}: run the "

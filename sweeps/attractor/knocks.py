@@ -113,7 +113,7 @@ def knocks(
     >>> sweeps.knocks(ds)["knock_harmful"].values.round(4)
     array([-0.3047,  0.2723])
     """
-    if starts.config.method.impact != "exact" or set(starts.grid) != {"x0", "v0"}:
+    if starts.spec.impact != "exact" or set(starts.grid) != {"x0", "v0"}:
         raise Refused("a knock needs the impact rule exact, and a sweep cut at one parameter point")
     found = attractors(starts) if found is None else found
     motions, limit = _Motions(starts, found), float(np.ptp(starts["v0"].values))
@@ -135,8 +135,8 @@ class _Motions:
     """The attractors at a parameter point, and the knocks that lead from one to another."""
 
     def __init__(self, starts: OpenedSweep, result: xr.Dataset) -> None:
-        self._oscillator, config = starts.oscillator, starts.config
-        self._spec, self._phase = config.sweep.spec, config.record.phase
+        self._oscillator, self._spec = starts.oscillator, starts.spec
+        self._phase = self._spec.phase
         self.orbits: dict[int, PeriodicOrbit] = {}
         self._cycles: dict[int, np.ndarray] = {}  # their states at the section
         self._of_regime = dict(zip(result["motion"].values, result["number"].values, strict=True))

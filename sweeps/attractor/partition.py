@@ -178,7 +178,7 @@ def attractors(
                 f"the file has no {name}, by which attractors are told apart: run the sweep again "
                 f"with {sweep.diagnostics_with('period')}"
             )
-    spec = sweep.config.sweep.spec
+    spec = sweep.spec
     index, motions = GridIndex.of(sweep), sweep.motions.ravel()
     followed = on_its_way(motions["regime"], sweep["orbit_distance"].values.ravel())
     followed |= motions["m"] > sweep.sizes["section"]

@@ -64,7 +64,7 @@ def settle(
     going = np.flatnonzero((regime == Regime.UNKNOWN) | _rested_once(regime, rests) | chaotic)
     first = int(sweep["section"].values[0]) if "section" in sweep else 1
     length = first - 1 + sweep.sizes["section"]
-    done, planned, spec = 0, 3 * length * going.size, sweep.config.sweep.spec
+    done, planned, spec = 0, 3 * length * going.size, sweep.spec
     chaos_ends = np.zeros_like(continued)
     for i in range(extensions):
         if not going.size or planned > MOST_CONTINUED:

@@ -109,7 +109,7 @@ def branches(
     """
     (axis,) = sweep.chosen_axes([axis] if axis else [], at, 1, "branch")
     lines = [line.motions for line in lines_of(sweep, axis, at)]
-    name, phase = sweep.nomenclature.parameter(axis), sweep.config.record.phase
+    name, phase = sweep.nomenclature.parameter(axis), sweep.spec.phase
     found = branches_of(lines, name, phase, report, classes=classes, most=most)
     found.attrs["chosen"] = int(bool(classes) or most != MOST_BRANCHES)
     return sweep.orbits_on_axes(found)

@@ -360,7 +360,7 @@ def curves(
         check_axis(axis, sweep[axis].values, "the map")
     sweep.check_diagnostic("period")
     cut = sweep.cut(at, free=[across, up]).sortby([across, up]).transpose(across, up)
-    phase = cut.config.record.phase
+    phase = cut.spec.phase
     names = [cut.nomenclature.parameter(axis) for axis in (across, up)]
     values = [cut[name].values for name in names]
     search = CurveSearch(cut.motions, names, values, phase, classes, kinds or CURVE_KINDS)

@@ -59,7 +59,7 @@ def integrity_command(file: SweepFile, at: At = None, csv: Csv = None, json: Jso
 
     def find(part: OpenedSweep) -> xr.Dataset:
         result = integrity(part)
-        alone = not result["attractors"].ndim and part.config.method.impact == "exact"
+        alone = not result["attractors"].ndim and part.spec.impact == "exact"
         return with_cache(knocks, notes.append, "least knocks")(part, result) if alone else result
 
     _show_attractors(file, at, csv, json, "measuring the integrity of attractors", find)

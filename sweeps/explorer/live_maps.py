@@ -122,7 +122,7 @@ class Filling:
             named = [row for row in table if row.regime in (Regime.PERIODIC, Regime.REST)]
             names = {row.number: row.name for row in named}
             looks = Looks.of_rows(table)
-            cells = basin_cells(table, classes, looks, self.config)
+            cells = basin_cells(table, classes, looks, self.config.nomenclature)
             for i, row in enumerate(looks.split(table)[0]):
                 if self._done == self._order.size and row.regime in COUNTED:
                     disc, said = self._disc(cells[i].where)

@@ -89,7 +89,7 @@ def motion_at(view: View) -> Drawn:
             refuse_unrecorded(status, "poincare_x")
         periods = min(periods_shown(m), _MOST) if m else _UNREPEATED
         oscillator, begun = oscillator_of(points[0]), float(points["phase"][0])
-        drawn = continued(oscillator, config, states, periods, begun)
+        drawn = continued(oscillator, config.sweep.spec, states, periods, begun)
     except Refused as error:
         return Drawn(f"{text}; {error}", *nothing)
     start = np.array([[drawn.rows[0, 0]], [0.0], [0.0]])

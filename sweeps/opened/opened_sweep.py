@@ -35,6 +35,7 @@ from vibroimpact.points.regimes import (
     repetitions,
     shown_in_part,
 )
+from vibroimpact.points.run_spec import RunSpec
 
 #: Axes along which only the start or the past differs, not the oscillator.
 START_AXES = (*STARTS, DIRECTION)
@@ -107,9 +108,15 @@ class OpenedSweep:
         return _parsed(text) if not table else stored_config(text, *_SOURCE, table)
 
     @property
+    def spec(self) -> RunSpec:
+        """What was computed of every point."""
+        return self.config.sweep.spec
+
+    @property
     def nomenclature(self) -> Nomenclature:
         """The names, units and numbers of the axes."""
-        return self.config.nomenclature if self.in_rig else Nomenclature()
+        seen = self.config.nomenclature
+        return seen if self.in_rig else replace(seen, rig=None)
 
     def values(self, names: Iterable[str]) -> dict[str, np.ndarray]:
         """Return parameters, swept or not, and those results that are recorded, at every point.
@@ -159,12 +166,12 @@ class OpenedSweep:
     def shows_part(self) -> np.ndarray:
         """The mask of the points of which less than a repetition of impacts was kept."""
         results = self.values(("impacts_per_period", "period", "period_impacts"))
-        return shown_in_part(results, self.config.record.periods, self.sizes["impact"])
+        return shown_in_part(results, self.spec.periods, self.sizes["impact"])
 
     @property
     def impacts_left_out(self) -> str:
         """How many impacts of the record were kept at most, in words; empty if all were."""
-        met = impacts_met(self["impacts_per_period"].values, self.config.record.periods)
+        met = impacts_met(self["impacts_per_period"].values, self.spec.periods)
         kept, most = self.sizes["impact"], int(met.max(initial=0))
         several = "up to " if self["status"].size > 1 else ""
         return f"last {kept:,} of {several}{shown_count(most, 'impact')}" if most > kept else ""
@@ -186,7 +193,7 @@ class OpenedSweep:
             name: values.reshape(len(self.points), *values.shape[len(self.shape) :])
             for name, values in self.recorded_motions.items()
         }
-        return motions_from(self.config.sweep.spec, self.points, results).reshape(self.shape)
+        return motions_from(self.spec, self.points, results).reshape(self.shape)
 
     # Cuts
 

@@ -9,12 +9,12 @@ from typing import Self
 
 import numpy as np
 
-from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import recorded, refuse_unrecorded
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.store.variables import DIRECTION
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.trajectory import exact_samples, simulate
 
 #: The variables of a recorded trajectory.
@@ -44,7 +44,7 @@ class PointMotion:
     def of(
         cls,
         oscillator: Oscillator,
-        config: SweepConfig,
+        spec: RunSpec,
         parts: Iterable[np.ndarray],
         periods: int,
         most: int,
@@ -63,7 +63,7 @@ class PointMotion:
             last_chosen, gap = bool(chosen[-1]), bool(left_out[-1])
             rows = np.where(left_out, np.nan, rows)
             kept.append(rows[:, ~left_out | first_left_out])
-        is_exact = config.method.integrator == "exact"
+        is_exact = spec.integrator == "exact"
         rows = np.concatenate(kept, axis=1)
         return cls(oscillator, is_exact, rows, depth, periods, begun, turns)
 
@@ -90,12 +90,12 @@ def recorded_motion(
     sweep: OpenedSweep, at: Selection | None, most: int = MOST_DRAWN
 ) -> PointMotion:
     """Return at most so many periods of the trajectory of a point; refuse a point without one."""
-    point, config = sweep.cut(at), sweep.config
+    point, spec = sweep.cut(at), sweep.spec
     parts = _recorded_parts(point)
     if (first := next(parts, None)) is None:
         refuse_unrecorded(point["status"].item(), RECORDED[0])
-    whole, periods = chain([first], parts), config.record.periods
-    return PointMotion.of(point.oscillator, config, whole, periods, most, _begun(point))
+    whole, periods = chain([first], parts), spec.periods
+    return PointMotion.of(point.oscillator, spec, whole, periods, most, _begun(point))
 
 
 def _begun(point: OpenedSweep) -> float:
@@ -104,13 +104,13 @@ def _begun(point: OpenedSweep) -> float:
     A point of a followed sweep begins at the start only if it is the first of its chain. After a
     point that failed the next one does, too, but a point does not know its neighbours.
     """
-    config = point.config
-    if (follow := config.follow) is not None:
-        values = config.sweep.grid.swept[follow.axis]
-        way = point[DIRECTION].item() if DIRECTION in point else follow.direction
+    spec = point.spec
+    if spec.followed is not None:
+        values = point.config.sweep.grid.swept[spec.followed]
+        way = point[DIRECTION].item() if DIRECTION in point else spec.directions[0]
         first = values.min() if way == "up" else values.max()
-        if values[np.argmin(np.abs(values - float(point[follow.axis])))] != first:
-            return config.record.phase
+        if values[np.argmin(np.abs(values - float(point[spec.followed])))] != first:
+            return spec.phase
     return float(point["phase"])
 
 
@@ -129,13 +129,12 @@ def continued_motion(
 ) -> PointMotion:
     """Compute the motion that follows the last recorded state at the section of a point."""
     point, states = recorded(sweep, ("poincare_x", "poincare_v"), at)
-    config, begun = sweep.config, _begun(point)
-    return continued(point.oscillator, config, states, periods, begun, most)
+    return continued(point.oscillator, sweep.spec, states, periods, _begun(point), most)
 
 
 def continued(
     oscillator: Oscillator,
-    config: SweepConfig,
+    spec: RunSpec,
     states: Sequence[np.ndarray],
     periods: int,
     begun: float,
@@ -147,7 +146,7 @@ def continued(
     the last state that is not beyond it is used. Raises Refused if there is no such state, or if
     the motion cannot be computed.
     """
-    (x, v), spec = states, config.sweep.spec
+    x, v = states
     allowed = np.flatnonzero(x <= oscillator.clearance)
     if not len(allowed):
         raise Refused("every recorded state of the section is beyond the stop at this point")
@@ -170,4 +169,4 @@ def continued(
     turns = spec.transient + last + 1
     turns += begun > spec.phase  # it passes the section after 2 pi
     rows = np.stack([motion.t, motion.x, motion.v])
-    return PointMotion.of(oscillator, config, [rows], periods, most, begun, turns)
+    return PointMotion.of(oscillator, spec, [rows], periods, most, begun, turns)

@@ -25,7 +25,6 @@ from sweeps.attractor.attractor_table import (
 )
 from sweeps.attractor.partition import attractors
 from sweeps.config.groups import STARTS
-from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, records
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
@@ -33,6 +32,7 @@ from sweeps.plotting import canvas
 from sweeps.plotting.contents import choose_coordinate, refuse_empty, refuse_without_result
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
+    Names,
     as_variable,
     basins_title,
     equation,
@@ -88,9 +88,9 @@ def basins(
     result, looks = attractors_in(starts, sweep, page.grey)
     table, numbers = attractor_rows(starts, result), reached(result, *plane)
     drawn = over_starts(starts, *plane)
-    cells = basin_cells(table, numbers, looks, sweep.config)
+    cells = basin_cells(table, numbers, looks, sweep)
     handles = _draw_basins(panel, page, drawn, table, cells, looks)
-    figure = canvas.finish(panel, page, starts, handles, basins_title(sweep.config))
+    figure = canvas.finish(panel, page, starts, handles, basins_title(sweep))
     name_basins(panel, page, drawn, table, numbers)
     return figure
 
@@ -122,7 +122,7 @@ def _draw_basins(
     """Draw the basins at one parameter point; return the entries of the legend."""
     handles = draw_cells(panel, drawn, cells)
     page.set_limits(panel)
-    phase = drawn.config.record.phase
+    phase = drawn.spec.phase
     if "phase" not in drawn.grid and float(drawn["phase"]) == phase:
         handles += mark_attractors(panel, looks.split(table)[0])
     return handles
@@ -160,7 +160,7 @@ def _basins_beside(
         starts, result = line.cut({name: value}, plane), found.sel({name: value})
         table, numbers = attractor_rows(starts, result), reached(result, *plane)
         starts = over_starts(starts, *plane)
-        cells = basin_cells(table, numbers, looks, sweep.config)
+        cells = basin_cells(table, numbers, looks, sweep)
         own = {cell.label for cell in cells}
         for handle in _draw_basins(panel, page, starts, table, cells, looks):
             if (text := str(handle.get_label())) not in own:
@@ -226,7 +226,7 @@ def reached(result: xr.Dataset, across: str = "x0", up: str = "v0") -> np.ndarra
 
 
 def basin_cells(
-    table: Sequence[AttractorRow], numbers: np.ndarray, looks: Looks, config: SweepConfig
+    table: Sequence[AttractorRow], numbers: np.ndarray, looks: Looks, of: Names
 ) -> list[Cells]:
     """Return the cells of each basin, given the number of the attractor of each start.
 
@@ -234,7 +234,7 @@ def basin_cells(
     """
     own, others = looks.split(table)
     cells = []
-    for row, (name, place) in zip(own, names_of([[row] for row in own], config), strict=True):
+    for row, (name, place) in zip(own, names_of([[row] for row in own], of), strict=True):
         speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
         text = f"{name}: {speeds}{100.0 * row.fraction:.1f} %{place}"
         cells.append(Cells(text, looks.look(row), numbers == row.number))
@@ -256,7 +256,7 @@ def name_basins(
 
 
 def names_of(
-    series: Sequence[Sequence[AttractorRow]], config: SweepConfig, axis: xr.DataArray | None = None
+    series: Sequence[Sequence[AttractorRow]], of: Names, axis: xr.DataArray | None = None
 ) -> list[tuple[str, str]]:
     """Name the classes of each series of attractors, or its regime.
 
@@ -272,7 +272,7 @@ def names_of(
         if row := next((row for row in own if counts[row.name] > 1), None):
             state = zip(("x0", "v0"), ("x", "v"), row.states[0], strict=True)
             parts = [
-                equation(symbol, as_variable(name, config.nomenclature), float(f"{value:.3g}"))
+                equation(symbol, as_variable(name, of), float(f"{value:.3g}"))
                 for name, symbol, value in state
             ]
             if axis is not None:
@@ -337,7 +337,7 @@ def attractor_diagram(
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)
     label_axis(panel.xaxis, line[axis])
-    label_axis(panel.yaxis, as_variable(coordinate, sweep.config.nomenclature))
+    label_axis(panel.yaxis, as_variable(coordinate, sweep))
     series = _draw_rows(panel, line, table, looks, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
@@ -397,7 +397,7 @@ def _draw_rows(
     canvas.widen_if_constant(panel.set_ylim, finite.min(), finite.max())
     abscissa = np.array([row.parameters[axis] for row in table])
     series = looks.series(table)
-    names = names_of([[table[i] for i in places] for places in series], line.config, line[axis])
+    names = names_of([[table[i] for i in places] for places in series], line, line[axis])
     marked = []
     for places, name in zip(series, map("".join, names), strict=True):
         y = values[places]

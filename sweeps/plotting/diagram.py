@@ -115,7 +115,7 @@ def bifurcation(
     heights, shared = [1.0] + [_LOWER] * len(names), range(len(names) + 1)
     panel, *lower = canvas.stacked_panels(page, heights, shared) if ax is None else [ax]
     label_axis((lower or [panel])[-1].xaxis, drawn.line[drawn.axis])
-    label_axis(panel.yaxis, as_variable(coordinate, sweep.config.nomenclature))
+    label_axis(panel.yaxis, as_variable(coordinate, sweep))
     low, high = drawn.draw_points(panel)
     parts, idle = dict[str, list[Line2D]](), list[Artist]()
     if exact is not None:

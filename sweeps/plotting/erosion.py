@@ -106,13 +106,13 @@ def integrity(
     drawn = dict(zip(names, _panels_for(names, page, ax), strict=True))
     basins, profile = drawn.get(BASINS), {name: drawn[name] for name in names if name != BASINS}
     found, looks = attractors_in(line, sweep, page.grey)
-    found, config = with_measures(line, found), line.config
+    found = with_measures(line, found)
     starts = line.cut({name: at[name] for name in along if at and name in at}, ["x0", "v0"])
     there = found.sel({name: float(starts[name]) for name in along})
     table, rows_there = attractor_rows(line, found), attractor_rows(starts, there)
     handles, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
     if basins is not None:
-        cells = basin_cells(rows_there, reached(there), looks, config)
+        cells = basin_cells(rows_there, reached(there), looks, line)
         handles += draw_cells(basins, over_starts(starts), cells)
     if profile:
         of_basins = rows_there if basins is not None else []
@@ -126,7 +126,7 @@ def integrity(
         handles += _draw_disturbances(basins, starts, there, rows_there, looks)
     panel = drawn[names[0]] if basins is None else basins
     page.set_limits(panel)
-    title = CLASSES_TITLE if basins is None else basins_title(config)
+    title = CLASSES_TITLE if basins is None else basins_title(line)
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:
         name_basins(basins, page, over_starts(starts), rows_there, reached(there))
@@ -175,7 +175,7 @@ def _handles_of_profile(
     shown = set() if looks.grey else {looks.look(row) for row in there}
     series = [[table[i] for i in places] for places in looks.series(table)]
     handles: list[Artist] = []
-    named = names_of(series, line.config, line[axis])
+    named = names_of(series, line, line[axis])
     for own, names in zip(series, named, strict=True):
         look = looks.look(own[0])
         if look not in shown:
@@ -267,17 +267,17 @@ def _draw_disturbances(
     panel: Axes, starts: OpenedSweep, there: xr.Dataset, table: Sequence[AttractorRow], looks: Looks
 ) -> list[Artist]:
     """Draw discs, knocks and the attractors at the section; return their handles."""
-    oscillator, section = starts.oscillator, starts.config.record.phase
+    oscillator, section = starts.oscillator, starts.spec.phase
     line: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
-    exact = starts.config.method.impact == "exact"
+    exact = starts.spec.impact == "exact"
     own, others = looks.split(table)
-    names = names_of([[row] for row in own], starts.config)
+    names = names_of([[row] for row in own], starts)
     places = {
         row.number: place.replace("\n", " ") for row, (_, place) in zip(own, names, strict=True)
     }
     if exact:
         there = with_cache(knocks, what="least knocks")(starts, there, list(places))
-    named = named_unit(as_variable("v0", starts.config.nomenclature))
+    named = named_unit(as_variable("v0", starts))
     unit = f" {named}" if named else ""
     handles: list[Artist] = [
         Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
     from sweeps.config.sweep import SweepConfig
 
+#: What has the names and units that a reader sees.
+Names = OpenedSweep | Nomenclature
 #: Title of a legend of periodic classes.
 CLASSES_TITLE = "m/q: q impacts in m forcing periods"
 #: Units that take a prefix in pictures, and for each prefix the least size of what it is put to,
@@ -39,14 +41,15 @@ _PREFIXES = ((1e-4, "m", 1e-3), (1e-7, "\N{MICRO SIGN}", 1e-6), (1e-10, "n", 1e-
 _JOINT = "\N{NO-BREAK SPACE}"
 
 
-def as_variable(name: str, seen: Nomenclature) -> xr.DataArray:
+def as_variable(name: str, of: Names) -> xr.DataArray:
     """Return a DataArray with the attributes of a parameter, variable or coordinate, no values.
 
     Those of a parameter are what a reader sees.
     """
-    of = seen.about(name) if name in PARAMETERS else {**VARIABLES, **COORDINATES}[name]
-    about = {"long_name": of.meaning, "units": seen.unit(of.unit), "symbol": of.symbol}
-    return xr.DataArray(attrs=about)
+    seen = of if isinstance(of, Nomenclature) else of.nomenclature
+    about = seen.about(name) if name in PARAMETERS else {**VARIABLES, **COORDINATES}[name]
+    units = seen.unit(about.unit)
+    return xr.DataArray(attrs={"long_name": about.meaning, "units": units, "symbol": about.symbol})
 
 
 def label(variable: xr.DataArray, prefix: str = "") -> str:
@@ -66,9 +69,9 @@ def named_unit(variable: xr.DataArray) -> str:
     return unit_name(unit).replace("^2", "$^2$")
 
 
-def basins_title(config: SweepConfig) -> str:
+def basins_title(sweep: OpenedSweep) -> str:
     """Write the title of a legend of basins."""
-    unit = named_unit(as_variable("impact_v", config.nomenclature))
+    unit = named_unit(as_variable("impact_v", sweep))
     speed = "speed before each impact" + (f" [{unit}]" if unit else "")
     return f"{CLASSES_TITLE},\n{speed}; share of the starts"
 

@@ -115,7 +115,7 @@ def section(
     label_axis(panel.yaxis, found.points["poincare_v"])
     ends = [x.min(), x.max()]
     if not clearance.dims:
-        stop = as_variable("clearance", sweep.config.nomenclature)
+        stop = as_variable("clearance", sweep)
         canvas.draw_stop(panel.axvline, float(clearance), stop)
         ends.append(float(clearance))
     canvas.widen_if_constant(panel.set_xlim, min(ends), max(ends))
@@ -211,13 +211,12 @@ def trajectory(
     else:
         drawn, shown, found = *coloured_points(sweep, at, color, page.grey), None
         motions = _draw_coloured(panels, drawn, shown, periods)
-    seen = sweep.config.nomenclature
     if not drawn["clearance"].dims:
         clearance = float(drawn["clearance"])
         canvas.draw_stop(over_time.axhline, clearance)
-        canvas.draw_stop(phase_plane.axvline, clearance, as_variable("clearance", seen))
+        canvas.draw_stop(phase_plane.axvline, clearance, as_variable("clearance", sweep))
     over_time.margins(x=0.01)
-    time, x, v = (as_variable(name, seen) for name in RECORDED)
+    time, x, v = (as_variable(name, sweep) for name in RECORDED)
     time.attrs["symbol"] = "t-t_0"
     for panel, across, up in ((over_time, None, x), (velocity, time, v), (phase_plane, x, v)):
         label_axis(panel.yaxis, up)

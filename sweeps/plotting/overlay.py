@@ -104,7 +104,7 @@ def read_overlay(
 def _in_shown_unit(sweep: OpenedSweep, name: str) -> xr.DataArray:
     """Return a variable with the unit in which the picture shows it."""
     if name in COORDINATES:
-        return as_variable(name, sweep.config.nomenclature)
+        return as_variable(name, sweep)
     return with_number(sweep, name)[0][name]
 
 

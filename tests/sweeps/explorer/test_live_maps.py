@@ -35,7 +35,7 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
         result = attractors(whole, extensions=0)
         found = result["attractor"].values
         cells = basin_cells(
-            attractor_rows(OpenedSweep(whole), result), found, Looks.of(result), config
+            attractor_rows(OpenedSweep(whole), result), found, Looks.of(result), OpenedSweep(whole)
         )
     assert len(cells) == len(tiles.kinds) > 1
     for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
