@@ -304,7 +304,7 @@ def _in_panel(panel: Axes, points: np.ndarray) -> np.ndarray:
 
 def _mark_special(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> dict[Artist, float]:
     """Mark cusps and meetings on strong pieces; return a handle, which covers next to nothing."""
-    marked = found.isel(point=np.isin(found["special"].values, ["cusp", "flip"]))
+    marked = found.isel(point=np.isin(found["special"].values, ["cusp", "degenerate", "flip"]))
     special = np.stack([marked[name].values for name in marked.coords], axis=1)
     if not len(special) or not strong:
         return {}

@@ -115,6 +115,24 @@ def orbits_twice(found):
     return again
 
 
+def at_degenerate_flip(end, ranges, folds):
+    """Check that the flips through an end of folds are degenerate there, and lead back to them."""
+    spans = np.array([high - low for _, low, high in ranges])
+    flips = bifurcation_curve(end.orbit, "flip", *ranges)
+    turns = [point for point in flips.special if point.kind == "degenerate"]
+    away = [np.abs((turn.value - end.value) / spans).max() for turn in turns]
+    assert min(away) < 1e-7
+    turn = turns[int(np.argmin(away))]
+    near = int(np.argmin(np.abs((flips.values - turn.value) / spans).max(axis=1)))
+    beside = [flips.orbit(i).criticality for i in (near - 1, near, near + 1)]
+    assert {*beside} == {"supercritical", "subcritical"}
+    again = bifurcation_curve(turn.orbit, "fold", *ranges)
+    assert (again.m, again.q) == (folds.m, folds.q)
+    kinds = (sorted(point.kind for point in curve.special) for curve in (again, folds))
+    assert next(kinds) == next(kinds)
+    assert min(np.abs((p.value - end.value) / spans).max() for p in again.special) < 1e-7
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "m", "phases", "speeds", "first", "second", "kinds"),
@@ -155,7 +173,8 @@ def test_the_folds_of_an_even_orbit_end_at_the_degenerate_flip_of_its_half(
                 if not change:
                     assert float(value) == pytest.approx(end.value[0], rel=1e-12, abs=1e-14)
             away = beside * coefficients[0] / (coefficients[1] - coefficients[0])
-            assert float(away) == pytest.approx(0.0, abs=1e-8)
+            assert float(away) == pytest.approx(0.0, abs=1e-9)
+        at_degenerate_flip(end, ranges, found)
 
 
 @pytest.mark.parametrize("case", [0, 3])
@@ -273,7 +292,8 @@ def test_the_folds_near_a_resonance_are_followed_to_their_ends(
                 if not change:
                     assert float(value) == pytest.approx(end.value[0], rel=1e-12)
             away = float(1e-5 * coefficients[0] / (coefficients[1] - coefficients[0]))
-            assert away == pytest.approx(0.0, abs=3e-6 * (second[2] - second[1]))
+            assert away == pytest.approx(0.0, abs=2e-7 * (second[2] - second[1]))
+        at_degenerate_flip(end, [first, second], found)
 
 
 @pytest.mark.parametrize(("axis", "inside"), [(0, 1.0), (1, -1.0)])

@@ -16,14 +16,18 @@ from vibroimpact.orbits.corrector import CONDITIONS
 from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
+from vibroimpact.orbits.singular_ends import doubling
 from vibroimpact.orbits.special_points import both_ways
-from vibroimpact.orbits.unknowns import speeds
+from vibroimpact.orbits.unknowns import impact_rows, speeds
 
 #: The kinds of curves.
 CURVE_KINDS = tuple(filter(None, CONDITIONS))
 #: A bifurcation that was found belongs to the orbit if it is closer to it than this, in scaled
 #: unknowns.
 _BELONGS = 0.2
+#: Sizes of the orbits of twice the period that are tried beside a degenerate flip, and the most
+#: iterations for each.
+_SIZES, _PATIENT = (0.1, 0.05, 0.02, 0.01, 0.005, 0.2), 30
 #: A natural vibration repeats if its turns are a whole number, to this share.
 _REPEATS = 1e-9
 #: If no impact is faster than this, in natural units, the orbit is the free oscillation.
@@ -45,7 +49,8 @@ def bifurcation_curve(
     ----------
     orbit : PeriodicOrbit
         An orbit near its bifurcation, which is searched along the first parameter, then the second;
-        one that is known to be there (its `kind`) is taken as it is.
+        one that is known to be there (its `kind`) is taken as it is. At a degenerate flip the folds
+        are those of the orbits of twice the period, which begin there.
     kind : str
         ``flip``, ``fold`` or ``graze``.
     first, second : tuple of str, float, float
@@ -87,7 +92,8 @@ def bifurcation_curve(
         raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")
     start = orbit
     if orbit.kind != kind:
-        start = _bifurcation(orbit, kind, axes)
+        twice = _fold_from_flip(orbit, axes) if (orbit.kind, kind) == ("flip", "fold") else None
+        start = _bifurcation(orbit, kind, axes) if twice is None else twice
         if kind == "graze":
             start = _least_graze(start, axes)
             _refuse_natural(start)
@@ -118,6 +124,20 @@ def _refuse_natural(graze: PeriodicOrbit) -> None:
             "the graze is not isolated: without damping, every natural vibration repeats after "
             f"{shown_count(graze.m, 'forcing period')} at omega = {osc.omega:g}"
         )
+
+
+def _fold_from_flip(
+    orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]
+) -> PeriodicOrbit | None:
+    """Return a fold of orbits of twice the period near a flip, if that is degenerate; or None."""
+    flips = OrbitFamily(orbit, axes, "flip")
+    X, along = doubling(flips, flips.start)
+    folds = flips.related(impact_rows(X, 2 * orbit.q), 2 * orbit.m, "fold")
+    for size in _SIZES:
+        Y = folds.corrected(X + size * along, along[None, :], _PATIENT)
+        if Y is not None and folds.distance(X, Y) < 2.0 * size and folds.inadmissible(Y)[0] is None:
+            return folds.orbit(Y)
+    return None
 
 
 def _bifurcation(

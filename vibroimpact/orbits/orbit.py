@@ -110,7 +110,8 @@ class PeriodicOrbit:
         """``supercritical`` or ``subcritical`` of an orbit known to be at a flip; empty otherwise.
 
         Orbits of twice the period are stable at a supercritical flip, and unstable at a subcritical
-        one, at which a motion jumps to another attractor. Empty also if no energy is lost.
+        one, at which a motion jumps to another attractor. Empty also if no energy is lost, and so
+        near a graze that the multiplier has no digits.
 
         Examples
         --------

@@ -21,6 +21,7 @@ import numpy as np
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.continuation import onto_edges
 from vibroimpact.orbits.family import NEARBY_DISTANCE, OrbitFamily
+from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.unknowns import free, impact_rows, speeds, unknowns
 
@@ -31,10 +32,6 @@ _MEETS, _MAY_MEET = 4e-4, 0.1
 #: speed is at least so many times that of the next one. It is known if with one point less it is
 #: the same to this share of the ranges.
 _POINTS, _APART, _PRECISE = 5, 1.5, 1e-8
-#: Greatest sizes of the orbits of twice the period that tell where a flip is degenerate.
-_SIZES = 0.4, 0.2, 0.1, 0.05, 0.025, 0.0125, 0.00625
-#: Two sizes agree if they tell the same place to this, in scaled unknowns.
-_AGREE = 1e-6
 #: The second place at which a touch is looked at, and the error of the root, in scaled unknowns.
 _NEAR = 1e-6, 1e-9
 #: A degenerate flip is nearer than this to where the curve of folds leads.
@@ -60,9 +57,11 @@ def degenerate_flip(
     means = np.array([mean_of_halves(family, X) for X in points])
     halves, _ = half_of(family, points[-1], "flip")
     guess, error = _where_zero(squares, means)
-    Y = _where_flips_turn(halves, family, guess) if error < NEARBY_DISTANCE else None
-    if Y is None:
+    coefficient = partial(cubic_coefficient, halves.system)
+    place = _root_along(halves, guess, coefficient, NEARBY_DISTANCE, _PRECISE)
+    if not (error < NEARBY_DISTANCE and abs(place) < _BELONGS):
         return None
+    Y = _along(halves, guess, place)
     if not lost and not speeds(Y, halves.q).max() > NEARBY_DISTANCE:  # it may stand still
         return None
     reason, _ = halves.inadmissible(Y)
@@ -76,24 +75,6 @@ def degenerate_flip(
     free(X, family.q)[reason.at], free(axis, family.q)[reason.at] = edge, 1.0
     X = family.corrected(X, np.array([axis, chord]))
     return None if X is None else ("edge", X, family.orbit(X))
-
-
-def _where_flips_turn(
-    halves: OrbitFamily, family: OrbitFamily, guess: np.ndarray
-) -> np.ndarray | None:
-    """Return the degenerate flip near a point on a curve of flips; None if none is near.
-
-    There the cubic coefficient of the flip vanishes. Orbits of twice the period tell it: too large
-    ones not well, and small ones lose digits, so of several sizes the largest that agree count.
-    """
-    bends = [partial(_bend, halves, family, size) for size in _SIZES]
-    roots = [_root_along(halves, guess, bend, NEARBY_DISTANCE, 0.1 * _AGREE) for bend in bends]
-    places = np.array([root for root in roots if not math.isnan(root)])
-    off = np.abs(np.diff(places))
-    if not off.min(initial=math.inf) < NEARBY_DISTANCE:
-        return None
-    place = places[1 + int(np.argmax(off <= max(_AGREE, off.min())))]
-    return _along(halves, guess, place) if abs(place) < _BELONGS else None
 
 
 def _along(family: OrbitFamily, guess: np.ndarray, place: float) -> np.ndarray:
@@ -121,24 +102,6 @@ def _root_along(
     except (ArithmeticError, RuntimeError):
         return math.nan
     return float(root)
-
-
-def _bend(halves: OrbitFamily, family: OrbitFamily, largest: float, Y: np.ndarray) -> float:
-    """Return how far from a flip orbits of twice the period are, per square of their size.
-
-    It is the limit at size 0 of the distance of their parameters across the curve of flips.
-    """
-    X, direction = doubling(halves, Y)
-    planes = np.array([direction, 0.0 * direction])
-    first, second = free(planes[1], family.q)[:] = free(halves.tangent(Y), halves.q)
-    squares, bends = largest**2 / np.array([1.0, 2.0, 4.0]), np.empty(3)
-    for i, square in enumerate(squares):
-        Z = family.corrected(X + math.sqrt(square) * direction, planes)
-        if Z is None:
-            raise ArithmeticError
-        off = free(Z - X, family.q)
-        bends[i] = (first * off[1] - second * off[0]) / square
-    return float(_at_zero(squares) @ bends)
 
 
 def standstill(

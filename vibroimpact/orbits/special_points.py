@@ -19,6 +19,7 @@ from vibroimpact.orbits import calls
 from vibroimpact.orbits.continuation import continue_branch, ending, is_orbit
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.hidden_roots import HEADING
+from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.singular_ends import (
     degenerate_flip,
@@ -51,8 +52,10 @@ class SpecialPoint(NamedTuple):
     Attributes
     ----------
     kind : str
-        On a branch ``flip`` or ``fold``. On a curve of folds ``cusp``; on a curve of grazes
-        ``flip`` and ``fold``, where curves of these kinds meet it. The end of a curve of folds is a
+        On a branch ``flip`` or ``fold``. On a curve of folds ``cusp``; on a curve of flips
+        ``degenerate``, where they change their criticality and a curve of folds of the orbits of
+        twice the period ends; on a curve of grazes ``flip`` and ``fold``, where curves of these
+        kinds meet it. The end of a curve of folds is a
         ``flip`` where the orbit of half the period has a degenerate one. The other ends are
         ``graze``: an impact has speed zero (on a curve another impact, to 1e-5 of the natural
         unit), or a flight touches the stop; ``penetration``: a flight crosses the stop, and no
@@ -77,9 +80,9 @@ def special_points(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the kinds and the unknowns of the special points within a step, in order.
 
-    These are the flips and folds of a branch, the cusps of a curve of folds, and on a curve of
-    grazes the ``flip`` and ``fold`` where curves of these kinds meet it. If the orbit halves its
-    period at `half`, they are those before it.
+    These are the flips and folds of a branch, the cusps of a curve of folds, the degenerate flips
+    of a curve of flips, and on a curve of grazes the ``flip`` and ``fold`` where curves of these
+    kinds meet it. If the orbit halves its period at `half`, they are those before it.
     """
     if step.family.kind == "":
         end = math.inf if half is None else step.place(half)
@@ -94,6 +97,11 @@ def special_points(
         meeting = step.root(partial(step.family.test, -2)) if crosses else None
         if meeting is not None:
             yield from (("flip", meeting), ("fold", meeting))
+    elif step.family.kind == "flip":
+        crosses = _crossing(step, -1) is not None
+        turn = step.root(partial(cubic_coefficient, step.family.system)) if crosses else None
+        if turn is not None:
+            yield "degenerate", turn
     elif step.family.kind == "fold":
         # At a degenerate flip the heading turns back, too, but Newton's method fails there.
         # A curve may touch the edge of a range in a step as short as rounding.
