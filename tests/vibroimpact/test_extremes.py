@@ -9,7 +9,6 @@ from scipy.optimize import brentq
 
 from tests.helpers.kernel_cases import METHODS, random_points, steps_for, taken_apart
 from tests.helpers.naive import ClosedForm
-from tests.helpers.other_units import in_units
 from tests.vibroimpact.test_repeats import mixed_points
 from vibroimpact import (
     Oscillator,
@@ -19,7 +18,6 @@ from vibroimpact import (
     periodic_orbit,
     simulate,
 )
-from vibroimpact.oscillator import POINT
 from vibroimpact.step.scheme import default_steps
 
 NAMES = "x_min", "x_max"
@@ -229,20 +227,6 @@ def test_extremes_change_no_other_result(rule, integrator):
         np.testing.assert_array_equal(out[name], values, err_msg=name)
 
 
-@METHODS
-@pytest.mark.parametrize(("rate", "length"), [(2.0**10, 2.0**5), (2.0**-20, 2.0**300)])
-def test_units_change_no_bit_of_the_extremes(rule, integrator, rate, length):
-    points = random_points(100)
-    method = {"impact": rule, "integrator": integrator, "steps_per_period": steps_for(points, rule)}
-    record = {"transient": 5, "periods": 12, "extremes": True}
-    own = integrate(points, **method, **record)
-    for name in POINT.names:
-        points[name] = in_units(name, points[name], rate, length)
-    other = integrate(points, **method, **record)
-    for name in NAMES:
-        np.testing.assert_array_equal(other[name], in_units(name, own[name], rate, length))
-
-
 def test_what_fails_has_no_extremes():
     unstable = {"impact": "plain", "integrator": "euler", "steps_per_period": 1}
     slow = Oscillator(h=0.1, R=0.8, omega=0.05, f=1.0, clearance=1.0)
@@ -307,15 +291,3 @@ def test_the_free_oscillation_turns_at_its_amplitude():
     amplitude = 1.0 / math.hypot(1.0 - 1.3**2, 2.0 * 0.1 * 1.3)
     assert orbit.q == 0
     assert (orbit.x_min, orbit.x_max) == pytest.approx((-amplitude, amplitude), rel=1e-14)
-
-
-@pytest.mark.parametrize(("length", "time"), [(2.0**40, 2.0**-20), (2.0**-40, 2.0**20)])
-def test_units_change_no_bit_of_the_extremes_of_an_orbit(length, time):
-    osc, n = ORBITS[2]
-    orbit = one_impact_orbits(osc, n)[0]
-    other = Oscillator(
-        h=osc.h / time, R=osc.R, omega=osc.omega / time, f=osc.f * length / time**2,
-        p=osc.p / time, clearance=osc.clearance * length,
-    )  # fmt: skip
-    scaled = one_impact_orbits(other, n)[0]
-    assert (scaled.x_min, scaled.x_max) == (orbit.x_min * length, orbit.x_max * length)

@@ -2,11 +2,14 @@
 
 import math
 
+import mpmath as mp
 import numpy as np
 import pytest
 
+from tests.helpers.oscillators import Flight, in_digits
 from vibroimpact import Oscillator
 from vibroimpact.status import Status
+from vibroimpact.step.chatter import time_to_rest
 from vibroimpact.step.contact import (
     IMPACT,
     KIND,
@@ -164,6 +167,33 @@ def test_a_chatter_needs_a_push_and_time():
     pt = point(R=0.8, h=0.0, omega=1.0, f=1.0)
     a = math.sin(0.1)
     assert to_rest(0.1 * a, 2 * math.pi - 0.1, 5.0, 5.0, pt) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("R", "theta", "other"),
+    [(0.3, 4.0, {}), (0.8, 5.5, {"h": 0.7}), (0.6, 3.6, {"h": 0.0, "omega": 3.0}),
+     (0.5, 1.0, {"clearance": -1.5, "p": 1.2})],
+)  # fmt: skip
+def test_the_time_until_a_chatter_is_complete_is_the_sum_of_its_flights(R, theta, other):
+    """In 80 digits; what is neglected is less than 1e-10 of the sum."""
+    osc = Oscillator(**{"h": 0.1, "R": R, "omega": 1.0, "f": 1.0} | other)
+    pt = osc.at(osc.clearance)[0]
+    press = pressing(math.sin(theta), pt)
+    v = 3e-7 * (1.0 - R) * press
+    wait, status = time_to_rest(v, theta, math.sin(theta), math.cos(theta), math.inf, pt)
+    with mp.workdps(80):
+        start = t = mp.mpf(theta) / osc.omega
+        speed = mp.mpf(v)
+        while speed > 1e-14 * v:
+            flight = Flight(in_digits(osc), t, mp.mpf(osc.clearance), -speed)
+            t += mp.findroot(
+                lambda length, t=t, x=flight: (x(t + length)[0] - osc.clearance) / length,
+                (speed / press, 3 * speed / press),
+                solver="anderson",
+            )
+            speed = mp.mpf(R) * flight(t)[1]
+        total = float(t - start)
+    assert status == Status.CERTIFIED and wait == pytest.approx(total, rel=1e-10)
 
 
 @ALL

@@ -19,7 +19,6 @@ from tests.helpers.kernel_cases import (
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.kernel.threads import aligned
 from vibroimpact.kernel.workspace import LANES
-from vibroimpact.points.computation import SCALED
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import default_steps, scheme_of
@@ -115,31 +114,6 @@ def test_any_company_leaves_a_lane_as_it_is(rule, integrator):
     assert_same(shuffled, {name: values[order] for name, values in whole.items()})
     for threads in (1, 2):
         assert_same(integrate(points, threads=threads, **arguments), whole)
-
-
-def test_without_clearance_the_motion_scales_with_the_force(rule, integrator):
-    """f = 2 and 4 from a zero start: twice and four times f = 1, to the last bit."""
-    points = random_points(64)
-    points["clearance"] = points["x0"] = points["v0"] = 0.0
-    results = []
-    for f in (1.0, 2.0, 4.0):
-        points["f"] = f
-        out = integrate(
-            points,
-            integrator=integrator,
-            impact=rule,
-            steps_per_period=steps_for(points, rule),
-            transient=3,
-            periods=6,
-            impacts=8,
-        )
-        for name in set(SCALED) & set(out):
-            out[name] = out[name] / f
-        out["energy_lost"] = out["energy_lost"] / f**2
-        results.append(out)
-    assert np.abs(results[0]["poincare_v"]).max() > 0.1
-    assert_same(results[1], results[0])
-    assert_same(results[2], results[0])
 
 
 def test_the_transient_is_the_beginning_of_the_record(rule, integrator):

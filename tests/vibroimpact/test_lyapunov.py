@@ -238,13 +238,3 @@ def test_the_size_of_the_force_has_no_effect():
     points = np.concatenate([Oscillator(0.05, 0.8, 2.7, f).at() for f in sizes])
     found = integrate(points, transient=100, periods=200, lyapunov=True)["lyapunov"]
     np.testing.assert_allclose(found[1:], found[:1].repeat(3, axis=0), rtol=1e-9)
-
-
-def test_a_short_record_does_not_depend_on_the_unit_of_time():
-    """A motion on its orbit, once with p = 1 and once with p = 1000: 20 periods."""
-    osc = Oscillator(h=0.02, R=0.7, omega=2.6, f=1.0, clearance=0.3)
-    fast = Oscillator(h=20.0, R=0.7, omega=2600.0, f=1000.0, p=1000.0, clearance=3e-4)
-    points = np.concatenate([osc.at(), fast.at()])
-    found, quick = integrate(points, transient=3000, periods=20, lyapunov=True)["lyapunov"]
-    np.testing.assert_allclose(quick, 1000.0 * found, rtol=1e-8)
-    assert found[0] < -0.02

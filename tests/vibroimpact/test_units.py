@@ -28,7 +28,9 @@ def run(points, integrator, rule):
     """Return all results, with those of the destination beside them."""
     scheme = scheme_of(points, integrator, rule, None, phase=0.3)
     length, flag = Length(20, 64, 8), np.zeros(1, np.int64)
-    results = run_points(points, scheme, length, rule == "exact", None, flag, classes=True)
+    results = run_points(
+        points, scheme, length, rule == "exact", None, flag, classes=True, extremes=True
+    )
     del results["begun"]
     found = results.pop("destination")
     return results | {name: found[name] for name in found.dtype.names}
@@ -36,7 +38,8 @@ def run(points, integrator, rule):
 
 @pytest.mark.parametrize(("rate", "length"), [(2.0**10, 2.0**5), (2.0**-20, 2.0**40)])
 @pytest.mark.parametrize(
-    ("integrator", "rule"), [("exact", "exact"), ("newmark", "reduced-step"), ("rk4", "plain")]
+    ("integrator", "rule"),
+    [("exact", "exact"), ("newmark", "reduced-step"), ("rk4", "plain"), ("newmark", "cubic")],
 )
 def test_units_change_no_bit(integrator, rule, rate, length):
     """Of random motions: sections, impacts, exponents, classes, evidence and status.
@@ -127,6 +130,7 @@ def orbit_numbers(units, orbit):
         units.oscillator_into(orbit.oscillator), orbit.m, orbit.phases,
         units.into("length/time", orbit.speeds), orbit.multipliers, orbit.exists,
         units.into("length", sections[:, 0]), units.into("length/time", sections[:, 1]),
+        units.into("length", [orbit.x_min, orbit.x_max]),
     ]  # fmt: skip
 
 
