@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Container, Mapping, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from typing import Any
 
@@ -58,6 +59,21 @@ class _Canvas(FigureCanvasAgg):
         return renderer
 
 
+_Text: Any = Text  # its methods are unknown to a type checker
+
+
+class _Title(_Text):
+    """A text whose lines are broken only if one is too wide: that measures them word by word."""
+
+    def _get_wrapped_text(self) -> Any:
+        text = self.get_text()
+        with suppress(ValueError):  # its parts may be drawable, although it is not
+            widths = map(self._get_rendered_text_width, text.split("\n"))
+            if max(widths) <= self._get_wrap_line_width():
+                return text
+        return super()._get_wrapped_text()
+
+
 class Picture(Figure):
     """A figure made by a function of this room.
 
@@ -109,6 +125,7 @@ class Picture(Figure):
     def add_title(self, text: str) -> None:
         """Put a title above the panels; refuse one that matplotlib cannot draw."""
         title = self.suptitle(text, wrap=True)
+        title.__class__ = _Title
         refuse_undrawable("title", title)
         self.make_room(title)
 

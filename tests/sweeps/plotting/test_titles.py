@@ -39,8 +39,9 @@ def test_a_title_is_broken_again_if_the_width_changes():
     assert height_within(figure) == wide
 
 
-def test_a_formula_is_parsed_once_for_each_resolution(with_layout, monkeypatch):
-    """Also if the height changes: for the title, for the legend, for the page, and by the user."""
+@pytest.fixture
+def parsed(monkeypatch):
+    """List the formulas that are parsed, with their sizes and resolutions."""
     parsed, parse = [], Parser.parse
 
     def counted(self, text, fonts, size, dpi):
@@ -49,6 +50,11 @@ def test_a_formula_is_parsed_once_for_each_resolution(with_layout, monkeypatch):
 
     monkeypatch.setattr(Parser, "parse", counted)
     monkeypatch.setattr(backend_agg, "MathTextParser", MathTextParser)  # not that of all tests
+    return parsed
+
+
+def test_a_formula_is_parsed_once_for_each_resolution(with_layout, parsed):
+    """Also if the height changes: for the title, for the legend, for the page, and by the user."""
     figure = Picture(Page(width=3.4))
     panel = figure.add_subplot(xlabel=r"frequency $\omega$", ylabel="place $x$")
     figure.add_title("$h=0.05$, $R=0.8$, $f=1$, some words of a title that is too wide")
@@ -60,6 +66,15 @@ def test_a_formula_is_parsed_once_for_each_resolution(with_layout, monkeypatch):
     assert figure.axes[0].xaxis.label.get_window_extent().width > 0.0
     assert {text for text, *_ in parsed} >= {"$\\lambda_1$", "place $x$", "$h=0.05$, $R=0.8$,"}
     assert len(parsed) == len(set(parsed)) > 8
+
+
+def test_a_title_that_fits_is_measured_as_a_whole(with_layout, parsed):
+    figure = Picture(Page(width=6.0))
+    figure.add_subplot(xlabel=r"frequency $\omega$", ylabel="place $x$")
+    figure.add_title("$h=0.05$, $R=0.8$, $f=1$, some words")
+    figure.savefig(BytesIO(), format="png", dpi=300.0)
+    assert [text for text, *_ in parsed].count("$h=0.05$, $R=0.8$, $f=1$, some words") == 2
+    assert len(parsed) == 4
 
 
 def test_a_title_with_a_loose_sign_is_drawn_or_refused():
