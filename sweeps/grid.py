@@ -126,23 +126,14 @@ class Grid:
     def spread(self, count: int) -> np.ndarray:
         """Return about `count` points spread evenly over the grid, the same at every call.
 
-        The longest axis is divided evenly, ends included. On each other axis the k-th point lies at
-        the fraction k sqrt(prime) mod 1: Richtmyer's sequence, Niederreiter (1978), Bull. Am. Math.
-        Soc. 84, 957-1041. Coinciding points are returned once. A grid of at most `count` points is
-        returned completely.
+        In C order, one is taken of each of `count` equal parts; the golden ratio says which. A grid
+        of at most `count` points is returned completely.
         """
         if self.size <= count:
             return self.points()
         k = np.arange(count)
-        longest = int(np.argmax(self.shape))
-        irrationals = iter(np.sqrt([2, 3, 5, 7, 11, 13, 17]))
-        fractions = [
-            k / max(count - 1, 1) if axis == longest else k * next(irrationals) % 1.0
-            for axis in range(len(self.shape))
-        ]
-        last = np.array(self.shape)[:, None] - 1
-        indices = tuple(np.rint(fractions * last).astype(int))
-        return self.numbered(np.unique(np.ravel_multi_index(indices, self.shape)))
+        numbers = (k + 0.6180339887498949 * k % 1.0) * (self.size / count)
+        return self.numbered(np.unique(numbers.astype(np.int64)))
 
 
 @dataclass(frozen=True, eq=False)

