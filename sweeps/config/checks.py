@@ -30,9 +30,6 @@ from vibroimpact.step.scheme import (
 _MOST_POINTS = 1_000_000_000
 _MOST_SAMPLES = 10_000_000
 
-# Number of values of h examined at once, to bound the memory for a long axis.
-_CHUNK = 1 << 16
-
 
 def with_defaults(config: SweepConfig) -> SweepConfig:
     """Return a configuration with the steps per period and the units that its groups determine.
@@ -113,15 +110,14 @@ def _extreme_points(config: SweepConfig, axes: Mapping[str, Axis]) -> np.ndarray
         return mesh({TABLE: config.table}, {name: axis.first for name, axis in axes.items()})
     points = mesh({}, {name: axis.high for name, axis in axes.items()}).repeat(3)
     points["clearance"] = axes["clearance"].low
-    h, omega, p = axes["h"].values(), axes["omega"].low, axes["p"]
+    h, omega = axes["h"].values(), axes["omega"].low
     points["omega"][:2] = omega
     most = 0.0
-    for end in (p.low, p.high):
-        for part in np.array_split(h, math.ceil(h.size / _CHUNK)):
-            steps = least_stable_steps(config.method.integrator, part, end, omega)
-            k = int(steps.argmax())
-            if steps[k] > most:
-                most, points[1]["h"], points[1]["p"] = steps[k], part[k], end
+    for p in (axes["p"].low, axes["p"].high):
+        steps = least_stable_steps(config.method.integrator, h, p, omega)
+        k = int(steps.argmax())
+        if steps[k] > most:
+            most, points[1]["h"], points[1]["p"] = steps[k], h[k], p
     return points
 
 

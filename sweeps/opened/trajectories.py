@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import Self
 
 import numpy as np
@@ -21,8 +20,6 @@ from vibroimpact.trajectory import exact_samples, simulate
 RECORDED = ("trajectory_t", "trajectory_x", "trajectory_v")
 #: Most forcing periods of a motion that are kept: more than a picture has columns of pixels.
 MOST_DRAWN = 1000
-#: Number of samples read at a time.
-_SAMPLES_READ = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -45,27 +42,21 @@ class PointMotion:
         cls,
         oscillator: Oscillator,
         spec: RunSpec,
-        parts: Iterable[np.ndarray],
+        rows: np.ndarray,
         periods: int,
         most: int,
         begun: float,
         turns: int = 0,
     ) -> Self:
-        """Join parts of a motion over `periods`, shape (3, k); keep at most so many of these."""
-        kept, depth, begin, last_chosen, gap = list[np.ndarray](), -np.inf, None, False, True
-        for rows in parts:
-            begin = rows[0, 0] if begin is None else begin
-            depth = max(depth, float(rows[1].max()) - oscillator.clearance)
-            turn = np.floor((rows[0] - begin) * (oscillator.omega / (2.0 * np.pi)) + 1e-6)
-            chosen = (turn * most) % periods < most  # all, if they are no more
-            left_out = ~(chosen | np.append(last_chosen, chosen[:-1]))  # a period ends with a row
-            first_left_out = left_out & ~np.append(gap, left_out[:-1])
-            last_chosen, gap = bool(chosen[-1]), bool(left_out[-1])
-            rows = np.where(left_out, np.nan, rows)
-            kept.append(rows[:, ~left_out | first_left_out])
+        """Return a motion over `periods`, given its rows; keep at most so many of these."""
+        depth = float(rows[1].max()) - oscillator.clearance
+        turn = np.floor((rows[0] - rows[0, 0]) * (oscillator.omega / (2.0 * np.pi)) + 1e-6)
+        chosen = (turn * most) % periods < most  # all, if they are no more
+        left_out = ~(chosen | np.append(False, chosen[:-1]))  # a period ends with a row
+        first_left_out = left_out & ~np.append(True, left_out[:-1])
+        kept = np.where(left_out, np.nan, rows)[:, ~left_out | first_left_out]
         is_exact = spec.integrator == "exact"
-        rows = np.concatenate(kept, axis=1)
-        return cls(oscillator, is_exact, rows, depth, periods, begun, turns)
+        return cls(oscillator, is_exact, kept, depth, periods, begun, turns)
 
     @property
     def impacts(self) -> np.ndarray:
@@ -91,11 +82,11 @@ def recorded_motion(
 ) -> PointMotion:
     """Return at most so many periods of the trajectory of a point; refuse a point without one."""
     point, spec = sweep.cut(at), sweep.spec
-    parts = _recorded_parts(point)
-    if (first := next(parts, None)) is None:
+    rows = np.stack([point[name].values for name in RECORDED])
+    rows = rows[:, np.isfinite(rows).all(axis=0)]  # without the padding
+    if not rows.size:
         refuse_unrecorded(point["status"].item(), RECORDED[0])
-    whole, periods = chain([first], parts), spec.periods
-    return PointMotion.of(point.oscillator, spec, whole, periods, most, _begun(point))
+    return PointMotion.of(point.oscillator, spec, rows, spec.periods, most, _begun(point))
 
 
 def _begun(point: OpenedSweep) -> float:
@@ -112,16 +103,6 @@ def _begun(point: OpenedSweep) -> float:
         if values[np.argmin(np.abs(values - float(point[spec.followed])))] != first:
             return spec.phase
     return float(point["phase"])
-
-
-def _recorded_parts(point: OpenedSweep) -> Iterator[np.ndarray]:
-    """Read the recorded trajectory of a point in parts, shape (3, k), without the padding."""
-    for start in range(0, point.sizes["sample"], _SAMPLES_READ):
-        part = slice(start, start + _SAMPLES_READ)
-        rows = np.stack([point[name][part].values for name in RECORDED])
-        if not (seen := np.isfinite(rows).all(axis=0)).any():
-            return
-        yield rows[:, seen]
 
 
 def continued_motion(
@@ -169,4 +150,4 @@ def continued(
     turns = spec.transient + last + 1
     turns += begun > spec.phase  # it passes the section after 2 pi
     rows = np.stack([motion.t, motion.x, motion.v])
-    return PointMotion.of(oscillator, spec, [rows], periods, most, begun, turns)
+    return PointMotion.of(oscillator, spec, rows, periods, most, begun, turns)
