@@ -27,19 +27,19 @@ class Variable:
         The record dimension after the swept axes; None for a single value per point.
     unit, meaning, symbol : str
         As for the parameters in ``PARAMETERS``.
+    diagnostic : str or None
+        The diagnostic it belongs to, a field of `RunSpec`; None if it is always recorded.
     dtype : str
         The type in the file. Points that are not computed yet hold NaN, or ``Status.PENDING`` (-1)
         in an integer variable.
-    diagnostic : str or None
-        The diagnostic it belongs to, a field of `RunSpec`; None if it is always recorded.
     """
 
     dimension: str | None
     unit: str
     meaning: str
     symbol: str
-    dtype: str = "float64"
     diagnostic: str | None = None
+    dtype: str = "float64"
 
     @property
     def fill_value(self) -> np.generic:
@@ -77,54 +77,37 @@ VARIABLES: Mapping[str, Variable] = {
     ),
     "max_penetration": Variable(None, "length", "deepest penetration", r"\delta_\mathrm{max}"),
     "rest_fraction": Variable(None, "1", "fraction of time at rest", r"\tau_\mathrm{rest}"),
-    "chatters": Variable(None, "1", "complete chatters", r"n_\mathrm{c}", "int64"),
-    "near_grazes": Variable(None, "1", "near grazes", r"n_\mathrm{g}", "int64"),
+    "chatters": Variable(None, "1", "complete chatters", r"n_\mathrm{c}", None, "int64"),
+    "near_grazes": Variable(None, "1", "near grazes", r"n_\mathrm{g}", None, "int64"),
     "period": Variable(
-        None, "1", "forcing periods per repetition, 0: no class", "m", "int64", "period"
+        None, "1", "forcing periods per repetition, 0: no class", "m", "period", "int64"
     ),
-    "period_impacts": Variable(None, "1", "impacts per repetition", "q", "int64", "period"),
+    "period_impacts": Variable(None, "1", "impacts per repetition", "q", "period", "int64"),
     "transient": Variable(
-        None,
-        "1",
-        "forcing periods before the record",
-        r"n_\mathrm{t}",
-        "int64",
-        diagnostic="longest",
+        None, "1", "forcing periods before the record", r"n_\mathrm{t}", "longest", "int64"
     ),
     "orbit_x": Variable(
-        None,
-        "length",
-        "displacement of the orbit at the last section",
-        r"x_\mathrm{o}",
-        diagnostic="period",
+        None, "length", "displacement of the orbit at the last section", r"x_\mathrm{o}", "period"
     ),
     "orbit_v": Variable(
         None,
         "length/time",
         "velocity of the orbit at the last section",
         r"\dot{x}_\mathrm{o}",
-        diagnostic="period",
+        "period",
     ),
     "orbit_distance": Variable(
         None,
         "1",
         "distance from the orbit at the last section, as a share of the record's size",
         "d",
-        diagnostic="period",
+        "period",
     ),
-    "class_evidence": Variable(
-        None, "1", "evidence for the class", "", dtype="int8", diagnostic="period"
-    ),
-    "lyapunov": Variable(
-        "exponent", "1/time", "Lyapunov exponent", r"\lambda", diagnostic="lyapunov"
-    ),
-    "x_min": Variable(
-        None, "length", "least displacement", r"x_\mathrm{min}", diagnostic="extremes"
-    ),
-    "x_max": Variable(
-        None, "length", "greatest displacement", r"x_\mathrm{max}", diagnostic="extremes"
-    ),
-    "status": Variable(None, "1", "what became of the point", "", dtype="int8"),
+    "class_evidence": Variable(None, "1", "evidence for the class", "", "period", "int8"),
+    "lyapunov": Variable("exponent", "1/time", "Lyapunov exponent", r"\lambda", "lyapunov"),
+    "x_min": Variable(None, "length", "least displacement", r"x_\mathrm{min}", "extremes"),
+    "x_max": Variable(None, "length", "greatest displacement", r"x_\mathrm{max}", "extremes"),
+    "status": Variable(None, "1", "what became of the point", "", None, "int8"),
 }
 
 #: The columns of the trajectories, whose lengths differ.

@@ -16,7 +16,7 @@ import numpy as np
 from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from sweeps.errors import Failed, StoreError
-from sweeps.grid import Block, block_points, box_shape
+from sweeps.grid import Block, box_shape
 from sweeps.store.complete_file import schema_of, write_file
 from sweeps.store.parts import ABOUT, SAMPLES, Entry, Parts
 from sweeps.store.paths import (
@@ -165,24 +165,16 @@ class SweepWriter:
 
         `results` must have an array of shape (points of the block, ...) in C order for every
         variable of the file, and for a column of the trajectories an array for each point, of any
-        length; otherwise KeyError or ValueError is raised. Variables that the file does not hold
-        are ignored.
+        length. Variables that the file does not hold are ignored.
         """
         parts, schema = self._parts, self._parts.schema
         number = schema.blocks.index(block)
-        if unknown := sorted(set(results) - set(VARIABLES)):
-            raise ValueError(f"the store has no variable {', '.join(unknown)}")
         points = np.empty(box_shape(block), parts.points)
         arrays: dict[str, Any] = {"about": np.zeros((), ABOUT), "points": points}
         longest = 0
         for name in schema.variables:
-            array, ragged = results[name], name in TRAJECTORIES
-            shape = tuple(schema.sizes(name, block).values())
-            expected = (block_points(block), *(() if ragged else shape[len(block) :]))
-            given = np.shape(array)[: len(expected)]
-            if given != expected:
-                raise ValueError(f"{name} has the shape {given} instead of {expected}")
-            if ragged:
+            array, shape = results[name], tuple(schema.sizes(name, block).values())
+            if name in TRAJECTORIES:
                 lengths = np.array([len(samples) for samples in array], np.int64)
                 arrays[name], arrays[SAMPLES], longest = array, lengths, int(lengths.max())
             elif VARIABLES[name].dimension is None:
