@@ -17,7 +17,7 @@ from vibroimpact.step.contact import KIND, RELEASE, REST, TIME, is_held
 from vibroimpact.step.elementary import asin
 from vibroimpact.step.propagator import coefficients_of, propagator_of
 from vibroimpact.step.scheme import THETA
-from vibroimpact.step.stepper import prepare, take_exact_grid_step, take_grid_step
+from vibroimpact.step.stepper import prepare, take_grid_step, take_next_step
 
 #: The motions beside another have a p that differs by this share: some ten times its rounding.
 _BESIDE = 2.0**-48
@@ -45,7 +45,7 @@ def rest_after(pt, scheme, m, scratch, exactly):
     for k in range(m * grid.size + 2):
         n = (first + k) % grid.size
         if exactly:
-            state, n_events, _ = take_exact_grid_step(0, prepared, state, grid, n, pt, scratch)
+            state, n_events, _ = take_next_step(prepared, state, grid, n, pt, scratch)
         else:
             state, n_events, _ = take_grid_step(method, prepared, state, grid, n, pt, scratch)
         for j in range(n_events):

@@ -18,7 +18,7 @@ from vibroimpact.step.propagator import (
     to_dimensionless,
 )
 from vibroimpact.step.scheme import SIN, THETA, PhaseGrid
-from vibroimpact.step.stepper import take_exact_grid_step
+from vibroimpact.step.stepper import take_next_step
 from vibroimpact.step.variational import carry_tangent, propagate_tangent
 
 #: Rows of the memory for the states at the sections of a motion.
@@ -70,8 +70,8 @@ def follow(flow, y, w, periods, carrying):
     of_y, of_w, impacts = (1.0, 0.0), (0.0, 1.0), 0
     for k in range(periods):
         for n in range(grid.size):
-            (y, w, _), n_events, _ = take_exact_grid_step(
-                0, (flow.eq, flow.propagators), (y, w, False), grid, n, flow.pt, flow.scratch
+            (y, w, _), n_events, _ = take_next_step(
+                (flow.eq, flow.propagators), (y, w, False), grid, n, flow.pt, flow.scratch
             )
             for j in range(n_events):
                 if events[j, KIND] != IMPACT:
@@ -128,8 +128,8 @@ def replay(flow, y, w, periods, rounding):
     resting = y == 0.0 and w == 0.0 and (pressing(grid.table[SIN, 0], pt) > 0.0 or is_held(pt))
     for _ in range(periods):
         for n in range(grid.size):
-            (y, w, resting), n_events, _ = take_exact_grid_step(
-                0, (flow.eq, flow.propagators), (y, w, resting), grid, n, pt, flow.scratch
+            (y, w, resting), n_events, _ = take_next_step(
+                (flow.eq, flow.propagators), (y, w, resting), grid, n, pt, flow.scratch
             )
             for j in range(n_events):
                 impacts += events[j, KIND] == IMPACT

@@ -173,6 +173,18 @@ def take_exact_grid_step(_, prepared, state, grid, n, pt, scratch):
     return end, n_events, status
 
 
+@specialised
+def take_next_step(prepared, state, grid, n, pt, scratch):
+    """Do what `take_exact_grid_step` does, without a call if the step is proved to be free."""
+    table, (_, (propagator, forcing)) = grid.table, prepared
+    added = forced(forcing, table[SIN, n], table[COS, n])
+    y, w, _, guard, _ = propagate(propagator, state[0], state[1], added, grid.phase_step)
+    end = (y, w, False), 0, 0
+    if not guard < 0.0:
+        end = take_exact_grid_step(0, prepared, state, grid, n, pt, scratch)
+    return end
+
+
 @jit
 def watch_exact_grid_step(_, prepared, state, grid, n, pt, scratch, reach):
     """Take step `n` of a grid with the rule ``exact``; return the same as `watch_grid_step`."""
