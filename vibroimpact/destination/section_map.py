@@ -19,7 +19,7 @@ from vibroimpact.step.propagator import (
 )
 from vibroimpact.step.scheme import SIN, THETA, PhaseGrid
 from vibroimpact.step.stepper import take_next_step
-from vibroimpact.step.variational import carry_tangent, propagate_tangent
+from vibroimpact.step.variational import carry_tangents, propagate_tangent
 
 #: Rows of the memory for the states at the sections of a motion.
 MOST_SECTIONS = 64
@@ -78,16 +78,13 @@ def follow(flow, y, w, periods, carrying):
                     return Passage(y, w, (of_y, of_w), impacts, False)
                 impacts += 1
             M = flow.propagators[0]
-            if carrying and n_events == 0:  # what `carry_tangent` does, without two calls
+            if carrying and n_events == 0:  # what `carry_tangents` does, without a call
                 of_y, of_w = propagate_tangent(M, of_y), propagate_tangent(M, of_w)
             elif carrying:
-                prepared, theta = (flow.eq, M), grid.table[THETA, n]
-                of_y = carry_tangent(
-                    prepared, of_y, events, n_events, 0.0, theta, grid.phase_step, flow.pt.omega
-                )
-                of_w = carry_tangent(
-                    prepared, of_w, events, n_events, 0.0, theta, grid.phase_step, flow.pt.omega
-                )
+                of_y, of_w = carry_tangents(
+                    (flow.eq, M), (of_y, of_w), events, n_events, 0.0, grid.table[THETA, n],
+                    grid.phase_step, flow.pt.omega,
+                )  # fmt: skip
         if k < MOST_SECTIONS:
             flow.passed[k, 0], flow.passed[k, 1] = y, w
     return Passage(y, w, (of_y, of_w), impacts, np.isfinite(y) and np.isfinite(w))

@@ -84,7 +84,7 @@ from vibroimpact.step.propagator import (
 )
 from vibroimpact.step.scheme import COS, SIN, THETA
 from vibroimpact.step.turning_points import widen_by_events
-from vibroimpact.step.variational import carry_tangent
+from vibroimpact.step.variational import carry_tangents
 
 
 @jit
@@ -232,9 +232,10 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying, watching):
                 phase_step, pt, scratch, (lanes[LEAST + i], lanes[MOST + i]),
             )  # fmt: skip
     if carrying is not None and carrying:
-        tangent = carry_tangent(
-            (eq, propagator_in(lanes, i)), tangent_in(c, TANGENT_0 + j, COLUMN_ROW),
-            scratch.events, n_events, begin, theta, phase_step, pt.omega,
+        tangent = tangent_in(c, TANGENT_0 + j, COLUMN_ROW)
+        tangent, _ = carry_tangents(
+            (eq, propagator_in(lanes, i)), (tangent, tangent), scratch.events, n_events, begin,
+            theta, phase_step, pt.omega,
         )  # fmt: skip
         put_tangent(lanes, TANGENT + new_row + i, 2 * ROW, tangent)
 

@@ -64,21 +64,22 @@ def tangent_after_impact(eq, tangent, flight, wave):
 
 
 @jit
-def carry_tangent(prepared, tangent, events, n, begin, theta, phase_step, omega):
-    """Carry a tangent vector (y, w) through a step with `n` events, from the phase `theta`.
+def carry_tangents(prepared, pair, events, n, begin, theta, phase_step, omega):
+    """Carry two tangent vectors (y, w) through a step with `n` events, from the phase `theta`.
 
-    It is that at the time `begin` of the step, as a phase; the events come after it.
+    They are those at the time `begin` of the step, as a phase; the events come after it.
     """
-    eq, propagator = prepared
+    (eq, propagator), (a, b) = prepared, pair
     if n == 0 and begin == 0.0:
-        return propagate_tangent(propagator, tangent)
+        return propagate_tangent(propagator, a), propagate_tangent(propagator, b)
     at = begin
     for k in range(n):
-        u = events[k, TIME] * omega
-        tangent, at = fly_tangent(eq, tangent, u - at), u
+        dt, at = events[k, TIME] * omega - at, events[k, TIME] * omega
+        a, b = fly_tangent(eq, a, dt), fly_tangent(eq, b, dt)
         if events[k, KIND] == IMPACT:
-            speed = events[k, SPEED] / omega
-            tangent = apply_saltation(eq, tangent, speed, sin_cos(theta + at)[0])
+            speed, s = events[k, SPEED] / omega, sin_cos(theta + at)[0]
+            a, b = apply_saltation(eq, a, speed, s), apply_saltation(eq, b, speed, s)
         elif events[k, KIND] == REST:
-            tangent = 0.0, 0.0
-    return fly_tangent(eq, tangent, max(phase_step - at, 0.0))
+            a = b = 0.0, 0.0
+    left = max(phase_step - at, 0.0)
+    return fly_tangent(eq, a, left), fly_tangent(eq, b, left)
