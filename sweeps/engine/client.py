@@ -162,7 +162,7 @@ def _processes(number: int) -> Iterator[LocalCluster]:
     except ImportError:
         raise Refused(
             "local:N makes a certificate with the package cryptography, which is not "
-            "installed; install it with pip install 'vibroimpact[distributed]'"
+            "installed; install it with pip install cryptography"
         ) from None
     settings = {
         # The profiler of the workers would interrupt the kernel a hundred times a second.

@@ -67,8 +67,8 @@ def explore(
         import bokeh  # noqa: F401
     except ImportError:
         raise Refused(
-            "the live picture needs Bokeh, which is not installed; install it with\n"
-            "pip install 'vibroimpact[explore]'"
+            "the live picture needs Bokeh, which is not installed; install it, in a clone of the "
+            "program, with pip install '.[explore]'"
         ) from None
     from sweeps.explorer.server import Explorer
 
