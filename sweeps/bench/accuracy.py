@@ -271,12 +271,12 @@ def of_methods(measured: pd.DataFrame) -> str:
     steps = COMPARED_STEPS if exact_steps.empty else exact_steps.min()
     orders = measured[measured["error_kind"] == STATE].groupby(["scene", *METHOD])
     orders_of = orders["measured_order"].first()
-    shown = measured[
+    compared = measured[
         (measured["scene"] == main)
         & ((taken == steps) | (measured["tolerance"] == SOLVER_TOLERANCE))
     ]
     rows = [(*METHOD, *columns, "error", "penetration", "ns/period")]
-    for method, group in shown.groupby(METHOD, sort=False):
+    for method, group in compared.groupby(METHOD, sort=False):
         errors = group.set_index("error_kind")["error"]
         rows.append(
             (
@@ -310,10 +310,10 @@ def of_targets(measured: pd.DataFrame) -> str:
         if best.empty:
             rows.append((f"{target:g}", "none", "", "", ""))
         else:
-            (one,) = best.itertuples()
-            by_steps = pd.notna(one.steps_per_period)
-            steps = str(one.steps_per_period) if by_steps else f"tolerance {one.tolerance:g}"
-            rows.append((f"{target:g}", one.integrator, one.impact, steps, _cost(best)))
+            (row,) = best.itertuples()
+            by_steps = pd.notna(row.steps_per_period)
+            steps = str(row.steps_per_period) if by_steps else f"tolerance {row.tolerance:g}"
+            rows.append((f"{target:g}", row.integrator, row.impact, steps, _cost(best)))
     title = "The cheapest way to an error of the section state (as above)"
     return f"{title}\n\n{table(rows, words=4)}\n"
 

@@ -88,22 +88,22 @@ def _seconds(measured: pd.DataFrame, peers: bool) -> tuple[float, float]:
     return 0.7 * ours["seconds_per_period"].min(), 3.0 * ours["seconds_per_period"].max()
 
 
-def _draw_panel(panel: Axes, drawn: pd.DataFrame) -> None:
+def _draw_panel(panel: Axes, lines: pd.DataFrame) -> None:
     """Draw the errors that have a right digit and a place on a logarithmic chart."""
     panel.set(xscale="log", yscale="log")
     panel.grid(color="#DDDDDD", linewidth=0.4)
     slowest = panel.get_xlim()[1]
-    here = drawn[drawn["seconds_per_period"] < slowest]
+    here = lines[lines["seconds_per_period"] < slowest]
     if not here.empty:
         panel.set_ylim(0.3 * here["error"].min(), 3.0 * here["error"].max())
     frontier = efficient_frontier(here)
     panel.plot(*_coordinates(frontier), **_BAND, solid_joinstyle="round", zorder=1.0)
-    for method, group in drawn.groupby(METHOD, sort=False):
+    for method, group in lines.groupby(METHOD, sort=False):
         panel.plot(*_coordinates(group), **_look(Method(*method)))
     panel.yaxis.set_major_locator(LogLocator(numticks=6))
     panel.yaxis.set_minor_formatter(NullFormatter())
-    _label_orders(panel, drawn)
-    _name_missing(panel, drawn)
+    _label_orders(panel, lines)
+    _name_missing(panel, lines)
 
 
 def _coordinates(group: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
@@ -117,11 +117,11 @@ def _look(method: Method) -> dict[str, Any]:
     return {"color": PEER_COLOURS[name], "marker": "*", "linestyle": "--", **_SMALL_MARKS}
 
 
-def _label_orders(panel: Axes, drawn: pd.DataFrame) -> None:
+def _label_orders(panel: Axes, lines: pd.DataFrame) -> None:
     """Write orders at the fine ends of their lines, clear of one another and of points."""
-    finest = drawn.groupby(METHOD, sort=False).tail(1).dropna(subset="measured_order")
+    finest = lines.groupby(METHOD, sort=False).tail(1).dropna(subset="measured_order")
     ends = [one for one in finest.itertuples() if (one.integrator, one.impact) in _LABELLED]
-    ours = drawn[drawn["impact"].isin(list(RULES))]
+    ours = lines[lines["impact"].isin(list(RULES))]
     low, high = map(math.log10, panel.get_ylim())
     height = panel.bbox.height * 72.0 / panel.figure.dpi  # [pt]
     apart, above = 9.0 / height * (high - low), math.inf
@@ -140,11 +140,11 @@ def _label_orders(panel: Axes, drawn: pd.DataFrame) -> None:
         )
 
 
-def _name_missing(panel: Axes, drawn: pd.DataFrame) -> None:
+def _name_missing(panel: Axes, lines: pd.DataFrame) -> None:
     """Name the rules without an error to draw, and the peers beyond the right edge."""
-    for k, rule in enumerate(rule for rule in RULES if rule not in set(drawn["impact"])):
+    for k, rule in enumerate(rule for rule in RULES if rule not in set(lines["impact"])):
         _note(panel, 0.88 - 0.1 * k, f"{rule}: none", RULES[rule])
-    slower = drawn[drawn["seconds_per_period"] > panel.get_xlim()[1]]
+    slower = lines[lines["seconds_per_period"] > panel.get_xlim()[1]]
     beyond = slower["integrator"].str.split().str[0].unique()
     if len(beyond):
         _note(panel, 0.4, f"{', '.join(beyond)} \N{RIGHTWARDS ARROW}", "#555555")

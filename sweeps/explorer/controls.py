@@ -128,7 +128,7 @@ class Controls:
                 low, high = window_around(name, view.values, view.seen)
                 slider.update(start=low, end=high, step=(high - low) / 400.0)
             slider.value = value
-        values = {**view.values, **{RECORD_FIELDS[name]: one for name, one in view.record.items()}}
+        values = {**view.values, **{RECORD_FIELDS[name]: n for name, n in view.record.items()}}
         for name, field in self.fields.items():
             field.value = f"{values[name]:.7g}"
 

@@ -274,27 +274,27 @@ class Diagram(PixelFigure):
         values = ordinates(config, results, view.ordinate)
         window = fitted(values) if view.ylim is None else view.ylim
         pixels = density(values, window, rows)
-        shown = Shown(view, config, results, window, pixels, seconds)
-        self.kept = shown
-        return shown
+        picture = Shown(view, config, results, window, pixels, seconds)
+        self.kept = picture
+        return picture
 
-    def _paint(self, shown: Shown, seconds: float) -> None:
+    def _paint(self, picture: Shown, seconds: float) -> None:
         """Show a picture, the window that fits it, and the points that failed."""
         self.sent += 1
-        edges = outer_edges(shown.values, shown.view.axis in shown.view.log)
-        if shown.view.ylim is None:
-            self._fit = shown.window
+        edges = outer_edges(picture.values, picture.view.axis in picture.view.log)
+        if picture.view.ylim is None:
+            self._fit = picture.window
             self._label_ordinate()
-        self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent], fit=[self._fit])
+        self.set_pixels(picture.pixels, edges, picture.window, number=[self.sent], fit=[self._fit])
         for kind, (source, item) in self._strips.items():
-            x = shown.values[shown.has(kind)]
+            x = picture.values[picture.has(kind)]
             if len(x) or len(source.data["x"]):
                 source.data = {"x": x, "y": np.full(len(x), 0.015)}
                 text = kind.meaning if isinstance(kind, Status) else kind
-                item.label = f"{text} ({len(x)} of {len(shown.values)})"
+                item.label = f"{text} ({len(x)} of {len(picture.values)})"
                 item.visible = bool(len(x))
         self.show_legend()
-        self._report(shown.config, len(shown.values), shown.seconds, seconds)
+        self._report(picture.config, len(picture.values), picture.seconds, seconds)
 
     def _label_ordinate(self) -> None:
         """Set the label and the ticks of the ordinate for its window."""

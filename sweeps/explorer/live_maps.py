@@ -183,15 +183,15 @@ class Filling:
 
     def _ranked(self) -> tuple[list[AttractorRow], np.ndarray]:
         """Return the attractors by decreasing share, renumbered, and the number of each start."""
-        found = self._found
-        counts = np.bincount(self._reached + 1, minlength=len(found) + 1)[1:]
+        motions = self._found
+        counts = np.bincount(self._reached + 1, minlength=len(motions) + 1)[1:]
         order = np.argsort(-counts, kind="stable")
-        aperiodic = found["regime"] != Regime.PERIODIC
+        aperiodic = motions["regime"] != Regime.PERIODIC
         number = np.empty(len(order), int)
         number[order[np.argsort(aperiodic[order], kind="stable")]] = np.arange(len(order))
         shares = (counts / counts.sum()).tolist()
-        m, q, regime = (found[name] for name in ("m", "q", "regime"))
-        orbits = orbits_of(self.config.sweep.spec, found["point"], np.where(aperiodic, 0, m), q)
+        m, q, regime = (motions[name] for name in ("m", "q", "regime"))
+        orbits = orbits_of(self.config.sweep.spec, motions["point"], np.where(aperiodic, 0, m), q)
         table = [
             AttractorRow(
                 {}, int(number[i]), Regime(regime[i]), int(m[i]), int(q[i]), shares[i], *orbits[i]

@@ -76,45 +76,45 @@ class Drawn(NamedTuple):
 def motion_at(view: View) -> Drawn:
     """Compute the motion at the mark, for some periods after its last recorded section."""
     config = view.point()
-    points, found = config.sweep.grid.points(), numbers(config)
+    points, results = config.sweep.grid.points(), numbers(config)
     nothing = np.empty((3, 0)), np.empty((3, 0))
-    status = Status(found["status"][0])
+    status = Status(results["status"][0])
     if status.failed:
         return Drawn(status.meaning, *nothing)
-    (motion,) = motions_from(config.sweep.spec, points, found)
-    text, m = _in_words(motion, found, config.record.phase), int(motion["m"])
-    states = found["poincare_x"][0], found["poincare_v"][0]
+    (motion,) = motions_from(config.sweep.spec, points, results)
+    text, m = _in_words(motion, results, config.record.phase), int(motion["m"])
+    states = results["poincare_x"][0], results["poincare_v"][0]
     try:
         if not np.isfinite(states).any():
             refuse_unrecorded(status, "poincare_x")
         periods = min(periods_shown(m), _MOST) if m else _UNREPEATED
         oscillator, begun = oscillator_of(points[0]), float(points["phase"][0])
-        drawn = continued(oscillator, config.sweep.spec, states, periods, begun)
+        after = continued(oscillator, config.sweep.spec, states, periods, begun)
     except Refused as error:
         return Drawn(f"{text}; {error}", *nothing)
-    start = np.array([[drawn.rows[0, 0]], [0.0], [0.0]])
-    return Drawn(text, drawn.flow(per_period=64) - start, drawn.impacts - start)
+    start = np.array([[after.rows[0, 0]], [0.0], [0.0]])
+    return Drawn(text, after.flow(per_period=64) - start, after.impacts - start)
 
 
-def _in_words(motion: np.void, found: Results, phase: float) -> str:
+def _in_words(motion: np.void, results: Results, phase: float) -> str:
     """Return a text on a motion, given the results of its point alone."""
     regime = Regime(motion["regime"])
     if regime is Regime.PERIODIC:
-        going = on_its_way(motion["regime"], found["orbit_distance"][0])
+        going = on_its_way(motion["regime"], results["orbit_distance"][0])
         said = (ON_ITS_WAY if going else SETTLED).removesuffix(" m/q")
         text = f"{said} {motion['m']}/{motion['q']}"
         with suppress(OrbitError):  # an orbit of another impact rule
             first, second = orbit_of_motion(motion, phase).multipliers.astype(complex)
-            shown = f"{first.real:.4g} and {second.real:.4g}"
+            numbers_text = f"{first.real:.4g} and {second.real:.4g}"
             if first.imag:
-                shown = f"{first.real:.4g} ± {abs(first.imag):.4g} i"
-            return f"{text}; Floquet multipliers {shown}"
+                numbers_text = f"{first.real:.4g} ± {abs(first.imag):.4g} i"
+            return f"{text}; Floquet multipliers {numbers_text}"
     elif regime is Regime.REST:
-        return f"{rest_of([motion['m']])}, {100.0 * found['rest_fraction'][0]:.3g} % of the time"
+        return f"{rest_of([motion['m']])}, {100.0 * results['rest_fraction'][0]:.3g} % of the time"
     else:
         text = regime.word
-    if "lyapunov" in found:
-        first, second = found["lyapunov"][0]
+    if "lyapunov" in results:
+        first, second = results["lyapunov"][0]
         text += f"; Lyapunov exponents {first:.4g} and {second:.4g} per unit time"
     return text
 
@@ -200,9 +200,9 @@ class MotionPanel:
         compute, show = partial(motion_at, view), partial(self._paint, view)
         return [Step("motion", view.point(), compute, show)] if view.shows_motion else []
 
-    def _paint(self, view: View, drawn: Drawn, seconds: float) -> None:
+    def _paint(self, view: View, motion: Drawn, seconds: float) -> None:
         """Show a motion, the stop and the text."""
-        for source, rows in ((self.line, drawn.line), (self.impacts, drawn.impacts)):
+        for source, rows in ((self.line, motion.line), (self.impacts, motion.impacts)):
             source.data = dict(zip("txv", rows, strict=True))
         for panel, names in zip(self._panels, ("tx", "xv"), strict=True):
             for axis, name, pixels in zip(panel.axis, names, (math.inf, 0.0), strict=True):
@@ -213,7 +213,7 @@ class MotionPanel:
         for stop in self._stops:
             stop.location = clearance
         self._place(view, clearance)
-        said = escape(f"{value_text(view.axis, view)}: {drawn.text}")
+        said = escape(f"{value_text(view.axis, view)}: {motion.text}")
         self.text.text = (
             f"<b>{said}</b> &nbsp; <span style='color:{ORANGE}'>●</span> impacts, "
             f"┄ stop, x = {value_text('clearance', view)}"

@@ -84,14 +84,14 @@ class LivePage:
         self._key = TextInput(visible=False, name="key")
         self._connect()
         self._show()
-        own = {"height": "auto", "flex": "none"}
+        auto = {"height": "auto", "flex": "none"}
         pictures = column(
-            self._tabs, self.motion.layout, sizing_mode="stretch_both", stylesheets=[narrow(**own)]
+            self._tabs, self.motion.layout, sizing_mode="stretch_both", stylesheets=[narrow(**auto)]
         )
         # The Tab key comes to the pictures first; on a wide page they are on the right.
         body = row(
             pictures, self.controls.layout, sizing_mode="stretch_both",
-            stylesheets=[_CONTROLS_LEFT, narrow(**own, flex_direction="column")],
+            stylesheets=[_CONTROLS_LEFT, narrow(**auto, flex_direction="column")],
         )  # fmt: skip
         hidden = (self._address, self._key, self.diagram.painted, self.diagram.fits)
         # Last, because Bokeh visits all models of a document after each change of its models.

@@ -122,8 +122,8 @@ class _Application(BokehTornado):
 
     def _is_own(self, request: HTTPServerRequest) -> bool:
         """Whether a request addresses this machine, comes from our own page and has the secret."""
-        own = f"http://{request.host}"
-        if request.host_name not in _OWN_NAMES or request.headers.get("Origin", own) != own:
+        page = f"http://{request.host}"
+        if request.host_name not in _OWN_NAMES or request.headers.get("Origin", page) != page:
             return False
         if request.path.startswith("/static/"):
             return _STATIC.fullmatch(request.path) is not None

@@ -231,10 +231,10 @@ class View:
             entries[axis] = {"start": low, "stop": high, "num": num}
             if axis in self.log:
                 entries[axis]["spacing"] = "log"
-        given = {self.seen.name(key): entries.pop(key) for key in OscillatorConfig.model_fields}
+        group = {self.seen.name(key): entries.pop(key) for key in OscillatorConfig.model_fields}
         data = {
             "name": self.name,
-            self.seen.group: {**self.seen.constants, **given},
+            self.seen.group: {**self.seen.constants, **group},
             "start": entries,
             "method": dict(self.method),
             "record": {**self.record, "diagnostics": diagnostics},
@@ -266,8 +266,8 @@ class View:
             **self.record, **{n: entries[c] for n, c in RECORD_FIELDS.items() if c in entries}
         }  # fmt: skip
         numbers = {
-            own: _typed_number(name, entries[name], self.seen.about(own))
-            for name, own in named.items()
+            parameter: _typed_number(name, entries[name], self.seen.about(parameter))
+            for name, parameter in named.items()
             if name in entries
         }
         try:

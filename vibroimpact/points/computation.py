@@ -229,24 +229,24 @@ def classified(
     ``orbit_distance`` is the distance of the motion from it, as a share of the size of the record;
     NaN without a class. ``class_evidence`` is an ``Evidence``.
     """
-    found = results["destination"]
+    destination = results["destination"]
     moves = has_result(results["status"]) & (results["status"] != Status.UNBOUNDED)
-    found[~moves] = NO_DESTINATION
-    uncounted = np.flatnonzero(found["q"] < 0)
+    destination[~moves] = NO_DESTINATION
+    uncounted = np.flatnonzero(destination["q"] < 0)
     last = np.stack([results[f"poincare_{name}"][uncounted, -1] for name in "xv"], axis=1)
-    q, rests = _repeated(spec, points[uncounted], last, found["m"][uncounted], threads)
-    found["q"][uncounted] = q
+    q, rests = _repeated(spec, points[uncounted], last, destination["m"][uncounted], threads)
+    destination["q"][uncounted] = q
     released = (results["rest_fraction"][uncounted] > 0.0) & ~rests
-    found["evidence"][uncounted[released]] = Evidence.RELEASED
-    known = found["evidence"] > Evidence.UNREACHED
+    destination["evidence"][uncounted[released]] = Evidence.RELEASED
+    known = destination["evidence"] > Evidence.UNREACHED
     kept = {name: values for name, values in results.items() if name != "destination"}
     return kept | {
-        "period": np.where(known, found["m"], 0),
-        "period_impacts": np.where(known, found["q"], 0),
-        "orbit_x": np.where(known, found["x"], np.nan),
-        "orbit_v": np.where(known, found["v"], np.nan),
-        "orbit_distance": np.where(known, found["distance"], np.nan),
-        "class_evidence": found["evidence"].astype(np.int8),
+        "period": np.where(known, destination["m"], 0),
+        "period_impacts": np.where(known, destination["q"], 0),
+        "orbit_x": np.where(known, destination["x"], np.nan),
+        "orbit_v": np.where(known, destination["v"], np.nan),
+        "orbit_distance": np.where(known, destination["distance"], np.nan),
+        "class_evidence": destination["evidence"].astype(np.int8),
     }
 
 
@@ -261,8 +261,9 @@ def classified_later(
     starts = points.copy()
     if spec.followed is not None:  # the run started each point elsewhere
         put_last(starts, results, spec.phase)
-    found = find_destinations(with_stop_in_reach(starts, spec.impact), scheme, results, threads)
-    return classified(spec, points, {**results, "destination": found}, threads)
+    starts = with_stop_in_reach(starts, spec.impact)
+    results = {**results, "destination": find_destinations(starts, scheme, results, threads)}
+    return classified(spec, points, results, threads)
 
 
 def _repeated(

@@ -109,10 +109,10 @@ def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict
         return run(_stage(spec, periods), points)
 
     def goes_on(going: np.ndarray, done: int, results: Results) -> np.ndarray:
-        found = results["destination"]
-        needed[going] = _needed(found, longest - done)
+        destination = results["destination"]
+        needed[going] = _needed(destination, longest - done)
         worst[going] = worst_of(worst[going], results["status"])
-        on = without_class(found["evidence"], results["status"])
+        on = without_class(destination["evidence"], results["status"])
         if "lyapunov" in results:
             periods = results["poincare_x"].shape[1]
             on &= ~is_chaotic(results["lyapunov"], points["omega"][going], periods)
@@ -146,13 +146,13 @@ def _stage(spec: RunSpec, length: int) -> RunSpec:
     return spec.part(length - sections, sections, 0, lyapunov)
 
 
-def _needed(found: np.ndarray, most: int) -> np.ndarray:
+def _needed(destination: np.ndarray, most: int) -> np.ndarray:
     """Return the periods that motions still need, in few different numbers, at most `most`."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        falls = np.log(_ROUNDING / found["distance"]) / np.log(found["multiplier"])
+        falls = np.log(_ROUNDING / destination["distance"]) / np.log(destination["multiplier"])
     falls = np.clip(np.nan_to_num(falls), 0.0, most)
-    falls[found["evidence"] <= Evidence.UNREACHED] = 0.0
-    periods = np.minimum(falls * found["m"], most)
+    falls[destination["evidence"] <= Evidence.UNREACHED] = 0.0
+    periods = np.minimum(falls * destination["m"], most)
     steps = np.ceil(_STEPS_PER_DOUBLING * np.log2(np.maximum(periods, 1.0)))
     rounded = np.ceil(2.0 ** (steps / _STEPS_PER_DOUBLING))
     return np.where(periods < 1.0, 0, np.minimum(rounded, most)).astype(np.int64)
