@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS
-from sweeps.grid import TABLE, Grid, table_values
+from sweeps.grid import Grid
 from sweeps.reports import status_counts
 from sweeps.store import VARIABLES, open_sweep
 from sweeps.store.variables import held_variables
@@ -283,20 +283,3 @@ def test_a_file_from_before_a_parameter_was_added_has_its_default(tmp_path, bloc
         assert dataset["a"].attrs == {
             "long_name": PARAMETERS["a"].meaning, "units": "mm", "symbol": "a",
         }  # fmt: skip
-
-
-def test_a_file_from_before_the_phase_was_a_parameter_has_that_of_its_computation(tmp_path):
-    plan = schema()
-    plan.attributes["computation"] = "start: 1.5\nh: 0.1\n"
-    fill_blocks(tmp_path / "out.h5", plan=plan)
-    with open_sweep(tmp_path / "out.h5") as dataset:
-        assert dataset["phase"].item() == 1.5 and dataset["phase"].attrs["units"] == "rad"
-
-
-def test_a_column_phase_of_an_earlier_version_is_not_the_phase_of_the_points(tmp_path):
-    rows = table_values({"omega": np.array([1.0, 1.2]), "phase": np.array([7.0, 8.0])})
-    plan = schema(Grid({TABLE: rows}, GRID.fixed))
-    plan.attributes["computation"] = "start: 1.5\nh: 0.1\n"
-    fill_blocks(tmp_path / "out.h5", plan=plan)
-    with open_sweep(tmp_path / "out.h5") as dataset:
-        assert dataset["phase"].item() == 1.5 and dataset["omega"].values.tolist() == [1.0, 1.2]
