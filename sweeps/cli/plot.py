@@ -49,7 +49,8 @@ FigureFile = Annotated[
         "--output",
         metavar="FIGURE",
         help="The picture to write, for a single OUT.h5. If not given, OUT.png, or a name with the "
-        "kind, quantity and place that are asked for, as OUT-map-energy_lost-R-0.8.png.",
+        "kind, quantity and place that are asked for, as OUT-map-energy_lost-R-0.8.png; a motion "
+        "also as .gif or .mp4.",
     ),
 ]
 #: The names of `sweeps.plotting.KINDS`, without the import of matplotlib.
@@ -166,6 +167,15 @@ Periods = Annotated[
         help="For a trajectory, compute N periods from the last stored state.",
     ),
 ]
+FramesPerSecond = Annotated[
+    int | None,
+    typer.Option(
+        "--fps",
+        metavar="N",
+        parser=number_option("--fps", integer(1, 50)),
+        help="Frames per second of a .gif or .mp4, 25 if not given.",
+    ),
+]
 Width = Annotated[
     str | None,
     typer.Option(metavar="LENGTH", help="Width of the picture, e.g. 3.4in, 8.6cm or 86mm."),
@@ -236,6 +246,7 @@ def plot_command(
     overlay: OverlayFile = None,
     panels: PanelNames = None,
     periods: Periods = None,
+    fps: FramesPerSecond = None,
     width: Width = None,
     height: Height = None,
     dpi: Resolution = None,
@@ -286,6 +297,7 @@ def plot_command(
         "overlay": overlay,
         "panels": _at_commas(panels) if panels is not None else None,
         "periods": periods,
+        "fps": fps,
     }
     values = {name: "-".join(map(fewest_digits, numbers)) for name, numbers in lists.items()}
     names = [_name(file, kind, cuts | values, options) for file in files]
@@ -297,7 +309,8 @@ def plot_command(
     with ExitStack() as stack:
         datasets = []
         for file, figure in zip(files, figures, strict=True):  # check all before drawing any
-            check_picture(figure, file, *([] if overlay is None else [overlay]))
+            read = [file] if overlay is None else [file, overlay]
+            check_picture(figure, *read, animated=True)
             datasets.append(stack.enter_context(opened_in_si(file)))
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with named(file):
@@ -343,8 +356,8 @@ def _name(file: Path, kind: str | None, cuts: Selection, options: Mapping[str, A
             words += [option, *([value] if isinstance(value, str) else value)]
         elif option == "overlay":
             words += [option, value.stem]
-        elif option == "periods":
-            words.append(f"{value}-periods")
+        elif option in ("periods", "fps"):
+            words.append(f"{value}-{option}")
         else:
             words += [value] if isinstance(value, str) else value
     for name, value in cuts.items():
@@ -368,7 +381,7 @@ def draw_picture(
 
     chosen = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(sweep, cuts, **chosen) if kind is None else kind
-    check_options(kind, chosen)
+    check_options(kind, chosen, figure)
     lines: list[str] = []
     table: pd.DataFrame | None = None
     if "exact" in chosen:

@@ -1,3 +1,4 @@
+from .animation import animate as animate
 from .api import KINDS as KINDS
 from .api import plot as plot
 from .attractor_pictures import attractor_diagram as attractor_diagram

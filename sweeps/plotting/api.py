@@ -16,7 +16,7 @@ from sweeps.grid import TABLE
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.plotting.page import PAGE, PICTURE_ARGUMENTS, Page
-from sweeps.plotting.saving import check_picture, description, save
+from sweeps.plotting.saving import ANIMATED, check_picture, description, save
 from sweeps.plotting.style import user_style
 from sweeps.store import DIRECTION
 from sweeps.text import choice_of, listed, near_miss, suggestion
@@ -53,7 +53,7 @@ KINDS: Mapping[str, Kind] = {
     "map": Kind(_drawn_by("parameter_map"), ("axes", "quantity", "exact", "overlay"), axes=2),
     "section": Kind(_drawn_by("section"), ("color",)),
     "impacts": Kind(_drawn_by("impacts"), ("color",)),
-    "trajectory": Kind(_drawn_by("trajectory"), ("periods", "color")),
+    "trajectory": Kind(_drawn_by("trajectory"), ("periods", "color", "fps")),
     "table": Kind(
         _drawn_by("table_panels"),
         ("axes", "quantity", "color", "overlay", "panels"),
@@ -82,7 +82,8 @@ def plot(
     sweep : Dataset
         From `sweeps.open_sweep`.
     output : str or Path
-        The picture; its ending must be .png, .svg, .pdf or .eps.
+        The picture; its ending must be .png, .svg, .pdf or .eps, or for an animation of a
+        `trajectory` .gif or .mp4, which needs the program ffmpeg.
     kind : str, optional
         One of ``KINDS``, by default the result of `default_kind`.
     at : mapping of str to float, optional
@@ -99,8 +100,8 @@ def plot(
         ``axes`` and ``coordinate`` of `attractor_diagram`; ``axes``, ``quantity``, ``exact`` and
         ``overlay`` of `parameter_map`; ``axes``, ``quantity``, ``color``, ``overlay`` and
         ``panels`` of `table_panels`; ``beside`` of `basins`; ``panels`` of `integrity`; ``color``
-        of `section` and `impacts`; ``periods`` and ``color`` of `trajectory`. With None the picture
-        chooses.
+        of `section` and `impacts`; ``periods`` and ``color`` of `trajectory`; ``periods`` and
+        ``fps`` of `animate`. With None the picture chooses.
 
     Returns
     -------
@@ -120,20 +121,38 @@ def plot(
     """
     output = Path(output)
     read = [str(sweep.data.encoding.get("source", "")), options.get("overlay")]
-    check_picture(output, *(file for file in read if isinstance(file, str | Path)))
+    check_picture(output, *(file for file in read if isinstance(file, str | Path)), animated=True)
     options = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(sweep, at, **options) if kind is None else kind
-    check_options(kind, options)
+    check_options(kind, options, output)
     style = user_style() | ({} if page.dpi is None else {"savefig.dpi": page.dpi})
+    about = description(sweep.attrs, command)
     with mpl.rc_context(style):
-        figure = KINDS[kind].draw(sweep, at=at, page=page, **options)
-        save(figure, output, description(sweep.attrs, command))
+        if is_animated(output):
+            from sweeps.plotting.animation import save_animation
+
+            save_animation(sweep, output, about, at=at, page=page, **options)
+        else:
+            save(KINDS[kind].draw(sweep, at=at, page=page, **options), output, about)
     return output
 
 
-def check_options(kind: str, options: Iterable[str]) -> None:
-    """Refuse a kind that is no picture, and options that it does not take."""
+def is_animated(output: Path) -> bool:
+    """Whether a picture is an animation, by its ending."""
+    return output.suffix.lower() in ANIMATED
+
+
+def check_options(kind: str, options: Iterable[str], output: Path) -> None:
+    """Refuse a kind that is no picture, and options that it or the kind of file does not take."""
     check_kind(kind)
+    if is_animated(output) and (kind != "trajectory" or "color" in options):
+        several = f"the picture {kind}" if kind != "trajectory" else "several motions"
+        raise Refused(
+            f"{output} is not allowed for {several}; expected: the motion of one point, with the "
+            f"picture trajectory and without color, or an ending of a picture, as .png"
+        )
+    if "fps" in options and not is_animated(output):
+        raise Refused(f"fps is not allowed for {output}; expected: {' or '.join(ANIMATED)}")
     for option in options:
         kinds = [name for name, taker in KINDS.items() if option in taker.options]
         if not kinds:
@@ -159,8 +178,8 @@ def default_kind(sweep: OpenedSweep, at: Selection | None = None, **options: Any
 
     The first case that applies counts:
 
-    - for a table ``table``, or ``trajectory`` if a row or `periods` are given;
-    - with a `quantity` ``map``, and with `periods` ``trajectory``;
+    - for a table ``table``, or ``trajectory`` if a row, `periods` or `fps` are given;
+    - with a `quantity` ``map``, and with `periods` or `fps` ``trajectory``;
     - if x0, v0 or phase was swept and the period recorded: ``attractors`` if a parameter was swept,
       too, and no start chosen, ``basins`` if only starts were, and two of them are not chosen;
     - if two parameters were swept, the period recorded, and neither chosen: ``map``;
@@ -168,8 +187,8 @@ def default_kind(sweep: OpenedSweep, at: Selection | None = None, **options: Any
     - if a trajectory was recorded ``trajectory``, else ``section``.
     """
     if TABLE in sweep.grid:
-        return "trajectory" if at or "periods" in options else "table"
-    for option, kind in (("quantity", "map"), ("periods", "trajectory")):
+        return "trajectory" if at or {"periods", "fps"} & options.keys() else "table"
+    for option, kind in (("quantity", "map"), ("periods", "trajectory"), ("fps", "trajectory")):
         if option in options:
             return kind
     axes = sweep.axes

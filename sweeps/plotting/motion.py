@@ -164,7 +164,7 @@ def impacts(
 
 
 #: In a figure narrower than this [inch] the phase plane is below the other panels.
-_NARROW = 4.5
+NARROW = 4.5
 #: Most motions in a picture: of each, at least four periods are drawn.
 _MOST_MOTIONS = MOST_DRAWN // 4
 
@@ -301,7 +301,7 @@ def _classes(line: OpenedSweep) -> list[Label | None]:
 
 def _new_panels(page: Page) -> list[Axes]:
     """Return new panels for x over t, v over t, and the phase plane beside or below them."""
-    narrow = canvas.width_of(page) < _NARROW
+    narrow = canvas.width_of(page) < NARROW
     layout, heights = ("x;v;p", [1.0, 1.0, 1.6]) if narrow else ("xp;vp", [1.0, 1.0])
     figure = canvas.Picture(page, 1.6 if narrow else 1.25)
     panels = figure.subplot_mosaic(layout, height_ratios=heights)

@@ -146,6 +146,8 @@ _OF_PAGE = {
 }
 
 PAGE = Page()
+#: Frames per second of an animation, if no other number is given.
+FPS = 25
 
 #: Docstring of the common parameters; `styled` appends it to the docstring of each picture.
 _COMMON_PARAMETERS = """\
@@ -209,6 +211,7 @@ PICTURE_ARGUMENTS: Mapping[str, Allowed] = {
         lambda value: _are_wanted(value) and not isinstance(value, str), "names, as ['basins']"
     ),
     "periods": integer(1, MOST_RECORDED),
+    "fps": integer(1, 50),  # a GIF counts hundredths of a second, and browsers no single ones
     "overlay": Allowed(
         lambda value: isinstance(value, str | Path) or hasattr(value, "items"),
         "a CSV file or a DataFrame",

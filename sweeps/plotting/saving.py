@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import re
+import shutil
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -27,7 +28,7 @@ from matplotlib.text import Text
 from sweeps.errors import Refused
 from sweeps.plotting.style import STYLE, dots_per_inch, user_style
 from sweeps.store.replacing import check_target, writing
-from sweeps.text import listed, printable, shortened
+from sweeps.text import listed, near_miss, printable, shortened, suggestion
 from vibroimpact import __version__
 
 #: Metadata fields of each format for the title, the program and a text.
@@ -40,6 +41,8 @@ _FIELDS = {
 #: Metadata that leave out the dates, so that the same picture always gives the same bytes.
 _NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}, "eps": {}}
 FORMATS = tuple(_FIELDS)
+#: Endings of animations.
+ANIMATED = (".gif", ".mp4")
 #: A figure must have fewer pixels than this in each direction.
 _MOST_PIXELS = 2**16
 #: Most characters of a comment in one line: by Adobe's conventions, a line has at most 255.
@@ -69,16 +72,22 @@ def refuse_replacing(data: str | Path, output: Path, what: str = "picture") -> N
         raise Refused(f"the {what} {output} would replace the data; give another output")
 
 
-def check_picture(output: Path, *data: str | Path) -> None:
+def check_picture(output: Path, *data: str | Path, animated: bool = False) -> None:
     """Refuse a path to which no picture of the `data`, files that are read, can be written.
 
-    Raises Refused if it is a file with the data, if its ending is not one of ``FORMATS``, if no
-    file can be written there, or if matplotlib cannot draw with the settings of the user.
+    Raises Refused if it is a file with the data, if its ending is not one of ``FORMATS``, or of an
+    animation where these are allowed, if no file can be written there, or if matplotlib cannot draw
+    with the settings of the user.
     """
     for file in data:
         refuse_replacing(file, output)
-    if output.suffix.lower().lstrip(".") not in FORMATS:
-        raise Refused(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
+    ending = output.suffix.lower()
+    allowed = [*(f".{name}" for name in FORMATS), *(ANIMATED if animated else ())]
+    if ending not in allowed:
+        meant = suggestion(near_miss(ending, allowed))
+        raise Refused(f"{output} must end in one of {listed(allowed)}{meant}")
+    if ending == ".mp4" and shutil.which(mpl.rcParams["animation.ffmpeg_path"]) is None:
+        raise Refused(f"{output} needs the program ffmpeg, which is not found; a .gif needs none")
     check_target(output, "picture")
     settings = mpl.matplotlib_fname()
     if not settings.startswith(mpl.get_data_path()):

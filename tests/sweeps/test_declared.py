@@ -18,7 +18,7 @@ OF_OTHERS = {
 #: encrypt its connections.
 FOR_OTHERS = {"h5netcdf", "cryptography"}
 #: Packages that are imported by another name than that of their distribution.
-IMPORTED_AS = {"pyyaml": "yaml", "lazy-loader": "lazy_loader"}
+IMPORTED_AS = {"pillow": "PIL", "pyyaml": "yaml", "lazy-loader": "lazy_loader"}
 
 
 def imported():

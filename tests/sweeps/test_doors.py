@@ -52,6 +52,7 @@ DOORS = {
     "section": (plotting.section, "map"),
     "impacts": (plotting.impacts, "map"),
     "trajectory": (plotting.trajectory, "map"),
+    "animate": (plotting.animate, "map"),
     "parameter_map": (plotting.parameter_map, "map"),
     "basins": (plotting.basins, "starts"),
     "attractor_diagram": (plotting.attractor_diagram, "map"),

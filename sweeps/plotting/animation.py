@@ -1,0 +1,339 @@
+"""A motion that moves: the mass at its stop, beside it growing curves of x over t and v over x."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.animation import FFMpegWriter, FuncAnimation
+from matplotlib.artist import Artist
+from matplotlib.backend_bases import RendererBase
+from matplotlib.backends.backend_agg import RendererAgg
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from PIL import Image
+
+from sweeps.errors import Failed, Refused
+from sweeps.opened.doors import AnySweep
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
+from sweeps.opened.trajectories import periods_shown
+from sweeps.plotting import canvas
+from sweeps.plotting.motion import NARROW, trajectory
+from sweeps.plotting.page import FPS, PAGE, Page, styled
+from sweeps.plotting.style import data_colour, ground, ink
+from sweeps.store.replacing import writing
+
+#: Most forcing periods, and their number where it is not known after how many a motion repeats.
+_MOST_PERIODS, _UNKNOWN = 100, 10
+#: Longest and shortest time for a forcing period, and the time for all if these allow it [s].
+_SLOWEST, _FASTEST, _IN_ALL = 2.0, 0.6, 20.0
+#: Pixels per inch unless the page has its own, and most pixels of all frames of a file.
+_DPI, _MOST_PIXELS = 130, 500_000_000
+#: Heights of the mass, of the shortest spring and of the stop, as shares of the range of x.
+_MASS, _SPRING, _STOP = 0.16, 0.16, 0.06
+#: In a GIF: the number that stands for the colour of the frame before; into how many cells red,
+#: green and blue are divided, in each of which colours become one; a colour as one number.
+_SAME, _CELLS, _PACKED = 255, 32, np.array([65536, 256, 1])
+
+
+def animate(
+    sweep: AnySweep,
+    *,
+    at: Selection | None = None,
+    periods: int | None = None,
+    fps: int = FPS,
+    page: Page = PAGE,
+) -> FuncAnimation:
+    """Animate the motion of one point: the mass at its stop, x over t and the phase plane.
+
+    The mass is beside x over t, at the height of x; both diagrams grow with the motion. The frame
+    nearest to an impact shows the instant of the impact. A forcing period takes 2 s, and less in a
+    motion of more than 10 periods.
+
+    Parameters
+    ----------
+    sweep : Dataset or str or Path
+        From `sweeps.open_sweep`, or the path of its file.
+    at : mapping of str to float, optional
+        Values of the swept axes, as for `sweeps.plotting.trajectory`.
+    periods : int, optional
+        Number of forcing periods after the last state at the section, at most 100. By default two
+        repetitions of a motion that is known to repeat, but at least four periods; 10 of another.
+    fps : int
+        Frames per second, from 1 to 50.
+    page : Page, optional
+        Size, title, limits and look.
+
+    Returns
+    -------
+    FuncAnimation
+        For a notebook, as ``IPython.display.HTML(animation.to_jshtml())``; `sweeps.plotting.plot`
+        writes files.
+
+    Raises
+    ------
+    Refused
+        If the motion cannot be computed.
+
+    Examples
+    --------
+    >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
+    >>> animation = sweeps.plotting.animate(ds, at={"omega": 2.7}, periods=1, fps=2)
+    >>> animation.to_jshtml().count("data:image/png")
+    5
+    """
+    film = _film(sweep, at=at, periods=periods, fps=fps, page=page)
+    assert isinstance(film, _Film)
+    return FuncAnimation(film, film.show_frame, len(film.times), interval=1000.0 / fps)
+
+
+class _Film(canvas.Picture):
+    """A figure of a motion up to the time of a frame; what never changes is painted once.
+
+    Its panels are the mass, x over t, and the phase plane beside or below them.
+    """
+
+    def __init__(self, page: Page) -> None:
+        """Make a figure without frames."""
+        narrow = canvas.width_of(page) < NARROW
+        super().__init__(page, 1.8 if narrow else 1.0)
+        self.set_dpi(page.dpi or _DPI)
+        if to_rgba(self.get_facecolor())[3] < 1.0:  # neither format has transparency
+            self.set_facecolor(ground())
+        ratios: dict[str, Any] = {"width_ratios": [0.3, 1.0] if narrow else [0.3, 1.0, 1.0]}
+        panels = self.subplot_mosaic("mx;pp" if narrow else "mxp", **ratios)
+        self.mass, self.over_time, self.phase_plane = (panels[name] for name in "mxp")
+        self.mass.sharey(self.over_time)
+        self.mass.set_axis_off()
+        self.phase_plane.locator_params(axis="x", nbins=5)
+        self.times, self.moving = np.zeros(0), list[Artist]()
+        self.change: Callable[[float], object] = lambda time: None
+        self._still: tuple[RendererBase | None, Any] = None, None
+
+    def show_frame(self, frame: int) -> list[Artist]:
+        """Change what moves to a frame."""
+        self.change(float(self.times[frame]))
+        return self.moving
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Paint what is still, once with each renderer, and what moves."""
+        if self.get_layout_engine() is not None or not isinstance(renderer, RendererAgg):
+            super().draw(renderer)
+            return
+        if self._still[0] is not renderer:
+            for artist in self.moving:
+                artist.set_visible(False)
+            super().draw(renderer)
+            for artist in self.moving:
+                artist.set_visible(True)
+            self._still = renderer, renderer.copy_from_bbox(self.bbox)
+        renderer.restore_region(self._still[1])
+        for artist in self.moving:
+            artist.draw(renderer)
+
+
+@styled
+def _film(
+    sweep: OpenedSweep,
+    *,
+    at: Selection | None = None,
+    periods: int | None = None,
+    fps: int = FPS,
+    page: Page = PAGE,
+) -> Figure:
+    """Draw the whole motion of a point, and make a film of it that ends with this picture."""
+    point = sweep.cut(at)
+    if periods is None:
+        line = point.over(point.data.expand_dims("motion"))
+        found = line.labels[0] if "period" in line else None
+        periods = periods_shown(found.m) if found is not None and found.m else _UNKNOWN
+        periods = min(periods, _MOST_PERIODS)
+    if periods > _MOST_PERIODS:
+        raise Refused(
+            f"periods = {periods:,} is not allowed in an animation; expected: at most "
+            f"{_MOST_PERIODS}"
+        )
+    film = _Film(page)
+    count = round(fps * periods * float(np.clip(_IN_ALL / periods, _FASTEST, _SLOWEST)))
+    width, height = np.rint(film.get_size_inches() * film.dpi).astype(int).tolist()
+    if width * height * count > _MOST_PIXELS:
+        raise Refused(
+            f"{count:,} frames of {width} x {height} pixels are too many; expected: at most "
+            f"{_MOST_PIXELS:,} pixels in all, by fewer periods, or a lower dpi, fps or width"
+        )
+    over_time, phase_plane = film.over_time, film.phase_plane
+    velocity = Figure().add_subplot()  # which is not shown
+    trajectory(sweep, at=at, periods=periods, page=page, ax=[over_time, velocity, phase_plane])
+    if page.xlabel is None:
+        over_time.set_xlabel(velocity.get_xlabel())
+    phase_plane.set_title(phase_plane.get_title(), loc="right")  # it is narrow
+    phase_plane.set_title("")
+    grown = [
+        (upper, lower, np.vstack([*np.transpose(upper.get_xydata()), lower.get_ydata()]))
+        for upper, lower in zip(over_time.lines, phase_plane.lines, strict=True)
+        if upper.get_transform() == over_time.transData  # that of the stop is another
+    ]
+    (curve, _, motion), *_ = grown
+    look: dict[str, Any] = {"color": ink(), "marker": "o", "markersize": 4.5, "zorder": 4.0}
+    heads = [panel.plot([], [], **look)[0] for panel in (over_time, phase_plane)]
+    over_time.autoscale(False)
+    phase_plane.autoscale(False)
+    mass, move = _draw_mass(film, float(point["clearance"]), page)
+
+    def change(time: float) -> None:
+        """Show the motion up to a time."""
+        now = _state_at(motion, time)
+        for upper, lower, rows in grown:
+            past = rows[:, : rows[0].searchsorted(time, "right")]
+            past = np.column_stack([past, now]) if upper is curve else past
+            upper.set_data(past[:2])
+            lower.set_data(past[1:])
+        heads[0].set_data(now[:2, None])
+        heads[1].set_data(now[1:, None])
+        move(now[1])
+
+    film.change = change
+    film.moving = [*mass, *(line for upper, lower, _ in grown for line in (upper, lower)), *heads]
+    film.times = _frame_times(motion[0], count)
+    film.draw_without_rendering()  # lays it out
+    with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+        film.set_layout_engine(None)
+    film.show_frame(-1)
+    return film
+
+
+def _frame_times(t: np.ndarray, count: int) -> np.ndarray:
+    """Return the times of frames, evenly spaced but for those nearest to an impact."""
+    times = np.linspace(0.0, t[-1], count + 1)
+    impacts = t[1:][np.diff(t) == 0.0]
+    nearest, first = np.unique(np.rint(impacts / times[1]).astype(int), return_index=True)
+    times[nearest] = impacts[first]
+    return times
+
+
+def _state_at(motion: np.ndarray, time: float) -> np.ndarray:
+    """Return time, displacement and velocity at a time; at an impact those after it."""
+    after = motion[0].searchsorted(time, "right")
+    if after == motion.shape[1]:
+        return motion[:, -1]
+    begin, end = motion[:, after - 1], motion[:, after]
+    state: np.ndarray = begin + (time - begin[0]) / (end[0] - begin[0]) * (end - begin)
+    return state
+
+
+def _draw_mass(
+    film: _Film, clearance: float, page: Page
+) -> tuple[list[Artist], Callable[[float], None]]:
+    """Draw the stop, the mass and its spring; return what moves, and a function that moves it."""
+    panel, (low, high) = film.mass, film.over_time.get_ylim()
+    size = high - low
+    if page.ylim is None:
+        low, high = low - (_MASS + _SPRING) * size, high + 0.5 * _STOP * size
+        panel.set_ylim(low, high)
+    panel.set_xlim(0.0, 1.0)
+    panel.plot([0.0, 1.0], [clearance, clearance], color=ink(), linewidth=1.2)
+    stop = Rectangle((0.0, clearance), 1.0, _STOP * size, hatch="//////", linewidth=0.0)
+    panel.add_patch(stop).set(facecolor=ground(), edgecolor=ink())
+    mass = Rectangle((0.2, 0.0), 0.6, _MASS * size, facecolor=data_colour(), edgecolor="none")
+    panel.add_patch(mass)
+    across = [0.5, 0.5, *[0.35, 0.65] * 4, 0.5, 0.5]
+    (spring,) = panel.plot(across, across, color=ink(), linewidth=0.8)
+    panel.plot([0.2, 0.8], [low, low], color=ink(), linewidth=2.4)
+
+    def move(x: float) -> None:
+        """Move the mass, whose upper side is at x."""
+        mass.set_y(x - mass.get_height())
+        spring.set_ydata(np.interp(np.arange(12), [0, 11], [low, mass.get_y()]))
+
+    return [mass, spring], move
+
+
+def save_animation(
+    sweep: OpenedSweep,
+    output: Path,
+    description: tuple[str, str, str],
+    fps: int = FPS,
+    **options: Any,
+) -> None:
+    """Write the animation of a motion to a .gif or .mp4 file, either whole or not at all."""
+    film = _film(sweep, fps=fps, **options)
+    assert isinstance(film, _Film)
+    write = _mp4 if output.suffix.lower() == ".mp4" else _gif
+    content = write(film, fps, description)
+    with writing(output, "picture") as draft:
+        draft.write(content)
+
+
+def _mp4(film: _Film, fps: int, description: tuple[str, str, str]) -> bytes:
+    """Return the content of an MP4 file, which ffmpeg makes."""
+    title, _, text = description
+    writer = FFMpegWriter(fps, metadata={"title": title, "comment": text})
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "motion.mp4")
+        try:
+            with writer.saving(film, str(file), film.dpi):
+                for frame in range(len(film.times)):
+                    film.show_frame(frame)
+                    writer.grab_frame(facecolor=film.get_facecolor(), transparent=False)
+            return file.read_bytes()
+        except (OSError, subprocess.CalledProcessError) as error:
+            raise Failed(f"ffmpeg cannot make the animation: {error}; a .gif needs none") from error
+
+
+def _gif(film: _Film, fps: int, description: tuple[str, str, str]) -> bytes:
+    """Return the content of a GIF file; its frames last whole hundredths of a second."""
+    frames, image = _coded_frames(film), BytesIO()
+    ends = np.rint(100.0 / fps * np.arange(len(film.times) + 1))
+    next(frames).save(
+        image, "GIF", save_all=True, append_images=frames, loop=0,
+        duration=(10.0 * np.diff(ends)).astype(int).tolist(),
+        disposal=1, transparency=_SAME, optimize=False, comment="\n".join(description).encode(),
+    )  # fmt: skip
+    return image.getvalue()
+
+
+def _coded_frames(film: _Film) -> Iterator[Image.Image]:
+    """Yield the frames of a GIF, each with the pixels that differ from the frame before.
+
+    All have the same colours, the most frequent ones of some frames, so that none flickers.
+    """
+    from scipy.spatial import KDTree
+
+    count = len(film.times)
+    some = [_painted(film, frame) @ _PACKED for frame in range(0, count, 1 + count // 8)]
+    packed, counts = np.unique(some, return_counts=True)
+    colours = packed[np.argsort(-counts, kind="stable"), None] // _PACKED % 256
+    _, first = np.unique(_cells(colours), return_index=True)  # one colour for each cell
+    colours = colours[np.sort(first)[:_SAME]]
+    cells = np.arange(_CELLS**3)[:, None] // [_CELLS**2, _CELLS, 1] % _CELLS
+    number = KDTree(colours).query((cells + 0.5) * 256 / _CELLS)[1].astype(np.uint8)
+    number[_cells(colours)] = np.arange(len(colours))
+    before: np.ndarray | None = None
+    for frame in range(count):
+        now = number[_cells(_painted(film, frame))]
+        coded = now if before is None else np.where(now == before, np.uint8(_SAME), now)
+        image = Image.fromarray(coded)
+        image.putpalette(colours.astype(np.uint8).tobytes())
+        yield image
+        before = now
+
+
+def _painted(film: _Film, frame: int) -> np.ndarray:
+    """Return the pixels of a frame, shape (rows, columns, 3)."""
+    film.show_frame(frame)
+    film.canvas.draw()
+    return np.asarray(film.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
+
+
+def _cells(colours: np.ndarray) -> np.ndarray:
+    """Return the number of the cell of each colour in a cube of ``_CELLS`` to the third."""
+    red, green, blue = np.moveaxis(colours.astype(np.int32) * _CELLS // 256, -1, 0)
+    cells: np.ndarray = (red * _CELLS + green) * _CELLS + blue
+    return cells

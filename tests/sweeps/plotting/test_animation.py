@@ -1,0 +1,199 @@
+"""Animations: the mass touches its stop, the panels stay where they are, and files are small."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
+
+from sweeps import Refused, open_sweep
+from sweeps.plotting import Page, animate, animation, plot
+from tests.helpers.commands import accepted, refused
+from tests.helpers.sweep_files import run_in
+from vibroimpact import Oscillator, simulate
+
+#: A motion 1/1, chaos, a motion 2/1 and one that rests in every period.
+SCENE = """
+oscillator: {h: 0.05, R: 0.8, omega: [2.6, 2.8, 3.45, 0.3], f: 1.0}
+record: {transient: 300, periods: 40}
+"""
+PERIODIC, CHAOTIC, LONGER, RESTING = 2.6, 2.8, 3.45, 0.3
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    with open_sweep(run_in(tmp_path_factory.mktemp("motions"), SCENE)) as opened:
+        yield opened.load()
+
+
+def film_of(dataset, omega, **options):
+    """Return the film of a motion."""
+    return animation._film(dataset, at={"omega": omega}, **options)
+
+
+def shown(film, frame):
+    """Return the upper side of the mass, and the ends of x over t and of v over x."""
+    film.show_frame(frame)
+    (mass,) = (patch for patch in film.mass.patches if patch in film.moving)
+    curve, orbit = film.over_time.lines[0], film.phase_plane.lines[0]
+    return mass.get_y() + mass.get_height(), curve.get_xydata()[-1], orbit.get_xydata()[-1]
+
+
+def motion_of(dataset, omega, periods):
+    """Return the motion that follows the last section, in fine steps."""
+    at = dataset.sel(omega=omega)
+    x, v = float(at["poincare_x"][-1]), float(at["poincare_v"][-1])
+    oscillator = Oscillator(h=0.05, R=0.8, omega=omega, f=1.0)
+    return simulate(oscillator, periods, steps_per_period=1000, x0=x, v0=v)
+
+
+@pytest.mark.parametrize("omega", [PERIODIC, CHAOTIC, RESTING])
+@pytest.mark.parametrize("fps", [25, 7])
+def test_the_mass_moves_as_the_motion_does_and_touches_the_stop_at_impacts(dataset, omega, fps):
+    film, motion = film_of(dataset, omega, periods=3, fps=fps), motion_of(dataset, omega, 3)
+    times, size = film.times, np.ptp(motion.x)
+    assert len(times) == 1 + 6 * fps and (np.diff(times) > 0.0).all()
+    step = 3 * 2.0 * np.pi / omega / (6 * fps)
+    assert np.abs(times - step * np.arange(len(times))).max() <= 0.5 * step * (1.0 + 1e-9)
+    for frame in range(0, len(times), 5):
+        top, (t, x), (across, v) = shown(film, frame)
+        assert t == times[frame] and x == across and abs(top - x) < 1e-12 * size
+        assert x == pytest.approx(np.interp(t, motion.t, motion.x), abs=4e-4 * size)
+        if np.abs(motion.impact_t - t).min() > 0.1 * step:
+            assert v == pytest.approx(np.interp(t, motion.t, motion.v), abs=2e-3 * np.ptp(motion.v))
+    for impact in motion.impact_t:  # the nearest frame shows it, or another one beside it
+        nearest = np.abs(times - impact).argmin()
+        assert abs(times[nearest] - impact) < 1e-9 or (
+            np.abs(motion.impact_t - times[nearest]).min() < 1e-9
+        )
+        assert abs(shown(film, nearest)[0]) < 1e-12 * size
+
+
+@pytest.mark.parametrize(
+    ("omega", "periods"), [(PERIODIC, 4), (LONGER, 4), (RESTING, 4), (CHAOTIC, 10)]
+)
+def test_a_motion_is_shown_until_it_closes(dataset, omega, periods):
+    film = film_of(dataset, omega, fps=5)
+    assert film.times[-1] == pytest.approx(periods * 2.0 * np.pi / omega)
+    begin, end = (np.array(shown(film, frame)[2]) for frame in (0, -1))
+    if omega != CHAOTIC:
+        np.testing.assert_allclose(begin, end, atol=1e-6)
+
+
+def painted(film, frame):
+    film.show_frame(frame)
+    FigureCanvasAgg.draw(film.canvas)
+    return np.array(film.canvas.buffer_rgba())[..., :3].astype(int)
+
+
+@pytest.mark.slow
+def test_a_gif_has_the_frames_of_the_film(dataset, folder, with_layout):
+    """Colours differ by less than can be seen, and what does not move never changes."""
+    plot(dataset, "a.gif", "trajectory", {"omega": CHAOTIC}, periods=2, fps=7)
+    film = film_of(dataset, CHAOTIC, periods=2, fps=7)
+    pixels = [painted(film, frame) for frame in range(len(film.times))]
+    still = np.all([one == pixels[0] for one in pixels], axis=(0, 3))
+    assert 0.5 < still.mean() < 0.99
+    with Image.open("a.gif") as image:
+        assert image.n_frames == len(film.times) == 29 and image.info["loop"] == 0
+        assert b"configuration:" in image.info["comment"]
+        seen, lasts = [], 0
+        for frame in range(29):
+            image.seek(frame)
+            lasts += image.info["duration"]
+            seen.append(np.array(image.convert("RGB")).astype(int))
+    for one, painting in zip(seen, pixels, strict=True):
+        assert (one[painting.min(axis=2) == 255] == 255).all()
+        assert np.abs(one - painting).max() < 32
+        np.testing.assert_array_equal(one[still], seen[0][still])
+    assert abs(lasts - 1000.0 * len(pixels) / 7) <= 5.0
+
+
+@pytest.mark.parametrize("page", [Page(grey=True), Page(width=3.4), Page(ylim=(-0.5, 0.1))])
+def test_each_frame_is_painted_as_the_whole_picture_would_be(dataset, page, with_layout):
+    film = film_of(dataset, PERIODIC, periods=1, fps=5, page=page)
+    first = painted(film, 4)
+    np.testing.assert_array_equal(painted(film, 4), first)
+    boxes = [panel.get_position().bounds for panel in film.axes]
+    limits = [(panel.get_xlim(), panel.get_ylim()) for panel in film.axes]
+    painted(film, 9)
+    assert boxes == [panel.get_position().bounds for panel in film.axes]
+    assert limits == [(panel.get_xlim(), panel.get_ylim()) for panel in film.axes]
+    if page.grey:
+        red, green, blue = np.moveaxis(first, -1, 0)
+        assert (red == green).all() and (green == blue).all()
+    if page.ylim:
+        assert film.mass.get_ylim() == film.over_time.get_ylim() == page.ylim
+
+
+@pytest.mark.slow
+def test_the_longest_animation_without_options_has_at_most_4_mb(dataset, folder):
+    """A fifth of its frames, in which more changes from one to the next."""
+    plot(dataset, "a.gif", "trajectory", {"omega": CHAOTIC}, fps=5)
+    assert 1e5 < Path("a.gif").stat().st_size < 4e6 / 5
+
+
+def test_an_mp4_is_made_by_ffmpeg(dataset, folder, monkeypatch):
+    """Its frames are those that it reads; here it only counts their bytes."""
+    program = folder / "ffmpeg"
+    program.write_text('#!/bin/sh\nfor last; do :; done\necho "$@" > called\nwc -c > "$last"\n')
+    program.chmod(0o755)
+    monkeypatch.setitem(animation.mpl.rcParams, "animation.ffmpeg_path", str(program))
+    plot(dataset, "a.mp4", at={"omega": PERIODIC}, fps=5, periods=1)
+    words = Path("called").read_text().split()
+    assert "5" in words and "h264" in words
+    width, height = map(int, words[words.index("-s") + 1].split("x"))
+    assert int(Path("a.mp4").read_text()) == 11 * width * height * 4
+    program.write_text("#!/bin/sh\nexit 1\n")
+    with pytest.raises(Exception, match="ffmpeg cannot make the animation") as error:
+        plot(dataset, "b.mp4", at={"omega": PERIODIC}, fps=5, periods=1)
+    assert type(error.value).__name__ == "Failed" and not Path("b.mp4").exists()
+
+
+WRONG = [
+    (("-o", "a.gif", "--fps", "0"), "--fps 0 is not allowed; expected: an integer from 1 to 50"),
+    (("-o", "a.gif", "--fps", "2.5"), "--fps 2.5 is not allowed; expected: an integer from 1"),
+    (("-o", "a.gif", "--periods", "-1"), "--periods -1 is not allowed; expected: an integer >= 1"),
+    (("-o", "a.gif", "--periods", "101"), "periods = 101 is not allowed in an animation; expected"),
+    (("-o", "a.gfi"), "a.gfi must end in one of .png, .svg, .pdf, .eps, .gif, .mp4 (did you mean"),
+    (("-o", "a.mp4"), "a.mp4 needs the program ffmpeg, which is not found; a .gif needs none"),
+    (("-o", "a.png", "--fps", "9"), "fps is not allowed for a.png; expected: .gif or .mp4"),
+    (("-o", "a.gif", "--dpi", "4000"), "pixels are too many; expected: at most 500,000,000"),
+    (("-o", "a.gif", "--color", "period"), "a.gif is not allowed for several motions; expected"),
+    (("-o", "a.gif", "--at", "omega=2.6,2.8"), "a.gif is not allowed for several motions"),
+    (("-o", "a.gif", "--kind", "map"), "a.gif is not allowed for the picture map; expected: the"),
+    (("-o", "a.gif", "--kind", "bifurcation", "--exact"), "for the picture bifurcation; expected"),
+    (("-o", "a.gif", "--kind", "trajektory"), "'trajektory' (did you mean trajectory?)"),
+    (("-o", "a.gif", "--frames", "9"), "there is no option --frames"),
+]
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return run_in(tmp_path_factory.mktemp("file"), SCENE, "record.transient=10")
+
+
+@pytest.mark.parametrize(("words", "message"), WRONG)
+def test_what_is_no_animation_is_refused_before_anything_is_computed(
+    path, folder, words, message, monkeypatch
+):
+    monkeypatch.setenv("PATH", str(folder))
+    for module in (
+        "sweeps.opened.trajectories.simulate",
+        "sweeps.bifurcation.branch_set.BranchSet",
+    ):
+        if "--dpi" not in words:
+            monkeypatch.setattr(module, lambda *_, **__: pytest.fail("it is computed"))
+    kind = () if "--kind" in words else ("--kind", "trajectory")
+    assert message in refused("plot", path, *kind, *words)
+    assert list(folder.iterdir()) == []
+
+
+def test_a_command_writes_the_motion_and_says_which(path, folder):
+    words = "--kind", "trajectory", "--at", "omega=2.61", "--fps", "2", "--periods", "1"
+    assert accepted("plot", path, *words, "-o", "motion.gif").endswith("motion.gif\n")
+    with Image.open("motion.gif") as image:
+        assert image.n_frames == 5
+    with pytest.raises(Refused, match="fps = 51 is not allowed; expected: an integer from 1 to 50"):
+        animate(path, fps=51)
