@@ -54,35 +54,60 @@ def test_an_existing_sweep_is_kept_unless_told(blocks):
     assert not Path("out.h5.parts").exists()
 
 
-@pytest.mark.parametrize("name", ["out.h5", "out.h5.parts/schema.h5"])
-def test_what_is_no_regular_file_is_refused_and_stays(name):
+def text(content):
+    return lambda path: Path(path).write_text(content)
+
+
+def link_to(target):
+    return lambda path: Path(path).symlink_to(target)
+
+
+def hdf5_of_another_program(path):
+    with h5py.File(path, "w") as file:
+        file["precious"] = range(5)
+        file.attrs["format"] = "another"
+
+
+SCHEMA = "out.h5.parts/schema.h5"
+NO_FOLDER = "out.h5.parts is needed as a folder, but something else has that name"
+NO_LOCK = "out.h5.lock is needed as a lock, but something else has that name; move it"
+#: Texts that are no lock of this program, though one begins like it.
+TEXTS = ("my notes\n", "42\n", "vibroimpact lock of process 1\nand more\n", 100 * "\0")
+#: What others have put where a run would write: the name, what it is, and what is said of it.
+OTHERS = [
+    *((name, os.mkfifo, "not a regular file") for name in ("out.h5", SCHEMA)),
+    *((name, text("precious"), "give another output") for name in ("out.h5", SCHEMA)),
+    ("out.h5", hdf5_of_another_program, "not one that vibroimpact wrote"),
+    *(("out.h5.parts", make, NO_FOLDER) for make in (os.mkfifo, text(""), link_to("folder"))),
+    *(("out.h5.lock", make, NO_LOCK) for make in (os.mkfifo, link_to("mine"), link_to("missing"))),
+    *(("out.h5.lock", text(content), NO_LOCK) for content in TEXTS),
+]
+
+
+@pytest.mark.parametrize(("name", "make", "said"), OTHERS)
+def test_what_others_put_where_a_run_writes_is_refused_and_stays(name, make, said):
     """Without waiting for a writer; for other kinds of files see ``test_replacing.py``."""
     Path(name).parent.mkdir(exist_ok=True)
-    os.mkfifo(name)
-    before = os.stat(name).st_mode
+    Path("folder").mkdir()
+    Path("mine").write_text("42\n")
+    make(name)
+    before = there()
     for option in ("--overwrite", "--resume"):
         result = run(option)
-        assert result.exit_code == 2
-        assert "not a regular file" in result.stderr
-    assert os.stat(name).st_mode == before and not stat.S_ISREG(before)
+        assert result.exit_code == 2 and said in result.stderr
     for command in ("info", "plot"):
-        result = call(command, "out.h5")
-        assert result.exit_code == 2 and "not a regular file" in result.stderr
-    assert sorted(path.name for path in Path().iterdir()) == [name.split("/")[0], "sweep.yaml"]
+        assert call(command, "out.h5").exit_code == 2
+    assert there() == before
 
 
-@pytest.mark.parametrize(
-    "make", [os.mkfifo, lambda path: Path(path).touch(), lambda path: Path(path).symlink_to("a")]
-)
-def test_what_is_no_folder_is_not_used_for_the_blocks(make):
-    Path("a").mkdir()
-    make("out.h5.parts")
-    for option in ("--overwrite", "--resume", "--quiet"):
-        result = run(option)
-        assert result.exit_code == 2
-        assert "out.h5.parts is needed as a folder, but something else has that" in result.stderr
-    assert call("info", "out.h5").exit_code == 2
-    assert sorted(os.listdir()) == ["a", "out.h5.parts", "sweep.yaml"] and not os.listdir("a")
+def there():
+    """Return the kind and the content of all that is in this folder."""
+    found = {}
+    for path in Path().rglob("*"):
+        mode = path.lstat().st_mode
+        content = path.read_bytes() if stat.S_ISREG(mode) else None
+        found[path] = mode, os.readlink(path) if stat.S_ISLNK(mode) else content
+    return found
 
 
 def test_other_files_in_the_folder_of_the_blocks_stay():
@@ -98,39 +123,11 @@ def test_other_files_in_the_folder_of_the_blocks_stay():
     assert sorted(os.listdir("out.h5.parts")) == sorted([*(p.name for p in mine), "schema.h5"])
 
 
-@pytest.mark.parametrize("name", ["out.h5", "out.h5.parts/schema.h5"])
-def test_a_file_of_another_kind_is_never_replaced(name):
-    Path(name).parent.mkdir(exist_ok=True)
-    Path(name).write_bytes(b"precious")
-    for option in ("--overwrite", "--resume"):
-        result = run(option)
-        assert result.exit_code == 2 and "will not be replaced; give another" in result.stderr
-    assert Path(name).read_bytes() == b"precious"
-
-
-def test_an_hdf5_file_of_another_program_is_not_replaced():
-    with h5py.File("out.h5", "w") as file:
-        file["precious"] = range(5)
-        file.attrs["format"] = "another"
-    before = Path("out.h5").read_bytes()
-    for option in ("--overwrite", "--resume"):
-        result = run(option)
-        assert result.exit_code == 2 and "not one that vibroimpact wrote" in result.stderr
-    assert Path("out.h5").read_bytes() == before
-
-
 @pytest.mark.parametrize("kept", [0, 2500, 5000, -10])
-def test_a_damaged_file_of_a_sweep_can_be_replaced(kept):
+def test_an_empty_or_damaged_file_of_a_sweep_can_be_replaced(kept):
     accepted("run", "sweep.yaml", "--quiet")
     Path("out.h5").write_bytes(Path("out.h5").read_bytes()[:kept])
-    accepted("run", "sweep.yaml", "--quiet", "--overwrite")
-    open_sweep("out.h5").close()
-
-
-def test_an_empty_file_becomes_the_output():
-    Path("out.h5").touch()
-    check_output("out.h5", resume=True)
-    assert run("--resume").exit_code == 0
+    accepted("run", "sweep.yaml", "--quiet", "--overwrite" if kept else "--resume")
     open_sweep("out.h5").close()
 
 
@@ -296,39 +293,12 @@ def test_a_folder_without_room_for_a_lock_is_not_taken_for_another_writer(monkey
             pass
 
 
-@pytest.mark.parametrize("to", ["precious", "missing"])
-def test_a_link_where_the_lock_goes_is_not_followed(to):
-    Path("precious").write_text("42\n")
-    Path("out.h5.lock").symlink_to(to)
-    result = run()
-    assert result.exit_code == 2 and "out.h5.lock is needed as a lock" in result.stderr
-    assert Path("precious").read_text() == "42\n"
-    assert os.readlink("out.h5.lock") == to
-    assert not Path("out.h5").exists() and not Path("missing").exists()
-
-
-@pytest.mark.parametrize(
-    "text", ["my notes\n", "42\n", "vibroimpact lock of process 1\nand more\n", "\0" * 100]
-)
-def test_a_users_own_file_of_the_name_of_the_lock_stays(text):
-    Path("out.h5.lock").write_text(text)
-    result = run()
-    assert result.exit_code == 2 and "move it" in result.stderr
-    assert Path("out.h5.lock").read_text() == text
-
-
 @pytest.mark.parametrize("text", [b"", bytes(len("vibroimpact lock of process 12345\n"))])
 def test_a_lock_that_lost_its_text_with_the_power_is_a_leftover(text):
     fill_blocks("out.h5", 2)
     Path("out.h5.lock").write_bytes(text)
     fill_blocks("out.h5", resume=True)
     assert not Path("out.h5.lock").exists()
-
-
-def test_a_pipe_where_the_lock_goes_does_not_block():
-    os.mkfifo("out.h5.lock")
-    with pytest.raises(StoreError, match="needed as a lock"), sweep_writer(Path("out.h5")):
-        pass
 
 
 @pytest.mark.parametrize("error", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
