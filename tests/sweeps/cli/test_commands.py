@@ -393,16 +393,3 @@ def test_diagnostics_are_computed():
         assert (dataset["near_grazes"].values >= 0).all()
         slowest, speeds = dataset["slowest_impact"].values, dataset["impact_v"].values
         assert (slowest <= np.nanmin(speeds, axis=-1)).all()
-
-
-@pytest.mark.slow
-def test_any_block_size_gives_the_same_data(monkeypatch):
-    small = ("--set", "method={}", "--set", "record.diagnostics=[period, lyapunov]")
-    accepted("run", "sweep.yaml", "--quiet", *small)
-    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 3)
-    accepted("run", "sweep.yaml", "--quiet", *small, "-o", "blocks.h5")
-    with (
-        xr.open_dataset("small.h5", engine="h5netcdf") as first,
-        xr.open_dataset("blocks.h5", engine="h5netcdf") as second,
-    ):
-        xr.testing.assert_equal(first, second)
