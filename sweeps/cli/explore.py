@@ -69,8 +69,8 @@ def explore_command(
 
 def _configuration(source: Path | None) -> SweepConfig:
     """Read the configuration to show; a sweep file is verified completely, as for a picture."""
+    from sweeps.config import scenes
     from sweeps.config.loading import parse_config
-    from sweeps.config.scenes import scenes
     from sweeps.store import is_sweep, open_sweep
 
     if source is None:

@@ -140,7 +140,7 @@ def _common(
 
 
 def _scenes() -> Iterable[str]:
-    from sweeps.config.scenes import scenes
+    from sweeps.config import scenes
 
     return scenes()
 
@@ -157,7 +157,7 @@ SceneName = Annotated[
 
 def init_command(scene: SceneName = "quickstart") -> None:
     """Write a scene to this folder: its configuration with comments, and its table, if any."""
-    from sweeps.config.scenes import scenes
+    from sweeps.config import scenes
     from sweeps.store.replacing import check_target, writing
 
     texts = scenes()

@@ -31,9 +31,8 @@ from sweeps.explorer.figures import label_of, narrow, value_text
 from sweeps.explorer.live_diagram import numbers
 from sweeps.explorer.view import View
 from sweeps.explorer.worker import Step
-from sweeps.opened.coordinates import refuse_unrecorded
+from sweeps.opened.coordinates import continued, periods_shown, refuse_unrecorded
 from sweeps.opened.motions import motions_from, orbit_of_motion, oscillator_of
-from sweeps.opened.trajectories import continued, periods_shown
 from sweeps.plotting.style import BLUE, ORANGE
 from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.points.regimes import ON_ITS_WAY, SETTLED, Regime, on_its_way, rest_of

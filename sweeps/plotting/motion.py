@@ -14,16 +14,16 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import recorded
-from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.opened.trajectories import (
+from sweeps.opened.coordinates import (
     MOST_DRAWN,
     RECORDED,
     PointMotion,
     continued_motion,
     periods_shown,
+    recorded,
     recorded_motion,
 )
+from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.contents import Wanted

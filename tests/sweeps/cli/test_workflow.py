@@ -9,7 +9,7 @@ import sys
 import pytest
 import yaml
 
-from sweeps.config.scenes import scenes
+from sweeps.config import scenes
 from tests.helpers.places import CONFIGS, ROOT
 from tests.helpers.sweep_files import run_in
 from vibroimpact.jit.cache import root

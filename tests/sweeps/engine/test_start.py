@@ -10,8 +10,8 @@ from numpy.testing import assert_array_equal
 from sweeps import attractors, knocks, open_sweep, plotting
 from sweeps.errors import ConfigError, Refused
 from sweeps.explorer.view import View
+from sweeps.opened.coordinates import continued_motion
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.opened.trajectories import continued_motion
 from sweeps.plotting.api import default_kind
 from tests.helpers import naive
 from tests.helpers.commands import accepted, refused
