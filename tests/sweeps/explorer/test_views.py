@@ -291,7 +291,7 @@ def test_points_that_show_part_of_a_repetition_are_marked(tmp_path):
 
 def test_without_bokeh_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "bokeh", None)
-    with pytest.raises(Refused, match=r"vibroimpact\[explore\]"):
+    with pytest.raises(Refused, match=r"\.\[explore\]"):
         sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
 
 
