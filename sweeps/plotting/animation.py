@@ -21,9 +21,9 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from sweeps.errors import Failed, Refused
+from sweeps.opened.coordinates import periods_shown
 from sweeps.opened.doors import AnySweep
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.opened.trajectories import periods_shown
 from sweeps.plotting import canvas
 from sweeps.plotting.motion import NARROW, trajectory
 from sweeps.plotting.page import FPS, PAGE, Page, styled

@@ -180,7 +180,7 @@ def test_what_is_no_animation_is_refused_before_anything_is_computed(
 ):
     monkeypatch.setenv("PATH", str(folder))
     for module in (
-        "sweeps.opened.trajectories.simulate",
+        "sweeps.opened.coordinates.simulate",
         "sweeps.bifurcation.branch_set.BranchSet",
     ):
         if "--dpi" not in words:
