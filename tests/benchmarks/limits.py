@@ -55,10 +55,10 @@ LIMITS = {
     "exact / plain, fast forcing": (1.0, 0.7),
     "chatter": (36.0, 38.0),
     "Lyapunov exponents on / off": (2.1, 2.2),
-    # Measured 1.49 to 1.56, and 1.32 to 1.36: long cycles with rest are compared with others. In
+    # Measured 1.29 to 1.31, and 1.20 to 1.21: long cycles with rest are compared with others. In
     # the chaos of the map the sweep itself is fast.
-    "classes of a map on / off": (1.65, 1.65),
-    "classes of a diagram on / off": (1.42, 1.42),
+    "classes of a map on / off": (1.5, 1.5),
+    "classes of a diagram on / off": (1.35, 1.35),
     "the busier thread's share of both threads' time": (0.9, 0.9),
     # A short sweep: starting, laying out and writing take longer than the kernel. Measured 5.2 to
     # 5.5 with vectors of 512 bits, with which the kernel takes least.
