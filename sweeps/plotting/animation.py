@@ -38,9 +38,8 @@ _SLOWEST, _FASTEST, _IN_ALL = 2.0, 0.6, 20.0
 _DPI, _MOST_PIXELS = 130, 500_000_000
 #: Heights of the mass, of the shortest spring and of the stop, as shares of the range of x.
 _MASS, _SPRING, _STOP = 0.16, 0.16, 0.06
-#: In a GIF: the number that stands for the colour of the frame before; into how many cells red,
-#: green and blue are divided, in each of which colours become one; a colour as one number.
-_SAME, _CELLS, _PACKED = 255, 32, np.array([65536, 256, 1])
+#: In a GIF: the number for the colour of the frame before; how many shades red, green, blue have.
+_SAME, _SHADES = 255, 32
 
 
 def animate(
@@ -302,38 +301,30 @@ def _gif(film: _Film, fps: int, description: tuple[str, str, str]) -> bytes:
 def _coded_frames(film: _Film) -> Iterator[Image.Image]:
     """Yield the frames of a GIF, each with the pixels that differ from the frame before.
 
-    All have the same colours, the most frequent ones of some frames, so that none flickers.
+    All have the same colours, the most frequent ones of some frames, so that nothing flickers.
     """
     from scipy.spatial import KDTree
 
-    count = len(film.times)
-    some = [_painted(film, frame) @ _PACKED for frame in range(0, count, 1 + count // 8)]
-    packed, counts = np.unique(some, return_counts=True)
-    colours = packed[np.argsort(-counts, kind="stable"), None] // _PACKED % 256
-    _, first = np.unique(_cells(colours), return_index=True)  # one colour for each cell
-    colours = colours[np.sort(first)[:_SAME]]
-    cells = np.arange(_CELLS**3)[:, None] // [_CELLS**2, _CELLS, 1] % _CELLS
-    number = KDTree(colours).query((cells + 0.5) * 256 / _CELLS)[1].astype(np.uint8)
-    number[_cells(colours)] = np.arange(len(colours))
+    frames = range(len(film.times))
+    some = [_shades(film, frame) for frame in frames[:: 1 + len(frames) // 8]]
+    shades, counts = np.unique(some, return_counts=True)
+    cube = np.stack(np.unravel_index(np.arange(_SHADES**3), (_SHADES,) * 3), axis=1)
+    chosen = cube[shades[np.argsort(-counts, kind="stable")[:_SAME]]]
+    number = KDTree(chosen).query(cube)[1].astype(np.uint8)
     before: np.ndarray | None = None
-    for frame in range(count):
-        now = number[_cells(_painted(film, frame))]
+    for frame in frames:
+        now = number[_shades(film, frame)]
         coded = now if before is None else np.where(now == before, np.uint8(_SAME), now)
         image = Image.fromarray(coded)
-        image.putpalette(colours.astype(np.uint8).tobytes())
+        image.putpalette(np.rint(chosen * (255 / (_SHADES - 1))).astype(np.uint8).tobytes())
         yield image
         before = now
 
 
-def _painted(film: _Film, frame: int) -> np.ndarray:
-    """Return the pixels of a frame, shape (rows, columns, 3)."""
+def _shades(film: _Film, frame: int) -> np.ndarray:
+    """Return the pixels of a frame, each a number of the ``_SHADES`` of red, green and blue."""
     film.show_frame(frame)
     film.canvas.draw()
-    return np.asarray(film.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
-
-
-def _cells(colours: np.ndarray) -> np.ndarray:
-    """Return the number of the cell of each colour in a cube of ``_CELLS`` to the third."""
-    red, green, blue = np.moveaxis(colours.astype(np.int32) * _CELLS // 256, -1, 0)
-    cells: np.ndarray = (red * _CELLS + green) * _CELLS + blue
-    return cells
+    pixels = np.asarray(film.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
+    shades = np.rint(np.linspace(0, _SHADES - 1, 256)).astype(np.int32)[pixels]
+    return np.ravel_multi_index(tuple(np.moveaxis(shades, -1, 0)), (_SHADES,) * 3)
