@@ -22,6 +22,7 @@ _MOST_ROWS, _MOST_INEXACT = 40, 12
 #: Explanations of the kinds that are not standard terms.
 _MEANINGS = {
     "basin": "the motion of one side is stable on the other, too, but the start reaches another",
+    "crisis": "chaos touches the unstable orbit, and ends (border) or widens (inside)",
     "unknown": "the motions could not be followed to where one of them ends",
 }
 
@@ -44,7 +45,7 @@ def bifurcation_report(sweep: OpenedSweep, file: Path, found: pd.DataFrame) -> s
 
 def _one_by_one(found: pd.DataFrame) -> list[str]:
     """Return the tables of bifurcations, those with an exact value first, and notes on them."""
-    inexact = found["value"].isna()
+    inexact = found["value"].isna() & (found["kind"] != "crisis")
     listed, others = found[~inexact], found[inexact]
     parts, narrow = [], 0
     if len(listed) > _MOST_ROWS:
@@ -59,7 +60,7 @@ def _one_by_one(found: pd.DataFrame) -> list[str]:
         parts.append(f"{narrow} more on branches that are stable over less than 1 % of the axis")
     if len(others) > _MOST_INEXACT:
         parts.append(f"{len(others)} changes without an exact value\n{_summary(others)}")
-    return [*parts, "\n".join([*_cascades(found), *_meanings(others)])]
+    return [*parts, "\n".join([*_cascades(found), *_meanings(found)])]
 
 
 def _unclassified(sweep: OpenedSweep, found: pd.DataFrame) -> str:
@@ -114,7 +115,7 @@ def _row(found: pd.DataFrame, item: Mapping[str, Any]) -> list[str]:
         item["orbit"],
         _pair(item),
         f"{item['low']:.12g} .. {item['high']:.12g}",
-        f"{item['criticality']} {unknown}".strip(),
+        f"{item['criticality']}{item['crisis']} {unknown}".strip(),
     ]
 
 

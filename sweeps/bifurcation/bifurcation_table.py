@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from sweeps.bifurcation.crises import MOST_MOTIONS, Chaos, crisis
 from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.config.sweep import SweepConfig
 from sweeps.opened.doors import takes_sweep
@@ -183,7 +184,7 @@ def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> Explana
 #: The columns of the table after those of the other axes.
 TABLE_COLUMNS = (
     "kind", "value", "low", "high", "before", "after", "between", "orbit", "source",
-    "x", "v", "impact_v", "multiplier_1", "multiplier_2", "criticality",
+    "x", "v", "impact_v", "multiplier_1", "multiplier_2", "criticality", "crisis",
 )  # fmt: skip
 
 
@@ -220,9 +221,9 @@ def bifurcations(
         the parameter of the model. The columns are:
 
         - the values of the other axes; the direction is ``both`` for a bifurcation of the branches;
-        - ``kind``: ``flip``, ``fold`` or ``graze``; ``rest``, ``chaotic`` or ``unbounded`` if such
-          a regime begins or ends; ``basin`` if the attractor before the change exists on both sides
-          and is stable; ``unknown`` otherwise;
+        - ``kind``: ``flip``, ``fold`` or ``graze``; ``crisis``; ``rest``, ``chaotic`` or
+          ``unbounded`` if such a regime begins or ends; ``basin`` if the attractor before the
+          change exists on both sides and is stable; ``unknown`` otherwise;
         - ``value``: the value of the axis at a flip, fold or graze, to rounding; NaN if not known;
         - ``low`` and ``high``: the nearest values of the axis on both sides of it, with known
           classes where the class changes;
@@ -238,7 +239,9 @@ def bifurcations(
         - ``impact_v``: its speeds before the impacts, a text with spaces between them;
         - ``multiplier_1`` and ``multiplier_2``: its Floquet multipliers, the larger one first;
           infinite and 0 at a graze, NaN where they are complex, which none is at a flip or fold;
-        - ``criticality``: that of a flip, ``supercritical`` or ``subcritical``; else empty.
+        - ``criticality``: that of a flip, ``supercritical`` or ``subcritical``; else empty;
+        - ``crisis``: ``border`` where chaos ends as it touches the unstable ``orbit``, ``inside``
+          where it widens; else empty.
 
         Where ``value`` is NaN, ``vibroimpact zoom`` with ``low`` and ``high`` narrows the interval.
         If points of unknown class lie between two classes, and no bifurcation leads from one to the
@@ -296,6 +299,7 @@ def find_bifurcations(
     one_line = {*others} <= {DIRECTION} and data.sizes[along] > 1
     if one_line and along not in START_AXES:
         exact = find(sweep, along, at, report, **chosen)
+        _name_crises(data, along, exact, rows)
         summary, way = exact.attrs["summary"], dict.fromkeys(others, "both")
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
@@ -334,7 +338,7 @@ def _of_changes(
         for change in changes_of_class(values, classes):
             for part, found in explain(own, phase, parameter, values, change, down):
                 row = here | vars(part) | {"kind": found.kind, "value": found.value}
-                row |= {"orbit": found.orbit, "impact_v": "", "criticality": ""}
+                row |= {"orbit": found.orbit, "impact_v": "", "criticality": "", "crisis": ""}
                 if (orbit := found.at) is not None:
                     row |= _row_of(orbit.sections(phase)[0], orbit.speeds, orbit.multipliers)
                     row["criticality"] = orbit.criticality
@@ -349,6 +353,31 @@ def _of_changes(
     for i, row in enumerate(rows):
         row |= {name: float(values[i]) for name, values in converted.items()}
     return rows, unclassified
+
+
+def _name_crises(
+    data: OpenedSweep, along: str, exact: xr.Dataset, rows: Sequence[dict[str, Any]]
+) -> None:
+    """Give the kind ``crisis`` to those changes from or to chaos at which there is one."""
+    parameter, (axis,) = data.nomenclature.parameter(along), exact.coords
+    if not exact.sizes["point"]:
+        return
+    for way, line in zip(data.directions or ("",), data.each_direction, strict=True):
+        values, points = line[along].values, line.points
+        x, v = line.values(("poincare_x", "poincare_v")).values()
+        model = np.interp(exact[axis].values, values, points[parameter])
+        orbits = exact.reset_coords(drop=True).assign({parameter: ("point", model)})
+        for row in rows:
+            chaotic = [row[side].regime == Regime.CHAOTIC for side in ("before", "after")]
+            if row.get(DIRECTION, "") != way or row["orbit"] or sum(chaotic) != 1:
+                continue
+            sides = ("low", "high")[:: 1 if chaotic[0] else -1]
+            begin, end = (int(np.argmin(np.abs(values - row[side]))) for side in sides)
+            states = np.repeat(points[begin], min(MOST_MOTIONS, x.shape[1]))
+            states["x0"], states["v0"] = x[begin, -len(states) :], v[begin, -len(states) :]
+            step = float(points[parameter][end] - points[parameter][begin])
+            if seen := crisis(Chaos(line.spec, states, parameter, step, orbits)):
+                row |= {"kind": "crisis", **dict(zip(("orbit", "crisis"), seen, strict=True))}
 
 
 def _row_of(state: np.ndarray, speeds: np.ndarray, multipliers: np.ndarray) -> dict[str, Any]:
@@ -388,7 +417,7 @@ def _of_branches(
                 "kind": kind, "value": value, "low": low, "high": high, "place": value,
                 "before": before, "after": after, "between": 0, "orbit": orbit, "down": False,
                 "narrow": not wide[exact["branch"].values[members]].any(),
-                "criticality": str(exact["criticality"].values[row]),
+                "criticality": str(exact["criticality"].values[row]), "crisis": "",
                 **_row_of(state, speeds[row, : exact["q"].values[row]], multipliers[row]),
             }
         )  # fmt: skip
