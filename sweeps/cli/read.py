@@ -51,8 +51,7 @@ def attractors_command(file: SweepFile, at: At = None, csv: Csv = None, json: Js
 
 def integrity_command(file: SweepFile, at: At = None, csv: Csv = None, json: Json = False) -> None:
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
-    from sweeps.attractor.integrity import integrity
-    from sweeps.attractor.knocks import knocks
+    from sweeps.attractor.integrity import integrity, knocks
     from sweeps.opened.kept import with_cache
 
     notes = list[str]()

@@ -12,7 +12,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
 
 from sweeps import open_sweep
-from sweeps.attractor.knocks import Knock
+from sweeps.attractor.integrity import Knock
 from sweeps.store import SweepWriter
 from tests.helpers.clusters import WORKERS
 from tests.helpers.commands import SMALL
@@ -186,5 +186,5 @@ def no_knocks(monkeypatch, tmp_path):
         sought.append(home)
         return Knock()
 
-    monkeypatch.setattr("sweeps.attractor.knocks._Motions.worst", worst)
+    monkeypatch.setattr("sweeps.attractor.integrity._Motions.worst", worst)
     return sought

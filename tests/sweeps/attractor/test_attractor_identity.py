@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sweeps import attractors, open_sweep, run_sweep
-from sweeps.attractor.knocks import _Motions
+from sweeps.attractor.integrity import _Motions
 from sweeps.attractor.partition import same_motions
 from sweeps.errors import Refused
 from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, distances

@@ -7,8 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from sweeps import Refused, attractors, integrity, knocks, open_sweep
-from sweeps.attractor.integrity import measures_of
-from sweeps.attractor.knocks import _CLOSER, _MOMENTS, _SIZES
+from sweeps.attractor.integrity import _CLOSER, _MOMENTS, _SIZES, measures_of
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting import plot
 from tests.helpers.commands import accepted, refused
@@ -141,9 +140,9 @@ def impacts_per_period(two, phase, x, velocities):
 @pytest.fixture
 def all_knocks(monkeypatch):
     """Try as many knocks as a user does; they were read before `few_knocks` has changed them."""
-    monkeypatch.setattr("sweeps.attractor.knocks._MOMENTS", _MOMENTS)
-    monkeypatch.setattr("sweeps.attractor.knocks._SIZES", _SIZES)
-    monkeypatch.setattr("sweeps.attractor.knocks._CLOSER", _CLOSER)
+    monkeypatch.setattr("sweeps.attractor.integrity._MOMENTS", _MOMENTS)
+    monkeypatch.setattr("sweeps.attractor.integrity._SIZES", _SIZES)
+    monkeypatch.setattr("sweeps.attractor.integrity._CLOSER", _CLOSER)
 
 
 @pytest.mark.slow
@@ -199,7 +198,7 @@ def test_a_boundary_that_rounding_decides_is_fractal(two, all_knocks, monkeypatc
         reached = np.where(np.abs(states[:, 1] - v) > 0.3, chance.integers(0, 2, count), 0)
         return reached, np.ones(count, bool)
 
-    monkeypatch.setattr("sweeps.attractor.knocks._Motions._reached", ends)
+    monkeypatch.setattr("sweeps.attractor.integrity._Motions._reached", ends)
     starts = two.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-4)
@@ -221,7 +220,7 @@ def test_an_island_of_the_promised_size_is_found(two, all_knocks, monkeypatch, m
         island = (np.abs(away - np.pi) <= 0.51 * width) & (np.abs(size - middle) <= height / 2)
         return np.where((size > 3.01) | island, 1, 0), np.ones(len(states), bool)
 
-    monkeypatch.setattr("sweeps.attractor.knocks._Motions._reached", ends)
+    monkeypatch.setattr("sweeps.attractor.integrity._Motions._reached", ends)
     starts = two.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(middle - height / 2)

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from sweeps import attractors, branches, curves, knocks, open_sweep
-from sweeps.attractor.knocks import _Motions
+from sweeps.attractor.integrity import _Motions
 from sweeps.opened import kept as module
 from sweeps.opened.kept import with_cache
 from tests.helpers.commands import accepted
