@@ -151,14 +151,11 @@ def _film(
     point = sweep.cut(at)
     if periods is None:
         line = point.over(point.data.expand_dims("motion"))
-        found = line.labels[0] if "period" in line else None
-        periods = periods_shown(found.m) if found is not None and found.m else _UNKNOWN
-        periods = min(periods, _MOST_PERIODS)
+        m = max((label.m for label in line.labels if label), default=0) if "period" in line else 0
+        periods = min(periods_shown(m), _MOST_PERIODS) if m else _UNKNOWN
     if periods > _MOST_PERIODS:
-        raise Refused(
-            f"periods = {periods:,} is not allowed in an animation; expected: at most "
-            f"{_MOST_PERIODS}"
-        )
+        expected = f"expected: at most {_MOST_PERIODS}"
+        raise Refused(f"periods = {periods:,} is not allowed in an animation; {expected}")
     film = _Film(page)
     count = round(fps * periods * float(np.clip(_IN_ALL / periods, _FASTEST, _SLOWEST)))
     width, height = np.rint(film.get_size_inches() * film.dpi).astype(int).tolist()
@@ -172,8 +169,7 @@ def _film(
     trajectory(sweep, at=at, periods=periods, page=page, ax=[over_time, velocity, phase_plane])
     if page.xlabel is None:
         over_time.set_xlabel(velocity.get_xlabel())
-    phase_plane.set_title(phase_plane.get_title(), loc="right")  # it is narrow
-    phase_plane.set_title("")
+    phase_plane.title.set(ha="right", x=1.0)  # the panel is narrow
     grown = [
         (upper, lower, np.vstack([*np.transpose(upper.get_xydata()), lower.get_ydata()]))
         for upper, lower in zip(over_time.lines, phase_plane.lines, strict=True)
@@ -237,19 +233,18 @@ def _draw_mass(
         low, high = low - (_MASS + _SPRING) * size, high + 0.5 * _STOP * size
         panel.set_ylim(low, high)
     panel.set_xlim(0.0, 1.0)
-    panel.plot([0.0, 1.0], [clearance, clearance], color=ink(), linewidth=1.2)
+    panel.hlines([clearance, low], [0.0, 0.2], [1.0, 0.8], ink(), linewidths=[1.2, 2.4])
     stop = Rectangle((0.0, clearance), 1.0, _STOP * size, hatch="//////", linewidth=0.0)
     panel.add_patch(stop).set(facecolor=ground(), edgecolor=ink())
     mass = Rectangle((0.2, 0.0), 0.6, _MASS * size, facecolor=data_colour(), edgecolor="none")
     panel.add_patch(mass)
     across = [0.5, 0.5, *[0.35, 0.65] * 4, 0.5, 0.5]
     (spring,) = panel.plot(across, across, color=ink(), linewidth=0.8)
-    panel.plot([0.2, 0.8], [low, low], color=ink(), linewidth=2.4)
 
     def move(x: float) -> None:
         """Move the mass, whose upper side is at x."""
         mass.set_y(x - mass.get_height())
-        spring.set_ydata(np.interp(np.arange(12), [0, 11], [low, mass.get_y()]))
+        spring.set_ydata(np.linspace(low, mass.get_y(), len(across)))
 
     return [mass, spring], move
 
