@@ -334,7 +334,7 @@ def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
         status.update(text)
         status.start()
 
-    def watch(text: str) -> None:
+    def watch(text: str, _: str) -> None:
         show(compiling=text)
         if text and not on_terminal and text not in told:
             told.add(text)

@@ -9,6 +9,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 
 from rich.console import Console
 
@@ -25,20 +26,20 @@ _MOST_FILES = 4096
 def preparing(console: Console, cores: int | None, classes: bool) -> Iterator[None]:
     """Say what is compiled: on a terminal while it is, in a log in one line.
 
-    If the loop is compiled here, and `classes` of exact impacts are asked for, another process
+    If the loop of exact impacts is compiled here, and `classes` are asked for, another process
     compiles the search for them meanwhile, where a second core is allowed.
     """
-    told = set()
+    told, beside = {""}, cache(compile_beside)
+    several = min(cores or ALL_THREADS, ALL_THREADS) > 1
     with console.status("preparing") as status:
 
-        def watch(text: str) -> None:
+        def watch(text: str, function: str) -> None:
             status.update(text or "preparing")
-            if text and text not in told:
-                told.add(text)
-                if not console.is_terminal:
-                    console.print(text)
-                if text == COMPILING and classes and min(cores or ALL_THREADS, ALL_THREADS) > 1:
-                    compile_beside()
+            if text not in told and not console.is_terminal:
+                console.print(text)
+            told.add(text)
+            if text == COMPILING and function.startswith("run_exact") and classes and several:
+                beside()
 
         with watched(watch):
             yield
@@ -57,35 +58,32 @@ def compile_beside() -> None:
     compile_search(begin=True)
     parent = os.getpid()
     try:
-        with warnings.catch_warnings():
+        with suppress(OSError, RuntimeError), warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of threads
-            copy = os.fork()
-    except OSError:
-        return
-    if copy:
-        threading.Thread(target=_reap, args=(copy,), daemon=True).start()
-        return
+            if copy := os.fork():
+                threading.Thread(target=_reap, args=(copy,), daemon=True).start()
+            else:
+                _compile_for(parent)
+    finally:
+        if os.getpid() != parent:
+            os._exit(0)
+
+
+def _compile_for(parent: int) -> None:
+    """Compile the search in a copy of a process, while that runs; let go of its files first."""
 
     def check() -> None:
         if os.getppid() != parent:
             raise SystemExit
 
-    try:
-        _leave()
-        with called_before_passes(check):
-            compile_search()
-    finally:
-        os._exit(0)
-
-
-def _leave() -> None:
-    """Let go of the files of the process that this one is a copy of, and of its watchers."""
     WATCHERS.clear()
     signal.set_wakeup_fd(-1)
     nothing = os.open(os.devnull, os.O_RDWR)
     for file in range(3):
         os.dup2(nothing, file)
     os.closerange(3, _MOST_FILES)
+    with called_before_passes(check):
+        compile_search()
 
 
 def _reap(process: int) -> None:

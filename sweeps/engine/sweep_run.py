@@ -121,10 +121,9 @@ def run_sweep(
     console = Console(
         stderr=True, quiet=not progress, soft_wrap=True, highlight=False, markup=False
     )
-    spec = config.sweep.spec
     with raised_by_check(), sweep_writer(path, overwrite=overwrite, resume=resume) as writer:
         computer = LocalComputer(threads) if client is None else ClusterComputer(client)
-        with preparing(console, threads, spec.period and spec.impact == "exact"):
+        with preparing(console, threads, config.sweep.spec.period):
             cost = expected_cost(config.sweep, path, computer, resume)
         text, units = config.to_yaml(table=False), config.units.model_dump()
         schema = Schema.of(config.sweep, cost.block, config.name, text, units, config.column_units)

@@ -321,7 +321,7 @@ def lock_of_another(folder):
 def told_of(folder):
     """Compile, and return what a user is told meanwhile, each thing once."""
     told = []
-    with watched(told.append):
+    with watched(lambda text, _: told.append(text)):
         assert not call(folder)
     return [text.split(",")[0] for text in dict.fromkeys(told)]
 

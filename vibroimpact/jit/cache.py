@@ -43,7 +43,7 @@ COMPILING = "compiling, which takes some ten seconds, once on this machine"
 #: Called while this process waits; each may raise an exception, which ends the wait.
 CHECKS: list[Callable[[], object]] = []
 #: Called with what is done in the words of a user: at its begin, and with ``""`` at its end.
-WATCHERS: list[Callable[[str], object]] = []
+WATCHERS: list[Callable[[str, str], object]] = []
 
 
 def root() -> Path:
@@ -257,7 +257,7 @@ def released(lock: Any) -> None:
 
 
 @contextlib.contextmanager
-def watched(watcher: Callable[[str], object]) -> Iterator[None]:
+def watched(watcher: Callable[[str, str], object]) -> Iterator[None]:
     """Tell `watcher` of every compilation, and wait for one, that begins or ends in the block."""
     WATCHERS.append(watcher)
     try:
@@ -266,10 +266,10 @@ def watched(watcher: Callable[[str], object]) -> Iterator[None]:
         WATCHERS.remove(watcher)
 
 
-def tell(text: str) -> None:
-    """Tell every watcher."""
+def tell(text: str, function: str = "") -> None:
+    """Tell every watcher, and of a compilation its function."""
     for watcher in list(WATCHERS):
-        watcher(text)
+        watcher(text, function)
 
 
 #: Digest of the code that computes.

@@ -49,7 +49,7 @@ class CompiledCode:
             kept = self._loaded(signature, context)
             if kept is None:
                 context.refresh()
-            tell("" if kept else COMPILING)
+            tell("" if kept else COMPILING, self._function.__name__)
         return kept
 
     def release(self) -> None:

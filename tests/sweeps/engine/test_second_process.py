@@ -32,12 +32,12 @@ def started(monkeypatch):
     return started
 
 
-def prepared(told, *, terminal=False, cores=None, classes=True):
+def prepared(told, *, terminal=False, cores=None, classes=True, function="run_exact"):
     """Return what is written while a compilation tells these texts."""
     stream = io.StringIO()
     with second_process.preparing(Console(file=stream, force_terminal=terminal), cores, classes):
         for text in told:
-            tell(text)
+            tell(text, function)
     return stream.getvalue()
 
 
@@ -49,7 +49,7 @@ def test_in_a_log_a_compilation_is_one_line(started):
 
 
 def test_a_process_is_started_once_by_the_one_that_compiles_where_there_is_a_core(started):
-    for few in ({"cores": 1}, {"classes": False}):
+    for few in ({"cores": 1}, {"classes": False}, {"function": "fill_waves"}):
         prepared([COMPILING, "", COMPILING], **few)
     prepared([WAITING, ""])  # another process compiles, and started one
     assert not started
@@ -71,6 +71,31 @@ def test_without_memory_another_system_or_a_process_nothing_else_is_started(monk
     monkeypatch.setattr(second_process, "available_memory", lambda: 2**29 - (lack == "memory"))
     second_process.compile_beside()
     assert len(calls) == (lack == "process")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux copies a process that works")
+def test_the_copy_never_goes_on_with_the_work_of_the_first_process(monkeypatch, tmp_path):
+    """Not even if a signal raises an exception at once."""
+    fork, parent = os.fork, os.getpid()
+
+    def interrupted():
+        if copy := fork():
+            return copy
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fork", interrupted)
+    monkeypatch.setattr(second_process, "compile_search", lambda begin: None)
+    monkeypatch.setattr(second_process, "available_memory", lambda: 2**40)
+    try:
+        second_process.compile_beside()
+    finally:
+        (tmp_path / str(os.getpid())).touch()
+        if os.getpid() != parent:
+            os._exit(1)
+    deadline = time.monotonic() + 60
+    while psutil.Process().children() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert [path.name for path in tmp_path.iterdir()] == [str(parent)]
 
 
 def test_the_other_process_compiles_what_a_run_needs():
