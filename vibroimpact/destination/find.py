@@ -13,9 +13,9 @@ With exact impacts, the first of these that applies decides:
    shows that it goes there: ``CAPTURED`` or ``FALLING``. The orbit has impacts, and no rest.
 
 An orbit whose multipliers say that it is unstable is no class: rounding alone kept the motion on
-it. Nor is a repetition with rest of which rounding decides the length, see ``rest.py``. A rest
-counts only if the motion rests again in the next repetition; one at the start of the record does
-not.
+it. Nor is a repetition with rest of which rounding decides the length, see ``repetition.py``. A
+rest counts only if the motion rests again in the next repetition; one at the start of the record
+does not.
 
 With another impact rule, a record that repeats is all the other evidence, to the same bits or
 nearly.
@@ -31,7 +31,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.destination.evidence import evidence
 from vibroimpact.destination.free_motion import excess, free_multiplier, stays_free, steady_response
 from vibroimpact.destination.nearby_orbit import (
     GREATEST_STABLE,
@@ -39,6 +38,7 @@ from vibroimpact.destination.nearby_orbit import (
     correction,
     distance,
     doubled,
+    evidence,
     greatest_multiplier,
     nearby_orbit,
 )
@@ -49,9 +49,10 @@ from vibroimpact.destination.repetition import (
     near_repetitions,
     repetition,
     repetition_of_cycle,
+    rests_alike_by_steps,
+    rests_alike_exactly,
     size_of,
 )
-from vibroimpact.destination.rest import rests_alike_by_steps, rests_alike_exactly
 from vibroimpact.destination.section_map import (
     derivative_over,
     flow_of,

@@ -1,4 +1,4 @@
-"""A lane from one point to the next: start, marks, record, end.
+"""A lane from one point to the next, and the loop of a thread over the periods of its lanes.
 
 Every forcing period takes the same steps, and the state at the section determines what they do: x,
 v and whether the mass rests. So once it equals that at an earlier section to the last bit, the
@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.jit import claim, jit, select, specialised, widest_vectors
-from vibroimpact.kernel import exact_lanes, strides
+from vibroimpact.jit import claim, is_set, jit, select, specialised, widest_vectors
+from vibroimpact.kernel.exact_lanes import round_states, set_propagator, take_exact_steps
 from vibroimpact.kernel.record import (
     add_cycles,
     begin_sums,
@@ -20,6 +20,7 @@ from vibroimpact.kernel.record import (
     record_section,
     repeat_impacts,
 )
+from vibroimpact.kernel.strides import set_map, take_strides
 from vibroimpact.kernel.tangents import sum_up_tangents
 from vibroimpact.kernel.workspace import (
     AT_REST,
@@ -47,6 +48,10 @@ from vibroimpact.kernel.workspace import (
     TANGENT,
     VELOCITY,
     WAKE,
+    Batch,
+    any_is_recorded,
+    any_is_watched,
+    list_lanes,
     put_tangent,
     whole_vectors,
 )
@@ -73,9 +78,9 @@ def fill_lane(workspace, job, i, exactly):
     lanes[CLEARANCE + i], lanes[OMEGA + i], lanes[RESTITUTION + i] = pt.clearance, pt.omega, pt.R
     lanes[LEVEL + i], lanes[WAKE + i] = AT_REST if resting else pt.clearance, AWAKE
     if exactly:
-        exact_lanes.set_propagator(workspace, i, grid)
+        set_propagator(workspace, i, grid)
     else:
-        strides.set_map(workspace, i, method[1], grid)
+        set_map(workspace, i, method[1], grid)
     lanes[PERIOD + i], lanes[DUE + i] = -job.transient, 1 - job.transient
     # The start is not marked: after a lead-in it is not rounded, as sections are.
     lanes[MARK_X + i] = math.nan
@@ -258,3 +263,87 @@ def close_lane(workspace, job, i, exactly, plain, exponents):
         )
     put_in_order(job.record.impacts[row], sums.listed)
     job.record.sums[row] = sums
+
+
+@specialised
+def run_lanes(workspace, job, fill, exactly, plain, exponents, turning):
+    """Run point after point until the threads have taken all of them.
+
+    `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so only
+    the loop of that rule is compiled; so is `exponents`, whether tangent vectors may be carried.
+    `turning` is a list of lanes, or None without extremes.
+    """
+    lanes, met, record = workspace.lanes, workspace.met, job.record
+    (method, grid), size, offset = job.scheme, 0, ROW if exactly else 0
+    while size < job.lanes and fill(workspace, job, size):
+        size += 1
+    while size > 0 and not is_set(job.interrupt):
+        batch = Batch(workspace, record, size)
+        if exactly:
+            carrying = watching = None
+            if exponents:
+                carrying = job.lyapunov and any_is_recorded(lanes, size)
+            if turning is not None:
+                watching = any_is_watched(lanes, size)
+            take_exact_steps(batch, grid, carrying, watching)
+            round_states(lanes, size)
+        else:
+            take_strides(batch, method, plain, grid, turning)
+        end_period(batch, offset, grid.phase_step)
+        # From the last lane on: a lane that takes the place of a complete one is done already.
+        for j in range(list_lanes(lanes, GUARD, met, size) - 1, -1, -1):
+            i = met[j]
+            attend_lane(batch, i, offset, job)
+            if lanes[PERIOD + i] >= job.periods:
+                close_lane(workspace, job, i, exactly, plain, exponents)
+                if not fill(workspace, job, i):
+                    size -= 1
+                    move_lane(workspace, size, i, exactly)
+
+
+@jit
+def run_exact(workspace, job):
+    """Run the lanes of a thread with the rule ``exact``."""
+    run_lanes(workspace, job, fill_exact_lane, True, False, False, None)
+
+
+@jit
+def run_exact_with_exponents(workspace, job):
+    """Run the lanes of a thread with the rule ``exact``, and carry their tangent vectors."""
+    run_lanes(workspace, job, fill_exact_lane, True, False, True, None)
+
+
+@jit
+def run_exact_with_extremes(workspace, job):
+    """Run the lanes of a thread with the rule ``exact``, and find their extremes."""
+    run_lanes(workspace, job, fill_exact_lane, True, False, False, workspace.turning)
+
+
+@jit
+def run_exact_with_both(workspace, job):
+    """Run the lanes of a thread with the rule ``exact``, with exponents and extremes."""
+    run_lanes(workspace, job, fill_exact_lane, True, False, True, workspace.turning)
+
+
+@jit
+def run_plain(workspace, job):
+    """Run the lanes of a thread with the rule ``plain``."""
+    run_lanes(workspace, job, fill_stepped_lane, False, True, False, None)
+
+
+@jit
+def run_plain_with_extremes(workspace, job):
+    """Run the lanes of a thread with the rule ``plain``, and find their extremes."""
+    run_lanes(workspace, job, fill_stepped_lane, False, True, False, workspace.turning)
+
+
+@jit
+def run_shortened(workspace, job):
+    """Run the lanes of a thread with ``reduced-step`` or ``cubic``."""
+    run_lanes(workspace, job, fill_stepped_lane, False, False, False, None)
+
+
+@jit
+def run_shortened_with_extremes(workspace, job):
+    """Run the lanes of a thread with ``reduced-step`` or ``cubic``, and find their extremes."""
+    run_lanes(workspace, job, fill_stepped_lane, False, False, False, workspace.turning)

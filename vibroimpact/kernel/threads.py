@@ -6,7 +6,7 @@ without holding Python's global lock:
 
 - ``run_on_threads``: starts the threads, and gives each its memory. From here on nothing is
   allocated, so references to arrays need not be counted.
-- ``run_exact``, ``run_plain``, ``run_shortened`` of ``loop.py``: the work of one thread, its lanes
+- ``run_exact``, ``run_plain``, ``run_shortened`` of ``lane.py``: the work of one thread, its lanes
   from point to point, compiled for one rule, without or with exponents or extremes.
 - ``take_exact_steps`` or ``take_strides``: one forcing period.
 
@@ -27,12 +27,11 @@ from vibroimpact.destination.find import (
     find_plain,
     find_shortened,
 )
-from vibroimpact.destination.repetition import MOST_REPETITIONS
-from vibroimpact.destination.rest import rests_alike_exactly
+from vibroimpact.destination.repetition import MOST_REPETITIONS, rests_alike_exactly
 from vibroimpact.destination.section_map import MOST_SECTIONS
 from vibroimpact.jit import claim, compiled, is_set, jit, on_threads, specialised, translate
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
-from vibroimpact.kernel.loop import (
+from vibroimpact.kernel.lane import (
     run_exact,
     run_exact_with_both,
     run_exact_with_exponents,

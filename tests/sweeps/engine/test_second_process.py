@@ -109,10 +109,10 @@ def test_the_other_process_compiles_what_a_run_needs():
 
 PLAIN_RUN = """
 from vibroimpact import Oscillator, integrate
-from vibroimpact.kernel import loop, threads
+from vibroimpact.kernel import lane, threads
 integrate(Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0).at(), transient=1, periods=1)
-assert loop.run_exact.signatures
-assert not loop.run_exact_with_exponents.signatures and not threads.find_all_exact.signatures
+assert lane.run_exact.signatures
+assert not lane.run_exact_with_exponents.signatures and not threads.find_all_exact.signatures
 """
 
 SHARED = """
