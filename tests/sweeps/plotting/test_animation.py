@@ -179,12 +179,8 @@ def test_what_is_no_animation_is_refused_before_anything_is_computed(
     path, folder, words, message, monkeypatch
 ):
     monkeypatch.setenv("PATH", str(folder))
-    for module in (
-        "sweeps.opened.coordinates.simulate",
-        "sweeps.bifurcation.branch_set.BranchSet",
-    ):
-        if "--dpi" not in words:
-            monkeypatch.setattr(module, lambda *_, **__: pytest.fail("it is computed"))
+    for name in ("opened.coordinates.continued", "bifurcation.branch_set.BranchSet"):
+        monkeypatch.setattr(f"sweeps.{name}", lambda *_, **__: pytest.fail("it is computed"))
     kind = () if "--kind" in words else ("--kind", "trajectory")
     assert message in refused("plot", path, *kind, *words)
     assert list(folder.iterdir()) == []
