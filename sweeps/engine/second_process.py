@@ -18,9 +18,6 @@ from vibroimpact.jit import ALL_THREADS, COMPILING, called_before_passes, watche
 from vibroimpact.jit.cache import WATCHERS
 from vibroimpact.kernel.threads import compile_search
 
-#: More than the number of files that a process has open.
-_MOST_FILES = 4096
-
 
 @contextmanager
 def preparing(console: Console, cores: int | None, classes: bool) -> Iterator[None]:
@@ -81,7 +78,7 @@ def _compile_for(parent: int) -> None:
     nothing = os.open(os.devnull, os.O_RDWR)
     for file in range(3):
         os.dup2(nothing, file)
-    os.closerange(3, _MOST_FILES)
+    os.closerange(3, 4096)  # hardly a process has more
     with called_before_passes(check):
         compile_search()
 

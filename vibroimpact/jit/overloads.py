@@ -16,16 +16,7 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
-from vibroimpact.jit.cache import (
-    COMPILING,
-    claimed,
-    read,
-    released,
-    syntax,
-    tell,
-    warn_once,
-    write,
-)
+from vibroimpact.jit.cache import COMPILING, claimed, read, released, syntax, tell, warn_once, write
 
 
 class CompiledCode:
