@@ -158,12 +158,16 @@ def interval(text: str) -> tuple[float, float] | None:
     return (float(low), float(high)) if math.isfinite(high - low) else None
 
 
-def limits_option(option: str, text: str | None) -> tuple[float, float] | None:
-    """Read the limits of an axis, if given."""
-    ends = None if text is None else interval(text)
-    if text is not None and ends is None:
+def limits_option(option: str, text: str | None) -> tuple[tuple[float, float] | None, str]:
+    """Read the limits of an axis, if given, and their unit, which may be empty."""
+    if text is None:
+        return None, ""
+    found = re.fullmatch(r"(.*[0-9.])\s*([^\W0-9_]+(?:/s)?)", text)
+    number, unit = found.groups() if found else (text, "")
+    ends = interval(number)
+    if ends is None:
         raise Refused(refusal(f"{option} {text}", f"{LIMITS}, as 2.4:3"))
-    return ends
+    return ends, unit
 
 
 def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:

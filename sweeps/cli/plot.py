@@ -97,7 +97,8 @@ Coordinate = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="poincare_x, poincare_v, poincare_height, impact_v or impact_phase, as ordinate.",
+        help="poincare_x, poincare_v, poincare_height, impact_v or impact_phase, or peak_to_peak, "
+        "x_min or x_max, as ordinate.",
     ),
 ]
 QuantityOption = Annotated[
@@ -195,10 +196,14 @@ Title = Annotated[
     str | None, typer.Option(metavar="TEXT", help="Title instead of the sweep's; may be empty.")
 ]
 AbscissaLimits = Annotated[
-    str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the abscissa.")
+    str | None,
+    typer.Option(
+        metavar="LOW:HIGH",
+        help="Limits of the abscissa, in the unit that it shows or in one that is given, as 2:3mm.",
+    ),
 ]
 OrdinateLimits = Annotated[
-    str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate.")
+    str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate, likewise.")
 ]
 AbscissaLabel = Annotated[
     str | None,
@@ -279,8 +284,8 @@ def plot_command(
         "height": inches("--height", height),
         "dpi": dpi,
         "title": title,
-        "xlim": limits_option("--xlim", xlim),
-        "ylim": limits_option("--ylim", ylim),
+        **dict(zip(("xlim", "xunit"), limits_option("--xlim", xlim), strict=True)),
+        **dict(zip(("ylim", "yunit"), limits_option("--ylim", ylim), strict=True)),
         "xlabel": xlabel,
         "ylabel": ylabel,
         "legend": not no_legend,
@@ -414,7 +419,7 @@ def _exact(
     from sweeps.bifurcation.exact_curves import curves
     from sweeps.opened import tables
     from sweeps.opened.kept import with_cache
-    from sweeps.plotting.contents import select_line
+    from sweeps.plotting.contents import refuse_without_branches, select_line
     from sweeps.plotting.exact_lines import without_idle
     from sweeps.plotting.maps import shown_quantity
     from sweeps.plotting.overlay import read_overlay
@@ -436,6 +441,7 @@ def _exact(
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     line, axis, coordinate = select_line(sweep, axes, cut, options.get("coordinate"))
+    refuse_without_branches(coordinate)
     read_overlay(overlay, sweep, [[axis], [coordinate, *options.get("below", ())]])
     with progress_shown("following exact orbits") as report:
         orbits = with_cache(branches, notes.append)(sweep, axis, cut, report, **chosen)

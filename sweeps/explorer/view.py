@@ -23,6 +23,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError
 from sweeps.opened.coordinates import COORDINATES
 from sweeps.opened.motions import oscillator_of
+from sweeps.plotting.labels import as_variable
 from sweeps.store.replacing import writing
 from sweeps.text import command
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -349,9 +350,13 @@ def _commands(view: View, name: str) -> str:
     """Return a comment with the commands that draw the picture."""
     options = f"--kind {('bifurcation', 'map', 'basins')[view.tab]}"
     if view.tab == DIAGRAM_TAB:
-        options += f" --coordinate {view.ordinate} --xlim={view.xlim[0]!r}:{view.xlim[1]!r}"
-        if view.ylim is not None:
-            options += f" --ylim={view.ylim[0]!r}:{view.ylim[1]!r}"
+        limits = {"xlim": (view.xlim, view.axis), "ylim": (view.ylim, view.ordinate)}
+        options += f" --coordinate {view.ordinate}"
+        for option, (ends, name) in limits.items():
+            if ends is not None:
+                unit = as_variable(name, view.seen).attrs["units"]
+                unit = unit if unit in ("m", "m/s") else ""  # the ticks may have a prefix
+                options += f" --{option}={ends[0]!r}:{ends[1]!r}{unit}"
     run, plot = command("run", Path(f"{name}.yaml")), command("plot", Path(f"{name}.h5"))
     return (
         "# Saved by vibroimpact explore. It is run, and drawn as it was seen, with\n"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar
 
 import numpy as np
@@ -58,6 +58,17 @@ COORDINATES: Mapping[str, Variable] = {
 }
 
 
+#: What a diagram can have as ordinate: also the extremes of a motion, with one value each.
+ORDINATES: Mapping[str, Variable] = {
+    **COORDINATES,
+    "peak_to_peak": Variable(
+        "value", "length", "peak-to-peak displacement", r"x_\mathrm{pp}", diagnostic="extremes"
+    ),
+    "x_min": replace(VARIABLES["x_min"], dimension="value"),
+    "x_max": replace(VARIABLES["x_max"], dimension="value"),
+}
+
+
 def recorded_coordinate(record: Mapping[Any, _Values], coordinate: str) -> _Values:
     """Return a coordinate at the points of a sweep, recorded or computed from x.
 
@@ -80,7 +91,7 @@ def orbit_coordinates(orbits: Orbits, phase: float) -> dict[str, np.ndarray]:
 
 def records(sweep: OpenedSweep, name: str, at: np.ndarray) -> np.ndarray:
     """Return a coordinate at points given in C order, shape (k, record), reading in parts."""
-    width = sweep.sizes[COORDINATES[name].dimension]
+    width = sweep.sizes[ORDINATES[name].dimension]
     result = np.empty((len(at), width))
     for part, cut in in_parts(sweep.data, _STATES_READ // width):
         wanted = np.flatnonzero((at >= cut.start) & (at < cut.stop))

@@ -82,8 +82,8 @@ def plot(
     sweep : Dataset
         From `sweeps.open_sweep`.
     output : str or Path
-        The picture; its ending must be .png, .svg, .pdf or .eps, or for an animation of a
-        `trajectory` .gif or .mp4, which needs the program ffmpeg.
+        The picture; its ending must be .png, .svg, .pdf, .eps, .tiff or .tif, or for an animation
+        of a `trajectory` .gif or .mp4, which needs the program ffmpeg.
     kind : str, optional
         One of ``KINDS``, by default the result of `default_kind`.
     at : mapping of str to float, optional

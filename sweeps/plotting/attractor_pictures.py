@@ -26,10 +26,10 @@ from sweeps.attractor.attractor_table import (
 from sweeps.attractor.partition import attractors
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import COORDINATES, records
+from sweeps.opened.coordinates import ORDINATES, records
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.contents import choose_coordinate, refuse_empty, refuse_without_result
+from sweeps.plotting.contents import refuse_empty, refuse_without_result, with_coordinate
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
     Names,
@@ -121,7 +121,7 @@ def _draw_basins(
 ) -> list[Artist]:
     """Draw the basins at one parameter point; return the entries of the legend."""
     handles = draw_cells(panel, drawn, cells)
-    page.set_limits(panel)
+    page.on(panel).set_limits(panel)
     phase = drawn.spec.phase
     if "phase" not in drawn.grid and float(drawn["phase"]) == phase:
         handles += mark_attractors(panel, looks.split(table)[0])
@@ -326,7 +326,7 @@ def attractor_diagram(
         )
     parameters = sweep.isel(dict.fromkeys(free, 0))
     (axis,) = parameters.chosen_axes(axes, at, 1, "diagram of attractors")
-    coordinate = choose_coordinate(sweep, coordinate)
+    sweep, coordinate = with_coordinate(sweep, coordinate)
     for name in set(free) & set(at or {}):
         raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(sweep))}")
     line = sweep.cut(at, free=[axis, *free])
@@ -341,10 +341,11 @@ def attractor_diagram(
     series = _draw_rows(panel, line, table, looks, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
+    page = page.on(panel)
     page.fit_ordinate(panel)
     page.set_limits(panel)
     masks = {}
-    if page.marks and COORDINATES[coordinate].dimension == "impact":
+    if page.marks and ORDINATES[coordinate].dimension == "impact":
         masks[PARTIAL] = line.transpose(axis).shows_part.ravel()
     canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks, page.grey)
     title = f"{CLASSES_TITLE}\n{_starts_at_each(line)}"
@@ -412,7 +413,7 @@ def _draw_rows(
         points.set(markersize=size, markeredgewidth=0, zorder=zorder)
         label = name if own else "other periodic attractors"
         (handle,) = panel.plot([], [], look.marker, color=look.ink, label=label)
-        handle.set(markersize=4.0, markeredgewidth=0)
+        handle.set(markersize=4.0, markeredgewidth=canvas.edge_of(look.marker))
         if own and first.regime not in NO_CLASS:
             marked.append(_Series([table[i] for i in places], look, np.stack([x, y], axis=1)))
     return marked

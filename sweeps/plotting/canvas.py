@@ -18,6 +18,7 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
@@ -33,6 +34,7 @@ from sweeps.plotting.style import (
     MARKS,
     STATUS_COLOURS,
     data_colour,
+    ground,
     ink,
     user_style,
     visible,
@@ -375,7 +377,14 @@ def mark_some(panel: Axes, points: np.ndarray, marker: str, colour: str) -> None
     places = panel.transAxes.inverted().transform(panel.transData.transform(points))
     _, some = np.unique(np.floor(_MARKS * places), axis=0, return_index=True)
     (marks,) = panel.plot(*points[some].T, marker, color=colour, rasterized=True)
-    marks.set(markersize=4.0, markeredgewidth=0, zorder=4.0)
+    marks.set(markersize=4.0, markeredgewidth=edge_of(marker), zorder=4.0)
+    if edge_of(marker):
+        marks.set_path_effects([withStroke(linewidth=2.0, foreground=ground())])
+
+
+def edge_of(marker: str) -> float:
+    """Return the width of the edge of a marker of data [pt], which only crosses have."""
+    return 0.8 if marker in "+x" else 0.0
 
 
 def marker_size(x: np.ndarray, y: np.ndarray, least: float, most: float) -> float:
@@ -427,8 +436,27 @@ def mark_status(
     for text, colour, where in kinds:
         if not where.any():
             continue
-        x = np.broadcast_to(values, status.shape)[where]
+        x = np.broadcast_to(values, status.shape)
+        x, count = x[where] if text not in masks else _spread(panel, x, where), np.sum(where)
         (marks,) = panel.plot(x, np.full(x.shape, 0.015), "|", transform=strip, rasterized=True)
         marks.set(markersize=6, color=colour)
-        text = f"{text} ({len(x):,} of {status.size:,})"
+        text = f"{text} ({count:,} of {status.size:,})"
         panel.plot([], [], linewidth=5, solid_capstyle="butt", color=colour, label=text)
+
+
+def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Return abscissas of marks that cover the same share of the axis as the points have.
+
+    A mark is a point wide. Where several values are in it, those with most marked values have one.
+    """
+    panel.get_xlim()  # matplotlib delays the limits
+    values, place = np.unique(x, return_inverse=True)
+    marked = np.bincount(place.ravel(), where.ravel()) > 0.0
+    across = panel.transData.transform(np.stack([values, values], axis=1))[:, 0]
+    _, column = np.unique(np.floor(across * 72.0 / figure_of(panel).dpi), return_inverse=True)
+    counts = np.bincount(column, marked)
+    sums = np.bincount(column, np.where(marked, values, 0.0))
+    most = math.ceil(marked.mean() * len(counts))
+    kept = np.argsort(-counts / np.bincount(column), kind="stable")[:most]
+    kept = kept[counts[kept] > 0.0]
+    return sums[kept] / counts[kept]

@@ -45,6 +45,7 @@ from sweeps.plotting.style import (
     WHITE,
     Look,
     grey_ramp,
+    legible,
     visible,
 )
 from sweeps.store import DIRECTION
@@ -76,7 +77,7 @@ _MOST_NAMED = 6
 
 _SIGNED, _SIGNED_DOTS = (
     LinearSegmentedColormap.from_list("signed", ["#00263D", BLUE, middle, VERMILION, "#4A1D00"])
-    for middle in ("#F7F7F7", "#A0A0A0")
+    for middle in ("#F7F7F7", "#8C8C8C")
 )
 
 
@@ -182,7 +183,8 @@ def _paint(cut: OpenedSweep, name: str, dots: bool, grey: bool) -> Paint:
     """Return the colours of a number before those of dots are made visible."""
     variable = number_at(cut, name)
     ramp = mpl.colormaps[mpl.rcParams["image.cmap"]]
-    ramp = grey_ramp(0.3 if dots else 0.1) if grey else ramp
+    ramp = grey_ramp(0.1) if grey else ramp
+    ramp = legible(ramp) if dots else ramp
     nothing = np.ma.masked_all(variable.shape, float)
     if name == "period":
         cells = period_cells(*cut.classes, grey=grey, hatched=not dots)

@@ -13,7 +13,7 @@ import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import COORDINATES
+from sweeps.opened.coordinates import COORDINATES, ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.store import DIRECTION, VARIABLES
 from sweeps.store.variables import description_in
@@ -91,7 +91,7 @@ def with_number(
         sweep, name = _with_own(sweep, wanted)
     needed = "x_min" if name == PEAK_TO_PEAK else name
     if needed in VARIABLES and VARIABLES[needed].diagnostic in DIAGNOSTICS:
-        sweep.check_diagnostic(needed)
+        sweep.check_diagnostic(needed, name)
     available = numbers_of(sweep)
     if name not in available:
         available += [DIRECTION] if for_colour and sweep.directions else []
@@ -146,24 +146,37 @@ def select_line(
     coordinate: str | None = None,
 ) -> tuple[OpenedSweep, str, str]:
     """Return the points that `sweeps.plotting.bifurcation` shows, their axis and coordinate."""
-    coordinate = choose_coordinate(sweep, coordinate)
+    sweep, coordinate = with_coordinate(sweep, coordinate)
     (axis,) = sweep.chosen_axes(axes, at, 1, "bifurcation")
     return sweep.cut(at, free=[axis, DIRECTION]), axis, coordinate
 
 
-def choose_coordinate(sweep: OpenedSweep, coordinate: str | None) -> str:
-    """Return the requested coordinate, by default the first in the file; refuse unknown ones."""
+def with_coordinate(sweep: OpenedSweep, coordinate: str | None) -> tuple[OpenedSweep, str]:
+    """Return the dataset with the requested coordinate, by default the first in the file."""
     available = [name for name, about in COORDINATES.items() if about.dimension in sweep.data.dims]
     if coordinate is None:
         coordinate = next(iter([*available, *COORDINATES]))
     if coordinate in available:
-        return coordinate
+        return sweep, coordinate
+    available += [name for name in ORDINATES if name not in COORDINATES and "x_min" in sweep]
     choice = choice_of(available, "coordinate")
+    if coordinate in ORDINATES and coordinate not in COORDINATES:
+        sweep, name = with_number(sweep, coordinate)
+        values = sweep[name].expand_dims(ORDINATES[name].dimension, axis=-1)
+        return sweep.over(sweep.data.assign({name: values})), name
     if coordinate not in sweep:
-        raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw; {choice}")
+        meant = suggestion(near_miss(coordinate, available))
+        raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw{meant}; {choice}")
     if coordinate in numbers_of(sweep):
         choice += f"; {coordinate} can be drawn in a panel below the diagram"
     raise Refused(f"{coordinate} is not a coordinate of the motion; {choice}")
+
+
+def refuse_without_branches(coordinate: str) -> None:
+    """Refuse a coordinate that exact branches do not have."""
+    if coordinate not in COORDINATES:
+        choice = choice_of([*COORDINATES], "coordinate")
+        raise Refused(f"exact branches have no {coordinate}; {choice}")
 
 
 def refuse_empty(line: OpenedSweep, coordinate: str) -> NoReturn:

@@ -14,18 +14,24 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import COORDINATES, recorded_coordinate
+from sweeps.opened.coordinates import ORDINATES, recorded_coordinate
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import Paint, paint
-from sweeps.plotting.contents import Wanted, refuse_empty, select_line, with_number
+from sweeps.plotting.contents import (
+    Wanted,
+    refuse_empty,
+    refuse_without_branches,
+    select_line,
+    with_number,
+)
 from sweeps.plotting.directions import (
     agreeing,
     colours_directions,
     direction_names,
     draw_jumps,
 )
-from sweeps.plotting.exact_lines import draw_branches, name_parts, without_idle
+from sweeps.plotting.exact_lines import draw_branches, name_parts, without_gaps, without_idle
 from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
@@ -47,6 +53,8 @@ from vibroimpact.points.regimes import NO_CLASS, has_result
 
 #: More points than this are drawn as a density, because single markers would merge.
 DENSITY_FROM = 2_000_000
+#: Runs of chaos, and gaps in it, of so small a part of the axis are left out.
+_RUNS = 50
 #: Height of a panel below the diagram, relative to the height of the diagram.
 _LOWER = 0.4
 #: Opacity of the larger Lyapunov exponent, as of other scalars, and of the second one.
@@ -81,7 +89,7 @@ def bifurcation(
         The swept axis, by default the one with most values.
     coordinate : str, optional
         ``poincare_x``, ``poincare_v``, ``poincare_height``, ``impact_v`` or ``impact_phase``, by
-        default the first in the file.
+        default the first in the file; or an extreme, ``peak_to_peak``, ``x_min`` or ``x_max``.
     exact : Dataset, optional
         Exact branches to draw over the points: the result of `sweeps.branches` for this axis.
     below : str or DataArray, or a sequence of these, optional
@@ -107,8 +115,7 @@ def bifurcation(
     line, axis, coordinate = select_line(sweep, axes, at, coordinate)
     if tint is not None:
         line = line.each_direction[0]
-    if exact is not None and axis not in exact.coords:
-        raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
+    _check_branches(exact, axis, coordinate)
     points = read_overlay(overlay, sweep, [[axis], [coordinate, *names]])
     shown = None if tint is None else paint(line, tint, dots=True, grey=page.grey)
     drawn = _Drawn.of(line, axis, coordinate, shown, page.grey)
@@ -124,6 +131,7 @@ def bifurcation(
     if len(drawn.values) > 100:
         panel.set_xlim(drawn.values.min(), drawn.values.max())
     canvas.widen_if_constant(panel.set_ylim, low, high)
+    page = page.on(panel)
     page.fit_ordinate(panel, *drawn.ranges_within(page.xlim))
     page.set_limits(panel)
     for below_it, name in zip(lower, names, strict=True):
@@ -155,6 +163,15 @@ def bifurcation(
     return figure
 
 
+def _check_branches(exact: xr.Dataset | None, axis: str, coordinate: str) -> None:
+    """Refuse exact branches that a diagram of a coordinate over an axis cannot show."""
+    if exact is None:
+        return
+    refuse_without_branches(coordinate)
+    if axis not in exact.coords:
+        raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
+
+
 def _with_numbers(
     sweep: OpenedSweep, below: Wanted | Sequence[Wanted], color: Wanted | None
 ) -> tuple[OpenedSweep, list[str], str | None]:
@@ -177,13 +194,17 @@ def _with_numbers(
 
 
 def _in_chaos(line: OpenedSweep, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function that says where on the axis all motions are chaotic or unknown."""
+    """Return a function that says where on the axis all motions are chaotic or unknown.
+
+    Short runs are left out, because lines that alternate would read as dashes.
+    """
     no_class = np.zeros((1, len(values)), bool)
     if "period" in line:
         no_class = np.isin(line.regimes, NO_CLASS).reshape(-1, len(values))
     order = np.argsort(values)
-    share = no_class.all(axis=0).astype(float)[order]
-    return lambda x: np.interp(x, values[order], share) > 0.5
+    mask = np.asarray(no_class.all(axis=0))
+    chaos = without_gaps(mask[order], max(1, len(values) // _RUNS))
+    return lambda x: np.interp(x, values[order], chaos.astype(float)) > 0.5
 
 
 class _Drawn(NamedTuple):
@@ -206,7 +227,7 @@ class _Drawn(NamedTuple):
         values, ways = line[axis].values, line.each_direction
         tint = None if shown is None else shown.colours()
         computed = int(has_result(line["status"].values).sum())
-        dense = computed * line.sizes[COORDINATES[coordinate].dimension] > DENSITY_FROM
+        dense = computed * line.sizes[ORDINATES[coordinate].dimension] > DENSITY_FROM
         return cls(line, axis, coordinate, values, ways, tint, dense, grey)
 
     def draw_points(self, panel: Axes) -> tuple[float, float]:
@@ -269,7 +290,7 @@ class _Drawn(NamedTuple):
     def mark_cells(self, panel: Axes, shown: Paint) -> None:
         """In grey, give some of the points the marker of their class or word; of many, the last."""
         last = slice(-4, None) if self.dense else slice(None)
-        (way,) = (way.isel({COORDINATES[self.coordinate].dimension: last}) for way in self.ways)
+        (way,) = (way.isel({ORDINATES[self.coordinate].dimension: last}) for way in self.ways)
         y = recorded_coordinate(way.data, self.coordinate).values
         shown.mark(panel, np.broadcast_to(self.values[:, None], y.shape), y)
 
@@ -301,7 +322,7 @@ class _Drawn(NamedTuple):
         These are on their way to m/q, or show only part of a repetition.
         """
         masks = {APPROACHING: self.line.on_its_way} if marks else {}
-        if marks and COORDINATES[self.coordinate].dimension == "impact":
+        if marks and ORDINATES[self.coordinate].dimension == "impact":
             masks = {PARTIAL: self.line.shows_part, **masks}
         canvas.mark_status(panel, self.values, self.line["status"].values, masks, self.grey)
 

@@ -124,7 +124,7 @@ def integrity(
             handles += _mark_place(profile.values(), basins, line[along[0]], starts)
         handles += _draw_disturbances(basins, starts, there, rows_there, looks)
     panel = drawn[names[0]] if basins is None else basins
-    page.set_limits(panel)
+    page.on(panel).set_limits(panel)
     title = CLASSES_TITLE if basins is None else basins_title(line)
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:
@@ -281,6 +281,7 @@ def _draw_disturbances(
     handles: list[Artist] = [
         Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
     ]
+    knock = 0
     for row in attractor_rows(starts, there):
         one = row.measures
         if row.number not in places or not one["integrity_factor"] > 0.0:
@@ -295,15 +296,18 @@ def _draw_disturbances(
                 at_section(oscillator, *at, one["knock_v"] + dv, section) for dv in (0.0, size)
             )
             look: dict[str, Any] = {"color": looks.look(row).ink, "linewidth": 1.2}
-            around = ground() if looks.grey else ink()
-            outline = {"path_effects": [withStroke(linewidth=2.4, foreground=around)]}
-            panel.annotate("", end, begin, arrowprops={"arrowstyle": "->", **look, **outline})
+            around = [withStroke(linewidth=2.4, foreground=ground() if looks.grey else ink())]
+            arrow = {"arrowstyle": "->", "path_effects": around, **look}
+            knock += 1
+            number = str(knock) if looks.grey else ""  # the colour says which arrow it is
+            written = panel.annotate(number, end, begin, size="small", arrowprops=arrow)
+            written.set(ha="center", va="center", path_effects=around)
             place = places[row.number]
             text = f"least knock, {row.name}{place}:" + ("\n" if place else " ")
             text += rf"${size:+.4g}${unit} at $\omega t={at[0]:.4g}$"
             text += ", fractal" if one["knock_fractal"] else ""
-            arrow = Line2D([], [], marker=r"$\rightarrow$", linestyle="", label=text, **look)
-            handles.append(arrow)
+            marker = f"${number}$" if number else r"$\rightarrow$"
+            handles.append(Line2D([], [], marker=marker, linestyle="", label=text, **look))
     if others:
         text = f"no disc and no knock for {shown_count(len(others), 'other attractor')}"
         handles.append(Line2D([], [], linestyle="", label=text))

@@ -159,6 +159,16 @@ def draw_branches(
     return drawn
 
 
+def without_gaps(mask: np.ndarray, width: int) -> np.ndarray:
+    """Return a mask without interruptions and runs of at most so many places."""
+    from scipy.ndimage import binary_closing, binary_opening
+
+    window = np.ones(width, bool)
+    padded = binary_closing(np.pad(mask, width, mode="edge"), window)
+    kept: np.ndarray = binary_opening(padded, window)[width:-width]
+    return kept
+
+
 def name_parts(panel: Axes, parts: Mapping[str, Sequence[Line2D]]) -> None:
     """Label one line of each part of `draw_branches` that is visible within the panel's limits."""
     (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
@@ -208,11 +218,10 @@ def _pieces(
     `shown`, and another cell without it, are within one cell. `axes` are the values of the abscissa
     and of the ordinate.
     """
-    from scipy.ndimage import binary_closing, binary_opening, maximum_filter
+    from scipy.ndimage import maximum_filter
 
     regimes, *mq = cut.classes
     classes = np.where(regimes == Regime.PERIODIC, mq, 0)
-    window = np.ones(_PER_CELL * _GAP, bool)
     values = np.stack([found[name].values for name in found.coords], axis=1)
     each = _one_point_each(found)
     kinds, ms, qs = (each[name].values.tolist() for name in ("kind", "m", "q"))
@@ -231,8 +240,7 @@ def _pieces(
             mask = (classes == np.reshape(own, (2, 1, 1))).all(axis=0)
             near, other = (maximum_filter(each, 3, mode="nearest") for each in (mask, ~mask))
             bounds |= (near & other)[row, column]
-        padded = binary_closing(np.pad(bounds, len(window), mode="edge"), window)
-        bounds = binary_opening(padded, window)[len(window) : -len(window)]
+        bounds = without_gaps(bounds, _PER_CELL * _GAP)
         points = np.stack([np.interp(fine, along, z) for z in line.T], axis=1)
         for flag, group in groupby(enumerate(bounds.tolist()), key=lambda item: item[1]):
             (first, _), *_, (last, _) = 2 * list(group)

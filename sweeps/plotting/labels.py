@@ -16,10 +16,11 @@ from matplotlib.ticker import (
 )
 
 from sweeps.config.rig import Nomenclature
-from sweeps.opened.coordinates import COORDINATES
+from sweeps.errors import Refused
+from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store import DIRECTION, VARIABLES
-from sweeps.text import shown_count, unit_name
+from sweeps.text import near_miss, shown_count, suggestion, unit_name
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -36,7 +37,8 @@ CLASSES_TITLE = "m/q: q impacts in m forcing periods"
 #: Units that take a prefix in pictures, and for each prefix the least size of what it is put to,
 #: a thousandth of the greatest, and its factor.
 _PREFIXED = ("m", "m/s")
-_PREFIXES = ((1e-4, "m", 1e-3), (1e-7, "\N{MICRO SIGN}", 1e-6), (1e-10, "n", 1e-9))
+_MICRO = "\N{MICRO SIGN}"
+_PREFIXES = ((1e-4, "m", 1e-3), (1e-7, _MICRO, 1e-6), (1e-10, "n", 1e-9))
 #: A space at which a title is not broken into lines.
 _JOINT = "\N{NO-BREAK SPACE}"
 
@@ -47,7 +49,7 @@ def as_variable(name: str, of: Names) -> xr.DataArray:
     Those of a parameter are what a reader sees.
     """
     seen = of if isinstance(of, Nomenclature) else of.nomenclature
-    about = seen.about(name) if name in PARAMETERS else {**VARIABLES, **COORDINATES}[name]
+    about = seen.about(name) if name in PARAMETERS else {**VARIABLES, **ORDINATES}[name]
     units = seen.unit(about.unit)
     return xr.DataArray(attrs={"long_name": about.meaning, "units": units, "symbol": about.symbol})
 
@@ -131,7 +133,7 @@ def record_text(drawn: OpenedSweep, coordinate: str = "poincare_x") -> str:
     transient = "auto" if kept.transient == "auto" else f"{kept.transient:,}"
     parts = [f"phase {kept.phase:.6g} rad"] if kept.phase else []
     parts += [f"transient {transient}", f"record {shown_count(kept.periods, 'period')}"]
-    if COORDINATES[coordinate].dimension == "impact" and (text := drawn.impacts_left_out):
+    if ORDINATES[coordinate].dimension == "impact" and (text := drawn.impacts_left_out):
         parts.append(text)
     return ", ".join(part.replace(" ", _JOINT) for part in parts)
 
@@ -197,14 +199,31 @@ class _Prefixed(Formatter):
     def __init__(self, axis: Axis, variable: xr.DataArray, written: Formatter, text: Text) -> None:
         self._of, self._variable, self._written, self._text = axis, variable, written, text
         self._prefix, self._factor = "", 1.0
+        self._kept: tuple[str, float] | None = None
         written.create_dummy_axis()
+
+    @property
+    def units(self) -> list[str]:
+        """The units that the ticks can have."""
+        return [*units_of(self._variable)]
+
+    def keep(self, unit: str, written: str | None) -> float:
+        """Keep a unit for the ticks, by default that of a written label or of today's limits.
+
+        Return its factor.
+        """
+        size = np.abs(self._of.get_view_interval()).max()
+        asked = f"[{unit.replace('u', _MICRO)}]" if unit else written
+        self._kept = prefix_of(self._variable, size, asked)
+        return self._kept[1]
 
     def set_locs(self, locs: Any) -> None:
         """Choose the prefix for the limits of the axis."""
         ends = np.array(self._of.get_view_interval())
         text, old = self._text.get_text(), label(self._variable, self._prefix)
         written = None if text == old else text
-        self._prefix, self._factor = prefix_of(self._variable, np.abs(ends).max(), written)
+        chosen = prefix_of(self._variable, np.abs(ends).max(), written)
+        self._prefix, self._factor = self._kept or chosen
         if written is None:
             self._text.set_text(label(self._variable, self._prefix))
         assert self._written.axis is not None
@@ -218,6 +237,20 @@ class _Prefixed(Formatter):
     def get_offset(self) -> str:
         """Return the common part of all ticks."""
         return self._written.get_offset()
+
+
+def in_own_unit(
+    axis: Axis, name: str, limits: tuple[float, float], unit: str, written: str | None
+) -> tuple[float, float]:
+    """Return limits in the unit of the variable; given in a unit, by default that of the ticks."""
+    formatter = axis.get_major_formatter()
+    known = formatter.units if isinstance(formatter, _Prefixed) else []
+    if unit and unit not in known:
+        typed = f"{name} = {limits[0]:g}:{limits[1]:g} in {unit}"
+        allowed = f"{' or '.join(known) or 'no unit'}{suggestion(near_miss(unit, known))}"
+        raise Refused(f"{typed} is not allowed; expected: {allowed}")
+    factor = formatter.keep(unit, written) if isinstance(formatter, _Prefixed) else 1.0
+    return limits[0] * factor, limits[1] * factor
 
 
 def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Text:

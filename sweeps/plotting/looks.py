@@ -18,13 +18,13 @@ from sweeps.plotting.style import (
     GREY_FURTHER,
     GREY_OTHER,
     GREY_REGIMES,
-    HATCH,
     OTHER_CLASS,
     OTHER_RESTS,
     REGIMES,
     RESTS,
     STATUS_COLOURS,
     Look,
+    hatch_on,
     ink,
 )
 from vibroimpact.points.regimes import NO_CLASS, Label, Regime, rest_of
@@ -65,7 +65,7 @@ class Cells(NamedTuple):
 
     def handle(self) -> Patch:
         """Return the patch for the legend."""
-        edge = HATCH if self.look.hatch else ink()
+        edge = hatch_on(self.colour) if self.look.hatch else ink()
         look: dict[str, Any] = {"edgecolor": edge, "hatch": self.look.hatch, "linewidth": 0.4}
         return Patch(facecolor=self.colour, label=self.label, **look)
 

@@ -29,7 +29,7 @@ from sweeps.plotting.names import draw_boundaries, name_places, name_regions
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import cell_edges
-from sweeps.plotting.style import CLASSES, HATCH, ground
+from sweeps.plotting.style import CLASSES, ground, hatch_on
 from sweeps.text import listed
 from vibroimpact.points.regimes import ON_ITS_WAY, RESTING, has_result
 from vibroimpact.status import Status
@@ -97,6 +97,7 @@ def parameter_map(
     covered = _shares(patches, shown.cells)
     if name == "period" and page.marks:
         covered |= _mark_approaching(panel, cut)
+    page = page.on(panel)
     page.set_limits(panel)
     if exact is not None:
         y, x = (axis.values for axis in _axes_of(cut))
@@ -185,7 +186,8 @@ def draw_cells(
         _draw_mesh(panel, cut, np.ma.masked_equal(index, -1), norm, colours)
     for cell in cells:
         if cell.look.hatch:
-            _draw_hatch(panel, cut, cell.where, hatch=cell.look.hatch, edgecolor=HATCH)
+            edge = hatch_on(cell.colour)
+            _draw_hatch(panel, cut, cell.where, hatch=cell.look.hatch, edgecolor=edge)
     handles: list[Artist] = [cell.handle() for cell in cells]
     pending = np.count_nonzero(status == Status.PENDING)
     if pending:

@@ -120,6 +120,7 @@ def section(
         ends.append(float(clearance))
     canvas.widen_if_constant(panel.set_xlim, min(ends), max(ends))
     canvas.widen_if_constant(panel.set_ylim, v.min(), v.max())
+    page = page.on(panel)
     page.fit_ordinate(panel)
     page.set_limits(panel)
     return found.finish(panel, page, "poincare_x")
@@ -159,7 +160,7 @@ def impacts(
     panel.set_ylim(bottom=0.0)
     label_axis(panel.xaxis, found.points["impact_phase"])
     label_axis(panel.yaxis, found.points["impact_v"])
-    page.set_limits(panel)
+    page.on(panel).set_limits(panel)
     return found.finish(panel, page, "impact_v")
 
 
@@ -226,6 +227,7 @@ def trajectory(
     if deepest > 0.0:
         depth = f"deepest penetration {deepest:.1e}"
         phase_plane.set_title(" ".join([depth, named_unit(x)]).strip())
+    page = page.on(over_time)
     for panel in (over_time, velocity):
         page.fit_ordinate(panel)
     page.set_limits(over_time)
@@ -233,7 +235,9 @@ def trajectory(
     if shown is not None:
         shown.add_bar(panels)
         handles, title = [*shown.handles(curves=True), *handles], shown.title
-    record = _text_of_motions(motions, time, found)
+    start, since, record = _text_of_motions(motions, time, found)
+    if ax is not None or page.title is not None or len(motions) > 1:  # else the title says it
+        velocity.set_xlabel(f"{velocity.get_xlabel()}, {start or f'$t_0$ {since}'}", wrap=True)
     return canvas.finish(over_time, page, drawn, handles, title, record)
 
 
@@ -269,14 +273,17 @@ def _draw_coloured(
         point = points.isel(dict(zip(dims, index.tolist(), strict=True)))
         motions.append(_motion_at(point, None, periods, found, most))
         look = colours[tuple(index)], dashes[tuple(index)]
-        _draw_curves(panels, motions[-1], *look)
+        _draw_curves(panels, motions[-1], *look, found.m if found else 0)
     return motions
 
 
 def _text_of_motions(
     motions: Sequence[PointMotion], time: xr.DataArray, found: Label | None
-) -> str | None:
-    """Write what the title says of the motions instead of the record; None if they differ."""
+) -> tuple[str, str, str | None]:
+    """Write the start of a single motion, after how long motions start, and instead of a record.
+
+    The last is None if the motions start after different times.
+    """
     turns = 2.0 * np.pi / np.array([motion.oscillator.omega for motion in motions])
     starts = np.array([motion.rows[0, 0] for motion in motions])
     starts += turns * [motion.turns for motion in motions]
@@ -284,14 +291,16 @@ def _text_of_motions(
     since = starts / turns - begun / (2.0 * np.pi)
     (after, *others) = {shown_count(periods, "forcing period", ".6g") for periods in since}
     if others:
-        return None
-    record = f"{equation('t_0', time, starts[0])}, " * (len(motions) == 1) + f"after {after}"
+        return "", "of each motion", None
+    start = equation("t_0", time, starts[0]) if len(motions) == 1 else ""
+    record = ", ".join(filter(None, [start, f"after {after}"]))
     if found is not None:
         record = f"{'class ' if found.regime is Regime.PERIODIC else ''}{found}, {record}"
     most = MOST_DRAWN // len(motions)
     periods = sum(motion.periods for motion in motions)
     drawn = sum(min(motion.periods, most) for motion in motions)
-    return record if drawn == periods else f"{record}, {drawn:,} of {periods:,} periods"
+    record += f", {drawn:,} of {periods:,} periods" if drawn != periods else ""
+    return start, f"after {after}", record
 
 
 def _classes(line: OpenedSweep) -> list[Label | None]:
@@ -317,13 +326,19 @@ def _draw_curves(
     motion: PointMotion,
     colour: str | np.ndarray | None = None,
     dash: Any = "-",
+    m: int = 0,
 ) -> None:
-    """Draw the motion in each panel, by default in the plain colour."""
+    """Draw the motion in each panel, by default in the plain colour.
+
+    Dashes in the phase plane have one repetition, of `m` periods: those of the next would close it.
+    """
     colour = data_colour() if colour is None else colour
     t, x, v = motion.flow(per_period=200)
     t = t - motion.rows[0, 0]
     width = 0.9 if motion.rows.shape[1] < 5000 else 0.4
-    for panel, line in zip(panels, ((t, x), (t, v), (x, v)), strict=True):
+    turn = 2.0 * np.pi / motion.oscillator.omega
+    once = t <= m * turn if m and dash != "-" else np.ones(len(t), bool)
+    for panel, line in zip(panels, ((t, x), (t, v), (x[once], v[once])), strict=True):
         (curve,) = panel.plot(*line, color=colour, ls=dash, linewidth=width, zorder=2.0)
         curve.set_rasterized(len(t) > 50_000)
 

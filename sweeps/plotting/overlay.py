@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 
 from sweeps.config.points import check_header, read_columns
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import COORDINATES
+from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import has_scale
@@ -103,7 +103,7 @@ def read_overlay(
 
 def _in_shown_unit(sweep: OpenedSweep, name: str) -> xr.DataArray:
     """Return a variable with the unit in which the picture shows it."""
-    if name in COORDINATES:
+    if name in ORDINATES:
         return as_variable(name, sweep)
     return with_number(sweep, name)[0][name]
 

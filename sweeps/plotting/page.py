@@ -11,7 +11,7 @@ import inspect
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from matplotlib.figure import Figure
 from sweeps.errors import Refused
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.plotting.labels import in_own_unit
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import grey_style, user_style
 from vibroimpact.inputs import FLAG, TEXT, Allowed, integer, is_number, number
@@ -48,6 +49,8 @@ class Page:
     xlim, ylim : (float, float), optional
         Limits of the first panel, by default those of the data; the ordinate of a diagram or of a
         motion fits the data within `xlim`.
+    xunit, yunit : str, optional
+        The unit of the limits, by default that of the Dataset; empty: that of the ticks.
     xlabel, ylabel : str, optional
         Labels of the axes of the first panel instead of meaning, symbol and unit; may be empty. A
         unit in brackets, as ``gap [mm]``, is that of the ticks.
@@ -72,6 +75,8 @@ class Page:
     title: str | None = None
     xlim: tuple[float, float] | None = None
     ylim: tuple[float, float] | None = None
+    xunit: str | None = None
+    yunit: str | None = None
     xlabel: str | None = None
     ylabel: str | None = None
     legend: bool = True
@@ -83,6 +88,18 @@ class Page:
         for name, value in vars(self).items():
             if value is not None:
                 _OF_PAGE[name].checked(name, value, Refused)
+
+    def on(self, panel: Axes) -> Page:
+        """Return the page with its limits in the units of the data, which the panel has."""
+        ends = []
+        for name, limits, unit, axis, text in (
+            ("xlim", self.xlim, self.xunit, panel.xaxis, self.xlabel),
+            ("ylim", self.ylim, self.yunit, panel.yaxis, self.ylabel),
+        ):
+            if limits is not None and unit is not None:
+                limits = in_own_unit(axis, name, limits, unit, text)
+            ends.append(limits)
+        return replace(self, xlim=ends[0], ylim=ends[1], xunit=None, yunit=None)
 
     def set_limits(self, panel: Axes) -> None:
         """Set the given limits; raise Refused if they contain no data."""
@@ -138,6 +155,8 @@ _OF_PAGE = {
     "title": TEXT,
     "xlim": _LIMITS,
     "ylim": _LIMITS,
+    "xunit": TEXT,
+    "yunit": TEXT,
     "xlabel": TEXT,
     "ylabel": TEXT,
     "legend": FLAG,

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
-from sweeps.opened.coordinates import COORDINATES, in_parts, recorded_coordinate
+from sweeps.opened.coordinates import ORDINATES, in_parts, recorded_coordinate
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.style import (
     BOTH_COLOUR,
@@ -78,9 +78,7 @@ def computed_parts(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndar
     Yields the indices of k points and their values, shapes (k,) and (k, record).
     """
     computed = has_result(line["status"].values)
-    for part, cut in in_parts(
-        line.data, _PART_SIZE // line.sizes[COORDINATES[coordinate].dimension]
-    ):
+    for part, cut in in_parts(line.data, _PART_SIZE // line.sizes[ORDINATES[coordinate].dimension]):
         kept = np.flatnonzero(computed[cut])
         if len(kept):
             yield cut.start + kept, recorded_coordinate(part, coordinate).values[kept]

@@ -37,6 +37,7 @@ _FIELDS = {
     "svg": ("Title", "Creator", "Description"),
     "pdf": ("Title", "Creator", "Subject"),
     "eps": ("", "Creator", ""),  # the others are comments of the file
+    **dict.fromkeys(("tiff", "tif"), ("269", "305", "270")),  # numbers of TIFF's tags
 }
 #: Metadata that leave out the dates, so that the same picture always gives the same bytes.
 _NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}, "eps": {}}
@@ -132,11 +133,13 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
     image = BytesIO()  # on a full disk, matplotlib would raise errors that do not say so
     if kind == "eps":
         _make_opaque(figure)
+    pixels = kind in ("tiff", "tif")
     with warnings.catch_warnings(), _without_warning():
         # The name of a sweep may have characters that the font lacks, drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
-        figure.savefig(image, format=kind, metadata={**about, **_NO_DATES[kind]})
-    content = image.getvalue()
+        fields = {} if pixels else {**about, **_NO_DATES[kind]}
+        figure.savefig(image, format="png" if pixels else kind, metadata=fields)
+    content = _as_tiff(image, about) if pixels else image.getvalue()
     if kind == "eps":
         title, _, text = description or ("", "", "")
         content = _with_comments(content, title, text)
@@ -148,6 +151,17 @@ def save_chart(output: Path, picture: Callable[..., Figure], *measured: object) 
     """Write the figure that `picture` makes of measurements to a file, in the common style."""
     with mpl.rc_context(STYLE):
         save(picture(*measured), output)
+
+
+def _as_tiff(png: BytesIO, about: Mapping[str, str]) -> bytes:
+    """Return a picture as TIFF with what it is `about`, compressed and without transparency."""
+    from PIL import Image
+
+    tiff, tags = BytesIO(), {int(tag): text.encode() for tag, text in about.items()}
+    with Image.open(png) as image:
+        look = {"compression": "tiff_lzw", "dpi": image.info["dpi"], "tiffinfo": tags}
+        image.convert("RGB").save(tiff, "tiff", **look)
+    return tiff.getvalue()
 
 
 def _make_opaque(figure: Figure) -> None:

@@ -1,8 +1,9 @@
 """Colours by their meaning, and matplotlib's settings.
 
 Any two colours of one picture can be told apart with normal colour vision, deuteranopia and
-protanopia: they differ by at least 10 in CIEDE2000. A colour without a meaning comes from the
-settings of matplotlib: `ground`, `ink`, and `data_colour` for data of one kind.
+protanopia: they differ by at least 10 in CIEDE2000. Dots and lines are darker than cells. A colour
+without a meaning comes from the settings of matplotlib: `ground`, `ink`, and `data_colour` for data
+of one kind.
 """
 
 import logging
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple, Self
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap, to_hex, to_rgb, to_rgba
+from matplotlib.colors import Colormap, LinearSegmentedColormap, to_hex, to_rgb, to_rgba
 from matplotlib.rcsetup import cycler
 
 from vibroimpact.points.regimes import ON_ITS_WAY, Regime
@@ -18,6 +19,7 @@ from vibroimpact.status import Evidence, Status
 
 # From Okabe and Ito's palette.
 BLUE, VERMILION, ORANGE = "#0072B2", "#D55E00", "#E69F00"
+DARK_ORANGE = "#BF7A00"  # for dots and lines
 WHITE = "#FFFFFF"
 
 STATUS_COLOURS = {
@@ -72,6 +74,35 @@ CLASSES = {
 }
 #: Colour of all other classes.
 OTHER_CLASS = "#EDEBD8"
+#: The colours of dots and lines on paper, by that of the cells: their contrast with white is at
+#: least 3, and those of classes, regimes and outcomes differ by at least 10, too.
+INKS = {
+    "#C6CFFD": "#7C7C91",
+    "#4783EA": "#42679E",
+    "#004C98": "#091C2C",
+    "#F1DA28": "#969758",
+    "#C2A548": "#857851",
+    "#E08BBC": "#CC76BC",
+    "#D0558F": "#9C3972",
+    "#4F0C44": "#5F195E",
+    "#93D6A0": "#739D7F",
+    "#2F9C60": "#376A54",
+    "#2A6643": "#0F4F31",
+    "#BAA2FD": "#9F7DFC",
+    "#6E38E9": "#6E2EF7",
+    OTHER_CLASS: "#757B75",
+    "#CCCCCC": "#909396",  # unknown, or no value
+    STATUS_COLOURS[Status.PENDING]: "#8C8596",
+    # Further attractors, evidence and outcomes, and a direction.
+    "#1E8C8C": "#06707A",
+    "#FA6478": "#FF35DF",
+    "#5A506E": "#554186",
+    "#A0F08C": "#70653A",
+    "#B42846": "#822B53",
+    "#56B4E9": "#169ED8",
+    "#F0E442": "#85754C",
+    ORANGE: "#B08C5A",
+}
 #: In grey the hatch says m, and the darker, the more impacts.
 _HATCHES = {1: "", 2: "////", 3: "....", 4: "\\\\\\\\", 8: "xxxx"}
 #: The marker and the dashes of lines and dots in grey, by the hatch of the cells.
@@ -90,7 +121,7 @@ _SHAPES: dict[str, tuple[str, Dash]] = {
 #: Colour of the lines of a hatch.
 HATCH = "#333333"
 #: Greys of cells and inks, which are dark enough to be seen on paper.
-_GREYS = (("#FFFFFF", "#999999"), ("#D2D2D2", "#4D4D4D"), ("#A8A8A8", "#000000"))
+_GREYS = (("#FFFFFF", "#949494"), ("#D2D2D2", "#4D4D4D"), ("#A8A8A8", "#000000"))
 REST_COLOUR = VERMILION
 #: Colours of the marks in a diagram: motions whose kept impacts are less than a repetition, and
 #: motions that are not on their orbit yet.
@@ -119,12 +150,12 @@ GREY_CLASSES = {
     (m, q): _grey(_GREYS[sum(own == m and fewer < q for own, fewer in CLASSES)], _HATCHES[m])
     for m, q in CLASSES
 }
-GREY_OTHER = Look("#E9E9E9", "#999999", "", ".", (0.0, (1.0, 3.0)))
+GREY_OTHER = Look("#E9E9E9", "#949494", "", "+", (0.0, (1.0, 3.0)))
 GREY_REGIMES = {
     Regime.REST: Look("#7A7A7A", "#7A7A7A", "", "d", (0.0, (2.0, 1.0))),
     Regime.CHAOTIC: Look("#000000", "#000000", "", ".", (0.0, (6.0, 3.0))),
     Regime.UNBOUNDED: _grey(_GREYS[0], "||||"),
-    Regime.UNKNOWN: Look("#4A4A4A", "#4A4A4A", "", ".", (0.0, (6.0, 3.0))),
+    Regime.UNKNOWN: Look("#4A4A4A", "#4A4A4A", "..", "x", (0.0, (6.0, 3.0))),
 }
 #: Colours of the outcomes with a result in a map of ``status``.
 RESULT_COLOURS = {
@@ -163,7 +194,7 @@ GREY_SERIES = tuple(
     _grey(_FURTHER_GREYS[i % 2], hatch) for i, hatch in enumerate([*_SHAPES][: len(EVIDENCE)])
 )
 GREY_SPECIAL = (
-    _grey((WHITE, "#999999"), ""),
+    _grey((WHITE, "#949494"), ""),
     *(_grey((WHITE, "#000000"), hatch) for hatch in ("////", "xxxx", "....")),
 )
 GREY_FAILED = {
@@ -172,15 +203,15 @@ GREY_FAILED = {
 }
 
 #: Colours of the two directions in which an axis was followed, and of points in both.
-DIRECTION_COLOURS = (BLUE, ORANGE)
+DIRECTION_COLOURS = (BLUE, DARK_ORANGE)
 BOTH_COLOUR = "#333333"
 
 #: The same in grey, where the markers say the direction, too.
 GREY_DIRECTIONS = ("#000000", "#8C8C8C")
 DIRECTION_MARKERS = ("^", "v")
-DIRECTION_DASHES: tuple[Dash, Dash] = ("-", (0.0, (3.0, 1.0)))
+DIRECTION_DASHES: tuple[Dash, Dash] = ("-", (0.0, (3.0, 1.5)))
 #: Colours of the marks in a diagram, in grey.
-GREY_MARKS = {PARTIAL: "#C8C8C8", APPROACHING: "#000000"}
+GREY_MARKS = {PARTIAL: "#8C8C8C", APPROACHING: "#000000"}
 
 LEAST_SHARE = 1e-3
 
@@ -199,7 +230,9 @@ STYLE: dict[Any, Any] = {
     "legend.handletextpad": 0.5,
     "legend.columnspacing": 1.0,
     "axes.formatter.offset_threshold": 5,  # number of leading digits that all labels share
-    "axes.prop_cycle": cycler(color=[BLUE, ORANGE, "#009E73", VERMILION, "#56B4E9", "#CC79A7"]),
+    "axes.prop_cycle": cycler(
+        color=[BLUE, DARK_ORANGE, "#009E73", VERMILION, "#56B4E9", "#CC79A7"]
+    ),
     "image.cmap": "cividis",
     "hatch.linewidth": 0.7,
     "agg.path.chunksize": 10000,
@@ -211,7 +244,7 @@ STYLE: dict[Any, Any] = {
 }
 
 
-#: Least contrast of a text with its ground, and of dots and lines with a dark ground (WCAG 2).
+#: Least contrast of texts, dots and lines with their ground (WCAG 2).
 _LEGIBLE = 3.0
 
 
@@ -251,12 +284,25 @@ def grey_ramp(least: float) -> LinearSegmentedColormap:
 
 
 def visible(colour: str) -> str:
-    """Return the colour of dots or lines; a dark one on a dark ground is mixed with the ink."""
+    """Return the colour of dots or lines: of ``INKS``, or on a dark ground mixed with the ink."""
+    if _luminance(ink()) <= 0.5:
+        return INKS.get(colour, colour)
     mixed, share = colour, 0.0
-    while _luminance(ink()) > 0.5 and share < 1.0 and _contrast(mixed, ground()) < _LEGIBLE:
+    while share < 1.0 and _contrast(mixed, ground()) < _LEGIBLE:
         share += 0.1
         mixed = mix(ink(), colour, share)
     return mixed
+
+
+def legible(ramp: Colormap) -> Colormap:
+    """Return the colours of a ramp that dots can have."""
+    colours = [one for one in map(to_hex, ramp(range(256))) if _contrast(one, ground()) >= _LEGIBLE]
+    return LinearSegmentedColormap.from_list(ramp.name, colours) if colours else ramp
+
+
+def hatch_on(colour: str) -> str:
+    """Return the colour of the lines of a hatch on cells, white on dark ones."""
+    return max((HATCH, WHITE), key=lambda lines: (_contrast(lines, colour) > 2.0, lines == HATCH))
 
 
 def mix(colour: str, other: str, share: float) -> str:

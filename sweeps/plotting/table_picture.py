@@ -112,6 +112,7 @@ def table_panels(
         canvas.mark_status(panel, x.values, sweep["status"].values, grey=page.grey)
         panel.locator_params(axis="x", nbins=5 - across)
     page = page if ax is not None else replace(page, ylabel=None)
+    page = page.on(drawn[0])
     page.set_limits(drawn[0])
     for panel, name in places:
         shown.mark(panel, number_at(sweep, name).values[:, None], y.values[:, None])

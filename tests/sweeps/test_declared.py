@@ -11,6 +11,7 @@ ROOT = CONFIGS.parent
 #: Packages whose versions another one of those declared chooses.
 OF_OTHERS = {
     "cycler": "matplotlib",
+    "PIL": "matplotlib",
     "llvmlite": "numba",
     "pydantic_core": "pydantic",
 }

@@ -1,0 +1,152 @@
+"""Dots and lines can be seen on paper, in colour and in grey, and marks are as many as motions."""
+
+import itertools
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex, to_rgb
+
+from sweeps import open_sweep, run_sweep
+from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.plotting import Page, bifurcation, parameter_map, style, trajectory
+from sweeps.plotting.colours import paint
+from sweeps.plotting.exact_lines import without_gaps
+from tests.helpers.equal_points import equal_points
+from tests.sweeps.plotting.test_palette import VISIONS, difference, seen
+from vibroimpact.points.regimes import Regime
+from vibroimpact.status import Evidence
+
+
+def contrast(colour):
+    """Return the contrast with white, as WCAG 2.1 defines it."""
+    rgb = np.array(to_rgb(colour))
+    linear = np.where(rgb <= 0.03928, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return 1.05 / (linear @ [0.2126, 0.7152, 0.0722] + 0.05)
+
+
+#: All classes with a colour, another one, rest, chaos, unbounded and unknown motions.
+KINDS = [*style.CLASSES, (5, 7), *(regime for regime in Regime if regime in style.REGIMES)]
+
+
+def every_class(R=(0.8,)):
+    """Return a line of points, one of each kind, at different displacements."""
+    omega = np.linspace(1.0, 4.0, len(KINDS))
+    dataset = equal_points(axes={"R": np.array(R), "omega": omega})
+    for i, kind in enumerate(KINDS):
+        m, q = kind if isinstance(kind, tuple) else (0, 0)
+        dataset["period"].values[:, i], dataset["period_impacts"].values[:, i] = m, q
+        dataset["rest_fraction"].values[:, i] = 0.5 * (kind is Regime.REST)
+        if kind is Regime.CHAOTIC:
+            dataset["lyapunov"].values[:, i] = 0.5
+        if kind is Regime.UNBOUNDED:
+            dataset["status"].values[:, i] = 4
+    dataset["poincare_x"].values[:] = -np.arange(len(KINDS))[:, None]
+    return dataset
+
+
+@pytest.mark.parametrize("grey", [False, True])
+@pytest.mark.parametrize("color", ["period", "class_evidence", "status", "lyapunov", "omega"])
+def test_every_dot_has_a_contrast_of_three(grey, color):
+    dataset = every_class()
+    for i, evidence in enumerate(Evidence):
+        dataset["class_evidence"].values[:, i] = evidence
+    dataset["lyapunov"].values[..., 0] = np.linspace(-1.0, 1.0, len(KINDS))
+    figure = bifurcation(dataset, color=color, page=Page(grey=grey))
+    panel = figure.axes[0]
+    drawn = {to_hex(rgba) for dots in panel.collections for rgba in dots.get_facecolors()}
+    drawn |= {line.get_color() for line in panel.lines if line.get_marker() not in ("|", "None")}
+    shown = {
+        to_hex(patch.get_facecolor()) for each in figure.legends for patch in each.get_patches()
+    }
+    assert len(drawn) >= (3 if color != "status" else 1)
+    assert min(map(contrast, drawn | shown)) >= 2.995
+
+
+def test_every_class_has_a_dot_of_its_own():
+    shown = paint(OpenedSweep(every_class()), "period", dots=True)
+    colours = {cell.label.split(" (")[0]: cell.colour for cell in shown.cells}
+    assert len(colours) == len(KINDS)
+    for vision in VISIONS.values():
+        lab = seen(colours.values(), vision)
+        assert min(difference(*pair) for pair in itertools.combinations(lab, 2)) > 9.9
+
+
+def test_directions_impacts_and_marks_have_a_contrast_of_three():
+    ways = [*style.DIRECTION_COLOURS, *style.GREY_DIRECTIONS, style.BOTH_COLOUR]
+    marks = [*style.MARKS.values(), *style.GREY_MARKS.values(), *style.STATUS_COLOURS.values()]
+    looks = [*style.GREY_CLASSES.values(), style.GREY_OTHER, *style.GREY_FURTHER]
+    inks = [*(look.ink for look in looks), *style.FURTHER]
+    for colour in (*ways, *marks, *inks):
+        assert contrast(style.visible(colour)) >= 2.995, colour
+
+
+def test_in_grey_every_class_but_chaos_has_a_marker_and_rest_is_not_unknown():
+    shown = paint(OpenedSweep(every_class()), "period", dots=True, grey=True)
+    plain = {cell.label.split(" (")[0] for cell in shown.cells if cell.look.marker == "."}
+    assert plain == {"chaotic"}
+    fills = {
+        cell.label.split(" (")[0]: (cell.colour, cell.look.hatch)
+        for cell in paint(OpenedSweep(every_class()), "period", grey=True).cells
+    }
+    assert len({*fills.values()}) == len(fills)
+    assert fills["unknown"][1] and style.hatch_on(fills["unknown"][0]) == style.WHITE
+    figure = parameter_map(every_class((0.7, 0.8)), page=Page(grey=True, width=7))
+    edges = {to_hex(patch.get_edgecolor()) for patch in figure.axes[0].patches}
+    assert {"#ffffff", style.HATCH} <= edges
+
+
+@pytest.mark.parametrize("count", [200, 20_000])
+def test_marks_cover_the_share_of_the_axis_that_motions_on_their_way_have(count):
+    omega = np.linspace(1.0, 4.0, count)
+    dataset = equal_points(axes={"R": np.array([0.8]), "omega": omega}).isel(section=[0])
+    away = np.random.default_rng(2).permutation(count) < 0.057 * count
+    dataset["orbit_distance"].values[:] = np.where(away, 0.5, 0.0)
+    dataset["poincare_x"].values[0, :, 0] = np.sin(omega)
+    figure = bifurcation(dataset)
+    (marks,) = (line for line in figure.axes[0].lines if line.get_marker() == "|")
+    places = np.unique(marks.get_xdata())
+    assert figure.legends[0].get_texts()[-1].get_text() == (
+        f"on its way to m/q ({away.sum():,} of {count:,})"
+    )
+    if count == 200:
+        np.testing.assert_array_equal(places, omega[away])
+        return
+    width = figure.axes[0].get_window_extent().width * 72.0 / figure.dpi
+    columns = len(np.unique(np.floor((places - 1.0) / 3.0 * width)))
+    assert 0.03 < columns / width < 0.075
+    assert np.isin(np.round(places, 2), np.round(omega[away], 2)).all()
+
+
+def test_short_runs_do_not_alternate_along_a_branch():
+    mask = np.repeat([False, True, False, True, True, False, True], [40, 3, 30, 50, 1, 2, 40])
+    kept = without_gaps(mask, 5)
+    assert np.count_nonzero(np.diff(kept.astype(int))) == 1
+    assert kept[-90:].all() and not kept[:70].any()
+
+
+@pytest.fixture
+def orbit_both_ways(tmp_path):
+    scene = {
+        "oscillator": {"h": 0.1, "R": 0.8, "omega": [2.2, 2.3], "f": 1.0},
+        "follow": {"axis": "omega", "direction": "both"},
+        "record": {"transient": 60, "periods": 8, "diagnostics": ["period"]},
+    }
+    with open_sweep(run_sweep(scene, tmp_path / "out.h5", progress=False)) as dataset:
+        yield dataset.isel(omega=[0])
+
+
+def test_dashes_do_not_close_over_several_periods(orbit_both_ways):
+    """In the phase plane, a dashed orbit is drawn once."""
+    figure = trajectory(orbit_both_ways, color="direction", periods=4, page=Page(grey=True))
+    over_time, phase_plane, velocity = figure.axes
+    dashed = [
+        line
+        for line in phase_plane.lines
+        if line.get_linestyle() == "--" and len(line.get_xdata()) > 2
+    ]
+    solid = [line for line in phase_plane.lines if len(line.get_xdata()) > 100]
+    assert len(dashed) == 1 and len(solid) == 2
+    lengths = sorted(len(line.get_xdata()) for line in solid)
+    assert lengths[0] <= 0.27 * lengths[1]
+    assert "$t_0$ after" in velocity.get_xlabel()
+    assert len(over_time.lines[1].get_xdata()) == lengths[1]
