@@ -6,9 +6,9 @@ As in ``main.py``, modules are imported inside the command.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 from zlib import crc32
 
 import typer
@@ -25,7 +25,7 @@ from sweeps.cli.options import (
     opened_in_si,
     say,
 )
-from sweeps.cli.plot import Coordinate, Width, draw_picture
+from sweeps.cli.plot import Coordinate, Exact, Grey, NoMarks, Title, Width, draw_picture
 from sweeps.cli.run import DryRun, Overrides, planned_text, read_config, run_and_report
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
@@ -34,6 +34,8 @@ from vibroimpact.inputs import refusal
 
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
+    from sweeps.opened.opened_sweep import OpenedSweep
+    from sweeps.plotting.page import Page
 
 _NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
 #: Most characters of overrides in the name of a file.
@@ -65,37 +67,54 @@ def zoom_command(
     overrides: Overrides = None,
     coordinate: Coordinate = None,
     width: Width = None,
+    title: Title = None,
+    grey: Grey = False,
+    no_marks: NoMarks = False,
+    exact: Exact = False,
     threads: Threads = None,
     dry_run: DryRun = False,
     resume: Resume = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
-    from sweeps.opened.coordinates import COORDINATES
-    from sweeps.plotting.contents import choose_coordinate
+    from sweeps.opened.coordinates import ORDINATES
+    from sweeps.plotting.contents import with_coordinate
+    from sweeps.plotting.page import Page
     from sweeps.plotting.saving import check_picture
     from sweeps.store import check_output
 
     existing = existing_output(resume, overwrite)
     limits = dict(map(_piece, pieces))
-    drawn = [name for name in limits if name in COORDINATES]
+    drawn = [name for name in limits if name in ORDINATES]
     if len(drawn) > 1 or len(drawn) == len(pieces) or len(limits) < len(pieces):
         raise Refused(
             f"{' '.join(pieces)} is not allowed; expected: each name once, at least one swept "
-            f"axis, and at most one of {', '.join(COORDINATES)}"
+            f"axis, and at most one of {', '.join(ORDINATES)}"
         )
     if drawn and coordinate not in (None, drawn[0]):
         raise Refused(f"--coordinate {coordinate} and limits of {drawn[0]} exclude each other")
     coordinate = drawn[0] if drawn else coordinate
-    page = {"ylim": limits[drawn[0]] if drawn else None, "width": inches("--width", width)}
-    axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
+    page: dict[str, Any] = {
+        "ylim": limits[drawn[0]] if drawn else None,
+        "yunit": "",
+        "width": inches("--width", width),
+        "title": title,
+        "grey": grey,
+        "marks": not no_marks,
+    }
+    axes = {name: piece for name, piece in limits.items() if name not in ORDINATES}
     with opened_in_si(file, verify=False) as sweep:  # refuses a configuration
-        if coordinate not in COORDINATES:
-            choose_coordinate(sweep, coordinate)
+        if coordinate not in ORDINATES:
+            with_coordinate(sweep, coordinate)
+        _check_picture(sweep, Page(**page), coordinate, exact)
+        outside = list(_outside(sweep, axes))
     whole = _overridden(file, overrides or (), axes)
-    of_impacts = coordinate is not None and COORDINATES[coordinate].dimension == "impact"
+    of_impacts = coordinate is not None and ORDINATES[coordinate].dimension == "impact"
     if of_impacts and not whole.record.impacts:
         raise Refused(f"the piece has no {coordinate} to draw: record.impacts is 0")
+    wanted = ORDINATES[coordinate].diagnostic if coordinate is not None else None
+    if wanted not in (None, *whole.record.diagnostics):
+        raise Refused(f"the piece has no {coordinate} to draw: {wanted} is no diagnostic of it")
     path = output or (
         file.with_name(_named_after(file, axes, overrides or ()))
         if whole.output == file
@@ -105,12 +124,49 @@ def zoom_command(
     figure = path.with_suffix(".png")
     check_output(path, **existing)
     check_picture(figure)
+    for line in outside:
+        say(line, error=True)
     if dry_run:
         say(planned_text(config, path, threads, None, resume))
         return
     run_and_report(config, path, quiet=False, threads=threads, **existing)
     with opened_in_si(path, verify=False) as sweep, raised_at_once():
-        draw_picture(sweep, figure, None, {}, page, coordinate=coordinate)
+        draw_picture(
+            sweep, figure, None, {}, page, coordinate=coordinate, exact={} if exact else None
+        )
+
+
+def _check_picture(sweep: OpenedSweep, page: Page, coordinate: str | None, exact: bool) -> None:
+    """Refuse what the picture of the piece, which has the axes of the sweep, cannot have."""
+    from sweeps.bifurcation.exact_branches import lines_of
+    from sweeps.plotting.api import KINDS, check_options, default_kind
+    from sweeps.plotting.canvas import Picture
+    from sweeps.plotting.contents import refuse_without_branches, select_line
+
+    options = {"coordinate": coordinate, "exact": exact or None}
+    chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    kind = default_kind(sweep, **chosen)
+    check_options(kind, chosen)
+    if not page.marks and "axes" not in KINDS[kind].options:
+        raise Refused(f"--no-marks is not allowed for {kind}; expected: a diagram or a map")
+    if exact:
+        axes = sweep.map_axes((), None) if kind == "map" else [select_line(sweep)[1]]
+        for axis in axes:
+            lines_of(sweep, axis)
+        refuse_without_branches(coordinate or "poincare_x")
+    if page.title:
+        Picture(page).add_title(page.title)
+
+
+def _outside(sweep: OpenedSweep, pieces: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+    """Say which pieces go beyond the values of the sweep."""
+    for name, piece in pieces.items():
+        low, high = piece
+        if name in sweep.axes:
+            ends = float(sweep[name].min()), float(sweep[name].max())
+            if low < ends[0] or high > ends[1]:
+                here, there = (" .. ".join(map(fewest_digits, each)) for each in (piece, ends))
+                yield f"{name} = {here} goes beyond the sweep, which has {there}"
 
 
 def _overridden(file: Path, overrides: Sequence[str], axes: Iterable[str]) -> SweepConfig:

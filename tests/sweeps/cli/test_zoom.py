@@ -60,6 +60,10 @@ def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_plann
         (["omega=2:3", "poincare_x=0:1", "--coordinate", "impact_v"], "exclude each other"),
         (["omega=2:3", "--coordinate", "impulse"], "impulse is not a coordinate"),
         (["omega=2:3", "--width", "4"], "--width 4 is not allowed"),
+        (["omega=2:3", "--title", r"$\no$"], "title = '$"),
+        (["omega=2:3", "--coordinate", "x_max", "--exact"], "exact branches have no x_max"),
+        (["omega=2:3", "--coordinate", "x_max"], "extremes is no diagnostic of it"),
+        (["omega=2:3", "--gray"], "did you mean --grey?"),
         (["omega=2:3", "-o", "no/folder.h5"], "does not exist"),
         (["omega=2:3", "-o", "small.h5"], "small.h5 exists"),
         (["omega=2:3", "--set", "record.transiet=9"], "did you mean transient?"),
@@ -73,6 +77,21 @@ def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_plann
 )
 def test_a_zoom_that_cannot_be(small_file, pieces, reason):
     assert reason in refused("zoom", "small.h5", *pieces)
+
+
+@pytest.mark.slow
+def test_zoom_takes_the_looks_of_a_picture_and_says_what_is_beyond_the_sweep(small_file):
+    looks = ("--grey", "--title", "Mine", "--no-marks", "--exact", "--coordinate", "poincare_v")
+    told = call("zoom", "small.h5", "omega=2.25:9", "clearance=0:0.1", *looks, "-o", "z.h5")
+    assert told.exit_code == 0, told.output
+    assert "omega = 2.25 .. 9 goes beyond the sweep, which has 1.5 .. 3" in told.stderr
+    assert "clearance" not in told.stderr.split("goes beyond")[0]
+    accepted("plot", "z.h5", *looks, "-o", "same.png")
+    drawn, same = map(matplotlib.image.imread, ("z.png", "same.png"))
+    np.testing.assert_array_equal(drawn, same)
+    assert np.ptp(drawn[..., :3], axis=-1).max() < 0.01
+    planned = call("zoom", "small.h5", "omega=2:3", "--dry-run")
+    assert "goes beyond" not in planned.stderr
 
 
 @pytest.mark.slow

@@ -105,6 +105,33 @@ def test_a_relative_difference_is_allowed_in_numbers_alone(changed):
     assert set(found) == {"near_grazes"}  # a phase just before a full turn is one just after it
 
 
+def test_an_absolute_difference_is_allowed_in_numbers_alone(changed):
+    with open_sweep("small.h5") as data:
+        x = float(data["poincare_x"][3, 1, 1])
+    name = changed({"poincare_x": {(3, 1, 1): x + 1e-6}})
+    told = accepted("compare", "small.h5", name, "--atol", "1.1e-6")
+    assert "are equal to 1.1e-06: " in told
+    assert "poincare_x" in lines_of(call("compare", "small.h5", name, "--atol", "0.9e-6"))
+    both = ("--atol", "0.9e-6", "--rtol", f"{0.2e-6 / abs(x):.3g}")
+    assert "of each value and 9e-07: " in accepted("compare", "small.h5", name, *both)
+    name = changed({"near_grazes": {(0, 0): 1_000_000}})
+    assert set(lines_of(call("compare", "small.h5", name, "--atol", "1e9"))) == {"near_grazes"}
+
+
+def test_a_changed_key_has_a_line_and_what_follows_another(folder, small_file):
+    run_in(folder, SMALL, "record.transient=9", name="other.h5")
+    key, follows, last = call("compare", "small.h5", "other.h5").stdout.splitlines()
+    assert key == "record.transient: 3 and 9" and last == "small.h5 and other.h5 differ"
+    assert follows.startswith("poincare_x: differs at 10 of 10 points (")
+    assert "; so do section, " in follows and "poincare_v" in follows
+    run_in(folder, SMALL, "oscillator.R=0.7", "method.impact=plain", name="two.h5")
+    lines = call("compare", "small.h5", "two.h5").stdout.splitlines()
+    assert [line.split(":")[0] for line in lines[:2]] == ["method.impact", "oscillator.R"]
+    assert len(lines) == 4 and "; so do " in lines[2]
+    lines = call("compare", "small.h5", "two.h5", "--rtol", "1e-9").stdout.splitlines()
+    assert len(lines) > 6  # with a tolerance, every variable is measured
+
+
 def test_coordinates_and_flags_are_compared(changed):
     name = changed({"omega": {2: 2.3}, "h": {(): 0.2}, "status": {(4, 1): int(Status.COMPUTED)}})
     found = lines_of(call("compare", "small.h5", name))
@@ -181,6 +208,7 @@ def test_an_incomplete_sweep_is_compared(folder, small_file, stop_after):
         (["small.h5", "small.h5", "--rtol", "-1"], ["--rtol -1 ", "a number from 0 to below 1"]),
         (["small.h5", "small.h5", "--rtol", "x"], ["--rtol x ", "a number from 0 to below 1"]),
         (["small.h5", "small.h5", "--rtol", "nan"], ["--rtol nan "]),
+        (["small.h5", "small.h5", "--atol", "-1"], ["--atol -1 ", "a number from 0"]),
         (["small.h5", "small.h5", "--tol", "1"], ["--tol", "did you mean --rtol"]),
     ],
 )
