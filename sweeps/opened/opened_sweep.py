@@ -318,11 +318,12 @@ class OpenedSweep:
     # What is recorded, and its units
 
     def check_diagnostic(self, name: str, asked: str = "") -> None:
-        """Refuse a file without the diagnostic of the variable `name`, for which `asked` stands."""
+        """Refuse a file without the diagnostic of a variable, from which what is `asked` follows."""
         diagnostic = VARIABLES[name].diagnostic
         if name not in self and diagnostic is not None:
             again = f"run the sweep again with {self.diagnostics_with(diagnostic)}"
-            raise Refused(f"the file has no {asked or name}: {again}")
+            follows = f"{asked} follows from {name}, and " if asked not in ("", name) else ""
+            raise Refused(f"{follows}the file has no {name}: {again}")
 
     def diagnostics_with(self, diagnostic: str) -> str:
         """Return the key of a configuration that adds a diagnostic to those of the file."""

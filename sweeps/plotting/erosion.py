@@ -169,9 +169,11 @@ def _handles_of_profile(
 ) -> list[Artist]:
     """Return the entries of the legend for the looks that are in the profile, not in the basins.
 
-    In grey, these are all: lines have dashes and markers, not the hatches of basins.
+    In grey, these are all: lines have dashes and markers, not the hatches of basins. So are those
+    that are darker than their basins.
     """
-    shown = set() if looks.grey else {looks.look(row) for row in there}
+    shown = {looks.look(row) for row in there}
+    shown = set() if looks.grey else {look for look in shown if look.ink == look.colour}
     series = [[table[i] for i in places] for places in looks.series(table)]
     handles: list[Artist] = []
     named = names_of(series, line, line[axis])
@@ -182,7 +184,7 @@ def _handles_of_profile(
             dashes: dict[str, Any] = {"linestyle": look.dash, "linewidth": 1.0}
             of_line = Line2D([], [], label=text, **dashes, **_of_points(look, looks.grey))
             patch = Cells(text, look, np.empty(0)).handle()
-            handles.append(of_line if looks.grey else patch)
+            handles.append(of_line if looks.grey or look.ink != look.colour else patch)
     return handles
 
 

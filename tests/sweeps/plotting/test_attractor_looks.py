@@ -22,6 +22,7 @@ from sweeps.plotting.style import (
     GREY_FURTHER,
     GREY_OTHER,
     GREY_REGIMES,
+    INKS,
 )
 from tests.helpers.sweep_files import run_in
 
@@ -129,6 +130,7 @@ def test_the_colours_are_the_same_in_all_three_pictures_of_a_file(drawn):
     of_basins = legend(drawn("basins", 0.9462))
     by_state = {re.search(r"at .*", text)[0]: look[0] for text, look in of_basins.items()}
     assert len(by_state) == 2
+    by_state = {text: INKS[colour.upper()].lower() for text, colour in by_state.items()}
     (panel,) = drawn("attractors").axes
     named = {
         line.get_label(): to_hex(line.get_color())

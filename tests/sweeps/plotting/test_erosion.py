@@ -9,7 +9,7 @@ from matplotlib.colors import same_color, to_hex
 from sweeps import attractors, open_sweep
 from sweeps.plotting import attractor_diagram, basins
 from sweeps.plotting import integrity as draw_integrity
-from sweeps.plotting.style import CLASSES
+from sweeps.plotting.style import CLASSES, INKS
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.attractor.test_integrity import CONFIG as STARTS
 
@@ -43,7 +43,7 @@ def test_an_attractor_has_the_colour_of_its_class_in_all_pictures(ranked, no_kno
         for line in lines
         if line.get_label()[0] != "_"
     }
-    assert found == numbered
+    assert found == {name: INKS[colour.upper()].lower() for name, colour in numbered.items()}
 
 
 @pytest.mark.slow
@@ -64,7 +64,7 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
     arrows = {to_hex(handle.get_color()) for text, handle in handles.items() if "knock" in text}
     knocks_drawn = [text.arrow_patch for text in panel.texts if hasattr(text, "arrow_patch")]
     drawn = {to_hex(arrow.get_edgecolor()) for arrow in knocks_drawn}
-    assert arrows == drawn == {CLASSES[2, 1].lower(), CLASSES[1, 0].lower()}
+    assert arrows == drawn == {INKS[CLASSES[one]].lower() for one in ((2, 1), (1, 0))}
     assert [line.get_marker() for line in panel.lines] == ["o"]  # a single call
 
 

@@ -145,9 +145,15 @@ def test_a_dataarray_that_does_not_fit_is_refused(dataset, draw, change, message
         picture(dataset, **given)
 
 
+def dots_of_map(dataset):
+    """Return the colours that dots have, by the labels of a map."""
+    of_map = legend(parameter_map(dataset))
+    return {text: style.visible(colour.upper()).lower() for text, colour in of_map.items()}
+
+
 def test_the_classes_have_the_colours_of_the_map_in_every_picture(dataset):
     """Also a class that is rare in the file but frequent in the line that is drawn."""
-    of_map = legend(parameter_map(dataset))
+    of_map = dots_of_map(dataset)
     line = dataset.sel(R=0.8)
     figure = bifurcation(dataset, at={"R": 0.8}, color="period")
     shown = {text: colour for text, colour in legend(figure).items() if "/" in text}
@@ -155,8 +161,9 @@ def test_the_classes_have_the_colours_of_the_map_in_every_picture(dataset):
     offsets, colours = points_of(figure)
     expected = {}
     for cell in period_cells(*OpenedSweep(line).classes):
-        expected |= dict.fromkeys(line["omega"].values[cell.where], to_rgba(cell.colour))
-    assert {tuple(c[:3]) for c in colours} > {to_rgba(style.CLASSES[1, 1])[:3]}
+        of_dots = style.visible(cell.look.ink)
+        expected |= dict.fromkeys(line["omega"].values[cell.where], to_rgba(of_dots))
+    assert {tuple(c[:3]) for c in colours} > {to_rgba(style.INKS[style.CLASSES[1, 1]])[:3]}
     for (x, _), colour in zip(offsets, colours, strict=True):
         assert tuple(colour[:3]) == expected[x][:3]
 
@@ -233,7 +240,7 @@ def test_the_motions_of_those_left_have_the_colours(dataset):
 def test_motions_have_the_class_colours_and_no_stop_where_it_moves(dataset):
     figure = trajectory(dataset, color="period", periods=1)
     assert all(t[-1] < 3.0 for t in (line.get_xdata() for line in figure.axes[0].lines[:26]))
-    of_map = legend(parameter_map(dataset))
+    of_map = dots_of_map(dataset)
     assert {text: c for text, c in legend(figure).items() if "/" in text}.items() <= of_map.items()
     stopped = dataset.rename(R="clearance", clearance="R")
     moving = trajectory(stopped, color="period", periods=1)
