@@ -318,7 +318,7 @@ class OpenedSweep:
     # What is recorded, and its units
 
     def check_diagnostic(self, name: str, asked: str = "") -> None:
-        """Refuse a file without the diagnostic of a variable, from which what is `asked` follows."""
+        """Refuse a file without the diagnostic of a variable from which what is `asked` follows."""
         diagnostic = VARIABLES[name].diagnostic
         if name not in self and diagnostic is not None:
             again = f"run the sweep again with {self.diagnostics_with(diagnostic)}"
