@@ -146,7 +146,7 @@ def _check_picture(sweep: OpenedSweep, page: Page, coordinate: str | None, exact
     options = {"coordinate": coordinate, "exact": exact or None}
     chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(sweep, **chosen)
-    check_options(kind, chosen)
+    check_options(kind, chosen, Path("piece.png"))
     if not page.marks and "axes" not in KINDS[kind].options:
         raise Refused(f"--no-marks is not allowed for {kind}; expected: a diagram or a map")
     if exact:
