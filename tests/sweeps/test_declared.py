@@ -11,7 +11,6 @@ ROOT = CONFIGS.parent
 #: Packages whose versions another one of those declared chooses.
 OF_OTHERS = {
     "cycler": "matplotlib",
-    "PIL": "matplotlib",
     "llvmlite": "numba",
     "pydantic_core": "pydantic",
 }
