@@ -173,11 +173,12 @@ def _rows(file: TextIO, names: list[str]) -> Iterator[list[str]]:
 
 
 def _numbers_in(cells: np.ndarray) -> np.ndarray:
-    """Return cells as numbers if all are, as ``number_meant`` reads them."""
+    """Return cells as numbers if all are finite ones, as ``number_meant`` reads them."""
     text = "".join(cells)
     if text.isascii() and "_" not in text:
         with suppress(ValueError):
-            return cells.astype(float)
+            numbers = cells.astype(float)
+            return numbers if np.isfinite(numbers).all() else cells
     return cells
 
 
