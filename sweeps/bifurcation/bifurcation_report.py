@@ -22,7 +22,7 @@ _MOST_ROWS, _MOST_INEXACT = 40, 12
 #: Explanations of the kinds that are not standard terms.
 _MEANINGS = {
     "basin": "the motion of one side is stable on the other, too, but the start reaches another",
-    "crisis": "chaos touches the unstable orbit, and ends (border) or widens (inside)",
+    "crisis": "the chaos ends as it touches the unstable orbit at its border",
     "unknown": "the motions could not be followed to where one of them ends",
 }
 

@@ -240,8 +240,7 @@ def bifurcations(
         - ``multiplier_1`` and ``multiplier_2``: its Floquet multipliers, the larger one first;
           infinite and 0 at a graze, NaN where they are complex, which none is at a flip or fold;
         - ``criticality``: that of a flip, ``supercritical`` or ``subcritical``; else empty;
-        - ``crisis``: ``border`` where chaos ends as it touches the unstable ``orbit``, ``inside``
-          where it widens; else empty.
+        - ``crisis``: ``border`` where chaos ends as it touches the unstable ``orbit``; else empty.
 
         Where ``value`` is NaN, ``vibroimpact zoom`` with ``low`` and ``high`` narrows the interval.
         If points of unknown class lie between two classes, and no bifurcation leads from one to the
@@ -369,7 +368,9 @@ def _name_crises(
         orbits = exact.reset_coords(drop=True).assign({parameter: ("point", model)})
         for row in rows:
             chaotic = [row[side].regime == Regime.CHAOTIC for side in ("before", "after")]
-            if row.get(DIRECTION, "") != way or row["orbit"] or sum(chaotic) != 1:
+            # Where a periodic motion begins or ends at the change, chaos begins or ends with it.
+            is_open = sum(chaotic) == 1 and row["kind"] == "basin"
+            if row.get(DIRECTION, "") != way or not is_open:
                 continue
             sides = ("low", "high")[:: 1 if chaotic[0] else -1]
             begin, end = (int(np.argmin(np.abs(values - row[side]))) for side in sides)
@@ -377,7 +378,7 @@ def _name_crises(
             states["x0"], states["v0"] = x[begin, -len(states) :], v[begin, -len(states) :]
             step = float(points[parameter][end] - points[parameter][begin])
             if seen := crisis(Chaos(line.spec, states, parameter, step, orbits)):
-                row |= {"kind": "crisis", **dict(zip(("orbit", "crisis"), seen, strict=True))}
+                row |= {"kind": "crisis", "orbit": seen, "crisis": "border"}
 
 
 def _row_of(state: np.ndarray, speeds: np.ndarray, multipliers: np.ndarray) -> dict[str, Any]:

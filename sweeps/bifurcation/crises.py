@@ -1,4 +1,4 @@
-"""Crises: a chaotic attractor ends or widens as it touches an unstable orbit.
+"""Crises: a chaotic attractor ends as it touches an unstable orbit.
 
 The attractor is sampled at values that approach a change from the side of the chaos, and its least
 distance d from each unstable orbit of the exact branches is taken. From an orbit inside it d is
@@ -10,12 +10,11 @@ falls to zero in proportion to the distance of the value from the crisis.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy.spatial import cKDTree
 
 from sweeps.opened.motions import oscillator_of, run_on
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
@@ -26,13 +25,9 @@ MOST_MOTIONS = 50
 #: Sections that a motion leaves out, those that it records in a first look, then, and beyond.
 _TRANSIENT, _FIRST, _ALL, _LONG = 300, 500, 4000, 20_000
 #: Places of the first look, in steps of the axis before the change; those of the second, of which
-#: the attractor exists at least at so many; and how far beyond the change it is looked at.
-_FEW, _PLACES, _COUNT, _BEYOND = (
-    (0.0, 2.0, 16.0),
-    (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0),
-    5,
-    2.0,
-)
+#: the attractor exists at least at so many; and how far beyond the change most motions leave it.
+_FEW, _PLACES = (1.0, 16.0), (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
+_COUNT, _BEYOND = 5, 2.0
 #: d^(1/s) is in proportion but for this share of its range, as the attractor has many tips; is zero
 #: at most so many steps beyond the change; and falls to this share of its greatest value.
 _ERROR, _LATE, _FALLS = 0.2, 2.0, 0.2
@@ -40,16 +35,13 @@ _ERROR, _LATE, _FALLS = 0.2, 2.0, 0.2
 _CLEAR = 1e-4
 #: Longest repetition of a motion that has left the chaos, and its error.
 _LONGEST, _REPEATS = 64, 1e-7
-#: Parts of the ranges of x and v, of which a wider attractor visits so many times as many, and of
-#: those of the attractor more than the second share.
-_PARTS, _WIDER, _THERE = 40, 1.25, 0.8
 
 #: The number of a branch, and m and q of its orbits.
 _Saddle = tuple[int, int, int]
 
 
 class Chaos(NamedTuple):
-    """A chaotic attractor at the last value of an axis before it ends or widens."""
+    """A chaotic attractor at the last value of an axis before it ends."""
 
     spec: RunSpec
     points: np.ndarray  # states of it at the section, of dtype POINT
@@ -96,54 +88,44 @@ class Chaos(NamedTuple):
                 yield int(number[i]), orbit
 
     def distances(
-        self, places: Sequence[float], sections: int
+        self, places: Sequence[float], sections: int, chosen: Collection[_Saddle] = ()
     ) -> dict[_Saddle, dict[float, float]]:
-        """Return d^(1/s) of each saddle at those places where the attractor is."""
+        """Return d^(1/s) of the chosen saddles, or all, at those places where the attractor is."""
         found: dict[_Saddle, dict[float, float]] = {}
         for place in filter(self.holds, places):
             states, left = self.states(place, sections)
             if left > 0.0:
                 continue
             scale = np.ptp(states, axis=(0, 1))
-            tree = cKDTree((states / scale).reshape(-1, 2))
+            samples = (states / scale).reshape(-1, 2).T
             for number, orbit in self.unstable(place):
-                distance = tree.query(orbit.sections(self.spec.phase) / scale)[0].min()
-                first, second = np.log(np.abs(orbit.multipliers) + 1e-300)
                 saddle = number, orbit.m, orbit.q
-                found.setdefault(saddle, {})[place] = distance ** ((second - first) / second)
+                if chosen and saddle not in chosen:
+                    continue
+                own = (orbit.sections(self.spec.phase) / scale)[:, :, None]
+                distance = min(float(np.square(samples - state).sum(axis=0).min()) for state in own)
+                first, second = np.log(np.abs(orbit.multipliers) + 1e-300)
+                found.setdefault(saddle, {})[place] = distance ** (0.5 * (second - first) / second)
         return found
 
-    def beyond(self) -> str:
-        """Return what becomes of the attractor at a crisis: ``border``, ``inside``, or empty."""
-        (before, _), (after, left) = (self.states(way, _LONG) for way in (_BEYOND, -_BEYOND))
-        if left > 0.5:
-            return "border"
-        low, size = before.min(axis=(0, 1)), np.ptp(before, axis=(0, 1)) / _PARTS
-        old, new = (
-            {*map(tuple, np.floor((states[:, -_FIRST:].reshape(-1, 2) - low) / size).tolist())}
-            for states in (before, after)
-        )
-        wider = len(new) > _WIDER * len(old) and len(old & new) > _THERE * len(old)
-        return "inside" if left == 0.0 and wider else ""
 
-
-def crisis(chaos: Chaos) -> tuple[str, str] | None:
-    """Return the class of the orbit that an attractor touches at a change, and what it becomes.
-
-    That is ``border`` or ``inside``; None if the attractor keeps its distance from all orbits.
-    """
-    first = chaos.distances(_FEW, _FIRST).values()
-    if not (chaos.holds(-_BEYOND) and any(_falls(values) for values in first)):
-        return None
-    for (_, m, q), values in chaos.distances(_PLACES, _ALL).items():
+def crisis(chaos: Chaos) -> str:
+    """Return the class of the orbit that an attractor touches as it ends; empty if none is seen."""
+    if not chaos.holds(-_BEYOND):
+        return ""
+    first = chaos.distances(_FEW, _FIRST)
+    falling = [saddle for saddle, values in first.items() if _falls(values)]
+    ends = bool(falling) and chaos.states(-_BEYOND, _LONG)[1] > 0.5
+    second = chaos.distances(_PLACES, _ALL, falling) if ends else {}
+    for (_, m, q), values in second.items():
         if len(values) >= _COUNT and _falls(values):
             places, heights = np.array([*values]), np.array([*values.values()])
             slope, start = np.polyfit(places, heights, 1)
             off = np.abs(start + slope * places - heights).max()
             in_proportion = slope > 0.0 and off < _ERROR * np.ptp(heights)
-            if in_proportion and -_LATE < -start / slope < places[0] and (kind := chaos.beyond()):
-                return f"{m}/{q}", kind
-    return None
+            if in_proportion and -_LATE < -start / slope < places[0]:
+                return f"{m}/{q}"
+    return ""
 
 
 def _falls(values: dict[float, float]) -> bool:

@@ -61,4 +61,4 @@ def test_no_crisis_is_named_where_the_attractor_keeps_its_distance(path):
                 dataset[name].values[place, -50:] for name in ("poincare_x", "poincare_v")
             )
             for step in (1e-4, -1e-4, 2e-5):
-                assert crisis(Chaos(sweep.spec, states, "R", step, orbits)) is None
+                assert crisis(Chaos(sweep.spec, states, "R", step, orbits)) == ""
