@@ -4,6 +4,7 @@ import re
 
 import numba
 import pytest
+from numba.core.registry import cpu_target
 
 from tests.benchmarks.limits import cpu_features
 from vibroimpact.jit.hooks import WholeCompiler
@@ -39,6 +40,7 @@ def packed(loop, arguments):
     Compiled anew, since of what comes from the disk cache numba shows no assembly.
     """
     options = {k: v for k, v in loop.targetoptions.items() if k not in ("cache", "nopython")}
+    cpu_target.target_context.refresh()  # which the cache does before a compilation
     anew = numba.njit(loop.py_func, pipeline_class=WholeCompiler, **options)
     anew.compile(tuple(map(numba.typeof, arguments)))
     code = "\n".join(anew.inspect_asm().values())
