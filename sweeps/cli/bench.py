@@ -94,8 +94,6 @@ def stability(
     output: Figure = Path("stability.png"), csv: Csv = None, quick: Quick = False
 ) -> None:
     """Show how long a step may be, and where each method fails."""
-    import pandas as pd
-
     from sweeps.bench import failures as bench
     from sweeps.opened.tables import write_csv
     from sweeps.plotting.saving import save_chart
@@ -106,8 +104,7 @@ def stability(
             say(part)
         save_chart(output, bench.stability_chart, quick)
         if csv is not None:
-            rows = [*bench.stability_rows(limits), *bench.failure_rows(figures)]
-            write_csv(csv, pd.DataFrame(rows, columns=bench.FAILURE_COLUMNS))
+            write_csv(csv, bench.figure_table(limits, figures))
 
 
 def paper(output: Figure = Path("paper.png")) -> None:
