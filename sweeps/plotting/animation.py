@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -38,8 +38,6 @@ _SLOWEST, _FASTEST, _IN_ALL = 2.0, 0.6, 20.0
 _DPI, _MOST_PIXELS = 130, 500_000_000
 #: Heights of the mass, of the shortest spring and of the stop, as shares of the range of x.
 _MASS, _SPRING, _STOP = 0.16, 0.16, 0.06
-#: In a GIF: the number for the colour of the frame before; how many shades red, green, blue have.
-_SAME, _SHADES = 255, 32
 
 
 def animate(
@@ -283,43 +281,28 @@ def _mp4(film: _Film, fps: int, description: tuple[str, str, str]) -> bytes:
 
 def _gif(film: _Film, fps: int, description: tuple[str, str, str]) -> bytes:
     """Return the content of a GIF file; its frames last whole hundredths of a second."""
-    frames, image = _coded_frames(film), BytesIO()
-    ends = np.rint(100.0 / fps * np.arange(len(film.times) + 1))
+    count, image = len(film.times), BytesIO()
+    # The same colours in all frames, so that nothing flickers, with that of the ground as it is.
+    some = [_painted(film, frame) for frame in range(0, count, 1 + count // 8)]
+    colours = Image.fromarray(np.vstack(some)).quantize(255, Image.Quantize.FASTOCTREE)
+    palette = np.reshape(colours.getpalette() or (), (-1, 3)).astype(np.uint8)
+    palette[np.asarray(colours)[0, 0]] = some[0][0, 0]
+    colours.putpalette(palette.tobytes())
+    frames = (
+        Image.fromarray(_painted(film, frame)).quantize(palette=colours, dither=Image.Dither.NONE)
+        for frame in range(count)
+    )
+    ends = np.rint(100.0 / fps * np.arange(count + 1))
+    lasts = (10.0 * np.diff(ends)).astype(int).tolist()
+    about = "\n".join(description).encode()
     next(frames).save(
-        image, "GIF", save_all=True, append_images=frames, loop=0,
-        duration=(10.0 * np.diff(ends)).astype(int).tolist(),
-        disposal=1, transparency=_SAME, optimize=False, comment="\n".join(description).encode(),
-    )  # fmt: skip
+        image, "GIF", save_all=True, append_images=frames, loop=0, duration=lasts, comment=about
+    )
     return image.getvalue()
 
 
-def _coded_frames(film: _Film) -> Iterator[Image.Image]:
-    """Yield the frames of a GIF, each with the pixels that differ from the frame before.
-
-    All have the same colours, the most frequent ones of some frames, so that nothing flickers.
-    """
-    from scipy.spatial import KDTree
-
-    frames = range(len(film.times))
-    some = [_shades(film, frame) for frame in frames[:: 1 + len(frames) // 8]]
-    shades, counts = np.unique(some, return_counts=True)
-    cube = np.stack(np.unravel_index(np.arange(_SHADES**3), (_SHADES,) * 3), axis=1)
-    chosen = cube[shades[np.argsort(-counts, kind="stable")[:_SAME]]]
-    number = KDTree(chosen).query(cube)[1].astype(np.uint8)
-    before: np.ndarray | None = None
-    for frame in frames:
-        now = number[_shades(film, frame)]
-        coded = now if before is None else np.where(now == before, np.uint8(_SAME), now)
-        image = Image.fromarray(coded)
-        image.putpalette(np.rint(chosen * (255 / (_SHADES - 1))).astype(np.uint8).tobytes())
-        yield image
-        before = now
-
-
-def _shades(film: _Film, frame: int) -> np.ndarray:
-    """Return the pixels of a frame, each a number of the ``_SHADES`` of red, green and blue."""
+def _painted(film: _Film, frame: int) -> np.ndarray:
+    """Return the pixels of a frame."""
     film.show_frame(frame)
     film.canvas.draw()
-    pixels = np.asarray(film.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
-    shades = np.rint(np.linspace(0, _SHADES - 1, 256)).astype(np.int32)[pixels]
-    return np.ravel_multi_index(tuple(np.moveaxis(shades, -1, 0)), (_SHADES,) * 3)
+    return np.array(film.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]

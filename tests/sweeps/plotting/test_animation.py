@@ -156,7 +156,7 @@ WRONG = [
     (("-o", "a.gif", "--fps", "2.5"), "--fps 2.5 is not allowed; expected: an integer from 1"),
     (("-o", "a.gif", "--periods", "-1"), "--periods -1 is not allowed; expected: an integer >= 1"),
     (("-o", "a.gif", "--periods", "101"), "periods = 101 is not allowed in an animation; expected"),
-    (("-o", "a.gfi"), "a.gfi must end in one of .png, .svg, .pdf, .eps, .gif, .mp4 (did you mean"),
+    (("-o", "a.gfi"), "a.gfi must end in one of .png, .svg, .pdf, .eps, .tiff, .tif, .gif"),
     (("-o", "a.mp4"), "a.mp4 needs the program ffmpeg, which is not found; a .gif needs none"),
     (("-o", "a.png", "--fps", "9"), "fps is not allowed for a.png; expected: .gif or .mp4"),
     (("-o", "a.gif", "--dpi", "4000"), "pixels are too many; expected: at most 500,000,000"),
