@@ -5,8 +5,7 @@ of them alike; the best time of the rounds counts. A rung n of the ladder stands
 steps from n to 1.1 n, a different number in every round, so that impacts fall on different places
 within a step. Errors are root mean squares over the rounds.
 
-The columns are those of `sweeps.bench.accuracy.measure_methods`. The rows of one scene, kind
-of error and method are a line of the chart.
+The rows of one scene, kind of error and method are a line of the chart.
 """
 
 from __future__ import annotations
@@ -30,16 +29,16 @@ from sweeps.bench.method_scenes import (
     SCENES,
     Method,
     Scene,
+    installed,
     least_steps,
     of_sweep,
+    run_peer,
 )
 from sweeps.config.sweep import SweepConfig
 from sweeps.text import table
 
 #: Least steps of a timed run, all points together; with fewer, mainly the call would be timed.
 _LEAST_WORK = 1_500_000
-#: The errors that are measured for a peer; the state between its steps is not compared.
-_PEER_KINDS = ("section state", "impact time", "impact speed")
 
 #: The columns of the table of measurements; below, the types of those that may have no value.
 MEASURED_COLUMNS = [
@@ -52,9 +51,24 @@ MEASURED_COLUMNS = [
     "error",
     "seconds_per_period",
 ]
-#: One method on one scene at one rung of the ladder.
-_Run = tuple[Scene, int, Method]
 _TYPES = {"steps_per_period": "Int64", "tolerance": float, "error": float}
+#: The columns that identify a method, and a line of the chart.
+METHOD, LINE = MEASURED_COLUMNS[2:4], MEASURED_COLUMNS[:4]
+#: What stands for the impact rule of a peer.
+EVENTS = "events"
+#: Name of the scene that stands for the mean of all regular scenes.
+MEAN = "regular scenes"
+#: An error above this has no right digit.
+NO_DIGIT = 1.0
+
+# An order is fitted to the finest steps whose errors are small but far above the reference's error.
+_FITTED, _LARGEST, _ABOVE_FLOOR = 5, 0.1, 10.0
+
+STATE, PENETRATION = ORBIT_ERRORS[0], ORBIT_ERRORS[-1]
+#: The steps per period, and for peers the tolerance, at which errors are shown.
+COMPARED_STEPS, SOLVER_TOLERANCE = 100, 1e-9
+#: The errors for which the cheapest method is named.
+TARGETS = (1e-2, 1e-4, 1e-8, 1e-12)
 
 
 @dataclass(frozen=True)
@@ -95,57 +109,51 @@ def measure_methods(
     ``seconds_per_period``, per forcing period. `threads` are those of the kernel; peers use one.
     `report` is given the share that is done.
     """
-    runs, peer_runs = list(_runs(plan)), list(_peer_runs(plan))
-    total, done = plan.rounds * len(runs) + len(peer_runs), 0
+    runs = list(_runs(plan))
     rows: list[tuple] = []
-    failed: set[_Run] = set()
+    failed: set[tuple] = set()
     truths = {scene.name: scene.truth() for scene in plan.scenes}
-    for turn in range(plan.rounds):
-        for run in runs:
-            scene, rung, method = run
-            if run not in failed:  # a failed run might never end
-                steps = _steps(rung, turn, plan.rounds)
-                results, seconds = _timed(scene, method, steps, threads)
-                errors = scene.errors(truths[scene.name], results)
-                for kind, error in errors.items():
-                    rows.append((scene.name, kind, *method, rung, None, error, seconds))
-                failed |= set() if np.isfinite([*errors.values()]).all() else {run}
-            done += 1
-            report(done / total)
-    for scene, name, tolerance in peer_runs:
-        errors, seconds = _peer_errors(scene, name, tolerance, plan.thinning)
+    for done, (turn, scene, method, rung, tolerance) in enumerate(runs, 1):
+        run = scene, method, rung
+        if tolerance is not None:
+            thinned = replace(scene, points=scene.points[:: plan.thinning])
+            results, seconds = run_peer(method.integrator, thinned, tolerance)
+            errors = thinned.errors(thinned.truth(), results)
+            del errors[PENETRATION]  # the state between the steps of a peer is not compared
+        elif rung is not None and run not in failed:  # a failed run might never end
+            # The golden ratio spreads the rounds evenly.
+            more = round(max(plan.rounds, 0.1 * rung) * (0.618034 * turn % 1.0))
+            results, seconds = _timed(scene, method, rung + more, threads)
+            errors = scene.errors(truths[scene.name], results)
+            failed |= set() if np.isfinite([*errors.values()]).all() else {run}
+        else:
+            errors = {}
         rows += [
-            (scene.name, kind, name, "events", None, tolerance, errors[kind], seconds)
-            for kind in _PEER_KINDS
+            (scene.name, kind, *method, rung, tolerance, error, seconds)
+            for kind, error in errors.items()
         ]
-        done += 1
-        report(done / total)
+        report(done / len(runs))
     rounds = pd.DataFrame(rows, columns=MEASURED_COLUMNS).astype(_TYPES)
     same = rounds.groupby(MEASURED_COLUMNS[:-2], sort=False, dropna=False)
     return same.agg({"error": _root_mean_square, "seconds_per_period": "min"}).reset_index()
 
 
-def _runs(plan: Plan) -> Iterator[_Run]:
-    """Yield the runs of a round: for each scene and rung, all methods in turn."""
-    for scene in plan.scenes:
-        for rung in plan.ladder:
-            for method in plan.methods:
-                if rung >= least_steps(method, scene.points):
-                    yield scene, rung, method
+def _runs(plan: Plan) -> Iterator[tuple[int, Scene, Method, int | None, float | None]]:
+    """Yield the round, scene, method, and rung or tolerance of every run, all methods in turn.
 
-
-def _steps(rung: int, turn: int, rounds: int) -> int:
-    """Return the number of steps in one round; the golden ratio spreads the rounds evenly."""
-    return rung + round(max(rounds, 0.1 * rung) * (0.618034 * turn % 1.0))
-
-
-def _peer_runs(plan: Plan) -> Iterator[tuple[Scene, str, float]]:
-    """Yield the runs of peers; without a complete chatter, whose events would never end."""
+    Peers run once, and without a complete chatter, whose events would never end.
+    """
+    for turn in range(plan.rounds):
+        for scene in plan.scenes:
+            for rung in plan.ladder:
+                for method in plan.methods:
+                    if rung >= least_steps(method, scene.points):
+                        yield turn, scene, method, rung, None
     for scene in plan.scenes:
         if scene is not CHATTER_SCENE and scene.impacts:
-            for name in plan.peers:
-                if PEERS[name].installed:
-                    yield from ((scene, name, tolerance) for tolerance in plan.tolerances)
+            for name in filter(installed, plan.peers):
+                for tolerance in plan.tolerances:
+                    yield 0, scene, Method(name, EVENTS), None, tolerance
 
 
 def _timed(
@@ -164,33 +172,6 @@ def _timed(
 
 def _root_mean_square(values: pd.Series) -> float:
     return float(np.sqrt(np.mean(values.to_numpy() ** 2)))  # NaN if a value is NaN
-
-
-def _peer_errors(
-    scene: Scene, name: str, tolerance: float, thinning: int
-) -> tuple[dict[str, float], float]:
-    """Return the errors of a peer by kind, and its seconds per forcing period."""
-    thinned = replace(scene, points=scene.points[::thinning])
-    results, seconds = PEERS[name].run(thinned, tolerance)
-    return thinned.errors(thinned.truth(), results), seconds
-
-
-#: Name of the scene that stands for the mean of all regular scenes.
-MEAN = "regular scenes"
-#: An error above this has no right digit.
-NO_DIGIT = 1.0
-#: The columns that identify a method, and a line of the chart.
-METHOD = ["integrator", "impact"]
-LINE = ["scene", "error_kind", *METHOD]
-
-# An order is fitted to the finest steps whose errors are small but far above the reference's error.
-_FITTED, _LARGEST, _ABOVE_FLOOR = 5, 0.1, 10.0
-
-STATE, PENETRATION = ORBIT_ERRORS[0], ORBIT_ERRORS[-1]
-#: The steps per period, and for peers the tolerance, at which errors are shown.
-COMPARED_STEPS, SOLVER_TOLERANCE = 100, 1e-9
-#: The errors for which the cheapest method is named.
-TARGETS = (1e-2, 1e-4, 1e-8, 1e-12)
 
 
 def means(measured: pd.DataFrame) -> pd.DataFrame:
@@ -234,13 +215,13 @@ def with_orders(measured: pd.DataFrame) -> pd.DataFrame:
 
     It is NaN for the reference and for peers.
     """
-    exact = measured[(measured[METHOD] == list(EXACT_METHOD)).all(axis=1)]
-    floors = exact.groupby(["scene", "error_kind"])["error"].max()
+    exact = measured[measured["impact"] == EXACT_METHOD.impact]
+    floors = exact.groupby(LINE[:2])["error"].max()
     lines = []
     for line, group in measured.groupby(LINE, sort=False):
         group = group.sort_values(["steps_per_period", "tolerance"], ascending=[True, False])
         order = math.nan
-        if line[2:] != EXACT_METHOD and group["steps_per_period"].notna().all():
+        if line[3] not in (EXACT_METHOD.impact, EVENTS):
             steps, errors = group["steps_per_period"].tolist(), group["error"].tolist()
             order = measured_order(steps, errors, floors.get(line[:2], 0.0))
         lines.append(group.assign(measured_order=order))
@@ -254,42 +235,26 @@ def efficient_frontier(measured: pd.DataFrame) -> pd.DataFrame:
     return by_cost[by_cost["error"] < least]
 
 
-def cheapest(measured: pd.DataFrame, error: float) -> pd.DataFrame:
-    """Return the cheapest measurement that reaches an error; empty if there is none."""
-    return measured[measured["error"] <= error].nsmallest(1, "seconds_per_period")
-
-
 def of_methods(measured: pd.DataFrame) -> str:
     """Return a table of the orders, the errors and the cost of every method, from `with_orders`."""
-    main = main_scene(measured)
-    columns = {"order": main}
+    main, columns = main_scene(measured), {"order": main_scene(measured)}
     if main == MEAN:
         columns = {"regular": MEAN, "chatter": CHATTER_SCENE.name, "graze": GRAZING.name}
     taken = measured["steps_per_period"]
-    exact = (measured[METHOD] == list(EXACT_METHOD)).all(axis=1)
-    exact_steps = taken[exact & (taken >= COMPARED_STEPS)]
-    steps = COMPARED_STEPS if exact_steps.empty else exact_steps.min()
+    exact = taken[(measured["impact"] == EXACT_METHOD.impact) & (taken >= COMPARED_STEPS)]
+    steps = COMPARED_STEPS if exact.empty else exact.min()
     orders = measured[measured["error_kind"] == STATE].groupby(["scene", *METHOD])
-    orders_of = orders["measured_order"].first()
-    compared = measured[
-        (measured["scene"] == main)
-        & ((taken == steps) | (measured["tolerance"] == SOLVER_TOLERANCE))
-    ]
+    order = orders["measured_order"].first()
+    compared = (taken == steps) | (measured["tolerance"] == SOLVER_TOLERANCE)
     rows = [(*METHOD, *columns, "error", "penetration", "ns/period")]
-    for method, group in compared.groupby(METHOD, sort=False):
+    for method, group in measured[(measured["scene"] == main) & compared].groupby(
+        METHOD, sort=False
+    ):
         errors = group.set_index("error_kind")["error"]
-        rows.append(
-            (
-                *method,
-                *(
-                    _shown_order(orders_of.get((name, *method), math.nan))
-                    for name in columns.values()
-                ),
-                _error(errors[STATE]),
-                _error(errors[PENETRATION]) if PENETRATION in errors else "",
-                _cost(group),
-            )
-        )
+        values = (order.get((scene, *method), math.nan) for scene in columns.values())
+        shown_orders = ("" if math.isnan(value) else f"{value:.1f}" for value in values)
+        deepest = _error(errors[PENETRATION]) if PENETRATION in errors else ""
+        rows.append((*method, *shown_orders, _error(errors[STATE]), deepest, _cost(group)))
     of = f"(solvers: tolerance {SOLVER_TOLERANCE:g}), geometric mean of the regular scenes"
     return (
         f"Measured orders of the section state; errors and cost with {steps} steps per period\n"
@@ -303,27 +268,25 @@ def of_methods(measured: pd.DataFrame) -> str:
 def of_targets(measured: pd.DataFrame) -> str:
     """Return a table of the cheapest method for each of ``TARGETS``."""
     rows = [("error", *METHOD, "steps", "ns/period")]
-    main = main_scene(measured)
-    states = measured[(measured["scene"] == main) & (measured["error_kind"] == STATE)]
+    states = (measured["scene"] == main_scene(measured)) & (measured["error_kind"] == STATE)
     for target in TARGETS:
-        best = cheapest(states, target)
-        if best.empty:
-            rows.append((f"{target:g}", "none", "", "", ""))
-        else:
-            (row,) = best.itertuples()
-            by_steps = pd.notna(row.steps_per_period)
-            steps = str(row.steps_per_period) if by_steps else f"tolerance {row.tolerance:g}"
-            rows.append((f"{target:g}", row.integrator, row.impact, steps, _cost(best)))
+        reached = measured[states & (measured["error"] <= target)]
+        best = reached.nsmallest(1, "seconds_per_period")
+        rows += [
+            (
+                f"{target:g}",
+                *row[2:4],
+                str(row[4]) if pd.notna(row[4]) else f"tolerance {row[5]:g}",
+                _cost(best),
+            )
+            for row in best.itertuples(index=False)
+        ] or [(f"{target:g}", "none", "", "", "")]
     title = "The cheapest way to an error of the section state (as above)"
     return f"{title}\n\n{table(rows, words=4)}\n"
 
 
 def _cost(measured: pd.DataFrame) -> str:
     return f"{measured['seconds_per_period'].iloc[0] * 1e9:,.0f}"
-
-
-def _shown_order(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.1f}"
 
 
 def _error(value: float) -> str:

@@ -9,8 +9,7 @@ chatter. ``vibroimpact.paper`` is the literal procedure, named ``to the letter``
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -46,16 +45,20 @@ CASES: Mapping[str, Oscillator] = {
 CHATTER = Oscillator(h=0.0, R=0.3, omega=0.3, f=1.0)
 STALLING = (100, 1000, 10_000)
 
+
+def _stepped(rule: str) -> Callable[[Oscillator, int, int], Trajectory]:
+    return lambda oscillator, periods, steps: simulate(oscillator, periods, "newmark", rule, steps)
+
+
 #: The three procedures, as functions of oscillator, forcing periods and steps per period.
 PROCEDURES: Mapping[str, Callable[[Oscillator, int, int], Trajectory | PaperRun]] = {
-    "without": lambda osc, periods, steps: simulate(osc, periods, "newmark", "plain", steps),
-    "with": lambda osc, periods, steps: simulate(osc, periods, "newmark", "reduced-step", steps),
+    "without": _stepped("plain"),
+    "with": _stepped("reduced-step"),
     "to the letter": paper_procedure,
 }
 
 
-@dataclass(frozen=True)
-class Measured:
+class Measured(NamedTuple):
     """All measurements."""
 
     ladder: Sequence[int]  # steps per period of the errors
@@ -72,15 +75,6 @@ def measure_cases(
     ladder: Sequence[int] = LADDER, spread: int = SPREAD, stalling: Sequence[int] = STALLING
 ) -> Measured:
     """Measure all cases: errors over a `ladder` of three or more steps, stalls over `stalling`."""
-    return Measured(
-        ladder=ladder,
-        cases=_cases(ladder, spread),
-        chatter=simulate(CHATTER, 1),
-        stalls={steps: paper_procedure(CHATTER, 1, steps) for steps in stalling},
-    )
-
-
-def _cases(ladder: Sequence[int], spread: int) -> pd.DataFrame:
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     for case, oscillator in CASES.items():
         exact = simulate(oscillator, PERIODS)
@@ -91,10 +85,13 @@ def _cases(ladder: Sequence[int], spread: int) -> pd.DataFrame:
                 "deepest": motion.max_penetration,
                 "impacts": len(motion.impact_t),
                 "errors": errors,
-                "order": _order(ladder[-3:], errors[-3:]),
+                "order": -np.polyfit(np.log(ladder[-3:]), np.log(errors[-3:]), 1)[0],
             }
         rows[case, "exact"] = {"impacts": len(exact.impact_t)}
-    return pd.DataFrame.from_dict(rows, orient="index")
+    stalls = {steps: paper_procedure(CHATTER, 1, steps) for steps in stalling}
+    return Measured(
+        ladder, pd.DataFrame.from_dict(rows, orient="index"), simulate(CHATTER, 1), stalls
+    )
 
 
 def _errors(
@@ -113,43 +110,26 @@ def _errors(
     return np.array(errors)
 
 
-def _order(steps: Sequence[int], errors: np.ndarray) -> float:
-    return float(-np.polyfit(np.log(steps), np.log(errors), 1)[0])
-
-
 def case_tables(measured: Measured) -> str:
     """Return the results of `measure_cases` as tables."""
     at, end = f"with T = 2 pi/{STEPS_OF_PAPER}", measured.chatter.rests[0, 0]
-    names = list(PROCEDURES)
+    order = f"Order, from the times and speeds of the first {FIRST_IMPACTS} impacts"
+    parts = {}
+    for title, column, digits, names in (
+        (f"Deepest penetration {at}", "deepest", ".2g", PROCEDURES),
+        (f"Impacts in {PERIODS} periods {at}", "impacts", "d", (*PROCEDURES, "exact")),
+        (order, "order", ".2f", PROCEDURES),
+    ):
+        values = measured.cases[column]
+        shown = ([case, *(f"{values[case, name]:{digits}}" for name in names)] for case in CASES)
+        parts[title] = [["case", *names], *shown]
     scene = f"h = {CHATTER.h:g}, R = {CHATTER.R:g}, omega = {CHATTER.omega:g}"
-    parts = {
-        f"Deepest penetration {at}": _by_case(measured, names, lambda row: f"{row.deepest:.2g}"),
-        f"Impacts in {PERIODS} periods {at}": _by_case(
-            measured, [*names, "exact"], lambda row: f"{row.impacts}"
-        ),
-        f"Order, from the times and speeds of the first {FIRST_IMPACTS} impacts": _by_case(
-            measured, names, lambda row: f"{row.order:.2f}"
-        ),
-        f"Where the procedure stalls, to the letter: {scene}": [
-            ["steps per period", "stall at t", f"before the rest at t = {end:.5f}"],
-            *(
-                [
-                    f"{steps:,}",
-                    "none" if run.stalled_at is None else f"{run.stalled_at:.5f}",
-                    f"{end - run.t[-1]:.2g}",
-                ]
-                for steps, run in measured.stalls.items()
-            ),
-        ],
-    }
+    stalls = [["steps per period", "stall at t", f"before the rest at t = {end:.5f}"]]
+    for steps, run in measured.stalls.items():
+        stall = "none" if run.stalled_at is None else f"{run.stalled_at:.5f}"
+        stalls.append([f"{steps:,}", stall, f"{end - run.t[-1]:.2g}"])
+    parts[f"Where the procedure stalls, to the letter: {scene}"] = stalls
     return "\n".join(f"{title}\n\n{table(rows, words=1)}\n" for title, rows in parts.items())
-
-
-def _by_case(
-    measured: Measured, columns: Sequence[str], cell: Callable[[pd.Series], str]
-) -> list[list[str]]:
-    rows = [[case, *(cell(measured.cases.loc[(case, name)]) for name in columns)] for case in CASES]
-    return [["case", *columns], *rows]
 
 
 #: Label, colour and marker of the procedures.
@@ -168,14 +148,19 @@ def paper_picture(measured: Measured) -> Figure:
     figure = Figure(figsize=(5.4, 8.4), layout="constrained")
     rows = figure.add_gridspec(2, 1, height_ratios=(3.0, 0.9))
     panels = rows[0].subgridspec(3, 2).subplots(squeeze=False)
-    for row, name in zip(panels, CASES, strict=True):
+    for (left, right), name in zip(panels, CASES, strict=True):
         case = measured.cases.loc[name]
-        _draw_stop(row[0], name, case)
-        _draw_errors(row[1], measured.ladder, case)
+        _draw_motions(left, name, case)
+        for line, key in enumerate(PROCEDURES):
+            _, colour, marker = _LOOKS[key]
+            look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.5}
+            right.loglog(measured.ladder, case.errors[key], linewidth=1.0, **look)
+            place, words = (0.04, 0.26 - 0.11 * line), f"order {case.order[key]:.1f}"
+            right.text(*place, words, color=colour, transform=right.transAxes)
+        right.set_ylim(1e-6, 10.0)
     for panel in panels[:2].ravel():
         panel.tick_params(labelbottom=False)
-    first = f"of the first {FIRST_IMPACTS} impacts"
-    panels[0, 1].set_title(f"error of times and speeds\n{first}")
+    panels[0, 1].set_title(f"error of times and speeds\nof the first {FIRST_IMPACTS} impacts")
     panels[2, 0].set_xlabel("time $t$ [time]")
     panels[2, 1].set_xlabel("steps per period")
     _draw_stalls(figure.add_subplot(rows[1]), measured)
@@ -188,7 +173,7 @@ def paper_picture(measured: Measured) -> Figure:
     return figure
 
 
-def _draw_stop(panel: Axes, name: str, case: pd.DataFrame) -> None:
+def _draw_motions(panel: Axes, name: str, case: pd.DataFrame) -> None:
     """Draw the displacement near the stop, in the first period."""
     draw_stop(panel.axhline, 0.0)
     osc = CASES[name]
@@ -198,30 +183,18 @@ def _draw_stop(panel: Axes, name: str, case: pd.DataFrame) -> None:
         _, colour, marker = _LOOKS[key]
         run = PROCEDURES[key](osc, 2, STEPS_OF_PAPER)
         panel.plot(run.t, run.x, color=colour, linewidth=0.9, marker=marker, markersize=2.2)
-    panel.set_xlim(_TIMES)
-    panel.set_ylim(_DISPLACEMENTS)
-    panel.set_ylabel("displacement\n$x$ [length]")
-    panel.set_title(f"{name}\n$h = {mathtext(osc.h)}$, $R = {mathtext(osc.R)}$")
+    panel.set(
+        xlim=_TIMES,
+        ylim=_DISPLACEMENTS,
+        ylabel="displacement\n$x$ [length]",
+        title=f"{name}\n$h = {mathtext(osc.h)}$, $R = {mathtext(osc.R)}$",
+    )
     words = (
         f"deepest {case.deepest['without']:.3f}, with it {case.deepest['with']:g}\n"
         f"impacts in {PERIODS} periods: {case.impacts['without']},\n"
         f"with it {case.impacts['with']}, exact {case.impacts['exact']}"
     )
     panel.text(0.98, 0.96, words, transform=panel.transAxes, ha="right", va="top", fontsize=7.5)
-
-
-def _draw_errors(panel: Axes, ladder: Sequence[int], case: pd.DataFrame) -> None:
-    """Draw the error over the steps per period, and write its order."""
-    for line, key in enumerate(PROCEDURES):
-        _, colour, marker = _LOOKS[key]
-        panel.loglog(
-            ladder, case.errors[key], color=colour, marker=marker, markersize=3.5, linewidth=1.0
-        )
-        panel.text(
-            0.04, 0.26 - 0.11 * line, f"order {case.order[key]:.1f}", color=colour,
-            transform=panel.transAxes,
-        )  # fmt: skip
-    panel.set_ylim(1e-6, 10.0)
 
 
 def _draw_stalls(panel: Axes, measured: Measured) -> None:
@@ -238,11 +211,11 @@ def _draw_stalls(panel: Axes, measured: Measured) -> None:
         words = f"{steps} steps\n$t = {run.stalled_at:.4f}$"
         panel.annotate(words, last, xytext=(8, 0), textcoords="offset points", fontsize=7.5)
     panel.invert_xaxis()
-    panel.set_ylim(top=10.0)
-    panel.set_xlabel(f"time left until $t = {end:.5f}$ [time]")
-    panel.set_ylabel("speed before impact\n[length/time]")
     osc = CHATTER
-    panel.set_title(
-        "where the procedure stalls\n"
-        rf"$h = {mathtext(osc.h)}$, $R = {mathtext(osc.R)}$, $\omega = {mathtext(osc.omega)}$"
+    values = rf"$h = {mathtext(osc.h)}$, $R = {mathtext(osc.R)}$, $\omega = {mathtext(osc.omega)}$"
+    panel.set(
+        xlabel=f"time left until $t = {end:.5f}$ [time]",
+        ylabel="speed before impact\n[length/time]",
+        title=f"where the procedure stalls\n{values}",
     )
+    panel.set_ylim(top=10.0)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -22,22 +21,34 @@ from sweeps.errors import Failed
 from sweeps.text import shown_count
 from vibroimpact.inputs import number
 
+
+def _picture(path: Path) -> Path:
+    """Refuse a path unless a picture can be written there."""
+    from sweeps.plotting.saving import check_picture
+
+    check_picture(path)
+    return path
+
+
 Figure = Annotated[
-    Path, typer.Option("-o", "--output", metavar="FIGURE", help="The picture to write.")
+    Path,
+    typer.Option(
+        "-o", "--output", metavar="FIGURE", callback=_picture, help="The picture to write."
+    ),
 ]
 Quick = Annotated[bool, typer.Option("--quick", help="Measure less, in under a minute.")]
 
 
-@contextmanager
-def _files(output: Path, csv: Path | None = None) -> Iterator[None]:
-    """Refuse files that cannot be written, run the block, and print the names of the files."""
-    from sweeps.plotting.saving import check_picture
+def _save(csv: Path | None, rows: Any, output: Path, draw: Callable, *measured: Any) -> None:
+    """Write the picture of a bench and, to a `csv` file, its rows; print the names of the files."""
+    from sweeps.opened.tables import write_csv
+    from sweeps.plotting.saving import save_chart
 
-    check_picture(output)
-    yield
-    for path in (output, csv):
-        if path is not None:
-            say(path)
+    save_chart(output, draw, *measured)
+    say(output)
+    if csv is not None:
+        write_csv(csv, rows)
+        say(csv)
 
 
 def accuracy_speed(
@@ -64,30 +75,24 @@ def accuracy_speed(
 
     from sweeps.bench import accuracy as bench
     from sweeps.bench.accuracy_picture import accuracy_picture
-    from sweeps.bench.method_scenes import PEERS
-    from sweeps.opened.tables import write_csv
-    from sweeps.plotting.saving import save_chart
 
-    with _files(output, csv):
-        plan = bench.QUICK if quick else bench.FULL
-        if config is not None:
-            plan = bench.plan_for_sweep(read_config(config), plan)
-            (scene,) = plan.scenes
-            points = shown_count(len(scene.points), "point")
-            say(f"{points} of the {scene.name}, each after one forcing period\n")
-        with progress_shown("measuring") as report:
-            measured = bench.measure_methods(plan, threads, report)
-        if config is None:
-            measured = pd.concat([measured, bench.means(measured)])
-        measured = bench.with_orders(measured)
-        for name in plan.peers:
-            if not PEERS[name].installed:
-                say(f"{name} is not installed, so it is not on the chart", error=True)
-        say(bench.of_methods(measured))
-        say(bench.of_targets(measured))
-        save_chart(output, accuracy_picture, measured)
-        if csv is not None:
-            write_csv(csv, measured)
+    plan = bench.QUICK if quick else bench.FULL
+    if config is not None:
+        plan = bench.plan_for_sweep(read_config(config), plan)
+        (scene,) = plan.scenes
+        points = shown_count(len(scene.points), "point")
+        say(f"{points} of the {scene.name}, each after one forcing period\n")
+    with progress_shown("measuring") as report:
+        measured = bench.measure_methods(plan, threads, report)
+    if config is None:
+        measured = pd.concat([measured, bench.means(measured)])
+    measured = bench.with_orders(measured)
+    for name in plan.peers:
+        if not bench.installed(name):
+            say(f"{name} is not installed, so it is not on the chart", error=True)
+    say(bench.of_methods(measured))
+    say(bench.of_targets(measured))
+    _save(csv, measured, output, accuracy_picture, measured)
 
 
 def stability(
@@ -95,27 +100,20 @@ def stability(
 ) -> None:
     """Show how long a step may be, and where each method fails."""
     from sweeps.bench import failures as bench
-    from sweeps.opened.tables import write_csv
-    from sweeps.plotting.saving import save_chart
 
-    with _files(output, csv):
-        limits, figures = bench.longest_steps(quick), bench.measure_failures()
-        for part in (bench.table_of(limits), *bench.failure_tables(figures)):
-            say(part)
-        save_chart(output, bench.stability_chart, quick)
-        if csv is not None:
-            write_csv(csv, bench.figure_table(limits, figures))
+    limits, figures = bench.longest_steps(quick), bench.measure_failures()
+    for part in (bench.table_of(limits), *bench.failure_tables(figures)):
+        say(part)
+    _save(csv, bench.figure_table(limits, figures), output, bench.stability_chart, quick)
 
 
 def paper(output: Figure = Path("paper.png")) -> None:
     """Compute the three cases of the paper, without and with its procedure."""
     from sweeps.bench import paper_cases as bench
-    from sweeps.plotting.saving import save_chart
 
-    with _files(output):
-        measured = bench.measure_cases()
-        say(bench.case_tables(measured))
-        save_chart(output, bench.paper_picture, measured)
+    measured = bench.measure_cases()
+    say(bench.case_tables(measured))
+    _save(None, None, output, bench.paper_picture, measured)
 
 
 JsonFile = Annotated[
