@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -33,26 +34,18 @@ MARKER_OF_INTEGRATOR = dict(zip(INTEGRATORS, "x+^sDov<>PXp", strict=False))
 PEER_COLOURS = {"SciPy RK45": ORANGE, "SciPy DOP853": _PURPLE, "heyoka": _SKY}
 # The methods whose order is written next to their line.
 _LABELLED = (
-    Method("exact", "plain"),
-    Method("exact", "reduced-step"),
-    Method("exact", "cubic"),
+    *(Method("exact", rule) for rule in ("plain", "reduced-step", "cubic")),
     Method("verlet", "cubic"),
     Method("euler", "cubic"),
 )
-_SMALL_MARKS = {
-    "linewidth": 0.7,
-    "markersize": 3.0,
-    "markerfacecolor": "none",
-    "markeredgewidth": 0.6,
-}
 _BAND: dict[str, Any] = {"color": _YELLOW, "linewidth": 6.0, "alpha": 0.6}
 
 
 def accuracy_picture(measured: pd.DataFrame) -> Figure:
     """Draw a panel per kind of error, with its lines, their orders and the efficient frontier.
 
-    `measured` is from `work_precision.with_orders`. For a single scene, such as a sweep, only the
-    first three of ``PANELS`` are drawn.
+    `measured` is from `sweeps.bench.accuracy.with_orders`. For a single scene, such as a sweep,
+    only the first three of ``PANELS`` are drawn.
     """
     main = main_scene(measured)
     panels: Sequence[tuple[str, str, str]] = PANELS
@@ -65,11 +58,13 @@ def accuracy_picture(measured: pd.DataFrame) -> Figure:
     grid = figure.add_gridspec(1 + rows, 2, height_ratios=(1.25, *[1.0] * rows))
     wide = figure.add_subplot(grid[0, :])
     small = [figure.add_subplot(grid[1 + k // 2, k % 2]) for k in range(2 * rows)]
+    good = measured["error"].between(0.0, NO_DIGIT, inclusive="neither")
     for panel, (title, scene, kind) in zip([wide, *small], panels, strict=True):
-        good = measured["error"].between(0.0, NO_DIGIT, inclusive="neither")
+        # Peers may be far slower.
+        ours = measured if panel is wide else measured[measured["steps_per_period"].notna()]
+        seconds = ours["seconds_per_period"]
+        panel.set(title=title, xscale="log", xlim=(0.7 * seconds.min(), 3.0 * seconds.max()))
         line = (measured["scene"] == scene) & (measured["error_kind"] == kind)
-        panel.set_title(title)
-        panel.set_xlim(_seconds(measured, peers=panel is wide))
         _draw_panel(panel, measured[line & good])
     for panel in (wide, *small[::2]):
         panel.set_ylabel("relative error")
@@ -77,44 +72,40 @@ def accuracy_picture(measured: pd.DataFrame) -> Figure:
         panel.tick_params(labelbottom=False)
     for panel in (wide, *small[-2:]):
         panel.set_xlabel("seconds per forcing period")
-    handles, columns = _handles(measured)
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
+    columns = list(zip(*zip_longest(*_legend(measured), fillvalue=_entry(" ")), strict=True))
+    figure.legend(
+        handles=[entry for column in columns for entry in column],
+        loc="outside lower center",
+        ncols=len(columns),
+        frameon=False,
+    )
     return figure
-
-
-def _seconds(measured: pd.DataFrame, peers: bool) -> tuple[float, float]:
-    """Return the range of the abscissa, with or without the peers, which may be far slower."""
-    ours = measured if peers else measured[measured["steps_per_period"].notna()]
-    return 0.7 * ours["seconds_per_period"].min(), 3.0 * ours["seconds_per_period"].max()
 
 
 def _draw_panel(panel: Axes, lines: pd.DataFrame) -> None:
     """Draw the errors that have a right digit and a place on a logarithmic chart."""
-    panel.set(xscale="log", yscale="log")
+    panel.set_yscale("log")
     panel.grid(color="#DDDDDD", linewidth=0.4)
-    slowest = panel.get_xlim()[1]
-    here = lines[lines["seconds_per_period"] < slowest]
+    here = lines[lines["seconds_per_period"] < panel.get_xlim()[1]]
     if not here.empty:
         panel.set_ylim(0.3 * here["error"].min(), 3.0 * here["error"].max())
-    frontier = efficient_frontier(here)
-    panel.plot(*_coordinates(frontier), **_BAND, solid_joinstyle="round", zorder=1.0)
+    coordinates = ["seconds_per_period", "error"]
+    frontier = efficient_frontier(here)[coordinates].to_numpy()
+    panel.plot(*frontier.T, **_BAND, solid_joinstyle="round", zorder=1.0)
     for method, group in lines.groupby(METHOD, sort=False):
-        panel.plot(*_coordinates(group), **_look(Method(*method)))
+        panel.plot(*group[coordinates].to_numpy().T, **_look(*method))
     panel.yaxis.set_major_locator(LogLocator(numticks=6))
     panel.yaxis.set_minor_formatter(NullFormatter())
     _label_orders(panel, lines)
     _name_missing(panel, lines)
 
 
-def _coordinates(group: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
-    return group["seconds_per_period"], group["error"]
-
-
-def _look(method: Method) -> dict[str, Any]:
-    name, rule = method
+def _look(integrator: str, rule: str) -> dict[str, Any]:
+    look: dict[str, Any] = {"color": PEER_COLOURS.get(integrator), "marker": "*", "linestyle": "--"}
     if rule in RULES:
-        return {"color": RULES[rule], "marker": MARKER_OF_INTEGRATOR[name], **_SMALL_MARKS}
-    return {"color": PEER_COLOURS[name], "marker": "*", "linestyle": "--", **_SMALL_MARKS}
+        look = {"color": RULES[rule], "marker": MARKER_OF_INTEGRATOR[integrator]}
+    small = {"linewidth": 0.7, "markersize": 3.0, "markerfacecolor": "none", "markeredgewidth": 0.6}
+    return look | small
 
 
 def _label_orders(panel: Axes, lines: pd.DataFrame) -> None:
@@ -142,50 +133,39 @@ def _label_orders(panel: Axes, lines: pd.DataFrame) -> None:
 
 def _name_missing(panel: Axes, lines: pd.DataFrame) -> None:
     """Name the rules without an error to draw, and the peers beyond the right edge."""
-    for k, rule in enumerate(rule for rule in RULES if rule not in set(lines["impact"])):
-        _note(panel, 0.88 - 0.1 * k, f"{rule}: none", RULES[rule])
+    rules = [rule for rule in RULES if rule not in set(lines["impact"])]
+    notes = [(0.88 - 0.1 * k, f"{rule}: none", RULES[rule]) for k, rule in enumerate(rules)]
     slower = lines[lines["seconds_per_period"] > panel.get_xlim()[1]]
-    beyond = slower["integrator"].str.split().str[0].unique()
-    if len(beyond):
-        _note(panel, 0.4, f"{', '.join(beyond)} \N{RIGHTWARDS ARROW}", "#555555")
+    beyond = ", ".join(slower["integrator"].str.split().str[0].unique())
+    if beyond:
+        notes.append((0.4, f"{beyond} \N{RIGHTWARDS ARROW}", "#555555"))
+    look: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "fontsize": 7.5}
+    for height, words, colour in notes:
+        panel.text(0.97, height, words, color=colour, **look)
 
 
-def _note(panel: Axes, height: float, text: str, colour: str) -> None:
-    panel.text(
-        0.97, height, text, transform=panel.transAxes, ha="right", fontsize=7.5, color=colour
-    )
-
-
-def _handles(measured: pd.DataFrame) -> tuple[list[Line2D], int]:
-    """Return the entries of the legend, and the number of its columns, with one for any peers."""
-    rows = measured[METHOD].drop_duplicates().itertuples(index=False)
-    peers = [Method(*row) for row in rows if row.impact not in RULES]
+def _legend(measured: pd.DataFrame) -> list[list[Line2D]]:
+    """Return the columns of the legend, with one for any peers."""
     columns = [
         [
-            _entry_without_line("impact rule"),
+            _entry("impact rule"),
             *(Line2D([], [], color=colour, label=rule) for rule, colour in RULES.items()),
             Line2D([], [], **_BAND, label="efficient frontier"),
         ],
         [
-            _entry_without_line("integrator"),
-            *(
-                Line2D([], [], **_look(Method(name, "exact")) | {"linestyle": ""}, label=name)
-                for name in MARKER_OF_INTEGRATOR
-            ),
+            _entry("integrator"),
+            *(_entry(name, **_look(name, "exact")) for name in MARKER_OF_INTEGRATOR),
         ],
     ]
-    if peers:
-        looks = [Line2D([], [], **_look(peer), label=peer.integrator) for peer in peers]
-        columns.append([_entry_without_line("solver with events"), *looks])
-    length = max(map(len, columns))
-    filled = [
-        m
-        for column in columns
-        for m in (*column, *[_entry_without_line(" ")] * (length - len(column)))
+    methods = measured[METHOD].drop_duplicates().itertuples(index=False)
+    peers = [
+        Line2D([], [], **_look(*method), label=method.integrator)
+        for method in methods
+        if method.impact not in RULES
     ]
-    return filled, len(columns)
+    return [*columns, [_entry("solver with events"), *peers]] if peers else columns
 
 
-def _entry_without_line(words: str) -> Line2D:
+def _entry(words: str, **look: Any) -> Line2D:
     """Return an entry of the legend without a line."""
-    return Line2D([], [], linestyle="", label=words)
+    return Line2D([], [], **look | {"linestyle": ""}, label=words)
