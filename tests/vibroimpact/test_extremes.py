@@ -165,6 +165,18 @@ def test_time_stepping_turns_where_its_cubics_do(rule, integrator):
     assert (beyond > 20) == (rule == "plain")
 
 
+def test_a_step_across_the_stop_is_seen_although_the_bounds_of_its_cubic_are_before_it():
+    """A fast mass: only the end of the step, from which the rule puts it back, is beyond."""
+    points = random_points(1000, 1)
+    points["f"] *= 1000.0
+    method = {"impact": "plain", "integrator": "rk4", "steps_per_period": 60}
+    out = integrate(points, transient=0, periods=2, extremes=True, **method)
+    beyond = out["max_penetration"] > 0.0
+    greatest = (points["clearance"] + out["max_penetration"])[beyond]
+    assert beyond.sum() > 500
+    np.testing.assert_allclose(out["x_max"][beyond], greatest, rtol=1e-12, atol=1e-12)
+
+
 @METHODS
 @pytest.mark.parametrize("transient", [0, 60])
 def test_copied_periods_have_the_extremes_of_computed_ones(rule, integrator, transient):

@@ -254,7 +254,7 @@ def close_lane(workspace, job, i, exactly, plain, exponents):
     if job.record.reach.size > 0:
         reach, last = job.record.reach[row], job.record.sections[row, job.periods - 1, 0]
         least, most = lanes[LEAST + i], lanes[MOST + i]
-        if not exactly and most == math.inf:
+        if not exactly and (most == math.inf or sums.impacts > 0):  # at the stop, or beyond
             most = lanes[GREATEST + i]
         if least == -math.inf:  # not watched any more
             least, most = math.inf, -math.inf
