@@ -15,8 +15,8 @@ from __future__ import annotations
 import importlib.util
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -140,13 +140,6 @@ def least_steps(method: Method, points: np.ndarray) -> int:
     return default_steps(points, "exact") if method.impact == EXACT_METHOD.impact else 1
 
 
-def _around(oscillator: Oscillator, offsets: Iterable[float]) -> np.ndarray:
-    """Return points that start at rest, with omega (1 + offset)."""
-    return np.concatenate(
-        [replace(oscillator, omega=oscillator.omega * (1.0 + offset)).at() for offset in offsets]
-    )
-
-
 _OFFSETS = np.linspace(-0.005, 0.005, NEIGHBOURS)
 # The speed of an impact grows with the root of the distance from its graze; so most are small.
 _GRAZE_OFFSETS = np.geomspace(1e-8, 1e-3, NEIGHBOURS // 2)
@@ -154,35 +147,30 @@ _GRAZE_OFFSETS = np.geomspace(1e-8, 1e-3, NEIGHBOURS // 2)
 _GRAZE = 3.03833647460949767
 
 
-def _regular(name: str, h: float, R: float, omega: float, **options: Any) -> Scene:
-    return Scene(name, _around(Oscillator(h=h, R=R, omega=omega, f=1.0), _OFFSETS), **options)
+def _scene(
+    name: str, h: float, R: float, omega: float, offsets: np.ndarray = _OFFSETS, **options: Any
+) -> Scene:
+    """Return a scene whose points start at rest, with omega (1 + offset)."""
+    points = Oscillator(h=h, R=R, omega=omega, f=1.0).at().repeat(offsets.size)
+    points["omega"] *= 1.0 + offsets
+    return Scene(name, points, **options)
 
 
 #: Motions without rests and grazes, on which methods show their orders.
 REGULAR = (
-    _regular("conservative impacts", 0.5, 1.0, 1.0, periods=20, phase=math.pi, impacts=2),
-    _regular("conservative motion", 0.0, 0.5, 1.0, periods=20, phase=math.pi, impacts=2),
-    _regular("fully dissipative", 0.5, 0.5, 1.0, periods=20, phase=math.pi, impacts=4),
-    _regular("one impact", 0.05, 0.7, 2.3, periods=40, impacts=1),
-    _regular("high frequency", 0.1, 0.8, 10.0, periods=60, phase=math.pi, impacts=1, recorded=5),
+    _scene("conservative impacts", 0.5, 1.0, 1.0, periods=20, phase=math.pi, impacts=2),
+    _scene("conservative motion", 0.0, 0.5, 1.0, periods=20, phase=math.pi, impacts=2),
+    _scene("fully dissipative", 0.5, 0.5, 1.0, periods=20, phase=math.pi, impacts=4),
+    _scene("one impact", 0.05, 0.7, 2.3, periods=40, impacts=1),
+    _scene("high frequency", 0.1, 0.8, 10.0, periods=60, phase=math.pi, impacts=1, recorded=5),
 )
-CHATTER_SCENE = Scene(
-    "chatter and rest",
-    _around(Oscillator(h=0.05, R=0.6, omega=0.4, f=1.0), _OFFSETS),
-    periods=5,
-    phase=4.4,  # after three impacts of a chatter that is complete at 4.78
-    impacts=3,
-)
-GRAZING = Scene(
-    "near grazing",
-    _around(
-        Oscillator(h=0.1, R=0.8, omega=_GRAZE, f=1.0),
-        np.concatenate([-_GRAZE_OFFSETS[::-1], _GRAZE_OFFSETS]),
-    ),
-    periods=1,
-    phase=5.67,  # between the second impact, at 5.2 at the latest, and the third
-    impacts=2,
-)
+# The section is after three impacts of a chatter that is complete at 4.78.
+CHATTER_SCENE = _scene("chatter and rest", 0.05, 0.6, 0.4, periods=5, phase=4.4, impacts=3)
+# The section is between the second impact, at 5.2 at the latest, and the third.
+GRAZING = _scene(
+    "near grazing", 0.1, 0.8, _GRAZE, np.concatenate([-_GRAZE_OFFSETS[::-1], _GRAZE_OFFSETS]),
+    periods=1, phase=5.67, impacts=2,
+)  # fmt: skip
 SCENES = (*REGULAR, CHATTER_SCENE, GRAZING)
 
 

@@ -63,18 +63,6 @@ WORKS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 _ROUNDS = 10
 
 
-class Speed(NamedTuple):
-    """The measurement of one work; per second of one thread where nothing else is said."""
-
-    steps: int  # steps per forcing period
-    periods: dict[int, float]  # forcing periods answered per second, by number of threads
-    computed: float  # forcing periods computed; the others were copied
-    impacts: float
-    share: float  # share of the peak that the multiply-adds of the computed steps reach
-    alone: float  # share of the computed steps that left the vector; NaN unless impacts are exact
-    spread: float = math.nan  # of the time on one thread: how far the median is above the best
-
-
 def points_over(scene: OmegaRange, count: int) -> np.ndarray:
     """Return the points of a scene; the cheapest scenes have `count`."""
     points = Oscillator(scene.h, scene.R, 1.0, 1.0).at().repeat(max(1, count // scene.fewer))
@@ -93,22 +81,20 @@ def effort_of(
 
 def measure_speed(
     count: int = 4096, periods: int = 300, report: Callable[[float], object] = lambda share: None
-) -> tuple[float, dict[str, Speed]]:
-    """Time every work on one thread and on all threads; return the peak, and the speeds by work.
+) -> dict[str, Any]:
+    """Time every work on one thread and on all threads; return a `speed_record`.
 
-    The last third of the forcing `periods` is recorded. The peak is in fused multiply-adds per
-    second on one thread. `report` is given the share that is done.
+    The last third of the forcing `periods` is recorded. `report` is given the share that is done.
     """
     threads = sorted({1, ALL_THREADS})
     scenes = {name: points_over(RANGES[scene], count) for name, (scene, _) in WORKS.items()}
     record: dict[str, Any] = {"transient": periods - periods // 3, "periods": periods // 3}
-    sums = np.ones(_SUMS)
     runs: dict[tuple[str, int], Callable[[], object]] = {
         (name, n): partial(integrate, scenes[name], **WORKS[name][1], **record, threads=n)
         for name in WORKS
         for n in threads
     }
-    runs["peak", 1] = lambda: _multiply_adds(sums, _TIMES)
+    runs["peak", 1] = partial(_multiply_adds, np.ones(_SUMS), _TIMES)
     times: dict[tuple[str, int], list[float]] = {key: [] for key in runs}
     turns = list(runs) * (_ROUNDS + 1)  # the first round also compiles, if necessary
     for turn, key in enumerate(turns, 1):
@@ -122,55 +108,62 @@ def measure_speed(
     speeds = {}
     for name, points in scenes.items():
         work = WORKS[name][1]
-        rates = {n: float(points.size * periods / best[name, n]) for n in threads}
         done, steps = effort_of(points, work, **record)
-        computed, impacts = done.periods / best[name, 1], done.impacts / best[name, 1]
-        alone = math.nan if "impact" in work else done.alone / (done.periods * steps)
-        share = computed * steps * PER_STEP / peak
-        spread = statistics.median(times[name, 1]) / best[name, 1] - 1.0
-        speeds[name] = Speed(steps, rates, computed, impacts, share, alone, spread)
-    return peak, speeds
+        speeds[name] = {
+            "steps": steps,
+            "periods": {n: float(points.size * periods / best[name, n]) for n in threads},
+            "computed": done.periods / best[name, 1],
+            "impacts": done.impacts / best[name, 1],
+            "share": done.periods / best[name, 1] * steps * PER_STEP / peak,
+            "alone": math.nan if "impact" in work else done.alone / (done.periods * steps),
+            "spread": statistics.median(times[name, 1]) / best[name, 1] - 1.0,
+        }
+    return speed_record(peak, speeds)
 
 
-def mean_share(speeds: Mapping[str, Speed]) -> float:
-    """Return the geometric mean of the shares of the peak, the one figure of a machine."""
-    return statistics.geometric_mean([speed.share for speed in speeds.values()])
+def speed_record(peak: float, speeds: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the measurements of the works with their means, by the names of their keys in JSON.
 
-
-def speed_record(peak: float, speeds: Mapping[str, Speed]) -> dict[str, Any]:
-    """Return the results of `measure_speed` by the names of their keys in JSON."""
+    ``peak`` is in fused multiply-adds per second on one thread. Each work has ``steps`` per forcing
+    period; ``periods`` answered per second, by number of threads; per second of one thread, periods
+    ``computed``, where the others were copied, and ``impacts``; ``share``, that of the peak which
+    the multiply-adds of the computed steps reach; ``alone``, the share of the computed steps that
+    left the vector, NaN unless impacts are exact; and ``spread``, how far the median of the times
+    on one thread is above the best. ``mean_share`` is a geometric mean.
+    """
     return {
-        "mean_share": mean_share(speeds),
-        "spread": statistics.median([speed.spread for speed in speeds.values()]),
+        "mean_share": statistics.geometric_mean([speed["share"] for speed in speeds.values()]),
+        "spread": statistics.median([speed["spread"] for speed in speeds.values()]),
         "peak": peak,
         "numba_version": numba.__version__,
         "numba_way": str(WAY),
-        "works": {name: speed._asdict() for name, speed in speeds.items()},
+        "works": speeds,
     }
 
 
-def speed_text(peak: float, speeds: Mapping[str, Speed]) -> str:
-    """Return the results of `measure_speed` as a table."""
-    threads = list(next(iter(speeds.values())).periods)
+def speed_text(record: Mapping[str, Any]) -> str:
+    """Return a `speed_record` as a table."""
+    speeds, peak = record["works"], f"{record['peak'] / 1e9:.3g}e9"
+    threads = list(next(iter(speeds.values()))["periods"])
     speed_up = ["speed-up"] if len(threads) > 1 else []
     names = ["one thread" if n == 1 else f"{n} threads" for n in threads]
     rows = [["impact rule", "steps", *names, *speed_up, "computed", "impacts", "alone", "of peak"]]
     for name, speed in speeds.items():
-        rates = [speed.periods[n] for n in threads]
+        rates = list(speed["periods"].values())
         ratio = [f"{rates[-1] / rates[0]:.2f}" for _ in speed_up]
-        cells = [f"{rate / 1e6:.3g}" for rate in rates]
-        work = [f"{rate / 1e6:.3g}" for rate in (speed.computed, speed.impacts)]
-        alone = "" if math.isnan(speed.alone) else f"{speed.alone:.2%}"
-        rows.append([name, f"{speed.steps}", *cells, *ratio, *work, alone, f"{speed.share:.1%}"])
+        millions = [f"{rate / 1e6:.3g}" for rate in (*rates, speed["computed"], speed["impacts"])]
+        millions[len(rates) : len(rates)] = ratio
+        alone = "" if math.isnan(speed["alone"]) else f"{speed['alone']:.2%}"
+        rows.append([name, f"{speed['steps']}", *millions, alone, f"{speed['share']:.1%}"])
     return (
         "Million forcing periods per second. Once a motion has come back to the same bits, its\n"
         "periods are copied; on one thread, this many are computed, with so many million impacts\n"
         "per second. Share of the steps that left the vector, because of a rest for example.\n"
-        f"Steps per period; share of one thread's peak, {peak / 1e9:.3g}e9 multiply-adds per\n"
+        f"Steps per period; share of one thread's peak, {peak} multiply-adds per\n"
         f"second, of which a step takes {PER_STEP}. All methods run in the scene 'chaos'.\n"
         f"numba {numba.__version__} is used {WAY}\n\n"
         f"{table(rows, words=1)}\n\n"
-        f"geometric mean of the shares: {mean_share(speeds):.3%}\n"
+        f"geometric mean of the shares: {record['mean_share']:.3%}\n"
     )
 
 

@@ -144,13 +144,13 @@ def speed(quick: Quick = False, json: JsonFile = None, fail_below: FailBelow = N
 
     count, periods = (1024, 150) if quick else (4096, 300)
     with progress_shown("measuring") as report:
-        measured = speed.measure_speed(count, periods, report)
-    say(speed.speed_text(*measured))
+        record = speed.measure_speed(count, periods, report)
+    say(speed.speed_text(record))
     if json is not None:
         with writing(json, "JSON file") as new:
-            new.write(json_text(speed.speed_record(*measured)).encode())
+            new.write(json_text(record).encode())
         say(json)
-    share = speed.mean_share(measured[1])
+    share = record["mean_share"]
     if fail_below is not None and share < fail_below:
         raise Failed(
             f"the geometric mean of the shares of the peak is {share:.4g}, below {fail_below:g}"

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -54,10 +55,17 @@ def test_a_wrong_request_is_refused_before_anything_is_measured(monkeypatch, arg
 
 # Speed
 
-SPEEDS = {
-    "plain": speed.Speed(100, {1: 30e6, 2: 57e6}, 28e6, 31e6, 0.4, math.nan),
-    "exact, chatter": speed.Speed(116, {1: 0.3e6, 2: 0.6e6}, 0.2e6, 4e6, 0.0048, 0.07),
-}
+_KEYS = ("steps", "periods", "computed", "impacts", "share", "alone", "spread")
+RECORD = speed.speed_record(
+    58e9,
+    {
+        name: dict(zip(_KEYS, values, strict=True))
+        for name, *values in (
+            ("plain", 100, {1: 30e6, 2: 57e6}, 28e6, 31e6, 0.4, math.nan, 0.0),
+            ("exact, chatter", 116, {1: 0.3e6, 2: 0.6e6}, 0.2e6, 4e6, 0.0048, 0.07, 0.0),
+        )
+    },
+)
 
 
 @pytest.fixture
@@ -69,11 +77,11 @@ def small(monkeypatch):
 
 def test_the_share_follows_from_rate_steps_and_peak(small):
     """In chaos most periods are computed, with 1.6 impacts each; few steps are followed alone."""
-    peak, speeds = speed.measure_speed(count=30, periods=150)
-    (exact,) = speeds.values()
+    record = speed.measure_speed(count=30, periods=150)
+    exact = SimpleNamespace(**record["works"]["exact"])
     assert exact.steps == 7
     assert 0.9 * exact.periods[1] < exact.computed <= exact.periods[1]
-    assert exact.share == pytest.approx(exact.computed * 7 * 8 / peak)
+    assert exact.share == pytest.approx(exact.computed * 7 * 8 / record["peak"])
     assert 0.0 < exact.share < 1.0
     assert exact.impacts == pytest.approx(1.6 * exact.computed, rel=0.15)
     assert 0.0 < exact.alone < 0.01
@@ -96,32 +104,21 @@ def test_the_peak_loop_adds_and_multiplies():
     np.testing.assert_allclose(sums, 1.0 - 0.999 ** (100 * speed._CHAIN), rtol=1e-12)
 
 
-def test_the_command_shows_the_speeds(monkeypatch):
-    monkeypatch.setattr(
-        "sweeps.bench.speed.measure_speed", lambda count, periods, report: (58e9, SPEEDS)
-    )
-    done = call("bench", "speed", "--quick")
-    assert done.exit_code == 0, done.stderr
+def test_the_command_shows_the_speeds_and_writes_them_as_json_and_is_a_gate(monkeypatch):
+    """The geometric mean of the shares 0.4 and 0.0048 is 0.0438."""
+    monkeypatch.setattr(speed, "measure_speed", lambda count, periods, report: RECORD)
+    mean = math.sqrt(0.4 * 0.0048)
+    done = call("bench", "speed", "--json", "speed.json", "--fail-below", 0.99 * mean)
+    assert done.exit_code == 0 and done.stdout.endswith("speed.json\n"), done.stderr
     assert "58e9 multiply-adds" in done.stdout
+    assert "geometric mean of the shares: 4.382%" in done.stdout
     (row,) = [line.split() for line in done.stdout.splitlines() if "plain" in line]
     assert row == ["plain", "100", "30", "57", "1.90", "28", "31", "40.0%"]
     (row,) = [line.split() for line in done.stdout.splitlines() if "exact, chatter" in line]
     assert row[2:] == ["116", "0.3", "0.6", "2.00", "0.2", "4", "7.00%", "0.5%"]
-
-
-def test_the_speeds_as_json_and_as_a_gate(monkeypatch):
-    """The geometric mean of the shares 0.4 and 0.0048 is 0.0438."""
-    monkeypatch.setattr(
-        "sweeps.bench.speed.measure_speed", lambda count, periods, report: (58e9, SPEEDS)
-    )
-    mean = math.sqrt(0.4 * 0.0048)
-    assert mean == pytest.approx(0.0438, rel=1e-3)
-    done = call("bench", "speed", "--json", "speed.json", "--fail-below", 0.99 * mean)
-    assert done.exit_code == 0 and done.stdout.endswith("speed.json\n")
-    assert "geometric mean of the shares: 4.382%" in done.stdout
     found = json.loads(Path("speed.json").read_text())
     assert found["mean_share"] == pytest.approx(mean, rel=1e-12)
-    assert found["peak"] == 58e9 and list(found["works"]) == list(SPEEDS)
+    assert found["peak"] == 58e9 and list(found["works"]) == list(RECORD["works"])
     assert found["works"]["plain"]["periods"] == {"1": 30e6, "2": 57e6}
     assert found["works"]["plain"]["alone"] is None
     below = call("bench", "speed", "--json", "speed.json", "--fail-below", 1.01 * mean)
@@ -130,7 +127,9 @@ def test_the_speeds_as_json_and_as_a_gate(monkeypatch):
 
 
 def test_one_core_has_no_speed_up():
-    text = speed.speed_text(58e9, {"plain": SPEEDS["plain"]._replace(periods={1: 30e6})})
+    text = speed.speed_text(
+        RECORD | {"works": {"plain": RECORD["works"]["plain"] | {"periods": {1: 30e6}}}}
+    )
     (header,) = [line for line in text.splitlines() if line.startswith("impact rule")]
     shown = ["impact rule", "steps", "one thread", "computed", "impacts", "alone", "of peak"]
     assert header.split("  ") == shown
