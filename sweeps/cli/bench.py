@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from sweeps.cli.options import (
-    Csv,
-    number_option,
+    CSV,
+    argument,
+    flag,
+    new_file,
+    numeric,
+    option,
     progress_shown,
     read_threads,
     say,
-    written_file,
 )
 from sweeps.cli.run import read_config
 from sweeps.errors import Failed
 from sweeps.text import shown_count
 from vibroimpact.inputs import number
+
+_QUICK = flag("--quick", "Measure less, in under a minute.")
 
 
 def _picture(path: Path) -> Path:
@@ -30,13 +33,11 @@ def _picture(path: Path) -> Path:
     return path
 
 
-Figure = Annotated[
-    Path,
-    typer.Option(
-        "-o", "--output", metavar="FIGURE", callback=_picture, help="The picture to write."
-    ),
-]
-Quick = Annotated[bool, typer.Option("--quick", help="Measure less, in under a minute.")]
+def _figure(name: str) -> Any:
+    """Return the option of the picture, with its name by default."""
+    return option(
+        "FIGURE", "The picture to write.", "-o", "--output", default=Path(name), callback=_picture
+    )
 
 
 def _save(csv: Path | None, rows: Any, output: Path, draw: Callable, *measured: Any) -> None:
@@ -52,23 +53,18 @@ def _save(csv: Path | None, rows: Any, output: Path, draw: Callable, *measured: 
 
 
 def accuracy_speed(
-    config: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[CONFIG]",
-            help="The YAML file of a sweep, or a sweep file, on which to compare the methods; if "
-            "not given, the scenes of the program, also with other solvers.",
-        ),
-    ] = None,
-    output: Figure = Path("accuracy-speed.png"),
-    csv: Csv = None,
-    quick: Quick = False,
-    threads: Annotated[
-        int,
-        typer.Option(
-            metavar="N", parser=read_threads, help="Threads of the kernel; other solvers use one."
-        ),
-    ] = 1,
+    config: Path | None = argument(
+        "[CONFIG]",
+        "The YAML file of a sweep, or a sweep file, on which to compare the methods; if not given, "
+        "the scenes of the program, also with other solvers.",
+        None,
+    ),
+    output: Path = _figure("accuracy-speed.png"),
+    csv: Path | None = CSV,
+    quick: bool = _QUICK,
+    threads: int = option(
+        "N", "Threads of the kernel; other solvers use one.", parser=read_threads, default=1
+    ),
 ) -> None:
     """Chart the accuracy of every method against its speed."""
     import pandas as pd
@@ -96,7 +92,7 @@ def accuracy_speed(
 
 
 def stability(
-    output: Figure = Path("stability.png"), csv: Csv = None, quick: Quick = False
+    output: Path = _figure("stability.png"), csv: Path | None = CSV, quick: bool = _QUICK
 ) -> None:
     """Show how long a step may be, and where each method fails."""
     from sweeps.bench import failures as bench
@@ -107,7 +103,7 @@ def stability(
     _save(csv, bench.figure_table(limits, figures), output, bench.stability_chart, quick)
 
 
-def paper(output: Figure = Path("paper.png")) -> None:
+def paper(output: Path = _figure("paper.png")) -> None:
     """Compute the three cases of the paper, without and with its procedure."""
     from sweeps.bench import paper_cases as bench
 
@@ -116,27 +112,16 @@ def paper(output: Figure = Path("paper.png")) -> None:
     _save(None, None, output, bench.paper_picture, measured)
 
 
-JsonFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--json",
-        metavar="FILE",
-        callback=written_file("--json", ".json", "JSON file"),
-        help="Write a .json file, too.",
+def speed(
+    quick: bool = _QUICK,
+    json: Path | None = new_file("--json", ".json", "JSON file", "Write a .json file, too."),
+    fail_below: float | None = numeric(
+        "--fail-below",
+        number(lambda given: 0.0 < given <= 1.0, "a number above 0, at most 1, as 0.05"),
+        "Exit with 1 if the geometric mean of the shares of the peak is below SHARE.",
+        "SHARE",
     ),
-]
-_SHARE = number(lambda given: 0.0 < given <= 1.0, "a number above 0, at most 1, as 0.05")
-FailBelow = Annotated[
-    float | None,
-    typer.Option(
-        metavar="SHARE",
-        parser=number_option("--fail-below", _SHARE),
-        help="Exit with 1 if the geometric mean of the shares of the peak is below SHARE.",
-    ),
-]
-
-
-def speed(quick: Quick = False, json: JsonFile = None, fail_below: FailBelow = None) -> None:
+) -> None:
     """Show the forcing periods per second of this machine, and the share of its peak."""
     from sweeps.bench import speed
     from sweeps.opened.tables import json_text

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from sweeps.cli.options import number_option, say
+from sweeps.cli.options import argument, flag, numeric, say
 from sweeps.cli.run import read_config
 from sweeps.interrupts import signal_came
 from vibroimpact.inputs import integer
@@ -20,28 +18,14 @@ if TYPE_CHECKING:
 _BETWEEN_CHECKS = 0.05
 
 
-Port = Annotated[
-    int,
-    typer.Option(
-        metavar="N",
-        parser=number_option("--port", integer(0, 65535)),
-        help="Port on this machine; a free one if not given.",
-    ),
-]
-
-
 def explore_command(
-    source: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[CONFIG|OUT.h5]",
-            help="A configuration or a sweep file; the quickstart if not given.",
-        ),
-    ] = None,
-    port: Port = 0,
-    no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Show the address without opening a browser.")
-    ] = False,
+    source: Path | None = argument(
+        "[CONFIG|OUT.h5]", "A configuration or a sweep file; the quickstart if not given.", None
+    ),
+    port: int = numeric(
+        "--port", integer(0, 65535), "Port on this machine; a free one if not given.", default=0
+    ),
+    no_browser: bool = flag("--no-browser", "Show the address without opening a browser."),
 ) -> None:
     """Look at a diagram in the browser: every zoom, pan or slider computes it anew."""
     import logging

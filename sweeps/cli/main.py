@@ -10,7 +10,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -21,7 +21,7 @@ from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
-from sweeps.cli.options import completion, say
+from sweeps.cli.options import argument, say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import near_miss, shortened, suggestion
@@ -123,12 +123,9 @@ def _check_numba() -> None:
 @app.callback()
 def _common(
     context: typer.Context,
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
-        ),
-    ] = False,
+    version: bool = typer.Option(
+        False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
+    ),
 ) -> None:
     """Sweeps of a forced oscillator with impacts: YAML in, HDF5 and pictures out."""
     from sweeps.store.replacing import absolute
@@ -145,17 +142,9 @@ def _scenes() -> Iterable[str]:
     return scenes()
 
 
-SceneName = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE",
-        autocompletion=completion(_scenes),
-        help="The name of a scene.",
-    ),
-]
-
-
-def init_command(scene: SceneName = "quickstart") -> None:
+def init_command(
+    scene: str = argument("SCENE", "The name of a scene.", "quickstart", _scenes),
+) -> None:
     """Write a scene to this folder: its configuration with comments, and its table, if any."""
     from sweeps.config import scenes
     from sweeps.store.replacing import check_target, writing

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -26,26 +26,65 @@ if TYPE_CHECKING:
 
     from sweeps.opened.opened_sweep import OpenedSweep, Selection
 
+#: Gives the names that a shell completes.
+Completions = Callable[[], Iterable[str]]
 
-def number_option(option: str, allowed: Allowed) -> Callable[[object], Any]:
+
+def argument(metavar: str, help: str, default: Any = ..., names: Completions | None = None) -> Any:
+    """Return an argument of a command; a shell completes the names."""
+    return typer.Argument(default, metavar=metavar, help=help, autocompletion=_completion(names))
+
+
+def option(
+    metavar: str, help: str, *called: str, names: Completions | None = None, **settings: Any
+) -> Any:
+    """Return an option of a command, called as its parameter or so; a shell completes the names."""
+    settings = {"default": None, "autocompletion": _completion(names)} | settings
+    return typer.Option(settings.pop("default"), *called, metavar=metavar, help=help, **settings)
+
+
+def flag(called: str, help: str) -> Any:
+    """Return an option without a value."""
+    return typer.Option(False, called, help=help)
+
+
+def numeric(
+    called: str, allowed: Allowed, help: str, metavar: str = "N", default: float | None = None
+) -> Any:
+    """Return an option for a number, which refuses all but allowed ones."""
+    return option(metavar, help, called, parser=number_option(called, allowed), default=default)
+
+
+def number_option(called: str, allowed: Allowed) -> Callable[[object], Any]:
     """Return a function that reads the number of an option, and refuses all but allowed ones."""
 
     def read(value: object) -> int | float | None:
         number = number_meant(str(value))
         if not allowed.fits(number):
-            raise Refused(refusal(f"{option} {value}", allowed.expected))
+            raise Refused(refusal(f"{called} {value}", allowed.expected))
         return number
 
     return read
 
 
-def completion(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+def new_file(called: str, ending: str, what: str, help: str, *others: str, **settings: Any) -> Any:
+    """Return an option for a file to write, which refuses a path where it cannot be written."""
+
+    def check(path: Path | None) -> Path | None:
+        if path is not None:
+            from sweeps.store.replacing import check_target
+
+            if path.suffix != ending:
+                raise Refused(refusal(f"{called} {path}", f"a {ending} file"))
+            check_target(path, what)
+        return path
+
+    return option("FILE", help, called, *others, callback=check, **settings)
+
+
+def _completion(names: Completions | None) -> Callable[[str], list[str]] | None:
     """Return a function with which a shell completes the beginning of a name."""
-
-    def complete(incomplete: str) -> list[str]:
-        return [name for name in names() if name.startswith(incomplete)]
-
-    return complete
+    return names and (lambda incomplete: [n for n in names() if n.startswith(incomplete)])
 
 
 def read_threads(value: object) -> int:
@@ -57,67 +96,19 @@ def read_threads(value: object) -> int:
     return threads
 
 
-def written_file(option: str, ending: str, what: str) -> Callable[[Path | None], Path | None]:
-    """Return a function that refuses a path unless a file with this ending can be written there."""
-
-    def check(path: Path | None) -> Path | None:
-        if path is not None:
-            from sweeps.store.replacing import check_target
-
-            if path.suffix != ending:
-                raise Refused(refusal(f"{option} {path}", f"a {ending} file"))
-            check_target(path, what)
-        return path
-
-    return check
-
-
-Threads = Annotated[
-    int | None,
-    typer.Option(metavar="N", parser=read_threads, help="Threads to use; all cores if not given."),
-]
-Resume = Annotated[
-    bool, typer.Option("--resume", help="Compute only the missing points of the output.")
-]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output.")]
-SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a sweep.")]
-
-Classes = Annotated[
-    str | None,
-    typer.Option(
-        metavar="M/Q,...", help="Only exact branches or curves of these classes, e.g. 1/1,3/3."
-    ),
-]
-MostBranches = Annotated[
-    int | None,
-    typer.Option(
-        "--most",
-        metavar="N",
-        parser=number_option("--most", integer(1)),
-        help="Follow at most N exact branches.",
-    ),
-]
-At = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME=VALUE",
-        help="Value at which a swept parameter is cut, or direction=up or down for a sweep that "
-        "was followed both ways; repeatable.",
-    ),
-]
-Csv = Annotated[
-    Path | None,
-    typer.Option(
-        "--csv",
-        metavar="FILE",
-        callback=written_file("--csv", ".csv", "table"),
-        help="Write the table to a .csv file, too.",
-    ),
-]
-
-Json = Annotated[
-    bool, typer.Option("--json", help="Write JSON, for other programs, instead of text.")
-]
+THREADS = option("N", "Threads to use; all cores if not given.", parser=read_threads)
+RESUME = flag("--resume", "Compute only the missing points of the output.")
+OVERWRITE = flag("--overwrite", "Replace the output.")
+SWEEP_FILE = argument("OUT.h5", "The file of a sweep.")
+OF_CLASSES = option("M/Q,...", "Only exact branches or curves of these classes, e.g. 1/1,3/3.")
+MOST_FOLLOWED = numeric("--most", integer(1), "Follow at most N exact branches.")
+CUT_AT = option(
+    "NAME=VALUE",
+    "Value at which a swept parameter is cut, or direction=up or down for a sweep that was "
+    "followed both ways; repeatable.",
+)
+CSV = new_file("--csv", ".csv", "table", "Write the table to a .csv file, too.")
+JSON = flag("--json", "Write JSON, for other programs, instead of text.")
 
 #: The limits of an axis, in words.
 LIMITS = "LOW:HIGH, two numbers of which the first is smaller"

@@ -10,21 +10,21 @@ import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sweeps.cli.options import (
-    Classes,
-    Csv,
-    MostBranches,
+    CSV,
+    MOST_FOLLOWED,
+    OF_CLASSES,
+    argument,
     branch_options,
-    completion,
+    flag,
     inches,
     limits_option,
     named,
-    number_option,
+    numeric,
     opened_in_si,
+    option,
     progress_shown,
     say,
     say_moved,
@@ -41,31 +41,11 @@ if TYPE_CHECKING:
 
     from sweeps.opened.opened_sweep import OpenedSweep, Selection
 
-Files = Annotated[list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")]
-FigureFile = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FIGURE",
-        help="The picture to write, for a single OUT.h5. If not given, OUT.png, or a name with the "
-        "kind, quantity and place that are asked for, as OUT-map-energy_lost-R-0.8.png; a motion "
-        "also as .gif or .mp4.",
-    ),
-]
 #: The names of `sweeps.plotting.KINDS`, without the import of matplotlib.
 KIND_NAMES = (
     *("bifurcation", "attractors", "basins", "integrity", "map", "section"),
     *("impacts", "trajectory", "table"),
 )
-PictureKind = Annotated[
-    str | None,
-    typer.Option(
-        metavar="KIND",
-        autocompletion=completion(lambda: KIND_NAMES),
-        help=f"{', '.join(KIND_NAMES[:-1])} or {KIND_NAMES[-1]}.",
-    ),
-]
 
 
 def _numbers() -> list[str]:
@@ -76,193 +56,111 @@ def _numbers() -> list[str]:
     return [*held, "mean_force", "peak_to_peak"]
 
 
-AxisNames = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME",
-        help="The swept parameter as abscissa; for a map, then the ordinate; for a table, a column "
-        "or a result; repeatable.",
-    ),
-]
-PictureAt = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME=VALUE[,...]",
-        help="Value at which a swept parameter is cut, or direction=up or down for a sweep that "
-        "was followed both ways; for a section, impacts, trajectory or basins also several "
-        "values, as omega=2.7,2.8; repeatable.",
-    ),
-]
-Coordinate = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="poincare_x, poincare_v, poincare_height, impact_v or impact_phase, or peak_to_peak, "
-        "x_min or x_max, as ordinate.",
-    ),
-]
-QuantityOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        autocompletion=completion(_numbers),
-        help="What a map shows, or the ordinate for a table: a number per point, e.g. period, "
-        "lyapunov, energy_lost, mean_force, peak_to_peak, or another that the file has.",
-    ),
-]
-Color = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        autocompletion=completion(_numbers),
-        help="What colours the points of a diagram or a table, or the sections, impacts or motions "
-        "of several points: a number per point, e.g. period or lyapunov, or direction for a sweep "
-        "that was followed both ways.",
-    ),
-]
-Exact = Annotated[
-    bool,
-    typer.Option(
-        "--exact",
-        help="Draw the exact branches of periodic motions, stable and unstable, with their "
-        "bifurcations; on a map, draw bifurcation curves. --csv writes what is drawn.",
-    ),
-]
-Kinds = Annotated[
-    str | None,
-    typer.Option(metavar="KIND,...", help="Only curves of these kinds, of flip, fold and graze."),
-]
-Below = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME",
-        autocompletion=completion(_numbers),
-        help="A number per point, e.g. lyapunov, in a panel below a bifurcation diagram; "
-        "repeatable.",
-    ),
-]
-PanelNames = Annotated[
-    str | None,
-    typer.Option(
-        "--panels",
-        metavar="NAME,...",
-        help="Only these panels, in this order: of an integrity picture fraction, "
-        "integrity_factor, local_integrity, basins; of a table its columns.",
-    ),
-]
-OverlayFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--overlay",
-        metavar="FILE",
-        help="Draw the points of a .csv file over a diagram, a map or the picture of a table: "
-        "columns with the names of its axes and quantities, in its units unless a name has its "
-        "own, as 'poincare_x [mm]', and label for the legend.",
-    ),
-]
-Periods = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N",
-        parser=number_option("--periods", integer(1)),
-        help="For a trajectory, compute N periods from the last stored state.",
-    ),
-]
-FramesPerSecond = Annotated[
-    int | None,
-    typer.Option(
-        "--fps",
-        metavar="N",
-        parser=number_option("--fps", integer(1, 50)),
-        help="Frames per second of a .gif or .mp4, 25 if not given.",
-    ),
-]
-Width = Annotated[
-    str | None,
-    typer.Option(metavar="LENGTH", help="Width of the picture, e.g. 3.4in, 8.6cm or 86mm."),
-]
-Height = Annotated[
-    str | None, typer.Option(metavar="LENGTH", help="Height of the picture, likewise.")
-]
-Resolution = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N",
-        parser=number_option("--dpi", integer(10)),
-        help="Pixels per inch, 300 if not given.",
-    ),
-]
-Title = Annotated[
-    str | None, typer.Option(metavar="TEXT", help="Title instead of the sweep's; may be empty.")
-]
-AbscissaLimits = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LOW:HIGH",
-        help="Limits of the abscissa, in the unit that it shows or in one that is given, as 2:3mm.",
-    ),
-]
-OrdinateLimits = Annotated[
-    str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate, likewise.")
-]
-AbscissaLabel = Annotated[
-    str | None,
-    typer.Option(
-        metavar="TEXT",
-        help="Label of the abscissa; a unit in it, as 'gap [mm]', is that of the ticks.",
-    ),
-]
-OrdinateLabel = Annotated[
-    str | None, typer.Option(metavar="TEXT", help="Label of the ordinate, likewise.")
-]
-Grey = Annotated[
-    bool, typer.Option("--grey", help="Draw for print in greys, hatches, markers and dashes.")
-]
-NoLegend = Annotated[bool, typer.Option("--no-legend", help="Leave out the legend.")]
-NoMarks = Annotated[
-    bool,
-    typer.Option(
-        "--no-marks",
-        help="On a map or a diagram, do not mark motions on their way to m/q, bifurcations and "
-        "other special points, and jumps.",
-    ),
-]
-
+# Options that ``zoom`` has, too.
+COORDINATE = option(
+    "NAME",
+    "poincare_x, poincare_v, poincare_height, impact_v or impact_phase, or peak_to_peak, x_min or "
+    "x_max, as ordinate.",
+)
+DRAW_EXACT = flag(
+    "--exact",
+    "Draw the exact branches of periodic motions, stable and unstable, with their bifurcations; on "
+    "a map, draw bifurcation curves. --csv writes what is drawn.",
+)
+PAGE_WIDTH = option("LENGTH", "Width of the picture, e.g. 3.4in, 8.6cm or 86mm.")
+PAGE_TITLE = option("TEXT", "Title instead of the sweep's; may be empty.")
+IN_GREY = flag("--grey", "Draw for print in greys, hatches, markers and dashes.")
+NO_MARKS = flag(
+    "--no-marks",
+    "On a map or a diagram, do not mark motions on their way to m/q, bifurcations and other "
+    "special points, and jumps.",
+)
 
 #: The kinds of pictures that show several values of an axis.
 _OF_SEVERAL = ("section", "impacts", "trajectory", "basins")
 
 
 def plot_command(
-    files: Files,
-    output: FigureFile = None,
-    kind: PictureKind = None,
-    axis: AxisNames = None,
-    at: PictureAt = None,
-    coordinate: Coordinate = None,
-    quantity: QuantityOption = None,
-    exact: Exact = False,
-    classes: Classes = None,
-    most: MostBranches = None,
-    kinds: Kinds = None,
-    csv: Csv = None,
-    below: Below = None,
-    color: Color = None,
-    overlay: OverlayFile = None,
-    panels: PanelNames = None,
-    periods: Periods = None,
-    fps: FramesPerSecond = None,
-    width: Width = None,
-    height: Height = None,
-    dpi: Resolution = None,
-    title: Title = None,
-    xlim: AbscissaLimits = None,
-    ylim: OrdinateLimits = None,
-    xlabel: AbscissaLabel = None,
-    ylabel: OrdinateLabel = None,
-    grey: Grey = False,
-    no_legend: NoLegend = False,
-    no_marks: NoMarks = False,
+    files: list[Path] = argument("OUT.h5...", "The file of each sweep."),
+    output: Path | None = option(
+        "FIGURE",
+        "The picture to write, for a single OUT.h5. If not given, OUT.png, or a name with the "
+        "kind, quantity and place that are asked for, as OUT-map-energy_lost-R-0.8.png; a motion "
+        "also as .gif or .mp4.",
+        "-o",
+        "--output",
+    ),
+    kind: str | None = option(
+        "KIND", f"{', '.join(KIND_NAMES[:-1])} or {KIND_NAMES[-1]}.", names=lambda: KIND_NAMES
+    ),
+    axis: list[str] | None = option(
+        "NAME",
+        "The swept parameter as abscissa; for a map, then the ordinate; for a table, a column or a "
+        "result; repeatable.",
+    ),
+    at: list[str] | None = option(
+        "NAME=VALUE[,...]",
+        "Value at which a swept parameter is cut, or direction=up or down for a sweep that was "
+        "followed both ways; for a section, impacts, trajectory or basins also several values, as "
+        "omega=2.7,2.8; repeatable.",
+    ),
+    coordinate: str | None = COORDINATE,
+    quantity: str | None = option(
+        "NAME",
+        "What a map shows, or the ordinate for a table: a number per point, e.g. period, lyapunov, "
+        "energy_lost, mean_force, peak_to_peak, or another that the file has.",
+        names=_numbers,
+    ),
+    exact: bool = DRAW_EXACT,
+    classes: str | None = OF_CLASSES,
+    most: int | None = MOST_FOLLOWED,
+    kinds: str | None = option("KIND,...", "Only curves of these kinds, of flip, fold and graze."),
+    csv: Path | None = CSV,
+    below: list[str] | None = option(
+        "NAME",
+        "A number per point, e.g. lyapunov, in a panel below a bifurcation diagram; repeatable.",
+        names=_numbers,
+    ),
+    color: str | None = option(
+        "NAME",
+        "What colours the points of a diagram or a table, or the sections, impacts or motions of "
+        "several points: a number per point, e.g. period or lyapunov, or direction for a sweep "
+        "that was followed both ways.",
+        names=_numbers,
+    ),
+    overlay: Path | None = option(
+        "FILE",
+        "Draw the points of a .csv file over a diagram, a map or the picture of a table: columns "
+        "with the names of its axes and quantities, in its units unless a name has its own, as "
+        "'poincare_x [mm]', and label for the legend.",
+    ),
+    panels: str | None = option(
+        "NAME,...",
+        "Only these panels, in this order: of an integrity picture fraction, integrity_factor, "
+        "local_integrity, basins; of a table its columns.",
+    ),
+    periods: int | None = numeric(
+        "--periods", integer(1), "For a trajectory, compute N periods from the last stored state."
+    ),
+    fps: int | None = numeric(
+        "--fps", integer(1, 50), "Frames per second of a .gif or .mp4, 25 if not given."
+    ),
+    width: str | None = PAGE_WIDTH,
+    height: str | None = option("LENGTH", "Height of the picture, likewise."),
+    dpi: int | None = numeric("--dpi", integer(10), "Pixels per inch, 300 if not given."),
+    title: str | None = PAGE_TITLE,
+    xlim: str | None = option(
+        "LOW:HIGH",
+        "Limits of the abscissa, in the unit that it shows or in one that is given, as 2:3mm.",
+    ),
+    ylim: str | None = option("LOW:HIGH", "Limits of the ordinate, likewise."),
+    xlabel: str | None = option(
+        "TEXT", "Label of the abscissa; a unit in it, as 'gap [mm]', is that of the ticks."
+    ),
+    ylabel: str | None = option("TEXT", "Label of the ordinate, likewise."),
+    grey: bool = IN_GREY,
+    no_legend: bool = flag("--no-legend", "Leave out the legend."),
+    no_marks: bool = NO_MARKS,
 ) -> None:
     """Draw a picture from the file of each sweep."""
     from sweeps.plotting.api import check_kind
@@ -350,20 +248,19 @@ def _at_commas(text: str) -> list[str]:
 def _name(file: Path, kind: str | None, cuts: Selection, options: Mapping[str, Any]) -> Path:
     """Name a picture after the kind, the quantity and the place that are asked for."""
     words = [] if kind is None else [kind]
-    for option, value in options.items():
+    for name, value in options.items():
         if value is None:
             continue
-        if option == "exact":
+        if name == "exact":
             classes = [f"{m}/{q}" for m, q in value.get("classes", ())]
             most = [f"{value['most']}-branches"] if "most" in value else []
             words += ["exact", *classes, *value.get("kinds", ()), *most]
-        elif option in ("below", "color"):  # these take the same names as a quantity
-            words += [option, *([value] if isinstance(value, str) else value)]
-        elif option == "overlay":
-            words += [option, value.stem]
-        elif option in ("periods", "fps"):
-            words.append(f"{value}-{option}")
+        elif name in ("periods", "fps"):
+            words.append(f"{value}-{name}")
         else:
+            # A panel below and a colour have the same names as a quantity.
+            words += [name] if name in ("below", "color", "overlay") else []
+            value = value.stem if isinstance(value, Path) else value
             words += [value] if isinstance(value, str) else value
     for name, value in cuts.items():
         words += [name, value if isinstance(value, str) else fewest_digits(value)]

@@ -9,28 +9,30 @@ import codecs
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from sweeps.cli.options import (
-    At,
-    Classes,
-    Csv,
-    Json,
-    MostBranches,
-    SweepFile,
+    CSV,
+    CUT_AT,
+    JSON,
+    MOST_FOLLOWED,
+    OF_CLASSES,
+    SWEEP_FILE,
+    argument,
     branch_options,
-    completion,
+    flag,
     named,
-    number_option,
+    new_file,
+    numeric,
     opened_in_si,
     opened_sweep,
+    option,
     progress_shown,
     say,
     say_moved,
     selection_of,
-    written_file,
 )
 from sweeps.errors import Refused
 from sweeps.text import shown_count
@@ -42,14 +44,24 @@ if TYPE_CHECKING:
     from sweeps.opened.opened_sweep import OpenedSweep, Selection
 
 
-def attractors_command(file: SweepFile, at: At = None, csv: Csv = None, json: Json = False) -> None:
+def attractors_command(
+    file: Path = SWEEP_FILE,
+    at: list[str] | None = CUT_AT,
+    csv: Path | None = CSV,
+    json: bool = JSON,
+) -> None:
     """List the attractors of a sweep, their impact speeds, and how many starts reach each."""
     from sweeps.attractor.partition import attractors
 
     _show_attractors(file, at, csv, json, "looking for attractors", attractors)
 
 
-def integrity_command(file: SweepFile, at: At = None, csv: Csv = None, json: Json = False) -> None:
+def integrity_command(
+    file: Path = SWEEP_FILE,
+    at: list[str] | None = CUT_AT,
+    csv: Path | None = CSV,
+    json: bool = JSON,
+) -> None:
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
     from sweeps.attractor.integrity import integrity, knocks
     from sweeps.opened.kept import with_cache
@@ -97,34 +109,27 @@ def _show_attractors(
 
 
 def info_command(
-    file: SweepFile,
-    bifurcations: Annotated[
-        bool,
-        typer.Option(
-            "--bifurcations",
-            help="List instead where the class of the motion changes, and the exact bifurcations.",
-        ),
-    ] = False,
-    axis: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The swept parameter along which to look.")
-    ] = None,
-    at: At = None,
-    classes: Classes = None,
-    most: MostBranches = None,
-    csv: Csv = None,
-    config: Annotated[
-        bool, typer.Option("--config", help="Print only the configuration, as YAML to run again.")
-    ] = False,
-    json: Json = False,
+    file: Path = SWEEP_FILE,
+    bifurcations: bool = flag(
+        "--bifurcations",
+        "List instead where the class of the motion changes, and the exact bifurcations.",
+    ),
+    axis: str | None = option("NAME", "The swept parameter along which to look."),
+    at: list[str] | None = CUT_AT,
+    classes: str | None = OF_CLASSES,
+    most: int | None = MOST_FOLLOWED,
+    csv: Path | None = CSV,
+    config: bool = flag("--config", "Print only the configuration, as YAML to run again."),
+    json: bool = JSON,
 ) -> None:
     """Show the contents of a sweep file, with its configuration."""
     for other, given in (("--bifurcations", bifurcations), ("--json", json)):
         if config and given:
             raise Refused(f"--config and {other} exclude each other; give one of them")
     options = {"axis": axis, "at": " ".join(at or ()), "csv": csv, "classes": classes, "most": most}
-    for option, value in options.items():
+    for name, value in options.items():
         if value and not bifurcations:
-            raise Refused(f"--{option} {value} is not allowed here; expected: with --bifurcations")
+            raise Refused(f"--{name} {value} is not allowed here; expected: with --bifurcations")
     cuts = selection_of(at)
     with opened_in_si(file) as sweep, named(file):
         if bifurcations:
@@ -191,31 +196,23 @@ def _show_bifurcations(
         say(csv, error=json)
 
 
-_TOLERANCE = number(lambda given: 0.0 <= given < 1.0, "a number from 0 to below 1, as 1e-9")
-Rtol = Annotated[
-    float,
-    typer.Option(
-        metavar="NUMBER",
-        parser=number_option("--rtol", _TOLERANCE),
-        help="Relative difference of two numbers that still counts as equal.",
-    ),
-]
-_DISTANCE = number(lambda given: given >= 0.0, "a number from 0, as 1e-9")
-Atol = Annotated[
-    float,
-    typer.Option(
-        metavar="NUMBER",
-        parser=number_option("--atol", _DISTANCE),
-        help="Difference of two numbers that still counts as equal, in addition to --rtol.",
-    ),
-]
-
-
 def compare_command(
-    first: SweepFile,
-    second: Annotated[Path, typer.Argument(metavar="OTHER.h5", help="The file of another sweep.")],
-    rtol: Rtol = 0.0,
-    atol: Atol = 0.0,
+    first: Path = SWEEP_FILE,
+    second: Path = argument("OTHER.h5", "The file of another sweep."),
+    rtol: float = numeric(
+        "--rtol",
+        number(lambda given: 0.0 <= given < 1.0, "a number from 0 to below 1, as 1e-9"),
+        "Relative difference of two numbers that still counts as equal.",
+        "NUMBER",
+        0.0,
+    ),
+    atol: float = numeric(
+        "--atol",
+        number(lambda given: given >= 0.0, "a number from 0, as 1e-9"),
+        "Difference of two numbers that still counts as equal, in addition to --rtol.",
+        "NUMBER",
+        0.0,
+    ),
 ) -> None:
     """Say what differs in two sweeps, where first and by how much; exit with 1 if anything does."""
     from sweeps.opened.comparison import comparison_report
@@ -230,30 +227,18 @@ def compare_command(
         raise typer.Exit(1)
 
 
-RowsOption = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        autocompletion=completion(lambda: ("points", "sections", "impacts")),
-        help="What has a row: points, sections or impacts.",
-    ),
-]
-
-
-TableFile = Annotated[
-    Path,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        callback=written_file("-o", ".csv", "table"),
-        help="The .csv file to write.",
-    ),
-]
-
-
 def export_command(
-    file: SweepFile, output: TableFile, rows: RowsOption = "points", at: At = None
+    file: Path = SWEEP_FILE,
+    output: Path = new_file(
+        "-o", ".csv", "table", "The .csv file to write.", "--output", default=...
+    ),
+    rows: str = option(
+        "NAME",
+        "What has a row: points, sections or impacts.",
+        names=lambda: ("points", "sections", "impacts"),
+        default="points",
+    ),
+    at: list[str] | None = CUT_AT,
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
     from sweeps.opened.tables import ROWS, write_rows

@@ -8,16 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sweeps.cli.options import (
-    Overwrite,
-    Resume,
-    Threads,
+    OVERWRITE,
+    RESUME,
+    THREADS,
+    argument,
     existing_output,
+    flag,
     named,
+    option,
     progress_shown,
     resuming,
     say,
@@ -33,24 +34,6 @@ if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
 
 
-Configs = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="CONFIG...",
-        help="The YAML file of each sweep, or a sweep file whose configuration is used.",
-    ),
-]
-Output = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="OUT.h5",
-        help="The file to write, instead of the output in CONFIG; for a single CONFIG.",
-    ),
-]
-
-
 def _completed_keys(incomplete: str) -> list[str]:
     """Return the keys that begin with a text; those of a range if the text names the range."""
     from sweeps.config.json_schema import dotted_keys
@@ -60,40 +43,37 @@ def _completed_keys(incomplete: str) -> list[str]:
     return [f"{key}=" for key in keys if key.startswith(incomplete)]
 
 
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        autocompletion=_completed_keys,
-        help="Override a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 in a "
-        "range; repeatable.",
-    ),
-]
-Dask = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N for N "
-        "processes of this machine.",
-    ),
-]
-DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Show the plan of the sweep, and compute nothing.")
-]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+OVERRIDES = option(
+    "KEY=VALUE",
+    "Override a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 in a range; "
+    "repeatable.",
+    "--set",
+    autocompletion=_completed_keys,
+)
+DRY_RUN = flag("--dry-run", "Show the plan of the sweep, and compute nothing.")
 
 
 def run_command(
-    configs: Configs,
-    output: Output = None,
-    overrides: Overrides = None,
-    threads: Threads = None,
-    dask: Dask = None,
-    dry_run: DryRun = False,
-    resume: Resume = False,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
+    configs: list[Path] = argument(
+        "CONFIG...", "The YAML file of each sweep, or a sweep file whose configuration is used."
+    ),
+    output: Path | None = option(
+        "OUT.h5",
+        "The file to write, instead of the output in CONFIG; for a single CONFIG.",
+        "-o",
+        "--output",
+    ),
+    overrides: list[str] | None = OVERRIDES,
+    threads: int | None = THREADS,
+    dask: str | None = option(
+        "ADDRESS",
+        "Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N for N processes "
+        "of this machine.",
+    ),
+    dry_run: bool = DRY_RUN,
+    resume: bool = RESUME,
+    overwrite: bool = OVERWRITE,
+    quiet: bool = flag("--quiet", "Print nothing but errors."),
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
     from sweeps.store import check_output, refuse_columns

@@ -8,25 +8,33 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 from zlib import crc32
-
-import typer
 
 from sweeps.cli.options import (
     LIMITS,
-    Overwrite,
-    Resume,
-    SweepFile,
-    Threads,
+    OVERWRITE,
+    RESUME,
+    SWEEP_FILE,
+    THREADS,
+    argument,
     existing_output,
     inches,
     interval,
     opened_in_si,
+    option,
     say,
 )
-from sweeps.cli.plot import Coordinate, Exact, Grey, NoMarks, Title, Width, draw_picture
-from sweeps.cli.run import DryRun, Overrides, planned_text, read_config, run_and_report
+from sweeps.cli.plot import (
+    COORDINATE,
+    DRAW_EXACT,
+    IN_GREY,
+    NO_MARKS,
+    PAGE_TITLE,
+    PAGE_WIDTH,
+    draw_picture,
+)
+from sweeps.cli.run import DRY_RUN, OVERRIDES, planned_text, read_config, run_and_report
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import fewest_digits, near_miss, suggestion
@@ -41,40 +49,31 @@ _NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
 #: Most characters of overrides in the name of a file.
 _MOST_CHARACTERS = 100
 
-Pieces = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="NAME=LOW:HIGH...",
-        help="The range of each axis to compute, e.g. omega=2.71:2.76. For a coordinate, e.g. "
-        "poincare_x=-1:0, the range that is drawn.",
-    ),
-]
-ZoomOutput = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="OUT.h5",
-        help="The file to write, with the picture beside it; OUT-NAME-LOW-HIGH.h5 if not given.",
-    ),
-]
-
 
 def zoom_command(
-    file: SweepFile,
-    pieces: Pieces,
-    output: ZoomOutput = None,
-    overrides: Overrides = None,
-    coordinate: Coordinate = None,
-    width: Width = None,
-    title: Title = None,
-    grey: Grey = False,
-    no_marks: NoMarks = False,
-    exact: Exact = False,
-    threads: Threads = None,
-    dry_run: DryRun = False,
-    resume: Resume = False,
-    overwrite: Overwrite = False,
+    file: Path = SWEEP_FILE,
+    pieces: list[str] = argument(
+        "NAME=LOW:HIGH...",
+        "The range of each axis to compute, e.g. omega=2.71:2.76. For a coordinate, e.g. "
+        "poincare_x=-1:0, the range that is drawn.",
+    ),
+    output: Path | None = option(
+        "OUT.h5",
+        "The file to write, with the picture beside it; OUT-NAME-LOW-HIGH.h5 if not given.",
+        "-o",
+        "--output",
+    ),
+    overrides: list[str] | None = OVERRIDES,
+    coordinate: str | None = COORDINATE,
+    width: str | None = PAGE_WIDTH,
+    title: str | None = PAGE_TITLE,
+    grey: bool = IN_GREY,
+    no_marks: bool = NO_MARKS,
+    exact: bool = DRAW_EXACT,
+    threads: int | None = THREADS,
+    dry_run: bool = DRY_RUN,
+    resume: bool = RESUME,
+    overwrite: bool = OVERWRITE,
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
     from sweeps.opened.coordinates import ORDINATES
