@@ -30,11 +30,11 @@ _TITLE_BESIDE = (
     ".bk-input-group { flex-direction: row; align-items: center; gap: 2px; }"
     "label { flex: none; min-width: %dpx; text-align: %s; white-space: nowrap; }"
 )
-#: The fields of the record and their tooltips.
+#: The fields of the record, as an address calls them, and their tooltips.
 _RECORD = {
     "transient": "forcing periods before anything is shown",
     "periods": "forcing periods that are shown first",
-    "phase": "forcing phase of the section, 0 to 2π [rad]",
+    "section": "forcing phase of the section, 0 to 2π [rad]",
 }
 
 
@@ -61,7 +61,11 @@ class Controls:
         self.fields: dict[str, TextInput] = {}
         self.sliders: dict[str, Slider] = {}
         rows: list[LayoutDOM] = [self._parameter(name, view) for name in PARAMETERS]
-        records = [self._record(name) for name in _RECORD]
+        look: Any = {"width": 74, "margin": (0, 0, 2, 0)}
+        records = [
+            self._field(called, called, title=called, description=tip, **look)
+            for called, tip in _RECORD.items()
+        ]
         self.exact = Toggle(label="exact branches", name="exact", width=114, height=26)
         connect(self.exact, "active", change, lambda view, on: replace(view, exact=on))
         save_button = Button(label="save as YAML", name="save", width=100, height=26)
@@ -79,11 +83,10 @@ class Controls:
 
     def _parameter(self, name: str, view: View) -> LayoutDOM:
         """Return the symbol, the field and the slider of a parameter."""
-        parameter, value = view.seen.about(name), view.values[name]
+        parameter = view.seen.about(name)
         named = named_unit(as_variable(name, view.seen))
         unit = f" [{named}]" if named else ""
         tip = f"{_meaning(name, view.seen)}{unit}, {parameter.allowed}"
-        low, high = window_around(name, view.values, view.seen)
         # Room for the longest unit, N s/m, beside the symbol, or for ω t₀.
         beside, typed = (64, 74) if view.seen.in_si else (30, 86)
         field = self._field(
@@ -93,18 +96,13 @@ class Controls:
         )  # fmt: skip
         field.stylesheets = [_COMPACT, _TITLE_BESIDE % (beside, "right")]
         slider = Slider(
-            start=low, end=high, value=value, step=(high - low) / 400.0, show_value=False,
+            **_span(name, view), value=view.values[name], show_value=False,
             title=None, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
             sizing_mode="stretch_width", html_attributes={"title": tip},
         )  # fmt: skip
         connect(slider, "value", self._change, lambda view, new: view.moved(**{name: float(new)}))
         self.sliders[name] = slider
         return row(field, slider, spacing=2, sizing_mode="stretch_width")
-
-    def _record(self, name: str) -> LayoutDOM:
-        """Return the field of a value of the record."""
-        called, look = RECORD_FIELDS[name], {"width": 74, "margin": (0, 0, 2, 0)}
-        return self._field(called, called, title=called, description=_RECORD[name], **look)
 
     def _field(self, name: str, called: str, **look: Any) -> TextInput:
         """Return a field for a number in the view, which is called so in an address."""
@@ -125,12 +123,17 @@ class Controls:
         for name, value in view.values.items():
             slider = self.sliders[name]
             if not slider.start <= value <= slider.end:
-                low, high = window_around(name, view.values, view.seen)
-                slider.update(start=low, end=high, step=(high - low) / 400.0)
+                slider.update(**_span(name, view))
             slider.value = value
         values = {**view.values, **{RECORD_FIELDS[name]: n for name, n in view.record.items()}}
         for name, field in self.fields.items():
             field.value = f"{values[name]:.7g}"
+
+
+def _span(name: str, view: View) -> dict[str, float]:
+    """Return the ends and the step of the slider of a parameter."""
+    low, high = window_around(name, view.values, view.seen)
+    return {"start": low, "end": high, "step": (high - low) / 400.0}
 
 
 def _message(name: str, colour: str) -> Div:

@@ -44,17 +44,22 @@ _CHOSEN = ("axis", "ordinate", "across")
 _FLAGS = ("marked", "exact")
 
 
-def _typed_record(config: SweepConfig) -> dict[str, Any]:
-    """Return what the page records; a transient that is found becomes the default."""
-    record = config.record.model_dump(include=set(RECORD_FIELDS))
-    if record["transient"] == "auto":
-        record["transient"] = RecordConfig.model_fields["transient"].default
-    return record
-
-
 def window_around(name: str, values: Mapping[str, float], seen: Nomenclature) -> Window:
     """Return a default window of a parameter around its value at the point `values`."""
-    ends = _around_in_model(name, _model_values(values, seen))
+    model = _model_values(values, seen)
+    value, (length, rate) = model[name], _scales(model)
+    if name in ("omega", "p"):
+        ends = 0.5 * value, 2.0 * value
+    elif PARAMETERS[name].low == 0.0:
+        scales = {"h": rate, "f": length * rate * rate, "a": length, "phase": 2.0 * math.tau}
+        least = 0.5 * scales.get(name, 1.0)
+        ends = 0.0, min(max(least, 2.0 * value), PARAMETERS[name].high)
+    elif name == "x0":
+        ends = min(value, model["clearance"] - 3.0 * length), model["clearance"]
+    else:
+        around = max(abs(value), 2.0 * length * (rate if name == "v0" else 1.0))
+        least = model["x0"] if name == "clearance" else -math.inf
+        ends = max(value - around, least), value + around
     low, high = (float(seen.value(name, end)) for end in ends)
     return low, high
 
@@ -62,22 +67,6 @@ def window_around(name: str, values: Mapping[str, float], seen: Nomenclature) ->
 def _model_values(values: Mapping[str, float], seen: Nomenclature) -> dict[str, float]:
     """Return the values of a point in the units of the model."""
     return {name: float(seen.in_model(name, value)) for name, value in values.items()}
-
-
-def _around_in_model(name: str, values: Mapping[str, float]) -> Window:
-    """Return `window_around` in the units of the model."""
-    value, (length, rate) = values[name], _scales(values)
-    if name in ("omega", "p"):
-        return 0.5 * value, 2.0 * value
-    if PARAMETERS[name].low == 0.0:
-        scales = {"h": rate, "f": length * rate * rate, "a": length, "phase": 2.0 * math.tau}
-        least = 0.5 * scales.get(name, 1.0)
-        return 0.0, min(max(least, 2.0 * value), PARAMETERS[name].high)
-    if name == "x0":
-        return min(value, values["clearance"] - 3.0 * length), values["clearance"]
-    around = max(abs(value), 2.0 * length * (rate if name == "v0" else 1.0))
-    low = max(value - around, values["x0"]) if name == "clearance" else value - around
-    return low, value + around
 
 
 def _scales(values: Mapping[str, float]) -> tuple[float, float]:
@@ -92,12 +81,6 @@ def _scales(values: Mapping[str, float]) -> tuple[float, float]:
     deflection, clearance = oscillator.force / (rate * rate), abs(oscillator.clearance)
     near = clearance < 10.0 * deflection or not deflection
     return (max(deflection, clearance) if near else deflection) or 1.0, rate
-
-
-def log_window_around(name: str, value: float) -> Window:
-    """Return a default window of a parameter on a logarithmic axis."""
-    middle = value if value > 0.0 else 1.0
-    return 0.1 * middle, min(10.0 * middle, PARAMETERS[name].high)
 
 
 @dataclass(frozen=True)
@@ -147,13 +130,16 @@ class View:
             low, high = (float(seen.value(name, end)) for end in ends)
             return (low, high) if low < high else window_around(name, values, seen)
 
+        record = config.record.model_dump(include=set(RECORD_FIELDS))
+        if record["transient"] == "auto":  # what is found for each point has no field
+            record["transient"] = RecordConfig.model_fields["transient"].default
         method = config.method.model_dump()
         if config.method.impact == "exact":  # its steps follow from the parameters
             del method["steps_per_period"]
         return cls(
             name=config.name,
             method=method,
-            record=_typed_record(config),
+            record=record,
             seen=seen,
             values=values,
             axis=axis,
@@ -195,7 +181,8 @@ class View:
     def around(self, name: str, other: tuple[str, Window]) -> Window:
         """Return a default window of a parameter, given the other axis of the map."""
         if name in self.log:
-            return log_window_around(name, self.values[name])
+            middle = self.values[name] if self.values[name] > 0.0 else 1.0
+            return 0.1 * middle, min(10.0 * middle, PARAMETERS[name].high)
         axis, (low, high) = other  # every start must be in front of every stop
         ends = {"x0": {"x0": high}, "clearance": {"clearance": low}}.get(axis, {})
         return window_around(name, {**self.values, **ends}, self.seen)
