@@ -15,7 +15,7 @@ from rich.console import Console
 
 from sweeps.engine.estimate import COMPILING_MEMORY, available_memory
 from vibroimpact.jit import ALL_THREADS, COMPILING, called_before_passes, watched
-from vibroimpact.jit.cache import WATCHERS
+from vibroimpact.jit.watching import WATCHERS
 from vibroimpact.kernel.threads import compile_search
 
 

@@ -1,8 +1,6 @@
-from .cache import COMPILING as COMPILING
 from .cache import NUMERICS as NUMERICS
 from .cache import name_of as name_of
 from .cache import numerics_of as numerics_of
-from .cache import watched as watched
 from .compiling import ALL_THREADS as ALL_THREADS
 from .compiling import called_before_passes as called_before_passes
 from .compiling import compiled as compiled
@@ -19,4 +17,6 @@ from .intrinsics import not_negative as not_negative
 from .intrinsics import select as select
 from .intrinsics import transpose as transpose
 from .intrinsics import widest_vectors as widest_vectors
+from .watching import COMPILING as COMPILING
+from .watching import watched as watched
 from .way import WAY as WAY

@@ -18,13 +18,15 @@ import os
 import stat
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
 import platformdirs
+
+from vibroimpact.jit.watching import CHECKS, tell
 
 #: The kinds of nodes that may have a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -37,13 +39,6 @@ _AS_IT_IS = (os.O_NOFOLLOW | os.O_NONBLOCK) if _OWNERS else 0
 #: Longest wait for another process [s], many times that of a compilation: it may be stopped.
 _LONGEST_WAIT = 120.0
 _INTERVAL = 0.05  # between two attempts [s]
-
-#: What a user is told of a compilation.
-COMPILING = "compiling, which takes some ten seconds, once on this machine"
-#: Called while this process waits; each may raise an exception, which ends the wait.
-CHECKS: list[Callable[[], object]] = []
-#: Called with what is done in the words of a user: at its begin, and with ``""`` at its end.
-WATCHERS: list[Callable[[str, str], object]] = []
 
 
 def root() -> Path:
@@ -254,22 +249,6 @@ def released(lock: Any) -> None:
         with contextlib.suppress(OSError):  # on Windows an open file cannot be removed
             Path(lock.lock_file).unlink(missing_ok=True)
         lock.release()
-
-
-@contextlib.contextmanager
-def watched(watcher: Callable[[str, str], object]) -> Iterator[None]:
-    """Tell `watcher` of every compilation, and wait for one, that begins or ends in the block."""
-    WATCHERS.append(watcher)
-    try:
-        yield
-    finally:
-        WATCHERS.remove(watcher)
-
-
-def tell(text: str, function: str = "") -> None:
-    """Tell every watcher, and of a compilation its function."""
-    for watcher in list(WATCHERS):
-        watcher(text, function)
 
 
 #: Digest of the code that computes.

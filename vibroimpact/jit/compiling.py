@@ -18,7 +18,8 @@ import llvmlite.binding
 import numba
 import numpy as np
 
-from vibroimpact.jit.cache import CHECKS, cache_folder, make_folder, warn_once
+from vibroimpact.jit.cache import cache_folder, make_folder, warn_once
+from vibroimpact.jit.watching import CHECKS
 from vibroimpact.jit.way import WAY
 
 if WAY.name == "private":

@@ -16,7 +16,8 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
-from vibroimpact.jit.cache import COMPILING, claimed, read, released, syntax, tell, warn_once, write
+from vibroimpact.jit.cache import claimed, read, released, syntax, warn_once, write
+from vibroimpact.jit.watching import COMPILING, tell
 
 
 class CompiledCode:

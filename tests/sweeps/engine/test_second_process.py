@@ -14,7 +14,7 @@ from rich.console import Console
 
 from sweeps.engine import second_process
 from vibroimpact.jit import COMPILING
-from vibroimpact.jit.cache import tell
+from vibroimpact.jit.watching import tell
 from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.kernel.threads import compile_search, find_all_exact
 from vibroimpact.oscillator import Oscillator
