@@ -193,7 +193,7 @@ class Diagram(PixelFigure):
         """Return the marks of failed points, and of parts of repetitions, in a strip below."""
         self.figure.extra_y_ranges = {"strip": Range1d(0.0, 1.0)}
         strips, items = {}, []
-        for kind, colour in (*STATUS_COLOURS.items(), (PARTIAL, MARKS[PARTIAL])):
+        for kind, colour in (*STATUS_COLOURS.items(), (PARTIAL, MARKS[PARTIAL][0])):
             source = ColumnDataSource({"x": [], "y": []}, name=getattr(kind, "name", kind))
             marks = self.figure.scatter(
                 "x", "y", source=source, marker="dash", angle=np.pi / 2.0, size=10,

@@ -30,7 +30,6 @@ from sweeps.plotting.legend import SHARE, legend_below, legend_of_all, legend_wi
 from sweeps.plotting.page import Page
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
-    GREY_MARKS,
     MARKS,
     STATUS_COLOURS,
     data_colour,
@@ -426,8 +425,7 @@ def mark_status(
     have the `masks` of further points, by a name of ``MARKS``, which can be drawn in `grey`.
     """
     kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
-    colours = GREY_MARKS if grey else MARKS
-    kinds += [(name, colours[name], where) for name, where in masks.items()]
+    kinds += [(name, MARKS[name][grey], where) for name, where in masks.items()]
     kinds = [(name, visible(colour), where) for name, colour, where in kinds]
     if np.isin(status, list(STATUS_COLOURS)).any():
         low, high = panel.get_ylim()

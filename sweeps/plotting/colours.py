@@ -30,11 +30,8 @@ from sweeps.plotting.looks import Cells, period_cells
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
     BLUE,
-    DIRECTION_COLOURS,
-    DIRECTION_DASHES,
-    DIRECTION_MARKERS,
+    DIRECTIONS,
     EVIDENCE,
-    GREY_DIRECTIONS,
     GREY_SERIES,
     GREY_SPECIAL,
     NO_VALUE,
@@ -248,21 +245,10 @@ def _paint_directions(points: OpenedSweep, grey: bool) -> Paint:
     """Return the colours of the directions of points."""
     way, status = points[DIRECTION].broadcast_like(points["status"]), points["status"]
     result = has_result(status.values)
-    colours = GREY_DIRECTIONS if grey else DIRECTION_COLOURS
+    ways = zip(("up", "down"), direction_names(points), DIRECTIONS[grey], strict=True)
     cells = [
-        Cells(
-            text,
-            Look(colour, colour, "", marker, dash),
-            result & (way.transpose(*status.dims).values == name),
-        )
-        for name, text, colour, marker, dash in zip(
-            ("up", "down"),
-            direction_names(points),
-            colours,
-            DIRECTION_MARKERS,
-            DIRECTION_DASHES,
-            strict=True,
-        )
+        Cells(text, look, result & (way.transpose(*status.dims).values == name))
+        for name, text, look in ways
     ]
     nothing = np.ma.masked_all(status.shape, float)
     shown = Paint(points[DIRECTION], cells, nothing, Normalize(), mpl.colormaps["gray"], grey=grey)

@@ -39,9 +39,7 @@ from sweeps.plotting.pixels import draw_density, value_range
 from sweeps.plotting.style import (
     APPROACHING,
     BOTH_COLOUR,
-    DIRECTION_COLOURS,
-    DIRECTION_MARKERS,
-    GREY_DIRECTIONS,
+    DIRECTIONS,
     PARTIAL,
     data_colour,
     ink,
@@ -59,6 +57,8 @@ _RUNS = 50
 _LOWER = 0.4
 #: Opacity of the larger Lyapunov exponent, as of other scalars, and of the second one.
 _EXPONENTS = 1.0, 0.45
+#: Markers of the directions in grey.
+_MARKERS = [look.marker for look in DIRECTIONS[True]]
 
 
 @functools.partial(styled, marks=True)
@@ -269,7 +269,7 @@ class _Drawn(NamedTuple):
             parts = [(y, b, dark) for y, b in zip(records, both, strict=True)] + apart
         shapes = len(parts) * ["o"]
         if len(parts) == 4 and self.grey:
-            shapes[2:], look = DIRECTION_MARKERS, look | {"most": 2.6}
+            shapes[2:], look = _MARKERS, look | {"most": 2.6}
         for (y, where, colour), marker in zip(parts, shapes, strict=True):
             x = np.broadcast_to(self.values[:, None], y.shape)[where]
             if not isinstance(colour, str):
@@ -296,14 +296,14 @@ class _Drawn(NamedTuple):
 
     def direction_colours(self) -> tuple[str, str]:
         """Return the colours of both directions."""
-        up, down = GREY_DIRECTIONS if self.grey else DIRECTION_COLOURS
+        up, down = (look.colour for look in DIRECTIONS[self.grey])
         return (visible(up), visible(down)) if self.grey else (up, down)
 
     def _name_directions(self, panel: Axes) -> None:
         """Add the colours of the directions to the legend, with the symbol of the axis."""
         texts = *direction_names(self.line), "both"
         colours = *self.direction_colours(), visible(BOTH_COLOUR)
-        shapes = (*DIRECTION_MARKERS, "o") if self.grey and not self.dense else 3 * ("o",)
+        shapes = (*_MARKERS, "o") if self.grey and not self.dense else 3 * ("o",)
         for text, colour, shape in zip(texts, colours, shapes, strict=True):
             marker = "s" if self.dense else shape
             panel.plot([], [], marker, color=colour, markersize=4, label=text)

@@ -13,16 +13,13 @@ from sweeps.plotting.labels import status_name
 from sweeps.plotting.style import (
     CLASSES,
     FURTHER,
-    GREY_CLASSES,
     GREY_FAILED,
-    GREY_FURTHER,
-    GREY_OTHER,
-    GREY_REGIMES,
-    OTHER_CLASS,
+    LOOKS,
     OTHER_RESTS,
     REGIMES,
     RESTS,
     STATUS_COLOURS,
+    Key,
     Look,
     hatch_on,
     ink,
@@ -37,18 +34,9 @@ if TYPE_CHECKING:
 OTHERS = "other m/q"
 
 
-def look_of_class(m: int, q: int, grey: bool = False) -> Look:
-    """Return the look of a class, or of all other classes."""
-    if grey:
-        return GREY_CLASSES.get((m, q), GREY_OTHER).on_ground()
-    colour = CLASSES.get((m, q), OTHER_CLASS)
-    return Look(colour, colour).on_ground()
-
-
-def look_of_regime(regime: Regime, grey: bool = False) -> Look:
-    """Return the look of a regime other than periodic."""
-    look = GREY_REGIMES[regime] if grey else Look(REGIMES[regime], REGIMES[regime])
-    return look.on_ground()
+def look_of(key: Key, grey: bool = False) -> Look:
+    """Return the look of a class, or of all other classes, of a regime or a further attractor."""
+    return LOOKS.get(key, LOOKS[None])[grey].on_ground()
 
 
 class Cells(NamedTuple):
@@ -95,9 +83,9 @@ def period_cells(
     for periods, impacts in CLASSES:
         where = periodic & (m == periods) & (q == impacts)
         text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
-        cells.append(Cells(text, look_of_class(periods, impacts, grey), where))
+        cells.append(Cells(text, look_of((periods, impacts), grey), where))
         periodic = periodic & ~where
-    cells.append(Cells(OTHERS, look_of_class(0, 0, grey), periodic))
+    cells.append(Cells(OTHERS, look_of(None, grey), periodic))
     results = max(1, int((regimes > Regime.FAILED).sum()))
     for regime in REGIMES:
         where, text = regimes == regime, regime.word
@@ -106,13 +94,13 @@ def period_cells(
         if regime is Regime.REST:
             cells += _rest_cells(where, m, grey, hatched)
         else:
-            cells.append(Cells(text, look_of_regime(regime, grey), where))
+            cells.append(Cells(text, look_of(regime, grey), where))
     return cells
 
 
 def _rest_cells(rest: np.ndarray, m: np.ndarray, grey: bool, hatched: bool) -> list[Cells]:
     """Return the points with `rest`, those of each period of ``RESTS`` apart if `hatched`."""
-    look = look_of_regime(Regime.REST, grey)
+    look = look_of(Regime.REST, grey)
     if not hatched:
         return [Cells(_name_of_rests(m[rest]), look, rest)]
     others = rest & ~np.isin(m, [*RESTS])
@@ -174,15 +162,12 @@ class Looks(NamedTuple):
     def look(self, row: AttractorRow) -> Look:
         """Return the look of an attractor, or of its regime."""
         if row.regime is not Regime.PERIODIC:
-            return look_of_regime(row.regime, self.grey)
+            return look_of(row.regime, self.grey)
         key = row.number, row.m, row.q
         if key not in self.further:
-            return look_of_class(row.m, row.q, self.grey)
+            return look_of((row.m, row.q), self.grey)
         index = self.further[key]
-        if index is None:
-            return look_of_class(0, 0, self.grey)
-        look = GREY_FURTHER[index] if self.grey else Look(FURTHER[index], FURTHER[index])
-        return look.on_ground()
+        return look_of(None if index is None else FURTHER[index], self.grey)
 
     def series(self, table: Sequence[AttractorRow]) -> list[list[int]]:
         """Return the places of the attractors with the same look, the most frequent ones first."""

@@ -20,7 +20,7 @@ from vibroimpact.status import Evidence, Status
 # From Okabe and Ito's palette.
 BLUE, VERMILION, ORANGE = "#0072B2", "#D55E00", "#E69F00"
 DARK_ORANGE = "#BF7A00"  # for dots and lines
-WHITE = "#FFFFFF"
+WHITE, BLACK = "#FFFFFF", "#000000"
 
 STATUS_COLOURS = {
     Status.PENDING: "#ACA59E",
@@ -31,6 +31,8 @@ STATUS_COLOURS = {
 
 #: Dashes of a line, as matplotlib takes them.
 Dash = str | tuple[float, tuple[float, ...]]
+#: What has a look: a class m/q, None for all others, a regime, or a colour of further attractors.
+Key = tuple[int, int] | None | Regime | str
 
 
 class Look(NamedTuple):
@@ -54,57 +56,6 @@ class Look(NamedTuple):
 
 #: Names of exact orbits in a legend.
 STABLE, UNSTABLE = "exact orbits, stable", "exact orbits, unstable"
-#: Colours of the classes m/q, in every picture. The hue says m; the darker, the more impacts. These
-#: are as many as can be told apart beside each other and the colours of regimes and outcomes.
-CLASSES = {
-    (1, 0): "#C6CFFD",
-    (1, 1): "#4783EA",
-    (1, 2): "#004C98",
-    (2, 1): "#F1DA28",
-    (2, 2): "#C2A548",
-    (2, 3): "#3D2D02",
-    (3, 1): "#E08BBC",
-    (3, 2): "#D0558F",
-    (3, 3): "#4F0C44",
-    (4, 2): "#93D6A0",
-    (4, 3): "#2F9C60",
-    (4, 4): "#2A6643",
-    (8, 6): "#BAA2FD",
-    (8, 8): "#6E38E9",
-}
-#: Colour of all other classes.
-OTHER_CLASS = "#EDEBD8"
-#: The colours of dots and lines on paper, by that of the cells: their contrast with white is at
-#: least 3, and those of classes, regimes and outcomes differ by at least 10, too.
-INKS = {
-    "#C6CFFD": "#7C7C91",
-    "#4783EA": "#42679E",
-    "#004C98": "#091C2C",
-    "#F1DA28": "#969758",
-    "#C2A548": "#857851",
-    "#E08BBC": "#CC76BC",
-    "#D0558F": "#9C3972",
-    "#4F0C44": "#5F195E",
-    "#93D6A0": "#739D7F",
-    "#2F9C60": "#376A54",
-    "#2A6643": "#0F4F31",
-    "#BAA2FD": "#9F7DFC",
-    "#6E38E9": "#6E2EF7",
-    OTHER_CLASS: "#757B75",
-    "#CCCCCC": "#909396",  # unknown, or no value
-    STATUS_COLOURS[Status.PENDING]: "#8C8596",
-    # Further attractors, evidence and outcomes, and a direction.
-    "#1E8C8C": "#06707A",
-    "#FA6478": "#FF35DF",
-    "#5A506E": "#554186",
-    "#A0F08C": "#70653A",
-    "#B42846": "#822B53",
-    "#56B4E9": "#169ED8",
-    "#F0E442": "#85754C",
-    ORANGE: "#B08C5A",
-}
-#: In grey the hatch says m, and the darker, the more impacts.
-_HATCHES = {1: "", 2: "////", 3: "....", 4: "\\\\\\\\", 8: "xxxx"}
 #: The marker and the dashes of lines and dots in grey, by the hatch of the cells.
 _SHAPES: dict[str, tuple[str, Dash]] = {
     "": ("o", "-"),
@@ -120,42 +71,74 @@ _SHAPES: dict[str, tuple[str, Dash]] = {
 }
 #: Colour of the lines of a hatch.
 HATCH = "#333333"
-#: Greys of cells and inks, which are dark enough to be seen on paper.
-_GREYS = (("#FFFFFF", "#949494"), ("#D2D2D2", "#4D4D4D"), ("#A8A8A8", "#000000"))
 REST_COLOUR = VERMILION
 #: Colours of the marks in a diagram: motions whose kept impacts are less than a repetition, and
-#: motions that are not on their orbit yet.
+#: motions that are not on their orbit yet; those in grey.
 PARTIAL, APPROACHING = "only part of a repetition", ON_ITS_WAY
-MARKS = {PARTIAL: "#009E73", APPROACHING: "#8A2BE2"}
-#: Colours of the regimes that are not periodic.
-REGIMES = {
-    Regime.REST: REST_COLOUR,
-    Regime.CHAOTIC: "#000000",
-    Regime.UNBOUNDED: "#7A4A12",
-    Regime.UNKNOWN: "#CCCCCC",
-}
+MARKS = {PARTIAL: ("#009E73", "#8C8C8C"), APPROACHING: ("#8A2BE2", "#000000")}
 
 #: The hatch of motions with rest in maps says after how many periods they repeat, 0: not known.
 RESTS = {1: "", 2: "////", 3: "....", 4: "\\\\\\\\", 6: "xxxx", 0: "----"}
 OTHER_RESTS = "++"
 
 
-def _grey(greys: tuple[str, str], hatch: str) -> Look:
-    """Return a look in grey."""
-    return Look(*greys, hatch, *_SHAPES[hatch])
+#: Greys of cells and inks, which are dark enough to be seen on paper: of classes, and of others.
+_GREYS = (
+    *(("#FFFFFF", "#949494"), ("#D2D2D2", "#4D4D4D"), ("#A8A8A8", "#000000")),
+    *(("#E9E9E9", "#737373"), ("#BDBDBD", "#282828"), ("#FFFFFF", "#000000")),
+)
+#: Dashes of motions without a class.
+_LONG = (0.0, (6.0, 3.0))
 
 
-#: Looks in grey of the classes, of all other classes, and of the regimes.
-GREY_CLASSES = {
-    (m, q): _grey(_GREYS[sum(own == m and fewer < q for own, fewer in CLASSES)], _HATCHES[m])
-    for m, q in CLASSES
+def _grey(number: int, hatch: str) -> Look:
+    """Return a look in one of the greys."""
+    return Look(*_GREYS[number], hatch, *_SHAPES[hatch])
+
+
+#: A row for each class m/q, all other classes, the regimes that are not periodic, and attractors
+#: that have not the look of a class: the colour of cells, that of dots and lines on paper, and the
+#: look in grey. The hue and the hatch say m; the darker, the more impacts. These are as many
+#: colours as can be told apart beside each other and those of outcomes; those of further attractors
+#: differ by at least 9 from those of classes. The contrast of dots with white is at least 3.
+_ROWS: dict[Key, tuple[str, str, Look]] = {
+    (1, 0): ("#C6CFFD", "#7C7C91", _grey(0, "")),
+    (1, 1): ("#4783EA", "#42679E", _grey(1, "")),
+    (1, 2): ("#004C98", "#091C2C", _grey(2, "")),
+    (2, 1): ("#F1DA28", "#969758", _grey(0, "////")),
+    (2, 2): ("#C2A548", "#857851", _grey(1, "////")),
+    (2, 3): ("#3D2D02", "#3D2D02", _grey(2, "////")),
+    (3, 1): ("#E08BBC", "#CC76BC", _grey(0, "....")),
+    (3, 2): ("#D0558F", "#9C3972", _grey(1, "....")),
+    (3, 3): ("#4F0C44", "#5F195E", _grey(2, "....")),
+    (4, 2): ("#93D6A0", "#739D7F", _grey(0, "\\\\\\\\")),
+    (4, 3): ("#2F9C60", "#376A54", _grey(1, "\\\\\\\\")),
+    (4, 4): ("#2A6643", "#0F4F31", _grey(2, "\\\\\\\\")),
+    (8, 6): ("#BAA2FD", "#9F7DFC", _grey(0, "xxxx")),
+    (8, 8): ("#6E38E9", "#6E2EF7", _grey(1, "xxxx")),
+    None: ("#EDEBD8", "#757B75", Look("#E9E9E9", "#949494", "", "+", (0.0, (1.0, 3.0)))),
+    Regime.REST: (VERMILION, VERMILION, Look("#7A7A7A", "#7A7A7A", "", "d", (0.0, (2.0, 1.0)))),
+    Regime.CHAOTIC: (BLACK, BLACK, Look(BLACK, BLACK, "", ".", _LONG)),
+    Regime.UNBOUNDED: ("#7A4A12", "#7A4A12", _grey(0, "||||")),
+    Regime.UNKNOWN: ("#CCCCCC", "#909396", Look("#4A4A4A", "#4A4A4A", "..", "x", _LONG)),
+    "#1E8C8C": ("#1E8C8C", "#06707A", _grey(3, "----")),
+    "#FA6478": ("#FA6478", "#FF35DF", _grey(4, "oo")),
+    "#5A506E": ("#5A506E", "#554186", _grey(3, "++")),
+    "#A0F08C": ("#A0F08C", "#70653A", _grey(4, "||||")),
+    "#B42846": ("#B42846", "#822B53", _grey(3, "**")),
 }
-GREY_OTHER = Look("#E9E9E9", "#949494", "", "+", (0.0, (1.0, 3.0)))
-GREY_REGIMES = {
-    Regime.REST: Look("#7A7A7A", "#7A7A7A", "", "d", (0.0, (2.0, 1.0))),
-    Regime.CHAOTIC: Look("#000000", "#000000", "", ".", (0.0, (6.0, 3.0))),
-    Regime.UNBOUNDED: _grey(_GREYS[0], "||||"),
-    Regime.UNKNOWN: Look("#4A4A4A", "#4A4A4A", "..", "x", (0.0, (6.0, 3.0))),
+#: The looks of the rows, in colour and in grey.
+LOOKS = {key: (Look.plain(colour), grey) for key, (colour, _, grey) in _ROWS.items()}
+#: Colours of the classes, of the regimes and of further attractors.
+CLASSES = {key: row[0] for key, row in _ROWS.items() if isinstance(key, tuple)}
+REGIMES = {key: row[0] for key, row in _ROWS.items() if isinstance(key, Regime)}
+FURTHER = tuple(key for key in _ROWS if isinstance(key, str))
+#: The colours of dots and lines on paper, by that of the cells.
+INKS = {colour: dots for colour, dots, _ in _ROWS.values()} | {
+    STATUS_COLOURS[Status.PENDING]: "#8C8596",
+    "#56B4E9": "#169ED8",  # evidence and outcomes
+    "#F0E442": "#85754C",
+    ORANGE: "#B08C5A",
 }
 #: Colours of the outcomes with a result in a map of ``status``.
 RESULT_COLOURS = {
@@ -179,39 +162,19 @@ EVIDENCE = {
 #: Colours of points without a value, and of dots that would be white.
 NO_VALUE, PALE = "#CCCCCC", STATUS_COLOURS[Status.PENDING]
 
-#: Colours of attractors that have not that of a class, and their looks in grey. They differ by at
-#: least 9 from those of classes.
-FURTHER = ("#1E8C8C", "#FA6478", "#5A506E", "#A0F08C", "#B42846")
-_FURTHER_GREYS = (("#E9E9E9", "#737373"), ("#BDBDBD", "#282828"))
-GREY_FURTHER = tuple(
-    _grey(_FURTHER_GREYS[i % 2], hatch)
-    for i, hatch in enumerate(("----", "oo", "++", "||||", "**"))
-)
-
 #: Looks in grey of what has none of its own: words, and a few values of an axis; of values that are
 #: not on a scale of greys; and of failed points beside these.
-GREY_SERIES = tuple(
-    _grey(_FURTHER_GREYS[i % 2], hatch) for i, hatch in enumerate([*_SHAPES][: len(EVIDENCE)])
-)
-GREY_SPECIAL = (
-    _grey((WHITE, "#949494"), ""),
-    *(_grey((WHITE, "#000000"), hatch) for hatch in ("////", "xxxx", "....")),
-)
-GREY_FAILED = {
-    Status.UNRESOLVED: _grey((WHITE, "#000000"), "||||"),
-    Status.NON_FINITE: _grey((WHITE, "#000000"), "**"),
-}
+GREY_SERIES = tuple(_grey(3 + i % 2, hatch) for i, hatch in enumerate([*_SHAPES][:8]))
+GREY_SPECIAL = (_grey(0, ""), *(_grey(5, hatch) for hatch in ("////", "xxxx", "....")))
+GREY_FAILED = {Status.UNRESOLVED: _grey(5, "||||"), Status.NON_FINITE: _grey(5, "**")}
 
-#: Colours of the two directions in which an axis was followed, and of points in both.
-DIRECTION_COLOURS = (BLUE, DARK_ORANGE)
+#: Looks of the two directions in which an axis was followed, in colour and in grey, and the colour
+#: of points in both.
+DIRECTIONS = tuple(
+    (Look(up, up, marker="^"), Look(down, down, marker="v", dash=(0.0, (3.0, 1.5))))
+    for up, down in ((BLUE, DARK_ORANGE), (BLACK, "#8C8C8C"))
+)
 BOTH_COLOUR = "#333333"
-
-#: The same in grey, where the markers say the direction, too.
-GREY_DIRECTIONS = ("#000000", "#8C8C8C")
-DIRECTION_MARKERS = ("^", "v")
-DIRECTION_DASHES: tuple[Dash, Dash] = ("-", (0.0, (3.0, 1.5)))
-#: Colours of the marks in a diagram, in grey.
-GREY_MARKS = {PARTIAL: "#8C8C8C", APPROACHING: "#000000"}
 
 LEAST_SHARE = 1e-3
 

@@ -18,11 +18,8 @@ from sweeps.plotting.looks import Looks
 from sweeps.plotting.style import (
     CLASSES,
     FURTHER,
-    GREY_CLASSES,
-    GREY_FURTHER,
-    GREY_OTHER,
-    GREY_REGIMES,
     INKS,
+    LOOKS,
 )
 from tests.helpers.sweep_files import run_in
 
@@ -121,7 +118,7 @@ def test_two_orbits_of_a_class_are_told_apart_by_colour_and_by_a_state(drawn):
         np.testing.assert_allclose([motion.x[-1], motion.v[-1]], [x, v], atol=2e-3)
     grey = legend(drawn("basins", 0.9576, grey=True))
     assert set(grey) == set(found)
-    looks = [(look.colour.lower(), look.hatch) for look in GREY_FURTHER[:2]]
+    looks = [(LOOKS[one][1].colour.lower(), LOOKS[one][1].hatch) for one in FURTHER[:2]]
     assert [*grey.values()] == looks
 
 
@@ -178,8 +175,7 @@ LEAST = 0.2
 
 def test_any_two_attractors_in_grey_differ_in_shape_or_clearly_in_ink():
     """In lines by the dashes, and in dots by the marker."""
-    looks = [*GREY_CLASSES.items(), *enumerate(GREY_FURTHER), *GREY_REGIMES.items()]
-    for (one, first), (other, second) in combinations([*looks, ("others", GREY_OTHER)], 2):
+    for (one, (_, first)), (other, (_, second)) in combinations(LOOKS.items(), 2):
         inks = abs(to_rgb(first.ink)[0] - to_rgb(second.ink)[0])
         assert inks >= LEAST or first.marker != second.marker, (one, other)
         assert inks >= LEAST or first.dash != second.dash, (one, other)
@@ -263,7 +259,7 @@ def test_a_line_without_room_has_no_name():
 
 
 def test_every_look_of_a_class_and_of_further_attractors_is_its_own():
-    looks = [(look.colour, look.hatch) for look in (*GREY_CLASSES.values(), *GREY_FURTHER)]
+    looks = [LOOKS[key][1][:3:2] for key in (*CLASSES, *FURTHER)]
     assert len(set(looks)) == len(looks)
     assert not set(FURTHER) & set(CLASSES.values())
 

@@ -72,10 +72,9 @@ def test_every_class_has_a_dot_of_its_own():
 
 
 def test_directions_impacts_and_marks_have_a_contrast_of_three():
-    ways = [*style.DIRECTION_COLOURS, *style.GREY_DIRECTIONS, style.BOTH_COLOUR]
-    marks = [*style.MARKS.values(), *style.GREY_MARKS.values(), *style.STATUS_COLOURS.values()]
-    looks = [*style.GREY_CLASSES.values(), style.GREY_OTHER, *style.GREY_FURTHER]
-    inks = [*(look.ink for look in looks), *style.FURTHER]
+    ways = [look.colour for pair in style.DIRECTIONS for look in pair] + [style.BOTH_COLOUR]
+    marks = [*itertools.chain(*style.MARKS.values()), *style.STATUS_COLOURS.values()]
+    inks = [*(grey.ink for _, grey in style.LOOKS.values()), *style.FURTHER]
     for colour in (*ways, *marks, *inks):
         assert contrast(style.visible(colour)) >= 2.995, colour
 

@@ -68,15 +68,16 @@ IN_A_MAP = {
     **{f"{m}/{q}": colour for (m, q), colour in style.CLASSES.items()},
     **{regime.word: colour for regime, colour in style.REGIMES.items()},
     **{outcome.name: colour for outcome, colour in style.STATUS_COLOURS.items()},
-    "other": style.OTHER_CLASS,
+    "other": style.LOOKS[None][0].colour,
 }
+WAYS = [look.colour for look in style.DIRECTIONS[False]]
 PICTURES = {
     "map": IN_A_MAP,
     "status": style.RESULT_COLOURS | style.STATUS_COLOURS,
     "evidence": style.EVIDENCE | style.STATUS_COLOURS,
     "attractors": dict(enumerate(style.FURTHER)),
     "dots": {name: style.INKS.get(of, of) for name, of in IN_A_MAP.items() if name[0] not in "PUN"},
-    "directions": dict(enumerate((*style.DIRECTION_COLOURS, style.BOTH_COLOUR))),
+    "directions": dict(enumerate((*WAYS, style.BOTH_COLOUR))),
 }
 
 
