@@ -1,45 +1,46 @@
-"""Accuracy against speed: errors, costs and orders of every method.
+"""Accuracy against speed: the scenes, and the errors and costs of every method on them.
+
+A scene is not a single point but 64 neighbours of it: this fills whole blocks of lanes, as in a
+sweep, and impacts fall on different places within a step. A scene may also be 64 points of a sweep.
+Errors are root mean squares over these points, against the rule ``exact``, and are dimensionless:
+displacements, speeds and times are divided by V / omega, V and 2 pi / omega. V is the speed of the
+fastest true impact of the point, or a speed of its section if it has no impact.
 
 All methods run interleaved, each round over all of them, so that a drift of the machine affects all
 of them alike; the best time of the rounds counts. A rung n of the ladder stands for numbers of
 steps from n to 1.1 n, a different number in every round, so that impacts fall on different places
 within a step. Errors are root mean squares over the rounds.
-
-The rows of one scene, kind of error and method are a line of the chart.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from sweeps.bench.method_scenes import (
-    CHATTER_SCENE,
-    EXACT_METHOD,
-    GRAZING,
-    METHODS,
-    ORBIT_ERRORS,
-    PEERS,
-    REGULAR,
-    SCENES,
-    Method,
-    Scene,
-    installed,
-    least_steps,
-    of_sweep,
-    run_peer,
-)
+from sweeps.bench.peers import KEPT, PEERS, installed, run_peer
 from sweeps.config.sweep import SweepConfig
-from sweeps.text import table
+from sweeps.errors import Refused
+from sweeps.opened.motions import section_distance
+from vibroimpact import Oscillator, Status, integrate
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES, default_steps
 
+#: Number of points in a scene, neighbours of one point.
+NEIGHBOURS = 64
 #: Least steps of a timed run, all points together; with fewer, mainly the call would be timed.
 _LEAST_WORK = 1_500_000
 
+#: The kinds of errors of an orbit, as in the pictures.
+ORBIT_ERRORS = ("section state", "impact time", "impact speed", "deepest penetration")
+STATE, PENETRATION = ORBIT_ERRORS[0], ORBIT_ERRORS[-1]
+#: What stands for the impact rule of a peer.
+EVENTS = "events"
 #: The columns of the table of measurements; below, the types of those that may have no value.
 MEASURED_COLUMNS = [
     "scene",
@@ -52,23 +53,163 @@ MEASURED_COLUMNS = [
     "seconds_per_period",
 ]
 _TYPES = {"steps_per_period": "Int64", "tolerance": float, "error": float}
-#: The columns that identify a method, and a line of the chart.
-METHOD, LINE = MEASURED_COLUMNS[2:4], MEASURED_COLUMNS[:4]
-#: What stands for the impact rule of a peer.
-EVENTS = "events"
-#: Name of the scene that stands for the mean of all regular scenes.
-MEAN = "regular scenes"
-#: An error above this has no right digit.
-NO_DIGIT = 1.0
 
-# An order is fitted to the finest steps whose errors are small but far above the reference's error.
-_FITTED, _LARGEST, _ABOVE_FLOOR = 5, 0.1, 10.0
 
-STATE, PENETRATION = ORBIT_ERRORS[0], ORBIT_ERRORS[-1]
-#: The steps per period, and for peers the tolerance, at which errors are shown.
-COMPARED_STEPS, SOLVER_TOLERANCE = 100, 1e-9
-#: The errors for which the cheapest method is named.
-TARGETS = (1e-2, 1e-4, 1e-8, 1e-12)
+class Method(NamedTuple):
+    """An integrator and an impact rule, by their names."""
+
+    integrator: str
+    impact: str
+
+
+EXACT_METHOD = Method("exact", "exact")
+METHODS = tuple(
+    Method(integrator, rule)
+    for rule in IMPACT_RULES
+    for integrator in INTEGRATORS
+    if rule != EXACT_METHOD.impact or integrator == EXACT_METHOD.integrator
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A motion on which methods are compared."""
+
+    name: str
+    points: np.ndarray  # dtype ``POINT``
+    periods: int  # forcing periods from the start to the section
+    phase: float = 0.0  # omega t of the section; no impact is near it
+    impacts: int = 0  # number of the last true impacts that are compared
+    recorded: int = 1  # forcing periods before the section that contain these impacts
+    at_section: bool = False  # whether the points start at a section instead of at t = 0
+    timed: int | None = None  # forcing periods of a timed run, if those to the section are too few
+
+    def run(
+        self,
+        method: Method,
+        steps: int,
+        threads: int | None = None,
+        copies: int = 1,
+        kept: int = KEPT,
+        periods: int | None = None,
+    ) -> dict[str, np.ndarray]:
+        """Run all points, `copies` times over, with one method; results as of `integrate`."""
+        return integrate(
+            np.tile(self.points, copies),
+            **method._asdict(),
+            steps_per_period=steps,
+            transient=(periods or self.periods) - self.recorded,
+            periods=self.recorded,
+            phase=self.phase,
+            at_section=self.at_section,
+            impacts=kept,
+            threads=threads,
+        )
+
+    def truth(self) -> dict[str, np.ndarray]:
+        """Run all points with exact impacts, on their own steps; results as of `integrate`."""
+        return self.run(EXACT_METHOD, 2 * least_steps(EXACT_METHOD, self.points), kept=self.impacts)
+
+    def errors(
+        self, truth: Mapping[str, np.ndarray], run: Mapping[str, np.ndarray]
+    ) -> dict[str, float]:
+        """Return the RMS errors of a run by kind, with keys in ``ORBIT_ERRORS``.
+
+        States are compared directly or through an impact. Every true impact is compared with the
+        impact found at the nearest phase. If none was found, it counts as half a period late and as
+        without speed. The section of a failed run has the error NaN. Errors of impacts are left out
+        if there are no true impacts. Rows of further copies in the run are ignored.
+        """
+        n = len(self.points)
+        R, omega, clearance = (self.points[name] for name in ("R", "omega", "clearance"))
+        end, true_end = (
+            np.stack([of["poincare_x"][:n, -1], of["poincare_v"][:n, -1]], axis=1)
+            for of in (run, truth)
+        )
+        V = truth["fastest_impact"]
+        V = np.where(V > 0.0, V, np.hypot(omega * true_end[:, 0], true_end[:, 1]))
+        V = np.where(V > 0.0, V, 1.0)  # the point never moves
+        units = np.stack([V / omega, V], axis=1)
+        phase, v = truth["impact_phase"], truth["impact_v"]
+        real = np.isfinite(phase)
+        delay = run["impact_phase"][:n, None, :] - phase[:, :, None]
+        delay = np.abs((delay + math.pi) % (2.0 * math.pi) - math.pi)
+        delay = np.where(np.isnan(delay), math.pi, delay)
+        nearest = delay.argmin(axis=2)
+        found_v = np.nan_to_num(np.take_along_axis(run["impact_v"][:n], nearest, axis=1))
+        with np.errstate(all="ignore"):
+            values = (
+                section_distance(end, true_end, clearance, R, units),
+                delay.min(axis=2)[real] / (2.0 * math.pi),
+                ((found_v - v) / V[:, None])[real],
+                omega * run["max_penetration"][:n] / V,
+            )
+            return {
+                kind: float(np.sqrt(np.mean(np.square(value))))
+                for kind, value in zip(ORBIT_ERRORS, values, strict=True)
+                if value.size
+            }
+
+
+def least_steps(method: Method, points: np.ndarray) -> int:
+    """Return the fewest steps per forcing period that a method needs at these points."""
+    return default_steps(points, "exact") if method.impact == EXACT_METHOD.impact else 1
+
+
+_OFFSETS = np.linspace(-0.005, 0.005, NEIGHBOURS)
+# The speed of an impact grows with the root of the distance from its graze; so most are small.
+_GRAZE_OFFSETS = np.geomspace(1e-8, 1e-3, NEIGHBOURS // 2)
+#: The omega at which the first flight from rest touches the stop (h = 0.1).
+_GRAZE = 3.03833647460949767
+
+
+def _scene(
+    name: str, h: float, R: float, omega: float, offsets: np.ndarray = _OFFSETS, **options: Any
+) -> Scene:
+    """Return a scene whose points start at rest, with omega (1 + offset)."""
+    points = Oscillator(h=h, R=R, omega=omega, f=1.0).at().repeat(offsets.size)
+    points["omega"] *= 1.0 + offsets
+    return Scene(name, points, **options)
+
+
+#: Motions without rests and grazes, on which methods show their orders.
+REGULAR = (
+    _scene("conservative impacts", 0.5, 1.0, 1.0, periods=20, phase=math.pi, impacts=2),
+    _scene("conservative motion", 0.0, 0.5, 1.0, periods=20, phase=math.pi, impacts=2),
+    _scene("fully dissipative", 0.5, 0.5, 1.0, periods=20, phase=math.pi, impacts=4),
+    _scene("one impact", 0.05, 0.7, 2.3, periods=40, impacts=1),
+    _scene("high frequency", 0.1, 0.8, 10.0, periods=60, phase=math.pi, impacts=1, recorded=5),
+)
+# The section is after three impacts of a chatter that is complete at 4.78.
+CHATTER_SCENE = _scene("chatter and rest", 0.05, 0.6, 0.4, periods=5, phase=4.4, impacts=3)
+# The section is between the second impact, at 5.2 at the latest, and the third.
+GRAZING = _scene(
+    "near grazing", 0.1, 0.8, _GRAZE, np.concatenate([-_GRAZE_OFFSETS[::-1], _GRAZE_OFFSETS]),
+    periods=1, phase=5.67, impacts=2,
+)  # fmt: skip
+SCENES = (*REGULAR, CHATTER_SCENE, GRAZING)
+
+
+def of_sweep(config: SweepConfig) -> Scene:
+    """Return points spread over a sweep, each from the state at the end of its record.
+
+    They are followed for one forcing period: over a longer time the errors of chaotic motions would
+    say nothing. Each point is computed from its own start. Raises Refused if no point can be
+    computed with exact impacts.
+    """
+    points, spec = config.sweep.grid.spread(NEIGHBOURS), config.sweep.spec
+    transient = spec.transient + spec.periods - 1
+    try:
+        last = integrate(points, transient=transient, periods=1, phase=spec.phase, impacts=0)
+    except ValueError as error:
+        raise Refused(str(error)) from error
+    good = np.array([not Status(status).failed for status in last["status"]])
+    if not good.any():
+        raise Refused(f"{config.name} has no point that exact impacts can be found for")
+    points["x0"], points["v0"] = last["poincare_x"][:, 0], last["poincare_v"][:, 0]
+    return Scene(
+        f"sweep {config.name}", points[good], 1, spec.phase, impacts=4, at_section=True, timed=20
+    )
 
 
 @dataclass(frozen=True)
@@ -117,7 +258,9 @@ def measure_methods(
         run = scene, method, rung
         if tolerance is not None:
             thinned = replace(scene, points=scene.points[:: plan.thinning])
-            results, seconds = run_peer(method.integrator, thinned, tolerance)
+            results, seconds = run_peer(
+                method.integrator, thinned.points, scene.periods, scene.phase, tolerance
+            )
             errors = thinned.errors(thinned.truth(), results)
             del errors[PENETRATION]  # the state between the steps of a peer is not compared
         elif rung is not None and run not in failed:  # a failed run might never end
@@ -136,6 +279,10 @@ def measure_methods(
     rounds = pd.DataFrame(rows, columns=MEASURED_COLUMNS).astype(_TYPES)
     same = rounds.groupby(MEASURED_COLUMNS[:-2], sort=False, dropna=False)
     return same.agg({"error": _root_mean_square, "seconds_per_period": "min"}).reset_index()
+
+
+def _root_mean_square(values: pd.Series) -> float:
+    return float(np.sqrt(np.mean(values.to_numpy() ** 2)))  # NaN if a value is NaN
 
 
 def _runs(plan: Plan) -> Iterator[tuple[int, Scene, Method, int | None, float | None]]:
@@ -168,130 +315,3 @@ def _timed(
     if periods != scene.periods:
         results = scene.run(method, steps, threads)
     return results, seconds
-
-
-def _root_mean_square(values: pd.Series) -> float:
-    return float(np.sqrt(np.mean(values.to_numpy() ** 2)))  # NaN if a value is NaN
-
-
-def means(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return geometric means of errors and seconds over the regular scenes.
-
-    A method that failed in one of the scenes has no mean.
-    """
-    regular = measured[measured["scene"].isin([scene.name for scene in REGULAR])]
-    same = [*LINE[1:], "steps_per_period", "tolerance"]
-    groups = regular.groupby(same, sort=False, dropna=False)
-    mean = groups[["error", "seconds_per_period"]].agg(_geometric_mean)
-    sizes = groups.size()
-    return mean[sizes == sizes.max()].reset_index().assign(scene=MEAN)[list(measured)]
-
-
-def main_scene(measured: pd.DataFrame) -> str:
-    """Return the scene to show first: the mean of the regular scenes, or else the first scene."""
-    return MEAN if (measured["scene"] == MEAN).any() else str(measured["scene"].iloc[0])
-
-
-def _geometric_mean(values: pd.Series) -> float:
-    with np.errstate(divide="ignore"):
-        return float(np.exp(np.mean(np.log(values.to_numpy()))))
-
-
-def measured_order(steps: Sequence[int], errors: Sequence[float], floor: float = 0.0) -> float:
-    """Return minus the slope of log error over log steps, by least squares, from coarse to fine.
-
-    Only errors ten times above `floor`, the error of the reference, are fitted; NaN if fewer than
-    three are left.
-    """
-    e = np.array(errors)
-    good = np.flatnonzero((e > _ABOVE_FLOOR * floor) & (e < _LARGEST) & (e > 0.0))[-_FITTED:]
-    if len(good) < 3:
-        return math.nan
-    return -float(np.polyfit(np.log(np.array(steps, float)[good]), np.log(e[good]), 1)[0])
-
-
-def with_orders(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return the measurements line by line, from coarse to fine, and add ``measured_order``.
-
-    It is NaN for the reference and for peers.
-    """
-    exact = measured[measured["impact"] == EXACT_METHOD.impact]
-    floors = exact.groupby(LINE[:2])["error"].max()
-    lines = []
-    for line, group in measured.groupby(LINE, sort=False):
-        group = group.sort_values(["steps_per_period", "tolerance"], ascending=[True, False])
-        order = math.nan
-        if line[3] not in (EXACT_METHOD.impact, EVENTS):
-            steps, errors = group["steps_per_period"].tolist(), group["error"].tolist()
-            order = measured_order(steps, errors, floors.get(line[:2], 0.0))
-        lines.append(group.assign(measured_order=order))
-    return pd.concat(lines, ignore_index=True)
-
-
-def efficient_frontier(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return the measurements with the least error at the same or lower cost, cheapest first."""
-    by_cost = measured.dropna(subset="error").sort_values(["seconds_per_period", "error"])
-    least = by_cost["error"].clip(upper=NO_DIGIT).cummin().shift(fill_value=NO_DIGIT)
-    return by_cost[by_cost["error"] < least]
-
-
-def of_methods(measured: pd.DataFrame) -> str:
-    """Return a table of the orders, the errors and the cost of every method, from `with_orders`."""
-    main, columns = main_scene(measured), {"order": main_scene(measured)}
-    if main == MEAN:
-        columns = {"regular": MEAN, "chatter": CHATTER_SCENE.name, "graze": GRAZING.name}
-    taken = measured["steps_per_period"]
-    exact = taken[(measured["impact"] == EXACT_METHOD.impact) & (taken >= COMPARED_STEPS)]
-    steps = COMPARED_STEPS if exact.empty else exact.min()
-    orders = measured[measured["error_kind"] == STATE].groupby(["scene", *METHOD])
-    order = orders["measured_order"].first()
-    compared = (taken == steps) | (measured["tolerance"] == SOLVER_TOLERANCE)
-    rows = [(*METHOD, *columns, "error", "penetration", "ns/period")]
-    for method, group in measured[(measured["scene"] == main) & compared].groupby(
-        METHOD, sort=False
-    ):
-        errors = group.set_index("error_kind")["error"]
-        values = (order.get((scene, *method), math.nan) for scene in columns.values())
-        shown_orders = ("" if math.isnan(value) else f"{value:.1f}" for value in values)
-        deepest = _error(errors[PENETRATION]) if PENETRATION in errors else ""
-        rows.append((*method, *shown_orders, _error(errors[STATE]), deepest, _cost(group)))
-    of = f"(solvers: tolerance {SOLVER_TOLERANCE:g}), geometric mean of the regular scenes"
-    return (
-        f"Measured orders of the section state; errors and cost with {steps} steps per period\n"
-        f"{of if main == MEAN else f'of the {main}'}\n\n"
-        f"{table(rows, words=2)}\n\n"
-        "No order: fewer than three errors below 0.1 and above rounding.\n"
-        "Steps beyond a limit of stability are run, too; impacts may limit the growth.\n"
-    )
-
-
-def of_targets(measured: pd.DataFrame) -> str:
-    """Return a table of the cheapest method for each of ``TARGETS``."""
-    rows = [("error", *METHOD, "steps", "ns/period")]
-    states = (measured["scene"] == main_scene(measured)) & (measured["error_kind"] == STATE)
-    for target in TARGETS:
-        reached = measured[states & (measured["error"] <= target)]
-        best = reached.nsmallest(1, "seconds_per_period")
-        rows += [
-            (
-                f"{target:g}",
-                *row[2:4],
-                str(row[4]) if pd.notna(row[4]) else f"tolerance {row[5]:g}",
-                _cost(best),
-            )
-            for row in best.itertuples(index=False)
-        ] or [(f"{target:g}", "none", "", "", "")]
-    title = "The cheapest way to an error of the section state (as above)"
-    return f"{title}\n\n{table(rows, words=4)}\n"
-
-
-def _cost(measured: pd.DataFrame) -> str:
-    return f"{measured['seconds_per_period'].iloc[0] * 1e9:,.0f}"
-
-
-def _error(value: float) -> str:
-    if not math.isfinite(value):
-        return "failed"
-    if value == 0.0:
-        return "0"
-    return f"{value:.1e}" if value < NO_DIGIT else "> 1"

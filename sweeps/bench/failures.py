@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,7 +23,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
-from sweeps.bench.method_scenes import EXACT_METHOD, Method
+from sweeps.bench.accuracy import EXACT_METHOD, Method
 from sweeps.bench.paper_cases import CASES, CHATTER
 from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, integrate, paper_procedure, simulate
@@ -175,6 +176,7 @@ MARK = "!"
 _PER_TABLE = 4
 
 Figures = Mapping[tuple[Method, str], float]
+FAILURES: list[Failure] = []
 
 #: The paper's case with four impacts per period, and the speed of the slowest.
 PAPER, PAPER_SLOWEST = CASES["fully dissipative"], 0.036454221377120
@@ -230,34 +232,24 @@ def figure_table(limits: Limits, figures: Figures) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["method", "figure", "scene", "value"]).dropna()
 
 
-class Failure(NamedTuple):
-    """One kind of failure."""
+@dataclass
+class Failure:
+    """One kind of failure, and the decorator that adds its function to ``FAILURES``."""
 
     name: str  # name of the figure
-    scene: str  # description of the run and of the figure: the docstring of `measure`
     digits: str  # format of the figure
-    right: tuple[float, float]  # the range of figures that are no failure
-    to_the_letter: bool  # whether it can be measured for the method ``to the letter``
-    measure: Callable[[Method], float]  # returns the figure of a method
+    low: float  # the range of figures that are no failure
+    high: float
+    to_the_letter: bool = True  # whether it can be measured for the method ``to the letter``
+
+    def __call__(self, measure: Callable[[Method], float]) -> None:
+        """Take the function that returns the figure of a method, and its docstring."""
+        self.measure, self.scene = measure, " ".join((measure.__doc__ or "").split()).strip(".")
+        FAILURES.append(self)
 
     def fails(self, figure: float) -> bool:
         """Whether a figure is a failure."""
-        return figure < self.right[0] or figure > self.right[1]
-
-
-FAILURES: list[Failure] = []
-
-
-def _failure(
-    name: str, digits: str, right: tuple[float, float], to_the_letter: bool = True
-) -> Callable[[Callable[[Method], float]], None]:
-    """Return a decorator that adds a function to ``FAILURES``."""
-
-    def add(measure: Callable[[Method], float]) -> None:
-        scene = " ".join((measure.__doc__ or "").split()).removesuffix(".")
-        FAILURES.append(Failure(name, scene, digits, right, to_the_letter, measure))
-
-    return add
+        return figure < self.low or figure > self.high
 
 
 def _run(
@@ -273,7 +265,7 @@ def _steps_of(method: Method, steps: int = STEPS) -> int | None:
     return None if method.impact == "exact" else steps
 
 
-@_failure("stalls at", ".2f", (math.inf, math.inf))
+@Failure("stalls at", ".2f", math.inf, math.inf)
 def _stall(method: Method) -> float:
     """chatter, h = 0, R = 0.3, omega = 0.3: time at which time stops advancing."""
     run = _run(method, CHATTER, 2)
@@ -282,7 +274,7 @@ def _stall(method: Method) -> float:
     return run.t[-1] if run.status.failed else math.inf
 
 
-@_failure("at rest", ".0f", (0, 0))
+@Failure("at rest", ".0f", 0, 0)
 def _impacts_at_rest(method: Method) -> float:
     """the same: impacts while the mass in truth rests."""
     run = _run(method, CHATTER, 1)
@@ -292,7 +284,7 @@ def _impacts_at_rest(method: Method) -> float:
     return float(np.count_nonzero((run.impact_t > begin + 1e-6) & (run.impact_t < end - 1e-6)))
 
 
-@_failure("false rests", ".0f", (0, 0), to_the_letter=False)  # it has no rests
+@Failure("false rests", ".0f", 0, 0, to_the_letter=False)  # it has no rests
 def _false_rests(method: Method) -> float:
     """h = 0.5, R = 0.8, omega = 0.6 and h = 0.5, R = 0.95, omega = 0.4: rests in 20 periods each,
     where nothing rests.
@@ -303,7 +295,7 @@ def _false_rests(method: Method) -> float:
     return float(sum(len(_run(method, chatter, 20).rests) for chatter in chatters))
 
 
-@_failure("depth", ".2f", (0.0, 1e-12))
+@Failure("depth", ".2f", 0.0, 1e-12)
 def _depth(method: Method) -> float:
     """fully dissipative case of the paper: deepest penetration, over the speed of the fastest
     impact times T.
@@ -312,7 +304,7 @@ def _depth(method: Method) -> float:
     return run.max_penetration * PAPER.omega * STEPS / (2.0 * math.pi * run.impact_v.max())
 
 
-@_failure("touch from", ".2f", (-1e-6, 1e-6), to_the_letter=False)
+@Failure("touch from", ".2f", -1e-6, 1e-6, to_the_letter=False)
 def _smallest_touch(method: Method) -> float:
     """a touch that begins and ends within a step: least depth that is seen, over |a| T^2 / 8; below
     0, an impact is seen where there is no touch.
@@ -330,33 +322,33 @@ def _smallest_touch(method: Method) -> float:
     return round(seen, 9) + 0.0
 
 
-@_failure("graze at", ".4f", (TOUCH_TIME - TOUCH_STEP, TOUCH_TIME + TOUCH_STEP))
+@Failure("graze at", ".4f", TOUCH_TIME - TOUCH_STEP, TOUCH_TIME + TOUCH_STEP)
 def _first_graze(method: Method) -> float:
     """h = 0.1, R = 0.8, omega = 3.0383: time of the first impact, a touch at t = 2.8308."""
     return _run(method, TOUCHING, 3).impact_t[0]
 
 
-@_failure("energy", ".3g", (0.995, 1.005), to_the_letter=False)
+@Failure("energy", ".3g", 0.995, 1.005, to_the_letter=False)
 def _energy(method: Method) -> float:
     """f = 0, h = 0, R = 1, T = 2 pi / 101.37: share of the energy after 100 impacts."""
     free = Oscillator(h=0.0, R=1.0, omega=101.37 / 100.0, f=0.0)
     return _run(method, free, 60, -1.0).impact_v[99] ** 2
 
 
-@_failure("impacts", ".0f", (80, 80))
+@Failure("impacts", ".0f", 80, 80)
 def _impacts(method: Method) -> float:
     """fully dissipative case of the paper: impacts in 20 periods, of which there are 80."""
     return float(len(_run(method, PAPER, 20).impact_t))
 
 
-@_failure("slowest", ".4f", (0.95 * PAPER_SLOWEST, 1.05 * PAPER_SLOWEST))
+@Failure("slowest", ".4f", 0.95 * PAPER_SLOWEST, 1.05 * PAPER_SLOWEST)
 def _slowest_impact(method: Method) -> float:
     """the same: speed of the slowest impact, which is 0.0365."""
     run = _run(method, PAPER, 20)
     return run.impact_v[run.impact_t > 10 * PAPER.forcing_period].min()
 
 
-@_failure("astray", ".0f", (0, 0), to_the_letter=False)
+@Failure("astray", ".0f", 0, 0, to_the_letter=False)
 def _astray(method: Method) -> float:
     """h = 0.02, R = 0.8, omega = 1.3, two attractors: of 64 starts, those that end on the wrong
     one.
@@ -372,7 +364,7 @@ def _astray(method: Method) -> float:
     return float(np.count_nonzero(~(np.abs(impacts - true) < 0.1)))
 
 
-@_failure("p T = pi", ".3g", (1.62 / 1.5, 1.62 * 1.5), to_the_letter=False)
+@Failure("p T = pi", ".3g", 1.62 / 1.5, 1.62 * 1.5, to_the_letter=False)
 def _greatest_speed(method: Method) -> float:
     """h = 0, R = 0.8, omega = 0.5 at 4 steps per period: greatest speed in 400 periods, which is
     1.62; inf: overflow.

@@ -70,7 +70,7 @@ def accuracy_speed(
     import pandas as pd
 
     from sweeps.bench import accuracy as bench
-    from sweeps.bench.accuracy_picture import accuracy_picture
+    from sweeps.bench import accuracy_results as results
 
     plan = bench.QUICK if quick else bench.FULL
     if config is not None:
@@ -81,14 +81,14 @@ def accuracy_speed(
     with progress_shown("measuring") as report:
         measured = bench.measure_methods(plan, threads, report)
     if config is None:
-        measured = pd.concat([measured, bench.means(measured)])
-    measured = bench.with_orders(measured)
+        measured = pd.concat([measured, results.means(measured)])
+    measured = results.with_orders(measured)
     for name in plan.peers:
         if not bench.installed(name):
             say(f"{name} is not installed, so it is not on the chart", error=True)
-    say(bench.of_methods(measured))
-    say(bench.of_targets(measured))
-    _save(csv, measured, output, accuracy_picture, measured)
+    say(results.of_methods(measured))
+    say(results.of_targets(measured))
+    _save(csv, measured, output, results.accuracy_picture, measured)
 
 
 def stability(

@@ -12,20 +12,22 @@ import yaml
 
 from sweeps import load_config
 from sweeps.bench import accuracy
-from sweeps.bench.accuracy import MEAN, MEASURED_COLUMNS, Plan, measure_methods
-from sweeps.bench.method_scenes import (
+from sweeps.bench import accuracy_results as results
+from sweeps.bench.accuracy import (
     CHATTER_SCENE,
     EXACT_METHOD,
     GRAZING,
+    MEASURED_COLUMNS,
     METHODS,
     ORBIT_ERRORS,
-    PEERS,
     REGULAR,
     Method,
-    installed,
+    Plan,
+    measure_methods,
     of_sweep,
-    run_peer,
 )
+from sweeps.bench.accuracy_results import MEAN
+from sweeps.bench.peers import PEERS, installed, run_peer
 from sweeps.grid import Grid
 from tests.helpers.commands import call
 from vibroimpact import Status
@@ -57,9 +59,9 @@ def test_the_efficient_frontier():
     good = [made(0.5, 1.0), made(0.1, 2.0), made(1e-9, 7.0)]
     # Same cost but less accurate, more costly but not better, failed, no correct digit.
     bad = [made(0.2, 2.0), made(0.1, 3.0), made(math.nan, 0.1), made(2.0, 0.2), made(0.6, 1.5)]
-    found = accuracy.efficient_frontier(in_a_table([*bad, *good[::-1]]))
+    found = results.efficient_frontier(in_a_table([*bad, *good[::-1]]))
     pd.testing.assert_frame_equal(found.reset_index(drop=True), in_a_table(good))
-    assert accuracy.efficient_frontier(in_a_table([])).empty
+    assert results.efficient_frontier(in_a_table([])).empty
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
@@ -67,17 +69,17 @@ def test_the_order_of_a_power_law(order):
     steps = np.array([25, 50, 100, 200, 400, 800])
     wiggle = 1.0 + 0.05 * np.array([1, -1, 1, -1, 1, -1])
     errors = 0.1 * (steps / 10.0) ** -order
-    assert accuracy.measured_order(steps, errors) == pytest.approx(order, abs=1e-12)
-    assert accuracy.measured_order(steps, errors * wiggle) == pytest.approx(order, abs=0.1)
+    assert results.measured_order(steps, errors) == pytest.approx(order, abs=1e-12)
+    assert results.measured_order(steps, errors * wiggle) == pytest.approx(order, abs=0.1)
     # Neither a coarse start nor a plateau at the reference's error counts.
     steps, bent = [5, *steps], [0.9, *np.where(steps > 200, 1e-13, errors)]
-    known = accuracy.measured_order(steps, bent, floor=1e-13)
+    known = results.measured_order(steps, bent, floor=1e-13)
     assert known == pytest.approx(order, abs=1e-12)
-    assert accuracy.measured_order(steps, bent) > order + 1.0
+    assert results.measured_order(steps, bent) > order + 1.0
 
 
 def test_no_order_from_less_than_three_errors():
-    order = accuracy.measured_order
+    order = results.measured_order
     assert math.isnan(order([50, 100], [1e-2, 1e-3]))
     assert math.isnan(order([50, 100, 200], [0.5, 1e-2, 1e-3]))
     assert math.isnan(order([50, 100, 200], [math.nan, 1e-2, 1e-3]))
@@ -93,7 +95,7 @@ def test_the_reference_and_the_peers_have_no_order():
     all_ += [made(e, 1.0, None, peer, tolerance=e) for e in errors]
 
     def order(table, method):
-        found = accuracy.with_orders(table)
+        found = results.with_orders(table)
         (one,) = set(found[found["impact"] == method.impact]["measured_order"].astype(str))
         return float(one)
 
@@ -110,11 +112,11 @@ def test_means_are_geometric_and_of_all_regular_scenes():
     all_ = [made(10.0**-k, 2.0**k, scene=name) for k, name in enumerate(names)]
     all_ += [made(1e-3, 1.0, 200, scene=name) for name in names[1:]]  # one is missing
     all_ += [made(1e-3, 1.0, scene=CHATTER_SCENE.name)]
-    (mean,) = accuracy.means(in_a_table(all_)).itertuples()
+    (mean,) = results.means(in_a_table(all_)).itertuples()
     assert (mean.scene, mean.steps_per_period, mean.integrator) == (MEAN, 100, "rk4")
     assert mean.error == pytest.approx(1e-2) and mean.seconds_per_period == pytest.approx(4.0)
     failed = [made(math.nan, 1.0, scene=names[0]), *all_[1:]]
-    assert math.isnan(accuracy.means(in_a_table(failed))["error"].item())
+    assert math.isnan(results.means(in_a_table(failed))["error"].item())
 
 
 # Scenes
@@ -228,7 +230,7 @@ def test_a_peer_meets_the_truth(name):
         pytest.skip(f"{name} is not installed")
     scene = replace(ONE_IMPACT, points=ONE_IMPACT.points[::32], periods=4)
     truth = scene.truth()
-    coarse, fine = (run_peer(name, scene, tolerance) for tolerance in (1e-3, 1e-9))
+    coarse, fine = (run_peer(name, scene.points, 4, 0.0, tolerance) for tolerance in (1e-3, 1e-9))
     errors = [scene.errors(truth, found) for found, _ in (coarse, fine)]
     for kind in (STATE, TIME, SPEED):
         assert errors[1][kind] < 1e-7 < 1e-2

@@ -1,4 +1,7 @@
-"""The work-precision diagram: error over cost, a line for each method."""
+"""The results of the comparison of methods: orders, tables, and the work-precision diagram.
+
+The diagram shows the error over the cost, a line for each scene, kind of error and method.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,152 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
+from scipy.stats import gmean
 
-from sweeps.bench.accuracy import MEAN, METHOD, NO_DIGIT, efficient_frontier, main_scene
-from sweeps.bench.method_scenes import CHATTER_SCENE, GRAZING, ORBIT_ERRORS, Method
+from sweeps.bench.accuracy import (
+    CHATTER_SCENE,
+    EVENTS,
+    EXACT_METHOD,
+    GRAZING,
+    MEASURED_COLUMNS,
+    ORBIT_ERRORS,
+    PENETRATION,
+    REGULAR,
+    STATE,
+    Method,
+)
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
+from sweeps.text import table
 from vibroimpact.step.integrators import INTEGRATORS
+
+#: The columns that identify a method, and a line of the chart.
+METHOD, LINE = MEASURED_COLUMNS[2:4], MEASURED_COLUMNS[:4]
+#: Name of the scene that stands for the mean of all regular scenes.
+MEAN = "regular scenes"
+#: An error above this has no right digit.
+NO_DIGIT = 1.0
+
+# An order is fitted to the finest steps whose errors are small but far above the reference's error.
+_FITTED, _LARGEST, _ABOVE_FLOOR = 5, 0.1, 10.0
+
+#: The steps per period, and for peers the tolerance, at which errors are shown.
+COMPARED_STEPS, SOLVER_TOLERANCE = 100, 1e-9
+#: The errors for which the cheapest method is named.
+TARGETS = (1e-2, 1e-4, 1e-8, 1e-12)
+
+
+def means(measured: pd.DataFrame) -> pd.DataFrame:
+    """Return geometric means of errors and seconds over the regular scenes.
+
+    A method that failed in one of the scenes has no mean.
+    """
+    regular = measured[measured["scene"].isin([scene.name for scene in REGULAR])]
+    same = [*LINE[1:], "steps_per_period", "tolerance"]
+    groups = regular.groupby(same, sort=False, dropna=False)
+    mean = groups[["error", "seconds_per_period"]].agg(gmean)
+    sizes = groups.size()
+    return mean[sizes == sizes.max()].reset_index().assign(scene=MEAN)[list(measured)]
+
+
+def main_scene(measured: pd.DataFrame) -> str:
+    """Return the scene to show first: the mean of the regular scenes, or else the first scene."""
+    return MEAN if (measured["scene"] == MEAN).any() else str(measured["scene"].iloc[0])
+
+
+def measured_order(steps: Sequence[int], errors: Sequence[float], floor: float = 0.0) -> float:
+    """Return minus the slope of log error over log steps, by least squares, from coarse to fine.
+
+    Only errors ten times above `floor`, the error of the reference, are fitted; NaN if fewer than
+    three are left.
+    """
+    e = np.array(errors)
+    good = np.flatnonzero((e > _ABOVE_FLOOR * floor) & (e < _LARGEST) & (e > 0.0))[-_FITTED:]
+    if len(good) < 3:
+        return math.nan
+    return -float(np.polyfit(np.log(np.array(steps, float)[good]), np.log(e[good]), 1)[0])
+
+
+def with_orders(measured: pd.DataFrame) -> pd.DataFrame:
+    """Return the measurements line by line, from coarse to fine, and add ``measured_order``.
+
+    It is NaN for the reference and for peers.
+    """
+    exact = measured[measured["impact"] == EXACT_METHOD.impact]
+    floors = exact.groupby(LINE[:2])["error"].max()
+    lines = []
+    for line, group in measured.groupby(LINE, sort=False):
+        group = group.sort_values(["steps_per_period", "tolerance"], ascending=[True, False])
+        order = math.nan
+        if line[3] not in (EXACT_METHOD.impact, EVENTS):
+            steps, errors = group["steps_per_period"].tolist(), group["error"].tolist()
+            order = measured_order(steps, errors, floors.get(line[:2], 0.0))
+        lines.append(group.assign(measured_order=order))
+    return pd.concat(lines, ignore_index=True)
+
+
+def efficient_frontier(measured: pd.DataFrame) -> pd.DataFrame:
+    """Return the measurements with the least error at the same or lower cost, cheapest first."""
+    by_cost = measured.dropna(subset="error").sort_values(["seconds_per_period", "error"])
+    least = by_cost["error"].clip(upper=NO_DIGIT).cummin().shift(fill_value=NO_DIGIT)
+    return by_cost[by_cost["error"] < least]
+
+
+def of_methods(measured: pd.DataFrame) -> str:
+    """Return a table of the orders, the errors and the cost of every method, from `with_orders`."""
+    main, columns = main_scene(measured), {"order": main_scene(measured)}
+    if main == MEAN:
+        columns = {"regular": MEAN, "chatter": CHATTER_SCENE.name, "graze": GRAZING.name}
+    taken = measured["steps_per_period"]
+    exact = taken[(measured["impact"] == EXACT_METHOD.impact) & (taken >= COMPARED_STEPS)]
+    steps = COMPARED_STEPS if exact.empty else exact.min()
+    orders = measured[measured["error_kind"] == STATE].groupby(["scene", *METHOD])
+    order = orders["measured_order"].first()
+    compared = (taken == steps) | (measured["tolerance"] == SOLVER_TOLERANCE)
+    rows = [(*METHOD, *columns, "error", "penetration", "ns/period")]
+    compared = measured[compared & (measured["scene"] == main)]
+    for method, group in compared.groupby(METHOD, sort=False):
+        errors = group.set_index("error_kind")["error"]
+        values = (order.get((scene, *method), math.nan) for scene in columns.values())
+        shown_orders = ("" if math.isnan(value) else f"{value:.1f}" for value in values)
+        deepest = _error(errors[PENETRATION]) if PENETRATION in errors else ""
+        rows.append((*method, *shown_orders, _error(errors[STATE]), deepest, _cost(group)))
+    of = f"(solvers: tolerance {SOLVER_TOLERANCE:g}), geometric mean of the regular scenes"
+    return (
+        f"Measured orders of the section state; errors and cost with {steps} steps per period\n"
+        f"{of if main == MEAN else f'of the {main}'}\n\n"
+        f"{table(rows, words=2)}\n\n"
+        "No order: fewer than three errors below 0.1 and above rounding.\n"
+        "Steps beyond a limit of stability are run, too; impacts may limit the growth.\n"
+    )
+
+
+def of_targets(measured: pd.DataFrame) -> str:
+    """Return a table of the cheapest method for each of ``TARGETS``."""
+    rows = [("error", *METHOD, "steps", "ns/period")]
+    states = (measured["scene"] == main_scene(measured)) & (measured["error_kind"] == STATE)
+    for target in TARGETS:
+        reached = measured[states & (measured["error"] <= target)]
+        best = reached.nsmallest(1, "seconds_per_period")
+        if best.empty:
+            rows.append((f"{target:g}", "none", "", "", ""))
+        for *method, steps, tolerance in best[MEASURED_COLUMNS[2:6]].itertuples(index=False):
+            taken = f"tolerance {tolerance:g}" if pd.isna(steps) else str(steps)
+            rows.append((f"{target:g}", *method, taken, _cost(best)))
+    title = "The cheapest way to an error of the section state (as above)"
+    return f"{title}\n\n{table(rows, words=4)}\n"
+
+
+def _cost(measured: pd.DataFrame) -> str:
+    return f"{measured['seconds_per_period'].iloc[0] * 1e9:,.0f}"
+
+
+def _error(value: float) -> str:
+    if not math.isfinite(value):
+        return "failed"
+    if value == 0.0:
+        return "0"
+    return f"{value:.1e}" if value < NO_DIGIT else "> 1"
+
 
 #: Title, scene and kind of error of each panel; the first panel is the wide one.
 PANELS = (
@@ -44,7 +188,7 @@ _BAND: dict[str, Any] = {"color": _YELLOW, "linewidth": 6.0, "alpha": 0.6}
 def accuracy_picture(measured: pd.DataFrame) -> Figure:
     """Draw a panel per kind of error, with its lines, their orders and the efficient frontier.
 
-    `measured` is from `sweeps.bench.accuracy.with_orders`. For a single scene, such as a sweep,
+    `measured` is from `with_orders`. For a single scene, such as a sweep,
     only the first three of ``PANELS`` are drawn.
     """
     main = main_scene(measured)
