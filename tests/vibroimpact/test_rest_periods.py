@@ -39,6 +39,24 @@ def test_a_period_that_rounding_decides_is_none():
         assert np.isnan(found["x"]) and np.isnan(found["distance"])
 
 
+def test_a_period_after_which_the_rest_is_of_another_length_with_the_next_p_is_none():
+    """Those beside rest again after as many periods, but 1.8 to 2.9 times as long as each other."""
+    points = np.zeros(4, POINT)
+    points["h"] = 0.0, 0.0, 0.2353045469784501, 0.28320941202709105
+    points["R"] = 0.6872324114653325, 0.6678754883311268, 0.8184640275352644, 0.8033357787188148
+    points["omega"] = 4.277851897420898, 5.665895499597712, 3.788556977970012, 4.670661617973004
+    points["f"] = 0.9187603381355391, 1.2143501474302425, 0.29000568255163756, 1.9533898664999707
+    points["p"] = 1.0, 1.7, 1.7, 1.7
+    points["x0"] = points["clearance"] = (
+        -0.15270577229646973, -0.2846835902120583, -0.06845804024997779, -0.49343105632008644,
+    )  # fmt: skip
+    out = recorded(points)
+    x, v = out["poincare_x"], out["poincare_v"]
+    for i, m in enumerate([26, 25, 20, 17]):
+        assert (x[i, m:] == x[i, :-m]).all() and (v[i, m:] == v[i, :-m]).all()
+    assert (out["destination"]["m"] == 0).all()
+
+
 def points_with_rest(n, seed, **method):
     """Return points whose motions rest, at random."""
     rng, points = np.random.default_rng(seed), np.zeros(5 * n, POINT)
