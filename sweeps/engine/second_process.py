@@ -15,6 +15,7 @@ from rich.console import Console
 
 from sweeps.engine.estimate import COMPILING_MEMORY, available_memory
 from vibroimpact.jit import ALL_THREADS, COMPILING, called_before_passes, watched
+from vibroimpact.jit.cache import LONGEST_WAIT
 from vibroimpact.jit.watching import WATCHERS
 from vibroimpact.kernel.threads import compile_search
 
@@ -67,12 +68,19 @@ def compile_beside() -> None:
 
 
 def _compile_for(parent: int) -> None:
-    """Compile the search in a copy of a process, while that runs; let go of its files first."""
+    """Compile the search in a copy of a process, while that runs and waits for it.
+
+    Let go of its files first.
+    """
 
     def check() -> None:
         if os.getppid() != parent:
             raise SystemExit
 
+    # A lock that another thread of the first process had stays locked here for ever.
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGALRM})
+    signal.setitimer(signal.ITIMER_REAL, LONGEST_WAIT)
     WATCHERS.clear()
     signal.set_wakeup_fd(-1)
     nothing = os.open(os.devnull, os.O_RDWR)

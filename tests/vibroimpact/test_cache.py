@@ -327,7 +327,7 @@ def told_of(folder):
 
 
 def test_a_process_waits_for_another_that_compiles_the_same_but_not_for_ever(folder, monkeypatch):
-    monkeypatch.setattr(cache, "_LONGEST_WAIT", 0.1)
+    monkeypatch.setattr(cache, "LONGEST_WAIT", 0.1)
     lock = lock_of_another(folder)
     assert told_of(folder) == ["waiting for another process", "compiling", ""]
     assert Path(lock.lock_file).exists()  # it is not ours to remove

@@ -37,7 +37,7 @@ _OWNERS = hasattr(os, "geteuid") and os.open in os.supports_dir_fd
 _AS_IT_IS = (os.O_NOFOLLOW | os.O_NONBLOCK) if _OWNERS else 0
 
 #: Longest wait for another process [s], many times that of a compilation: it may be stopped.
-_LONGEST_WAIT = 120.0
+LONGEST_WAIT = 120.0
 _INTERVAL = 0.05  # between two attempts [s]
 
 
@@ -226,7 +226,7 @@ def claimed(path: Path) -> Any:
     """
     from filelock import FileLock, Timeout  # takes longer to import than code to load
 
-    last = time.monotonic() + _LONGEST_WAIT
+    last = time.monotonic() + LONGEST_WAIT
     try:
         make_folder(path.parent)
         lock = FileLock(path.with_suffix(".lock"))

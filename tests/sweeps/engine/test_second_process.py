@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -96,6 +97,32 @@ def test_the_copy_never_goes_on_with_the_work_of_the_first_process(monkeypatch, 
     while psutil.Process().children() and time.monotonic() < deadline:
         time.sleep(0.01)
     assert [path.name for path in tmp_path.iterdir()] == [str(parent)]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux copies a process that works")
+def test_a_copy_that_waits_for_a_lock_of_a_lost_thread_ends(monkeypatch):
+    """Also where the program has a handler for the alarm, or blocks it."""
+
+    def hang(begin=False):
+        while not begin:
+            time.sleep(1.0)
+
+    monkeypatch.setattr(second_process, "compile_search", hang)
+    monkeypatch.setattr(second_process, "available_memory", lambda: 2**40)
+    monkeypatch.setattr(second_process, "LONGEST_WAIT", 0.1, raising=False)
+    handler = signal.signal(signal.SIGALRM, lambda *_: None)
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
+    try:
+        beside = threading.Thread(target=second_process.compile_beside)  # as a run does
+        beside.start()
+        beside.join()
+        _, alive = psutil.wait_procs(psutil.Process().children(), 5.0)
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGALRM})
+        signal.signal(signal.SIGALRM, handler)
+    for copy in alive:
+        copy.kill()
+    assert not alive
 
 
 def test_the_other_process_compiles_what_a_run_needs():
