@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from sweeps.bench.peers import KEPT, PEERS, installed, run_peer
+from sweeps.bench.peers import IMPACTS_KEPT, PEERS, installed, run_peer
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.opened.motions import section_distance
@@ -90,7 +90,7 @@ class Scene:
         steps: int,
         threads: int | None = None,
         copies: int = 1,
-        kept: int = KEPT,
+        kept: int = IMPACTS_KEPT,
         periods: int | None = None,
     ) -> dict[str, np.ndarray]:
         """Run all points, `copies` times over, with one method; results as of `integrate`."""

@@ -20,7 +20,7 @@ from vibroimpact.oscillator import with_one_force
 from vibroimpact.step.scheme import default_steps
 
 #: Number of last impacts of a run that are kept, to find the counterparts of the true impacts.
-KEPT = 8
+IMPACTS_KEPT = 8
 #: Runs are repeated for at least this time, at least once.
 _LEAST_SECONDS = 0.1
 
@@ -130,9 +130,9 @@ def run_peer(
         motions = [follow(*start) for start in starts]
         seconds = time.perf_counter() - began
         spent, best = spent + seconds, min(best, seconds)
-    last = np.full((len(points), KEPT, 2), np.nan)
+    last = np.full((len(points), IMPACTS_KEPT, 2), np.nan)
     for row, (_, _, impacts) in zip(last, motions, strict=True):
-        row[: len(impacts)] = np.reshape(impacts[-KEPT:], (-1, 2))
+        row[: len(impacts)] = np.reshape(impacts[-IMPACTS_KEPT:], (-1, 2))
     results = {
         "poincare_x": np.array([[x] for x, _, _ in motions]),
         "poincare_v": np.array([[v] for _, v, _ in motions]),
