@@ -105,7 +105,9 @@ class Chaos(NamedTuple):
                 own = (orbit.sections(self.spec.phase) / scale)[:, :, None]
                 distance = min(float(np.square(samples - state).sum(axis=0).min()) for state in own)
                 first, second = np.log(np.abs(orbit.multipliers) + 1e-300)
-                found.setdefault(saddle, {})[place] = distance ** (0.5 * (second - first) / second)
+                with np.errstate(over="ignore"):  # the second multiplier may be 1
+                    power = distance ** (0.5 * (second - first) / second)
+                found.setdefault(saddle, {})[place] = power
         return found
 
 
@@ -131,4 +133,4 @@ def crisis(chaos: Chaos) -> str:
 def _falls(values: dict[float, float]) -> bool:
     """Whether the value at the nearest place is far below the greatest, which is no rounding."""
     greatest = max(values.values())
-    return greatest > _CLEAR and values[min(values)] < _FALLS * greatest
+    return _CLEAR < greatest < np.inf and values[min(values)] < _FALLS * greatest

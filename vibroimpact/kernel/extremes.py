@@ -84,7 +84,7 @@ def set_steady(lanes, i, pt, grid):
 def judge_reach(lanes, size):
     """Find lanes whose second period ends, or that never widen their reach again, by their GUARD.
 
-    In the norm hypot(y, p w / omega) a motion comes ever nearer to the free oscillation, as long as
+    In the norm hypot(y, omega w / p) a motion comes ever nearer to the free oscillation, as long as
     it is free; and it is free if its reach includes the free oscillation and this distance.
     """
     widest_vectors()

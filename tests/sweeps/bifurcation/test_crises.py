@@ -1,5 +1,7 @@
 """Crises of chaotic attractors, against long runs on both sides."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -62,3 +64,19 @@ def test_no_crisis_is_named_where_the_attractor_keeps_its_distance(path):
             )
             for step in (1e-4, -1e-4, 2e-5):
                 assert crisis(Chaos(sweep.spec, states, "R", step, orbits)) == ""
+
+
+def test_an_orbit_at_its_fold_beyond_the_attractor_is_not_touched(monkeypatch):
+    """Its second multiplier is 1 but for rounding, so no power of a distance beyond 1 is finite."""
+    states = np.random.default_rng(1).random((50, 500, 2))
+
+    def unstable(chaos, place):
+        x = 0.5 if place < 5.0 else 4.0
+        yield 0, SimpleNamespace(m=1, q=1, multipliers=np.array([0.5, 1.0 + 1e-9]),
+                                 sections=lambda phase: np.array([[x, 1.2]]))  # fmt: skip
+
+    monkeypatch.setattr(Chaos, "holds", lambda chaos, place: True)
+    monkeypatch.setattr(Chaos, "states", lambda chaos, place, _: (states, float(place < 0.0)))
+    monkeypatch.setattr(Chaos, "unstable", unstable)
+    points, spec = np.zeros(1, [("R", float)]), SimpleNamespace(phase=0.0)
+    assert crisis(Chaos(spec, points, "R", 1e-4, None)) == ""
