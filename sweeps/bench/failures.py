@@ -185,13 +185,13 @@ TOUCHING, TOUCH_TIME = Oscillator(h=0.1, R=0.8, omega=3.0383, f=1.0), 2.8308
 TOUCH_STEP = TOUCHING.forcing_period / STEPS
 
 
-def measure_failures(methods: Sequence[Method] = TESTED_METHODS) -> Figures:
+def measure_failures() -> Figures:
     """Return every figure, by method and name of the failure; NaN if it cannot be measured."""
     return {
         (method, failure.name): failure.measure(method)
         if failure.to_the_letter or method != LETTER
         else math.nan
-        for method in methods
+        for method in TESTED_METHODS
         for failure in FAILURES
     }
 
@@ -199,11 +199,10 @@ def measure_failures(methods: Sequence[Method] = TESTED_METHODS) -> Figures:
 def failure_tables(figures: Figures) -> Iterator[str]:
     """Yield the figures in tables that fit a terminal, a row per method, with their scenes."""
     yield f"Where methods fail ({MARK}), at {STEPS} steps per period unless said otherwise\n"
-    methods = dict.fromkeys(method for method, _ in figures)
     for start in range(0, len(FAILURES), _PER_TABLE):
         columns = FAILURES[start : start + _PER_TABLE]
         rows = [("method", *(f"{failure.name} " for failure in columns))]
-        for method in methods:
+        for method in TESTED_METHODS:
             cells = (_shown(failure, figures[method, failure.name]) for failure in columns)
             rows.append((" ".join(method), *cells))
         scenes = "\n".join(f"  {failure.name}: {failure.scene}" for failure in columns)

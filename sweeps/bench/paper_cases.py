@@ -132,12 +132,11 @@ def case_tables(measured: Measured) -> str:
     return "\n".join(f"{title}\n\n{table(rows, words=1)}\n" for title, rows in parts.items())
 
 
-#: Label, colour and marker of the procedures.
-_LOOKS = {
-    "without": ("without the procedure (plain)", VERMILION, "o"),
-    "with": ("with it (reduced-step)", BLUE, "s"),
-    "to the letter": ("with it, to the letter", ORANGE, "^"),
-    "exact": ("exact", "black", ""),
+_LOOKS: Mapping[str, dict[str, Any]] = {
+    "without": {"label": "without the procedure (plain)", "color": VERMILION, "marker": "o"},
+    "with": {"label": "with it (reduced-step)", "color": BLUE, "marker": "s"},
+    "to the letter": {"label": "with it, to the letter", "color": ORANGE, "marker": "^"},
+    "exact": {"label": "exact", "color": "black"},
 }
 #: The part of the first period that is drawn; it contains all impacts.
 _TIMES, _DISPLACEMENTS = (4.3, 6.6), (-0.12, 0.16)
@@ -152,11 +151,10 @@ def paper_picture(measured: Measured) -> Figure:
         case = measured.cases.loc[name]
         _draw_motions(left, name, case)
         for line, key in enumerate(PROCEDURES):
-            _, colour, marker = _LOOKS[key]
-            look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.5}
-            right.loglog(measured.ladder, case.errors[key], linewidth=1.0, **look)
+            look = _LOOKS[key]
+            right.loglog(measured.ladder, case.errors[key], linewidth=1.0, markersize=3.5, **look)
             place, words = (0.04, 0.26 - 0.11 * line), f"order {case.order[key]:.1f}"
-            right.text(*place, words, color=colour, transform=right.transAxes)
+            right.text(*place, words, color=look["color"], transform=right.transAxes)
         right.set_ylim(1e-6, 10.0)
     for panel in panels[:2].ravel():
         panel.tick_params(labelbottom=False)
@@ -165,10 +163,7 @@ def paper_picture(measured: Measured) -> Figure:
     panels[2, 1].set_xlabel("steps per period")
     _draw_stalls(figure.add_subplot(rows[1]), measured)
     figure.align_ylabels(panels[:, 0])
-    handles = [
-        Line2D([], [], color=colour, marker=marker, markersize=3.5, label=label)
-        for label, colour, marker in _LOOKS.values()
-    ]
+    handles = [Line2D([], [], markersize=3.5, **look) for look in _LOOKS.values()]
     figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
     return figure
 
@@ -180,9 +175,8 @@ def _draw_motions(panel: Axes, name: str, case: pd.DataFrame) -> None:
     fine = simulate(osc, 2, steps_per_period=1000)
     panel.plot(fine.t, fine.x, color="black", linewidth=0.8)
     for key in ("without", "with"):
-        _, colour, marker = _LOOKS[key]
         run = PROCEDURES[key](osc, 2, STEPS_OF_PAPER)
-        panel.plot(run.t, run.x, color=colour, linewidth=0.9, marker=marker, markersize=2.2)
+        panel.plot(run.t, run.x, linewidth=0.9, markersize=2.2, **_LOOKS[key])
     panel.set(
         xlim=_TIMES,
         ylim=_DISPLACEMENTS,
@@ -202,10 +196,10 @@ def _draw_stalls(panel: Axes, measured: Measured) -> None:
     exact, end = measured.chatter, measured.chatter.rests[0, 0]
     before = exact.impact_t < end
     panel.loglog(end - exact.impact_t[before], exact.impact_v[before], color="black", linewidth=0.8)
-    _, colour, marker = _LOOKS["to the letter"]
+    look = _LOOKS["to the letter"] | {"linestyle": "", "markersize": 3.5}
     for steps, run in measured.stalls.items():
         left = end - run.impact_t
-        panel.plot(left, run.impact_v, marker, color=colour, markersize=3.5)
+        panel.plot(left, run.impact_v, **look)
         last = left[-1], run.impact_v[-1]
         panel.plot(*last, "x", color="black", markersize=7, zorder=3)
         words = f"{steps} steps\n$t = {run.stalled_at:.4f}$"
