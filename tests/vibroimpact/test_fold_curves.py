@@ -13,7 +13,7 @@ from vibroimpact.orbits.calls import linearised
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.periodic import periodic_orbit
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 
@@ -294,6 +294,27 @@ def test_the_folds_near_a_resonance_are_followed_to_their_ends(
             away = float(1e-5 * coefficients[0] / (coefficients[1] - coefficients[0]))
             assert away == pytest.approx(0.0, abs=2e-7 * (second[2] - second[1]))
         at_degenerate_flip(end, [first, second], found)
+
+
+@pytest.mark.parametrize("name", ["omega", "R"])
+def test_where_no_folds_are_found_beside_a_degenerate_flip_none_of_others_are_taken(name):
+    """Over a range of 2e-5 they leave it at once; the orbit of the flip itself has a fold."""
+    osc = Oscillator(
+        h=0.0037008059434792476, R=0.897151416773871, omega=0.5833274795159484, f=1.0,
+        clearance=0.9127765034430636,
+    )  # fmt: skip
+    flip = PeriodicOrbit(
+        osc, 1, np.array([3.77683754, 5.5934594]), np.array([0.77813954, 0.7176944])
+    )
+    wide = {"omega": (0.35, 0.875), "R": (0.3, 1.0)}
+    flips = bifurcation_curve(flip, "flip", *((key, *ends) for key, ends in wide.items()))
+    turns = [point for point in flips.special if point.kind == "degenerate"]
+    assert len(turns) == 2
+    for turn in turns:
+        value = turn.value[[*wide].index(name)]
+        ranges = wide | {name: (value * (1.0 - 1e-5), value * (1.0 + 1e-5))}
+        with pytest.raises(OrbitError, match=r"no fold of the orbits of 2/4 .* degenerate flip"):
+            bifurcation_curve(turn.orbit, "fold", *((key, *ends) for key, ends in ranges.items()))
 
 
 @pytest.mark.parametrize(("axis", "inside"), [(0, 1.0), (1, -1.0)])

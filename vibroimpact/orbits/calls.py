@@ -16,8 +16,8 @@ from vibroimpact.orbits.corrector import System
 
 # The tasks of ``_do``.
 (
-    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _TURNING, _LINEARISED,
-    _CHARACTERISTIC, _NULL_VECTOR, _CORRECT_EACH, _SECTIONS, _MULTIPLIERS,
+    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _TURNING,
+    _CHARACTERISTIC, _NULL_VECTOR, _CORRECT_EACH, _SECTIONS, _MULTIPLIERS, _LINEARISED,
 ) = range(13)  # fmt: skip
 _NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
@@ -59,8 +59,10 @@ def _do_each(task, system, points, rows, count, number, results):
         elif task == _SECTIONS:
             pt = corrector.parameters_at(system, X)
             flights.set_sections(pt, system.m, X, system.q, number, own)
-        else:
+        elif task == _MULTIPLIERS:
             corrector.set_multipliers(system, X, own)
+        else:
+            _linearise(task, system, X, number, own)
 
 
 @jit
@@ -173,8 +175,10 @@ def sections(system: System, X: np.ndarray, phase: float) -> np.ndarray:
 
 
 def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return F, A and B of the flights (``flights.residuals``)."""
-    rows = _done(_LINEARISED, system, _at(X), 10 * system.q).reshape(-1, 2, 5)
+    """Return F, A and B of the flights (``flights.residuals``) of X or of each row of X."""
+    size = 10 * system.q * X.size // X.shape[-1]
+    results = _done(_LINEARISED, system, _place_of_impacts(np.atleast_2d(X)), size)
+    rows = results.reshape(*X.shape[:-1], system.q, 2, 5)
     return rows[..., 0], rows[..., 1:3], rows[..., 3:]
 
 

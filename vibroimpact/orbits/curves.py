@@ -16,7 +16,7 @@ from vibroimpact.orbits.corrector import CONDITIONS
 from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
-from vibroimpact.orbits.singular_ends import doubling
+from vibroimpact.orbits.singular_ends import doubling, starts_degenerate
 from vibroimpact.orbits.special_points import both_ways
 from vibroimpact.orbits.unknowns import impact_rows, speeds
 
@@ -43,7 +43,7 @@ def bifurcation_curve(
     """Follow a bifurcation of an orbit in two parameters, as far as `branch` follows an orbit.
 
     A curve of folds also ends where the two halves of its orbit become equal: the orbit of half the
-    period has a degenerate flip there, at which its flips change from supercritical to subcritical.
+    period has a degenerate flip there, at which its flips change their criticality.
 
     Parameters
     ----------
@@ -65,9 +65,10 @@ def bifurcation_curve(
     Raises
     ------
     OrbitError
-        If no such bifurcation is found near the orbit, or it is outside a range; if it is a graze
-        of any natural vibration, without damping; or if a repetition of the orbit is too long to be
-        solved for, as in `periodic_orbit`.
+        If no such bifurcation is found near the orbit, or it is outside a range; if a flip is
+        degenerate and no fold is found beside it; if a graze is one of any natural vibration,
+        without damping; or if a repetition of the orbit is too long to be solved for, as in
+        `periodic_orbit`.
     TypeError, ValueError
         If an argument is not valid.
 
@@ -92,8 +93,10 @@ def bifurcation_curve(
         raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")
     start = orbit
     if orbit.kind != kind:
-        twice = _fold_from_flip(orbit, axes) if (orbit.kind, kind) == ("flip", "fold") else None
-        start = _bifurcation(orbit, kind, axes) if twice is None else twice
+        if (orbit.kind, kind) == ("flip", "fold") and starts_degenerate(orbit, axes):
+            start = _fold_of_twice(orbit, axes)
+        else:
+            start = _bifurcation(orbit, kind, axes)
         if kind == "graze":
             start = _least_graze(start, axes)
             _refuse_natural(start)
@@ -126,18 +129,17 @@ def _refuse_natural(graze: PeriodicOrbit) -> None:
         )
 
 
-def _fold_from_flip(
-    orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]
-) -> PeriodicOrbit | None:
-    """Return a fold of orbits of twice the period near a flip, if that is degenerate; or None."""
+def _fold_of_twice(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) -> PeriodicOrbit:
+    """Return a fold of orbits of twice the period beside a degenerate flip."""
     flips = OrbitFamily(orbit, axes, "flip")
     X, along = doubling(flips, flips.start)
-    folds = flips.related(impact_rows(X, 2 * orbit.q), 2 * orbit.m, "fold")
+    m, q = 2 * flips.m, 2 * flips.q
+    folds = flips.related(impact_rows(X, q), m, "fold")
     for size in _SIZES:
         Y = folds.corrected(X + size * along, along[None, :], _PATIENT)
         if Y is not None and folds.distance(X, Y) < 2.0 * size and folds.inadmissible(Y)[0] is None:
             return folds.orbit(Y)
-    return None
+    raise OrbitError(f"no fold of the orbits of {m}/{q} is found beside the degenerate flip")
 
 
 def _bifurcation(

@@ -175,7 +175,7 @@ def set_test_functions(system, X, tangent, bounds, tests):
 
 
 @jit
-def _may_have_more_roots(a, slope_a, b, slope_b):
+def may_have_more_roots(a, slope_a, b, slope_b):
     """Whether a function may have more roots in a step than the signs at its ends show."""
     start = a if abs(a) > ROUNDING else b
     if not abs(start) > ROUNDING:
@@ -274,7 +274,7 @@ def step_may_miss(system, here, there, length):
     length_Y = length / inner(tangent, tangent_Y, system.q)
     for i in range(tests.shape[1]):
         slopes = length * tests[1, i], length_Y * tests_Y[1, i]
-        if _may_have_more_roots(tests[0, i], slopes[0], tests_Y[0, i], slopes[1]):
+        if may_have_more_roots(tests[0, i], slopes[0], tests_Y[0, i], slopes[1]):
             return True
     if not system.touches and _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
         return True

@@ -15,14 +15,13 @@ the null vectors w and u of J(-1) and of its transpose,
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import System
 from vibroimpact.orbits.flights import parameters_in
-from vibroimpact.orbits.unknowns import free, impact_rows
+from vibroimpact.orbits.unknowns import free, impact_rows, phases, unknowns
 
 #: Greatest advance of an oscillation [rad], and greatest share of a flight, by which differences
 #: displace an impact. They have five places, so their error is the fourth power of it.
@@ -32,42 +31,63 @@ _SINGULAR = 1e-4
 
 
 def cubic_coefficient(system: System, X: np.ndarray) -> float:
-    """Return a number with the sign of c at a flip X, smooth along curves; NaN if not known."""
+    """Return the number of `cubic_coefficients` at one flip."""
+    return float(cubic_coefficients(system, X[None])[0])
+
+
+def cubic_coefficients(system: System, X: np.ndarray) -> np.ndarray:
+    """Return numbers with the sign of c at flips X, (n, 2 q + k), smooth along curves, (n,).
+
+    They are NaN where c is not known.
+    """
+    values = np.full(len(X), np.nan)
+    numbers = np.repeat(system.point[:, None], len(X), axis=1)
+    numbers[system.free] = (free(X, system.q) * system.spans).T
+    pt, here = parameters_in.py_func(numbers), np.array(calls.linearised(system, X)[1:])
+    known = np.flatnonzero(np.isfinite(here).all(axis=(0, 2, 3, 4)) & ((pt.R < 1.0) | (pt.h > 0.0)))
+    if known.size:
+        rates = 1.0 + (2.0 * pt.h + pt.p) / pt.omega
+        values[known] = _coefficients(system, X[known], here[:, known], rates[known])
+    return values
+
+
+def _coefficients(system: System, X: np.ndarray, here: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Return the numbers of `cubic_coefficients` where the factors `here` of J are finite."""
     q, turn = system.q, np.array([2.0 * np.pi * system.m, 0.0])
-    numbers = system.point.copy()
-    numbers[system.free] = free(X, q) * system.spans
-    pt = parameters_in.py_func(numbers)
-    if pt.R == 1.0 and pt.h == 0.0:
-        return math.nan
-    here = calls.linearised(system, X)[1:]
-    if not np.isfinite(here[0]).all():
-        return math.nan
     left, sizes, right = np.linalg.svd(_closed(here, -1.0))
-    if not sizes[-1] < _SINGULAR * sizes[-2]:  # near a graze, all digits of the multiplier are lost
-        return math.nan
-    u, w = left[:, -1], right[-1] * math.sqrt(q)
-    z, wide = impact_rows(X, q), np.append(w[::2], -w[0])
-    shares = (wide[1:] - wide[:-1]) / np.diff(z[:, 0], append=z[0, 0] + turn[0])
-    rate = np.abs(w[::2]).max() * (1.0 + (2.0 * pt.h + pt.p) / pt.omega)
-    step = 1.0 / max(rate / _ADVANCE, np.abs(shares).max() / _SHARE)
-    doubled = system._replace(m=2 * system.m, q=2 * q)
-    twice, way = np.concatenate([z, z + turn]).ravel(), np.concatenate([w, -w])
-    places = (np.append(twice + k * step * way, X[2 * q :]) for k in (-2, -1, 1, 2))
-    a, b, c, d = (np.array(calls.linearised(doubled, Y)[1:])[:, :q] for Y in places)
+    u, w = left[:, :, -1], right[:, -1] * math.sqrt(q)
+    z = impact_rows(X, q)
+    flights = np.diff(phases(X, q), append=X[:, :1] + turn[0])
+    shares = np.abs(np.diff(w[:, ::2], append=-w[:, :1]) / flights).max(axis=1)
+    fastest = np.abs(w[:, ::2]).max(axis=1) * rates
+    step = 1.0 / np.maximum(fastest / _ADVANCE, shares / _SHARE)
+    doubled, way = system._replace(m=2 * system.m, q=2 * q), np.concatenate([w, -w], axis=1)
+    twice = unknowns(np.concatenate([z, z + turn], axis=1), free(X, q))
+    beside = np.repeat(twice[None], 2, axis=0)
+    beside[..., : 4 * q] += np.multiply.outer([1.0, 2.0], step[:, None] * way)
+    factors = np.array(calls.linearised(doubled, beside.reshape(-1, twice.shape[1]))[1:])
+    # The second half of a displaced orbit is the first half of the one displaced the other way.
+    (c, d), (b, a) = np.moveaxis(factors.reshape(2, 2, -1, 2, q, 2, 2), (3, 1), (0, 1))
+    step = step[:, None, None, None]
     first = (8.0 * (c - b) - (d - a)) / (12.0 * step)
-    second = (16.0 * (b + c) - (a + d) - 30.0 * np.array(here)) / (12.0 * step**2)
-    s = np.linalg.solve(_closed(here, 1.0), -_closed(first, -1.0) @ w)
-    bend = u @ (_closed(second, -1.0) @ w / 6.0 + _closed(first, 1.0) @ s / 2.0)
-    return float(-bend * np.sign(u[-2:] @ here[1][-1] @ w[:2]))
+    second = (16.0 * (b + c) - (a + d) - 30.0 * here) / (12.0 * step**2)
+    w = w[:, :, None]
+    J = _closed(here, 1.0)
+    # Near a graze, all digits of the multiplier are lost.
+    lost = ~(sizes[:, -1] < _SINGULAR * sizes[:, -2]) | (np.linalg.det(J) == 0.0)
+    J[lost] = np.eye(2 * q)
+    s = np.linalg.solve(J, -_closed(first, -1.0) @ w)
+    bend = u[:, None] @ (_closed(second, -1.0) @ w / 6.0 + _closed(first, 1.0) @ s / 2.0)
+    slope = u[:, None, -2:] @ here[1][:, -1] @ w[:, :2]
+    return np.where(lost, np.nan, (-bend * np.sign(slope))[:, 0, 0])
 
 
-def _closed(factors: Sequence[np.ndarray] | np.ndarray, mu: float) -> np.ndarray:
-    """Return J(mu), shape (2 q, 2 q), of the factors A and B of the impacts."""
-    (A, B), q = factors, len(factors[0])
-    J = np.zeros((2 * q, 2 * q))
-    for i in range(q):
-        J[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = A[i]
-        if i + 1 < q:
-            J[2 * i : 2 * i + 2, 2 * i + 2 : 2 * i + 4] = B[i]
-    J[-2:, :2] += mu * B[-1]
-    return J
+def _closed(factors: np.ndarray, mu: float) -> np.ndarray:
+    """Return J(mu), shape (n, 2 q, 2 q), of the factors A and B of the impacts, (2, n, q, 2, 2)."""
+    A, B = factors
+    n, q = A.shape[:2]
+    J, at = np.zeros((n, q, 2, q, 2)), np.arange(q)
+    J[:, at, :, at] = A.swapaxes(0, 1)
+    J[:, at[:-1], :, at[1:]] = B[:, :-1].swapaxes(0, 1)
+    J[:, -1, :, 0] += mu * B[:, -1]
+    return J.reshape(n, 2 * q, 2 * q)

@@ -20,7 +20,7 @@ import numpy as np
 
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.continuation import onto_edges
-from vibroimpact.orbits.family import NEARBY_DISTANCE, OrbitFamily
+from vibroimpact.orbits.family import NEARBY_DISTANCE, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.unknowns import free, impact_rows, speeds, unknowns
@@ -75,6 +75,16 @@ def degenerate_flip(
     free(X, family.q)[reason.at], free(axis, family.q)[reason.at] = edge, 1.0
     X = family.corrected(X, np.array([axis, chord]))
     return None if X is None else ("edge", X, family.orbit(X))
+
+
+def starts_degenerate(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) -> bool:
+    """Whether a flip at which a curve starts is degenerate."""
+    flips = OrbitFamily(orbit, axes, "flip")
+    coefficient = partial(cubic_coefficient, flips.system)
+    # The impacts tell how near it is: the parameters are in units of ranges of any width.
+    moves = float(np.abs(flips.tangent(flips.start)[: 2 * flips.q]).max())
+    near, precise = NEARBY_DISTANCE / moves, _PRECISE / moves
+    return abs(_root_along(flips, flips.start, coefficient, near, precise)) < near
 
 
 def _along(family: OrbitFamily, guess: np.ndarray, place: float) -> np.ndarray:
@@ -154,9 +164,10 @@ def unbounded(
 
     The parameters are smooth functions of the inverse speed.
     """
-    pt, fastest = family.natural(points[-1]), np.array([speeds(X, family.q).max() for X in points])
-    if not fastest[-1] > _FASTEST * (pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance)) > 0.0:
+    pt, last = family.natural(points[-1]), float(speeds(points[-1], family.q).max())
+    if not last > _FASTEST * (pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance)) > 0.0:
         return None
+    fastest = np.array([speeds(X, family.q).max() for X in points])
     limit, error = _where_zero(1.0 / fastest, np.array([free(X, family.q) for X in points]))
     X = points[-1].copy()
     free(X, family.q)[:] = limit

@@ -2,7 +2,8 @@
 
 The test functions of flip and fold are det J(mu) at mu = -1 and +1 (``unknowns.py``). Cusps are
 points on a curve of folds where both parameters turn back together. A curve of grazes meets curves
-of flips and folds where the middle coefficient of det J(mu) vanishes.
+of flips and folds where the middle coefficient of det J(mu) vanishes. On a curve of flips the
+cubic coefficient (``normal_form.py``) changes its sign where they are degenerate.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ import numpy as np
 
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.continuation import continue_branch, ending, is_orbit
-from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
-from vibroimpact.orbits.hidden_roots import HEADING
-from vibroimpact.orbits.normal_form import cubic_coefficient
+from vibroimpact.orbits.family import ArclengthStep, OrbitFamily, Point
+from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
+from vibroimpact.orbits.normal_form import cubic_coefficient, cubic_coefficients
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.singular_ends import (
     degenerate_flip,
@@ -42,6 +43,8 @@ _AT_END = 1e-6
 _BESIDE, _FEW = 0.3, 8
 #: Points of a path that are closer than this, in scaled unknowns, may be in a wrong order.
 _SAME_POINT = 1e-7
+#: A step of a curve of flips that is shorter, in scaled unknowns, has at most one degenerate flip.
+_RESOLVED = 1e-4
 #: A curve ends at this share of its ranges from where its equations are singular, or nearer.
 _SAME_END = 1e-6
 
@@ -80,9 +83,9 @@ def special_points(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the kinds and the unknowns of the special points within a step, in order.
 
-    These are the flips and folds of a branch, the cusps of a curve of folds, the degenerate flips
-    of a curve of flips, and on a curve of grazes the ``flip`` and ``fold`` where curves of these
-    kinds meet it. If the orbit halves its period at `half`, they are those before it.
+    These are the flips and folds of a branch, the cusps of a curve of folds, and on a curve of
+    grazes the ``flip`` and ``fold`` where curves of these kinds meet it. If the orbit halves its
+    period at `half`, they are those before it.
     """
     if step.family.kind == "":
         end = math.inf if half is None else step.place(half)
@@ -97,11 +100,6 @@ def special_points(
         meeting = step.root(partial(step.family.test, -2)) if crosses else None
         if meeting is not None:
             yield from (("flip", meeting), ("fold", meeting))
-    elif step.family.kind == "flip":
-        crosses = _crossing(step, -1) is not None
-        turn = step.root(partial(cubic_coefficient, step.family.system)) if crosses else None
-        if turn is not None:
-            yield "degenerate", turn
     elif step.family.kind == "fold":
         # At a degenerate flip the heading turns back, too, but Newton's method fails there.
         # A curve may touch the edge of a range in a step as short as rounding.
@@ -128,9 +126,40 @@ def _bifurcations(step: ArclengthStep, end: float) -> Iterator[tuple[str, np.nda
 def _crossing(step: ArclengthStep, test: int) -> float | None:
     """Return about where within a step a test function changes its sign; None if it does not."""
     a, b = (float(point.tests[0, test]) for point in (step.begin, step.end))
-    # Zero counts as positive, so a path in both directions from a root has it once.
-    changes = a * b <= 0.0 and (a < 0.0) != (b < 0.0) and max(abs(a), abs(b)) > ROUNDING
-    return a / (a - b) if changes else None
+    return a / (a - b) if _changes(a, b) else None
+
+
+def _changes(a: float, b: float) -> bool:
+    """Whether a function with these values at the ends of a step changes its sign.
+
+    Zero counts as positive, so a path in both directions from a root has it once.
+    """
+    return a * b <= 0.0 and (a < 0.0) != (b < 0.0) and max(abs(a), abs(b)) > ROUNDING
+
+
+def _note_degenerate_flips(path: Path, X: np.ndarray) -> None:
+    """Note the degenerate flips between some points of a curve of flips, in order.
+
+    A chord that may have two of them is halved, as in ``hidden_roots.py``, with slopes between the
+    points.
+    """
+    family, chords = path.family, np.diff(X, axis=0)
+    lengths = np.array([math.sqrt(family.inner(chord, chord)) for chord in chords])
+    values = cubic_coefficients(family.system, X)
+    places = np.cumsum(np.append(0.0, lengths))
+    slopes = np.gradient(values, places, edge_order=2 if len(chords) > 1 else 1)
+    for i, (length, chord) in enumerate(zip(lengths.tolist(), chords, strict=True)):
+        (a, b), (first, second) = values[i : i + 2].tolist(), (length * slopes[i : i + 2]).tolist()
+        more = may_have_more_roots.py_func(a, first, b, second) and length > _RESOLVED
+        middle = family.corrected(0.5 * (X[i] + X[i + 1]), chord[None, :]) if more else None
+        if middle is not None:
+            _note_degenerate_flips(path, np.array([X[i], middle, X[i + 1]]))
+        elif _changes(a, b):
+            begin = Point(X[i], chord / length, X[:0], math.nan, None)
+            step = ArclengthStep(family, begin, begin._replace(X=X[i + 1]), length)
+            turn = step.root(partial(cubic_coefficient, family.system))
+            if turn is not None:
+                path.note("degenerate", family.orbit(turn))
 
 
 def _cusp(step: ArclengthStep) -> np.ndarray | None:
@@ -204,6 +233,8 @@ def both_ways(family: OrbitFamily, tangent: np.ndarray, retakes: int = 3) -> Pat
     """Continue a family along a tangent and, unless that path closes, also against it."""
     forward = one_way(family, family.start, tangent)
     if forward.closed:
+        if family.kind == "flip":
+            _note_degenerate_flips(forward, np.array([X for X, _ in forward.points]))
         return forward
     back = one_way(family, family.start, -tangent)
     for near, far, way in ((forward, back, -1.0), (back, forward, 1.0)):
@@ -216,6 +247,8 @@ def both_ways(family: OrbitFamily, tangent: np.ndarray, retakes: int = 3) -> Pat
     begin = (forward if back.points[0][0] is family.start else back).points[0]
     points = [*back.points[:0:-1], begin, *forward.points[1:]]
     first, *special, last = back.special[::-1] + forward.special
+    if family.kind == "flip" and len(points) > 1:
+        _note_degenerate_flips(Path(family, points, special), np.array([X for X, _ in points]))
     if family.kind:  # as far as an end is known, what lies there is the end
         away = [
             [np.abs((point.value - end.value) / family.spans).max() for end in (first, last)]
