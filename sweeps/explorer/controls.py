@@ -36,6 +36,8 @@ _RECORD = {
     "periods": "forcing periods that are shown first",
     "section": "forcing phase of the section, 0 to 2π [rad]",
 }
+#: Lets a property of a model, by its name, change the view: to a function of it and the new value.
+Bind = Callable[[Model, str, Callable[[View, Any], View]], None]
 
 
 class Controls:
@@ -44,20 +46,15 @@ class Controls:
     def __init__(
         self,
         view: View,
-        change: Callable[[Callable[[View], View]], None],  # with a function from view to view
+        bind: Bind,
         save: Callable[[], None],  # writes the configuration of the picture shown
     ) -> None:
-        self._change = change
+        self._bind = bind
         self.axis = selector("abscissa", "abscissa", parameter_choices(view.seen))
         names = [(name, as_variable(name, view.seen).attrs["long_name"]) for name in COORDINATES]
         self.ordinate = selector("ordinate", "ordinate", names)
-        connect(self.axis, "value", change, View.with_axis)
-        connect(
-            self.ordinate,
-            "value",
-            change,
-            lambda view, name: replace(view, ordinate=name, ylim=None),
-        )
+        bind(self.axis, "value", View.with_axis)
+        bind(self.ordinate, "value", lambda view, name: replace(view, ordinate=name, ylim=None))
         self.fields: dict[str, TextInput] = {}
         self.sliders: dict[str, Slider] = {}
         rows: list[LayoutDOM] = [self._parameter(name, view) for name in PARAMETERS]
@@ -67,7 +64,7 @@ class Controls:
             for called, tip in _RECORD.items()
         ]
         self.exact = Toggle(label="exact branches", name="exact", width=114, height=26)
-        connect(self.exact, "active", change, lambda view, on: replace(view, exact=on))
+        bind(self.exact, "active", lambda view, on: replace(view, exact=on))
         save_button = Button(label="save as YAML", name="save", width=100, height=26)
         save_button.on_click(save)
         self.status, self.saved = _message("status", "inherit"), _message("saved", "#005A32")
@@ -100,19 +97,14 @@ class Controls:
             title=None, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
             sizing_mode="stretch_width", html_attributes={"title": tip},
         )  # fmt: skip
-        connect(slider, "value", self._change, lambda view, new: view.moved(**{name: float(new)}))
+        self._bind(slider, "value", lambda view, new: view.moved(**{name: float(new)}))
         self.sliders[name] = slider
         return row(field, slider, spacing=2, sizing_mode="stretch_width")
 
     def _field(self, name: str, called: str, **look: Any) -> TextInput:
         """Return a field for a number in the view, which is called so in an address."""
         field = TextInput(name=name, **look, stylesheets=[_COMPACT])
-        connect(
-            field,
-            "value",
-            self._change,
-            lambda view, text: view.with_query(urlencode({called: text})),
-        )
+        self._bind(field, "value", lambda view, text: view.with_query(urlencode({called: text})))
         self.fields[name] = field
         return field
 
@@ -158,16 +150,6 @@ def parameter_choices(seen: Nomenclature) -> list[tuple[str, str]]:
 def _meaning(name: str, seen: Nomenclature) -> str:
     """Return the symbol and the meaning of a parameter."""
     return f"{symbol(name, seen)}: {seen.about(name).meaning}"
-
-
-def connect(
-    model: Model,
-    name: str,
-    change: Callable[[Callable[[View], View]], None],
-    changed: Callable[[View, Any], View],
-) -> None:
-    """Let a property of a model change the view to `changed(view, value)`."""
-    model.on_change(name, lambda attr, old, new: change(lambda view: changed(view, new)))
 
 
 #: Effect of a key on the window: shifts as fractions of its width and height, and scale factor.

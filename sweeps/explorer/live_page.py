@@ -14,7 +14,7 @@ from bokeh.core.templates import FILE
 from bokeh.document import Document
 from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady, Reset, Tap
 from bokeh.layouts import column, row
-from bokeh.models import CustomJS, Div, RadioButtonGroup, TabPanel, Tabs, TextInput
+from bokeh.models import CustomJS, Div, Model, RadioButtonGroup, TabPanel, Tabs, TextInput
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError, StoreError, SweepError
@@ -23,7 +23,6 @@ from sweeps.explorer.controls import (
     LISTEN,
     MOVES,
     Controls,
-    connect,
     labelled,
     parameter_choices,
     selector,
@@ -67,7 +66,7 @@ class LivePage:
         self.document, self.home, self.view, self.folder = document, home, home, folder
         self._showing = self._reading = self._waiting = False
         self._rate = ""
-        self.controls = Controls(home, self.change, self._save)
+        self.controls = Controls(home, self._bind, self._save)
         self.diagram = Diagram(self._report)
         self.branches = Branches(self.diagram)
         self.map = Map("map", MAP_TAB, self._report, self.diagram.figure.x_range)
@@ -144,13 +143,10 @@ class LivePage:
             plot.on_event(Reset, lambda _: self.change(self._at_home))
             plot.on_event(Tap, self._tapped)
         self.diagram.painted.on_change("value", self._painted)
-        connect(self._tabs, "active", self.change, lambda view, tab: replace(view, tab=tab))
-        connect(self._across, "value", self.change, View.with_across)
-        connect(
-            self.diagram.mark,
-            "location",
-            self.change,
-            lambda view, location: view.moved(**{view.axis: float(location)}),
+        self._bind(self._tabs, "active", lambda view, tab: replace(view, tab=tab))
+        self._bind(self._across, "value", View.with_across)
+        self._bind(
+            self.diagram.mark, "location", lambda view, x: view.moved(**{view.axis: float(x)})
         )
         document.config.notify_connection_status = False  # the page shows its own message
         document.on_session_destroyed(lambda _: self.worker.shutdown())
@@ -159,7 +155,7 @@ class LivePage:
         document.js_on_event(DocumentReady, CustomJS(args={"to": self._key}, code=LISTEN))
         document.js_on_event(DocumentReady, CustomJS(code=DESCRIBE))
         # The address holds the view: the page reads it when it opens, then keeps it up to date.
-        connect(self._address, "value", self.change, View.with_query)
+        self._bind(self._address, "value", View.with_query)
         read = CustomJS(args={"to": self._address}, code="to.value = location.search")
         write = (
             f"const secret = new URLSearchParams(location.search).get('{SECRET}');"
@@ -170,6 +166,10 @@ class LivePage:
         for event, visible in ((ConnectionLost, "true"), (ClientReconnected, "false")):
             code = f"div.visible = {visible}"
             document.js_on_event(event, CustomJS(args={"div": self._ended}, code=code))
+
+    def _bind(self, model: Model, name: str, changed: Callable[[View, Any], View]) -> None:
+        """Let a property of a model change the view to `changed(view, value)`."""
+        model.on_change(name, lambda attr, old, new: self.change(lambda view: changed(view, new)))
 
     def change(self, changed: Callable[[View], View]) -> None:
         """Show another view, or why it is refused; ignored while the widgets are being set."""

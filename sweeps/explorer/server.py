@@ -150,15 +150,7 @@ class _Server(HTTPServer):
 
 
 class Explorer:
-    """A running server; Jupyter shows it as the page itself.
-
-    Parameters
-    ----------
-    config : SweepConfig
-    port : int
-        0 for any free port.
-    folder : Path, optional
-        Where pages save configurations, by default the current folder.
+    """A running server, from `sweeps.explore`; Jupyter shows it as the page itself.
 
     Attributes
     ----------
@@ -166,14 +158,9 @@ class Explorer:
         The address of the page, with a secret. Each time it is opened it shows a separate page.
     pages : list of LivePage
         The open pages, at most ``MOST_PAGES``. A closed one is removed within ten seconds.
-
-    Raises
-    ------
-    Refused
-        If the port is in use.
     """
 
-    def __init__(self, config: SweepConfig, port: int = 0, folder: Path | None = None) -> None:
+    def __init__(self, config: SweepConfig, port: int, folder: Path | None) -> None:
         self._home, self._folder = View.of(config), folder or absolute(Path())
         self._home.check()
         for logger in _QUOTING:
