@@ -276,6 +276,8 @@ def _mp4(film: _Film, fps: int, description: tuple[str, str, str]) -> bytes:
                     writer.grab_frame(facecolor=film.get_facecolor(), transparent=False)
             return file.read_bytes()
         except (OSError, subprocess.CalledProcessError) as error:
+            if error.__context__ and not isinstance(error.__context__, Exception):
+                raise error.__context__ from None  # an interrupt, which ends ffmpeg, too
             raise Failed(f"ffmpeg cannot make the animation: {error}; a .gif needs none") from error
 
 

@@ -151,6 +151,22 @@ def test_an_mp4_is_made_by_ffmpeg(dataset, folder, monkeypatch):
     assert type(error.value).__name__ == "Failed" and not Path("b.mp4").exists()
 
 
+def test_an_interrupt_that_ends_ffmpeg_too_is_no_failure_of_it(dataset, folder, monkeypatch):
+    """A terminal sends Ctrl-C to both."""
+    program = folder / "ffmpeg"
+    program.write_text("#!/bin/sh\nexit 255\n")
+    program.chmod(0o755)
+    monkeypatch.setitem(animation.mpl.rcParams, "animation.ffmpeg_path", str(program))
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(animation.FFMpegWriter, "grab_frame", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        plot(dataset, "a.mp4", at={"omega": PERIODIC}, fps=5, periods=1)
+    assert [path.name for path in folder.iterdir()] == ["ffmpeg"]
+
+
 WRONG = [
     (("-o", "a.gif", "--fps", "0"), "--fps 0 is not allowed; expected: an integer from 1 to 50"),
     (("-o", "a.gif", "--fps", "2.5"), "--fps 2.5 is not allowed; expected: an integer from 1"),
