@@ -275,6 +275,12 @@ def figure_of(panel: Axes) -> Figure:
     return figure
 
 
+def in_panel(panel: Axes, points: np.ndarray) -> np.ndarray:
+    """Return points of a panel, shape (n, 2), as shares of its width and height."""
+    shares: np.ndarray = panel.transAxes.inverted().transform(panel.transData.transform(points))
+    return shares
+
+
 def lay_out(panel: Axes) -> None:
     """Set the final place and size of a panel."""
     figure = figure_of(panel)
@@ -373,8 +379,7 @@ def mark_some(panel: Axes, points: np.ndarray, marker: str, colour: str) -> None
     """Mark some of the points, shape (n, 2), about evenly in a panel that has its limits."""
     panel.autoscale_view()  # matplotlib delays it, and the transformations do not ask for it
     points = points[np.isfinite(points).all(axis=1)]
-    places = panel.transAxes.inverted().transform(panel.transData.transform(points))
-    _, some = np.unique(np.floor(_MARKS * places), axis=0, return_index=True)
+    _, some = np.unique(np.floor(_MARKS * in_panel(panel, points)), axis=0, return_index=True)
     (marks,) = panel.plot(*points[some].T, marker, color=colour, rasterized=True)
     marks.set(markersize=4.0, markeredgewidth=edge_of(marker), zorder=4.0)
     if edge_of(marker):

@@ -299,15 +299,9 @@ def _covered(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
     """Return the share of a panel that lines of a width [pt] cover."""
     box = panel.get_window_extent()
     size, point = np.array([box.width, box.height]), canvas.figure_of(panel).dpi / 72.0
-    steps = [size * np.diff(_in_panel(panel, line), axis=0) for line in lines]
+    steps = [size * np.diff(canvas.in_panel(panel, line), axis=0) for line in lines]
     length = sum(float(np.hypot(*step.T).sum()) for step in steps)
     return length * width * point / size.prod()
-
-
-def _in_panel(panel: Axes, points: np.ndarray) -> np.ndarray:
-    """Return points of a panel as shares of its width and height."""
-    shares: np.ndarray = panel.transAxes.inverted().transform(panel.transData.transform(points))
-    return shares
 
 
 def _mark_special(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> dict[Artist, float]:
@@ -316,8 +310,8 @@ def _mark_special(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> d
     special = np.stack([marked[name].values for name in marked.coords], axis=1)
     if not len(special) or not strong:
         return {}
-    lines = _in_panel(panel, np.concatenate([piece.points for piece in strong]))
-    away = [np.abs(lines - place).max(axis=1).min() for place in _in_panel(panel, special)]
+    lines = canvas.in_panel(panel, np.concatenate([piece.points for piece in strong]))
+    away = [np.abs(lines - place).max(axis=1).min() for place in canvas.in_panel(panel, special)]
     shown = special[np.array(away) < 0.01]
     if not len(shown):
         return {}

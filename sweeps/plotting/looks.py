@@ -23,6 +23,7 @@ from sweeps.plotting.style import (
     Look,
     hatch_on,
     ink,
+    visible,
 )
 from vibroimpact.points.regimes import NO_CLASS, Label, Regime, rest_of
 
@@ -36,7 +37,8 @@ OTHERS = "other m/q"
 
 def look_of(key: Key, grey: bool = False) -> Look:
     """Return the look of a class, or of all other classes, of a regime or a further attractor."""
-    return LOOKS.get(key, LOOKS[None])[grey].on_ground()
+    look = LOOKS.get(key, LOOKS[None])[grey]
+    return look._replace(ink=visible(look.ink))
 
 
 class Cells(NamedTuple):

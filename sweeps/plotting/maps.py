@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
@@ -240,9 +239,8 @@ def _draw_mesh(
     values: np.ma.MaskedArray,
     norm: Normalize,
     colours: str | Colormap,
-) -> QuadMesh:
+) -> None:
     """Draw one cell per point of a cut, except where `values` are masked."""
     edges = _edges_of(cut)
-    mesh = panel.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=True)
+    panel.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=True)
     panel.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
-    return mesh

@@ -124,8 +124,7 @@ def _leave_marks_free(panel: Axes, raster: np.ndarray) -> None:
         raster[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])] = -1
     for line in panel.lines:
         if line.get_marker() == "o":
-            places = panel.transData.transform(np.asarray(line.get_xydata()))
-            places = panel.transAxes.inverted().transform(places)[:, ::-1] * raster.shape
+            places = canvas.in_panel(panel, np.asarray(line.get_xydata()))[:, ::-1] * raster.shape
             for row, column in places[np.isfinite(places).all(axis=1)].astype(int).tolist():
                 near = (slice(max(0, at - _MARK), max(0, at + _MARK + 1)) for at in (row, column))
                 raster[tuple(near)] = -1
@@ -233,8 +232,7 @@ def _pixels(
 ) -> np.ndarray:
     """Return the pixels of a panel, from the bottom, in which there are points, or their joints."""
     seen = np.zeros(shape, bool)
-    places = panel.transAxes.inverted().transform(panel.transData.transform(points))
-    places = places[:, ::-1] * shape
+    places = canvas.in_panel(panel, points)[:, ::-1] * shape
     if joined and len(places) > 1:
         along = np.linspace(0.0, 1.0, max(shape))[:, None, None]
         between = places[:-1] + along * np.diff(places, axis=0)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import shutil
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -26,7 +24,7 @@ from matplotlib.spines import Spine
 from matplotlib.text import Text
 
 from sweeps.errors import Refused
-from sweeps.plotting.style import STYLE, dots_per_inch, user_style
+from sweeps.plotting.style import STYLE, dots_per_inch, user_style, without_log
 from sweeps.store.replacing import check_target, writing
 from sweeps.text import listed, near_miss, printable, shortened, suggestion
 from vibroimpact import __version__
@@ -134,7 +132,9 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
     if kind == "eps":
         _make_opaque(figure)
     pixels = kind in ("tiff", "tif")
-    with warnings.catch_warnings(), _without_warning():
+    # About transparency, for which `_make_opaque` has cared.
+    silent = without_log("matplotlib.backends.backend_ps", "transparency")
+    with warnings.catch_warnings(), silent:
         # The name of a sweep may have characters that the font lacks, drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         fields = {} if pixels else {**about, **_NO_DATES[kind]}
@@ -190,21 +190,6 @@ def _make_one_image(panel: Axes) -> None:
         if isinstance(artist, above) and artist.get_zorder() <= top:
             artist.set_zorder(top + 0.5)
     panel.set_rasterization_zorder(top + 0.1)
-
-
-@contextmanager
-def _without_warning() -> Iterator[None]:
-    """Silence the warning of matplotlib about transparency, for which `_make_opaque` has cared."""
-    log = logging.getLogger("matplotlib.backends.backend_ps")
-    log.addFilter(_is_other)
-    try:
-        yield
-    finally:
-        log.removeFilter(_is_other)
-
-
-def _is_other(record: logging.LogRecord) -> bool:
-    return "transparency" not in record.getMessage()
 
 
 def _with_comments(image: bytes, title: str, text: str) -> bytes:

@@ -7,6 +7,8 @@ of one kind.
 """
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple, Self
 
 import matplotlib as mpl
@@ -48,10 +50,6 @@ class Look(NamedTuple):
     def plain(cls, colour: str) -> Self:
         """Return a look that has nothing but a colour."""
         return cls(colour, colour)
-
-    def on_ground(self) -> Self:
-        """Return the look with lines and dots that are visible on the ground."""
-        return self._replace(ink=visible(self.ink))
 
 
 #: Names of exact orbits in a legend.
@@ -294,19 +292,25 @@ def _luminance(colour: str) -> float:
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
 
 
-def _told(record: logging.LogRecord) -> bool:
-    """Drop the warnings of a matplotlibrc: matplotlib gave them when it was imported."""
-    return False
+@contextmanager
+def without_log(name: str, text: str = "") -> Iterator[None]:
+    """Leave out the messages of a logger that contain a text."""
+    log = logging.getLogger(name)
+
+    def is_other(record: logging.LogRecord) -> bool:
+        return text not in record.getMessage()
+
+    log.addFilter(is_other)
+    try:
+        yield
+    finally:
+        log.removeFilter(is_other)
 
 
 def user_style() -> dict[Any, Any]:
     """Return the settings of ``STYLE`` that no matplotlibrc sets and no style sheet changes."""
-    log = logging.getLogger("matplotlib")
-    log.addFilter(_told)
-    try:
+    with without_log("matplotlib"):  # which warned of a matplotlibrc when it was imported
         named = mpl.rc_params_from_file(mpl.matplotlib_fname(), use_default_template=False)
-    finally:
-        log.removeFilter(_told)
     return {
         name: value
         for name, value in STYLE.items()
