@@ -124,15 +124,13 @@ class Paint(NamedTuple):
         cells = [cell for cell in self.cells if cell.where.any()]
         if not (self.grey and self.of_dots):
             return [cell.handle() for cell in cells]
-        looks: list[dict[str, Any]] = [
-            {"linestyle": cell.look.dash}
-            if curves
-            else {"linestyle": "", "marker": cell.look.marker}
-            for cell in cells
+        shapes: list[dict[str, Any]] = [
+            {"ls": look.dash} if curves else {"ls": "", "marker": look.marker}
+            for _, look, _ in cells
         ]
         return [
-            Line2D([], [], color=cell.colour, markersize=4.0, label=cell.label, **look)
-            for cell, look in zip(cells, looks, strict=True)
+            Line2D([], [], color=cell.colour, markersize=4.0, label=cell.label, **shape)
+            for cell, shape in zip(cells, shapes, strict=True)
         ]
 
     def add_bar(self, panels: Sequence[Axes]) -> None:
@@ -163,7 +161,7 @@ def paint(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = False
 
     With `dots` no colour is that of the ground; with `grey` all are greys, hatches or markers.
     """
-    shown = _paint(cut, name, dots, grey)._replace(of_dots=dots, grey=grey)
+    shown = _paint(cut, name, dots, grey)._replace(grey=grey)
     return _of_dots(shown) if dots else shown
 
 

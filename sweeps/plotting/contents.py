@@ -61,9 +61,9 @@ def _mean_force(sweep: OpenedSweep) -> xr.DataArray:
 
 def _peak_to_peak(sweep: OpenedSweep) -> xr.DataArray:
     """Return the greatest displacement less the least."""
-    about = description_in(sweep.attrs, "peak-to-peak displacement", "length")
-    travel = sweep["x_max"] - sweep["x_min"]
-    return travel.assign_attrs(about, symbol=r"x_\mathrm{pp}")
+    about, travel = ORDINATES[PEAK_TO_PEAK], sweep["x_max"] - sweep["x_min"]
+    described = description_in(sweep.attrs, about.meaning, about.unit)
+    return travel.assign_attrs(described, symbol=about.symbol)
 
 
 # What follows from variables of the file: from which, and how.

@@ -99,10 +99,6 @@ def bifurcation(
         What colours the points, as for `below`; ``period`` gives the classes the colours of a map.
         By default the colours tell directions apart (``direction``), if the axis was followed in
         both.
-    overlay : str, Path, DataFrame or mapping of str to sequence, optional
-        Points of a table to draw over the diagram and the panels below: a CSV file or columns, with
-        the names of the axis and of what a panel shows, in the units of the picture unless a name
-        has its own, as ``poincare_x [mm]``. A column ``label`` names the points in the legend.
 
     Examples
     --------

@@ -69,11 +69,6 @@ def parameter_map(
     exact : Dataset, optional
         Curves of flips, folds and grazes to draw over the map: the result of `sweeps.curves` for
         these axes.
-    overlay : str, Path, DataFrame or mapping of str to sequence, optional
-        Points of a table to draw over the map: a CSV file or columns, with the names of the axes,
-        in the units of the picture unless a name has its own, as ``clearance [mm]``. A column with
-        the name of a quantity that has a scale gives the points its colours. A column ``label``
-        names the points in the legend.
 
     Examples
     --------

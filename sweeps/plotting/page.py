@@ -168,6 +168,13 @@ PAGE = Page()
 #: Frames per second of an animation, if no other number is given.
 FPS = 25
 
+#: Docstring of the overlay of some pictures.
+_OVERLAY = """
+overlay : str, Path, DataFrame or mapping of str to sequence, optional
+    Points of a table to draw over the panels: a CSV file or columns, with the names of what the
+    axes show, in the units of the picture unless a name has its own, as ``clearance [mm]``. On a
+    map, a column with the name of a quantity that has a scale gives the points its colours. A
+    column ``label`` names the points in the legend."""
 #: Docstring of the common parameters; `styled` appends it to the docstring of each picture.
 _COMMON_PARAMETERS = """\
 at : mapping of str to float, optional
@@ -260,7 +267,7 @@ def styled(
             sweep, options = _arguments_in_si(sweep, options)
             return draw(sweep, **options)
 
-    _in_style.__doc__ = _documented(inspect.getdoc(draw) or "")
+    _in_style.__doc__ = _documented(draw)
     return _in_style
 
 
@@ -323,10 +330,12 @@ def _style(of_user: bool, grey: bool) -> Iterator[None]:
         yield
 
 
-def _documented(own: str) -> str:
-    """Return a docstring with the common parameters, results and errors."""
+def _documented(draw: Callable[..., Figure]) -> str:
+    """Return the docstring of a picture with the common parameters, results and errors."""
+    own, options = inspect.getdoc(draw) or "", inspect.signature(draw).parameters
     written, mark, example = own.partition("\n\nExamples\n--------")
     text, _, parameters = written.partition("\n\nParameters\n----------")
     head = "Parameters\n----------\nsweep : Dataset or str or Path"
     head += "\n    From `sweeps.open_sweep`, or the path of its file."
+    parameters += _OVERLAY if "overlay" in options else ""
     return f"{text}\n\n{head}{parameters}\n{_COMMON_PARAMETERS}{mark}{example}"

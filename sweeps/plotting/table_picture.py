@@ -56,11 +56,6 @@ def table_panels(
         The ordinate: a result or a column of numbers, by default ``impacts_per_period``.
     color : str or DataArray, optional
         What colours the points, by default ``period``, or ``status`` if it was not recorded.
-    overlay : str, Path, DataFrame or mapping of str to sequence, optional
-        Points of a further table to draw over each panel of whose abscissa it has a column: a CSV
-        file or columns, with the names of the abscissas and of the ordinate, in the units of the
-        picture unless a name has its own, as ``gap [mm]``. A column ``label`` names the points in
-        the legend.
 
     Examples
     --------
