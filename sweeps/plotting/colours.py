@@ -30,7 +30,7 @@ from sweeps.plotting.looks import Cells, period_cells
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
     BLUE,
-    DIRECTIONS,
+    DIRECTION_LOOKS,
     EVIDENCE,
     GREY_SERIES,
     GREY_SPECIAL,
@@ -243,7 +243,7 @@ def _paint_directions(points: OpenedSweep, grey: bool) -> Paint:
     """Return the colours of the directions of points."""
     way, status = points[DIRECTION].broadcast_like(points["status"]), points["status"]
     result = has_result(status.values)
-    ways = zip(("up", "down"), direction_names(points), DIRECTIONS[grey], strict=True)
+    ways = zip(("up", "down"), direction_names(points), DIRECTION_LOOKS[grey], strict=True)
     cells = [
         Cells(text, look, result & (way.transpose(*status.dims).values == name))
         for name, text, look in ways

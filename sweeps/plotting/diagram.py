@@ -39,7 +39,7 @@ from sweeps.plotting.pixels import draw_density, value_range
 from sweeps.plotting.style import (
     APPROACHING,
     BOTH_COLOUR,
-    DIRECTIONS,
+    DIRECTION_LOOKS,
     PARTIAL,
     data_colour,
     ink,
@@ -58,7 +58,7 @@ _LOWER = 0.4
 #: Opacity of the larger Lyapunov exponent, as of other scalars, and of the second one.
 _EXPONENTS = 1.0, 0.45
 #: Markers of the directions in grey.
-_MARKERS = [look.marker for look in DIRECTIONS[True]]
+_MARKERS = [look.marker for look in DIRECTION_LOOKS[True]]
 
 
 @functools.partial(styled, marks=True)
@@ -292,7 +292,7 @@ class _Drawn(NamedTuple):
 
     def direction_colours(self) -> tuple[str, str]:
         """Return the colours of both directions."""
-        up, down = (look.colour for look in DIRECTIONS[self.grey])
+        up, down = (look.colour for look in DIRECTION_LOOKS[self.grey])
         return (visible(up), visible(down)) if self.grey else (up, down)
 
     def _name_directions(self, panel: Axes) -> None:

@@ -19,8 +19,8 @@ from sweeps.plotting.style import (
     REGIMES,
     RESTS,
     STATUS_COLOURS,
-    Key,
     Look,
+    LookKey,
     hatch_on,
     ink,
     visible,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 OTHERS = "other m/q"
 
 
-def look_of(key: Key, grey: bool = False) -> Look:
+def look_of(key: LookKey, grey: bool = False) -> Look:
     """Return the look of a class, or of all other classes, of a regime or a further attractor."""
     look = LOOKS.get(key, LOOKS[None])[grey]
     return look._replace(ink=visible(look.ink))

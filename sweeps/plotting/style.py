@@ -34,7 +34,7 @@ STATUS_COLOURS = {
 #: Dashes of a line, as matplotlib takes them.
 Dash = str | tuple[float, tuple[float, ...]]
 #: What has a look: a class m/q, None for all others, a regime, or a colour of further attractors.
-Key = tuple[int, int] | None | Regime | str
+LookKey = tuple[int, int] | None | Regime | str
 
 
 class Look(NamedTuple):
@@ -99,7 +99,7 @@ def _grey(number: int, hatch: str) -> Look:
 #: look in grey. The hue and the hatch say m; the darker, the more impacts. These are as many
 #: colours as can be told apart beside each other and those of outcomes; those of further attractors
 #: differ by at least 9 from those of classes. The contrast of dots with white is at least 3.
-_ROWS: dict[Key, tuple[str, str, Look]] = {
+_ROWS: dict[LookKey, tuple[str, str, Look]] = {
     (1, 0): ("#C6CFFD", "#7C7C91", _grey(0, "")),
     (1, 1): ("#4783EA", "#42679E", _grey(1, "")),
     (1, 2): ("#004C98", "#091C2C", _grey(2, "")),
@@ -168,7 +168,7 @@ GREY_FAILED = {Status.UNRESOLVED: _grey(5, "||||"), Status.NON_FINITE: _grey(5, 
 
 #: Looks of the two directions in which an axis was followed, in colour and in grey, and the colour
 #: of points in both.
-DIRECTIONS = tuple(
+DIRECTION_LOOKS = tuple(
     (Look(up, up, marker="^"), Look(down, down, marker="v", dash=(0.0, (3.0, 1.5))))
     for up, down in ((BLUE, DARK_ORANGE), (BLACK, "#8C8C8C"))
 )

@@ -72,7 +72,7 @@ def test_every_class_has_a_dot_of_its_own():
 
 
 def test_directions_impacts_and_marks_have_a_contrast_of_three():
-    ways = [look.colour for pair in style.DIRECTIONS for look in pair] + [style.BOTH_COLOUR]
+    ways = [look.colour for pair in style.DIRECTION_LOOKS for look in pair] + [style.BOTH_COLOUR]
     marks = [*itertools.chain(*style.MARKS.values()), *style.STATUS_COLOURS.values()]
     inks = [*(grey.ink for _, grey in style.LOOKS.values()), *style.FURTHER]
     for colour in (*ways, *marks, *inks):

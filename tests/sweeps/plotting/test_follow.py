@@ -20,7 +20,7 @@ from sweeps.plotting import (
     trajectory,
 )
 from sweeps.plotting.maps import parameter_map
-from sweeps.plotting.style import BOTH_COLOUR, DIRECTIONS
+from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_LOOKS
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import run_in
 
@@ -45,7 +45,7 @@ CONFIG = yaml.safe_dump(
     },
     sort_keys=False,
 )
-UP, DOWN = (look.colour for look in DIRECTIONS[False])
+UP, DOWN = (look.colour for look in DIRECTION_LOOKS[False])
 
 
 @pytest.fixture(scope="module")

@@ -70,7 +70,7 @@ IN_A_MAP = {
     **{outcome.name: colour for outcome, colour in style.STATUS_COLOURS.items()},
     "other": style.LOOKS[None][0].colour,
 }
-WAYS = [look.colour for look in style.DIRECTIONS[False]]
+WAYS = [look.colour for look in style.DIRECTION_LOOKS[False]]
 PICTURES = {
     "map": IN_A_MAP,
     "status": style.RESULT_COLOURS | style.STATUS_COLOURS,
