@@ -26,6 +26,7 @@ from sweeps.store.paths import SCHEMA, Content, content, parts_path
 from sweeps.store.replacing import UnreadableError, identity, reason
 from sweeps.store.schema import Schema, attributes_of, of_this_form, schema_in
 from sweeps.store.variables import VARIABLES
+from sweeps.yaml_text import yaml_mapping
 from vibroimpact.oscillator import PARAMETERS
 
 #: What selects values along each dimension; at most one array.
@@ -115,6 +116,7 @@ def _lazy(
     # A file of an earlier version lacks the parameters that came later.
     coordinates: dict[str, Any] = {name: ((), one.default) for name, one in PARAMETERS.items()}
     coordinates |= schema.coordinates()
+    yaml_mapping(schema.attributes.get("computation", "{}"), "the computation")  # or refused
     dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})
     for called, variable in dataset.variables.items():
         variable.attrs = attributes_of(schema, str(called))

@@ -12,7 +12,7 @@ from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import attractor_diagram, basins, plot
-from sweeps.plotting.style import CLASSES
+from sweeps.plotting.style import CLASSES, INKS
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.motions import cycle, given_sections, partition
 from vibroimpact import Oscillator, one_impact_orbit
@@ -152,7 +152,7 @@ def test_a_diagram_has_a_colour_for_each_attractor(computed_starts, tmp_path):
     lines = {
         to_hex(line.get_color()): line for line in figure.axes[0].lines if len(line.get_xdata())
     }
-    x, y = lines[to_hex(CLASSES[1, 1])].get_data()
+    x, y = lines[to_hex(INKS[CLASSES[1, 1]])].get_data()
     for omega in (1.3, 1.8, 2.5):
         exact = one_impact_orbit(Oscillator(h=0.02, R=0.8, omega=omega, f=1.0)).v
         np.testing.assert_allclose(y[np.abs(x - omega) < 1e-9], exact, rtol=1e-6)

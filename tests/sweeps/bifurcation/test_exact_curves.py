@@ -196,12 +196,17 @@ def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
 
 RIG = {"mass": 2, "stiffness": 8, "damping": 1, "force": 1, "gap": 0, "R": 0.5, "frequency": 1}
 OF_RIG = {"configuration": load_config({"rig": RIG}).to_yaml()}
+MODEL = {"h": 0.02, "R": 0.9, "omega": 2, "f": 1}
+OF_MODEL = {"configuration": load_config({"oscillator": MODEL}).to_yaml()}
 
 
 @pytest.mark.parametrize(
     ("cut", "place"),
     [
-        (OpenedSweep(xr.Dataset(coords={"R": [0.2], "omega": [1.0]})), "R = 0.25, omega = 2: "),
+        (
+            OpenedSweep(xr.Dataset(coords={"R": [0.2], "omega": [1.0]}, attrs=OF_MODEL)),
+            "R = 0.25, omega = 2: ",
+        ),
         (
             OpenedSweep(
                 xr.Dataset(coords={"R": [0.2], "omega": ("frequency", [1.0])}, attrs=OF_RIG),
