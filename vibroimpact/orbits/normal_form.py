@@ -26,8 +26,10 @@ from vibroimpact.orbits.unknowns import free, impact_rows, phases, unknowns
 #: Greatest advance of an oscillation [rad], and greatest share of a flight, by which differences
 #: displace an impact. They have five places, so their error is the fourth power of it.
 _ADVANCE, _SHARE = 4e-3, 0.05
-#: The least singular value of J(-1) at a flip is a smaller share of the next one.
-_SINGULAR = 1e-4
+#: At a flip, two iterations to the null vector of J(-1) differ by about the share of its least
+#: singular value in the next one, which is smaller. J(-1) is moved by a share far above its
+#: rounding, so that it has an inverse.
+_SINGULAR, _MOVED = 1e-4, 1e-12
 
 
 def cubic_coefficient(system: System, X: np.ndarray) -> float:
@@ -54,8 +56,8 @@ def cubic_coefficients(system: System, X: np.ndarray) -> np.ndarray:
 def _coefficients(system: System, X: np.ndarray, here: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """Return the numbers of `cubic_coefficients` where the factors `here` of J are finite."""
     q, turn = system.q, np.array([2.0 * np.pi * system.m, 0.0])
-    left, sizes, right = np.linalg.svd(_closed(here, -1.0))
-    u, w = left[:, :, -1], right[:, -1] * math.sqrt(q)
+    u, w, lost = _null_vectors(_closed(here, -1.0))
+    w *= math.sqrt(q)
     z = impact_rows(X, q)
     flights = np.diff(phases(X, q), append=X[:, :1] + turn[0])
     shares = np.abs(np.diff(w[:, ::2], append=-w[:, :1]) / flights).max(axis=1)
@@ -73,13 +75,36 @@ def _coefficients(system: System, X: np.ndarray, here: np.ndarray, rates: np.nda
     second = (16.0 * (b + c) - (a + d) - 30.0 * here) / (12.0 * step**2)
     w = w[:, :, None]
     J = _closed(here, 1.0)
-    # Near a graze, all digits of the multiplier are lost.
-    lost = ~(sizes[:, -1] < _SINGULAR * sizes[:, -2]) | (np.linalg.det(J) == 0.0)
+    lost |= np.linalg.det(J) == 0.0
     J[lost] = np.eye(2 * q)
     s = np.linalg.solve(J, -_closed(first, -1.0) @ w)
     bend = u[:, None] @ (_closed(second, -1.0) @ w / 6.0 + _closed(first, 1.0) @ s / 2.0)
     slope = u[:, None, -2:] @ here[1][:, -1] @ w[:, :2]
     return np.where(lost, np.nan, (-bend * np.sign(slope))[:, 0, 0])
+
+
+def _null_vectors(J: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return unit null vectors u and w of the transposes of J and of J, and where J has none.
+
+    Near a graze it has none, as all digits of the multiplier are lost. The iteration with the
+    inverse (Golub & Van Loan, ch. 8) takes far less time than singular values of large matrices.
+    """
+    J = J + _MOVED * np.abs(J).max(axis=(1, 2), keepdims=True) * np.eye(J.shape[1])
+    singular = np.linalg.det(J) == 0.0
+    J[singular] = np.eye(J.shape[1])
+    inverse = np.linalg.inv(J)
+    w = np.broadcast_to(np.cos(np.arange(J.shape[1])), J.shape[:2])
+    for _ in range(2):
+        before = w
+        u = _unit((w[:, None] @ inverse)[:, 0])
+        w = _unit((inverse @ u[:, :, None])[:, :, 0])
+    off = 1.0 - np.abs(np.sum(w * before, axis=1))
+    return u, w, singular | ~(off < _SINGULAR**2)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    unit: np.ndarray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return unit
 
 
 def _closed(factors: np.ndarray, mu: float) -> np.ndarray:

@@ -137,15 +137,21 @@ def _changes(a: float, b: float) -> bool:
     return a * b <= 0.0 and (a < 0.0) != (b < 0.0) and max(abs(a), abs(b)) > ROUNDING
 
 
-def _note_degenerate_flips(path: Path, X: np.ndarray) -> None:
-    """Note the degenerate flips between some points of a curve of flips, in order.
+def _examine_flips(path: Path) -> None:
+    """Note the degenerate flips of a curve of flips, in order."""
+    if path.family.kind == "flip" and len(path.points) > 1:
+        X = np.array([X for X, _ in path.points])
+        _note_degenerate_flips(path, X, cubic_coefficients(path.family.system, X))
+
+
+def _note_degenerate_flips(path: Path, X: np.ndarray, values: np.ndarray) -> None:
+    """Note the degenerate flips between points of a curve of flips with these coefficients.
 
     A chord that may have two of them is halved, as in ``hidden_roots.py``, with slopes between the
     points.
     """
     family, chords = path.family, np.diff(X, axis=0)
     lengths = np.array([math.sqrt(family.inner(chord, chord)) for chord in chords])
-    values = cubic_coefficients(family.system, X)
     places = np.cumsum(np.append(0.0, lengths))
     slopes = np.gradient(values, places, edge_order=2 if len(chords) > 1 else 1)
     for i, (length, chord) in enumerate(zip(lengths.tolist(), chords, strict=True)):
@@ -153,13 +159,29 @@ def _note_degenerate_flips(path: Path, X: np.ndarray) -> None:
         more = may_have_more_roots.py_func(a, first, b, second) and length > _RESOLVED
         middle = family.corrected(0.5 * (X[i] + X[i + 1]), chord[None, :]) if more else None
         if middle is not None:
-            _note_degenerate_flips(path, np.array([X[i], middle, X[i + 1]]))
+            between = cubic_coefficient(family.system, middle)
+            three = np.array([X[i], middle, X[i + 1]])
+            _note_degenerate_flips(path, three, np.array([a, between, b]))
         elif _changes(a, b):
             begin = Point(X[i], chord / length, X[:0], math.nan, None)
             step = ArclengthStep(family, begin, begin._replace(X=X[i + 1]), length)
-            turn = step.root(partial(cubic_coefficient, family.system))
+            turn = _degenerate_flip(step, a, b)
             if turn is not None:
                 path.note("degenerate", family.orbit(turn))
+
+
+def _degenerate_flip(step: ArclengthStep, a: float, b: float) -> np.ndarray | None:
+    """Return the root of the cubic coefficient, which is a and b at the ends of a step, or None.
+
+    Where a curve begins at the root, another sum of the same terms may have another sign there.
+    """
+
+    def coefficient(X: np.ndarray) -> float:
+        if X is step.begin.X or X is step.end.X:
+            return a if X is step.begin.X else b
+        return cubic_coefficient(step.family.system, X)
+
+    return step.root(coefficient)
 
 
 def _cusp(step: ArclengthStep) -> np.ndarray | None:
@@ -233,8 +255,7 @@ def both_ways(family: OrbitFamily, tangent: np.ndarray, retakes: int = 3) -> Pat
     """Continue a family along a tangent and, unless that path closes, also against it."""
     forward = one_way(family, family.start, tangent)
     if forward.closed:
-        if family.kind == "flip":
-            _note_degenerate_flips(forward, np.array([X for X, _ in forward.points]))
+        _examine_flips(forward)
         return forward
     back = one_way(family, family.start, -tangent)
     for near, far, way in ((forward, back, -1.0), (back, forward, 1.0)):
@@ -247,8 +268,7 @@ def both_ways(family: OrbitFamily, tangent: np.ndarray, retakes: int = 3) -> Pat
     begin = (forward if back.points[0][0] is family.start else back).points[0]
     points = [*back.points[:0:-1], begin, *forward.points[1:]]
     first, *special, last = back.special[::-1] + forward.special
-    if family.kind == "flip" and len(points) > 1:
-        _note_degenerate_flips(Path(family, points, special), np.array([X for X, _ in points]))
+    _examine_flips(Path(family, points, special))
     if family.kind:  # as far as an end is known, what lies there is the end
         away = [
             [np.abs((point.value - end.value) / family.spans).max() for end in (first, last)]
