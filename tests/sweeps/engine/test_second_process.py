@@ -74,10 +74,18 @@ def test_without_memory_another_system_or_a_process_nothing_else_is_started(monk
     assert len(calls) == (lack == "process")
 
 
+def ended(others, seconds):
+    """Whether the processes that this one started after `others` end in time; end them."""
+    _, alive = psutil.wait_procs(set(psutil.Process().children()) - others, seconds)
+    for copy in alive:
+        copy.kill()
+    return not alive
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux copies a process that works")
 def test_the_copy_never_goes_on_with_the_work_of_the_first_process(monkeypatch, tmp_path):
     """Not even if a signal raises an exception at once."""
-    fork, parent = os.fork, os.getpid()
+    fork, parent, others = os.fork, os.getpid(), set(psutil.Process().children())
 
     def interrupted():
         if copy := fork():
@@ -93,9 +101,7 @@ def test_the_copy_never_goes_on_with_the_work_of_the_first_process(monkeypatch, 
         (tmp_path / str(os.getpid())).touch()
         if os.getpid() != parent:
             os._exit(1)
-    deadline = time.monotonic() + 60
-    while psutil.Process().children() and time.monotonic() < deadline:
-        time.sleep(0.01)
+    assert ended(others, 60.0)
     assert [path.name for path in tmp_path.iterdir()] == [str(parent)]
 
 
@@ -110,19 +116,17 @@ def test_a_copy_that_waits_for_a_lock_of_a_lost_thread_ends(monkeypatch):
     monkeypatch.setattr(second_process, "compile_search", hang)
     monkeypatch.setattr(second_process, "available_memory", lambda: 2**40)
     monkeypatch.setattr(second_process, "LONGEST_WAIT", 0.1, raising=False)
+    others = set(psutil.Process().children())
     handler = signal.signal(signal.SIGALRM, lambda *_: None)
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
     try:
         beside = threading.Thread(target=second_process.compile_beside)  # as a run does
         beside.start()
         beside.join()
-        _, alive = psutil.wait_procs(psutil.Process().children(), 5.0)
+        assert ended(others, 30.0)
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGALRM})
         signal.signal(signal.SIGALRM, handler)
-    for copy in alive:
-        copy.kill()
-    assert not alive
 
 
 def test_the_other_process_compiles_what_a_run_needs():
