@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibroimpact.oscillator import POINT, mesh, parameters_of
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 
 Block = tuple[slice, ...]
 

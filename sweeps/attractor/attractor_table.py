@@ -20,7 +20,7 @@ from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection, heade
 from sweeps.store import DIRECTION
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.points.regimes import Label, Regime, rest_of
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -40,7 +40,7 @@ from sweeps.store.variables import description_in
 from sweeps.text import listed
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import Regime, on_its_way
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 
 #: The dimension of the different sets of parameters in a table.
 SETS = "set"

@@ -27,8 +27,7 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.computation import compute_points
 from vibroimpact.points.regimes import Regime
-from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.stages import put_last, worst_of
+from vibroimpact.points.stages import RunSpec, put_last, worst_of
 from vibroimpact.status import Status
 
 #: How often a motion is continued, each time until it is four times as long.

@@ -25,7 +25,7 @@ import numpy as np
 from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, cycles_of, distances, motions_from
 from vibroimpact.destination.repetition import LONGEST_PERIOD
 from vibroimpact.points.computation import compute_points
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 
 #: Attractors farther apart than this, relative to their greatest coordinate, are different.
 MAX_DISTANCE = 0.2

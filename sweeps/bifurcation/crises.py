@@ -18,7 +18,7 @@ import xarray as xr
 
 from sweeps.opened.motions import oscillator_of, run_on
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 
 #: Most motions that sample an attractor.
 MOST_MOTIONS = 50

@@ -16,7 +16,6 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from sweeps.cli import bench as cli_bench
-from sweeps.cli import explore as cli_explore
 from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
@@ -171,7 +170,7 @@ def schema_command() -> None:
     """Show the JSON schema of a configuration, for editors."""
     import json
 
-    from sweeps.config.json_schema import json_schema
+    from sweeps.config.sweep import json_schema
 
     say(json.dumps(json_schema(), indent=2))
 
@@ -190,7 +189,7 @@ _add(
     app,
     cli_run.run_command,
     cli_zoom.zoom_command,
-    cli_explore.explore_command,
+    cli_run.explore_command,
     cli_plot.plot_command,
     cli_read.attractors_command,
     cli_read.integrity_command,

@@ -20,7 +20,7 @@ from sweeps.text import shown_bytes, shown_count
 from vibroimpact.jit import ALL_THREADS, WAY
 from vibroimpact.jit.cache import cache_folder
 from vibroimpact.kernel.threads import lanes_per_thread
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 
 #: Memory for the results of one block [bytes]; more is used only to fill the lanes.
 _BLOCK_MEMORY = 64 * 2**20

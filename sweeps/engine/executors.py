@@ -20,8 +20,7 @@ from sweeps.interrupts import check, this_thread
 from vibroimpact.jit import ALL_THREADS, called_before_passes
 from vibroimpact.kernel.threads import FEWEST_LANES
 from vibroimpact.points.computation import compute_chains, compute_points
-from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.stages import Results
+from vibroimpact.points.stages import Results, RunSpec
 
 Value = TypeVar("Value")
 #: Interval of the checks for signals [s]: a signal caught by another thread does not wake the main.

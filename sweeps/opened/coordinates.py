@@ -15,7 +15,7 @@ from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.store.variables import DIRECTION, VARIABLES, Variable
 from sweeps.text import listed
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:

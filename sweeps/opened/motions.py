@@ -28,7 +28,7 @@ from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbi
 from vibroimpact.oscillator import POINT, Oscillator
 from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import regimes_of, repetitions
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 
 #: Cycles closer than this, relative to their greatest coordinate, are the same motion.
 ORBIT_TOLERANCE = 1e-3

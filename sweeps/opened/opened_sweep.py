@@ -35,7 +35,7 @@ from vibroimpact.points.regimes import (
     repetitions,
     shown_in_part,
 )
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 
 #: Axes along which only the start or the past differs, not the oscillator.
 START_AXES = (*STARTS, DIRECTION)

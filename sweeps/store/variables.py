@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sweeps.text import UNNAMED, in_units
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Evidence, Status
 
 if TYPE_CHECKING:

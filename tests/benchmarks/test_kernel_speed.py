@@ -15,7 +15,7 @@ from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.jit import on_threads
 from vibroimpact.kernel import threads as run
 from vibroimpact.points.computation import compute_points
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.scheme import default_steps
 

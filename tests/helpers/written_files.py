@@ -9,7 +9,7 @@ from sweeps import load_config, open_sweep
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid, Sweep, block_points
 from sweeps.store import VARIABLES, Schema, sweep_writer
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 
 CONFIGURATION = "oscillator: {h: 0.1}\n"
 GRID = Grid(

@@ -10,7 +10,7 @@ from tests.helpers.oscillators import bifurcation
 from vibroimpact import Oscillator, integrate, one_impact_orbit
 from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
 from vibroimpact.points.computation import classified_later
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps
 

@@ -12,7 +12,7 @@ from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, simula
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import is_chaotic
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Evidence
 from vibroimpact.step.contact import with_stop_in_reach
 from vibroimpact.step.scheme import default_steps

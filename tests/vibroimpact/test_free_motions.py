@@ -10,7 +10,7 @@ from vibroimpact import integrate
 from vibroimpact.destination.free_motion import first_within
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.computation import compute_points
-from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps
 

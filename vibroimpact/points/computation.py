@@ -34,8 +34,7 @@ from vibroimpact.kernel.integrate import (
     run_points,
 )
 from vibroimpact.points.regimes import has_result
-from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.points.stages import put_last, put_rows, run_with_own_transients
+from vibroimpact.points.stages import RunSpec, put_last, put_rows, run_with_own_transients
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.contact import with_stop_in_reach
 from vibroimpact.step.recorder import trajectories

@@ -25,7 +25,7 @@ from distributed.security import Security
 
 from sweeps import interrupts
 from sweeps.engine import client as clients
-from sweeps.engine.client import check_address
+from sweeps.engine.cluster import check_address
 from tests.helpers.clusters import CLUSTERED as CONFIG  # noqa: F401 - the folder of each test has it
 from tests.helpers.clusters import assert_same_bits, refused_run
 from tests.helpers.commands import call

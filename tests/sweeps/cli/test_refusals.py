@@ -189,7 +189,7 @@ def test_an_interrupted_command_exits_with_1(small_file, monkeypatch, command):
 
     monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
     monkeypatch.setattr("sweeps.cli.run.read_config", interrupt)
-    monkeypatch.setattr("sweeps.config.json_schema.json_schema", interrupt)
+    monkeypatch.setattr("sweeps.config.sweep.json_schema", interrupt)
     monkeypatch.setattr("sweeps.bench.accuracy.measure_methods", interrupt)
     result = call(*command)
     assert result.exit_code == 1

@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from sweeps.config.groups import STARTS, OscillatorConfig
-from sweeps.config.json_schema import json_schema
 from sweeps.config.loading import load_config
+from sweeps.config.sweep import json_schema
 from sweeps.errors import ConfigError
 from tests.helpers.configurations import EXAMPLE, linear_values, load, oscillator_yaml, refusal
 from tests.helpers.places import CONFIGS

@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from sweeps.config.json_schema import json_schema
 from sweeps.config.loading import parse_config
+from sweeps.config.sweep import json_schema
 from sweeps.errors import ConfigError
 
 KEYS = ("h", "R", "omega", "f", "p", "clearance", "a")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from sweeps.config.json_schema import json_schema
+from sweeps.config.sweep import json_schema
 from sweeps.config.values import Range
 from tests.helpers.configurations import linear_values, load, refusal
 from tests.helpers.rigs import (

@@ -13,7 +13,7 @@ import psutil
 import pytest
 from rich.console import Console
 
-from sweeps.engine import second_process
+from sweeps.engine import sweep_run
 from vibroimpact.jit import COMPILING
 from vibroimpact.jit.watching import tell
 from vibroimpact.kernel.integrate import Length, run_points
@@ -28,15 +28,15 @@ WAITING = "waiting for another process, which compiles the same"
 def started(monkeypatch):
     """Count the processes that would be started."""
     started = []
-    monkeypatch.setattr(second_process, "compile_beside", lambda: started.append(1))
-    monkeypatch.setattr(second_process, "ALL_THREADS", 2)
+    monkeypatch.setattr(sweep_run, "compile_beside", lambda: started.append(1))
+    monkeypatch.setattr(sweep_run, "ALL_THREADS", 2)
     return started
 
 
 def prepared(told, *, terminal=False, cores=None, classes=True, function="run_exact"):
     """Return what is written while a compilation tells these texts."""
     stream = io.StringIO()
-    with second_process.preparing(Console(file=stream, force_terminal=terminal), cores, classes):
+    with sweep_run.preparing(Console(file=stream, force_terminal=terminal), cores, classes):
         for text in told:
             tell(text, function)
     return stream.getvalue()
@@ -68,9 +68,9 @@ def test_without_memory_another_system_or_a_process_nothing_else_is_started(monk
 
     monkeypatch.setattr(os, "fork", fork, raising=False)
     monkeypatch.setattr(sys, "platform", "darwin" if lack == "system" else "linux")
-    monkeypatch.setattr(second_process, "compile_search", lambda begin: None)
-    monkeypatch.setattr(second_process, "available_memory", lambda: 2**29 - (lack == "memory"))
-    second_process.compile_beside()
+    monkeypatch.setattr(sweep_run, "compile_search", lambda begin: None)
+    monkeypatch.setattr(sweep_run, "available_memory", lambda: 2**29 - (lack == "memory"))
+    sweep_run.compile_beside()
     assert len(calls) == (lack == "process")
 
 
@@ -93,10 +93,10 @@ def test_the_copy_never_goes_on_with_the_work_of_the_first_process(monkeypatch, 
         raise KeyboardInterrupt
 
     monkeypatch.setattr(os, "fork", interrupted)
-    monkeypatch.setattr(second_process, "compile_search", lambda begin: None)
-    monkeypatch.setattr(second_process, "available_memory", lambda: 2**40)
+    monkeypatch.setattr(sweep_run, "compile_search", lambda begin: None)
+    monkeypatch.setattr(sweep_run, "available_memory", lambda: 2**40)
     try:
-        second_process.compile_beside()
+        sweep_run.compile_beside()
     finally:
         (tmp_path / str(os.getpid())).touch()
         if os.getpid() != parent:
@@ -113,14 +113,14 @@ def test_a_copy_that_waits_for_a_lock_of_a_lost_thread_ends(monkeypatch):
         while not begin:
             time.sleep(1.0)
 
-    monkeypatch.setattr(second_process, "compile_search", hang)
-    monkeypatch.setattr(second_process, "available_memory", lambda: 2**40)
-    monkeypatch.setattr(second_process, "LONGEST_WAIT", 0.1, raising=False)
+    monkeypatch.setattr(sweep_run, "compile_search", hang)
+    monkeypatch.setattr(sweep_run, "available_memory", lambda: 2**40)
+    monkeypatch.setattr(sweep_run, "LONGEST_WAIT", 0.1, raising=False)
     others = set(psutil.Process().children())
     handler = signal.signal(signal.SIGALRM, lambda *_: None)
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
     try:
-        beside = threading.Thread(target=second_process.compile_beside)  # as a run does
+        beside = threading.Thread(target=sweep_run.compile_beside)  # as a run does
         beside.start()
         beside.join()
         assert ended(others, 30.0)
@@ -180,7 +180,7 @@ def test_a_run_compiles_no_classes_and_exponents_unasked_and_nothing_twice(progr
 PARENT = """
 import os
 from rich.console import Console
-from sweeps.engine import second_process
+from sweeps.engine import sweep_run
 from vibroimpact import Oscillator, integrate
 fork, parent = os.fork, os.getpid()
 def start():
@@ -189,9 +189,9 @@ def start():
         print(copy, flush=True)
     return copy
 os.fork = start
-second_process.available_memory = lambda: 2**40
-second_process.ALL_THREADS = 2
-with second_process.preparing(Console(quiet=True), None, True):
+sweep_run.available_memory = lambda: 2**40
+sweep_run.ALL_THREADS = 2
+with sweep_run.preparing(Console(quiet=True), None, True):
     integrate(Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0).at(), transient=1, periods=1)
 """
 
