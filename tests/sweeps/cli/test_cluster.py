@@ -24,7 +24,7 @@ from distributed.core import Server
 from distributed.security import Security
 
 from sweeps import interrupts
-from sweeps.engine import client as clients
+from sweeps.engine import cluster as clusters
 from sweeps.engine.cluster import check_address
 from tests.helpers.clusters import CLUSTERED as CONFIG  # noqa: F401 - the folder of each test has it
 from tests.helpers.clusters import assert_same_bits, refused_run
@@ -63,7 +63,7 @@ def test_processes_of_this_machine(capfd):
 def test_no_other_user_reaches_the_processes_of_this_machine():
     """Every listening port requires the certificate of the run, or serves nothing."""
     others = listening()
-    with clients.connected("local:1") as client:
+    with clusters.connected("local:1") as client:
         address = client.scheduler.address
         (worker,) = client.nthreads()
         ports = listening() - others
@@ -167,7 +167,7 @@ def test_a_scheduler_that_answers_and_never_registers(monkeypatch, answer):
 
     addresses = queue.SimpleQueue()
     threading.Thread(target=asyncio.run, args=[serve()], daemon=True).start()
-    monkeypatch.setattr(clients, "_PATIENCE", 1)
+    monkeypatch.setattr(clusters, "_PATIENCE", 1)
     message = refused_run("--dask", addresses.get(timeout=300))
     assert "answers, but does not accept this process" in message
     gc.collect()  # a client that was thrown away says nothing (pytest would)
@@ -236,7 +236,7 @@ def test_only_the_loggers_of_dask_are_silent():
         return logging.getLogger(name).isEnabledFor(logging.ERROR)
 
     before = heard("distributed.client"), heard("distributed.new_module")
-    with clients._quiet():
+    with clusters._quiet():
         assert heard("another.package")
         assert not any(map(heard, ("distributed.client", "distributed.new_module", "asyncio")))
     assert before == (heard("distributed.client"), heard("distributed.new_module")) == (True, True)
@@ -245,8 +245,8 @@ def test_only_the_loggers_of_dask_are_silent():
 @pytest.mark.slow
 @pytest.mark.parametrize("listens", [False, True])
 def test_where_no_scheduler_answers(monkeypatch, listens):
-    assert clients._PATIENCE < 10
-    monkeypatch.setattr(clients, "_PATIENCE", 1)
+    assert clusters._PATIENCE < 10
+    monkeypatch.setattr(clusters, "_PATIENCE", 1)
     with socket.socket() as server:
         server.bind(("127.0.0.1", 0))
         if listens:
@@ -258,7 +258,7 @@ def test_where_no_scheduler_answers(monkeypatch, listens):
 
 @pytest.mark.slow
 def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
-    monkeypatch.setattr(clients, "_PATIENCE", 20)
+    monkeypatch.setattr(clusters, "_PATIENCE", 20)
     monkeypatch.setattr(interrupts, "_came", False)
     connections = queue.SimpleQueue()
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
@@ -275,7 +275,7 @@ def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         interrupts.listen()  # like the command; the handler alone ends nothing
         try:
-            with pytest.raises(interrupts.Cancelled), clients.connected(address):
+            with pytest.raises(interrupts.Cancelled), clusters.connected(address):
                 pass
         finally:
             signal.signal(signal.SIGINT, before[0])
