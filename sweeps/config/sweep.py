@@ -114,7 +114,7 @@ class SweepConfig(Group):
         """Name the output after the sweep, and mark what comes from a rig or a table."""
         if not isinstance(data, dict):
             return data
-        if isinstance(data.get("name"), str) and "output" not in data:
+        if isinstance(data.get("name"), str) and null(data.get("output")) is None:
             data = {**data, "output": f"{data['name']}.h5"}
         data = data if null(data.get("rig")) is None else with_rig(data)
         return with_columns(data) if isinstance(data.get("points"), np.ndarray) else data

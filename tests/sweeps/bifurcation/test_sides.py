@@ -16,7 +16,8 @@ CASE = {
     "R": 0.7885194416827579, "omega": 2.716989975262034, "f": 1.0, "clearance": 0.14602287303658285,
     "h": np.linspace(0.0, 0.3, 140).tolist(),
 }  # fmt: skip
-#: Distance from a bifurcation at which a motion must exist, as a share of the steps of the axis.
+#: Distance from a bifurcation at which a motion must exist, as a share of the steps of the axis, if
+#: no value of the sweep and no other bifurcation is as near: then half the way to that.
 BESIDE = 1e-2
 
 
@@ -37,7 +38,9 @@ def settled(oscillator, state, transient):
     sections = np.stack([record["poincare_x"][0], record["poincare_v"][0]], axis=1)
     for m in range(1, 33):
         if np.abs(sections[m:] - sections[:-m]).max() < 1e-6 * np.abs(sections).max():
-            return sections[-1], (m, round(m * record["impacts_per_period"].item()))
+            points["x0"], points["v0"] = sections[-1]
+            whole = integrate(points, transient=0, periods=m, at_section=True)
+            return sections[-1], (m, round(m * whole["impacts_per_period"].item()))
     return sections[-1], None
 
 
@@ -69,13 +72,15 @@ def missing(sweep, found, oscillator, axis):
     states = np.stack([sweep["poincare_x"].values, sweep["poincare_v"].values], axis=-1)[:, -1]
     shares = np.concatenate([np.linspace(1.0, 0.1, 40), np.geomspace(0.1, 1e-3, 15), [0.0]])
     named, absent = 0, []
+    marks = np.append(values, found["value"].dropna())
     for row in found.dropna(subset="value").to_dict("records"):
         for side, way in (("before", -1), ("after", 1)):
             m, _, q = row[side].partition("/")
             if not q or int(m) > 32:
                 continue
             named, expected = named + 1, (int(m), int(q))
-            target = row["value"] + way * BESIDE * gap
+            apart = way * (marks - row["value"])
+            target = row["value"] + way * min(BESIDE * gap, *(apart[apart > 0.0] / 2.0))
             nearest = np.argsort(np.where(way * (values - target) > 0.0, abs(values - target), 9e9))
             starts = [(values[i], states[i]) for i in nearest[:4]]
             starts.append((target, (row["x"], row["v"])))

@@ -40,6 +40,11 @@ def test_a_file_is_read_in_every_encoding_that_its_first_bytes_tell(encoding):
     assert load_config("small.yaml").name == "größe"
 
 
+@pytest.mark.parametrize("null", ["null", "~"])
+def test_an_output_that_is_null_is_left_out(null):
+    assert load(f"name: a\noutput: {null}\n{oscillator_yaml()}").output == Path("a.h5")
+
+
 def test_a_mapping_that_cannot_be():
     with pytest.raises(ConfigError) as caught:
         load_config({"oscillator": {"h": 0.1, "R": 1.2, "omega": np.arange(3.0), "f": 1, "gap": 1}})
