@@ -75,9 +75,8 @@ class AttractorRow(NamedTuple):
 
 def parameter_axes(sweep: OpenedSweep) -> tuple[str, ...]:
     """Return the names of the swept axes, or of the columns of a table, that are not starts."""
-    known = sweep.nomenclature.parameters
     names = sweep.columns or sweep.grid
-    return tuple(name for name in names if name in known and name not in START_AXES)
+    return tuple(name for name in names if name in sweep.parameters and name not in START_AXES)
 
 
 def cut(sweep: OpenedSweep, at: Selection) -> OpenedSweep:
@@ -199,7 +198,7 @@ def attractor_report(
         share = 100.0 * float(unknown.mean())
         lines.append(f"{share:.1f} % of the starts are unknown, which is no attractor")
     if "integrity_factor" in result:
-        root = "" if "p" in sweep.nomenclature.parameters else ", p = sqrt(stiffness / mass)"
+        root = "" if "p" in sweep.parameters else ", p = sqrt(stiffness / mass)"
         lines.append(
             f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = "
             f"{sweep.spec.phase:g}; >=: the window's edge decided"

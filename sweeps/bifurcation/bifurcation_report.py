@@ -74,9 +74,9 @@ def _unclassified(sweep: OpenedSweep, found: pd.DataFrame) -> str:
 
 def _following(sweep: OpenedSweep, found: pd.DataFrame) -> str:
     """Write the key that keeps a motion from changing to another attractor, where one does so."""
-    axis, config = found.attrs["axis"], sweep.config
-    from_one_start = config.follow is None and not {*START_AXES} & {axis, *found.attrs["others"]}
-    if not (from_one_start and (found["kind"] == "basin").any()):
+    axis = found.attrs["axis"]
+    several_starts = {*START_AXES} & {axis, *found.attrs["others"]}
+    if several_starts or sweep.spec.followed is not None or "basin" not in {*found["kind"]}:
         return ""
     return (
         "each point starts alone, and another attractor takes over at a change of kind basin; to "

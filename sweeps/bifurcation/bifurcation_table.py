@@ -21,7 +21,6 @@ import xarray as xr
 
 from sweeps.bifurcation.crises import MOST_MOTIONS, Chaos, crisis
 from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches, wide_branches
-from sweeps.config.sweep import SweepConfig
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.motions import leads_to, orbit_of_motion
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection, headed
@@ -29,6 +28,7 @@ from sweeps.store import DIRECTION
 from vibroimpact.orbits.curves import CURVE_KINDS
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.points.regimes import Label, Regime, labels_of
+from vibroimpact.points.stages import RunSpec
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -321,8 +321,7 @@ def _of_changes(
 
     Changes are explained with values of the model, and then converted to the units of the axis.
     """
-    config, seen = data.config, data.nomenclature
-    parameter, phase = seen.parameter(along), config.record.phase
+    spec, seen, parameter = data.spec, data.nomenclature, data.parameter(along)
     data = data.transpose(*others, along)
     motions, coordinates = data.motions, data.data.coords.to_dataset()
     period, impacts = data.values(("period", "period_impacts")).values()
@@ -331,14 +330,14 @@ def _of_changes(
         line, own = coordinates.isel(dict(zip(others, index, strict=True))), motions[index]
         classes = labels_of(own["regime"], period[index], impacts[index], line["R"].values)
         unclassified += classes.count(None)
-        values, down = line[parameter].values, _is_followed_down(config, line, parameter)
+        values, down = line[parameter].values, _is_followed_down(spec, line, parameter)
         here = {name: line[name].item() for name in others} | {"down": down, "narrow": False}
         for change in changes_of_class(values, classes):
-            for part, found in explain(own, phase, parameter, values, change, down):
+            for part, found in explain(own, spec.phase, parameter, values, change, down):
                 row = here | vars(part) | {"kind": found.kind, "value": found.value}
                 row |= {"orbit": found.orbit, "impact_v": "", "criticality": ""}
                 if (orbit := found.at) is not None:
-                    row |= _row_of(orbit.sections(phase)[0], orbit.speeds, orbit.multipliers)
+                    row |= _row_of(orbit.sections(spec.phase)[0], orbit.speeds, orbit.multipliers)
                     row["criticality"] = orbit.criticality
                 rows.append(row)
     table = np.array([[row[name] for name in ("low", "value", "high")] for row in rows])
@@ -357,7 +356,7 @@ def _name_crises(
     data: OpenedSweep, along: str, exact: xr.Dataset, rows: Sequence[dict[str, Any]]
 ) -> None:
     """Give the kind ``crisis`` to those changes from or to chaos at which there is one."""
-    parameter, (axis,) = data.nomenclature.parameter(along), exact.coords
+    parameter, (axis,) = data.parameter(along), exact.coords
     if not exact.sizes["point"]:
         return
     for way, line in zip(data.directions or ("",), data.each_direction, strict=True):
@@ -458,9 +457,9 @@ def _classes_beside(exact: xr.Dataset, members: np.ndarray) -> tuple[Label, Labe
     return beside[0], beside[1]
 
 
-def _is_followed_down(config: SweepConfig, line: xr.Dataset, parameter: str) -> bool:
+def _is_followed_down(spec: RunSpec, line: xr.Dataset, parameter: str) -> bool:
     """Whether the line was followed downwards: each point started from the next greater value."""
-    if config.follow is None or config.follow.axis != parameter:
+    if spec.followed != parameter:
         return False
-    way = line[DIRECTION].item() if DIRECTION in line.coords else config.follow.direction
+    way = line[DIRECTION].item() if DIRECTION in line.coords else spec.directions[0]
     return bool(way == "down")

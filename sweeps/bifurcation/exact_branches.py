@@ -19,7 +19,7 @@ import xarray as xr
 from sweeps.bifurcation.branch_set import BranchSet, with_short_chords
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, orbit_coordinates
-from sweeps.opened.doors import takes_sweep
+from sweeps.opened.doors import orbits_on_axes, takes_sweep
 from sweeps.opened.motions import orbit_at
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.store.variables import DIRECTION
@@ -109,10 +109,10 @@ def branches(
     """
     (axis,) = sweep.chosen_axes([axis] if axis else [], at, 1, "branch")
     lines = [line.motions for line in lines_of(sweep, axis, at)]
-    name, phase = sweep.nomenclature.parameter(axis), sweep.spec.phase
+    name, phase = sweep.parameter(axis), sweep.spec.phase
     found = branches_of(lines, name, phase, report, classes=classes, most=most)
     found.attrs["chosen"] = int(bool(classes) or most != MOST_BRANCHES)
-    return sweep.orbits_on_axes(found)
+    return orbits_on_axes(sweep, found)
 
 
 def branches_of(

@@ -20,7 +20,7 @@ import xarray as xr
 
 from sweeps.bifurcation.exact_branches import check_axis, with_special_points
 from sweeps.errors import Refused
-from sweeps.opened.doors import takes_sweep
+from sweeps.opened.doors import orbits_on_axes, takes_sweep
 from sweeps.opened.motions import leads_to, orbit_of_motion
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.text import choice_of, listed, near_miss, shown_count, suggestion
@@ -361,7 +361,7 @@ def curves(
     sweep.check_diagnostic("period")
     cut = sweep.cut(at, free=[across, up]).sortby([across, up]).transpose(across, up)
     phase = cut.spec.phase
-    names = [cut.nomenclature.parameter(axis) for axis in (across, up)]
+    names = [cut.parameter(axis) for axis in (across, up)]
     values = [cut[name].values for name in names]
     search = CurveSearch(cut.motions, names, values, phase, classes, kinds or CURVE_KINDS)
     reasons = search.run(report)
@@ -373,7 +373,7 @@ def curves(
     counts = int(search.counted.sum()), int((search.counted & search.explained).sum())
     found.attrs |= dict(zip(("changes", "explained"), counts, strict=True))
     found.attrs["summary"] = curves_summary(cut, search.curves, classes, *counts, of_pairs)
-    return sweep.orbits_on_axes(found)
+    return orbits_on_axes(sweep, found)
 
 
 def _as_dataset(found: Sequence[Branch], axes: Sequence[str]) -> xr.Dataset:

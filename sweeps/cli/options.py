@@ -225,11 +225,12 @@ def several_of(
 @contextmanager
 def opened_in_si(file: Path, *, verify: bool = True) -> Iterator[OpenedSweep]:
     """Open the file of a sweep, that of a rig in SI units; close it at the end of the block."""
+    from sweeps.opened.doors import in_si
     from sweeps.opened.opened_sweep import OpenedSweep
 
     with opened_sweep(file, verify=verify) as dataset:
         with named(file):
-            sweep = OpenedSweep(dataset).in_si()
+            sweep = in_si(OpenedSweep(dataset))
         yield sweep
 
 

@@ -15,7 +15,7 @@ from sweeps.config.rig import SI_UNITS
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Axis, ConflictError, Key
 from sweeps.grid import TABLE
-from sweeps.text import fewest_digits
+from sweeps.text import fewest_digits, listed
 from vibroimpact.inputs import integer
 from vibroimpact.oscillator import mesh, with_one_force
 from vibroimpact.step.scheme import (
@@ -29,6 +29,8 @@ from vibroimpact.step.scheme import (
 # Limits that turn a typing error into a message instead of a lack of memory.
 _MOST_POINTS = 1_000_000_000
 _MOST_SAMPLES = 10_000_000
+#: The key that allows a step that is too long for the integrator.
+_UNSTABLE = "method.allow_unstable: true"
 
 
 def with_defaults(config: SweepConfig) -> SweepConfig:
@@ -49,44 +51,35 @@ def with_defaults(config: SweepConfig) -> SweepConfig:
 def conflicts(config: SweepConfig) -> Iterator[ConflictError]:
     """Yield an error for each key whose value does not go together with that of another key."""
     method, record, follow = config.method, config.record, config.follow
-    axes = config.parameters()
     exact, auto = method.impact == "exact", record.transient == "auto"
     if exact and method.integrator != "exact":
-        yield ConflictError(
-            ("method", "integrator"),
-            f"impact exact needs the integrator exact, not {method.integrator}; expected: "
-            "integrator exact, or one of the impact rules "
-            + ", ".join(rule for rule in IMPACT_RULES if rule != "exact"),
-        )
+        rules = ", ".join(rule for rule in IMPACT_RULES if rule != "exact")
+        problem = f"impact exact needs the integrator exact, not {method.integrator}"
+        expected = f"integrator exact, or one of the impact rules {rules}"
+        yield ConflictError(("method", "integrator"), problem, expected)
     if not exact and "lyapunov" in record.diagnostics:
-        yield ConflictError(
-            ("record", "diagnostics"),
-            f"lyapunov needs the impact rule exact, not {method.impact}; "
-            "expected: method.impact: exact, or diagnostics without lyapunov",
-        )
+        problem = f"lyapunov needs the impact rule exact, not {method.impact}"
+        expected = "method.impact: exact, or diagnostics without lyapunov"
+        yield ConflictError(("record", "diagnostics"), problem, expected)
     if record.longest is not None and not auto:
         yield ConflictError(
-            ("record", "longest"), "is only for transient: auto; expected: no longest, or auto"
+            ("record", "longest"), "is only for transient: auto", "no longest, or auto"
         )
     if auto and "period" not in record.diagnostics:
-        problem = "auto needs the classes of motions; expected: diagnostics: [period]"
-        yield ConflictError(("record", "transient"), problem)
+        problem = "auto needs the classes of motions"
+        yield ConflictError(("record", "transient"), problem, "diagnostics: [period]")
     if auto and (record.trajectory or follow):
-        other = "trajectory" if record.trajectory else "follow"
-        problem = f"auto cannot be used with {other}; expected: an integer"
-        yield ConflictError(("record", "transient"), problem)
+        problem = f"auto cannot be used with {'trajectory' if record.trajectory else 'follow'}"
+        yield ConflictError(("record", "transient"), problem, "an integer")
     if follow and config.points is not None:
-        problem = "needs an axis, but points has none; expected: a range instead of points"
-        yield ConflictError(("follow",), problem)
-    elif follow and axes[follow.axis].size == 1:
+        problem = "needs an axis, but points has none"
+        yield ConflictError(("follow",), problem, "a range instead of points")
+    elif follow and (axes := config.parameters())[follow.axis].size == 1:
         name = config.nomenclature.name
-        others = [key for key, axis in axes.items() if axis.size > 1 and key not in STARTS]
-        swept = f"a swept axis out of {', '.join(map(name, others))}"
-        yield ConflictError(
-            ("follow", "axis"),
-            f"{name(follow.axis)} has only one value, so that there is nothing to follow; "
-            f"expected: {swept if others else 'an axis that is swept'}",
-        )
+        others = [name(key) for key, axis in axes.items() if axis.size > 1 and key not in STARTS]
+        expected = f"a swept axis out of {listed(others)}" if others else "an axis that is swept"
+        problem = f"{name(follow.axis)} has only one value, so that there is nothing to follow"
+        yield ConflictError(("follow", "axis"), problem, expected)
 
 
 def _key_of(config: SweepConfig, name: str) -> Key:
@@ -149,11 +142,9 @@ def _chosen_steps(config: SweepConfig, points: np.ndarray) -> int:
     except ValueError as error:
         raise ConflictError(_key_of(config, "omega"), str(error)) from None
     if steps is not None and method.impact == "exact" and steps < needed:
-        raise ConflictError(
-            ("method", "steps_per_period"),
-            f"{steps} are not enough for exact impacts here; "
-            f"expected: {integer(needed, MOST_STEPS).expected}, or null",
-        )
+        expected = f"{integer(needed, MOST_STEPS).expected}, or null"
+        problem = f"{steps} are not enough for exact impacts here"
+        raise ConflictError(("method", "steps_per_period"), problem, expected)
     if not method.allow_unstable:
         _refuse_unstable(method.integrator, steps or needed, points)
     return steps or needed
@@ -175,17 +166,15 @@ def _refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
         need = "with no step"
         if least < math.inf:
             need = f"only from {least:.3g} steps per period on, of {MOST_STEPS:,} at most,"
-        raise ConflictError(
-            ("method", "integrator"),
-            f"{integrator} is stable {need} at {there}; expected: {'h > 0, ' if h == 0.0 else ''}"
-            f"one of {', '.join(stable)}, or method.allow_unstable: true",
-        )
+        expected = f"{'h > 0, ' if h == 0.0 else ''}one of {listed(stable)}, or {_UNSTABLE}"
+        problem = f"{integrator} is stable {need} at {there}"
+        raise ConflictError(("method", "integrator"), problem, expected)
     phase, limit = 2.0 * math.pi * p / (omega * steps), INTEGRATORS[integrator].limit(h / p)
     raise ConflictError(
         ("method", "steps_per_period"),
         f"{steps} are not enough for {integrator} to be stable at {there}: p T = {phase:.4g} "
-        f"there must be below {limit:.4g}; expected: {integer(int(least), MOST_STEPS).expected}, "
-        "null, or method.allow_unstable: true",
+        f"there must be below {limit:.4g}",
+        f"{integer(int(least), MOST_STEPS).expected}, null, or {_UNSTABLE}",
     )
 
 
@@ -193,18 +182,15 @@ def _refuse_large(config: SweepConfig, axes: Mapping[str, Axis], steps: int) -> 
     """Refuse a grid of too many points, and trajectories of too many samples."""
     points = math.prod(axis.size for axis in axes.values())
     if points > _MOST_POINTS:
-        raise ConflictError(
-            _key_of(config, max(axes, key=lambda name: axes[name].size)),
-            f"the axes make a grid of {points:,} points; expected: at most {_MOST_POINTS:,}",
-        )
+        longest = _key_of(config, max(axes, key=lambda name: axes[name].size))
+        problem = f"the axes make a grid of {points:,} points"
+        raise ConflictError(longest, problem, f"at most {_MOST_POINTS:,}")
     if not config.record.trajectory:
         return
     samples = config.record.periods * steps // config.record.trajectory.every + 1
     if samples > _MOST_SAMPLES:
-        raise ConflictError(
-            ("record", "trajectory"),
-            f"{samples:,} samples per point are too many; expected: at most {_MOST_SAMPLES:,}",
-        )
+        problem = f"{samples:,} samples per point are too many"
+        raise ConflictError(("record", "trajectory"), problem, f"at most {_MOST_SAMPLES:,}")
 
 
 def _chosen_units(config: SweepConfig) -> UnitsConfig:
@@ -212,11 +198,11 @@ def _chosen_units(config: SweepConfig) -> UnitsConfig:
     units = config.units
     if config.rig is None:
         if "mass" in units.model_fields_set:
-            problem = "without a rig there is no mass; expected: rig in place of oscillator"
-            raise ConflictError(("units", "mass"), problem)
+            problem = "without a rig there is no mass"
+            raise ConflictError(("units", "mass"), problem, "rig in place of oscillator")
         return units
     for name, unit in units.items():
         if unit not in (SI_UNITS[name], name):
-            problem = f"{unit} is not the unit of a rig; expected: {SI_UNITS[name]}"
-            raise ConflictError(("units", name), problem)
+            problem = f"{unit} is not the unit of a rig"
+            raise ConflictError(("units", name), problem, SI_UNITS[name])
     return UnitsConfig.model_validate(SI_UNITS)

@@ -76,21 +76,21 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
         for name in group.model_fields:
             parameter = model_name(name)
             if name != parameter and {name, parameter} <= {*names}:
-                problem = f"is {name} in the units of the model; expected: one of both columns"
-                raise ConflictError(("points", parameter), problem)
+                problem = f"is {name} in the units of the model"
+                raise ConflictError(("points", parameter), problem, "one of both columns")
             is_parameter = parameter in PARAMETERS or name == "mass"
             if is_parameter and not {name, parameter}.isdisjoint(names):
                 columns[name] = name if name in names else parameter
         for name, value in values.items():
             if name in columns or isinstance(value, list | tuple | dict):
-                problem = "conflicts with points; expected: one number here, or only a column"
-                raise ConflictError((title, name), f"{problem} {columns.get(name, name)} of points")
+                expected = f"one number here, or only a column {columns.get(name, name)} of points"
+                raise ConflictError((title, name), "conflicts with points", expected)
         force, base = group.FORCES or ("", "")
         if base in columns and force not in {*values, *columns}:
             if not data["points"][columns[base]].any():
                 problem = f"is 0 in every row, and there is no {force}"
                 expected = f"{title}.{force}, a column {force}, or another {columns[base]}"
-                raise ConflictError(("points", columns[base]), f"{problem}; expected: {expected}")
+                raise ConflictError(("points", columns[base]), problem, expected)
         groups[title] = {**values, **dict.fromkeys(columns, Elsewhere.COLUMN)}
     return {**data, **groups}
 
@@ -107,8 +107,7 @@ def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
         if wrong.any():
             row, key = int(wrong.argmax()), name if name in columns else "mass"
             problem = f"row {row + 1}, {columns[key][row]:g} makes {parameter} = {values[row]:g}"
-            allowed = PARAMETERS[parameter].allowed
-            raise ConflictError(("points", key), f"{problem}; expected: {allowed}")
+            raise ConflictError(("points", key), problem, PARAMETERS[parameter].allowed)
         columns[parameter] = values
     return table_values(columns)
 

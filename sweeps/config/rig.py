@@ -137,7 +137,7 @@ class RigConfig(ParameterConfig):
         made = _in_model(name, axis, mass)
         if isinstance(value, Range) and not (made.low < made.high < math.inf or made.size == 1):
             problem = f"is not a range in the units of the model: {made.low!r} to {made.high!r}"
-            raise ConflictError(("rig", title), f"{problem}; expected: other values")
+            raise ConflictError(("rig", title), problem, "other values")
         if not math.isfinite(made.high):
             contains = f"contains {fewest_digits(axis.high)}, which " if axis.swept else ""
             raise ValueError(f"{contains}is not a finite number in the units of the model")
@@ -222,8 +222,7 @@ def model_name(name: str) -> str:
 def with_rig(data: dict[str, Any]) -> dict[str, Any]:
     """Prepare the data of a configuration with a rig: its oscillator, and the followed axis."""
     if "oscillator" in data:
-        problem = "conflicts with oscillator; expected: one of them"
-        raise ConflictError(("rig",), problem)
+        raise ConflictError(("rig",), "conflicts with oscillator", "one of them")
     data = {**data, "oscillator": dict.fromkeys(OscillatorConfig.model_fields, Elsewhere.RIG)}
     follow = data.get("follow")
     if isinstance(follow, dict) and isinstance(follow.get("axis"), str):

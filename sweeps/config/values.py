@@ -108,10 +108,10 @@ class Elsewhere(Enum):
 
 
 class ConflictError(ValueError):
-    """A value that conflicts with another one; `key` is the place to report."""
+    """A value that conflicts with another one: the `key` to report, and what is `expected`."""
 
-    def __init__(self, key: Key, problem: str) -> None:
-        super().__init__(problem)
+    def __init__(self, key: Key, problem: str, expected: str = "") -> None:
+        super().__init__(f"{problem}; expected: {expected}" if expected else problem)
         self.key = key
 
 

@@ -107,17 +107,10 @@ def run_sweep(
     >>> sweeps.run_sweep(scene, "flip.h5", overwrite=True).name
     'flip.h5'
     """
-    given = {
-        "output": output,
-        "threads": threads,
-        "client": client,
-        "overwrite": overwrite,
-        "resume": resume,
-        "progress": progress,
-    }
-    for name, value in given.items():
+    values = output, threads, client, overwrite, resume, progress
+    for (name, allowed), value in zip(_ARGUMENTS.items(), values, strict=True):
         if value is not None:
-            _ARGUMENTS[name].checked(name, value, Refused)
+            allowed.checked(name, value, Refused)
     if overwrite and resume:
         raise Refused("resume and overwrite exclude each other; give one of them")
     if client is not None and threads is not None:

@@ -76,23 +76,23 @@ def _refuse_other_shapes(first: xr.Dataset, second: xr.Dataset) -> None:
 
 
 def _compared(
-    one: xr.Dataset, other: xr.Dataset, name: str, within: tuple[float, float]
+    first: xr.Dataset, second: xr.Dataset, name: str, within: tuple[float, float]
 ) -> Difference:
     """Compare a variable of two sweeps, a part of the points at a time."""
     difference = Difference(name)
-    if name in one.coords:
-        bare = (data[name].drop_vars(data[name].coords) for data in (one, other))
+    if name in first.coords:
+        bare = (data[name].drop_vars(data[name].coords) for data in (first, second))
         pair = xr.broadcast(*bare)  # a number in one may be a column in the other
         _count(difference, pair[0].values, pair[1].values, pair[0].sizes, 0, within)
         return difference
-    axes = one["status"].dims
-    own, others = (data[name].variable.transpose(*axes, ...) for data in (one, other))
-    shape = one["status"].variable.to_base_variable()
-    joint = xr.Dataset({"status": shape, "one": own, "other": others})
-    width = math.prod(own.shape[len(axes) :])
+    axes = first["status"].dims
+    variables = [data[name].variable.transpose(*axes, ...) for data in (first, second)]
+    shape = first["status"].variable.to_base_variable()
+    joint = xr.Dataset({"status": shape, "first": variables[0], "second": variables[1]})
+    width = math.prod(variables[0].shape[len(axes) :])
     for part, points in in_parts(joint, _VALUES_COMPARED // max(1, width)):
-        first, second = part["one"].values, part["other"].values
-        _count(difference, first, second, own.sizes, points.start, within, width)
+        values = part["first"].values, part["second"].values
+        _count(difference, *values, variables[0].sizes, points.start, within, width)
     return difference
 
 
@@ -156,10 +156,9 @@ def comparison_report(
     differing = [each for each in results if each.values]
     mine, theirs = (str(data.attrs["configuration"]) for data in (first, second))
     keys = differing_keys(mine, theirs, "{}: {} and {}")
+    lines = [_line(OpenedSweep(first), each) for each in differing]
     if keys and not (rtol or atol):
-        lines = _following(OpenedSweep(first), differing, keys)
-    else:
-        lines = [_line(OpenedSweep(first), each) for each in differing]
+        keys, lines = _in_short(OpenedSweep(first), differing, keys)
     for data, without, name in ((first, second, names[0]), (second, first, names[1])):
         missing = sorted({*data} - {*without}) + sorted({*data.coords} - {*without.coords})
         lines += [f"{variable}: only in {name}" for variable in missing]
@@ -167,32 +166,29 @@ def comparison_report(
     if None not in widths and widths[0] != widths[1]:
         lines.append("the longest trajectory has {:,} and {:,} samples".format(*widths))
     pair = f"{names[0]} and {names[1]}"
-    given = [f"{rtol:g} of each value"] * bool(rtol) + [f"{atol:g}"] * bool(atol)
+    allowed = [f"{rtol:g} of each value"] * bool(rtol) + [f"{atol:g}"] * bool(atol)
     if lines:
-        more = f" by more than {' and '.join(given)}" if given else ""
+        more = f" by more than {' and '.join(allowed)}" if allowed else ""
         return "\n".join([*keys, *lines, f"{pair} differ{more}"]), True
-    within = f" to {' and '.join(given)}" if given else ""
+    within = f" to {' and '.join(allowed)}" if allowed else ""
     return f"{pair} are equal{within}: {len(results)} variables and coordinates", False
 
 
-def _following(data: OpenedSweep, differing: Sequence[Difference], keys: list[str]) -> list[str]:
-    """Say in one line what differs because a key does, the displacement or the last in full.
-
-    Takes the steps per period out of the `keys` beside another one, which chooses them.
-    """
-    steps = [key for key in keys if key.startswith("method.steps_per_period")]
-    if len(keys) > len(steps):
-        keys[:] = [key for key in keys if key not in steps]
-    changed = {key.partition(":")[0].rpartition(".")[2] for key in keys}
-    follow = {data.config.nomenclature.name(each.name): each for each in differing}
-    follow = {name: each for name, each in follow.items() if name not in changed}
-    if not follow:
-        return []
-    shown = "poincare_x" if "poincare_x" in follow else [*follow][-1]
-    others = [key.partition(":")[0] for key in steps if key not in keys]
-    others += [name for name in follow if name != shown]
+def _in_short(
+    sweep: OpenedSweep, differing: Sequence[Difference], keys: Sequence[str]
+) -> tuple[list[str], list[str]]:
+    """Return the keys that are a cause, and a line on what follows, one variable of it in full."""
+    causes = [key for key in keys if not key.startswith("method.steps_per_period")] or [*keys]
+    chosen = [key.partition(":")[0] for key in keys if key not in causes]  # by another key
+    changed = {key.partition(":")[0].rpartition(".")[2] for key in causes}
+    named = {sweep.config.nomenclature.name(each.name): each for each in differing}
+    results = {name: each for name, each in named.items() if name not in changed}
+    if not results:
+        return causes, []
+    full = "poincare_x" if "poincare_x" in results else [*results][-1]
+    others = chosen + [name for name in results if name != full]
     beside = f"; so {'do' if others[1:] else 'does'} {listed(others)}" if others else ""
-    return [f"{_line(data, follow[shown])}{beside}"]
+    return causes, [f"{_line(sweep, results[full])}{beside}"]
 
 
 def _line(data: OpenedSweep, difference: Difference) -> str:

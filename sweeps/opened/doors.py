@@ -1,21 +1,30 @@
-"""The door of every public function: it opens a path and checks the rest."""
+"""The door of every public function: it opens a path, checks the rest, and shows a rig in SI units.
+
+A file has the names and units of the model. `in_si` gives those of a rig, once, where a command
+opens a file or a picture is drawn; the parameters of the model, which computations need, stay
+beside those of the rig.
+"""
 
 from __future__ import annotations
 
 import functools
 import inspect
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
+import numpy as np
 import xarray as xr
 
+from sweeps.config.rig import MASS, QUANTITIES, Nomenclature
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store import DIRECTION, VARIABLES, open_sweep
+from sweeps.store.variables import COLUMN_NAMES
 from vibroimpact.inputs import Allowed, input_text, integer, is_number, number, of_python
-from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.oscillator import PARAMETERS, Parameter
 
 P = ParamSpec("P")
 Out = TypeVar("Out")
@@ -49,7 +58,7 @@ def _is_collection(value: object) -> bool:
     return isinstance(value, Sequence | set | frozenset) and not isinstance(value, str)
 
 
-def _is_found(value: object) -> bool:
+def _are_attractors(value: object) -> bool:
     return isinstance(value, xr.Dataset) and {"number", "motion", "attractor"} <= set(value)
 
 
@@ -63,7 +72,7 @@ ARGUMENTS: Mapping[str, Allowed] = {
     "kinds": Allowed(_are_names, "names of kinds, as ['flip', 'fold', 'graze']"),
     "tolerance": number(lambda value: value > 0.0, "a number > 0"),
     "extensions": integer(0),
-    "found": Allowed(_is_found, "the result of sweeps.attractors or sweeps.integrity"),
+    "found": Allowed(_are_attractors, "the result of sweeps.attractors or sweeps.integrity"),
     "numbers": Allowed(
         lambda value: _is_collection(value) and all(map(integer(0).fits, value)),  # type: ignore[call-overload]
         "numbers of attractors, as [0, 1]",
@@ -91,10 +100,10 @@ def takes_sweep(allowed: Mapping[str, Allowed]) -> Callable[[Inner[P, Out]], Out
         @functools.wraps(function)
         def checked(*arguments: Any, **options: Any) -> Out:
             bound = signature.bind(*arguments, **options)
-            given = dict(bound.arguments)
-            sweep = given.pop(first)
-            given |= given.pop("options", {})  # of `plot`
-            for name, value in given.items():
+            others = dict(bound.arguments)
+            sweep = others.pop(first)
+            others |= others.pop("options", {})  # of `plot`
+            for name, value in others.items():
                 if value is not defaults.get(name) and name in known:
                     known[name].checked(name, value, Refused)
             if isinstance(at := bound.arguments.get("at"), Mapping):
@@ -138,3 +147,72 @@ def _opened(dataset: object) -> OpenedSweep:
     if problems:
         raise Refused(f"the Dataset {problems[0]}; expected: {_EXPECTED}")
     return OpenedSweep(dataset)
+
+
+# A rig in SI units
+
+#: Attribute that marks exact orbits over the axes of a rig.
+_IN_SI = "in_si"
+#: Finds the rig in a configuration without reading the table that may belong to it.
+_HAS_RIG = re.compile("^rig:", re.MULTILINE)
+
+
+def in_si(sweep: OpenedSweep) -> OpenedSweep:
+    """Return the sweep with the axes, names and SI units of its rig, if it has one.
+
+    The axes are those of the rig; the parameters of the model stay as further coordinates. The
+    results of the file are still read when they are used.
+    """
+    may_have = not sweep.in_rig and _HAS_RIG.search(sweep.attrs["configuration"])
+    if not may_have or (rig := sweep.config.rig) is None:
+        return sweep
+    dataset, seen = sweep.data, Nomenclature(rig)
+    mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)
+    coordinates: dict[str, Any] = {"mass": (mass.dims, mass.values, _about(MASS))}
+    for name in PARAMETERS:
+        if name in QUANTITIES:
+            model, called = dataset[name], seen.name(name)
+            about = {**model.attrs, **_about(seen.about(name))}
+            typed = called != name and called in dataset.coords  # a column of the table
+            masses = mass.values if rig.mass_varies else None
+            values = dataset[called].values if typed else rig.in_si(name, model.values, masses)
+            coordinates[called] = model.dims, values, about
+    si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, mass))
+    si = si.swap_dims({name: seen.name(name) for name in PARAMETERS if name in dataset.dims})
+    if COLUMN_NAMES in si.attrs:
+        columns = dict.fromkeys(seen.name(name) for name in si.attrs[COLUMN_NAMES].split())
+        si.attrs[COLUMN_NAMES] = " ".join(columns)
+    return OpenedSweep(si, sweep, in_rig=True)
+
+
+def orbits_on_axes(sweep: OpenedSweep, orbits: xr.Dataset) -> xr.Dataset:
+    """Return exact branches or curves, over parameters of the model, over the axes."""
+    seen, axes = sweep.nomenclature, [str(name) for name in orbits.coords]
+    if not seen.in_si or _IN_SI in orbits.attrs:
+        return orbits
+    values = {axis: (orbits[axis].dims, seen.value(axis, orbits[axis].values)) for axis in axes}
+    si = orbits.assign_coords(values).assign_attrs({_IN_SI: 1})
+    if "range" in si.attrs:  # of branches
+        si.attrs["range"] = seen.value(axes[0], np.array(si.attrs["range"])).tolist()
+    return si.rename({axis: seen.name(axis) for axis in axes})
+
+
+def _results_in_si(dataset: xr.Dataset, mass: xr.DataArray) -> xr.Dataset:
+    """Return the results that are given per mass in a file, multiplied when they are read.
+
+    With a mass of each row of a table, they are multiplied at once.
+    """
+    scaled = {}
+    for name in QUANTITIES.keys() - PARAMETERS.keys():
+        if name in dataset:
+            scaled[name] = dataset.variables[name].copy(deep=False)
+            if mass.dims:
+                scaled[name] = scaled[name].copy(data=scaled[name].values * mass.values)
+            factor = {} if mass.dims else {"scale_factor": mass.item()}
+            scaled[name].attrs |= {**_about(QUANTITIES[name].description), **factor}
+    return xr.decode_cf(xr.Dataset(scaled), decode_times=False)
+
+
+def _about(quantity: Parameter) -> dict[str, str]:
+    """Return the attributes of a quantity of the rig, as a file has them for a parameter."""
+    return {"long_name": quantity.meaning, "units": quantity.unit, "symbol": quantity.symbol}

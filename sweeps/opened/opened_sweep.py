@@ -1,13 +1,7 @@
-"""`OpenedSweep`: data, configuration, names, cuts, motions.
-
-A file has the names and units of the model. `OpenedSweep.in_si` gives those of a rig, once, where
-a command opens a file or a picture is drawn; the parameters of the model, which computations need,
-stay beside those of the rig.
-"""
+"""`OpenedSweep`: data, configuration, names, cuts, motions."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -18,11 +12,11 @@ import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS, STARTS
 from sweeps.config.loading import stored_config
-from sweeps.config.rig import MASS, QUANTITIES, Nomenclature
+from sweeps.config.rig import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
-from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES, columns_of
+from sweeps.store.variables import DIRECTION, VARIABLES, columns_of
 from sweeps.text import choice_of, listed, near_miss, shown_count, suggestion, told_apart, unit_name
 from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, Parameter
 from vibroimpact.points.regimes import (
@@ -117,6 +111,21 @@ class OpenedSweep:
         """The names, units and numbers of the axes."""
         seen = self.config.nomenclature
         return seen if self.in_rig else replace(seen, rig=None)
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """All parameters, and the mass of a rig, by the names of the axes."""
+        return self.nomenclature.parameters
+
+    def parameter(self, axis: str) -> str:
+        """Return the parameter of the model along an axis; other names are left unchanged."""
+        return self.nomenclature.parameter(axis)
+
+    @property
+    def followed_symbol(self) -> str:
+        """The symbol of the axis along which motions were followed; empty if they were not."""
+        axis = self.spec.followed
+        return "" if axis is None else self.config.nomenclature.about(axis).symbol
 
     def values(self, names: Iterable[str]) -> dict[str, np.ndarray]:
         """Return parameters, swept or not, and those results that are recorded, at every point.
@@ -315,7 +324,7 @@ class OpenedSweep:
             chosen.reverse()
         return chosen
 
-    # What is recorded, and its units
+    # What is recorded
 
     def check_diagnostic(self, name: str, asked: str = "") -> None:
         """Refuse a file without the diagnostic of a variable from which what is `asked` follows."""
@@ -331,51 +340,7 @@ class OpenedSweep:
         chosen = ", ".join(name for name in DIAGNOSTICS if name in held | {diagnostic})
         return f"record.diagnostics: [{chosen}]"
 
-    def in_si(self) -> OpenedSweep:
-        """Return the sweep with the axes, names and SI units of its rig, if it has one.
 
-        The axes are those of the rig; the parameters of the model stay as further coordinates. The
-        results of the file are still read when they are used.
-        """
-        if self.in_rig or not _HAS_RIG.search(self.data.attrs["configuration"]):
-            return self
-        rig, dataset = self.config.rig, self.data
-        if rig is None:
-            return self
-        seen = Nomenclature(rig)
-        mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)
-        coordinates: dict[str, Any] = {"mass": (mass.dims, mass.values, _about(MASS))}
-        for name in PARAMETERS:
-            if name in QUANTITIES:
-                model, called = dataset[name], seen.name(name)
-                about = {**model.attrs, **_about(seen.about(name))}
-                typed = called != name and called in dataset.coords  # a column of the table
-                masses = mass.values if rig.mass_varies else None
-                values = dataset[called].values if typed else rig.in_si(name, model.values, masses)
-                coordinates[called] = model.dims, values, about
-        si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, mass))
-        si = si.swap_dims({name: seen.name(name) for name in PARAMETERS if name in dataset.dims})
-        if COLUMN_NAMES in si.attrs:
-            columns = dict.fromkeys(seen.name(name) for name in si.attrs[COLUMN_NAMES].split())
-            si.attrs[COLUMN_NAMES] = " ".join(columns)
-        return OpenedSweep(si, self, in_rig=True)
-
-    def orbits_on_axes(self, orbits: xr.Dataset) -> xr.Dataset:
-        """Return exact branches or curves, over parameters of the model, over the axes."""
-        seen, axes = self.nomenclature, [str(name) for name in orbits.coords]
-        if not seen.in_si or _IN_SI in orbits.attrs:
-            return orbits
-        values = {axis: (orbits[axis].dims, seen.value(axis, orbits[axis].values)) for axis in axes}
-        si = orbits.assign_coords(values).assign_attrs({_IN_SI: 1})
-        if "range" in si.attrs:  # of branches
-            si.attrs["range"] = seen.value(axes[0], np.array(si.attrs["range"])).tolist()
-        return si.rename({axis: seen.name(axis) for axis in axes})
-
-
-#: Attribute that marks exact orbits over the axes of a rig.
-_IN_SI = "in_si"
-#: Finds the rig in a configuration without reading the table that may belong to it.
-_HAS_RIG = re.compile("^rig:", re.MULTILINE)
 #: What messages call the configuration of a file, and its name if it has none.
 _SOURCE = ("its configuration", "sweep")
 
@@ -384,27 +349,6 @@ _SOURCE = ("its configuration", "sweep")
 def _parsed(configuration: str) -> SweepConfig:
     """Parse the configuration of a file; a user's Dataset is opened for each of its pictures."""
     return stored_config(configuration, *_SOURCE)
-
-
-def _results_in_si(dataset: xr.Dataset, mass: xr.DataArray) -> xr.Dataset:
-    """Return the results that are given per mass in a file, multiplied when they are read.
-
-    With a mass of each row of a table, they are multiplied at once.
-    """
-    scaled = {}
-    for name in QUANTITIES.keys() - PARAMETERS.keys():
-        if name in dataset:
-            scaled[name] = dataset.variables[name].copy(deep=False)
-            if mass.dims:
-                scaled[name] = scaled[name].copy(data=scaled[name].values * mass.values)
-            factor = {} if mass.dims else {"scale_factor": mass.item()}
-            scaled[name].attrs |= {**_about(QUANTITIES[name].description), **factor}
-    return xr.decode_cf(xr.Dataset(scaled), decode_times=False)
-
-
-def _about(quantity: Parameter) -> dict[str, str]:
-    """Return the attributes of a quantity of the rig, as a file has them for a parameter."""
-    return {"long_name": quantity.meaning, "units": quantity.unit, "symbol": quantity.symbol}
 
 
 def headed(name: str, variable: xr.DataArray) -> str:

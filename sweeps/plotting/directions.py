@@ -27,9 +27,7 @@ def colours_directions(sweep: OpenedSweep, color: Wanted) -> bool:
 
 def direction_names(sweep: OpenedSweep) -> tuple[str, str]:
     """Return the names of the two directions for a legend, with the symbol of the followed axis."""
-    config = sweep.config
-    assert config.follow is not None
-    symbol = config.nomenclature.about(config.follow.axis).symbol
+    symbol = sweep.followed_symbol
     return rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
 
 

@@ -129,10 +129,10 @@ def status_name(outcome: Status) -> str:
 
 def record_text(drawn: OpenedSweep, coordinate: str = "poincare_x") -> str:
     """Write a phase that is not 0, the transient and the periods, and impacts left out."""
-    kept = drawn.config.record
-    transient = "auto" if kept.transient == "auto" else f"{kept.transient:,}"
-    parts = [f"phase {kept.phase:.6g} rad"] if kept.phase else []
-    parts += [f"transient {transient}", f"record {shown_count(kept.periods, 'period')}"]
+    spec = drawn.spec
+    transient = "auto" if spec.longest is not None else f"{spec.transient:,}"
+    parts = [f"phase {spec.phase:.6g} rad"] if spec.phase else []
+    parts += [f"transient {transient}", f"record {shown_count(spec.periods, 'period')}"]
     if ORDINATES[coordinate].dimension == "impact" and (text := drawn.impacts_left_out):
         parts.append(text)
     return ", ".join(part.replace(" ", _JOINT) for part in parts)
@@ -175,11 +175,8 @@ def title(drawn: OpenedSweep, record: str | None = None) -> str:
 
 def followed(drawn: OpenedSweep) -> str:
     """Write in which directions, and along which axis, the motions of a picture were followed."""
-    config = drawn.config
-    assert config.follow is not None
-    ways = drawn[DIRECTION] if DIRECTION in drawn else config.follow.directions
-    symbol = config.nomenclature.about(config.follow.axis).symbol
-    return f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$"
+    ways = drawn[DIRECTION] if DIRECTION in drawn else drawn.spec.directions
+    return f"followed {' and '.join(np.atleast_1d(ways))} along ${drawn.followed_symbol}$"
 
 
 def log_spaced(values: np.ndarray) -> bool:

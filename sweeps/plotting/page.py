@@ -22,7 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
-from sweeps.opened.doors import takes_sweep
+from sweeps.opened.doors import in_si, orbits_on_axes, takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import in_own_unit
 from sweeps.plotting.pixels import widened
@@ -278,7 +278,7 @@ def _arguments_in_si(
 
     `options` may have the arguments of `sweeps.plotting.plot`.
     """
-    si = sweep.in_si()
+    si = in_si(sweep)
     if si is sweep:
         return sweep, dict(options)
     seen = si.nomenclature
@@ -301,7 +301,7 @@ def _arguments_in_si(
         elif option == "beside" and value:
             converted[option] = seen.selection({name: np.array(of) for name, of in value.items()})
         elif option == "exact" and value is not None:
-            converted[option] = si.orbits_on_axes(value)
+            converted[option] = orbits_on_axes(si, value)
         elif option in ("quantity", "color") or isinstance(value, str | xr.DataArray):
             converted[option] = number(value)
         elif option in ("below", "axes", "panels"):
