@@ -10,6 +10,7 @@ import xarray as xr
 
 import sweeps
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
+from sweeps.opened.doors import in_si
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.other_units import in_units
 
@@ -127,7 +128,7 @@ def test_a_rig_has_the_bifurcations_of_its_model(tmp_path, axis, seed):
     path = sweeps.run_sweep({"rig": {"mass": mass, **rig}, "record": record}, tmp_path / "rig.h5")
     with sweeps.open_sweep(path) as dataset:
         model = sweeps.bifurcations(dataset, axis, most=6)
-        found = sweeps.bifurcations(OpenedSweep(dataset).in_si(), RIG[axis][0], most=6)
+        found = sweeps.bifurcations(in_si(OpenedSweep(dataset)), RIG[axis][0], most=6)
     model[PLACES] = RIG[axis][1](mass, model[PLACES])
     pd.testing.assert_frame_equal(found, model, check_exact=False, rtol=1e-12)
     assert set(found["low"]) | set(found["high"]) <= set(rig[RIG[axis][0]])
@@ -154,7 +155,7 @@ def test_the_order_of_a_rig_is_that_of_its_model(tmp_path):
     with sweeps.open_sweep(path) as dataset:
         for p, expected in ((0.79, ["fold", "basin"]), (0.85, ["basin", "fold"])):
             assert kinds(OpenedSweep(dataset), "p", p)[:2] == expected  # the middle is 0.8
-            assert kinds(OpenedSweep(dataset).in_si(), "stiffness", 0.5 * p * p)[:2] == expected
+            assert kinds(in_si(OpenedSweep(dataset)), "stiffness", 0.5 * p * p)[:2] == expected
 
 
 @pytest.mark.parametrize("end", [0, -1])

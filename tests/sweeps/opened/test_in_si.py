@@ -19,6 +19,7 @@ from sweeps import (
 )
 from sweeps.cli.main import app
 from sweeps.explorer.view import View
+from sweeps.opened.doors import in_si
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import accepted, call, refused
@@ -75,7 +76,7 @@ def test_the_file_has_the_names_and_numbers_of_the_model(joint):
 
 def test_a_sweep_in_si_units_has_the_axes_of_the_rig_and_is_still_read_late(joint):
     with open_sweep(joint) as ds:
-        si = OpenedSweep(ds).in_si()
+        si = in_si(OpenedSweep(ds))
         late = "poincare_x", "impulse", "energy_lost"
         assert not any(si.data.variables[name]._in_memory for name in late)
         assert si["status"].dims == ("frequency",)
@@ -86,14 +87,14 @@ def test_a_sweep_in_si_units_has_the_axes_of_the_rig_and_is_still_read_late(join
         assert si["impulse"].values.tolist() == (MASS * ds["impulse"].values).tolist()
         units = {"frequency": "Hz", "impulse": "N s", "energy_lost": "J", "poincare_v": "m/s"}
         assert {name: si[name].units for name in units} == units
-        assert si.in_si() is si
+        assert in_si(si) is si
 
 
 @pytest.mark.slow
 def test_what_is_computed_from_a_sweep_in_si_units_is_in_si_units(joint):
     turn = 2.0 * math.pi
     with open_sweep(joint) as ds:
-        si = OpenedSweep(ds).in_si()
+        si = in_si(OpenedSweep(ds))
         own, changes = branches(ds), bifurcations(ds)
         found, listed = branches(si), bifurcations(si)
     assert list(found.coords) == ["frequency"]
