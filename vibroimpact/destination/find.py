@@ -49,7 +49,7 @@ from vibroimpact.destination.repetition import (
     near_repetitions,
     repetition,
     repetition_of_cycle,
-    rests_alike_by_steps,
+    rests_alike,
     rests_alike_exactly,
     size_of,
 )
@@ -91,8 +91,8 @@ _REPEATS, _FREE, _RELEASED = int(Evidence.REPEATS), int(Evidence.FREE), int(Evid
 _CLEARLY_STABLE, _CLEARLY_UNSTABLE = 1.0 - 1e-4, 1.0 + 1e-6
 #: A size below this share of the clearance has lost four of its digits; some roundings of it.
 _COARSE, _ROUNDINGS = 1e-4, 1e-15
-# Kinds of records. A record has a result, and it has no impact, impacts, or rests.
-_NO_RESULT, _NO_IMPACT, _IMPACTS, _RESTS = range(4)
+# Kinds of records: without impact, with impacts, with rests.
+_NO_IMPACT, _IMPACTS, _RESTS = range(3)
 
 
 class Memory(NamedTuple):
@@ -105,10 +105,14 @@ class Memory(NamedTuple):
 
 
 @inlined
+def has_result(sums):
+    """Whether a record has a result, given its sums."""
+    return 0 <= sums.status < _UNRESOLVED
+
+
+@inlined
 def kind_of(sums):
-    """Return the kind of a record, given its sums."""
-    if sums.status >= _UNRESOLVED or sums.status < 0:
-        return _NO_RESULT
+    """Return the kind of a record that has a result, given its sums."""
     if sums.rested > 0.0 or sums.chatters > 0:
         return _RESTS
     return _IMPACTS if sums.impacts > 0 else _NO_IMPACT
@@ -176,7 +180,7 @@ def put_cycle(found, sections, sums, scheme, memory, pt):
     sure = sums.cycle_rests if rests else not stayed(sections, pt)
     if m == 0 or not sure or is_coarse(sections, pt):
         return False
-    if rests and not rests_alike_exactly(pt, scheme, m, memory):
+    if rests and not rests_alike_exactly(pt, scheme, m, sums, memory):
         found.evidence = _UNSTABLE
         return True
     put_repetition(found, sections, m, 0.0, math.nan, sums.cycle_impacts * m // sums.cycle)
@@ -227,7 +231,7 @@ def judge_exact_repetition(flow, scheme, memory, sections, sums, m, off, size, f
     if not smooth and is_coarse(sections, pt) and not is_replayed(flow, y, w, m, size):
         return
     neutral = is_neutral(pt, kind)
-    if not smooth and not neutral and not rests_alike_exactly(pt, scheme, m, memory):
+    if not smooth and not neutral and not rests_alike_exactly(pt, scheme, m, sums, memory):
         found.evidence = _UNSTABLE
         return
     if smooth and kind == _RESTS and judge(flow, y, w, m, size, found):
@@ -259,8 +263,6 @@ def judge_repetition(flow, sections, kind, m, size, found):
 def find_exact(pt, sections, sums, scheme, memory, found):
     """Find the destination of one motion with exact impacts."""
     kind, grid = kind_of(sums), scheme.grid
-    if kind == _NO_RESULT:
-        return
     last = sections.shape[0] - 1
     x, v = sections[last, 0], sections[last, 1]
     steady = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
@@ -268,8 +270,12 @@ def find_exact(pt, sections, sums, scheme, memory, found):
     if not free and put_cycle(found, sections, sums, scheme, memory, pt):
         return
     size = size_of(sections, pt, False)
+    near_repetitions(sections, size, memory.tried)
+    bounded = pt.h > 0.0 and steady[2] < pt.clearance
+    if not bounded and memory.tried[MOST_REPETITIONS - 1] == 0:
+        return
     flow = flow_of(pt, grid, memory.scratch, memory.passed)
-    if free or (pt.h > 0.0 and stays_free(flow, x, v, steady)):
+    if bounded and (free or stays_free(flow, x, v, steady)):
         off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
         found.m, found.q, found.x, found.v = 1, 0, steady[0], steady[1]
         found.multiplier, found.distance, found.evidence = free_multiplier(pt), off, _FREE
@@ -289,7 +295,6 @@ def find_exact(pt, sections, sums, scheme, memory, found):
     elif m > 0:
         judge_repetition(flow, sections, kind, m, units, found)
     elif not neutral:
-        near_repetitions(sections, size, memory.tried)
         for k in range(MOST_REPETITIONS):
             m = memory.tried[k]
             if m > 0 and judge(flow, y, w, m, units, found):
@@ -300,8 +305,6 @@ def find_exact(pt, sections, sums, scheme, memory, found):
 def find_repetition(pt, sections, sums, scheme, memory, found, plain):
     """Find after how many periods a record repeats, which is all that other rules show."""
     kind = kind_of(sums)
-    if kind == _NO_RESULT:
-        return
     cycle, impacts = sums.cycle, sums.cycle_impacts
     counted = cycle > 0
     if not counted:
@@ -315,7 +318,7 @@ def find_repetition(pt, sections, sums, scheme, memory, found, plain):
         return
     released = q >= 0 and kind == _RESTS and not sums.cycle_rests
     if not plain and kind == _RESTS and not released:
-        if not rests_alike_by_steps(pt, scheme, m, memory):
+        if not rests_alike(pt, scheme, m, sums, memory, False):
             found.evidence = _UNSTABLE
             return
     put_repetition(found, sections, m, off, math.nan, q)

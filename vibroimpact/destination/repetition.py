@@ -171,8 +171,9 @@ def near_repetitions(sections, size, found):
 _BESIDE = 2.0**-48
 #: Most periods in which rounding has never been seen to grow enough to decide a rest.
 _SURE = 12
-#: Rests are about as long as each other if they differ by less than this share.
-_ALIKE = 0.5
+#: Rests are about as long as each other if they differ by less than this share, and as long below
+#: the second one.
+_ALIKE, _EQUAL = 0.5, 1e-3
 
 
 @specialised
@@ -206,28 +207,25 @@ def rest_after(pt, scheme, m, scratch, exactly):
 
 
 @specialised
-def rests_alike(pt, scheme, m, memory, exactly):
-    """Whether motions beside one that rests again after m periods do so, too."""
+def rests_alike(pt, scheme, m, sums, memory, exactly):
+    """Whether motions beside one that rests again after m periods do so, too.
+
+    The second is not asked if the first rests as long as the motion itself.
+    """
     if is_held(pt):
         return True
-    shortest, longest, beside = math.inf, 0.0, memory.beside[0]
+    beside, rest = memory.beside[0], sums.cycle_rested * pt.omega * m / max(sums.cycle, 1)
     memory.beside[0] = pt
-    for share in (-_BESIDE, _BESIDE):
-        beside.p = pt.p * (1.0 + share)
-        length = rest_after(beside, scheme, m, memory.scratch, exactly)
-        if length == 0.0:
-            return False
-        shortest, longest = min(shortest, length), max(longest, length)
-    return longest - shortest < _ALIKE * shortest
+    beside.p = pt.p * (1.0 - _BESIDE)
+    first = rest_after(beside, scheme, m, memory.scratch, exactly)
+    if first == 0.0 or abs(first - rest) < _EQUAL * rest:
+        return first > 0.0
+    beside.p = pt.p * (1.0 + _BESIDE)
+    second = rest_after(beside, scheme, m, memory.scratch, exactly)
+    return abs(first - second) < _ALIKE * min(first, second)
 
 
 @jit
-def rests_alike_exactly(pt, scheme, m, memory):
+def rests_alike_exactly(pt, scheme, m, sums, memory):
     """Do what ``rests_alike`` does, with the rule ``exact``, where m is not small."""
-    return m <= _SURE or rests_alike(pt, scheme, m, memory, True)
-
-
-@jit
-def rests_alike_by_steps(pt, scheme, m, memory):
-    """Do what ``rests_alike`` does, with a rule of time stepping."""
-    return rests_alike(pt, scheme, m, memory, False)
+    return m <= _SURE or rests_alike(pt, scheme, m, sums, memory, True)

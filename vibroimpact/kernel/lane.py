@@ -193,7 +193,8 @@ def skip_cycles(batch, i, periods, only_transient):
         return
     impacts = sums.impacts - marked.impacts
     sums.cycle, sums.cycle_impacts = cycle, impacts
-    sums.cycle_rests = sums.chatters > marked.chatters or sums.rested > marked.rested
+    sums.cycle_rested = sums.rested - marked.rested
+    sums.cycle_rests = sums.chatters > marked.chatters or sums.cycle_rested > 0.0
     times = (periods - period) // cycle
     if times > 0 and not only_transient:
         sections = record.sections[row]
@@ -234,6 +235,7 @@ def compare_ends(x, v, sections, sums):
     last = sections.shape[0] - 1
     if sums.cycle == 0 and x == sections[last, 0] and v == sections[last, 1]:
         sums.cycle, sums.cycle_impacts = last + 1, sums.impacts
+        sums.cycle_rested = sums.rested
         sums.cycle_rests = sums.chatters > 0 or sums.rested > 0.0
 
 

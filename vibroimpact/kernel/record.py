@@ -41,10 +41,11 @@ SUMS = np.dtype(
         ("area", float),
         ("status", np.int64),
         # Periods after which the motion came back to the same bits, 0 if it did not while it was
-        # recorded; the impacts in them; and whether there is a rest.
+        # recorded; the impacts in them; whether there is a rest; and the time at rest.
         ("cycle", np.int64),
         ("cycle_impacts", np.int64),
         ("cycle_rests", np.int64),
+        ("cycle_rested", float),
         # Of the whole run, with its transient: periods that were skipped or copied, and steps that
         # were followed alone.
         ("skipped", np.int64),

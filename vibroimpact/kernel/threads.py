@@ -26,6 +26,7 @@ from vibroimpact.destination.find import (
     find_exact,
     find_plain,
     find_shortened,
+    has_result,
 )
 from vibroimpact.destination.repetition import MOST_REPETITIONS, rests_alike_exactly
 from vibroimpact.destination.section_map import MOST_SECTIONS
@@ -141,10 +142,11 @@ def find_all(search, memory, find):
     """Find where motion after motion goes, until the threads have taken all of them."""
     row = claim(search.claimed)
     while row < search.points.size and not is_set(search.interrupt):
-        find(
-            search.points[row], search.sections[row], search.sums[row], search.scheme, memory,
-            search.found[row],
-        )  # fmt: skip
+        if has_result(search.sums[row]):
+            find(
+                search.points[row], search.sections[row], search.sums[row], search.scheme, memory,
+                search.found[row],
+            )  # fmt: skip
         row = claim(search.claimed)
 
 
@@ -197,10 +199,11 @@ def compile_search(*, begin: bool = False) -> None:
 
     If only to `begin`, translate what its loop contains, too: a step of a point alone.
     """
-    points, memory, flag = np.zeros(1, POINT), _new_memory(), np.zeros(1, np.int64)
+    points, sums, memory = np.zeros(1, POINT), np.empty(1, SUMS), _new_memory()
     scheme = Scheme((EXACT, EXACT), PhaseGrid(np.empty((3, 2)), 0.0, 1))
     if begin:
-        translate(rests_alike_exactly, points[0], scheme, 1, memory)
+        translate(rests_alike_exactly, points[0], scheme, 1, sums[0], memory)
         return
-    sections, sums, found = np.empty((1, 1, 2)), np.empty(1, SUMS), np.full(1, NO_DESTINATION)
+    sections, flag = np.empty((1, 1, 2)), np.zeros(1, np.int64)
+    found = np.full(1, NO_DESTINATION)
     compiled(find_all_exact, Search(points, sections, sums, scheme, found, flag, flag), memory)
