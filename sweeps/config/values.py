@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Context, Decimal, localcontext
 from enum import Enum
 from fractions import Fraction
@@ -68,10 +68,8 @@ def steps_to(start: float, stop: float, step: float) -> tuple[float, int]:
     steps = (end - first) / rise
     if steps < 0:
         raise ValueError(f"has a step that leads away from stop; did you mean step: {-step:.12g}?")
-    whole = round(steps)
-    if abs(steps - whole) <= _NEAR:
-        last = stop
-    else:
+    last, whole = stop, round(steps)
+    if abs(steps - whole) > _NEAR:
         whole = math.floor(steps)
         last = float(first + whole * rise)
     if not whole and steps:
@@ -82,14 +80,22 @@ def steps_to(start: float, stop: float, step: float) -> tuple[float, int]:
 def geometric(start: float, stop: float, num: int) -> np.ndarray:
     """Return a geometric series, shape (num,); its ends are exactly `start` and `stop`.
 
-    The powers of NumPy have other bits on other machines; decimal numbers have the same.
+    Decimal numbers have the same bits on every machine. A long double takes their place where its
+    digits tell in which direction to round; what is very small has fewer digits.
     """
-    with localcontext(_SERIES):
+    size, values, doubt = math.isqrt(num) + 1, np.empty(num), 4 * np.finfo(np.longdouble).eps
+    with localcontext(_SERIES), np.errstate(over="ignore"):
         first, last = Decimal(repr(start)), Decimal(repr(stop))
         ratio = ((last / first).ln() / max(num - 1, 1)).exp()
-        series = accumulate(repeat(ratio, num - 1), mul, initial=first)
-        values = np.fromiter((float(_ROUNDED.plus(each)) for each in series), float, num)
-    values[-1] = stop
+        powers = list(accumulate(repeat(ratio, size), mul, initial=Decimal(1)))
+        heads = accumulate(repeat(powers.pop(), (num - 1) // size), mul, initial=first)
+        wide = np.array([np.longdouble(str(power)) for power in powers])
+        for head, row in zip(heads, np.split(values, range(size, num, size)), strict=True):
+            near = np.longdouble(str(head)) * wide[: row.size]
+            row[:] = near * (1 - doubt)
+            unsure = (row != (near * (1 + doubt)).astype(float)) | (row < 1e-300)
+            for k in np.flatnonzero(unsure):
+                row[k] = _ROUNDED.plus(head * powers[k])
     return values
 
 
@@ -298,8 +304,7 @@ class Axis:
     def converted(self, convert: Callable[[Any], Any]) -> Axis:
         """Return the axis of the converted values; `convert` must increase with the value."""
         first, low, high = (float(convert(end)) for end in (self.first, self.low, self.high))
-        values, ends = self.values, (first, low, high)
-        return Axis(*ends, self.size, self.swept, self.spacing, lambda: convert(values()))
+        return replace(self, first=first, low=low, high=high, values=lambda: convert(self.values()))
 
 
 #: The forms of a table; `sweeps.config.points.read_points` makes a structured array of it.

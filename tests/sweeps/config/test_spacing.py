@@ -23,10 +23,13 @@ def test_decades_of_a_log_axis_are_exact(first, last):
     assert axis.values().tolist() == decades
 
 
-def test_a_log_axis_is_rounded_correctly():
+@pytest.mark.parametrize(
+    ("start", "stop", "num"), [(0.3, 7.1, 40), (7.1, 0.3, 200), (5e-324, 1e308, 99)]
+)
+def test_a_log_axis_is_rounded_correctly(start, stop, num):
     """So its bits are the same everywhere: no other number is nearer to the geometric series."""
-    values = Range(start=0.3, stop=7.1, num=40, spacing="log").values().tolist()
-    start, stop, last = Fraction("0.3"), Fraction("7.1"), len(values) - 1
+    values = Range(start=start, stop=stop, num=num, spacing="log").values().tolist()
+    start, stop, last = Fraction(repr(start)), Fraction(repr(stop)), len(values) - 1
     for i, value in enumerate(values):
         low, high = (
             (Fraction(value) + Fraction(math.nextafter(value, end))) / 2 for end in (0.0, math.inf)
