@@ -80,13 +80,7 @@ def rk4_step(osc, t, x, v, T):
 
 def newmark_from(osc, t, x, v, a, T):
     """Constant average acceleration: solve three linear equations for (x, v, a) after T."""
-    matrix = np.array(
-        [
-            [1.0, 0.0, -(T**2) / 4],
-            [0.0, 1.0, -T / 2],
-            [osc.p**2, 2.0 * osc.h, 1.0],
-        ]
-    )
+    matrix = np.array([[1.0, 0.0, -(T**2) / 4], [0.0, 1.0, -T / 2], [osc.p**2, 2.0 * osc.h, 1.0]])
     force = -force_of(osc) * math.sin(osc.omega * (t + T))
     right = np.array([x + T * v + T**2 / 4 * a, v + T / 2 * a, force])
     return tuple(np.linalg.solve(matrix, right))

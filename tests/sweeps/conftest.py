@@ -96,6 +96,20 @@ def random_sweep(tmp_path_factory):
         yield make
 
 
+@pytest.fixture(scope="module")
+def path(request, tmp_path_factory):
+    """Run the ``SWEEP`` of the test file, or else its ``CONFIG``, and return the path."""
+    configuration = getattr(request.module, "SWEEP", None) or request.module.CONFIG
+    return run_in(tmp_path_factory.mktemp("sweep"), configuration)
+
+
+@pytest.fixture(scope="module")
+def dataset(path):
+    """Return the data of `path`, which tests only read."""
+    with open_sweep(path) as opened:
+        yield opened.load()
+
+
 @pytest.fixture(scope="session")
 def computed_starts(tmp_path_factory):
     """Return a function that runs ``OVER_STARTS`` with overrides and opens the file."""

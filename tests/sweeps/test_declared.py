@@ -9,11 +9,7 @@ from tests.helpers.places import CONFIGS
 
 ROOT = CONFIGS.parent
 #: Packages whose versions another one of those declared chooses.
-OF_OTHERS = {
-    "cycler": "matplotlib",
-    "llvmlite": "numba",
-    "pydantic_core": "pydantic",
-}
+OF_OTHERS = {"cycler": "matplotlib", "llvmlite": "numba", "pydantic_core": "pydantic"}
 #: Declared for another package, which imports it: xarray to open a sweep file, distributed to
 #: encrypt its connections.
 FOR_OTHERS = {"h5netcdf", "cryptography"}

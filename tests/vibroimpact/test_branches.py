@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import bisect
 
-from tests.helpers.oscillators import (
-    bifurcation,
-    in_digits,
-    one_impact_motions,
-    peak,
-    special,
-)
+from tests.helpers.oscillators import bifurcation, in_digits, one_impact_motions, peak, special
 from vibroimpact.orbits.branches import branch, grazing_branch
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved

@@ -378,6 +378,6 @@ def test_an_unusable_cache_leaves_nothing_in_the_package_or_the_temporary_folder
         "HOME": str(tmp_path / "file"),
     }
     command = [sys.executable, "-c", code]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
     assert result.returncode == 0 and result.stderr.count("CacheWarning") == 1, result.stderr
     assert sorted(tmp_path.rglob("*")) == before

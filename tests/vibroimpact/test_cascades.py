@@ -7,10 +7,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from tests.helpers.oscillators import (
-    random_oscillators,
-    special,
-)
+from tests.helpers.oscillators import random_oscillators, special
 from vibroimpact.orbits.branches import branch, doubled_branch
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.oscillator import Oscillator

@@ -10,14 +10,7 @@ from scipy.optimize import brentq
 from tests.helpers.kernel_cases import METHODS, random_points, steps_for, taken_apart
 from tests.helpers.naive import ClosedForm
 from tests.vibroimpact.test_repeats import mixed_points
-from vibroimpact import (
-    Oscillator,
-    Status,
-    integrate,
-    one_impact_orbits,
-    periodic_orbit,
-    simulate,
-)
+from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, periodic_orbit, simulate
 from vibroimpact.step.scheme import default_steps
 
 NAMES = "x_min", "x_max"

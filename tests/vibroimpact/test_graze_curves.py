@@ -102,8 +102,7 @@ def test_a_graze_of_all_impacts_is_that_of_the_free_oscillation():
 
 
 @pytest.mark.parametrize(
-    ("last", "f"),
-    [(0.59, 0.960733250477590), (0.60, 0.888910272130863), (0.62, 0.776919993099989)],
+    ("last", "f"), [(0.59, 0.960733250477590), (0.60, 0.888910272130863), (0.62, 0.776919993099989)]
 )
 def test_a_graze_does_not_end_where_its_own_landing_is_left_by_rounding(last, f):
     """A curve of the orbit 10/5 that goes on to the edge, where its f is known."""

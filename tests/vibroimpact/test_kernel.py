@@ -156,13 +156,7 @@ def test_the_last_impacts_are_kept_in_time_order():
 def test_a_section_at_any_phase_is_the_closed_form(phase):
     """omega = 20, h = 0: the flight of ten periods is f (sin wt - w sin t) / (w^2 - 1)."""
     w = 20.0
-    out = integrate(
-        one(0.0, 0.5, w),
-        steps_per_period=30,
-        transient=2,
-        periods=5,
-        phase=phase,
-    )
+    out = integrate(one(0.0, 0.5, w), steps_per_period=30, transient=2, periods=5, phase=phase)
     t = (phase + PERIOD * np.arange(3, 8)) / w
     assert t[-1] < 3.0
     x = (np.sin(w * t) - w * np.sin(t)) / (w * w - 1)

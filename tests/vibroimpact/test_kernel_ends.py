@@ -100,12 +100,7 @@ def test_nothing_hangs_anywhere(rule, integrator):
     """2000 points all over the domain, coarse steps: all computed, none beyond the stop."""
     points = wide_points(2000, 5)
     out = integrate(
-        points,
-        integrator=integrator,
-        impact=rule,
-        steps_per_period=50,
-        transient=0,
-        periods=20,
+        points, integrator=integrator, impact=rule, steps_per_period=50, transient=0, periods=20
     )
     assert (out["status"] == Status.COMPUTED).all()
     assert np.isfinite(out["poincare_x"]).all()
@@ -236,18 +231,6 @@ def test_the_plain_rule_goes_on_from_beyond_the_stop():
             ValueError, match=r"x0 .* = 0\.01 is not allowed; expected: at most the clearance"
         ):
             integrate(points, **other)
-
-
-def test_what_is_out_of_its_range_is_refused():
-    for wrong in (
-        {"transient": -1}, {"transient": 10**12}, {"periods": 0}, {"periods": 10**12},
-        {"impacts": 2.0}, {"threads": 0}, {"steps_per_period": 10**9}, {"phase": 7.0},
-        {"integrator": "euler2"}, {"impact": "soft"}, {"at_section": "False"}, {"lyapunov": "no"},
-        {"lyapunov": 1}, {"phase": "0"}, {"phase": 10**400}, {"periods": 10**5000},
-    ):  # fmt: skip
-        (name,) = wrong
-        with pytest.raises(ValueError, match=f"^{name} = .* is not allowed; expected: "):
-            integrate(one(), **wrong)
 
 
 @pytest.mark.parametrize(("R", "v0"), [(1.0, 3e307), (0.5, 1e200)])

@@ -15,12 +15,7 @@ from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.periodic import (
-    OrbitError,
-    periodic_orbit,
-    solved,
-    why_inadmissible,
-)
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved, why_inadmissible
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.polynomial import LONGEST_STEP
 from vibroimpact.step.recorder import trace

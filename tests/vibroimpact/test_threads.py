@@ -70,10 +70,10 @@ def test_no_more_threads_than_asked_for_or_than_blocks(monkeypatch, given, block
     started = []
     start = threading.Thread.start
     monkeypatch.setattr(threading.Thread, "start", lambda t: started.append(t) or start(t))
-    before = threading.active_count()
+    before = set(threading.enumerate())
     integrate(points(blocks * FEWEST), transient=100, periods=5, threads=given)
     assert 1 <= len(started) <= expected  # fewer where one ended before the next was started
-    assert threading.active_count() == before
+    assert set(threading.enumerate()) <= before
 
 
 def test_where_no_thread_can_be_started_the_caller_does_the_work(monkeypatch):
@@ -190,8 +190,8 @@ from vibroimpact import Oscillator, integrate, simulate
 osc = Oscillator(h=0.0, R=0.8, omega=2.8, f=1.0)  # chaotic: another motion would come back
 for run in (simulate, lambda osc, **many: integrate(osc.at(), **many)):
     run(osc, periods=1)
-    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
     try:
+        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
         run(osc, transient=10**9, periods=1)
     except KeyboardInterrupt:
         print("interrupted")
@@ -202,5 +202,5 @@ for run in (simulate, lambda osc, **many: integrate(osc.at(), **many)):
 def test_ctrl_c_ends_a_run_of_hours():
     """Of one orbit, and of many points."""
     command = [sys.executable, "-c", INTERRUPTED]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.stdout.split() == ["interrupted"] * 2, done.stderr

@@ -4,7 +4,6 @@ import csv
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex
 
 from sweeps import attractors, integrity
 from sweeps.attractor.attractor_table import attractor_report, attractor_rows, cut
@@ -12,10 +11,8 @@ from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import attractor_diagram, basins, plot
-from sweeps.plotting.style import CLASSES, INKS
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.motions import cycle, given_sections, partition
-from vibroimpact import Oscillator, one_impact_orbit
 from vibroimpact.status import Status
 
 # The command and the pictures
@@ -115,24 +112,6 @@ def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
 
 
 @pytest.mark.slow
-def test_the_legend_of_the_basins_names_the_largest(computed_starts):
-    """Without force and losses, every start is an attractor."""
-    dataset = computed_starts(
-        "oscillator={h: 0, R: 1, omega: 1, f: 0, clearance: 10}",
-        "start={x0: {start: -5, stop: 4, num: 20}, v0: {start: 0.1, stop: 5, num: 15}}",
-        "record={transient: 0, periods: 4}",
-    )
-    figure = basins(dataset)
-    texts = [" ".join(text.get_text().split()) for text in figure.legends[0].get_texts()]
-    named = [text for text in texts if text.startswith("1/0, no impact: 0.3 %")]
-    assert len(set(named)) == 6  # each with its state at the section
-    others = {"294 other periodic attractors: 98.0 %", "attractors at the section"}
-    assert set(texts) == {*named, *others} and len(texts) == 8
-    (mesh,) = figure.axes[0].collections
-    assert np.unique(mesh.get_array(), return_counts=True)[1].tolist() == [1] * 6 + [294]
-
-
-@pytest.mark.slow
 def test_basins_of_a_file_that_is_not_complete(computed_starts, tmp_path):
     dataset = computed_starts().load().copy(deep=True)
     dataset["status"][0, 0], dataset["status"][1, 1] = Status.PENDING, Status.UNRESOLVED
@@ -140,24 +119,6 @@ def test_basins_of_a_file_that_is_not_complete(computed_starts, tmp_path):
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "unresolved" in labels and "not computed yet (1 of 81)" in labels
     plot(dataset, tmp_path / "a.svg")
-
-
-@pytest.mark.slow
-def test_a_diagram_has_a_colour_for_each_attractor(computed_starts, tmp_path):
-    dataset = computed_starts(
-        "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",
-        "start={x0: [-1.6, -0.8, 0.0], v0: [-1.0, 0.0, 1.0]}",
-    )
-    figure = attractor_diagram(dataset, coordinate="impact_v")
-    lines = {
-        to_hex(line.get_color()): line for line in figure.axes[0].lines if len(line.get_xdata())
-    }
-    x, y = lines[to_hex(INKS[CLASSES[1, 1]])].get_data()
-    for omega in (1.3, 1.8, 2.5):
-        exact = one_impact_orbit(Oscillator(h=0.02, R=0.8, omega=omega, f=1.0)).v
-        np.testing.assert_allclose(y[np.abs(x - omega) < 1e-9], exact, rtol=1e-6)
-    for kind, name in ((None, "a.png"), ("attractors", "b.pdf")):
-        plot(dataset, tmp_path / name, kind)
 
 
 @pytest.mark.parametrize(

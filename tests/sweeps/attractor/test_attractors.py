@@ -323,8 +323,7 @@ def test_the_same_partition_pair_by_pair(computed_starts, overrides, least):
 def test_one_of_two_attractors_is_the_free_oscillation(computed_starts):
     """Clearance 0.6: x = Im(-exp(i omega t) / (p^2 - omega^2 + 2 i h omega)), without an impact."""
     dataset = computed_starts(
-        "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}",
-        "record.transient=300",
+        "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}", "record.transient=300"
     )
     found = attractors(dataset)
     by_class = {row.name: i for i, row in enumerate(attractor_rows(OpenedSweep(dataset), found))}

@@ -23,13 +23,6 @@ record: {transient: 200, periods: 8, impacts: 4}
 """
 
 
-@pytest.fixture(scope="module")
-def two(tmp_path_factory):
-    """Return the file of two parameter points, opened."""
-    with open_sweep(run_in(tmp_path_factory.mktemp("two"), CONFIG)) as dataset:
-        yield dataset
-
-
 def outside(inside, x, v, at_stop):
     """Return every start outside the basin, and one row of starts around the window."""
     dx, dv = x[1] - x[0], v[1] - v[0]
@@ -92,17 +85,17 @@ def test_starts_in_the_middle_of_cells_reach_the_stop_in_every_unit(cells):
 
 
 @pytest.mark.slow
-def test_the_measures_of_each_attractor_along_an_axis(two):
-    found = integrity(two)
+def test_the_measures_of_each_attractor_along_an_axis(dataset):
+    found = integrity(dataset)
     assert found["number"].values.tolist() == [[0, 1], [0, 1]]
-    x, v = two["x0"].values, two["v0"].values
+    x, v = dataset["x0"].values, dataset["v0"].values
     for i, k in np.ndindex(2, 2):
         one = found.isel(omega=i, coexisting=k)
         inside = (found["attractor"].isel(omega=i) == one["number"]).transpose("x0", "v0").values
         others = outside(inside, x, v, at_stop=True)
         start = np.zeros(1, POINT)
         for name in ("h", "R", "omega", "f", "p", "clearance"):
-            start[name] = two["omega"][i] if name == "omega" else two[name]
+            start[name] = dataset["omega"][i] if name == "omega" else dataset[name]
         start["x0"], start["v0"] = one["section_x"], one["section_v"]
         m = int(one["m"])
         run = integrate(start, transient=0, periods=m, at_section=True)
@@ -117,21 +110,21 @@ def test_the_measures_of_each_attractor_along_an_axis(two):
 
 
 @pytest.mark.slow
-def test_velocities_count_by_the_eigenfrequency(two, tmp_path):
+def test_velocities_count_by_the_eigenfrequency(dataset, tmp_path):
     """A rig of twice the frequencies moves as this one, twice as fast: the same distances."""
     faster = "oscillator={h: 0.2, R: 0.8, omega: [5.2, 5.4], f: 4.0, p: 2.0, clearance: 0.6}"
     with open_sweep(
         run_in(tmp_path, CONFIG, faster, "start.v0={start: -6, stop: 6, num: 41}")
     ) as ds:
         for name in ("integrity_factor", "local_integrity"):
-            np.testing.assert_allclose(integrity(ds)[name], integrity(two)[name], rtol=1e-9)
+            np.testing.assert_allclose(integrity(ds)[name], integrity(dataset)[name], rtol=1e-9)
 
 
-def impacts_per_period(two, phase, x, velocities):
+def impacts_per_period(dataset, phase, x, velocities):
     """Return the impacts per period of motions from x at a phase, after 1,000 periods."""
     points = np.zeros(len(velocities), POINT)
     for name in ("h", "R", "f", "p", "clearance"):
-        points[name] = two[name]
+        points[name] = dataset[name]
     points["omega"], points["x0"], points["v0"] = 2.6, x, velocities
     options = {"phase": phase % (2.0 * np.pi), "at_section": True}
     return integrate(points, transient=1000, periods=4, **options)["impacts_per_period"]
@@ -146,8 +139,8 @@ def all_knocks(monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(two, all_knocks):
-    found = knocks(two.isel(omega=0))
+def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(dataset, all_knocks):
+    found = knocks(dataset.isel(omega=0))
     home = {0: 0.0, 1: 0.5}
     assert found["knock_ends"].values.tolist() == [1, 0]
     assert found["knock_certified"].all() and not found["knock_fractal"].any()
@@ -156,13 +149,13 @@ def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(two, a
             found[f"knock_{name}"].values[k] for name in ("phase", "x", "v", "harmless", "harmful")
         )
         assert 0.0 < (harmful - harmless) / harmful <= 1e-9
-        both = impacts_per_period(two, phase, x, v + np.array([harmless, harmful]))
+        both = impacts_per_period(dataset, phase, x, v + np.array([harmless, harmful]))
         assert both.tolist() == [home[k], home[1 - k]]
         smaller = np.linspace(-1.0, 1.0, 2001) * abs(harmless)
-        assert (impacts_per_period(two, phase, x, v + smaller) == home[k]).all()
+        assert (impacts_per_period(dataset, phase, x, v + smaller) == home[k]).all()
         start = found["section_x"].values[k], found["section_v"].values[k]
-        for x, v, phase in motion(two, *start):
-            ends = impacts_per_period(two, phase, x, v + 0.999 * smaller[::10])
+        for x, v, phase in motion(dataset, *start):
+            ends = impacts_per_period(dataset, phase, x, v + 0.999 * smaller[::10])
             assert (ends == home[k]).all()
 
 
@@ -189,7 +182,7 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_kno
 
 
 @pytest.mark.slow
-def test_a_boundary_that_rounding_decides_is_fractal(two, all_knocks, monkeypatch):
+def test_a_boundary_that_rounding_decides_is_fractal(dataset, all_knocks, monkeypatch):
     """Beyond a change of velocity by 0.3, every trial ends on an unpredictable attractor."""
     chance = np.random.default_rng(0)
 
@@ -199,7 +192,7 @@ def test_a_boundary_that_rounding_decides_is_fractal(two, all_knocks, monkeypatc
         return reached, np.ones(count, bool)
 
     monkeypatch.setattr("sweeps.attractor.integrity._Motions._reached", ends)
-    starts = two.isel(omega=0)
+    starts = dataset.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-4)
     assert found["knock_fractal"].item() and found["knock_ends"].item() == 1
@@ -210,7 +203,7 @@ def test_a_boundary_that_rounding_decides_is_fractal(two, all_knocks, monkeypatc
     ("moment", "middle"),
     [(0.0, 0.8), (0.0, 1.07), (0.0, 1.34), (0.0, 1.61), (3.4, 0.8), (4.6, 1.07), (5.95, 1.34)],
 )
-def test_an_island_of_the_promised_size_is_found(two, all_knocks, monkeypatch, moment, middle):
+def test_an_island_of_the_promised_size_is_found(dataset, all_knocks, monkeypatch, moment, middle):
     """It takes 1/64 of the period, and 1/128 of the knock that there would be without it."""
     height, width = 3.01 / 128, 2.0 * np.pi / 64
 
@@ -221,17 +214,33 @@ def test_an_island_of_the_promised_size_is_found(two, all_knocks, monkeypatch, m
         return np.where((size > 3.01) | island, 1, 0), np.ones(len(states), bool)
 
     monkeypatch.setattr("sweeps.attractor.integrity._Motions._reached", ends)
-    starts = two.isel(omega=0)
+    starts = dataset.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(middle - height / 2)
 
 
-def motion(two, x, v):
+def test_a_knock_is_tried_just_after_the_impact(dataset, monkeypatch):
+    """However short the time is for which a small one is harmful."""
+
+    def ends(motions, phase, states):
+        orbit = motions.orbits[1]
+        sections, after = orbit.sections(phase), (phase - orbit.phases[0]) % (2.0 * np.pi) < 1e-9
+        v = sections[np.abs(states[:, :1] - sections[:, 0]).argmin(axis=1), 1]
+        harmful = np.abs(states[:, 1] - v) > (0.5 if after else 3.01)
+        return np.where(harmful, 0, 1), np.ones(len(states), bool)
+
+    monkeypatch.setattr("sweeps.attractor.integrity._Motions._reached", ends)
+    starts = dataset.isel(omega=0)
+    found = knocks(starts, attractors(starts).isel(coexisting=[1]))
+    assert abs(found["knock_harmful"].item()) == pytest.approx(0.5)
+
+
+def motion(dataset, x, v):
     """Yield states of a motion of at most two periods, and their phases."""
     from vibroimpact import simulate
 
     names = ("h", "R", "f", "p", "clearance")
-    osc = Oscillator(**{name: two[name].item() for name in names}, omega=2.6)
+    osc = Oscillator(**{name: dataset[name].item() for name in names}, omega=2.6)
     run = simulate(osc, 2, x0=x, v0=v)
     inside = run.v <= np.where(run.x < 0.6, np.inf, 0.0)  # after an impact, not before it
     for t, x, v in zip(run.t[inside], run.x[inside], run.v[inside], strict=True):
@@ -265,9 +274,9 @@ def test_one_phase_of_several_is_chosen_as_the_refusal_says(tmp_path):
     assert accepted("integrity", both, "--at", "phase=2") == accepted("integrity", one)
 
 
-def test_other_requests_are_refused(two):
+def test_other_requests_are_refused(dataset):
     with pytest.raises(Refused, match="a sweep cut at one parameter point"):
-        knocks(two)
+        knocks(dataset)
 
 
 @pytest.mark.slow
@@ -315,14 +324,14 @@ def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):
 
 
 @pytest.mark.slow
-def test_integrity_is_drawn_into_panels_of_another_figure(two, no_knocks):
+def test_integrity_is_drawn_into_panels_of_another_figure(dataset, no_knocks):
     four = Figure().subplots(4)
-    assert draw_integrity(two, ax=four) is four[0].figure and all(panel.lines for panel in four)
+    assert draw_integrity(dataset, ax=four) is four[0].figure and all(panel.lines for panel in four)
     one = Figure().subplots()
-    assert draw_integrity(two.isel(omega=0), ax=one) is one.figure and one.collections
+    assert draw_integrity(dataset.isel(omega=0), ax=one) is one.figure and one.collections
     with pytest.raises(Refused, match="ax has 1 panel; expected: 4"):
-        draw_integrity(two, ax=one)
+        draw_integrity(dataset, ax=one)
     with pytest.raises(Refused, match="ax has 2 panels; expected: 4"):
-        draw_integrity(two, ax=four[:2])
+        draw_integrity(dataset, ax=four[:2])
     with pytest.raises(Refused, match="expected: 1 or 2 or 3 or 4 panels of matplotlib"):
-        draw_integrity(two, ax=Figure().subplots(5))
+        draw_integrity(dataset, ax=Figure().subplots(5))

@@ -287,15 +287,6 @@ def test_what_the_failures_are(figures):
     assert all(energies[m] > 1e3 for m in energies if m.integrator == "euler")
 
 
-def test_who_resolves_the_fourth_impact(figures):
-    """Its speed is known to 15 digits; every order 2 with a reduced step finds it."""
-    checks = [failure for failure in failures.FAILURES if failure.name in ("impacts", "slowest")]
-    for method in failures.TESTED_METHODS:
-        second = method.integrator not in ("euler", "semi-implicit-euler")
-        finds = second and method.impact not in ("plain", "to the letter")
-        assert finds != any(check.fails(figures[method, check.name]) for check in checks)
-
-
 def test_only_exact_impacts_never_fail_and_every_failure_is_seen(figures):
     for failure in failures.FAILURES:
         fails = {m: failure.fails(figures[m, failure.name]) for m in failures.TESTED_METHODS}

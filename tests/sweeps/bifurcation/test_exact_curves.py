@@ -32,11 +32,6 @@ record: {transient: 300, periods: 16, diagnostics: [period]}
 """
 
 
-@pytest.fixture(scope="module")
-def path(tmp_path_factory):
-    return run_in(tmp_path_factory.mktemp("map"), CONFIG)
-
-
 def assert_on_closed_form(omega, R, tolerance):
     curve = np.cos(math.pi / omega) ** 2 * (omega**2 - ((1.0 - R) / (1.0 + R)) ** 2)
     assert np.abs(curve - 1.0).max() < tolerance

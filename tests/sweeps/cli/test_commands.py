@@ -382,14 +382,3 @@ def test_an_unstable_step_is_refused_or_allowed_and_said():
     text = accepted("run", "unstable.yaml", "--set", "method.allow_unstable=true")
     assert "2 points, of which 1 NON_FINITE (a number overflowed: the step is unstable" in text
     accepted("run", "unstable.yaml", "--overwrite", "--set", "method.steps_per_period=105")
-
-
-def test_diagnostics_are_computed():
-    both = ("--set", "record.diagnostics=[period, lyapunov]", "--set", "record.transient=200")
-    accepted("run", "sweep.yaml", "--quiet", *both)
-    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
-        assert np.isfinite(dataset["lyapunov"].values).all()
-        assert (dataset["period"].values[:, 0] == 1).any()
-        assert (dataset["near_grazes"].values >= 0).all()
-        slowest, speeds = dataset["slowest_impact"].values, dataset["impact_v"].values
-        assert (slowest <= np.nanmin(speeds, axis=-1)).all()

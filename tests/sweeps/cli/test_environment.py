@@ -9,9 +9,7 @@ import sys
 from pathlib import Path
 
 import matplotlib as mpl
-import numpy as np
 import pytest
-import xarray as xr
 
 from sweeps import Refused, explore, open_sweep, run_sweep
 from sweeps.cli.__main__ import _reason
@@ -28,7 +26,7 @@ def process(*arguments, **variables):
     """Run the command line in a separate process with environment variables."""
     command = [sys.executable, "-m", "sweeps.cli", *arguments]
     variables = {**environment(), **variables}
-    return subprocess.run(command, capture_output=True, text=True, env=variables, timeout=120)
+    return subprocess.run(command, capture_output=True, text=True, env=variables, timeout=300)
 
 
 # The rest
@@ -85,16 +83,6 @@ def test_a_command_imports_nothing_heavy_that_it_does_not_need(small_file, argum
     assert heavy & modules == set()
 
 
-@pytest.mark.slow
-def test_a_process_exits_like_the_command(folder):
-    result = process("run", "sweep.yaml", "--set", "oscillator.R=2")
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert result.stderr.startswith("vibroimpact: error: override oscillator.R=2: ")
-    assert result.stderr.count("\n") == 1
-    assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
-
-
 # Obstacles from other programs and users
 
 
@@ -126,12 +114,6 @@ def test_names_of_files_that_are_not_utf_8(small_file):
     assert "exists; resume it, overwrite it" in refused("run", data)  # it is its own output
 
 
-@pytest.mark.parametrize("name", ["", ".", "..", "/"])
-def test_a_folder_is_no_file_of_a_sweep(name):
-    for command in ("plot", "info", "attractors"):
-        assert "vibroimpact: error: " in refused(command, name)
-
-
 @pytest.mark.slow
 def test_a_picture_with_a_long_name(small_file, unpainted):
     assert accepted("plot", "small.h5", "-o", "a" * 251 + ".png")
@@ -140,13 +122,6 @@ def test_a_picture_with_a_long_name(small_file, unpainted):
     assert result.exit_code == 1
     assert re.fullmatch(r"vibroimpact: error: /proc/x.png cannot be written: .*\n", result.stderr)
     assert not list(Path().glob(".*"))
-
-
-def test_a_followed_sweep_that_records_no_impacts():
-    followed = ("--set", "follow={axis: omega}", "--set", "record.impacts=0")
-    accepted("run", "sweep.yaml", "--quiet", *followed)
-    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
-        assert "impact_v" not in dataset and np.isfinite(dataset["poincare_x"]).all()
 
 
 @pytest.mark.slow
@@ -262,7 +237,7 @@ def test_a_warning_is_one_line():
     )
     command = [sys.executable, "-c", code]
     result = subprocess.run(
-        command, capture_output=True, text=True, env={"PYTHONPATH": str(ROOT)}, timeout=120
+        command, capture_output=True, text=True, env={"PYTHONPATH": str(ROOT)}, timeout=300
     )
     assert result.stderr == "vibroimpact: warning: the cache\\x1b[31m is full\n"
 

@@ -18,7 +18,7 @@ from tests.helpers.commands import accepted, call, refused
 from tests.helpers.interruptions import environment
 from tests.helpers.sweep_files import run_in
 
-FLIP = """\
+SWEEP = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 8}, f: 1.0}
 record: {transient: 200, periods: 16, impacts: 4, diagnostics: [period]}
 """
@@ -37,18 +37,13 @@ def strict(text):
 
 
 @pytest.fixture(scope="module")
-def flip(tmp_path_factory):
-    return run_in(tmp_path_factory.mktemp("flip"), FLIP)
-
-
-@pytest.fixture(scope="module")
 def starts(tmp_path_factory):
     return run_in(tmp_path_factory.mktemp("starts"), STARTS)
 
 
-def test_info(flip):
-    found = strict(accepted("info", flip, "--json"))
-    with open_sweep(flip) as data:
+def test_info(path):
+    found = strict(accepted("info", path, "--json"))
+    with open_sweep(path) as data:
         assert found["axes"]["omega"]["values"] == data["omega"].values.tolist()
         assert found["variables"].keys() == set(data.data_vars)
         assert found["configuration"] == yaml.safe_load(data.attrs["configuration"])
@@ -59,8 +54,8 @@ def test_info(flip):
     assert found["variables"]["poincare_x"]["dimensions"] == {"omega": 8, "section": 16}
 
 
-def test_info_of_bifurcations(flip, tmp_path):
-    done = call("info", flip, "--bifurcations", "--json", "--csv", tmp_path / "b.csv")
+def test_info_of_bifurcations(path, tmp_path):
+    done = call("info", path, "--bifurcations", "--json", "--csv", tmp_path / "b.csv")
     assert done.exit_code == 0, done.stderr
     found = strict(done.stdout)
     assert "b.csv" in done.stderr
@@ -85,7 +80,7 @@ def test_attractors(command, starts, tmp_path):
 
 
 def test_a_single_point_and_a_table(tmp_path):
-    single = run_in(tmp_path, FLIP, "oscillator.omega=2.6", name="single.h5")
+    single = run_in(tmp_path, SWEEP, "oscillator.omega=2.6", name="single.h5")
     found = strict(accepted("info", single, "--json"))
     assert (found["points"], found["axes"]) == (1, {})
     text = "oscillator: {h: 0.1, R: 0.8, f: 1}\npoints: {omega: [2.5, 2.6], serial: [k1, k2]}\n"
@@ -100,8 +95,8 @@ def test_numbers_that_json_has_not():
     assert strict(text) == {"a": [None, "inf", "-inf", 0.1], "b": None, "c": True}
 
 
-def test_json_excludes_the_configuration_alone(flip):
-    assert "exclude each other" in refused("info", flip, "--config", "--json")
+def test_json_excludes_the_configuration_alone(path):
+    assert "exclude each other" in refused("info", path, "--config", "--json")
 
 
 #: Every character that a name can have.

@@ -3,6 +3,7 @@
 import io
 import re
 import sys
+import threading
 import time
 
 import pytest
@@ -46,10 +47,12 @@ def impatient(monkeypatch):
 def test_a_command_says_in_one_line_what_takes_long(starts, impatient, monkeypatch, work):
     """In a file or a pipe."""
     module, name = work.rsplit(".", 1)
-    original = getattr(__import__(module, fromlist=[name]), name)
+    original, say = getattr(__import__(module, fromlist=[name]), name), options.say
+    told = threading.Event()
+    monkeypatch.setattr(options, "say", lambda *text, **to: say(*text, **to) or told.set())
 
     def slow(*arguments, **named):
-        time.sleep(0.3)
+        assert told.wait(300)
         return original(*arguments, **named)
 
     monkeypatch.setattr(work, slow)
@@ -84,5 +87,7 @@ def test_a_terminal_shows_work_that_reports_nothing(impatient, monkeypatch):
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
     with options.progress_shown("measuring"):
-        time.sleep(0.3)
-    assert "measuring" in screen.getvalue()
+        until = time.monotonic() + 300
+        while "measuring" not in screen.getvalue():
+            assert time.monotonic() < until
+            time.sleep(0.01)

@@ -140,6 +140,14 @@ def test_every_zoom_has_a_name_of_its_own(small_file):
     assert len(set(long)) == 2 and max(map(len, long)) < 60
 
 
+def test_a_piece_of_a_logarithmic_axis_is_logarithmic(small_file, unpainted):
+    omega = "oscillator.omega={start: 1.5, stop: 6, num: 5, spacing: log}"
+    accepted("run", "small.h5", "-o", "log.h5", "--quiet", "--set", omega)
+    accepted("zoom", "log.h5", "omega=2:4", "-o", "piece.h5")
+    with sweeps.open_sweep("piece.h5") as piece:
+        np.testing.assert_allclose(piece["omega"], np.geomspace(2.0, 4.0, 5), rtol=1e-15)
+
+
 @pytest.mark.slow
 def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_file, unpainted):
     accepted("zoom", "small.h5", "omega=0.05:0.1", "-o", "beyond.h5")

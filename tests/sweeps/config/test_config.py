@@ -62,18 +62,10 @@ CYCLIC["R"] = [CYCLIC]
     ("source", "overrides", "part"),
     [
         ({1: 2}, [], "unknown key 1 ("),
-        (
-            {"oscillator": {(1, 2): 3}},
-            [],
-            "unknown key oscillator.(1, 2); expected: a mapping",
-        ),
+        ({"oscillator": {(1, 2): 3}}, [], "unknown key oscillator.(1, 2); expected: a mapping"),
         ({"oscillator": CYCLIC}, [], "the configuration: more than 16 levels are not allowed"),
         (None, [], "the configuration is None; expected: a YAML file, or a mapping with keys"),
-        (
-            ["oscillator"],
-            [],
-            "the configuration is ['oscillator']; expected: a YAML file, or",
-        ),
+        (["oscillator"], [], "the configuration is ['oscillator']; expected: a YAML file, or"),
         ({}, [1], "override 1: expected key=value, for example oscillator.h=0.2"),
         ({}, "name=a", "overrides = 'name=a'; expected: a list of texts key=value"),
         ({}, None, "overrides = None; expected: a list of texts key=value"),

@@ -9,12 +9,7 @@ import yaml
 from sweeps.config.sweep import json_schema
 from sweeps.config.values import Range
 from tests.helpers.configurations import linear_values, load, refusal
-from tests.helpers.rigs import (
-    FREQUENCY,
-    VALUES,
-    points_of,
-    rig,
-)
+from tests.helpers.rigs import FREQUENCY, VALUES, points_of, rig
 from vibroimpact import Oscillator
 from vibroimpact.oscillator import PARAMETERS
 

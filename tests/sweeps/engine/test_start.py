@@ -248,22 +248,6 @@ def test_a_sweep_over_the_phase_is_a_sweep_of_every_phase(method):
             assert_array_equal(here[name], one[name].reindex_like(here[name]), err_msg=name)
 
 
-def test_a_point_of_a_sweep_over_the_phase_is_that_of_simulate():
-    """From a phase at the section with the same bits, and with the impacts from every other."""
-    swept = run_and_read(load(OVER_PHASE))
-    osc = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)
-    for phase, v0 in product(PHASES, (-0.5, 0.3)):
-        one, run = swept.sel(phase=phase, v0=v0), simulate(osc, 8, phase=phase, v0=v0)
-        if phase == 1.0:
-            assert_array_equal(one["poincare_x"], run.section_x[:6])
-        turn = 2.0 * math.pi
-        begin = (1.0 + turn * (phase > 1.0)) / 2.6
-        kept = (run.impact_t > begin) & (run.impact_t < begin + 6 * turn / 2.6)
-        hits = one["impact_v"].values[np.isfinite(one["impact_v"])]
-        assert len(hits) == kept.sum() > 3
-        np.testing.assert_allclose(hits, run.impact_v[kept], atol=1e-10)
-
-
 def test_phases_are_scaled_with_f_as_other_results():
     """One f is computed for each phase, and the others follow."""
     text = OVER_PHASE.replace("v0: [-0.5, 0.3]", "v0: 0").replace("f: 1.0", "f: [0.3, 1.0, 7.0]")

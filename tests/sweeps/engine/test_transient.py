@@ -21,27 +21,21 @@ record: {transient: auto, longest: 3000, periods: 20, impacts: 4, phase: 1.0}
 """
 
 
-@pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    with open_sweep(run_in(tmp_path_factory.mktemp("auto"), CONFIG)) as dataset:
-        yield dataset.load()
-
-
 @pytest.mark.slow
-def test_every_motion_with_a_class_is_on_its_orbit(found):
-    periodic = found["period"].values > 0
+def test_every_motion_with_a_class_is_on_its_orbit(dataset):
+    periodic = dataset["period"].values > 0
     assert 0.3 < periodic.mean() < 1.0
-    short = periodic & (found["transient"].values < 3000)
-    assert (found["orbit_distance"].values[short] < 1e-12).all()
-    assert len(np.unique(found["transient"])) > 5
+    short = periodic & (dataset["transient"].values < 3000)
+    assert (dataset["orbit_distance"].values[short] < 1e-12).all()
+    assert len(np.unique(dataset["transient"])) > 5
     # A rest may show in a stage that it repeats, and not in a shorter record.
-    assert (found["transient"].values[found["period"].values == 0] == 3000).mean() > 0.9
-    assert found["transient"].max() == 3000
+    assert (dataset["transient"].values[dataset["period"].values == 0] == 3000).mean() > 0.9
+    assert dataset["transient"].max() == 3000
 
 
-def test_a_run_with_the_transient_that_was_found_has_the_same_bits(found):
-    steps = OpenedSweep(found).config.method.steps_per_period
-    flat = found.stack(point=("h", "omega")).isel(point=slice(0, None, 9))
+def test_a_run_with_the_transient_that_was_found_has_the_same_bits(dataset):
+    steps = OpenedSweep(dataset).config.method.steps_per_period
+    flat = dataset.stack(point=("h", "omega")).isel(point=slice(0, None, 9))
     for i in range(flat.sizes["point"]):
         point = flat.isel(point=i)
         transient = int(point["transient"])
@@ -110,13 +104,13 @@ def test_the_status_is_the_worst_of_all_stages():
             np.testing.assert_array_equal(found[name][rows], run[name], err_msg=name)
 
 
-def test_blocks_and_threads_change_nothing(found):
+def test_blocks_and_threads_change_nothing(dataset):
     config = load(CONFIG)
     points = config.sweep.grid.points(tuple(slice(0, n) for n in config.sweep.grid.shape))
     for threads, order in ((1, slice(None)), (2, slice(None, None, -1))):
         results = compute(config.sweep.spec, points[order].copy(), threads)
         for name in ("transient", "poincare_x", "impact_v", "period", "orbit_distance"):
-            expected = found[name].values.reshape(len(points), *found[name].shape[2:])
+            expected = dataset[name].values.reshape(len(points), *dataset[name].shape[2:])
             np.testing.assert_array_equal(results[name][order], expected)
 
 

@@ -300,13 +300,3 @@ def test_a_wrong_configuration_is_refused_as_by_run(tmp_path):
     path.write_text("oscillator: {h: 0.1, R: 2, omega: 1, f: 1}\n")
     assert refused("explore", path) == refused("run", path)
     assert "absent.yaml" in refused("explore", "absent.yaml")
-
-
-@pytest.mark.slow
-def test_a_damaged_file_is_refused_as_by_plot(tmp_path):
-    config = View.of(load_config(CONFIGS / "quickstart.yaml")).diagram(5)
-    path = run_sweep(config, tmp_path / "run.h5")
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 1
-    path.write_bytes(data)
-    assert refused("explore", path) == refused("plot", path)

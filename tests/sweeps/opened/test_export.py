@@ -14,18 +14,12 @@ from sweeps import load_config, open_sweep, run_sweep
 from sweeps.errors import Failed
 from sweeps.opened.tables import write_csv
 from tests.helpers.commands import accepted, call, refused
-from tests.helpers.sweep_files import run_in
 from vibroimpact.status import Evidence, Status
 
 CONFIG = """\
 oscillator: {h: 0.1, R: [0.5, 0.8], omega: {start: 1.0, stop: 3.0, num: 7}, f: 1.0}
 record: {transient: 20, periods: 8, impacts: 4, diagnostics: [period, lyapunov, extremes]}
 """
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory):
-    return run_in(tmp_path_factory.mktemp("file"), CONFIG)
 
 
 class Failing:
@@ -44,17 +38,17 @@ def test_a_table_is_written_whole_or_not_at_all():
     assert not list(Path().glob(".*"))
 
 
-def exported(file, name="points.csv", *options):
-    said = accepted("export", file, "-o", name, *options)
+def exported(path, name="points.csv", *options):
+    said = accepted("export", path, "-o", name, *options)
     with open(name, newline="") as text:
         return said, list(csv.DictReader(text))
 
 
 @pytest.mark.slow
-def test_every_scalar_comes_back_to_the_last_bit(file):
-    said, rows = exported(file)
+def test_every_scalar_comes_back_to_the_last_bit(path):
+    said, rows = exported(path)
     assert said == "points.csv: 14 rows\n"
-    with open_sweep(file) as dataset:
+    with open_sweep(path) as dataset:
         scalars = [name for name in dataset if dataset[name].dims == ("R", "omega")]
         assert len(scalars) >= 8
         for i, row in enumerate(rows):
@@ -72,10 +66,10 @@ def test_every_scalar_comes_back_to_the_last_bit(file):
 
 
 @pytest.mark.slow
-def test_parts_give_the_same_file(file, monkeypatch):
-    exported(file)
+def test_parts_give_the_same_file(path, monkeypatch):
+    exported(path)
     monkeypatch.setattr("sweeps.opened.tables._PART", 3)
-    exported(file, "parts.csv")
+    exported(path, "parts.csv")
     assert Path("parts.csv").read_bytes() == Path("points.csv").read_bytes()
 
 
@@ -87,10 +81,10 @@ def test_parts_give_the_same_file(file, monkeypatch):
         ("impacts", "impact", ["impact_phase", "impact_v"]),
     ],
 )
-def test_every_record_comes_back_to_the_last_bit(file, monkeypatch, rows, dimension, names):
+def test_every_record_comes_back_to_the_last_bit(path, monkeypatch, rows, dimension, names):
     """What was not recorded has no row: the points with few impacts have fewer."""
-    said, table = exported(file, "rows.csv", "--rows", rows)
-    with open_sweep(file) as dataset:
+    said, table = exported(path, "rows.csv", "--rows", rows)
+    with open_sweep(path) as dataset:
         frame = dataset[names].to_dataframe(dim_order=["R", "omega", dimension])[names].dropna()
     assert said.startswith(f"rows.csv: {len(frame)} rows") and 0 < len(frame) <= 14 * 8
     assert list(table[0]) == ["R", "omega", dimension, *names]
@@ -99,20 +93,20 @@ def test_every_record_comes_back_to_the_last_bit(file, monkeypatch, rows, dimens
     ]
     assert [[float(cell) for cell in row.values()] for row in table] == expected
     monkeypatch.setattr("sweeps.opened.tables._PART", 30)
-    exported(file, "parts.csv", "--rows", rows)
+    exported(path, "parts.csv", "--rows", rows)
     assert Path("parts.csv").read_bytes() == Path("rows.csv").read_bytes()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rows", ["points", "sections", "impacts"])
-def test_the_rows_of_a_cut_are_those_of_the_whole_table(file, rows):
-    _, whole = exported(file, "whole.csv", "--rows", rows)
+def test_the_rows_of_a_cut_are_those_of_the_whole_table(path, rows):
+    _, whole = exported(path, "whole.csv", "--rows", rows)
     for cuts in ({"R": 0.8}, {"R": 0.5, "omega": 2.0}):
         at = [word for name, value in cuts.items() for word in ("--at", f"{name}={value}")]
-        _, cut = exported(file, "cut.csv", "--rows", rows, *at)
+        _, cut = exported(path, "cut.csv", "--rows", rows, *at)
         expected = [row for row in whole if all(float(row[n]) == cuts[n] for n in cuts)]
         assert cut == expected and 0 < len(cut) < len(whole)
-    moved = call("export", file, "-o", "cut.csv", "--at", "omega=2.01")
+    moved = call("export", path, "-o", "cut.csv", "--at", "omega=2.01")
     assert moved.stderr == "omega = 2.01 is not on the grid; written at omega = 2\n"
 
 
@@ -134,8 +128,8 @@ def test_the_rows_of_a_sweep_followed_both_ways_are_cut_by_direction():
         ("direction=up", "the sweep was not followed in both"),
     ],
 )
-def test_a_cut_that_the_sweep_has_not_is_refused(file, cut, reason):
-    assert reason in refused("export", file, "-o", "cut.csv", "--at", cut)
+def test_a_cut_that_the_sweep_has_not_is_refused(path, cut, reason):
+    assert reason in refused("export", path, "-o", "cut.csv", "--at", cut)
     assert not Path("cut.csv").exists()
 
 
@@ -186,7 +180,7 @@ def test_a_single_point_is_a_row():
     assert [row["section"] for row in table] == [str(n) for n in range(21, 29)]
 
 
-def test_what_cannot_be_written_is_refused(file):
+def test_what_cannot_be_written_is_refused(path):
     os.mkfifo("fifo.csv")
     for name, text in (
         ("points.txt", "expected: a .csv file"),
@@ -194,15 +188,15 @@ def test_what_cannot_be_written_is_refused(file):
         ("fifo.csv", "fifo.csv is a FIFO, not a regular file,"),
         ("points.parquet", "expected: a .csv file"),
     ):
-        assert text in refused("export", file, "-o", name)
+        assert text in refused("export", path, "-o", name)
     assert sorted(path.name for path in Path().iterdir()) == ["fifo.csv", "sweep.yaml"]
 
 
-def test_a_table_beyond_the_limit_of_a_file_is_named(file):
+def test_a_table_beyond_the_limit_of_a_file_is_named(path):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
     try:
-        result = call("export", str(file), "-o", "points.csv")
+        result = call("export", str(path), "-o", "points.csv")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert result.exit_code == 1

@@ -170,9 +170,10 @@ def with_other_section(dataset):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "changed", [half, with_other_classes, with_other_damping, with_other_section]
-)
-@pytest.mark.parametrize("find", [branches, curves])
+    ("find", "changed"),
+    [(branches, half), (branches, with_other_damping), (branches, with_other_section),
+     (curves, with_other_classes), (curves, with_other_section)],
+)  # fmt: skip
 def test_what_was_found_in_a_file_is_not_taken_for_a_changed_sweep(path, find, changed):
     axes = ["omega", "R"] if find is curves else "omega"
     whole, _ = asked(path, find, axes)

@@ -7,24 +7,17 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
-from sweeps import Refused, open_sweep
+from sweeps import Refused
 from sweeps.plotting import Page, animate, animation, plot
 from tests.helpers.commands import accepted, refused
-from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, simulate
 
 #: A motion 1/1, chaos, a motion 2/1 and one that rests in every period.
-SCENE = """
+SWEEP = """
 oscillator: {h: 0.05, R: 0.8, omega: [2.6, 2.8, 3.45, 0.3], f: 1.0}
 record: {transient: 300, periods: 40}
 """
 PERIODIC, CHAOTIC, LONGER, RESTING = 2.6, 2.8, 3.45, 0.3
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    with open_sweep(run_in(tmp_path_factory.mktemp("motions"), SCENE)) as opened:
-        yield opened.load()
 
 
 def film_of(dataset, omega, **options):
@@ -183,11 +176,6 @@ WRONG = [
     (("-o", "a.gif", "--kind", "trajektory"), "'trajektory' (did you mean trajectory?)"),
     (("-o", "a.gif", "--frames", "9"), "there is no option --frames"),
 ]
-
-
-@pytest.fixture(scope="module")
-def path(tmp_path_factory):
-    return run_in(tmp_path_factory.mktemp("file"), SCENE, "record.transient=10")
 
 
 @pytest.mark.parametrize(("words", "message"), WRONG)

@@ -12,7 +12,6 @@ from sweeps.plotting import Page, bifurcation, parameter_map, style, trajectory
 from sweeps.plotting.colours import paint
 from sweeps.plotting.exact_lines import without_gaps
 from tests.helpers.equal_points import equal_points
-from tests.sweeps.plotting.test_palette import VISIONS, difference, seen
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Evidence
 
@@ -60,15 +59,6 @@ def test_every_dot_has_a_contrast_of_three(grey, color):
     }
     assert len(drawn) >= (3 if color != "status" else 1)
     assert min(map(contrast, drawn | shown)) >= 2.995
-
-
-def test_every_class_has_a_dot_of_its_own():
-    shown = paint(OpenedSweep(every_class()), "period", dots=True)
-    colours = {cell.label.split(" (")[0]: cell.colour for cell in shown.cells}
-    assert len(colours) == len(KINDS)
-    for vision in VISIONS.values():
-        lab = seen(colours.values(), vision)
-        assert min(difference(*pair) for pair in itertools.combinations(lab, 2)) > 9.9
 
 
 def test_directions_impacts_and_marks_have_a_contrast_of_three():

@@ -6,15 +6,7 @@ from matplotlib.collections import QuadMesh
 
 from sweeps import ConfigError
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting import (
-    Page,
-    bifurcation,
-    diagram,
-    impacts,
-    pixels,
-    section,
-    trajectory,
-)
+from sweeps.plotting import Page, bifurcation, diagram, impacts, pixels, section, trajectory
 from sweeps.plotting.contents import select_line
 from sweeps.plotting.style import VERMILION
 from sweeps.store.variables import VARIABLES

@@ -1,13 +1,10 @@
 """Pictures of integrity: the colours of attractors, panels and marks, discs and knocks."""
 
-import re
-
 import numpy as np
 import pytest
 from matplotlib.colors import same_color, to_hex
 
-from sweeps import attractors, open_sweep
-from sweeps.plotting import attractor_diagram, basins
+from sweeps import open_sweep
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting.style import CLASSES, INKS
 from tests.helpers.sweep_files import run_in
@@ -21,29 +18,6 @@ def ranked(tmp_path_factory):
     line = "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: [0, 0.4, 0.6]}"
     with open_sweep(run_in(tmp_path_factory.mktemp("ranked"), STARTS, line, few)) as dataset:
         yield dataset
-
-
-def colours_of(figure):
-    """Return the colour of each basin in the legend, by its class."""
-    legend = figure.legends[0]
-    named = zip(legend.get_patches(), legend.get_texts(), strict=False)
-    return {re.split("[,:]", text.get_text())[0]: to_hex(patch.get_fc()) for patch, text in named}
-
-
-@pytest.mark.slow
-def test_an_attractor_has_the_colour_of_its_class_in_all_pictures(ranked, no_knocks):
-    assert attractors(ranked)["m"].values.tolist() == [[1, -1], [2, 1], [1, 2]]
-    numbered = {f"{m}/{q}": CLASSES[m, q].lower() for m, q in ((2, 1), (1, 1), (1, 0))}
-    for draw, clearance in ((basins, 0.4), (basins, 0.6), (draw_integrity, 0.4)):
-        found = colours_of(draw(ranked, at={"clearance": clearance}))
-        assert found == {name: numbered[name] for name in found} and len(found) > 1
-    lines = attractor_diagram(ranked).axes[0].lines
-    found = {
-        line.get_label()[:3]: to_hex(line.get_color())
-        for line in lines
-        if line.get_label()[0] != "_"
-    }
-    assert found == {name: INKS[colour.upper()].lower() for name, colour in numbered.items()}
 
 
 @pytest.mark.slow

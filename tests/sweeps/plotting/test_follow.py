@@ -22,7 +22,6 @@ from sweeps.plotting import (
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_LOOKS
 from tests.helpers.commands import call
-from tests.helpers.sweep_files import run_in
 
 # With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
 CONFIG = yaml.safe_dump(
@@ -46,17 +45,6 @@ CONFIG = yaml.safe_dump(
     sort_keys=False,
 )
 UP, DOWN = (look.colour for look in DIRECTION_LOOKS[False])
-
-
-@pytest.fixture(scope="module")
-def stored(tmp_path_factory):
-    return run_in(tmp_path_factory.mktemp("sweep"), CONFIG)
-
-
-@pytest.fixture
-def dataset(stored):
-    with open_sweep(stored) as opened:
-        yield opened
 
 
 def markers(panel):
@@ -230,9 +218,9 @@ def test_what_is_missing_is_counted_in_both_directions(stop_after):
 
 
 @pytest.mark.slow
-def test_the_command_line(stored, unpainted):
+def test_the_command_line(path, unpainted):
     def drawn(*arguments):
-        return call("plot", str(stored), "-o", "picture.png", *arguments)
+        return call("plot", str(path), "-o", "picture.png", *arguments)
 
     assert drawn("--kind", "map", "--at", "direction=up").stdout == "picture.png\n"
     exact = ("--kind", "bifurcation", "--exact", "--classes", "1/1", "--at", "direction=down")

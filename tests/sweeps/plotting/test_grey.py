@@ -12,15 +12,9 @@ from sweeps.plotting import KINDS, Page, bifurcation, diagram
 from sweeps.plotting.style import grey_ramp
 from tests.helpers.commands import accepted
 from tests.helpers.equal_points import equal_points
-from tests.helpers.sweep_files import run_in
-from tests.sweeps.plotting.test_marks import FOLLOWED
+from tests.sweeps.plotting.test_marks import SWEEP  # noqa: F401 - of the fixture path
 
 PAGE = Page(grey=True)
-
-
-@pytest.fixture(scope="module")
-def stored(tmp_path_factory):
-    return run_in(tmp_path_factory.mktemp("sweep"), FOLLOWED)
 
 
 def colourful(figure):
@@ -40,8 +34,8 @@ def colourful(figure):
         ("trajectory", {}),
     ],
 )
-def test_no_pixel_has_a_colour(stored, kind, options):
-    with open_sweep(stored) as dataset:
+def test_no_pixel_has_a_colour(path, kind, options):
+    with open_sweep(path) as dataset:
         if kind == "bifurcation":
             options = {**options, "exact": branches(dataset, classes=[(1, 1)])}
         draw = KINDS[kind].draw
@@ -49,15 +43,15 @@ def test_no_pixel_has_a_colour(stored, kind, options):
         assert colourful(draw(dataset, **options)) > 0.1
 
 
-def test_a_density_has_no_colour(stored, monkeypatch):
+def test_a_density_has_no_colour(path, monkeypatch):
     monkeypatch.setattr(diagram, "DENSITY_FROM", 10)
-    with open_sweep(stored) as dataset:
+    with open_sweep(path) as dataset:
         assert colourful(bifurcation(dataset, page=PAGE)) < 0.01
 
 
-def test_each_direction_has_its_marker(stored):
+def test_each_direction_has_its_marker(path):
     """Both ways differ between the graze at 1.286, which long steps miss, and the fold."""
-    with open_sweep(stored) as dataset:
+    with open_sweep(path) as dataset:
         (panel,) = bifurcation(dataset, page=PAGE).axes
         omega = dataset["omega"].values
     drawn = {}
@@ -66,7 +60,7 @@ def test_each_direction_has_its_marker(stored):
             drawn.setdefault(line.get_marker(), set()).update(line.get_xdata().tolist())
     apart = {*omega[(omega > 1.31) & (omega < 1.6504)].tolist()}
     assert drawn == {"^": apart, "v": apart, "o": {*omega.tolist()} - apart}
-    figure = bifurcation(open_sweep(stored), page=PAGE)
+    figure = bifurcation(open_sweep(path), page=PAGE)
     markers = {line.get_label(): line.get_marker() for line in figure.legends[0].get_lines()}
     assert list(markers.values())[:3] == ["^", "v", "o"]
 
@@ -82,14 +76,14 @@ def test_each_direction_has_its_marker(stored):
         ("trajectory", {"color": "direction"}),
     ],
 )
-def test_points_with_a_color_are_grey(stored, kind, options):
-    with open_sweep(stored) as dataset:
+def test_points_with_a_color_are_grey(path, kind, options):
+    with open_sweep(path) as dataset:
         assert colourful(KINDS[kind].draw(dataset, page=PAGE, **options)) < 0.01
-    assert accepted("plot", stored, "--grey", "--dpi", "40", "-o", "a.png") == "a.png\n"
+    assert accepted("plot", path, "--grey", "--dpi", "40", "-o", "a.png") == "a.png\n"
 
 
-def test_classes_differ_by_their_markers_and_motions_by_their_dashes(stored):
-    with open_sweep(stored) as dataset:
+def test_classes_differ_by_their_markers_and_motions_by_their_dashes(path):
+    with open_sweep(path) as dataset:
         figure = bifurcation(dataset, color="period", page=PAGE)
         curves = KINDS["trajectory"].draw(dataset, color="direction", page=PAGE).legends[0]
     looks = {

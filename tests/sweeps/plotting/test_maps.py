@@ -227,14 +227,8 @@ def test_of_equal_axes_the_later_is_the_abscissa_and_any_order_of_values_is_draw
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (
-            {"quantity": "pie"},
-            "there is no pie; choose from: status, orbit_x, orbit_v",
-        ),
-        (
-            {"quantity": "period"},
-            "has no period: run the sweep again with record.diagnostics",
-        ),
+        ({"quantity": "pie"}, "there is no pie; choose from: status, orbit_x, orbit_v"),
+        ({"quantity": "period"}, "has no period: run the sweep again with record.diagnostics"),
         ({"quantity": "energy_los"}, "no energy_los .did you mean energy_lost..; choose from: sta"),
         ({"quantity": "poincare_x"}, "poincare_x is not a number for each point; choose from: "),
         ({"quantity": "h"}, "h is not a number for each point; choose from: "),

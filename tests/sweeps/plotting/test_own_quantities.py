@@ -29,12 +29,6 @@ record: {transient: 200, periods: 8, impacts: 4, diagnostics: [period, lyapunov]
 """
 
 
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    with open_sweep(run_in(tmp_path_factory.mktemp("sweep"), SWEEP)) as opened:
-        yield opened.load()
-
-
 def own(dataset, **about):
     """Return a quantity that changes its sign."""
     values = dataset["impulse"] * dataset["omega"] - 3.0

@@ -4,22 +4,17 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from sweeps import load_config, open_sweep, run_sweep
+from sweeps import open_sweep, run_sweep
 from sweeps.errors import Refused
 from sweeps.plotting import Page, basins, integrity, table_panels
 from tests.helpers.commands import accepted, refused
 
 STARTS = {"x0": {"start": -3, "stop": 0, "num": 6}, "v0": {"start": -2, "stop": 2, "num": 6}}
-SCENE = {
+SWEEP = {
     "oscillator": {"h": 0.05, "R": 0.8, "omega": [2.6, 2.65, 2.7], "f": 1.0},
     "start": STARTS,
     "record": {"transient": 200},
 }
-
-
-@pytest.fixture(scope="module")
-def stored(tmp_path_factory):
-    return run_sweep(load_config(SCENE), tmp_path_factory.mktemp("starts") / "out.h5")
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +28,10 @@ def titles(figure):
     return [panel.get_title(loc="left") for panel in figure.axes]
 
 
-def test_an_integrity_picture_has_the_panels_in_the_order_typed(stored, no_knocks):
-    with open_sweep(stored) as dataset:
+def test_an_integrity_picture_has_the_panels_in_the_order_typed(path, no_knocks):
+    with open_sweep(path) as dataset:
         figure = integrity(dataset, panels=["local_integrity", "fraction"])
+        assert integrity(dataset, page=Page(width=3.4)).get_figheight() <= 9.0
         one = integrity(dataset, panels=["basins"], at={"omega": 2.65})
     assert titles(figure) == ["local integrity, a distance", "share of the starts"]
     assert [panel.get_xlabel() for panel in figure.axes].count("") == 1
@@ -45,9 +41,9 @@ def test_an_integrity_picture_has_the_panels_in_the_order_typed(stored, no_knock
     assert "lower bound" not in {text.get_text() for text in one.legends[0].get_texts()}
 
 
-def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(stored, no_knocks):
+def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(path, no_knocks):
     own = Figure().subplots(2)
-    with open_sweep(stored) as dataset:
+    with open_sweep(path) as dataset:
         assert integrity(dataset, panels=["fraction", "basins"], ax=own) is own[0].figure
     assert own[0].lines and own[1].collections
 
@@ -72,9 +68,9 @@ def test_a_table_has_the_panels_in_the_order_typed(table):
     assert "further" not in "".join(text.get_text() for text in figure.legends[0].get_texts())
 
 
-def test_other_panels_are_refused_with_the_nearest_name(stored, table):
+def test_other_panels_are_refused_with_the_nearest_name(path, table):
     wrong = refused(
-        "plot", stored, "--kind", "integrity", "--panels", "basins,fractoin", "-o", "a.png"
+        "plot", path, "--kind", "integrity", "--panels", "basins,fractoin", "-o", "a.png"
     )
     assert "there is no panel fractoin (did you mean fraction?)" in wrong
     assert "integrity_factor" in wrong and "basins" in wrong
@@ -83,7 +79,7 @@ def test_other_panels_are_refused_with_the_nearest_name(stored, table):
     )
     assert "the panel R is asked for twice" in refused("plot", table, "--panels", "R, R")
     assert "panels can be chosen for integrity or table only" in refused(
-        "plot", stored, "--kind", "basins", "--panels", "basins", "-o", "a.png"
+        "plot", path, "--kind", "basins", "--panels", "basins", "-o", "a.png"
     )
 
 
@@ -99,16 +95,29 @@ def test_too_many_panels_are_refused_by_default_and_drawn_at_a_height(table):
         assert fit.get_figheight() <= 9.0
 
 
+@pytest.mark.parametrize(("width", "panels"), [(3.4, 6), (7.0, 8)])
+def test_a_table_fits_a_page_and_counts_the_columns_left_out(tmp_path, width, panels):
+    names = ["h", "R", "omega", "p", "f", "clearance", "x0", "v0"]
+    points = {name: np.linspace(0.4, 0.5, 5) for name in names}
+    scene = {"points": points, "record": {"transient": 5, "periods": 4, "diagnostics": ["period"]}}
+    with open_sweep(run_sweep(scene, tmp_path / "out.h5")) as dataset:
+        figure = table_panels(dataset, page=Page(width=width))
+    assert figure.get_figheight() <= 9.0
+    assert len([panel for panel in figure.axes if panel.get_xlabel()]) == panels
+    words = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert ("2 further columns" in words) == (panels < 8)
+
+
 @pytest.mark.parametrize("grey", [False, True])
-def test_basins_of_several_values_fit_a_column(stored, grey, with_layout):
+def test_basins_of_several_values_fit_a_column(path, grey, with_layout):
     """A layout that has no room is a warning, which fails."""
-    with open_sweep(stored) as dataset:
+    with open_sweep(path) as dataset:
         page = Page(width=3.4, grey=grey)
         basins(dataset, beside={"omega": [2.6, 2.7]}, page=page).draw_without_rendering()
 
 
-def test_basins_of_several_values_have_one_legend_with_all_shares(stored):
-    with open_sweep(stored) as dataset:
+def test_basins_of_several_values_have_one_legend_with_all_shares(path):
+    with open_sweep(path) as dataset:
         figure = basins(dataset, beside={"omega": [2.6, 2.7]})
         alone = [basins(dataset, at={"omega": value}) for value in (2.6, 2.7)]
     assert titles(figure) == [r"$\omega=2.6$", r"$\omega=2.7$"]
@@ -126,8 +135,8 @@ def test_basins_of_several_values_have_one_legend_with_all_shares(stored):
     np.testing.assert_allclose(np.sum(shares, axis=0), 100.0, atol=0.3)
 
 
-def test_several_values_of_basins_are_drawn_and_limited(stored):
-    given = ("plot", stored, "--kind", "basins", "--dpi", "40", "-o", "a.png")
+def test_several_values_of_basins_are_drawn_and_limited(path):
+    given = ("plot", path, "--kind", "basins", "--dpi", "40", "-o", "a.png")
     assert accepted(*given, "--at", "omega=2.6,2.7") == "a.png\n"
     many = ",".join(f"{2.6 + 0.01 * i:.2f}" for i in range(7))
     assert "7 values beside each other; expected: at most 6" in refused(

@@ -86,11 +86,7 @@ def test_a_point_that_failed_is_titled_so(random_sweep):
 
 @pytest.mark.parametrize(
     ("axes", "with_trajectory", "expected"),
-    [
-        ({"omega": OMEGA}, True, "bifurcation"),
-        ({}, True, "trajectory"),
-        ({}, False, "section"),
-    ],
+    [({"omega": OMEGA}, True, "bifurcation"), ({}, True, "trajectory"), ({}, False, "section")],
 )
 def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajectory, expected):
     called = []
@@ -162,10 +158,7 @@ def without_impacts(random_sweep):
             {"kind": "trajectory", "periods": -1},
             "periods = -1 is not allowed; expected: an integer from 1 to 1,000,000",
         ),
-        (
-            {"below": ("rest_fracton",)},
-            "no rest_fracton .did you mean rest_fraction..; cho",
-        ),
+        ({"below": ("rest_fracton",)}, "no rest_fracton .did you mean rest_fraction..; cho"),
         ({"color": "poincare_x"}, "poincare_x is not a number for each point; choose from: cha"),
         ({"kind": "basins", "color": "status"}, "color can be chosen for bifurcation or section"),
         (
@@ -236,10 +229,7 @@ SHAPES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("shape", "blocks"),
-    [*((shape, 0) for shape in SHAPES), ("table", None)],
-)
+@pytest.mark.parametrize(("shape", "blocks"), [*((shape, 0) for shape in SHAPES), ("table", None)])
 def test_every_command_draws_or_refuses_every_file(shape, blocks, laid_out):
     """A refusal is one line; without a finished block only maps have something to show."""
     config = load(SHAPES[shape] + RECORD)

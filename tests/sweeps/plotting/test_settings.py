@@ -8,7 +8,6 @@ from cycler import cycler
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 
-from sweeps import open_sweep
 from sweeps.plotting import (
     Page,
     attractor_diagram,
@@ -20,7 +19,6 @@ from sweeps.plotting import (
 )
 from sweeps.plotting.style import CLASSES
 from tests.helpers.equal_points import equal_points
-from tests.helpers.sweep_files import run_in
 
 #: Flips to chaos, followed both ways past a graze: every line and colour of a diagram is there.
 CONFIG = """\
@@ -34,12 +32,6 @@ oscillator:
 follow: {axis: omega, direction: both}
 record: {transient: 60, periods: 12, diagnostics: [period, lyapunov]}
 """
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    with open_sweep(run_in(tmp_path_factory.mktemp("sweep"), CONFIG)) as opened:
-        yield opened.load()
 
 
 @pytest.fixture(params=["dark_background", "black panels"])

@@ -13,6 +13,7 @@ import resource
 import shutil
 from collections.abc import Callable
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,14 +26,8 @@ from sweeps.engine import estimate
 from sweeps.errors import Failed, StoreError, SweepError
 from sweeps.store import SweepWriter, check_output, complete_file, reading
 from tests.helpers.commands import call
-from tests.helpers.sweep_files import data, run_in
-from tests.helpers.written_files import (
-    begun,
-    block_results,
-    contents,
-    fill_blocks,
-    schema,
-)
+from tests.helpers.sweep_files import data
+from tests.helpers.written_files import begun, block_results, contents, fill_blocks, schema
 from vibroimpact.status import Status
 
 #: Forty points, which the tests compute in four blocks; any blocks give the same bits.
@@ -43,12 +38,6 @@ output: out.h5
 """
 PARTS = Path("out.h5.parts")
 FIRST = PARTS / "block-000000.npz"
-
-
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
-    """Return the file of a run that nothing disturbed."""
-    return run_in(tmp_path_factory.mktemp("undisturbed"), CONFIG)
 
 
 # The table: moments
@@ -87,22 +76,10 @@ def happening(fault, moment):
 # The table: faults
 
 
-def remove():
-    shutil.rmtree(PARTS)
-
-
 def replace():
     shutil.copytree(PARTS, "other")
     shutil.rmtree(PARTS)
     os.replace("other", PARTS)
-
-
-def remove_block():
-    FIRST.unlink()
-
-
-def truncate():
-    os.truncate(FIRST, 1000)
 
 
 def empty_and_restore():
@@ -121,34 +98,19 @@ def put_file():
     Path("out.h5").write_bytes(b"precious")
 
 
-def put_sweep():
-    shutil.copy("../other.h5", "out.h5")
+def end_by(error):
+    """Return a fault that raises an error."""
 
+    def ends():
+        raise error
 
-def remove_file():
-    Path("out.h5").unlink()
-
-
-def interrupt():
-    raise KeyboardInterrupt
-
-
-def fail():
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def refuse():
-    raise StoreError("too large")
+    return ends
 
 
 def fill_disk(size=0):
     """Limit the size of files, until the end of `room_again`."""
     _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), hard))
-
-
-def fill_disk_in_block():
-    fill_disk(FIRST.stat().st_size - 100)
 
 
 @contextmanager
@@ -158,6 +120,9 @@ def room_again():
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+interrupt, fail = end_by(KeyboardInterrupt), end_by(OSError(errno.ENOSPC, "No space left"))
 
 
 class Fault(NamedTuple):
@@ -189,20 +154,23 @@ FAULTS = [
         Fault(f"block {block}", *row)
         for block in (2, 4)
         for row in (
-            (remove, GONE, NOTHING),
+            (partial(shutil.rmtree, PARTS), GONE, NOTHING),
             (move_folder, GONE, NOTHING),
             (replace, "was replaced by another program", f"{10 * block - 10} of 40 points kept"),
-            (remove_block, "block-000000.npz was removed by another program", THREE),
-            (truncate, "block-000000.npz is damaged", THREE),
+            (FIRST.unlink, "block-000000.npz was removed by another program", THREE),
+            (partial(os.truncate, FIRST, 1000), "block-000000.npz is damaged", THREE),
             (empty_and_restore, "block-000000.npz is damaged", THREE),
         )
     ),
-    Fault("end", remove_file, "the output is gone: out.h5 does not exist", ""),
+    Fault("end", Path("out.h5").unlink, "the output is gone: out.h5 does not exist", ""),
     # It puts something in the place of the output, also the complete file of another sweep.
-    *(Fault("planned", put, FOREIGN, "0 of 40 points kept") for put in (put_file, put_sweep)),
+    *(
+        Fault("planned", put, FOREIGN, "0 of 40 points kept")
+        for put in (put_file, partial(shutil.copy, "../other.h5", "out.h5"))
+    ),
     *(Fault(moment, put_file, FOREIGN, ALL) for moment in ("completed", "fsync")),
     # The run is refused, fails or is interrupted: an old sweep stays until the new one is there.
-    Fault("planned", refuse, "too large", ""),
+    Fault("planned", end_by(StoreError("too large")), "too large", ""),
     *(
         Fault(moment, end, "", unchanged(file), blocks)
         for moment in ("planned", "schema")
@@ -214,13 +182,15 @@ FAULTS = [
     # The disk is full.
     Fault("schema", fill_disk, "out.h5 cannot be created: File too large", NOTHING),
     Fault("block 2", fill_disk, "out.h5 cannot be written: File too large", ONE),
-    Fault("block 4", fill_disk_in_block, "written: File too large", THREE),
+    Fault(
+        "block 4", lambda: fill_disk(FIRST.stat().st_size - 100), "written: File too large", THREE
+    ),
 ]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("row", FAULTS, ids=lambda row: f"{row.moment}-{row.happens.__name__}")
-def test_a_fault_is_said_and_loses_nothing_else(monkeypatch, undisturbed, row):
+@pytest.mark.parametrize("row", FAULTS, ids=lambda row: row.moment)
+def test_a_fault_is_said_and_loses_nothing_else(monkeypatch, path, row):
     monkeypatch.setattr(estimate, "block_size", lambda *_, **__: 10)
     fill_blocks("../other.h5", overwrite=True)
     if row.blocks:
@@ -235,7 +205,7 @@ def test_a_fault_is_said_and_loses_nothing_else(monkeypatch, undisturbed, row):
 
     with room_again(), happening(disturb, row.moment) as happened:
         result = call("run", "sweep.yaml", "--quiet", "--overwrite")
-    assert happened and result.exit_code == (2 if row.happens is refuse else 1)
+    assert happened and result.exit_code == (2 if row.said == "too large" else 1)
     assert result.stderr.startswith("vibroimpact: error: ") and result.stderr.count("\n") == 1
     assert row.said in result.stderr and row.kept in result.stderr
     assert ("; to go on: " in result.stderr) == row.kept.endswith("points kept")
@@ -249,7 +219,7 @@ def test_a_fault_is_said_and_loses_nothing_else(monkeypatch, undisturbed, row):
         Path("out.h5").unlink()
     go_on = "--resume" if row.kept.endswith("points kept") else "--overwrite"
     assert call("run", "sweep.yaml", "--quiet", go_on).exit_code == 0
-    xr.testing.assert_identical(data("out.h5"), data(undisturbed))
+    xr.testing.assert_identical(data("out.h5"), data(path))
     assert not PARTS.exists()
 
 

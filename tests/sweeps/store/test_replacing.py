@@ -105,10 +105,7 @@ def unix_socket():
         (lambda: Path("a").symlink_to("/dev/null"), "a is a device"),
         (lambda: Path("a").mkdir(), "a is a directory"),
         (lambda: Path("a").symlink_to("a"), "'a' cannot be used: Too many levels of symbolic"),
-        (
-            lambda: Path("a").symlink_to("no/b"),
-            "/no of the picture a, a link to .*/no/b, does",
-        ),
+        (lambda: Path("a").symlink_to("no/b"), "/no of the picture a, a link to .*/no/b, does"),
     ],
 )
 def test_what_is_no_file_is_refused_and_stays(make, said):
