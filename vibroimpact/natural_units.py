@@ -46,7 +46,7 @@ class NaturalUnits(NamedTuple):
         greatest = _greatest((f, 2 * time), (a, 0), (clearance, 0))
         if greatest is None:
             return cls(_greatest((points["x0"], 0), (points["v0"], time)) or 0, time)
-        with np.errstate(over="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
             h, omega, p = (np.ldexp(points[name], time) for name in ("h", "omega", "p"))
             push = np.ldexp(f, 2 * time - greatest) + np.ldexp(a, -greatest) * omega * omega
             push += np.ldexp(np.abs(clearance), -greatest) * p * p

@@ -221,6 +221,12 @@ def test_bad_ranges_are_refused(arguments, said):
         branch(one_impact_orbit(LIGHT), *arguments)
 
 
+@pytest.mark.filterwarnings("error")
+def test_over_a_range_beyond_all_digits_a_branch_is_lost():
+    found = branch(one_impact_orbit(LIGHT), "p", 0.5, 1e200)
+    assert [point.kind for point in found.special] == ["lost", "lost"]
+
+
 def test_a_solution_that_passes_the_stop_has_no_branch():
     passing = one_impact_orbit(Oscillator(h=0.02, R=0.8, omega=0.3, f=1.0))
     assert not passing.exists

@@ -11,6 +11,17 @@ from vibroimpact.step.polynomial import LONGEST_STEP
 from vibroimpact.step.scheme import default_steps
 
 
+@pytest.mark.parametrize("omega", [1e-161, 1.3e-160, 1e-153, 1.0, 1.3e154, 1.4e154])
+def test_a_motion_whose_squared_frequency_is_no_normal_number_is_not_certified(omega):
+    """After an impact at the start, a cosine; its error is 60 % at 1e-161, 130 % at 1.4e154."""
+    osc = Oscillator(h=0.0, R=0.8, omega=omega, f=0.0, p=0.2 * omega)
+    tr = simulate(osc, 1, v0=1.0)
+    out = integrate(osc.at(0.0, 1.0), transient=0, periods=1)
+    right = abs(tr.v[-1] + 0.8 * math.cos(0.4 * math.pi)) < 1e-14
+    assert right == (1e-154 < omega < 1.34e154)
+    assert out["status"] == tr.status == (Status.CERTIFIED if right else Status.COMPUTED)
+
+
 def test_an_unstable_lane_ends_as_not_a_number_and_leaves_its_neighbours_alone():
     """Runge-Kutta at h = 50 overflows: NaN and a status there, the same bits elsewhere."""
     points = random_points(40)

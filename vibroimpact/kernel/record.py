@@ -278,17 +278,19 @@ def loses_digits(points: np.ndarray, x: np.ndarray, rest_fraction: np.ndarray) -
     oscillation is below. A force that exceeds a preload by a small share e of f lifts the mass from
     a rest by 9/2 e^2 f / omega^2; one that is less only delays its landing. Without a force a
     motion ends at rest, and only its distance from the stop counts. A mass that is held all the
-    time, or without a force at every section, keeps its digits.
+    time, or without a force at every section, keeps its digits. None has any where omega^2, of
+    which the steps are made, overflows or is subnormal.
     """
     h, omega, f, p, stop = (points[name] for name in ("h", "omega", "f", "p", "clearance"))
     with np.errstate(all="ignore"):  # extreme values, whose size is then 0, inf or NaN
         rounding = 0.5 * np.spacing(np.abs(stop)) * 10.0**_FEWEST_DIGITS
         lift = np.minimum(np.abs(f + p * p * np.minimum(stop, 0.0)), f)
         share = np.minimum(4.5 * lift / np.maximum(f, SMALLEST_NORMAL), 1.0)
-        forced = lift * share / (omega * omega + 2.0 * h * omega + p * p)
+        square = omega * omega
+        forced = lift * share / (square + 2.0 * h * omega + p * p)
     lost: np.ndarray = (rounding > forced) & (rest_fraction < 1.0 - _HELD)
     rows = np.flatnonzero(lost)
     size = np.abs(x[rows] - stop[rows, None])
     size = np.where(f[rows, None] > 0.0, np.minimum(size, np.abs(x[rows])), size).max(axis=1)
     lost[rows] = (rounding[rows] > size) & ((f[rows] > 0.0) | (size > 0.0))
-    return lost
+    return lost | (square < SMALLEST_NORMAL) | (square == math.inf)
