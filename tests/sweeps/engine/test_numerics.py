@@ -129,11 +129,6 @@ def test_only_code_is_in_its_name(old, new, same):
     assert (name_of({"a.py": SOURCE.encode()}) == name_of({"a.py": edited.encode()})) is same
 
 
-def copy_packages(folder):
-    for package in (PHYSICS, ENGINE):
-        shutil.copytree(package, folder / package.name, ignore=shutil.ignore_patterns("*.pyc"))
-
-
 def resumed(folder, *names):
     """Resume complete files with the code of a folder, in a separate process."""
     script = (
@@ -156,25 +151,12 @@ def resumed(folder, *names):
 
 @pytest.mark.slow
 def test_the_same_code_in_another_place_goes_on_with_a_file(tmp_path):
-    copy_packages(tmp_path)
+    for package in (PHYSICS, ENGINE):
+        shutil.copytree(package, tmp_path / package.name, ignore=shutil.ignore_patterns("*.pyc"))
     for name, text in SWEEPS.items():
         run_sweep(load(text, path=f"{name}.yaml"), f"{name}.h5")
     ended = resumed(tmp_path, *SWEEPS)
     assert ended.returncode == 0, ended.stderr
-
-
-@pytest.mark.slow
-def test_what_is_passed_on_is_named_if_it_differs(tmp_path):
-    """Of the physics any source is in its name, see above."""
-    run_sweep(load(SWEEPS["scaled"], path="out.yaml"), "out.h5")
-    copy_packages(tmp_path)
-    path = tmp_path / "sweeps/config/sweep.py"
-    text, old = path.read_text(), "follow is None and grid.scales"
-    assert old in text
-    path.write_text(text.replace(old, "False and grid.scales"))
-    ended = resumed(tmp_path, "out")
-    assert ended.returncode == 1 and "cannot be resumed" in ended.stderr, ended.stderr
-    assert " and is " in ended.stderr
 
 
 def test_a_computation_that_differs_is_named():

@@ -1,7 +1,5 @@
 """Room for legends and ticks in narrow pictures, and branches that a diagram leaves out."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from matplotlib.lines import Line2D
@@ -59,20 +57,6 @@ def test_a_legend_that_no_page_has_room_for_counts_what_is_left_out():
     figure.set_height(None)
     assert figure.get_figheight() <= 9.0
     assert figure.legends[0].get_texts()[-1].get_text().startswith("+")
-
-
-@pytest.mark.parametrize("ends", ["2.7121:2.7168", "2.71:2.76", "2.4:3.5"])
-def test_labels_of_ticks_do_not_touch(folder, ends):
-    run_in(folder, "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 50}, f: 1.0}")
-    low, high = map(float, ends.split(":"))
-    with open_sweep("out.h5") as dataset:
-        figure = bifurcation(dataset, page=Page(width=2.0, xlim=(low, high)))
-    figure.dpi = 300
-    figure.draw_without_rendering()
-    axis = figure.axes[0].xaxis
-    boxes = [tick.label1.get_window_extent() for tick in axis.get_major_ticks()]
-    assert len(boxes) >= 2
-    assert min(after.x0 - box.x1 for box, after in pairwise(boxes)) > 0.0
 
 
 @pytest.mark.slow

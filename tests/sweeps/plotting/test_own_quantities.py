@@ -1,6 +1,5 @@
 """Numbers per point on maps, below a diagram and as colours: of the file or computed from it."""
 
-import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex, to_rgba
@@ -202,16 +201,6 @@ def test_a_few_values_of_an_axis_are_named_in_the_legend(dataset):
         of_colour = [to_hex(one) == colour for one in colours]
         np.testing.assert_array_equal(offsets[of_colour].T, own)
     assert len(figure.axes) == 1  # no colour bar
-
-
-@pytest.mark.slow
-def test_the_labels_are_inside_the_picture_also_beside_longer_ticks(dataset, tmp_path, with_layout):
-    """A colour bar makes the panel lower, with ticks at 0.25 instead of 0.2."""
-    high = dataset.copy(deep=True)
-    high["poincare_v"][:] = np.linspace(-0.45, 0.99, high["poincare_v"].size).reshape(2, 13, 8)
-    plot(high, tmp_path / "a.png", "section", color="omega")
-    picture = matplotlib.image.imread(tmp_path / "a.png")
-    assert (picture[:, [0, -1], :3] == 1.0).all()  # white at both edges
 
 
 @pytest.mark.slow

@@ -68,15 +68,6 @@ def test_a_formula_is_parsed_once_for_each_resolution(with_layout, parsed):
     assert len(parsed) == len(set(parsed)) > 8
 
 
-def test_a_title_that_fits_is_measured_as_a_whole(with_layout, parsed):
-    figure = Picture(Page(width=6.0))
-    figure.add_subplot(xlabel=r"frequency $\omega$", ylabel="place $x$")
-    figure.add_title("$h=0.05$, $R=0.8$, $f=1$, some words")
-    figure.savefig(BytesIO(), format="png", dpi=300.0)
-    assert [text for text, *_ in parsed].count("$h=0.05$, $R=0.8$, $f=1$, some words") == 2
-    assert len(parsed) == 4
-
-
 def test_a_title_with_a_loose_sign_is_drawn_or_refused():
     for text in (LOOSE, " ".join(5 * [LOOSE]), 8 * "costs 5$ ", "costs \\$5, " * 8):
         for width in (1.5, 3.4, 6.0):
