@@ -17,8 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sweeps.plotting.canvas import draw_stop
 from sweeps.plotting.labels import mathtext
+from sweeps.plotting.marks import draw_stop
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, paper_procedure, simulate

@@ -42,6 +42,7 @@ from sweeps.plotting.labels import (
 )
 from sweeps.plotting.looks import Cells, Looks
 from sweeps.plotting.maps import draw_cells, name_and_bound
+from sweeps.plotting.marks import edge_of, mark_some, mark_status, marker_size, widen_if_constant
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import PARTIAL, Look, ground, ink
@@ -347,13 +348,13 @@ def attractor_diagram(
     masks = {}
     if page.marks and ORDINATES[coordinate].dimension == "impact":
         masks[PARTIAL] = line.transpose(axis).shows_part.ravel()
-    canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks, page.grey)
+    mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks, page.grey)
     title = f"{CLASSES_TITLE}\n{_starts_at_each(line)}"
     record = record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, legend_title=title, record=record)
     if page.grey:
         for _, look, points in series:
-            canvas.mark_some(panel, points, look.marker, look.ink)
+            mark_some(panel, points, look.marker, look.ink)
         named = [one for one in series if one.rows[0].regime is Regime.PERIODIC]
         name_lines(panel, [(classes_text(one.rows), one.points) for one in named])
     return figure
@@ -395,7 +396,7 @@ def _draw_rows(
     finite = values[np.isfinite(values)]
     if not len(finite):
         refuse_empty(line, coordinate)
-    canvas.widen_if_constant(panel.set_ylim, finite.min(), finite.max())
+    widen_if_constant(panel.set_ylim, finite.min(), finite.max())
     abscissa = np.array([row.parameters[axis] for row in table])
     series = looks.series(table)
     names = names_of([[table[i] for i in places] for places in series], line, line[axis])
@@ -409,11 +410,11 @@ def _draw_rows(
         (points,) = panel.plot(x, y, "o", color=look.ink, rasterized=True)
         scattered = first.regime is not Regime.PERIODIC
         least, most, zorder = (0.8, 1.2, 2.0) if scattered else (1.5, 2.0, 3.0)
-        size = canvas.marker_size(x, y, least, most)
+        size = marker_size(x, y, least, most)
         points.set(markersize=size, markeredgewidth=0, zorder=zorder)
         label = name if own else "other periodic attractors"
         (handle,) = panel.plot([], [], look.marker, color=look.ink, label=label)
-        handle.set(markersize=4.0, markeredgewidth=canvas.edge_of(look.marker))
+        handle.set(markersize=4.0, markeredgewidth=edge_of(look.marker))
         if own and first.regime not in NO_CLASS:
             marked.append(_Series([table[i] for i in places], look, np.stack([x, y], axis=1)))
     return marked

@@ -1,4 +1,4 @@
-"""The figure, its title and legend, and marks in its panels."""
+"""The figure: its panels, its title and its legend."""
 
 from __future__ import annotations
 
@@ -6,38 +6,27 @@ import io
 import math
 from collections.abc import Callable, Container, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting.labels import equation, status_name
 from sweeps.plotting.labels import title as title_of
-from sweeps.plotting.legend import SHARE, legend_below, legend_of_all, legend_within
+from sweeps.plotting.legend import SHARE, WIDTH, add_legend, legend_within
 from sweeps.plotting.page import Page
-from sweeps.plotting.pixels import widened
-from sweeps.plotting.style import (
-    MARKS,
-    STATUS_COLOURS,
-    data_colour,
-    ground,
-    ink,
-    user_style,
-    visible,
-)
+from sweeps.plotting.style import user_style
 from sweeps.text import choice_of, near_miss, shortened, suggestion
 
 #: Greatest height of a picture unless the page gives it, so that it fits a printed page [inch].
@@ -46,8 +35,6 @@ HIGHEST = 9.0
 _LEAST_PANELS = 0.35
 #: Least distance between the labels of ticks [inch].
 _GAP = 0.06
-#: Most markers of one look across a panel.
-_MARKS = 20
 
 
 class _Canvas(FigureCanvasAgg):
@@ -159,22 +146,17 @@ class Picture(Figure):
     ) -> None:
         """Put a legend below the panels, and increase the height of the figure.
 
-        It has all entries for which a page has room. If it is known what share of a map each entry
-        has `covered`, it takes at most a fifth of the height: as many of those that cover little as
-        necessary are left out. If the others need more, the panels become higher, too, but by at
-        most a half; then, or at a final `height`, others are left out, first what is `named` in the
-        map.
+        It shrinks to fit a page, but that of a map, of which it is known what share each entry has
+        `covered`, takes a fifth of the height. If what covers much needs more, the panels become
+        higher, too, but by at most a half; `named` returns the names in the map.
         """
         room = SHARE / (1.0 - SHARE)
+        heights = [room * (self.get_figheight() + more * self._usual) for more in (0.0, 0.5)]
         if covered is None:
             beside = self.get_figheight() - (1.0 - _LEAST_PANELS) * self._usual
-            most = (HIGHEST if height is None else height) - beside
-            usual = room * self.get_figheight()
-            self.make_room(legend_of_all(self, handles, title, self.dpi * usual, self.dpi * most))
-            return
-        least, most = (room * (self.get_figheight() + more * self._usual) for more in (0.0, 0.5))
-        if height is not None:
-            least = most = SHARE * height
+            heights[1] = (HIGHEST if height is None else height) - beside
+        elif height is not None:
+            heights = [SHARE * height] * 2
 
         def named_beside() -> Container[str]:
             """Return what is named in the map beside a legend of a fifth of the height."""
@@ -184,10 +166,13 @@ class Picture(Figure):
             self.set_figheight(usual)
             return names
 
-        heights = self.dpi * least, self.dpi * most
-        legend = legend_below(self, handles, title, covered, named_beside, heights)
+        rooms = [(WIDTH * self.bbox.width, self.dpi * each) for each in heights]
+        make = partial(self.legend, loc="outside lower center")
+        whole = covered is None
+        legend = add_legend(make, handles, title, rooms, covered, named_beside, whole)
         taken = legend.get_window_extent().height / self.dpi
-        self.set_figheight(max(self.get_figheight() + taken, taken / SHARE))
+        least = 0.0 if whole else taken / SHARE
+        self.set_figheight(max(self.get_figheight() + taken, least))
 
 
 def refuse_undrawable(name: str, text: Text) -> None:
@@ -345,121 +330,3 @@ def finish(
             lay_out(panel)
             legend_within(panel, handles, legend_title, covered)
     return figure
-
-
-def draw_points(
-    panel: Axes,
-    x: np.ndarray,
-    y: np.ndarray,
-    colour: str | np.ndarray | None = None,
-    size: float | None = None,
-    alpha: float | None = None,
-    most: float = 3.5,
-    marker: str = "o",
-) -> None:
-    """Draw markers in one colour, by default the plain one, or of a colour each, shape (n, 4).
-
-    The more of the panel they would cover, the smaller they are, and never greater than `most`.
-    """
-    if not len(y):
-        return
-    size = marker_size(x, y, 0.5, most) if size is None else size
-    alpha = float(np.clip(1e5 / len(y), 0.15, 1.0)) if alpha is None else alpha
-    colour = data_colour() if colour is None else colour
-    if isinstance(colour, str):
-        (points,) = panel.plot(
-            x, y, marker, linestyle="", color=colour, alpha=alpha, rasterized=True
-        )
-        points.set(markersize=size, markeredgewidth=0)
-    else:
-        panel.scatter(x, y, size**2, colour, alpha=alpha, linewidths=0, rasterized=True)
-
-
-def mark_some(panel: Axes, points: np.ndarray, marker: str, colour: str) -> None:
-    """Mark some of the points, shape (n, 2), about evenly in a panel that has its limits."""
-    panel.autoscale_view()  # matplotlib delays it, and the transformations do not ask for it
-    points = points[np.isfinite(points).all(axis=1)]
-    _, some = np.unique(np.floor(_MARKS * in_panel(panel, points)), axis=0, return_index=True)
-    (marks,) = panel.plot(*points[some].T, marker, color=colour, rasterized=True)
-    marks.set(markersize=4.0, markeredgewidth=edge_of(marker), zorder=4.0)
-    if edge_of(marker):
-        marks.set_path_effects([withStroke(linewidth=2.0, foreground=ground())])
-
-
-def edge_of(marker: str) -> float:
-    """Return the width of the edge of a marker of data [pt], which only crosses have."""
-    return 0.8 if marker in "+x" else 0.0
-
-
-def marker_size(x: np.ndarray, y: np.ndarray, least: float, most: float) -> float:
-    """Return the size [pt] of markers that leave parts of the panel around them visible."""
-    counts, *_ = np.histogram2d(x, y, bins=(600, 300))
-    return float(np.clip(70.0 / math.sqrt(max(1, int(np.count_nonzero(counts)))), least, most))
-
-
-def draw_stop(
-    draw_line: Callable[..., object], clearance: float, about: xr.DataArray | None = None
-) -> None:
-    """Draw the mechanical stop with a panel's `axhline` or `axvline`.
-
-    The attributes of the clearance, `about`, put the stop into the legend.
-    """
-    text = None if about is None else f"stop, {equation(f'x={about.symbol}', about, clearance)}"
-    draw_line(clearance, color=ink(), linewidth=0.8, linestyle="--", label=text)
-
-
-def widen_if_constant(set_limits: Callable[..., object], low: float, high: float) -> None:
-    """Widen the limits of a panel if the data are constant, so that it does not show rounding."""
-    if (ends := widened(low, high)) != (low, high):
-        set_limits(*ends)
-
-
-NO_MASKS: Mapping[str, np.ndarray] = {}
-
-
-def mark_status(
-    panel: Axes,
-    values: np.ndarray,
-    status: np.ndarray,
-    masks: Mapping[str, np.ndarray] = NO_MASKS,
-    grey: bool = False,
-) -> None:
-    """Mark failed and pending points in a strip below the data and in the legend.
-
-    `values` are the abscissas, shape (n,); `status` has the shape (n,) or (directions, n), and so
-    have the `masks` of further points, by a name of ``MARKS``, which can be drawn in `grey`.
-    """
-    kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
-    kinds += [(name, MARKS[name][grey], where) for name, where in masks.items()]
-    kinds = [(name, visible(colour), where) for name, colour, where in kinds]
-    if np.isin(status, list(STATUS_COLOURS)).any():
-        low, high = panel.get_ylim()
-        panel.set_ylim(low - 0.04 * (high - low), high)
-    strip = panel.get_xaxis_transform()
-    for text, colour, where in kinds:
-        if not where.any():
-            continue
-        x = np.broadcast_to(values, status.shape)
-        x, count = x[where] if text not in masks else _spread(panel, x, where), np.sum(where)
-        (marks,) = panel.plot(x, np.full(x.shape, 0.015), "|", transform=strip, rasterized=True)
-        marks.set(markersize=6, color=colour)
-        text = f"{text} ({count:,} of {status.size:,})"
-        panel.plot([], [], linewidth=5, solid_capstyle="butt", color=colour, label=text)
-
-
-def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """Return abscissas of marks that cover the same share of the axis as the points have.
-
-    A mark is a point wide. Where several values are in it, those with most marked values have one.
-    """
-    panel.get_xlim()  # matplotlib delays the limits
-    values, place = np.unique(x, return_inverse=True)
-    marked = np.bincount(place.ravel(), where.ravel()) > 0.0
-    across = panel.transData.transform(np.stack([values, values], axis=1))[:, 0]
-    _, column = np.unique(np.floor(across * 72.0 / figure_of(panel).dpi), return_inverse=True)
-    counts = np.bincount(column, marked)
-    sums = np.bincount(column, np.where(marked, values, 0.0))
-    most = math.ceil(marked.mean() * len(counts))
-    kept = np.argsort(-counts / np.bincount(column), kind="stable")[:most]
-    kept = kept[counts[kept] > 0.0]
-    return sums[kept] / counts[kept]

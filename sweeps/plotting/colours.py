@@ -24,9 +24,16 @@ from sweeps.plotting.contents import (
     refuse_without_result,
     with_number,
 )
-from sweeps.plotting.directions import colours_directions, direction_names
-from sweeps.plotting.labels import CLASSES_TITLE, equation, label, status_name, tick_in_decades
+from sweeps.plotting.labels import (
+    CLASSES_TITLE,
+    direction_names,
+    equation,
+    label,
+    status_name,
+    tick_in_decades,
+)
 from sweeps.plotting.looks import Cells, period_cells
+from sweeps.plotting.marks import mark_some
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import (
     BLUE,
@@ -102,11 +109,11 @@ class Paint(NamedTuple):
 
     def dashes(self) -> np.ndarray:
         """Return the dashes of the curve of each point, an array of objects."""
-        found = np.full(self.values.shape, "-", object)
+        dashes = np.full(self.values.shape, "-", object)
         for cell in self.cells if self.grey else ():
             for index in np.argwhere(cell.where).tolist():
-                found[tuple(index)] = cell.look.dash
-        return found
+                dashes[tuple(index)] = cell.look.dash
+        return dashes
 
     def mark(self, panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
         """In grey, give some of the dots the marker of their cells, in a panel with its limits.
@@ -117,7 +124,7 @@ class Paint(NamedTuple):
         for cell in self.cells if self.grey else ():
             if cell.look.marker != ".":
                 points = np.stack([x[cell.where].ravel(), y[cell.where].ravel()], axis=1)
-                canvas.mark_some(panel, points, cell.look.marker, cell.colour)
+                mark_some(panel, points, cell.look.marker, cell.colour)
 
     def handles(self, curves: bool = False) -> list[Artist]:
         """Return the entries of the legend, of the cells that have points."""
@@ -156,63 +163,53 @@ def has_scale(name: str) -> bool:
     return name != "period" and name not in _WORDS
 
 
-def paint(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = False) -> Paint:
-    """Return the colours of a number at the points of a cut.
+def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = False) -> Paint:
+    """Return the colours of a number, or of the directions, at the points of a cut.
 
     With `dots` no colour is that of the ground; with `grey` all are greys, hatches or markers.
     """
-    shown = _paint(cut, name, dots, grey)._replace(grey=grey)
-    return _of_dots(shown) if dots else shown
-
-
-def _of_dots(shown: Paint) -> Paint:
-    """Return the colours with those of cells in ink, so that dots and curves are visible."""
-    cells = [
-        cell._replace(look=cell.look._replace(colour=visible(cell.look.ink), hatch=""))
-        for cell in shown.cells
-    ]
-    return shown._replace(cells=cells, of_dots=True)
-
-
-def _paint(cut: OpenedSweep, name: str, dots: bool, grey: bool) -> Paint:
-    """Return the colours of a number before those of dots are made visible."""
     variable = number_at(cut, name)
-    ramp = mpl.colormaps[mpl.rcParams["image.cmap"]]
-    ramp = grey_ramp(0.1) if grey else ramp
-    ramp = legible(ramp) if dots else ramp
-    nothing = np.ma.masked_all(variable.shape, float)
+    ramp = grey_ramp(0.1) if grey else mpl.colormaps[mpl.rcParams["image.cmap"]]
+    ramp, title = legible(ramp) if dots else ramp, None
+    values, norm = np.ma.masked_all(variable.shape, float), Normalize()
+    has_value = has_result(cut["status"].values)
     if name == "period":
-        cells = period_cells(*cut.classes, grey=grey, hatched=not dots)
-        return Paint(variable, cells, nothing, Normalize(), ramp, CLASSES_TITLE)
-    if name in _WORDS:
-        found = np.where(has_result(cut["status"].values), variable.values, Status.PENDING)
+        cells, title = period_cells(*cut.classes, grey=grey, hatched=not dots), CLASSES_TITLE
+    elif name == DIRECTION:
+        ways = zip(("up", "down"), direction_names(cut), DIRECTION_LOOKS[grey], strict=True)
         cells = [
-            Cells(text, GREY_SERIES[i] if grey else Look.plain(colour), found == number)
+            Cells(text, look, has_value & (variable == way).values) for way, text, look in ways
+        ]
+    elif name in _WORDS:
+        numbers = np.where(has_value, variable.values, Status.PENDING)
+        cells = [
+            Cells(text, GREY_SERIES[i] if grey else Look.plain(colour), numbers == number)
             for i, (number, (text, colour)) in enumerate(_WORDS[name].items())
         ]
-        return Paint(variable, cells, nothing, Normalize(), ramp)
-    values = variable.values.astype(float)
-    has_value = has_result(cut["status"].values)
-    if dots and name in cut.data.dims and 1 < cut.sizes[name] <= _MOST_NAMED:
+    elif dots and name in cut.data.dims and 1 < cut.sizes[name] <= _MOST_NAMED:
         cells = _cells_of_few(cut[name], variable, has_value, None if grey else ramp)
-        return Paint(variable, cells, nothing, Normalize(), ramp)
-    # The looks of the value 0, of rest, of its exponent, and of no value.
-    plain = tuple(map(Look.plain, (PALE if dots else WHITE, REST_COLOUR, "#F0E442", NO_VALUE)))
-    pale, *_ = looks = GREY_SPECIAL if grey else plain
-    cells = _special_cells(cut, name, values, has_value, looks)
-    for cell in cells:
-        has_value &= ~cell.where
-    rounding = _ROUNDING_OF_EXPONENTS * float(cut["omega"].max()) if name == "lyapunov" else 0.0
-    norm = _scale(name, values[has_value], rounding)
-    if isinstance(norm, LogNorm):
-        zero = has_value & (values == 0.0)
-        cells.append(Cells("0", pale, zero))
-        has_value &= ~zero
-    elif norm(0.0) == 0.5 and not grey:
-        ramp = _SIGNED_DOTS if dots else _SIGNED
-    if not any(cell.where.any() for cell in cells[1:]) and cells[0].where.all():
-        raise Refused(f"there is nothing to draw: {name} is 0 at every point")
-    return Paint(variable, cells, np.ma.masked_where(~has_value, values), norm, ramp)
+    else:
+        numbers = variable.values.astype(float)
+        cells = _special_cells(cut, name, numbers, has_value, dots, grey)
+        for cell in cells:
+            has_value &= ~cell.where
+        rounding = _ROUNDING_OF_EXPONENTS * float(cut["omega"].max()) if name == "lyapunov" else 0.0
+        norm = _scale(name, numbers[has_value], rounding)
+        if isinstance(norm, LogNorm):
+            zero = has_value & (numbers == 0.0)
+            cells.append(Cells("0", cells[0].look, zero))
+            has_value &= ~zero
+        elif norm(0.0) == 0.5 and not grey:
+            ramp = _SIGNED_DOTS if dots else _SIGNED
+        if not any(cell.where.any() for cell in cells[1:]) and cells[0].where.all():
+            raise Refused(f"there is nothing to draw: {name} is 0 at every point")
+        values = np.ma.masked_where(~has_value, numbers)
+    if dots:
+        cells = [
+            cell._replace(look=cell.look._replace(colour=visible(cell.look.ink), hatch=""))
+            for cell in cells
+        ]
+    return Paint(variable, cells, values, norm, ramp, title, dots, grey)
 
 
 def coloured_points(
@@ -222,35 +219,25 @@ def coloured_points(
 
     They are of one direction, by default the first, unless the colours tell the directions apart.
     """
-    of_directions = colours_directions(sweep, color)
-    if not of_directions:
-        sweep, color = with_number(sweep, color, for_colour=True)
-    left = {*sweep.grid} - {*(at or {}), *(() if of_directions else (DIRECTION,))}
-    points = sweep.cut(at, free=[*map(str, left)])
+    sweep, name = with_number(sweep, color, for_colour=True)
+    free = {*sweep.grid} - {*(at or {}), *({DIRECTION} - {name})}
+    points = sweep.cut(at, free=[*map(str, free)])
     if points["status"].size == 1:
         both = f"; color = {DIRECTION} shows both directions" if sweep.directions else ""
         raise Refused(f"a color tells several motions apart, and only one point is left{both}")
-    shown = (
-        _paint_directions(points, grey)
-        if of_directions
-        else paint(points, str(color), dots=True, grey=grey)
-    )
+    paint = paint_of(points, name, dots=True, grey=grey)
     refuse_without_result(points["status"].values)
-    return points, shown
+    return points, paint
 
 
-def _paint_directions(points: OpenedSweep, grey: bool) -> Paint:
-    """Return the colours of the directions of points."""
-    way, status = points[DIRECTION].broadcast_like(points["status"]), points["status"]
-    result = has_result(status.values)
-    ways = zip(("up", "down"), direction_names(points), DIRECTION_LOOKS[grey], strict=True)
-    cells = [
-        Cells(text, look, result & (way.transpose(*status.dims).values == name))
-        for name, text, look in ways
-    ]
-    nothing = np.ma.masked_all(status.shape, float)
-    shown = Paint(points[DIRECTION], cells, nothing, Normalize(), mpl.colormaps["gray"], grey=grey)
-    return _of_dots(shown) if grey else shown
+def explained(
+    paint: Paint | None, panels: Sequence[Axes], handles: Sequence[Artist], curves: bool = False
+) -> tuple[list[Artist], str | None]:
+    """Add the colour bar of colours, if any; return the entries and the title of the legend."""
+    if paint is None:
+        return [*handles], None
+    paint.add_bar(panels)
+    return [*paint.handles(curves), *handles], paint.title
 
 
 def _cells_of_few(
@@ -271,7 +258,7 @@ def _cells_of_few(
 
 
 def _special_cells(
-    cut: OpenedSweep, name: str, values: np.ndarray, result: np.ndarray, looks: Sequence[Look]
+    cut: OpenedSweep, name: str, values: np.ndarray, result: np.ndarray, dots: bool, grey: bool
 ) -> list[Cells]:
     """Return the points with a result whose value is not on a scale, the value 0 first."""
     rests = np.zeros(values.shape, bool)
@@ -281,6 +268,8 @@ def _special_cells(
     infinite = result & np.isneginf(values) & (name == "lyapunov")
     none = result & ~np.isfinite(values) & ~zero & ~rests & ~infinite
     words = (_ZERO.get(name, ""), Regime.REST.word, r"rest, $\lambda_1 = -\infty$", "no value")
+    plain = map(Look.plain, (PALE if dots else WHITE, REST_COLOUR, "#F0E442", NO_VALUE))
+    looks = GREY_SPECIAL if grey else plain
     return list(map(Cells, words, looks, (zero, rests, infinite, none)))
 
 

@@ -83,18 +83,17 @@ def with_number(
 ) -> tuple[OpenedSweep, str]:
     """Return the dataset with what is wanted, described like a result, and its name there.
 
-    A refusal of what is wanted for colours names the directions, too, if there are any.
+    What is wanted for colours can be the directions, too, if there are any.
     """
-    if isinstance(wanted, str):
-        name = wanted
-    else:
-        sweep, name = _with_own(sweep, wanted)
+    sweep, name = (sweep, wanted) if isinstance(wanted, str) else _with_values(sweep, wanted)
+    further = [DIRECTION] if for_colour and sweep.directions else []
+    if name in further:
+        return sweep, name
     needed = "x_min" if name == PEAK_TO_PEAK else name
     if needed in VARIABLES and VARIABLES[needed].diagnostic in DIAGNOSTICS:
         sweep.check_diagnostic(needed, name)
-    available = numbers_of(sweep)
+    available = numbers_of(sweep) + further
     if name not in available:
-        available += [DIRECTION] if for_colour and sweep.directions else []
         problem = f"there is no {name or repr(name)}{suggestion(near_miss(name, available))}"
         if name in sweep:
             problem = f"{name} is not a number for each point"
@@ -108,7 +107,7 @@ def with_number(
     return sweep.over(described), name
 
 
-def _with_own(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep, str]:
+def _with_values(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep, str]:
     """Return the dataset with a DataArray computed from it; refuse one that does not fit."""
     name = str("the DataArray" if values.name is None else values.name)
     if name in sweep and values.identical(sweep[name]):

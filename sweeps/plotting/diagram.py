@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,7 +17,7 @@ from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES, recorded_coordinate
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import Paint, paint
+from sweeps.plotting.colours import Paint, explained, paint_of
 from sweeps.plotting.contents import (
     Wanted,
     refuse_empty,
@@ -25,14 +25,15 @@ from sweeps.plotting.contents import (
     select_line,
     with_number,
 )
-from sweeps.plotting.directions import (
+from sweeps.plotting.exact_lines import draw_branches, name_branches, without_gaps, without_idle
+from sweeps.plotting.labels import as_variable, direction_names, label_axis, record_text
+from sweeps.plotting.marks import (
     agreeing,
-    colours_directions,
-    direction_names,
     draw_jumps,
+    draw_points,
+    mark_status,
+    widen_if_constant,
 )
-from sweeps.plotting.exact_lines import draw_branches, name_parts, without_gaps, without_idle
-from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import draw_density, value_range
@@ -45,6 +46,7 @@ from sweeps.plotting.style import (
     ink,
     visible,
 )
+from sweeps.store import DIRECTION
 from sweeps.store.variables import FLAGS
 from sweeps.text import listed
 from vibroimpact.points.regimes import NO_CLASS, has_result
@@ -113,49 +115,41 @@ def bifurcation(
         line = line.each_direction[0]
     _check_branches(exact, axis, coordinate)
     points = read_overlay(overlay, sweep, [[axis], [coordinate, *names]])
-    shown = None if tint is None else paint(line, tint, dots=True, grey=page.grey)
-    drawn = _Drawn.of(line, axis, coordinate, shown, page.grey)
+    paint = None if tint is None else paint_of(line, tint, dots=True, grey=page.grey)
+    motions = _Motions(line, axis, coordinate, paint, page.grey)
     heights, shared = [1.0] + [_LOWER] * len(names), range(len(names) + 1)
-    panel, *lower = canvas.stacked_panels(page, heights, shared) if ax is None else [ax]
-    label_axis((lower or [panel])[-1].xaxis, drawn.line[drawn.axis])
+    panels = canvas.stacked_panels(page, heights, shared) if ax is None else [ax]
+    panel, lower = panels[0], panels[1:]
+    label_axis(panels[-1].xaxis, line[axis])
     label_axis(panel.yaxis, as_variable(coordinate, sweep))
-    low, high = drawn.draw_points(panel)
-    parts, idle = dict[str, list[Line2D]](), list[Artist]()
+    low, high = motions.draw_points(panel)
+    branches, idle = dict[str, list[Line2D]](), list[Artist]()
     if exact is not None:
-        parts, idle = drawn.draw_exact(panel, exact, page.marks)
+        branches, idle = motions.draw_exact(panel, exact, page.marks)
         low, high = panel.dataLim.intervaly
-    if len(drawn.values) > 100:
-        panel.set_xlim(drawn.values.min(), drawn.values.max())
-    canvas.widen_if_constant(panel.set_ylim, low, high)
+    if len(motions.values) > 100:
+        panel.set_xlim(motions.values.min(), motions.values.max())
+    widen_if_constant(panel.set_ylim, low, high)
     page = page.on(panel)
-    page.fit_ordinate(panel, *drawn.ranges_within(page.xlim))
+    page.fit_ordinate(panel, *motions.ranges_within(page.xlim))
     page.set_limits(panel)
     for below_it, name in zip(lower, names, strict=True):
-        drawn.draw_scalar(below_it, name)
+        motions.draw_scalar(below_it, name)
         page.fit_ordinate(below_it)
-    if shown is not None:
-        drawn.mark_cells(panel, shown)
-    panels = zip([panel, *lower], [coordinate, *names], strict=True)
-    measured = draw_overlay(points, [(each, axis, name) for each, name in panels], page)
-    name_parts(panel, parts)
-    jumps = drawn.draw_jumps(panel) if page.marks else []
-    drawn.mark_points(panel, page.marks)
-    handles, texts = panel.get_legend_handles_labels()
-    of_parts = [handles[texts.index(text)] for text in parts if text in texts]
-    others = [handle for handle in handles if handle not in of_parts]
-    for scalar_panel in lower:
-        others += scalar_panel.get_legend_handles_labels()[0]
-    title = None
-    if shown is not None:
-        shown.add_bar([panel, *lower])
-        others, title = [*shown.handles(), *others], shown.title
+    if paint is not None:
+        motions.mark_cells(panel, paint)
+    of_each = zip(panels, [coordinate, *names], strict=True)
+    measured = draw_overlay(points, [(each, axis, name) for each, name in of_each], page)
+    jumps = motions.draw_jumps(panel) if page.marks else []
+    motions.mark_points(panel, page.marks)
+    handles = [handle for each in panels for handle in each.get_legend_handles_labels()[0]]
+    handles, title = explained(paint, panels, handles)
+    handles += [*jumps, *name_branches(panel, branches), *idle, *measured]
     record = record_text(line, coordinate)
-    figure = canvas.finish(
-        panel, page, line, [*others, *jumps, *of_parts, *idle, *measured], title, record
-    )
-    if drawn.dense:
-        colours = drawn.direction_colours()
-        draw_density(panel, drawn.values, drawn.ways, coordinate, colours, drawn.tint)
+    figure = canvas.finish(panel, page, line, handles, title, record)
+    if motions.dense:
+        colours = motions.direction_colours()
+        draw_density(panel, motions.values, motions.ways, coordinate, colours, motions.rgba)
     return figure
 
 
@@ -184,9 +178,9 @@ def _with_numbers(
         if name in names:
             raise Refused(f"{name} is asked for twice below the diagram")
         names.append(name)
-    if color is not None and not colours_directions(sweep, color):
+    if color is not None:
         sweep, tint = with_number(sweep, color, for_colour=True)
-    return sweep, names, tint
+    return sweep, names, None if tint == DIRECTION else tint
 
 
 def _in_chaos(line: OpenedSweep, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -203,28 +197,18 @@ def _in_chaos(line: OpenedSweep, values: np.ndarray) -> Callable[[np.ndarray], n
     return lambda x: np.interp(x, values[order], chaos.astype(float)) > 0.5
 
 
-class _Drawn(NamedTuple):
-    """The points of a diagram: the `ways` in which the `line` was followed, over its `values`."""
+class _Motions:
+    """The motions of a diagram: the `ways` in which the `line` was followed, over its `values`."""
 
-    line: OpenedSweep
-    axis: str
-    coordinate: str
-    values: np.ndarray
-    ways: list[OpenedSweep]
-    tint: np.ndarray | None  # colours of the points, shape (n, 4), if chosen
-    dense: bool
-    grey: bool
-
-    @classmethod
-    def of(
-        cls, line: OpenedSweep, axis: str, coordinate: str, shown: Paint | None, grey: bool
-    ) -> Self:
-        """Split a line into its directions."""
-        values, ways = line[axis].values, line.each_direction
-        tint = None if shown is None else shown.colours()
+    def __init__(
+        self, line: OpenedSweep, axis: str, coordinate: str, paint: Paint | None, grey: bool
+    ) -> None:
+        """Split a line into its directions; colours of the points have the shape (n, 4)."""
+        self.line, self.axis, self.coordinate, self.grey = line, axis, coordinate, grey
+        self.values, self.ways = line[axis].values, line.each_direction
+        self.rgba = None if paint is None else paint.colours()
         computed = int(has_result(line["status"].values).sum())
-        dense = computed * line.sizes[ORDINATES[coordinate].dimension] > DENSITY_FROM
-        return cls(line, axis, coordinate, values, ways, tint, dense, grey)
+        self.dense = computed * line.sizes[ORDINATES[coordinate].dimension] > DENSITY_FROM
 
     def draw_points(self, panel: Axes) -> tuple[float, float]:
         """Draw markers, or make room for a density; return the range of the ordinates."""
@@ -255,7 +239,7 @@ class _Drawn(NamedTuple):
         """Draw values of each direction, shape (n, k); those of both have a colour of their own."""
         colours: Sequence[str | np.ndarray] = self.direction_colours()
         if len(self.ways) == 1:
-            colours = [data_colour() if self.tint is None else self.tint]
+            colours = [data_colour() if self.rgba is None else self.rgba]
         parts = [(y, np.isfinite(y), of) for y, of in zip(records, colours, strict=False)]
         if len(parts) == 2:
             dark = visible(BOTH_COLOUR)
@@ -270,30 +254,30 @@ class _Drawn(NamedTuple):
             x = np.broadcast_to(self.values[:, None], y.shape)[where]
             if not isinstance(colour, str):
                 colour = np.broadcast_to(colour[:, None], (*y.shape, 4))[where]
-            canvas.draw_points(panel, x, y[where], colour, marker=marker, **look)
+            draw_points(panel, x, y[where], colour, marker=marker, **look)
 
     def draw_exact(
         self, panel: Axes, exact: xr.Dataset, marks: bool
     ) -> tuple[dict[str, list[Line2D]], list[Artist]]:
         """Draw exact branches; return their lines by name, and a handle that counts the others."""
         exact, idle = without_idle(exact, self.line)
-        is_plain = len(self.ways) == 1 and self.tint is None and not self.grey
+        is_plain = len(self.ways) == 1 and self.rgba is None and not self.grey
         in_chaos = _in_chaos(self.line, self.values)
-        parts = draw_branches(panel, exact, self.coordinate, is_plain, in_chaos, marks)
+        branches = draw_branches(panel, exact, self.coordinate, is_plain, in_chaos, marks)
         counted = Line2D([], [], linestyle="", label=f"branches not drawn: {idle}")
-        return parts, [counted] if idle else []
+        return branches, [counted] if idle else []
 
-    def mark_cells(self, panel: Axes, shown: Paint) -> None:
+    def mark_cells(self, panel: Axes, paint: Paint) -> None:
         """In grey, give some of the points the marker of their class or word; of many, the last."""
         last = slice(-4, None) if self.dense else slice(None)
         (way,) = (way.isel({ORDINATES[self.coordinate].dimension: last}) for way in self.ways)
         y = recorded_coordinate(way.data, self.coordinate).values
-        shown.mark(panel, np.broadcast_to(self.values[:, None], y.shape), y)
+        paint.mark(panel, np.broadcast_to(self.values[:, None], y.shape), y)
 
     def direction_colours(self) -> tuple[str, str]:
         """Return the colours of both directions."""
-        up, down = (look.colour for look in DIRECTION_LOOKS[self.grey])
-        return (visible(up), visible(down)) if self.grey else (up, down)
+        up, down = (visible(look.colour) for look in DIRECTION_LOOKS[self.grey])
+        return up, down
 
     def _name_directions(self, panel: Axes) -> None:
         """Add the colours of the directions to the legend, with the symbol of the axis."""
@@ -320,7 +304,7 @@ class _Drawn(NamedTuple):
         masks = {APPROACHING: self.line.on_its_way} if marks else {}
         if marks and ORDINATES[self.coordinate].dimension == "impact":
             masks = {PARTIAL: self.line.shows_part, **masks}
-        canvas.mark_status(panel, self.values, self.line["status"].values, masks, self.grey)
+        mark_status(panel, self.values, self.line["status"].values, masks, self.grey)
 
     def ranges_within(self, limits: tuple[float, float] | None) -> list[tuple[float, float]]:
         """Return the range of the ordinates within limits of the axis that a density has."""
@@ -342,7 +326,7 @@ class _Drawn(NamedTuple):
             self._mark(panel, [y[:, [exponent]] for y in columns], size=size, alpha=alpha)
         if name == "lyapunov":
             panel.axhline(0.0, color=ink(), linewidth=0.6, zorder=1)
-            is_plain = len(self.ways) == 1 and self.tint is None
+            is_plain = len(self.ways) == 1 and self.rgba is None
             colour = data_colour() if is_plain else visible(BOTH_COLOUR)
             for text, alpha in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
                 panel.plot([], [], "o", color=colour, alpha=alpha, markersize=4, label=text)

@@ -169,14 +169,17 @@ def without_gaps(mask: np.ndarray, width: int) -> np.ndarray:
     return kept
 
 
-def name_parts(panel: Axes, parts: Mapping[str, Sequence[Line2D]]) -> None:
-    """Label one line of each part of `draw_branches` that is visible within the panel's limits."""
+def name_branches(panel: Axes, lines: Mapping[str, Sequence[Line2D]]) -> list[Line2D]:
+    """Label one line of each name that is visible within the limits of a panel; return these."""
     (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
     view = Bbox([(left, bottom), (right, top)])
-    for text, pieces in parts.items():
-        seen = (piece for piece in pieces if _is_seen(piece, view))
-        if (piece := next(seen, None)) is not None:
-            piece.set_label(text)
+    seen = []
+    for name, of_name in lines.items():
+        for line in (line for line in of_name if _is_seen(line, view)):
+            line.set_label(name)
+            seen.append(line)
+            break
+    return seen
 
 
 def _is_seen(line: Line2D, view: Bbox) -> bool:

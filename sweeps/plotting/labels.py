@@ -179,6 +179,12 @@ def followed(drawn: OpenedSweep) -> str:
     return f"followed {' and '.join(np.atleast_1d(ways))} along ${drawn.followed_symbol}$"
 
 
+def direction_names(sweep: OpenedSweep) -> tuple[str, str]:
+    """Return the names of the two directions for a legend, with the symbol of the followed axis."""
+    symbol = sweep.followed_symbol
+    return rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
+
+
 def log_spaced(values: np.ndarray) -> bool:
     """Whether neighbouring values have a constant ratio, and a range wide enough for a log axis."""
     if len(values) < 3 or values.min() <= 0.0 or values.max() < 5.0 * values.min():

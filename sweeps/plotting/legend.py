@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections.abc import Callable, Container, Mapping, Sequence
 from copy import copy
@@ -11,7 +12,6 @@ from statistics import median
 import matplotlib as mpl
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
@@ -24,55 +24,61 @@ SHARE = 0.2
 COMMON = 0.02
 #: Greatest share of the width, since texts are up to a tenth wider at other numbers of pixels per
 #: inch, and most columns.
-_WIDTH, _MOST_COLUMNS = 0.9, 8
+WIDTH, _MOST_COLUMNS = 0.9, 8
 #: Length of an entry that is broken into two lines where there is little room.
 _LONG_ENTRY = 24
 #: Sizes of the texts of a legend that has a greatest height.
 _SMALL = {"fontsize": "small", "title_fontsize": "small"}
 
 
-def legend_below(
-    figure: Figure,
+def add_legend(
+    make: Callable[..., Legend],
     handles: Sequence[Artist],
     title: str | None,
-    covered: Mapping[Artist, float],
-    named: Callable[[], Container[str]],
-    heights: Sequence[float],
+    rooms: Sequence[tuple[float, float]],
+    covered: Mapping[Artist, float] | None = None,
+    named: Callable[[], Container[str]] = tuple,
+    shrinks: bool = False,
 ) -> Legend:
-    """Put a legend of a map below the panels of a figure, and return it.
+    """Return the legend that `make` makes of as many entries as have room.
 
-    `heights` are those up to which nothing, and only what covers little, is left out [px].
+    The `rooms` are the usual and the greatest width and height [px]. If it is known what each entry
+    has `covered` of a map, those that cover little are left out to fit the usual room. A legend
+    that `shrinks` is small if it is higher than usual, then short entries come first, so that more
+    columns fit, and then long ones have two lines; another is always small. If it is too large for
+    the greatest room, all entries but one can be left out: after the rare ones those with a name in
+    the map, as `named` returns, and of equals the last. So is the title, unless the legend shrinks.
     """
-    make = partial(figure.legend, loc="outside lower center", **_SMALL)
-    rooms = [(_WIDTH * figure.bbox.width, height) for height in heights]
-    return _ranked(make, handles, title, covered, named, rooms)
+    usual, most = rooms
+    forms: list[tuple[Sequence[Artist], Mapping[str, str]]] = [(handles, _SMALL)]
+    if shrinks:
+        lengths = [len(str(handle.get_label())) for handle in handles]
+        short = sorted(handles, key=lambda handle: len(str(handle.get_label())) > median(lengths))
+        forms = [(handles, {}), *forms, (short, _SMALL), (_broken(short), _SMALL)]
 
+    def share(handle: Artist) -> float:
+        return 1.0 if covered is None else covered[handle]
 
-def legend_of_all(
-    figure: Figure, handles: Sequence[Artist], title: str | None, height: float, most: float
-) -> Legend:
-    """Put a legend with all entries below the panels of a figure, and return it.
-
-    If it is higher than `height` [px], its texts are small, then short entries come first, so that
-    more columns fit, and then long entries are broken into lines. Only if it is still higher than
-    `most` are entries at its end left out.
-    """
-    plain = partial(figure.legend, title=title, loc="outside lower center")
-    small = partial(plain, **_SMALL)
-    lengths = [len(str(handle.get_label())) for handle in handles]
-    short = sorted(handles, key=lambda handle: len(str(handle.get_label())) > median(lengths))
-    tried = ((plain, handles), (small, handles), (small, short), (small, _broken(short)))
-    legends = list[tuple[float, int]]()
-    for make, entries in tried:
-        legend = _fitted(make, entries, (), (_WIDTH * figure.bbox.width, height))
-        if legend.get_window_extent().height <= height:
-            break
-        legends.append((legend.get_window_extent().height, len(legends)))
+    heights = list[float]()
+    for entries, look in forms:
+        rare = [handle for handle in reversed(entries) if share(handle) < COMMON]
+        rare.sort(key=share)
+        legend = _fitted(partial(make, title=title, **look), entries, rare, usual, covered)
+        size, room = legend.get_window_extent(), (math.inf, usual[1]) if shrinks else most
+        if size.width <= room[0] and size.height <= room[1]:
+            return legend
         legend.remove()
-    else:
-        make, entries = tried[min(legends)[1]]
-        legend = _fitted(make, entries, entries[:0:-1], (_WIDTH * figure.bbox.width, most))
-    return legend
+        heights.append(size.height)
+    entries, look = forms[heights.index(min(heights))]
+    seen = named()
+    known = [handle for handle in entries if handle.get_label() in seen]
+
+    def place(handle: Artist) -> tuple[int, float]:
+        return 0 if share(handle) < COMMON else 1 + (handle not in known), share(handle)
+
+    spare = sorted(reversed(entries), key=place)[:-1]
+    make = partial(make, title=title if shrinks else None, **look)
+    return _fitted(make, entries, spare, most, covered, known)
 
 
 def _broken(handles: Sequence[Artist]) -> list[Artist]:
@@ -98,43 +104,13 @@ def legend_within(
 ) -> None:
     """Put a legend into a panel of any figure, with at most a fifth of the height of the panel."""
     box = panel.get_window_extent()
-    room = _WIDTH * box.width, SHARE * box.height
     look = {name: value for name, value in user_style().items() if name.startswith("legend.")}
     with mpl.rc_context({**look, "legend.frameon": mpl.rcParams["legend.frameon"]}):
         # Matplotlib would look for the best place of every legend that is tried.
-        make = partial(panel.legend, loc="upper right", **_SMALL)
-        legend = _ranked(make, handles, title, covered, tuple, [room, room])
+        make = partial(panel.legend, loc="upper right")
+        room = WIDTH * box.width, SHARE * box.height
+        legend = add_legend(make, handles, title, [room, room], covered)
         legend.set_loc(mpl.rcParams["legend.loc"])
-
-
-def _ranked(
-    make: Callable[..., Legend],
-    handles: Sequence[Artist],
-    title: str | None,
-    covered: Mapping[Artist, float] | None,
-    named: Callable[[], Container[str]],
-    rooms: Sequence[tuple[float, float]],
-) -> Legend:
-    """Return a legend that names first what covers most.
-
-    As many of the entries that have `covered` little of a map are left out as necessary for the
-    first of the `rooms`. If the legend is too large for the second one, the title is left out, and
-    then other entries but one: those with a name in the map, as `named` returns, come first.
-    Without a map, all entries are others, and the last ones are left out first.
-    """
-    covered_by = dict.fromkeys(handles, 1.0) if covered is None else covered
-    ordered = sorted(reversed(handles), key=covered_by.__getitem__)
-    rare = [handle for handle in ordered if covered_by[handle] < COMMON]
-    legend = _fitted(partial(make, title=title), handles, rare, rooms[0], covered)
-    size = legend.get_window_extent()
-    if size.width > rooms[1][0] or size.height > rooms[1][1]:
-        legend.remove()
-        seen = named()
-        known = [handle for handle in ordered if handle.get_label() in seen]
-        others = [handle for handle in ordered if handle not in {*rare, *known}]
-        spare = [*rare, *(handle for handle in known if handle not in rare), *others][:-1]
-        legend = _fitted(make, handles, spare, rooms[1], covered, known)
-    return legend
 
 
 def _is_class(handle: Artist) -> bool:

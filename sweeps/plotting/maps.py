@@ -18,7 +18,7 @@ from matplotlib.path import Path
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import paint
+from sweeps.plotting.colours import paint_of
 from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.exact_lines import draw_curves
 from sweeps.plotting.labels import label_axis, log_spaced, status_name
@@ -82,13 +82,13 @@ def parameter_map(
     sweep, name = with_number(sweep, shown_quantity(sweep, quantity))
     points = read_overlay(overlay, sweep, [[abscissa], [ordinate]], name)
     cut = sweep.cut(at, free=chosen).sortby(chosen).transpose(ordinate, abscissa)
-    shown = paint(cut, name, grey=page.grey)
+    paint = paint_of(cut, name, grey=page.grey)
     panel = canvas.new_panel(ax, page)
-    if shown.values.count():
-        _draw_mesh(panel, cut, shown.values, shown.norm, shown.ramp)
-        shown.add_bar([panel])
-    patches = draw_cells(panel, cut, shown.cells, hatched=page.grey and name != "period")
-    covered = _shares(patches, shown.cells)
+    if paint.values.count():
+        _draw_mesh(panel, cut, paint.values, paint.norm, paint.ramp)
+        paint.add_bar([panel])
+    patches = draw_cells(panel, cut, paint.cells, hatched=page.grey and name != "period")
+    covered = _shares(patches, paint.cells)
     if name == "period" and page.marks:
         covered |= _mark_approaching(panel, cut)
     page = page.on(panel)
@@ -96,11 +96,11 @@ def parameter_map(
     if exact is not None:
         y, x = (axis.values for axis in _axes_of(cut))
         covered |= draw_curves(panel, exact, cut, (x, y), CLASSES, page.marks)
-    scale = (name, shown.ramp, shown.norm)
+    scale = (name, paint.ramp, paint.norm)
     measured = draw_overlay(points, [(panel, abscissa, ordinate)], page, scale)
     covered |= dict.fromkeys(measured, 1.0)
     if name != "period":
-        return canvas.finish(panel, page, cut, [*covered], shown.title)
+        return canvas.finish(panel, page, cut, [*covered], paint.title)
     of_regions = class_numbers(*cut.classes)
 
     def named() -> set[str]:
@@ -108,7 +108,7 @@ def parameter_map(
         return {each for each, *_ in name_places(panel, _edges_of(cut), *of_regions)}
 
     _name_others(patches, *of_regions, set if page.height else named)
-    figure = canvas.finish(panel, page, cut, [*covered], shown.title, covered=covered, named=named)
+    figure = canvas.finish(panel, page, cut, [*covered], paint.title, covered=covered, named=named)
     name_and_bound(panel, page, cut, *of_regions)
     return figure
 

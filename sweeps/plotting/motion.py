@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -24,12 +24,12 @@ from sweeps.opened.coordinates import (
     recorded_motion,
 )
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.plotting import canvas
-from sweeps.plotting.colours import Paint, coloured_points
+from sweeps.plotting.canvas import Picture, finish, new_panel, width_of
+from sweeps.plotting.colours import Paint, coloured_points, explained
 from sweeps.plotting.contents import Wanted
-from sweeps.plotting.directions import colours_directions, in_both
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit, record_text
 from sweeps.plotting.looks import Cells
+from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import BOTH_COLOUR, VERMILION, Look, data_colour, ink, visible
 from sweeps.store import DIRECTION
@@ -37,51 +37,48 @@ from sweeps.text import shown_count
 from vibroimpact.points.regimes import Label, Regime, has_result
 
 
-class _Records(NamedTuple):
-    """Values recorded at one point, or at several points with a colour each, as flat columns."""
+def _draw_records(
+    sweep: OpenedSweep,
+    names: tuple[str, str],
+    at: Selection | None,
+    color: Wanted | None,
+    page: Page,
+    ax: Axes | None,
+    set_view: Callable[[Axes, OpenedSweep, Sequence[np.ndarray]], None],
+) -> Figure:
+    """Draw two coordinates recorded at one point or, with a color, at all that `at` leaves.
 
-    points: OpenedSweep
-    columns: Sequence[np.ndarray]
-    colours: np.ndarray | None = None
-    shown: Paint | None = None
-    by_point: Sequence[np.ndarray] = ()  # the columns in the shape of ``status`` and a record
-    common: Sequence[Artist] = ()  # for the legend: values that both directions have
-
-    @classmethod
-    def of(
-        cls,
-        sweep: OpenedSweep,
-        names: tuple[str, str],
-        at: Selection | None,
-        color: Wanted | None,
-        grey: bool,
-    ) -> Self:
-        """Read the values of one point or, with a colour, of all points that `at` leaves."""
-        if color is None:
-            return cls(*recorded(sweep, names, at))
-        points, shown = coloured_points(sweep, at, color, grey)
-        dims = points.grid
-        columns = np.array([points[name].transpose(*dims, ...) for name in names])
-        seen = np.isfinite(columns).all(axis=0)
-        colours = np.broadcast_to(shown.colours()[..., None, :], (*seen.shape, 4)).copy()
-        flat, common = columns[:, seen], list[Artist]()
-        if DIRECTION in dims and colours_directions(sweep, color):
-            both = in_both(columns, dims.index(DIRECTION))
-            look = Look.plain(visible(BOTH_COLOUR))
-            colours[both] = to_rgba(look.colour)
-            columns[:, both & grey] = np.nan  # without the marker of a direction
-            common = [Cells("both", look, both).handle()] * bool(both.any())
-        return cls(points, list(flat), colours[seen], shown, list(columns), common)
-
-    def finish(self, panel: Axes, page: Page, coordinate: str) -> Figure:
-        """Draw the legend or the colour bar of the colours, if any, and return the figure."""
-        handles, title = panel.get_legend_handles_labels()[0], None
-        if self.shown is not None:
-            self.shown.mark(panel, *self.by_point)
-            self.shown.add_bar([panel])
-            handles, title = [*self.shown.handles(), *self.common, *handles], self.shown.title
-        record = record_text(self.points, coordinate)
-        return canvas.finish(panel, page, self.points, handles, title, record)
+    `set_view` gets the panel, the points drawn and both columns, and sets the ends of the axes.
+    """
+    paint, rgba, handles = None, None, list[Artist]()
+    if color is None:
+        points, columns = recorded(sweep, names, at)
+    else:
+        points, paint = coloured_points(sweep, at, color, page.grey)
+        by_point = np.array([points[name].transpose(*points.grid, ...) for name in names])
+        finite = np.isfinite(by_point).all(axis=0)
+        rgba = np.broadcast_to(paint.colours()[..., None, :], (*finite.shape, 4)).copy()
+        columns = list(by_point[:, finite])
+        if paint.variable.name == DIRECTION:
+            both, look = in_both(by_point, points.grid.index(DIRECTION)), visible(BOTH_COLOUR)
+            rgba[both] = to_rgba(look)
+            by_point[:, both & page.grey] = np.nan  # without the marker of a direction
+            handles = [Cells("both", Look.plain(look), both).handle()] * bool(both.any())
+        rgba = rgba[finite]
+    panel = new_panel(ax, page)
+    draw_points(panel, columns[0], columns[1], rgba)
+    for axis, name in zip((panel.xaxis, panel.yaxis), names, strict=True):
+        label_axis(axis, points[name])
+    set_view(panel, points, columns)
+    page = page.on(panel)
+    if "poincare_v" in names:  # speeds of impacts begin at 0
+        page.fit_ordinate(panel)
+    page.set_limits(panel)
+    if paint is not None:
+        paint.mark(panel, *by_point)
+    handles += panel.get_legend_handles_labels()[0]
+    handles, title = explained(paint, [panel], handles)
+    return finish(panel, page, points, handles, title, record_text(points, names[1]))
 
 
 @styled
@@ -107,23 +104,18 @@ def section(
     >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
     >>> sweeps.plotting.section(ds, at={"omega": 2.7}).savefig("section.png")
     """
-    found = _Records.of(sweep, ("poincare_x", "poincare_v"), at, color, page.grey)
-    (x, v), clearance = found.columns, found.points["clearance"]
-    panel = canvas.new_panel(ax, page)
-    canvas.draw_points(panel, x, v, found.colours)
-    label_axis(panel.xaxis, found.points["poincare_x"])
-    label_axis(panel.yaxis, found.points["poincare_v"])
-    ends = [x.min(), x.max()]
-    if not clearance.dims:
-        stop = as_variable("clearance", sweep)
-        canvas.draw_stop(panel.axvline, float(clearance), stop)
-        ends.append(float(clearance))
-    canvas.widen_if_constant(panel.set_xlim, min(ends), max(ends))
-    canvas.widen_if_constant(panel.set_ylim, v.min(), v.max())
-    page = page.on(panel)
-    page.fit_ordinate(panel)
-    page.set_limits(panel)
-    return found.finish(panel, page, "poincare_x")
+
+    def set_view(panel: Axes, points: OpenedSweep, columns: Sequence[np.ndarray]) -> None:
+        """Draw the stop."""
+        (x, v), clearance = columns, points["clearance"]
+        ends = [x.min(), x.max()]
+        if not clearance.dims:
+            draw_stop(panel.axvline, float(clearance), as_variable("clearance", sweep))
+            ends.append(float(clearance))
+        widen_if_constant(panel.set_xlim, min(ends), max(ends))
+        widen_if_constant(panel.set_ylim, v.min(), v.max())
+
+    return _draw_records(sweep, ("poincare_x", "poincare_v"), at, color, page, ax, set_view)
 
 
 @styled
@@ -150,18 +142,15 @@ def impacts(
     >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
     >>> sweeps.plotting.impacts(ds, at={"omega": 2.7}).savefig("impacts.png")
     """
-    found = _Records.of(sweep, ("impact_phase", "impact_v"), at, color, page.grey)
-    panel = canvas.new_panel(ax, page)
-    phase, v = found.columns
-    canvas.draw_points(panel, phase, v, found.colours)
-    quarters = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
-    panel.set_xticks(0.5 * np.pi * np.arange(5), quarters)
-    panel.set_xlim(0.0, 2.0 * np.pi)
-    panel.set_ylim(bottom=0.0)
-    label_axis(panel.xaxis, found.points["impact_phase"])
-    label_axis(panel.yaxis, found.points["impact_v"])
-    page.on(panel).set_limits(panel)
-    return found.finish(panel, page, "impact_v")
+
+    def set_view(panel: Axes, *_: object) -> None:
+        """Show a whole period, and speeds from 0."""
+        quarters = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
+        panel.set_xticks(0.5 * np.pi * np.arange(5), quarters)
+        panel.set_xlim(0.0, 2.0 * np.pi)
+        panel.set_ylim(bottom=0.0)
+
+    return _draw_records(sweep, ("impact_phase", "impact_v"), at, color, page, ax, set_view)
 
 
 #: In a figure narrower than this [inch] the phase plane is below the other panels.
@@ -203,19 +192,20 @@ def trajectory(
     >>> sweeps.plotting.trajectory(ds, at={"omega": 2.7}).savefig("motion.png")
     """
     over_time, velocity, phase_plane = panels = _new_panels(page) if ax is None else list(ax)
+    paint, motion_class = None, None
     if color is None:
-        drawn, shown = sweep.cut(at), None
-        (found,) = _classes(drawn.over(drawn.data.expand_dims("motion")))
-        motions = [_motion_at(sweep, at, periods, found)]
+        points = sweep.cut(at)
+        (motion_class,) = _classes(points.over(points.data.expand_dims("motion")))
+        motions = [_motion_at(sweep, at, periods, motion_class)]
         _draw_curves(panels, motions[0])
         _mark_impacts(panels, motions[0], page.grey)
     else:
-        drawn, shown, found = *coloured_points(sweep, at, color, page.grey), None
-        motions = _draw_coloured(panels, drawn, shown, periods)
-    if not drawn["clearance"].dims:
-        clearance = float(drawn["clearance"])
-        canvas.draw_stop(over_time.axhline, clearance)
-        canvas.draw_stop(phase_plane.axvline, clearance, as_variable("clearance", sweep))
+        points, paint = coloured_points(sweep, at, color, page.grey)
+        motions = _draw_coloured(panels, points, paint, periods)
+    if not points["clearance"].dims:
+        clearance = float(points["clearance"])
+        draw_stop(over_time.axhline, clearance)
+        draw_stop(phase_plane.axvline, clearance, as_variable("clearance", sweep))
     over_time.margins(x=0.01)
     time, x, v = (as_variable(name, sweep) for name in RECORDED)
     time.attrs["symbol"] = "t-t_0"
@@ -231,32 +221,31 @@ def trajectory(
     for panel in (over_time, velocity):
         page.fit_ordinate(panel)
     page.set_limits(over_time)
-    handles, title = phase_plane.get_legend_handles_labels()[0], None
-    if shown is not None:
-        shown.add_bar(panels)
-        handles, title = [*shown.handles(curves=True), *handles], shown.title
-    start, since, record = _text_of_motions(motions, time, found)
+    handles = phase_plane.get_legend_handles_labels()[0]
+    handles, title = explained(paint, panels, handles, curves=True)
+    start, since, record = _text_of_motions(motions, time, motion_class)
     if ax is not None or page.title is not None or len(motions) > 1:  # else the title says it
         velocity.set_xlabel(f"{velocity.get_xlabel()}, {start or f'$t_0$ {since}'}", wrap=True)
-    return canvas.finish(over_time, page, drawn, handles, title, record)
+    return finish(over_time, page, points, handles, title, record)
 
 
 def _motion_at(
     sweep: OpenedSweep,
     at: Selection | None,
     periods: int | None,
-    found: Label | None,
+    motion_class: Label | None,
     most: int = MOST_DRAWN,
 ) -> PointMotion:
     """Return the motion at one point, recorded or computed; at most so many of its periods."""
     if periods is None and all(name in sweep for name in RECORDED):
         return recorded_motion(sweep, at, most)
-    periods = periods_shown(found.m if found else 0) if periods is None else periods
+    if periods is None:
+        periods = periods_shown(motion_class.m if motion_class else 0)
     return continued_motion(sweep, at, periods, most)
 
 
 def _draw_coloured(
-    panels: Sequence[Axes], points: OpenedSweep, shown: Paint, periods: int | None
+    panels: Sequence[Axes], points: OpenedSweep, paint: Paint, periods: int | None
 ) -> list[PointMotion]:
     """Draw a curve for each point with a result, in its colour; return the motions."""
     with_result = np.argwhere(has_result(points["status"].values))
@@ -266,19 +255,19 @@ def _draw_coloured(
             f"{_MOST_MOTIONS} points"
         )
     most = MOST_DRAWN // len(with_result)
-    dims, colours, motions = points.grid, shown.colours(), []
+    dims, colours, motions = points.grid, paint.colours(), []
     at_each = dict(zip(dims, [("motion", place) for place in with_result.T], strict=True))
-    classes, dashes = _classes(points.isel(at_each)), shown.dashes()
-    for index, found in zip(with_result, classes, strict=True):
+    classes, dashes = _classes(points.isel(at_each)), paint.dashes()
+    for index, motion_class in zip(with_result, classes, strict=True):
         point = points.isel(dict(zip(dims, index.tolist(), strict=True)))
-        motions.append(_motion_at(point, None, periods, found, most))
+        motions.append(_motion_at(point, None, periods, motion_class, most))
         look = colours[tuple(index)], dashes[tuple(index)]
-        _draw_curves(panels, motions[-1], *look, found.m if found else 0)
+        _draw_curves(panels, motions[-1], *look, motion_class.m if motion_class else 0)
     return motions
 
 
 def _text_of_motions(
-    motions: Sequence[PointMotion], time: xr.DataArray, found: Label | None
+    motions: Sequence[PointMotion], time: xr.DataArray, motion_class: Label | None
 ) -> tuple[str, str, str | None]:
     """Write the start of a single motion, after how long motions start, and instead of a record.
 
@@ -294,12 +283,13 @@ def _text_of_motions(
         return "", "of each motion", None
     start = equation("t_0", time, starts[0]) if len(motions) == 1 else ""
     record = ", ".join(filter(None, [start, f"after {after}"]))
-    if found is not None:
-        record = f"{'class ' if found.regime is Regime.PERIODIC else ''}{found}, {record}"
+    if motion_class is not None:
+        kind = "class " if motion_class.regime is Regime.PERIODIC else ""
+        record = f"{kind}{motion_class}, {record}"
     most = MOST_DRAWN // len(motions)
     periods = sum(motion.periods for motion in motions)
-    drawn = sum(min(motion.periods, most) for motion in motions)
-    record += f", {drawn:,} of {periods:,} periods" if drawn != periods else ""
+    part = sum(min(motion.periods, most) for motion in motions)
+    record += f", {part:,} of {periods:,} periods" if part != periods else ""
     return start, f"after {after}", record
 
 
@@ -310,9 +300,9 @@ def _classes(line: OpenedSweep) -> list[Label | None]:
 
 def _new_panels(page: Page) -> list[Axes]:
     """Return new panels for x over t, v over t, and the phase plane beside or below them."""
-    narrow = canvas.width_of(page) < NARROW
+    narrow = width_of(page) < NARROW
     layout, heights = ("x;v;p", [1.0, 1.0, 1.6]) if narrow else ("xp;vp", [1.0, 1.0])
-    figure = canvas.Picture(page, 1.6 if narrow else 1.25)
+    figure = Picture(page, 1.6 if narrow else 1.25)
     panels = figure.subplot_mosaic(layout, height_ratios=heights)
     panels["v"].sharex(panels["x"])
     panels["x"].tick_params(labelbottom=False)

@@ -20,10 +20,10 @@ from sweeps.config.points import check_header, read_columns
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting import canvas
 from sweeps.plotting.colours import has_scale
 from sweeps.plotting.contents import with_number
 from sweeps.plotting.labels import as_variable, prefix_of, units_of
+from sweeps.plotting.marks import marker_size
 from sweeps.plotting.page import Page
 from sweeps.plotting.style import ground, ink
 from sweeps.text import fewest_digits, near_miss, printable, shortened, suggestion
@@ -161,7 +161,7 @@ def draw_overlay(
         (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
         seen = (left <= x) & (x <= right) & (low <= y) & (y <= high)
         inside |= seen
-        size = canvas.marker_size(x, y, *_SIZES)
+        size = marker_size(x, y, *_SIZES)
         for text, marker in markers.items():
             here = seen & (overlay.labels == text)
             look = {"marker": marker, "zorder": 7.0, "linewidths": 0.6}

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,9 +16,10 @@ from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import Paint, paint
+from sweeps.plotting.colours import explained, paint_of
 from sweeps.plotting.contents import Wanted, number_at, refuse_without_result, with_number
 from sweeps.plotting.labels import label_axis
+from sweeps.plotting.marks import mark_status
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.text import listed, shown_count
@@ -86,42 +86,36 @@ def table_panels(
         abscissas = there[: 1 if ax is not None else _MOST_ROWS * beside]
     if ax is not None and len(abscissas) > 1:
         raise Refused(f"ax is one panel, and {listed(abscissas)} take {len(abscissas)}: choose one")
-    shown = paint(sweep, tint, dots=True, grey=page.grey)
+    paint = paint_of(sweep, tint, dots=True, grey=page.grey)
     points = read_overlay(overlay, sweep, [abscissas, [ordinate]])
     refuse_without_result(sweep["status"].values)
     across = min(math.ceil(math.sqrt(len(abscissas))), beside)
-    drawn = [ax] if ax is not None else None
-    drawn = drawn or canvas.panel_grid(page, len(abscissas), across, 0.75)
+    grid = [ax] if ax is not None else canvas.panel_grid(page, len(abscissas), across, 0.75)
     y = number_at(sweep, ordinate)
     if ax is None:  # the panels share the ordinate, whose label may not fit beside one of them
-        heading = label_axis(drawn[0].yaxis, y, heading=True)
+        heading = label_axis(grid[0].yaxis, y, heading=True)
         if page.ylabel is not None:
             heading.set_text(page.ylabel)
         canvas.refuse_undrawable("ylabel", heading)
     else:
         label_axis(ax.yaxis, y)
-    places = list(zip(drawn, abscissas, strict=False))
+    places = list(zip(grid, abscissas, strict=True))
     for panel, name in places:
         x = number_at(sweep, name)
-        _draw_points(panel, x, y, shown, across)
-        canvas.mark_status(panel, x.values, sweep["status"].values, grey=page.grey)
+        label_axis(panel.xaxis, x)
+        size = float(np.clip(4e2 / math.sqrt(x.size), 0.0, 16.0))  # of a few rows [pt^2]
+        size = max(size, float(np.clip(4e3 / math.sqrt(x.size), 0.3, 4.0))) / across
+        panel.scatter(x, y, size, paint.colours(), linewidths=0, rasterized=True)
+        mark_status(panel, x.values, sweep["status"].values)
         panel.locator_params(axis="x", nbins=5 - across)
     page = page if ax is not None else replace(page, ylabel=None)
-    page = page.on(drawn[0])
-    page.set_limits(drawn[0])
+    page = page.on(grid[0])
+    page.set_limits(grid[0])
     for panel, name in places:
-        shown.mark(panel, number_at(sweep, name).values[:, None], y.values[:, None])
+        paint.mark(panel, number_at(sweep, name).values[:, None], y.values[:, None])
     measured = draw_overlay(points, [(each, name, ordinate) for each, name in places], page)
-    shown.add_bar(drawn)
-    handles = shown.handles() + drawn[0].get_legend_handles_labels()[0] + measured
-    if ax is None and not (axes or panels) and (left := len(there) - len(abscissas)):
-        handles.append(Line2D([], [], linestyle="", label=shown_count(left, "further column")))
-    return canvas.finish(drawn[0], page, sweep, handles, shown.title)
-
-
-def _draw_points(panel: Axes, x: xr.DataArray, y: xr.DataArray, shown: Paint, across: int) -> None:
-    """Draw the rows of the table in one of the panels of which so many are beside each other."""
-    label_axis(panel.xaxis, x)
-    size = float(np.clip(4e2 / math.sqrt(x.size), 0.0, 16.0))  # of a few rows [pt^2]
-    size = max(size, float(np.clip(4e3 / math.sqrt(x.size), 0.3, 4.0))) / across
-    panel.scatter(x, y, size, shown.colours(), linewidths=0, rasterized=True)
+    handles, title = explained(paint, grid, grid[0].get_legend_handles_labels()[0])
+    handles += measured
+    if ax is None and not (axes or panels) and (further := len(there) - len(abscissas)):
+        handles.append(Line2D([], [], linestyle="", label=shown_count(further, "further column")))
+    return canvas.finish(grid[0], page, sweep, handles, title)

@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex, to_rgb
 from sweeps import open_sweep, run_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, bifurcation, parameter_map, style, trajectory
-from sweeps.plotting.colours import paint
+from sweeps.plotting.colours import paint_of
 from sweeps.plotting.exact_lines import without_gaps
 from tests.helpers.equal_points import equal_points
 from vibroimpact.points.regimes import Regime
@@ -70,12 +70,12 @@ def test_directions_impacts_and_marks_have_a_contrast_of_three():
 
 
 def test_in_grey_every_class_but_chaos_has_a_marker_and_rest_is_not_unknown():
-    shown = paint(OpenedSweep(every_class()), "period", dots=True, grey=True)
+    shown = paint_of(OpenedSweep(every_class()), "period", dots=True, grey=True)
     plain = {cell.label.split(" (")[0] for cell in shown.cells if cell.look.marker == "."}
     assert plain == {"chaotic"}
     fills = {
         cell.label.split(" (")[0]: (cell.colour, cell.look.hatch)
-        for cell in paint(OpenedSweep(every_class()), "period", grey=True).cells
+        for cell in paint_of(OpenedSweep(every_class()), "period", grey=True).cells
     }
     assert len({*fills.values()}) == len(fills)
     assert fills["unknown"][1] and style.hatch_on(fills["unknown"][0]) == style.WHITE

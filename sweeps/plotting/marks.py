@@ -1,0 +1,238 @@
+"""Dots and marks in a panel: of motions, of points that failed, of jumps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+
+from sweeps.plotting.canvas import figure_of, in_panel
+from sweeps.plotting.labels import equation, status_name
+from sweeps.plotting.pixels import widened
+from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, ground, ink, visible
+
+#: Most markers of one look across a panel.
+_MARKS = 20
+#: Values of both directions are one if they differ by less than this share of the panel. Motions
+#: differ if their values are farther apart on the mean, and a jump with an arrow is longer.
+_SAME, _APART, _JUMP = 0.004, 0.01, 0.04
+
+
+def draw_points(
+    panel: Axes,
+    x: np.ndarray,
+    y: np.ndarray,
+    colour: str | np.ndarray | None = None,
+    size: float | None = None,
+    alpha: float | None = None,
+    most: float = 3.5,
+    marker: str = "o",
+) -> None:
+    """Draw markers in one colour, by default the plain one, or of a colour each, shape (n, 4).
+
+    The more of the panel they would cover, the smaller they are, and never greater than `most`.
+    """
+    if not len(y):
+        return
+    size = marker_size(x, y, 0.5, most) if size is None else size
+    alpha = float(np.clip(1e5 / len(y), 0.15, 1.0)) if alpha is None else alpha
+    colour = data_colour() if colour is None else colour
+    if isinstance(colour, str):
+        (points,) = panel.plot(
+            x, y, marker, linestyle="", color=colour, alpha=alpha, rasterized=True
+        )
+        points.set(markersize=size, markeredgewidth=0)
+    else:
+        panel.scatter(x, y, size**2, colour, alpha=alpha, linewidths=0, rasterized=True)
+
+
+def mark_some(panel: Axes, points: np.ndarray, marker: str, colour: str) -> None:
+    """Mark some of the points, shape (n, 2), about evenly in a panel that has its limits."""
+    panel.autoscale_view()  # matplotlib delays it, and the transformations do not ask for it
+    points = points[np.isfinite(points).all(axis=1)]
+    _, some = np.unique(np.floor(_MARKS * in_panel(panel, points)), axis=0, return_index=True)
+    (marks,) = panel.plot(*points[some].T, marker, color=colour, rasterized=True)
+    marks.set(markersize=4.0, markeredgewidth=edge_of(marker), zorder=4.0)
+    if edge_of(marker):
+        marks.set_path_effects([withStroke(linewidth=2.0, foreground=ground())])
+
+
+def edge_of(marker: str) -> float:
+    """Return the width of the edge of a marker of data [pt], which only crosses have."""
+    return 0.8 if marker in "+x" else 0.0
+
+
+def marker_size(x: np.ndarray, y: np.ndarray, least: float, most: float) -> float:
+    """Return the size [pt] of markers that leave parts of the panel around them visible."""
+    counts, *_ = np.histogram2d(x, y, bins=(600, 300))
+    return float(np.clip(70.0 / math.sqrt(max(1, int(np.count_nonzero(counts)))), least, most))
+
+
+def draw_stop(
+    draw_line: Callable[..., object], clearance: float, about: xr.DataArray | None = None
+) -> None:
+    """Draw the mechanical stop with a panel's `axhline` or `axvline`.
+
+    The attributes of the clearance, `about`, put the stop into the legend.
+    """
+    text = None if about is None else f"stop, {equation(f'x={about.symbol}', about, clearance)}"
+    draw_line(clearance, color=ink(), linewidth=0.8, linestyle="--", label=text)
+
+
+def widen_if_constant(set_limits: Callable[..., object], low: float, high: float) -> None:
+    """Widen the limits of a panel if the data are constant, so that it does not show rounding."""
+    if (ends := widened(low, high)) != (low, high):
+        set_limits(*ends)
+
+
+def mark_status(
+    panel: Axes,
+    values: np.ndarray,
+    status: np.ndarray,
+    masks: Mapping[str, np.ndarray] | None = None,
+    grey: bool = False,
+) -> None:
+    """Mark failed and pending points in a strip below the data and in the legend.
+
+    `values` are the abscissas, shape (n,); `status` has the shape (n,) or (directions, n), and so
+    have the `masks` of further points, by a name of ``MARKS``, which can be drawn in `grey`.
+    """
+    kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
+    kinds += [(name, MARKS[name][grey], where) for name, where in (masks or {}).items()]
+    kinds = [(name, visible(colour), where) for name, colour, where in kinds]
+    if np.isin(status, list(STATUS_COLOURS)).any():
+        low, high = panel.get_ylim()
+        panel.set_ylim(low - 0.04 * (high - low), high)
+    strip = panel.get_xaxis_transform()
+    for text, colour, where in kinds:
+        if not where.any():
+            continue
+        x = np.broadcast_to(values, status.shape)
+        x, count = _spread(panel, x, where) if text in MARKS else x[where], np.sum(where)
+        (marks,) = panel.plot(x, np.full(x.shape, 0.015), "|", transform=strip, rasterized=True)
+        marks.set(markersize=6, color=colour)
+        text = f"{text} ({count:,} of {status.size:,})"
+        panel.plot([], [], linewidth=5, solid_capstyle="butt", color=colour, label=text)
+
+
+def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Return abscissas of marks that cover the same share of the axis as the points have.
+
+    A mark is a point wide. Where several values are in it, those with most marked values have one.
+    """
+    panel.get_xlim()  # matplotlib delays the limits
+    values, place = np.unique(x, return_inverse=True)
+    marked = np.bincount(place.ravel(), where.ravel()) > 0.0
+    across = panel.transData.transform(np.stack([values, values], axis=1))[:, 0]
+    _, column = np.unique(np.floor(across * 72.0 / figure_of(panel).dpi), return_inverse=True)
+    counts = np.bincount(column, marked)
+    sums = np.bincount(column, np.where(marked, values, 0.0))
+    most = math.ceil(marked.mean() * len(counts))
+    kept = np.argsort(-counts / np.bincount(column), kind="stable")[:most]
+    kept = kept[counts[kept] > 0.0]
+    return sums[kept] / counts[kept]
+
+
+def nearest_distances(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
+    """Return the distance of each value from the nearest in the same row of the other, in `size`.
+
+    The arrays have the shapes (n, k) and (n, l), with NaN for no value; the result has the shape of
+    `one`. The distance is 2 if the other has no value in the row, and NaN for no value.
+    """
+    row = 5.0 * np.arange(len(one))[:, None]  # more than any distance
+    low = np.fmin(*(np.min(each[np.isfinite(each)], initial=np.inf) for each in (one, other)))
+    # Without an exponent of -inf, that of a motion with rest.
+    finite = (np.where(np.isfinite(each), each, np.nan) for each in (one, other))
+    keys, there = (row + (each - low) / size for each in finite)
+    there = np.concatenate([[-np.inf], np.sort(there[np.isfinite(there)]), [np.inf]])
+    after = np.searchsorted(there, keys).clip(1, len(there) - 1)
+    return np.minimum(np.minimum(keys - there[after - 1], there[after] - keys), 2.0)
+
+
+def _extent(*values: np.ndarray) -> float:
+    """Return the range of all finite values."""
+    every = np.concatenate([each[np.isfinite(each)] for each in values])
+    return float(np.ptp(every)) if every.size else 0.0
+
+
+def agreeing(up: np.ndarray, down: np.ndarray) -> list[np.ndarray]:
+    """Return the masks of the values of each direction that the other has, too."""
+    size = _extent(up, down) or 1.0
+    return [nearest_distances(up, down, size) < _SAME, nearest_distances(down, up, size) < _SAME]
+
+
+def in_both(columns: np.ndarray, axis: int) -> np.ndarray:
+    """Return the mask of the values of both directions, which are along an axis of the points.
+
+    `columns` are the coordinates of points in a panel, shape (2, ..., k), with NaN for no value;
+    the result has the shape (..., k).
+    """
+    from scipy.spatial import cKDTree
+
+    low, high = (of(columns.reshape(2, -1), axis=1) for of in (np.nanmin, np.nanmax))
+    size = np.where(high > low, high - low, 1.0)
+    ways = np.moveaxis(np.moveaxis(columns, 0, -1) / size, axis, 0)  # (direction, ..., k, 2)
+    both = np.zeros(ways.shape[:-1], bool)
+    for point in np.ndindex(ways.shape[1:-2]):
+        finite = [np.isfinite(way[point]).all(axis=-1) for way in ways]
+        up, down = (way[point][kept] for way, kept in zip(ways, finite, strict=True))
+        if len(up) and len(down):
+            for number, (own, other) in enumerate(((up, down), (down, up))):
+                away, _ = cKDTree(other).query(own, p=np.inf)
+                both[(number, *point)][finite[number]] = away < _SAME
+    return np.moveaxis(both, 0, axis)
+
+
+def _motions_differ(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
+    """Whether the motions in each row differ, shape (n,)."""
+    away = [nearest_distances(a, b, size) for a, b in ((one, other), (other, one))]
+    means = [
+        np.nan_to_num(each).sum(axis=1) / np.maximum(np.isfinite(each).sum(axis=1), 1)
+        for each in away
+    ]
+    return np.maximum(*means) > _APART
+
+
+def draw_jumps(
+    panel: Axes, x: np.ndarray, up: np.ndarray, down: np.ndarray, colours: tuple[str, str]
+) -> list[Artist]:
+    """Draw an arrow where the motion of a direction ends, to the one that it jumps to.
+
+    Return a handle for the legend if there is an arrow.
+
+    This is the last value, in this direction, of a range in which both directions differ. `x`,
+    shape (n,), increases; `up` and `down` are values of the points, shape (n, k).
+    """
+    size, handles = _extent(up, down) or 1.0, list[Artist]()
+    for start, stop in _ranges(_motions_differ(up, down, size)):
+        for motion, i, j, colour in (
+            (up, stop - 1, stop, colours[0]),
+            (down, start, start - 1, colours[1]),
+        ):
+            if not 0 <= j < len(x):
+                continue
+            away = nearest_distances(motion[[i]], motion[[j]], size)[0]
+            if not _JUMP < np.nanmax(away, initial=0.0) < 2.0:
+                continue
+            begin = motion[i, int(np.nanargmax(away))]
+            end = motion[j, int(np.nanargmin(np.abs(motion[j] - begin)))]
+            look = {"arrowstyle": "-|>", "color": colour, "lw": 0.8, "mutation_scale": 7.0}
+            panel.annotate(
+                "", (x[j], end), (x[i], begin), arrowprops={**look, "shrinkA": 0, "shrinkB": 0}
+            )
+            shape: dict[str, Any] = {"linestyle": "", "marker": r"$\rightarrow$", "markersize": 8.0}
+            handles = [Line2D([], [], color=ink(), markeredgewidth=0, label="jump", **shape)]
+    return handles
+
+
+def _ranges(mask: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yield the runs of True: the first index, and the one after the last."""
+    ends = np.flatnonzero(np.diff(np.pad(mask, 1).astype(np.int8)))
+    yield from zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True)
