@@ -229,8 +229,8 @@ def _draw_profile(
             drawn[-1] += lines
             bounded |= bool(bound.any())
         panel.set_ylim(0.0, top)
-    look: dict[str, Any] = {"linestyle": "", "color": ink(), "marker": _BOUND_MARKER, **_bound()}
-    handle = Line2D([], [], label="hollow: lower bound" if looks.grey else "lower bound", **look)
+    text, marker = ("hollow: lower bound", "o") if looks.grey else ("lower bound", _BOUND_MARKER)
+    handle = Line2D([], [], linestyle="", color=ink(), label=text, marker=marker, **_bound())
     return [handle] if bounded else [], drawn
 
 
@@ -297,18 +297,23 @@ def _draw_disturbances(
             begin, end = (
                 at_section(oscillator, *at, one["knock_v"] + dv, section) for dv in (0.0, size)
             )
-            look: dict[str, Any] = {"color": looks.look(row).ink, "linewidth": 1.2}
-            around = [withStroke(linewidth=2.4, foreground=ground() if looks.grey else ink())]
+            colour, edge = (ink(), ground()) if looks.grey else (looks.look(row).ink, ink())
+            look: dict[str, Any] = {"color": colour, "linewidth": 1.2}
+            around = [withStroke(linewidth=2.4, foreground=edge)]
             arrow = {"arrowstyle": "->", "path_effects": around, **look}
+            panel.annotate("", end, begin, arrowprops=arrow)
             knock += 1
-            number = str(knock) if looks.grey else ""  # the colour says which arrow it is
-            written = panel.annotate(number, end, begin, size="small", arrowprops=arrow)
-            written.set(ha="center", va="center", path_effects=around)
+            marker = r"$\rightarrow$"
+            if looks.grey:  # a number says which arrow it is, beside the mark where it begins
+                marker = f"${knock}$"
+                beside = 8.0 * np.sign([np.mean(panel.get_xlim()) - begin[0], begin[1] - end[1]])
+                circle = {"boxstyle": "circle,pad=0.15", "fc": edge, "ec": colour, "lw": 0.6}
+                written = panel.annotate(str(knock), begin, beside, textcoords="offset points")
+                written.set(size="x-small", ha="center", va="center", bbox=circle)
             place = places[row.number]
             text = f"least knock, {row.name}{place}:" + ("\n" if place else " ")
             text += rf"${size:+.4g}${unit} at $\omega t={at[0]:.4g}$"
             text += ", fractal" if one["knock_fractal"] else ""
-            marker = f"${number}$" if number else r"$\rightarrow$"
             handles.append(Line2D([], [], marker=marker, linestyle="", label=text, **look))
     if others:
         text = f"no disc and no knock for {shown_count(len(others), 'other attractor')}"

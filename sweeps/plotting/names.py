@@ -117,9 +117,11 @@ def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> n
 
 
 def _leave_marks_free(panel: Axes, raster: np.ndarray) -> None:
-    """Set the pixels under a legend and around markers, which a name would hide, to -1."""
-    if (legend := panel.get_legend()) is not None:
-        corners = panel.transAxes.inverted().transform(legend.get_window_extent().get_points())
+    """Set the pixels of a legend, of texts and of markers, which a name would hide, to -1."""
+    texts = [text for text in panel.texts if text.get_text()]
+    for part in filter(None, [panel.get_legend(), *texts]):
+        box = part.get_window_extent()
+        corners = panel.transAxes.inverted().transform(box.get_points())
         low, high = np.clip(corners[:, ::-1], 0.0, 1.0) * raster.shape
         raster[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])] = -1
     for line in panel.lines:

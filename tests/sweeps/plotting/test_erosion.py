@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from matplotlib.colors import same_color, to_hex
+from matplotlib.text import Text
 
 from sweeps import open_sweep
+from sweeps.plotting import Page
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting.style import CLASSES, INKS
 from tests.helpers.sweep_files import run_in
@@ -50,3 +52,18 @@ def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_kno
     assert no_knocks == [0] and len(figure.axes[-1].patches) == 1
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "no disc and no knock for 1 other attractor" in texts
+
+
+@pytest.mark.slow
+def test_in_grey_the_number_of_a_knock_covers_neither_a_mark_nor_a_name(ranked, with_layout):
+    page = Page(width=3.4, grey=True)
+    figure = draw_integrity(ranked, at={"clearance": 0.6}, panels=["basins"], page=page)
+    figure.draw_without_rendering()
+    (panel,) = figure.axes
+    boxes = {text: Text.get_window_extent(text) for text in panel.texts if text.get_text()}
+    numbers = [text for text in boxes if text.get_text().isdigit()]
+    assert {text.get_text() for text in numbers} == {"1", "2"} and len(boxes) > 2
+    marks = panel.transData.transform(panel.lines[0].get_xydata())
+    for number in numbers:
+        assert not any(boxes[number].contains(*mark) for mark in marks)
+        assert not any(boxes[number].overlaps(boxes[text]) for text in boxes.keys() - {number})
