@@ -24,7 +24,7 @@ from matplotlib.ticker import MaxNLocator
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import title as title_of
-from sweeps.plotting.legend import SHARE, WIDTH, add_legend, legend_within
+from sweeps.plotting.legend import SHARE, WIDTH, fit_legend, legend_within
 from sweeps.plotting.page import Page
 from sweeps.plotting.style import user_style
 from sweeps.text import choice_of, near_miss, shortened, suggestion
@@ -169,7 +169,7 @@ class Picture(Figure):
         rooms = [(WIDTH * self.bbox.width, self.dpi * each) for each in heights]
         make = partial(self.legend, loc="outside lower center")
         whole = covered is None
-        legend = add_legend(make, handles, title, rooms, covered, named_beside, whole)
+        legend = fit_legend(make, handles, title, rooms, covered, named_beside, whole)
         taken = legend.get_window_extent().height / self.dpi
         least = 0.0 if whole else taken / SHARE
         self.set_figheight(max(self.get_figheight() + taken, least))

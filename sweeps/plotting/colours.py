@@ -230,7 +230,7 @@ def coloured_points(
     return points, paint
 
 
-def explained(
+def legend_entries(
     paint: Paint | None, panels: Sequence[Axes], handles: Sequence[Artist], curves: bool = False
 ) -> tuple[list[Artist], str | None]:
     """Add the colour bar of colours, if any; return the entries and the title of the legend."""

@@ -17,7 +17,7 @@ from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES, recorded_coordinate
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import Paint, explained, paint_of
+from sweeps.plotting.colours import Paint, legend_entries, paint_of
 from sweeps.plotting.contents import (
     Wanted,
     refuse_empty,
@@ -143,7 +143,7 @@ def bifurcation(
     jumps = motions.draw_jumps(panel) if page.marks else []
     motions.mark_points(panel, page.marks)
     handles = [handle for each in panels for handle in each.get_legend_handles_labels()[0]]
-    handles, title = explained(paint, panels, handles)
+    handles, title = legend_entries(paint, panels, handles)
     handles += [*jumps, *name_branches(panel, branches), *idle, *measured]
     record = record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, handles, title, record)

@@ -31,7 +31,7 @@ _LONG_ENTRY = 24
 _SMALL = {"fontsize": "small", "title_fontsize": "small"}
 
 
-def add_legend(
+def fit_legend(
     make: Callable[..., Legend],
     handles: Sequence[Artist],
     title: str | None,
@@ -109,7 +109,7 @@ def legend_within(
         # Matplotlib would look for the best place of every legend that is tried.
         make = partial(panel.legend, loc="upper right")
         room = WIDTH * box.width, SHARE * box.height
-        legend = add_legend(make, handles, title, [room, room], covered)
+        legend = fit_legend(make, handles, title, [room, room], covered)
         legend.set_loc(mpl.rcParams["legend.loc"])
 
 

@@ -25,7 +25,7 @@ from sweeps.opened.coordinates import (
 )
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting.canvas import Picture, finish, new_panel, width_of
-from sweeps.plotting.colours import Paint, coloured_points, explained
+from sweeps.plotting.colours import Paint, coloured_points, legend_entries
 from sweeps.plotting.contents import Wanted
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit, record_text
 from sweeps.plotting.looks import Cells
@@ -77,7 +77,7 @@ def _draw_records(
     if paint is not None:
         paint.mark(panel, *by_point)
     handles += panel.get_legend_handles_labels()[0]
-    handles, title = explained(paint, [panel], handles)
+    handles, title = legend_entries(paint, [panel], handles)
     return finish(panel, page, points, handles, title, record_text(points, names[1]))
 
 
@@ -222,7 +222,7 @@ def trajectory(
         page.fit_ordinate(panel)
     page.set_limits(over_time)
     handles = phase_plane.get_legend_handles_labels()[0]
-    handles, title = explained(paint, panels, handles, curves=True)
+    handles, title = legend_entries(paint, panels, handles, curves=True)
     start, since, record = _text_of_motions(motions, time, motion_class)
     if ax is not None or page.title is not None or len(motions) > 1:  # else the title says it
         velocity.set_xlabel(f"{velocity.get_xlabel()}, {start or f'$t_0$ {since}'}", wrap=True)

@@ -16,7 +16,7 @@ from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.colours import explained, paint_of
+from sweeps.plotting.colours import legend_entries, paint_of
 from sweeps.plotting.contents import Wanted, number_at, refuse_without_result, with_number
 from sweeps.plotting.labels import label_axis
 from sweeps.plotting.marks import mark_status
@@ -114,7 +114,7 @@ def table_panels(
     for panel, name in places:
         paint.mark(panel, number_at(sweep, name).values[:, None], y.values[:, None])
     measured = draw_overlay(points, [(each, name, ordinate) for each, name in places], page)
-    handles, title = explained(paint, grid, grid[0].get_legend_handles_labels()[0])
+    handles, title = legend_entries(paint, grid, grid[0].get_legend_handles_labels()[0])
     handles += measured
     if ax is None and not (axes or panels) and (further := len(there) - len(abscissas)):
         handles.append(Line2D([], [], linestyle="", label=shown_count(further, "further column")))
