@@ -306,7 +306,8 @@ def _draw_disturbances(
             marker = r"$\rightarrow$"
             if looks.grey:  # a number says which arrow it is, beside the mark where it begins
                 marker = f"${knock}$"
-                beside = 8.0 * np.sign([np.mean(panel.get_xlim()) - begin[0], begin[1] - end[1]])
+                centre = float(np.mean(panel.get_xlim()))
+                beside = 8.0 * np.sign(centre - begin[0]), 8.0 * np.sign(begin[1] - end[1])
                 circle = {"boxstyle": "circle,pad=0.15", "fc": edge, "ec": colour, "lw": 0.6}
                 written = panel.annotate(str(knock), begin, beside, textcoords="offset points")
                 written.set(size="x-small", ha="center", va="center", bbox=circle)
