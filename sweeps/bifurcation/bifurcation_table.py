@@ -97,6 +97,11 @@ class Explanation(NamedTuple):
         """Whether this is a bifurcation with a known value."""
         return self.kind in _KINDS.values() and self.at is not None
 
+    def leads_to(self, change: Change) -> bool:
+        """Whether this is the bifurcation of a change; chaos begins beyond a flip, not at it."""
+        beyond = ("rest", "unbounded") + ("chaotic",) * (self.kind == "flip")
+        return self.is_exact and change.kind not in beyond
+
 
 def explain(
     motions: np.ndarray, phase: float, axis: str, values: np.ndarray, change: Change, down: bool
@@ -113,11 +118,10 @@ def explain(
     low, high = motions[np.searchsorted(values, [change.low, change.high])]
     left, right = _onward(low, high, phase, axis), _onward(high, low, phase, axis)
     first, second = (right, left) if down else (left, right)
-    if first.kind == "edge":
+    is_regime = change.kind in ("rest", "chaotic", "unbounded")
+    if first.kind == "edge" or (is_regime and second.kind == "edge"):
         return [(change, Explanation("basin"))]
-    if change.kind in ("rest", "chaotic", "unbounded"):
-        return [(change, Explanation("basin" if second.kind == "edge" else change.kind))]
-    exact = [onward for onward in (first, second) if onward.is_exact]
+    exact = [onward for onward in (first, second) if onward.leads_to(change)]
     if not exact:
         return [(change, Explanation(change.kind))]
     near = least_difference(values[0], values[-1])
@@ -146,7 +150,7 @@ def _is_joined(change: Change, first: Explanation, second: Explanation, near: fl
     """Whether the same bifurcation ends the first motion and leads to the second one."""
     if first.is_exact and second.is_exact:
         return abs(first.value - second.value) <= near
-    return second.kind == "edge" or change.kind == "flip"
+    return second.kind == "edge" or change.kind in ("flip", "chaotic")
 
 
 def _open(values: np.ndarray, change: Change, value: float, *, after: bool) -> Change:
@@ -221,9 +225,10 @@ def bifurcations(
         the parameter of the model. The columns are:
 
         - the values of the other axes; the direction is ``both`` for a bifurcation of the branches;
-        - ``kind``: ``flip``, ``fold`` or ``graze``; ``crisis``; ``rest``, ``chaotic`` or
-          ``unbounded`` if such a regime begins or ends; ``basin`` if the attractor before the
-          change exists on both sides and is stable; ``unknown`` otherwise;
+        - ``kind``: ``flip``, ``fold`` or ``graze``; ``crisis``, where chaos ends as it touches
+          an unstable ``orbit``; ``rest``, ``chaotic`` or ``unbounded`` if such a regime begins or
+          ends in another way; ``basin`` if the attractor before the change exists on both sides
+          and is stable; ``unknown`` otherwise;
         - ``value``: the value of the axis at a flip, fold or graze, to rounding; NaN if not known;
         - ``low`` and ``high``: the nearest values of the axis on both sides of it, with known
           classes where the class changes;
@@ -292,12 +297,11 @@ def find_bifurcations(
     data = sweep.isel(sweep.places(at or {}, kept=[along])).sortby(along)
     sweep.check_diagnostic("period")
     others = [name for name in data.grid if name != along]
-    rows, unclassified = _of_changes(data, along, others)
+    is_line = {*others} <= {DIRECTION} and data.sizes[along] > 1 and along not in START_AXES
+    rows, unclassified = _of_changes(data, along, others, is_line)
     summary = ""
-    one_line = {*others} <= {DIRECTION} and data.sizes[along] > 1
-    if one_line and along not in START_AXES:
+    if is_line:
         exact = find(sweep, along, at, report, **chosen)
-        _name_crises(data, along, exact, rows)
         summary, way = exact.attrs["summary"], dict.fromkeys(others, "both")
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
@@ -315,11 +319,12 @@ def find_bifurcations(
 
 
 def _of_changes(
-    data: OpenedSweep, along: str, others: Sequence[str]
+    data: OpenedSweep, along: str, others: Sequence[str], is_line: bool
 ) -> tuple[list[dict[str, Any]], int]:
     """Return rows for the changes of class on every line, and the number of unclassified points.
 
     Changes are explained with values of the model, and then converted to the units of the axis.
+    Crises are sought on a single line only.
     """
     spec, seen, parameter = data.spec, data.nomenclature, data.parameter(along)
     data = data.transpose(*others, along)
@@ -332,8 +337,12 @@ def _of_changes(
         unclassified += classes.count(None)
         values, down = line[parameter].values, _is_followed_down(spec, line, parameter)
         here = {name: line[name].item() for name in others} | {"down": down, "narrow": False}
-        for change in changes_of_class(values, classes):
+        changes = [*changes_of_class(values, classes)]
+        for i, change in enumerate(changes):
             for part, found in explain(own, spec.phase, parameter, values, change, down):
+                if is_line and found.kind == "basin":
+                    if touched := _touched(data, index, parameter, changes, i):
+                        found = Explanation("crisis", orbit=touched)
                 row = here | vars(part) | {"kind": found.kind, "value": found.value}
                 row |= {"orbit": found.orbit, "impact_v": "", "criticality": ""}
                 if (orbit := found.at) is not None:
@@ -352,31 +361,27 @@ def _of_changes(
     return rows, unclassified
 
 
-def _name_crises(
-    data: OpenedSweep, along: str, exact: xr.Dataset, rows: Sequence[dict[str, Any]]
-) -> None:
-    """Give the kind ``crisis`` to those changes from or to chaos at which there is one."""
-    parameter, (axis,) = data.parameter(along), exact.coords
-    if not exact.sizes["point"]:
-        return
-    for way, line in zip(data.directions or ("",), data.each_direction, strict=True):
-        values, points = line[along].values, line.points
-        x, v = line.values(("poincare_x", "poincare_v")).values()
-        model = np.interp(exact[axis].values, values, points[parameter])
-        orbits = exact.reset_coords(drop=True).assign({parameter: ("point", model)})
-        for row in rows:
-            chaotic = [row[side].regime == Regime.CHAOTIC for side in ("before", "after")]
-            # Where a periodic motion begins or ends at the change, chaos begins or ends with it.
-            is_open = sum(chaotic) == 1 and row["kind"] == "basin"
-            if row.get(DIRECTION, "") != way or not is_open:
-                continue
-            sides = ("low", "high")[:: 1 if chaotic[0] else -1]
-            begin, end = (int(np.argmin(np.abs(values - row[side]))) for side in sides)
-            states = np.repeat(points[begin], min(MOST_MOTIONS, x.shape[1]))
-            states["x0"], states["v0"] = x[begin, -len(states) :], v[begin, -len(states) :]
-            step = float(points[parameter][end] - points[parameter][begin])
-            if seen := crisis(Chaos(line.spec, states, parameter, step, orbits)):
-                row |= {"kind": "crisis", "orbit": seen}
+def _touched(
+    data: OpenedSweep, index: tuple[int, ...], parameter: str, changes: Sequence[Change], i: int
+) -> str:
+    """Return the class of the orbit that chaos touches as it ends at the i-th change; or empty."""
+    low, high, *classes = vars(changes[i]).values()
+    chaotic = [label.regime == Regime.CHAOTIC for label in classes[:2]]
+    if sum(chaotic) != 1:
+        return ""
+    points = data.motions[index]["point"]
+    values = points[parameter]
+    if chaotic[0]:
+        begin, end, since = low, high, changes[i - 1].high if i else values[0]
+    else:
+        begin, end, since = high, low, changes[i + 1].low if changes[i + 1 :] else values[-1]
+    place = int(np.searchsorted(values, begin))
+    x, v = (
+        a[index][place, -MOST_MOTIONS:] for a in data.values(("poincare_x", "poincare_v")).values()
+    )
+    states = np.repeat(points[place], len(x))
+    states["x0"], states["v0"] = x, v
+    return crisis(Chaos(data.spec, states, parameter, end - begin, (begin - since) / (end - begin)))
 
 
 def _row_of(state: np.ndarray, speeds: np.ndarray, multipliers: np.ndarray) -> dict[str, Any]:

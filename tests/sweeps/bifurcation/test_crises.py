@@ -1,7 +1,5 @@
 """Crises of chaotic attractors, against long runs on both sides."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -9,74 +7,86 @@ import sweeps
 from sweeps.bifurcation.crises import Chaos, crisis
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted
-from vibroimpact import integrate
+from vibroimpact import Oscillator, branch, integrate, periodic_orbit
 
-#: Of 1e6 periods, how many motions of 50 have left the chaos at some R: it ends between the two.
-ALIVE, DEAD = 0.6241, 0.6243
+#: Two ends of chaos over R at h = 0.02, omega = 2.8, each as a bracket: at the first value none of
+#: 50 motions leaves it in 1e6 periods, at the second nearly all do. And the orbit touched.
+ENDS = {"5/5": (0.6241489, 0.6242), "12/12": (0.57391491, 0.57392)}
+#: Ranges and numbers of values in which they are seen, the first with the fold of 5/5 before it.
+SEEN = [
+    ("5/5", 0.622, 0.6249, 30), ("5/5", 0.6232, 0.6246, 23), ("12/12", 0.5736, 0.574, 29),
+    ("12/12", 0.5738, 0.57405, 14),
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    """Return a sweep over the end of a chaotic attractor, with the fold of 5/5 before it."""
-    scene = {
-        "oscillator": {
-            "h": 0.02, "R": {"start": 0.622, "stop": 0.6249, "num": 30}, "omega": 2.8, "f": 1.0,
-        },
-        "record": {"transient": 3000, "periods": 128, "diagnostics": ["period", "lyapunov"]},
-    }  # fmt: skip
-    return sweeps.run_sweep(scene, tmp_path_factory.mktemp("crisis") / "crisis.h5")
+    """Return a function that runs a sweep over a range of R."""
+
+    def run(start, stop, num):
+        scene = {
+            "oscillator": {
+                "h": 0.02, "R": {"start": start, "stop": stop, "num": num}, "omega": 2.8, "f": 1.0,
+            },
+            "record": {"transient": 3000, "periods": 128, "diagnostics": ["period", "lyapunov"]},
+        }  # fmt: skip
+        folder = tmp_path_factory.mktemp("crisis")
+        return sweeps.run_sweep(scene, folder / "crisis.h5")
+
+    return run
 
 
-def shares_left(path, R):
-    """Return the share of motions that are periodic after 20,000 periods from the attractor."""
-    with sweeps.open_sweep(path) as dataset:
-        before = dataset.sel(R=0.623, method="nearest")
-        points = np.repeat(OpenedSweep(dataset).points[:1], 50)
-        points["x0"], points["v0"] = (
-            before[name].values[-50:] for name in ("poincare_x", "poincare_v")
-        )
-    points["R"] = R
-    x = integrate(points, transient=19_900, periods=100, at_section=True)["poincare_x"]
-    return float((np.abs(x[:, -1] - x[:, -11]) < 1e-7).mean())
+def states_at(sweep, place, number=50):
+    """Return the last states of a point at the section as points."""
+    points = np.repeat(sweep.points[place], number)
+    for name in ("x0", "v0"):
+        points[name] = sweep.data[f"poincare_{name[0]}"].values[place, -number:]
+    return points
 
 
 @pytest.mark.slow
-def test_chaos_that_ends_as_it_touches_an_unstable_orbit_is_a_crisis_of_the_border(path):
-    """The orbit 5/5 from the fold at 0.6222: nothing else is known of it there."""
-    assert shares_left(path, ALIVE) == 0.0 and shares_left(path, DEAD) > 0.9
-    found = sweeps.bifurcations(path)
+@pytest.mark.parametrize(("orbit", "start", "stop", "num"), SEEN)
+def test_chaos_that_ends_as_it_touches_an_unstable_orbit_is_a_crisis_on_any_grid(
+    path, orbit, start, stop, num
+):
+    file, (alive, dead) = path(start, stop, num), ENDS[orbit]
+    found = sweeps.bifurcations(file)
     named = found[found["kind"] == "crisis"]
-    assert named[["orbit", "after"]].values.tolist() == [["5/5", "5/5"]]
-    assert ALIVE - 1e-9 <= named["low"].item() and named["high"].item() <= DEAD + 1e-9
-    listed = accepted("info", path, "--bifurcations")
-    assert "  crisis  5/5    chaotic -> 5/5" in listed
+    assert named[["orbit", "before", "after"]].values.tolist() == [[orbit, "chaotic", orbit]]
+    with sweeps.open_sweep(file) as dataset:
+        sweep = OpenedSweep(dataset)
+        points = states_at(sweep, int(np.searchsorted(dataset["R"].values, alive)) - 1)
+    shares = []
+    for points["R"] in (alive, dead):
+        x = integrate(points, transient=19_800, periods=200, at_section=True)["poincare_x"]
+        turn = int(orbit.split("/")[0])
+        shares.append(float((np.abs(x[:, -1] - x[:, -1 - 2 * turn]) < 1e-7).mean()))
+    assert shares[0] == 0.0 and shares[1] > 0.9
 
 
 @pytest.mark.slow
-def test_no_crisis_is_named_where_the_attractor_keeps_its_distance(path):
-    """As where a start leads from the chaos to another motion, and the chaos goes on."""
-    with sweeps.open_sweep(path) as dataset:
-        orbits, sweep = sweeps.branches(dataset), OpenedSweep(dataset)
-        for place in (5, 10, 15):
-            states = np.repeat(sweep.points[place], 50)
-            states["x0"], states["v0"] = (
-                dataset[name].values[place, -50:] for name in ("poincare_x", "poincare_v")
-            )
+def test_no_crisis_is_named_where_the_chaos_goes_on_or_is_a_transient(path):
+    """As where a start leads from the chaos to another motion, or the crisis lies far before."""
+    with sweeps.open_sweep(path(0.622, 0.6249, 30)) as dataset:
+        sweep = OpenedSweep(dataset)
+        for place in (5, 10, 15, 24):
+            states = states_at(sweep, place)
             for step in (1e-4, -1e-4, 2e-5):
-                assert crisis(Chaos(sweep.spec, states, "R", step, orbits)) == ""
+                assert crisis(Chaos(sweep.spec, states, "R", step, 1.0)) == ""
 
 
-def test_an_orbit_at_its_fold_beyond_the_attractor_is_not_touched(monkeypatch):
-    """Its second multiplier is 1 but for rounding, so no power of a distance beyond 1 is finite."""
-    states = np.random.default_rng(1).random((50, 500, 2))
-
-    def unstable(chaos, place):
-        x = 0.5 if place < 5.0 else 4.0
-        yield 0, SimpleNamespace(m=1, q=1, multipliers=np.array([0.5, 1.0 + 1e-9]),
-                                 sections=lambda phase: np.array([[x, 1.2]]))  # fmt: skip
-
-    monkeypatch.setattr(Chaos, "holds", lambda chaos, place: True)
-    monkeypatch.setattr(Chaos, "states", lambda chaos, place, _: (states, float(place < 0.0)))
-    monkeypatch.setattr(Chaos, "unstable", unstable)
-    points, spec = np.zeros(1, [("R", float)]), SimpleNamespace(phase=0.0)
-    assert crisis(Chaos(spec, points, "R", 1e-4, None)) == ""
+@pytest.mark.slow
+def test_where_the_orbit_reached_is_born_in_the_chaos_a_fold_is_the_reason(path):
+    """The orbit 10/10: its multiplier is 1 at the value listed, where it begins to attract."""
+    file = path(0.5977, 0.5981, 21)
+    found = sweeps.bifurcations(file)
+    assert "  fold  10/10  chaotic -> 10/10" in accepted("info", file, "--bifurcations")
+    chaos = found[(found["before"] == "chaotic") | (found["after"] == "chaotic")]
+    (fold,) = chaos[chaos["kind"] == "fold"].to_dict("records")
+    assert (fold["before"], fold["after"], fold["orbit"]) == ("chaotic", "10/10", "10/10")
+    assert "crisis" not in found["kind"].values and fold["source"] == "exact"
+    beyond = Oscillator(h=0.02, R=fold["value"] + 1e-7, omega=2.8, f=1.0)
+    orbit = periodic_orbit(beyond, fold["x"], fold["v"], 10)
+    assert (orbit.m, orbit.q) == (10, 10) and abs(orbit.multipliers[0] - 1.0) < 0.1
+    special = branch(orbit, "R", 0.5977, 0.5981).special
+    assert [point.kind for point in special if abs(point.value - fold["value"]) < 1e-12] == ["fold"]
