@@ -61,8 +61,8 @@ def table(rows: Sequence[Sequence[str]], words: int | None = None) -> str:
     The first `words` columns are aligned left and the others right. By default all are left.
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    left = len(widths) if words is None else words
-    aligned = [str.ljust] * left + [str.rjust] * (len(widths) - left)
+    of_words = len(widths) if words is None else words
+    aligned = [str.ljust] * of_words + [str.rjust] * (len(widths) - of_words)
     lines = (
         [align(cell, width) for align, cell, width in zip(aligned, row, widths, strict=True)]
         for row in rows

@@ -292,21 +292,19 @@ class _Motions:
 
     def __init__(self, starts: OpenedSweep, result: xr.Dataset) -> None:
         self._oscillator, self._spec = starts.oscillator, starts.spec
-        self._phase = self._spec.phase
+        self._phase, numbers = self._spec.phase, result["number"].values.tolist()
+        self._of_regime = dict(zip(result["motion"].values, numbers, strict=True))
+        motions = np.zeros(len(numbers), MOTION)
+        motions["point"] = self._oscillator.at(self._oscillator.clearance)
+        motions["point"]["x0"], motions["point"]["v0"] = result["section_x"], result["section_v"]
+        motions["regime"], motions["m"], motions["q"] = result["motion"], result["m"], result["q"]
         self.orbits: dict[int, PeriodicOrbit] = {}
-        self._cycles: dict[int, np.ndarray] = {}  # their states at the section
-        self._of_regime = dict(zip(result["motion"].values, result["number"].values, strict=True))
-        motion = np.zeros(1, MOTION)
-        motion["point"] = self._oscillator.at(self._oscillator.clearance)
-        rows = result[["number", "motion", "m", "q", "section_x", "section_v"]].to_dataframe()
-        for row in rows.itertuples():
-            motion["point"]["x0"], motion["point"]["v0"] = row.section_x, row.section_v
-            motion["m"], motion["q"] = row.m, row.q
-            if row.motion == Regime.PERIODIC:
+        for number, motion in zip(numbers, motions, strict=True):
+            if motion["regime"] == Regime.PERIODIC:
                 with suppress(OrbitError):  # too many periods: motions that end there are unknown
-                    orbit = orbit_of_motion(motion[0], self._phase)
-                    self.orbits[row.number] = orbit
-                    self._cycles[row.number] = orbit.sections(self._phase)
+                    self.orbits[number] = orbit_of_motion(motion, self._phase)
+        # Their states at the section.
+        self._cycles = {number: of.sections(self._phase) for number, of in self.orbits.items()}
 
     def _reached(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the attractors that motions from states (n, 2) reach, and which are certified.
@@ -333,9 +331,9 @@ class _Motions:
         # Without a class a motion is taken for chaos, unless it lingers beside an orbit that has
         # just flipped, and therefore beside the orbit of twice the period.
         chaos = self._of_regime.get(Regime.CHAOTIC, -1)
-        left = np.flatnonzero(endless)
-        for attractor in self.orbits if left.size else ():
-            number[left[self._is_on(attractor, last["x0"][left], last["v0"][left])]] = attractor
+        rows = np.flatnonzero(endless)
+        for attractor in self.orbits if rows.size else ():
+            number[rows[self._is_on(attractor, last["x0"][rows], last["v0"][rows])]] = attractor
         number[endless & (number < 0)] = chaos
         return number, certified
 

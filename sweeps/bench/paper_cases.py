@@ -121,8 +121,8 @@ def case_tables(measured: Measured) -> str:
         (order, "order", ".2f", PROCEDURES),
     ):
         values = measured.cases[column]
-        shown = ([case, *(f"{values[case, name]:{digits}}" for name in names)] for case in CASES)
-        parts[title] = [["case", *names], *shown]
+        rows = ([case, *(f"{values[case, name]:{digits}}" for name in names)] for case in CASES)
+        parts[title] = [["case", *names], *rows]
     scene = f"h = {CHATTER.h:g}, R = {CHATTER.R:g}, omega = {CHATTER.omega:g}"
     stalls = [["steps per period", "stall at t", f"before the rest at t = {end:.5f}"]]
     for steps, run in measured.stalls.items():
@@ -198,9 +198,9 @@ def _draw_stalls(panel: Axes, measured: Measured) -> None:
     panel.loglog(end - exact.impact_t[before], exact.impact_v[before], color="black", linewidth=0.8)
     look = _LOOKS["to the letter"] | {"linestyle": "", "markersize": 3.5}
     for steps, run in measured.stalls.items():
-        left = end - run.impact_t
-        panel.plot(left, run.impact_v, **look)
-        last = left[-1], run.impact_v[-1]
+        remaining = end - run.impact_t
+        panel.plot(remaining, run.impact_v, **look)
+        last = remaining[-1], run.impact_v[-1]
         panel.plot(*last, "x", color="black", markersize=7, zorder=3)
         words = f"{steps} steps\n$t = {run.stalled_at:.4f}$"
         panel.annotate(words, last, xytext=(8, 0), textcoords="offset points", fontsize=7.5)

@@ -153,8 +153,8 @@ def limits_option(option: str, text: str | None) -> tuple[tuple[float, float] | 
     """Read the limits of an axis, if given, and their unit, which may be empty."""
     if text is None:
         return None, ""
-    found = re.fullmatch(r"(.*[0-9.])\s*([^\W0-9_]+(?:/s)?)", text)
-    number, unit = found.groups() if found else (text, "")
+    match = re.fullmatch(r"(.*[0-9.])\s*([^\W0-9_]+(?:/s)?)", text)
+    number, unit = match.groups() if match else (text, "")
     ends = interval(number)
     if ends is None:
         raise Refused(refusal(f"{option} {text}", f"{LIMITS}, as 2.4:3"))
@@ -325,8 +325,8 @@ def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
         share, seconds = state["share"], time.perf_counter() - begin
         text = state["compiling"] or f"{work}: {shown_duration(seconds)}"
         if not state["compiling"] and 0.02 < share < 1.0:
-            left = shown_duration(seconds * (1.0 - share) / share)
-            text += f", {100.0 * share:.0f} %, about {left} left"
+            remaining = shown_duration(seconds * (1.0 - share) / share)
+            text += f", {100.0 * share:.0f} %, about {remaining} left"
         status.update(text)
         status.start()
 

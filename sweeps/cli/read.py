@@ -123,8 +123,8 @@ def info_command(
     json: bool = JSON,
 ) -> None:
     """Show the contents of a sweep file, with its configuration."""
-    for other, given in (("--bifurcations", bifurcations), ("--json", json)):
-        if config and given:
+    for other, is_set in (("--bifurcations", bifurcations), ("--json", json)):
+        if config and is_set:
             raise Refused(f"--config and {other} exclude each other; give one of them")
     options = {"axis": axis, "at": " ".join(at or ()), "csv": csv, "classes": classes, "most": most}
     for name, value in options.items():

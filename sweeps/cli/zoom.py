@@ -84,17 +84,17 @@ def zoom_command(
 
     existing = existing_output(resume, overwrite)
     limits = dict(map(_piece, pieces))
-    drawn = [name for name in limits if name in ORDINATES]
-    if len(drawn) > 1 or len(drawn) == len(pieces) or len(limits) < len(pieces):
+    ordinates = [name for name in limits if name in ORDINATES]
+    if len(ordinates) > 1 or len(ordinates) == len(pieces) or len(limits) < len(pieces):
         raise Refused(
             f"{' '.join(pieces)} is not allowed; expected: each name once, at least one swept "
             f"axis, and at most one of {', '.join(ORDINATES)}"
         )
-    if drawn and coordinate not in (None, drawn[0]):
-        raise Refused(f"--coordinate {coordinate} and limits of {drawn[0]} exclude each other")
-    coordinate = drawn[0] if drawn else coordinate
+    if ordinates and coordinate not in (None, ordinates[0]):
+        raise Refused(f"--coordinate {coordinate} and limits of {ordinates[0]} exclude each other")
+    coordinate = ordinates[0] if ordinates else coordinate
     page: dict[str, Any] = {
-        "ylim": limits[drawn[0]] if drawn else None,
+        "ylim": limits[ordinates[0]] if ordinates else None,
         "yunit": "",
         "width": inches("--width", width),
         "title": title,

@@ -73,11 +73,11 @@ def load_config(
     (20, 1000)
     """
     if isinstance(source, Mapping):
-        given = {
+        data = {
             str(key): value if key == "points" else _without_numpy(value)
             for key, value in source.items()
         }
-        return _configuration(given, "the configuration", {}, overrides)
+        return _configuration(data, "the configuration", {}, overrides)
     try:
         path = Path(source)
     except TypeError:

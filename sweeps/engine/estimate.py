@@ -129,12 +129,12 @@ def check_memory(results: int, what: str) -> int:
     Return the memory in bytes that is available.
     """
     needed = _BLOCKS_HELD * results
-    own = _OWN_MEMORY if os.path.exists(cache_folder(WAY.name)) else COMPILING_MEMORY
-    available = max(0, available_memory() - own)
+    base = _OWN_MEMORY if os.path.exists(cache_folder(WAY.name)) else COMPILING_MEMORY
+    available = max(0, available_memory() - base)
     if needed > available:
         raise StoreError(
             f"{what} takes about {shown_bytes(needed)} of memory, and only "
-            f"{shown_bytes(available)} are available, besides {shown_bytes(own)} for the program "
+            f"{shown_bytes(available)} are available, besides {shown_bytes(base)} for the program "
             "itself; record fewer periods, impacts or samples, or raise the limit of memory"
         )
     return available
@@ -150,7 +150,7 @@ def available_memory(
     """
     import psutil
 
-    left = [int(psutil.virtual_memory().available)]
+    free = [int(psutil.virtual_memory().available)]
     for line in _lines(process):
         _, controllers, group = line.split(":", 2)
         if controllers and "memory" not in controllers.split(","):
@@ -162,8 +162,8 @@ def available_memory(
             if most and taken and most[0].isdigit():  # "max" is no limit
                 statistics = dict(line.split(" ", 1) for line in _lines(folder / "memory.stat"))
                 dropped = sum(int(statistics.get(name, 0)) for name in copies)
-                left.append(max(0, int(most[0]) - max(0, int(taken[0]) - dropped)))
-    return min(left)
+                free.append(max(0, int(most[0]) - max(0, int(taken[0]) - dropped)))
+    return min(free)
 
 
 def _lines(path: Path) -> list[str]:
@@ -231,12 +231,12 @@ def _shortened(sweep: Sweep, total: int) -> RunSpec:
 
     A followed sweep finds its classes once, at the end, and so they are left out.
     """
-    spec, found = sweep.spec, sweep.spec.longest is not None
+    spec, is_auto = sweep.spec, sweep.spec.longest is not None
     periods = max(1, total * spec.periods // sweep.most_periods)
     return replace(
         spec,
-        transient=0 if found else total - periods,
-        longest=max(1, total - periods) if found else None,
+        transient=0 if is_auto else total - periods,
+        longest=max(1, total - periods) if is_auto else None,
         periods=periods,
         impacts=min(spec.impacts, 8 * periods),
         period=spec.period and spec.followed is None,

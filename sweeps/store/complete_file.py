@@ -125,8 +125,8 @@ def _add_table(new: BinaryIO, variables: Iterable[str]) -> None:
         elif size > 0:
             rows.append((name, start, size, 0))
         at = start + size
-    found = zip(rows, _checksums(new, rows), strict=True)
-    table = json.dumps([(*row[:3], crc) for row, crc in found]).encode()
+    pairs = zip(rows, _checksums(new, rows), strict=True)
+    table = json.dumps([(*row[:3], crc) for row, crc in pairs]).encode()
     new.seek(end)
     new.write(table + _END.pack(len(table), zlib.crc32(table), TRAILER))
 

@@ -110,7 +110,7 @@ class Parts:
         """
         schema = self.file_schema
         shapes = {name: tuple(schema.sizes(name, box).values()) for name in names}
-        found = {name: np.full(shapes[name], VARIABLES[name].fill_value) for name in names}
+        arrays = {name: np.full(shapes[name], VARIABLES[name].fill_value) for name in names}
         for number in numbers:
             block = schema.blocks[number]
             common = [
@@ -127,26 +127,26 @@ class Parts:
                 )
                 for name, array in self.read(number, names).items():
                     record = (slice(width) for width in array.shape[len(box) :])
-                    found[name][(*there, *record)] = array[here]
-        return found
+                    arrays[name][(*there, *record)] = array[here]
+        return arrays
 
     def read(self, number: int, names: Collection[str]) -> dict[str, np.ndarray]:
         """Return variables of a block, of shape (box..., record); trajectories may be shorter.
 
         Raises StoreError if they are damaged, or if the file is gone or another one.
         """
-        found: dict[str, np.ndarray] = {}
+        arrays: dict[str, np.ndarray] = {}
         with self._opened(number) as (file, _):
             for name in names:
                 if name in TRAJECTORIES:
                     columns = self._columns(file, number, name)
-                    ((_, found[name]),) = _padded(self.schema.blocks[number], *columns)
+                    ((_, arrays[name]),) = _padded(self.schema.blocks[number], *columns)
                 elif name not in self._single:
-                    found[name] = self._array(file, number, name)
-                elif name not in found:
+                    arrays[name] = self._array(file, number, name)
+                elif name not in arrays:
                     points = self._array(file, number, "points")
-                    found |= {one: points[one] for one in names if one in self._single}
-        return found
+                    arrays |= {each: points[each] for each in names if each in self._single}
+        return arrays
 
     def pieces(self) -> Iterator[tuple[str, Block, np.ndarray]]:
         """Yield all results for the complete file: a variable, a box of points, and an array.
@@ -269,8 +269,8 @@ def _padded(
         for cut in (slice(box[axis].start, middle), slice(middle, box[axis].stop)):
             half = (*box[:axis], cut, *box[axis + 1 :])
             here, lengths = np.split(lengths, [block_points(half)])
-            own, samples = np.split(samples, [here.sum()])
-            yield from _padded(half, here, own, most)
+            column, samples = np.split(samples, [here.sum()])
+            yield from _padded(half, here, column, most)
     else:
         array = np.full((len(lengths), lengths.max(initial=0)), np.nan)
         array[np.arange(array.shape[1]) < lengths[:, None]] = samples

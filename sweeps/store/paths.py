@@ -58,9 +58,9 @@ def parts_path(path: Path) -> Path:
     Refuse the path of such a folder, or of a file in it, and name the path to give.
     """
     whole = absolute(path)
-    for folder, given in ((whole, path), (whole.parent, path.parent)):
+    for folder, as_typed in ((whole, path), (whole.parent, path.parent)):
         if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
-            output = str(given if given.name else folder).removesuffix(PARTS)
+            output = str(as_typed if as_typed.name else folder).removesuffix(PARTS)
             raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
     path = path.resolve() if os.path.islink(path) else path
     return path.with_name(f"{path.name}{PARTS}")
@@ -116,10 +116,10 @@ def open_regular(path: Path) -> io.BufferedReader:
 def is_sweep(path: Path) -> bool:
     """Return whether the path has an HDF5 file, of a sweep or not, or an incomplete sweep."""
     try:
-        found = content(path) or content(parts_path(path) / SCHEMA)
+        kind_there = content(path) or content(parts_path(path) / SCHEMA)
     except StoreError:
         return False  # reading it as YAML reports the error
-    return found in (Content.SWEEP, Content.HDF5)
+    return kind_there in (Content.SWEEP, Content.HDF5)
 
 
 def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
@@ -143,15 +143,13 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
         )
     check_parts(path, overwrite)
     for file, named in ((path, path), (parts / SCHEMA, parts)):
-        found = content(file)
-        if found is None:
+        old = content(file)
+        if old is None:
             continue
         if not (overwrite or resume):
             raise StoreError(f"{named} exists; resume it, overwrite it, or give another output")
-        if found not in (Content.NOTHING, Content.SWEEP):
-            raise StoreError(
-                f"{file} is {found.value} and will not be replaced; give another output"
-            )
+        if old not in (Content.NOTHING, Content.SWEEP):
+            raise StoreError(f"{file} is {old.value} and will not be replaced; give another output")
 
 
 def check_parts(path: Path, overwrite: bool) -> None:

@@ -94,11 +94,11 @@ def _in_blocks(parts: Parts, name: str, key: Index) -> np.ndarray:
         first, last = (int(chosen[0]), int(chosen[-1])) if len(chosen) else (0, -1)
         box.append(slice(first, last + 1))
         rest.append(slice(None, None, cut.step) if isinstance(cut, slice) else cut - first)
-    found = parts.values(tuple(box), [name], parts.entries)[name]
+    array = parts.values(tuple(box), [name], parts.entries)[name]
     # One axis at a time, the last first: an array would move to the front beside an integer.
     for axis, index in reversed(list(enumerate([*rest, *key[len(rest) :]]))):
-        found = found[(slice(None),) * axis + (index,)]
-    return found
+        array = array[(slice(None),) * axis + (index,)]
+    return array
 
 
 def _lazy(

@@ -68,8 +68,8 @@ def reason(error: Exception) -> str:
 
 def error_number(error: Exception) -> int | None:
     """Return the number of an error of the system, which HDF5 only writes into its message."""
-    found = re.search(r"errno = (\d+)", str(error))
-    return getattr(error, "errno", None) or (int(found[1]) if found else None)
+    match = re.search(r"errno = (\d+)", str(error))
+    return getattr(error, "errno", None) or (int(match[1]) if match else None)
 
 
 def check_target(path: Path, what: str) -> Path:

@@ -138,36 +138,36 @@ class Schema:
     def sizes(self, name: str, box: Block | None = None) -> dict[str, int]:
         """Return the length of each dimension of a variable, in a box of points or in the file."""
         lengths = map(len, self.axes.values()) if box is None else box_shape(box)
-        found = dict(zip(self.axes, lengths, strict=True))
+        sizes = dict(zip(self.axes, lengths, strict=True))
         if dimension := VARIABLES[name].dimension:
-            found[dimension] = len(self.records[dimension])
-        return found
+            sizes[dimension] = len(self.records[dimension])
+        return sizes
 
     def coordinates(self) -> dict[str, tuple[tuple[str, ...], Any]]:
         """Return dimensions and values of each axis, column, parameter and record of the file."""
-        found: dict[str, tuple[tuple[str, ...], Any]] = {}
+        result: dict[str, tuple[tuple[str, ...], Any]] = {}
         for axis, values in self.axes.items():
-            found[axis] = (axis,), 1 + np.arange(len(values)) if axis == TABLE else values
+            result[axis] = (axis,), 1 + np.arange(len(values)) if axis == TABLE else values
             for column in (axis == TABLE and values.dtype.names) or ():
-                found[column] = (axis,), values[column]
-        found |= {name: ((), float(value)) for name, value in self.fixed.items()}
-        return found | {record: ((record,), numbers) for record, numbers in self.records.items()}
+                result[column] = (axis,), values[column]
+        result |= {name: ((), float(value)) for name, value in self.fixed.items()}
+        return result | {record: ((record,), numbers) for record, numbers in self.records.items()}
 
     def differences(self, old: Schema) -> list[str]:
         """Say what makes this sweep, or the code that computes it, another one than an old one."""
         was, now = old.attributes, self.attributes
-        found = differing_keys(str(was["configuration"]), str(now["configuration"]))
+        problems = differing_keys(str(was["configuration"]), str(now["configuration"]))
         if was["numerics"] != now["numerics"]:
-            found.append("the code that computes is another version")
+            problems.append("the code that computes is another version")
         # The computation follows from these two, and other code may name its parts differently.
-        if not found:
-            found = differing_keys(*(str(of.get("computation", "{}")) for of in (was, now)))
+        if not problems:
+            problems = differing_keys(*(str(of.get("computation", "{}")) for of in (was, now)))
         same = list(old.axes) == list(self.axes) and all(
             _same(old.axes[axis], self.axes[axis]) for axis in self.axes
         )
-        if not found and not same:
-            found.append("the points have other values or another order")
-        return found
+        if not problems and not same:
+            problems.append("the points have other values or another order")
+        return problems
 
 
 def refuse_columns(names: Iterable[str]) -> None:
@@ -212,11 +212,11 @@ def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
         meaning, unit, symbol = of.meaning, of.unit, of.symbol
     else:
         meaning, unit, symbol = _MEANINGS.get(name, name), schema.column_units.get(name, "1"), ""
-    found: dict[str, Any] = description_in(schema.attributes, meaning, unit) | {"symbol": symbol}
+    about: dict[str, Any] = description_in(schema.attributes, meaning, unit) | {"symbol": symbol}
     if name in FLAGS:
-        found["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)
-        found["flag_meanings"] = " ".join(one.name.lower() for one in FLAGS[name])
-    return found
+        about["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)
+        about["flag_meanings"] = " ".join(word.name.lower() for word in FLAGS[name])
+    return about
 
 
 @contextmanager
@@ -234,8 +234,8 @@ def of_this_form(path: Path) -> Iterator[None]:
 
 def _own(file: h5py.File, name: str) -> h5py.Dataset:
     """Return a dataset with this name, whose data are in this file."""
-    own = "/" not in name and isinstance(file.get(name, getlink=True), h5py.HardLink)
-    data = file[name] if own else None
+    is_own = "/" not in name and isinstance(file.get(name, getlink=True), h5py.HardLink)
+    data = file[name] if is_own else None
     if not isinstance(data, h5py.Dataset) or data.external or data.is_virtual:
         raise ValueError(f"{name} is not in it")
     return data

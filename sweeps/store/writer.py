@@ -282,8 +282,8 @@ def _acquired(name: Path) -> tuple[BaseFileLock, os.stat_result | None]:
 def _holder(name: Path) -> str:
     """Name the process that holds a lock, and say what the user can do."""
     text = _lock(name)[0].decode(errors="replace")
-    found = re.search(r"(\d+)\n?(.*)", text)
-    number, host = found.groups() if found else ("of an unknown number", "")
+    match = re.search(r"(\d+)\n?(.*)", text)
+    number, host = match.groups() if match else ("of an unknown number", "")
     process = f"process {number}{f' on {host}' if host else ''}"
     ended = f"if it has ended, remove {name}, " if host else ""
     return f"{process}; wait for it, stop it with Ctrl-C or kill, {ended}or give another output"
