@@ -41,12 +41,11 @@ from sweeps.opened.motions import MOTION, ORBIT_TOLERANCE, orbit_of_motion, run_
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import description_in
 from sweeps.text import listed
-from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, simulate
+from vibroimpact import OrbitError, PeriodicOrbit
 from vibroimpact.points.computation import compute_points
 from vibroimpact.points.regimes import Regime, rests
 from vibroimpact.points.stages import Results, in_stages, without_class
 from vibroimpact.status import Status
-from vibroimpact.trajectory import exact_samples
 
 #: The variables that `integrity` adds, with their meanings and units.
 _BASIN_MEASURES = {
@@ -428,17 +427,3 @@ class _Motions:
 
 def _knock_size(knock: Knock) -> float:
     return abs(knock.harmful)
-
-
-def at_section(
-    oscillator: Oscillator, phase: float, x: float, v: float, section: float
-) -> tuple[float, float]:
-    """Return the state of a motion when it next passes the section, to 1e-4, enough for a picture.
-
-    `phase` is omega t at the given state, and `section` that of the section, in [0, 2 pi).
-    """
-    phase %= math.tau
-    motion = simulate(oscillator, 1, x0=x, v0=v, phase=phase)
-    t, x_t, v_t = exact_samples(oscillator, motion.t, motion.x, motion.v)
-    at = (section if section > phase else section + math.tau) / oscillator.omega
-    return float(np.interp(at, t, x_t)), float(np.interp(at, t, v_t))

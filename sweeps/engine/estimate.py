@@ -7,7 +7,6 @@ import os
 import time
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import NamedTuple
 
 import numpy as np
 
@@ -62,14 +61,6 @@ _V1 = (
 )
 
 
-class _Chain(NamedTuple):
-    """What is computed one after the other: all values of a followed axis, or else one point."""
-
-    points: int  #: Of the grid.
-    memory: int  #: Of its results [bytes].
-    lanes: int  #: How many chains a thread computes side by side.
-
-
 def expected_cost(
     sweep: Sweep, path: Path, computer: LocalComputer | ClusterComputer, resume: bool
 ) -> Cost:
@@ -81,8 +72,9 @@ def expected_cost(
     disk = 2 * size * bytes_per_point(spec, max(at_impacts, _AT_IMPACTS))
     check_room(path, disk, resume=resume)
     limits = computer.block_limits(seconds, points)
-    block, chain = min(block_size(sweep, at_impacts, **limits), points), _chain(sweep, at_impacts)
-    memory = _BLOCKS_HELD * block * chain.memory // chain.points
+    block = min(block_size(sweep, at_impacts, **limits), points)
+    chain, of_chain, _ = _chain(sweep, at_impacts)
+    memory = _BLOCKS_HELD * block * of_chain // chain
     file = size * bytes_per_point(spec, at_impacts)
     return Cost(seconds + _WRITING * file, file, memory, block)
 
@@ -115,12 +107,15 @@ def block_size(
     return chain * (min(fits, wanted) // lanes * lanes or fits)
 
 
-def _chain(sweep: Sweep, at_impacts: float = 0.0) -> _Chain:
-    """Return the chains of a sweep; `at_impacts` is that of `block_size`."""
+def _chain(sweep: Sweep, at_impacts: float = 0.0) -> tuple[int, int, int]:
+    """Return points and memory [bytes] of a chain, and how many a thread computes side by side.
+
+    A chain has all values of a followed axis, or else is one point.
+    """
     spec = sweep.spec
     points = len(sweep.grid.axes[spec.followed]) if spec.followed else 1
     of_point = bytes_per_point(spec, max(at_impacts, _AT_IMPACTS)) * max(1, len(spec.directions))
-    return _Chain(points, points * of_point, lanes_per_thread(sweep.grid.size // points, 1))
+    return points, points * of_point, lanes_per_thread(sweep.grid.size // points, 1)
 
 
 def check_memory(results: int, what: str) -> int:
@@ -213,9 +208,9 @@ def _tried(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
     """Return the points of each call of a trial, and the number of points of the sweep."""
     # Try no more points than a block computes side by side: a full set of lanes takes hardly longer
     # than a few.
-    chain = _chain(sweep)
-    chains = min(block_size(sweep), sweep.grid.size) // chain.points
-    count = min(2 * chain.lanes * threads, chains * max(1, len(sweep.spec.directions)))
+    chain, _, lanes = _chain(sweep)
+    chains = min(block_size(sweep), sweep.grid.size) // chain
+    count = min(2 * lanes * threads, chains * max(1, len(sweep.spec.directions)))
     # With few lanes, try several sets: a few points may not be typical.
     number, size = -(-_LEAST_TRIED // count) if sweep.spec.followed else 1, sweep.size
     tried = sweep.grid.spread(number * count)

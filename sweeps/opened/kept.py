@@ -40,11 +40,13 @@ def with_cache(
     """
 
     @takes_sweep({})
-    def found(sweep: OpenedSweep, *request: Any, **chosen: Any) -> xr.Dataset:
+    def kept(sweep: OpenedSweep, *request: Any, **chosen: Any) -> xr.Dataset:
         """Look for a kept result first."""
         code = [numerics_of(Path(__file__).parents[1] / room) for room in _ROOMS]
-        asked = [find.__name__, [one for one in request if not callable(one)], chosen]
-        key = json.dumps([_motions(sweep), NUMERICS, code, asked], default=_plain, sort_keys=True)
+        asked = [find.__name__, [part for part in request if not callable(part)], chosen]
+        about = sweep.config.to_yaml(), sweep.in_rig, sweep.grid
+        motions = _digest(about, sweep.data.coords, sweep.recorded_motions)
+        key = json.dumps([motions, NUMERICS, code, asked], default=_plain, sort_keys=True)
         path = root() / "exact" / hashlib.sha256(key.encode()).hexdigest()[:24]
         if (before := _read(path, key)) is not None:
             say(f"the {what} were found before, and are used again")
@@ -59,13 +61,7 @@ def with_cache(
             say(f"the {what} are not kept in {path.parent}: {error.strerror or error}")
         return result
 
-    return found
-
-
-def _motions(sweep: OpenedSweep) -> str:
-    """Return a digest of the motions of a sweep, as it is now, and of its axes and their names."""
-    about = sweep.config.to_yaml(), sweep.in_rig, sweep.grid
-    return _digest(about, sweep.data.coords, sweep.recorded_motions)
+    return kept
 
 
 def _plain(part: Any) -> int | str:

@@ -17,7 +17,7 @@ from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
 from sweeps.attractor.attractor_table import AttractorRow, attractor_rows, classes_text
-from sweeps.attractor.integrity import at_section, knocks, refuse_unfit, with_measures
+from sweeps.attractor.integrity import knocks, refuse_unfit, with_measures
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.opened.kept import with_cache
@@ -46,6 +46,8 @@ from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import Look, ground, ink
 from sweeps.text import shown_count
+from vibroimpact import Oscillator, simulate
+from vibroimpact.trajectory import exact_samples
 
 #: The panels of the profile: for each measure the flag that the edge decided it, and the title.
 _MEASURES = {
@@ -295,7 +297,7 @@ def _draw_disturbances(
             at = one["knock_phase"], one["knock_x"]
             size = one["knock_harmful"]
             begin, end = (
-                at_section(oscillator, *at, one["knock_v"] + dv, section) for dv in (0.0, size)
+                _at_section(oscillator, *at, one["knock_v"] + dv, section) for dv in (0.0, size)
             )
             colour, edge = (ink(), ground()) if looks.grey else (looks.look(row).ink, ink())
             look: dict[str, Any] = {"color": colour, "linewidth": 1.2}
@@ -320,3 +322,14 @@ def _draw_disturbances(
         text = f"no disc and no knock for {shown_count(len(others), 'other attractor')}"
         handles.append(Line2D([], [], linestyle="", label=text))
     return handles + mark_attractors(panel, own)
+
+
+def _at_section(
+    oscillator: Oscillator, phase: float, x: float, v: float, section: float
+) -> tuple[float, float]:
+    """Return the state of a motion from a phase when it next passes the section, to 1e-4."""
+    phase %= math.tau
+    motion = simulate(oscillator, 1, x0=x, v0=v, phase=phase)
+    t, x_t, v_t = exact_samples(oscillator, motion.t, motion.x, motion.v)
+    at = (section if section > phase else section + math.tau) / oscillator.omega
+    return float(np.interp(at, t, x_t)), float(np.interp(at, t, v_t))
