@@ -74,11 +74,9 @@ def check_address(address: str) -> None:
 def connected(address: str) -> Iterator[Client]:
     """Yield a client of the cluster at an address, and silence the loggers of Dask meanwhile.
 
-    `check_address` must have accepted the address. It is ``tcp://host:port`` for a scheduler,
-    ``tls://host:port`` for a scheduler that requires the certificates of Dask's own configuration,
-    or ``local:N``, which starts N processes with one thread each on this machine and ends them;
-    other users cannot reach them. Raises Refused if Dask is not installed or no scheduler accepts
-    the connection.
+    `check_address` must have accepted the address: ``tls:`` takes the certificates of Dask's own
+    configuration, and ``local:N`` starts N processes, and ends them. Raises Refused if Dask is not
+    installed or no scheduler accepts the connection.
     """
     try:
         import distributed
@@ -291,8 +289,6 @@ class ClusterComputer:
     def __init__(self, client: Client) -> None:
         self._client = client
         self._address = client.scheduler.address
-        self._asked = -math.inf
-        self._workers: dict[str, int] = {}
         with self._scheduler_needed():
             self._count()
             self._refuse_others()
@@ -352,7 +348,7 @@ class ClusterComputer:
     def _count(self) -> None:
         """Ask the scheduler for its workers."""
         with raised_at_once():  # Dask checks no flag while it waits for an answer
-            self._workers = self._client.nthreads()
+            self._workers: dict[str, int] = self._client.nthreads()
         self._asked = time.monotonic()
 
     def _result(self, future: Future[Results]) -> Results:
