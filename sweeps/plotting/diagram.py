@@ -116,12 +116,16 @@ def bifurcation(
     _check_branches(exact, axis, coordinate)
     points = read_overlay(overlay, sweep, [[axis], [coordinate, *names]])
     paint = None if tint is None else paint_of(line, tint, dots=True, grey=page.grey)
-    motions = _Motions(line, axis, coordinate, paint, page.grey)
+    rgba = None if paint is None else paint.colours()
+    motions = _Motions(line, axis, coordinate, rgba, page.grey)
     heights, shared = [1.0] + [_LOWER] * len(names), range(len(names) + 1)
     panels = canvas.stacked_panels(page, heights, shared) if ax is None else [ax]
     panel, lower = panels[0], panels[1:]
     label_axis(panels[-1].xaxis, line[axis])
     label_axis(panel.yaxis, as_variable(coordinate, sweep))
+    for below_it, name in zip(lower, names, strict=True):
+        label_axis(below_it.yaxis, line[name], heading=True)
+    record = record_text(line, coordinate)
     low, high = motions.draw_points(panel)
     branches, idle = dict[str, list[Line2D]](), list[Artist]()
     if exact is not None:
@@ -145,11 +149,10 @@ def bifurcation(
     handles = [handle for each in panels for handle in each.get_legend_handles_labels()[0]]
     handles, title = legend_entries(paint, panels, handles)
     handles += [*jumps, *name_branches(panel, branches), *idle, *measured]
-    record = record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, handles, title, record)
     if motions.dense:
-        colours = motions.direction_colours()
-        draw_density(panel, motions.values, motions.ways, coordinate, colours, motions.rgba)
+        parts = motions.values, motions.ways, coordinate, motions.colours, motions.rgba
+        draw_density(panel, *parts)
     return figure
 
 
@@ -201,12 +204,13 @@ class _Motions:
     """The motions of a diagram: the `ways` in which the `line` was followed, over its `values`."""
 
     def __init__(
-        self, line: OpenedSweep, axis: str, coordinate: str, paint: Paint | None, grey: bool
+        self, line: OpenedSweep, axis: str, coordinate: str, rgba: np.ndarray | None, grey: bool
     ) -> None:
         """Split a line into its directions; colours of the points have the shape (n, 4)."""
         self.line, self.axis, self.coordinate, self.grey = line, axis, coordinate, grey
-        self.values, self.ways = line[axis].values, line.each_direction
-        self.rgba = None if paint is None else paint.colours()
+        self.values, self.ways, self.rgba = line[axis].values, line.each_direction, rgba
+        up, down = (visible(look.colour) for look in DIRECTION_LOOKS[grey])
+        self.colours = up, down
         computed = int(has_result(line["status"].values).sum())
         self.dense = computed * line.sizes[ORDINATES[coordinate].dimension] > DENSITY_FROM
 
@@ -237,7 +241,7 @@ class _Motions:
 
     def _mark(self, panel: Axes, records: Sequence[np.ndarray], **look: Any) -> None:
         """Draw values of each direction, shape (n, k); those of both have a colour of their own."""
-        colours: Sequence[str | np.ndarray] = self.direction_colours()
+        colours: Sequence[str | np.ndarray] = self.colours
         if len(self.ways) == 1:
             colours = [data_colour() if self.rgba is None else self.rgba]
         parts = [(y, np.isfinite(y), of) for y, of in zip(records, colours, strict=False)]
@@ -274,15 +278,10 @@ class _Motions:
         y = recorded_coordinate(way.data, self.coordinate).values
         paint.mark(panel, np.broadcast_to(self.values[:, None], y.shape), y)
 
-    def direction_colours(self) -> tuple[str, str]:
-        """Return the colours of both directions."""
-        up, down = (visible(look.colour) for look in DIRECTION_LOOKS[self.grey])
-        return up, down
-
     def _name_directions(self, panel: Axes) -> None:
         """Add the colours of the directions to the legend, with the symbol of the axis."""
         texts = *direction_names(self.line), "both"
-        colours = *self.direction_colours(), visible(BOTH_COLOUR)
+        colours = *self.colours, visible(BOTH_COLOUR)
         shapes = (*_MARKERS, "o") if self.grey and not self.dense else 3 * ("o",)
         for text, colour, shape in zip(texts, colours, shapes, strict=True):
             marker = "s" if self.dense else shape
@@ -294,7 +293,7 @@ class _Motions:
             return []
         order = np.argsort(self.values)
         up, down = (record[order] for record in self._records())
-        return draw_jumps(panel, self.values[order], up, down, self.direction_colours())
+        return draw_jumps(panel, self.values[order], up, down, self.colours)
 
     def mark_points(self, panel: Axes, marks: bool) -> None:
         """Mark points that failed and, if asked for, those that do not show their whole orbit.
@@ -330,4 +329,3 @@ class _Motions:
             colour = data_colour() if is_plain else visible(BOTH_COLOUR)
             for text, alpha in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
                 panel.plot([], [], "o", color=colour, alpha=alpha, markersize=4, label=text)
-        label_axis(panel.yaxis, self.ways[0][name], heading=True)
