@@ -105,7 +105,7 @@ class Memory(NamedTuple):
 
 
 @inlined
-def has_result(sums):
+def is_resolved(sums):
     """Whether a record has a result, given its sums."""
     return 0 <= sums.status < _UNRESOLVED
 

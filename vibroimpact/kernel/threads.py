@@ -26,7 +26,7 @@ from vibroimpact.destination.find import (
     find_exact,
     find_plain,
     find_shortened,
-    has_result,
+    is_resolved,
 )
 from vibroimpact.destination.repetition import MOST_REPETITIONS, rests_alike_exactly
 from vibroimpact.destination.section_map import MOST_SECTIONS
@@ -142,7 +142,7 @@ def find_all(search, memory, find):
     """Find where motion after motion goes, until the threads have taken all of them."""
     row = claim(search.claimed)
     while row < search.points.size and not is_set(search.interrupt):
-        if has_result(search.sums[row]):
+        if is_resolved(search.sums[row]):
             find(
                 search.points[row], search.sections[row], search.sums[row], search.scheme, memory,
                 search.found[row],
