@@ -7,7 +7,7 @@ which this proves nothing goes through ``exact_step`` alone, as that of a single
 
 from __future__ import annotations
 
-from vibroimpact.jit import jit, lowest_bit, not_negative, specialised, widest_vectors
+from vibroimpact.jit import jit, lowest_bit, not_negative, select, specialised, widest_vectors
 from vibroimpact.kernel.exact_impacts import (
     AT,
     BEGIN,
@@ -49,7 +49,6 @@ from vibroimpact.kernel.workspace import (
     LANES,
     LEAST,
     LEVEL,
-    LISTED,
     MOST,
     OMEGA,
     PERIOD,
@@ -85,6 +84,9 @@ from vibroimpact.step.propagator import (
 from vibroimpact.step.scheme import COS, SIN, THETA
 from vibroimpact.step.turning_points import widen_by_events
 from vibroimpact.step.variational import carry_tangents
+
+#: After so many periods it is asked which lanes never widen their reach again.
+_JUDGED_EVERY = 4
 
 
 @jit
@@ -141,7 +143,8 @@ def _propagate(lanes, size, added, phase_step, n, watching):
             propagator_in(lanes, i), y, w, (added[0, i], added[1, i]), phase_step
         )
         if watching:
-            lanes[LISTED + i] = max(guard - lanes[MOST + i], lanes[LEAST + i] - floor)
+            beyond = max(guard - lanes[MOST + i], lanes[LEAST + i] - floor)
+            guard = select(guard < 0.0, select(beyond < 0.0, -1.0, 0.0), 1.0)
         lanes[GUARD + i] = guard
         lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
 
@@ -158,7 +161,7 @@ def propagate_lanes(lanes, size, added, phase_step, n):
 
 @jit
 def watch_lanes(lanes, size, added, phase_step, n):
-    """As ``propagate_lanes``, with what is LISTED of the lanes."""
+    """As ``propagate_lanes``; a GUARD of 0 says that a step without impact may widen the reach."""
     widest_vectors()
     _propagate(lanes, size, added, phase_step, n, True)
 
@@ -260,16 +263,16 @@ def take_flights(batch, lo, count, grid, n, carrying, watching):
 
 
 @jit
-def list_awake(workspace, size, grid, n, row, watching):
-    """List the lanes that may have met the stop, of those that `row` lists.
+def list_awake(workspace, size, grid, n, watching):
+    """List the lanes that may have met the stop.
 
-    Those that rest until after the step stay there; the others may widen their reach.
+    Those that rest until after the step stay there; others may widen their reach.
     """
     lanes, met, new_row = workspace.lanes, workspace.met, (~n & 1) * ROW
     awake, theta = 0, grid.table[THETA, n] + grid.phase_step
-    for j in range(list_lanes(lanes, row, met, size)):
+    for j in range(list_lanes(lanes, GUARD, met, size)):
         i = met[j] & (LANES - 1)
-        if watching is not None and lanes[GUARD + i] < 0.0:
+        if watching is not None and watching and lanes[GUARD + i] == 0.0:
             widen_by_lane(workspace, i, grid, n)
         elif sleeps_until(lanes, i, theta):
             lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
@@ -290,13 +293,12 @@ def take_exact_steps(batch, grid, carrying, watching):
     workspace, _, size = batch
     lanes = workspace.lanes
     for n in range(grid.size):
-        added, row = workspace.added[place_of_added(workspace, grid, n)], GUARD
+        added = workspace.added[place_of_added(workspace, grid, n)]
         if watching is not None and watching:
             watch_lanes(lanes, size, added, grid.phase_step, n)
-            row = LISTED
         else:
             propagate_lanes(lanes, size, added, grid.phase_step, n)
-        listed = list_awake(workspace, size, grid, n, row, watching)
+        listed = list_awake(workspace, size, grid, n, watching)
         if carrying is not None and carrying:
             propagate_all_tangents(lanes, size, n)
         for lo in range(0, listed, COLUMNS):
@@ -310,7 +312,8 @@ def take_exact_steps(batch, grid, carrying, watching):
                 lanes[i] = lanes[i + ROW]
     if watching is not None and watching:
         widen_by_turns(workspace, grid.phase_step)
-        stop_watching(batch, grid)
+        if int(lanes[PERIOD]) % _JUDGED_EVERY == 0:
+            stop_watching(batch, grid)
 
 
 @jit

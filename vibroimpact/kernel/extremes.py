@@ -82,8 +82,10 @@ def set_steady(lanes, i, pt, grid):
 
 @jit
 def judge_reach(lanes, size):
-    """Find lanes whose second period ends, or that never widen their reach again, by their GUARD.
+    """Find lanes whose free oscillation is asked for, or that never widen their reach again.
 
+    Their GUARD is not negative. The first period does not ask: most motions that are free in it
+    repeat it to the same bits.
     In the norm hypot(y, omega w / p) a motion comes ever nearer to the free oscillation, as long as
     it is free; and it is free if its reach includes the free oscillation and this distance.
     """
@@ -93,22 +95,19 @@ def judge_reach(lanes, size):
         y, w = lanes[Y + i] - lanes[s], lanes[W + i] - lanes[s + ROW]
         room = min(lanes[s + 2 * ROW] - lanes[LEAST + i], lanes[MOST + i] - lanes[s + 3 * ROW])
         within = (room > 0.0) & (room * room > y * y + lanes[s + 4 * ROW] * w * w)
-        due = (lanes[PERIOD + i] == 1.0) | (within & (lanes[PERIOD + i] > 1.0))
+        due = (within | (lanes[s + 4 * ROW] == 0.0)) & (lanes[PERIOD + i] >= 1.0)
         lanes[GUARD + i] = select(due & (lanes[LEAST + i] > -math.inf), 1.0, -1.0)
 
 
 @jit
 def stop_watching(batch, grid):
-    """Keep the reach of lanes that never widen it again, and watch them no longer.
-
-    Most motions that are free at their first period repeat it to the same bits: not asked yet.
-    """
+    """Keep the reach of lanes that never widen it again, and watch them no longer."""
     workspace, record, size = batch
     lanes, met = workspace.lanes, workspace.met
     judge_reach(lanes, size)
     for j in range(list_lanes(lanes, GUARD, met, size)):
         i, reach = met[j], record.reach[workspace.rows[met[j]]]
-        if lanes[PERIOD + i] == 1.0:
+        if lanes[STEADY + 4 * ROW + i] == 0.0:
             set_steady(lanes, i, workspace.points[i], grid)
             continue
         own = lanes[LEAST + i], lanes[MOST + i]

@@ -45,6 +45,7 @@ from vibroimpact.kernel.workspace import (
     RESTITUTION,
     ROW,
     SLEPT,
+    STEADY,
     TANGENT,
     VELOCITY,
     WAKE,
@@ -132,6 +133,7 @@ def begin_record(workspace, job, i, x):
     lanes, pt, theta = workspace.lanes, workspace.points[i], job.scheme.grid.table[THETA, 0]
     reach = job.record.reach
     lanes[LEAST + i] = lanes[MOST + i] = lanes[POSITION + i]
+    lanes[STEADY + 4 * ROW + i] = 0.0
     if reach.size > 0:
         reach[workspace.rows[i], 0] = reach[workspace.rows[i], 1] = x
     begin_sums(workspace.sums[i])

@@ -76,10 +76,9 @@ MARK_LEVEL = _rows.take()
 MARK_PERIOD = _rows.take()
 # For the extremes.
 LEAST, MOST = _rows.take(), _rows.take()  #: The reach of the motion, see ``turning_points.py``.
-LISTED = _rows.take()  #: Not negative if GUARD is not, or if a step may widen the reach.
 THIRD = _rows.take()  #: A third of the step T.
 #: The free oscillation: its state at the section, its least and greatest y with a margin for
-#: rounding, and (omega / p)^2.
+#: rounding, and (omega / p)^2, which is 0 until it is asked for.
 STEADY = _rows.take(5)
 #: The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers of
 #: one lane are contiguous.
