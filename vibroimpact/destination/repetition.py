@@ -215,14 +215,14 @@ def rests_alike(pt, scheme, m, sums, memory, exactly):
     if is_held(pt):
         return True
     beside, rest = memory.beside[0], sums.cycle_rested * pt.omega * m / max(sums.cycle, 1)
-    memory.beside[0] = pt
-    beside.p = pt.p * (1.0 - _BESIDE)
-    first = rest_after(beside, scheme, m, memory.scratch, exactly)
-    if first == 0.0 or abs(first - rest) < _EQUAL * rest:
-        return first > 0.0
-    beside.p = pt.p * (1.0 + _BESIDE)
-    second = rest_after(beside, scheme, m, memory.scratch, exactly)
-    return abs(first - second) < _ALIKE * min(first, second)
+    memory.beside[0], first, length = pt, 0.0, 0.0
+    for share in (-_BESIDE, _BESIDE):
+        beside.p = pt.p * (1.0 + share)
+        length = rest_after(beside, scheme, m, memory.scratch, exactly)
+        if length == 0.0 or (first == 0.0 and abs(length - rest) < _EQUAL * rest):
+            return length > 0.0
+        first = first if first > 0.0 else length
+    return abs(first - length) < _ALIKE * min(first, length)
 
 
 @jit
