@@ -28,8 +28,7 @@ from sweeps.bench.paper_cases import CASES, CHATTER
 from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, integrate, paper_procedure, simulate
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.stability import is_stable, spectral_radius
+from vibroimpact.step.integrators import INTEGRATORS, is_stable, spectral_radius
 
 #: Values of h / p in the table: none, light, half critical, critical, twice critical.
 ZETAS = np.array([0.0, 0.1, 0.5, 1.0, 2.0])

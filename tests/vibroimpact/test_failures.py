@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 from tests.helpers import naive
 from vibroimpact import Oscillator, integrate, paper_procedure, simulate
 from vibroimpact.status import Status
+from vibroimpact.step.integrators import is_stable
 from vibroimpact.step.scheme import least_stable_steps
-from vibroimpact.step.stability import is_stable
 
 PAPER = {"paper_A": (0.5, 1.0), "paper_B": (0.0, 0.5), "paper_C": (0.5, 0.5)}
 

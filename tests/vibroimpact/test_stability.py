@@ -11,9 +11,8 @@ from tests.helpers import naive
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.status import Status
-from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.integrators import INTEGRATORS, is_stable, spectral_radius
 from vibroimpact.step.scheme import MOST_STEPS, default_steps, least_stable_steps
-from vibroimpact.step.stability import is_stable, spectral_radius
 
 ALL = pytest.mark.parametrize("name", INTEGRATORS)
 
@@ -170,14 +169,14 @@ def test_asking_for_a_limit_compiles_nothing():
     """A configuration is checked, or refused, without waiting for the compiler."""
     code = (
         "from vibroimpact.kernel import threads\n"
-        "from vibroimpact.step import integrators, scheme, stability\n"
+        "from vibroimpact.step import integrators, scheme\n"
         "for name in integrators.INTEGRATORS:\n"
         "    scheme.least_stable_steps(name, [0.0, 2.0], 1.0, 1.0)\n"
         "compiled = [integrators.affine_map, integrators.integrator_step]\n"
         "compiled += [threads.run_plain, threads.run_shortened]\n"
         "compiled += [row.step for row in integrators.INTEGRATORS.values()]\n"
         "assert not any(function.signatures for function in compiled)\n"
-        "assert stability.is_stable('euler', 0.1, 0.2)\n"
-        "assert stability._fill_maps.signatures\n"
+        "assert integrators.is_stable('euler', 0.1, 0.2)\n"
+        "assert integrators._fill_maps.signatures\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

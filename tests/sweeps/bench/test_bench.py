@@ -12,8 +12,7 @@ import pytest
 from sweeps.bench import failures, paper_cases, speed
 from sweeps.bench.paper_cases import paper_picture
 from tests.helpers.commands import call
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.stability import spectral_radius
+from vibroimpact.step.integrators import INTEGRATORS, spectral_radius
 
 # Requests to all benches
 
