@@ -357,13 +357,9 @@ def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
         status.stop()
 
 
-def _show_warning(message: Warning | str, *_: object) -> None:
-    say(f"vibroimpact: warning: {message}", error=True)
-
-
 def prepare_streams() -> None:
     """Escape characters that the encoding lacks, and show Python warnings on one line."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    warnings.showwarning = _show_warning  # type: ignore[assignment]
+    warnings.showwarning = lambda text, *_: say(f"vibroimpact: warning: {text}", error=True)

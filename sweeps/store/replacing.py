@@ -153,9 +153,8 @@ def _unportable(name: str) -> str:
 
 def kind(mode: int) -> str:
     """Return the words for something that is not a regular file."""
-    if stat.S_ISDIR(mode):
-        return "a directory"
     kinds = {
+        stat.S_IFDIR: "a directory",
         stat.S_IFIFO: "a FIFO",
         stat.S_IFSOCK: "a socket",
         stat.S_IFCHR: "a device",

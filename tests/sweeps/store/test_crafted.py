@@ -120,6 +120,13 @@ def attribute(name, value):
     return change
 
 
+def parameter(name, value):
+    def change(file):
+        file[name][...] = value
+
+    return change
+
+
 ALIASES = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]\n"
     for a, b in zip("abcdefgh", "bcdefghi", strict=True)
@@ -128,6 +135,8 @@ FORMS = {
     "group": group, "outside": outside, "soft": soft, "stored outside": stored_outside,
     "virtual": virtual, "large": large, "without scales": without_scales,
     "another shape": another_shape, "texts": texts,
+    **{f"{name} = {value}": parameter(name, value)
+       for name in ("omega", "h") for value in (np.nan, np.inf)},
     **{f"{name} {i}": attribute(name, value) for name, values in {
         "computation": ("", "!!python/name:os.system x", "[1]", "- a", "{", "fixed", ALIASES),
         "configuration": (7, None), "coordinates": ("a/b", None, 7, "x" * 70),
