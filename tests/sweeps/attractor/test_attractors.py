@@ -251,7 +251,7 @@ def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path, places):
         assert len(got) == len(shares)
         error = 3.0 * np.sqrt(np.array(shares) * (1.0 - np.array(shares)) / 400.0)
         assert (np.abs(np.array(got) - shares) <= error + 1e-12).all()
-    assert several >= max(1, places // 6)
+    assert several >= max(1, places // 7)
 
 
 def long_run_shares(dataset):
