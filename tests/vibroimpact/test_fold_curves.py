@@ -317,6 +317,42 @@ def test_where_no_folds_are_found_beside_a_degenerate_flip_none_of_others_are_ta
             bifurcation_curve(turn.orbit, "fold", *((key, *ends) for key, ends in ranges.items()))
 
 
+@pytest.mark.parametrize("case", range(len(EVEN_FOLDS)))
+def test_the_folds_from_a_degenerate_flip_are_found_over_a_thousandth_of_the_ranges(case):
+    """In units of these the parameters move far, although the orbit is near that of the flip."""
+    (h, R, omega, clearance), m, phases, speeds, *names, _ = EVEN_FOLDS[case]
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=clearance)
+    start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds))
+    wide = [(name, *RANGES[name]) for name in names]
+    (end, *_) = (p for p in bifurcation_curve(start, "fold", *wide).special if p.kind == "flip")
+    flips = bifurcation_curve(end.orbit, "flip", *wide)
+    turns = [point for point in flips.special if point.kind == "degenerate"]
+    turn = min(turns, key=lambda point: np.abs(point.value - end.value).max())
+    spans = 1e-3 * np.array([high - low for _, low, high in wide])
+    narrow = [*zip(names, turn.value - spans, turn.value + spans, strict=True)]
+    folds = bifurcation_curve(turn.orbit, "fold", *narrow)
+    assert (folds.m, folds.q) == (m, len(phases))
+    assert min(np.abs((p.value - end.value) / spans).max() for p in folds.special) < 1e-4
+
+
+@pytest.mark.slow
+def test_two_degenerate_flips_close_together_are_the_ends_of_one_curve_of_folds():
+    """Two others on the same curve of flips are as near, each with folds of its own."""
+    osc = Oscillator(
+        h=0.0, R=0.82635698, omega=2.80343783, f=1.0, clearance=-0.02086808793689181
+    )  # fmt: skip
+    phases = (1.3135643, 8.589661, 12.2104049, 20.5494354, 28.8208763, 30.1466399, 31.8186251)
+    speeds = (0.4968367, 0.2494783, 0.5258202, 0.7486364, 0.2379813, 0.2321381, 0.0504151)
+    flip = PeriodicOrbit(osc, 6, np.array(phases), np.array(speeds))
+    ranges = ("omega", 1.66, 4.14), ("R", 0.3, 1.0)
+    turns = [p for p in bifurcation_curve(flip, "flip", *ranges).special if p.kind == "degenerate"]
+    assert len(turns) == 4
+    for turn, there in zip(turns, (turns[:1], turns[1:3], turns[1:3], turns[3:]), strict=True):
+        folds = bifurcation_curve(turn.orbit, "fold", *ranges)
+        ends = sorted(point.value.tolist() for point in folds.special if point.kind == "flip")
+        assert np.array(ends) == pytest.approx(np.array([p.value for p in there]), abs=1e-9)
+
+
 @pytest.mark.parametrize(("axis", "inside"), [(0, 1.0), (1, -1.0)])
 def test_a_curve_of_folds_ends_at_an_edge_just_before_its_degenerate_flip(axis, inside):
     """Its equations are singular there; the halves differ by the square root of the distance."""

@@ -166,7 +166,8 @@ class Branch:
         length = family.distance(*X)
         begin, end = (Point(Y, (X[1] - X[0]) / length, np.empty(0), math.nan, None) for Y in X)
         step = ArclengthStep(family, begin, end, length)
-        root = step.root(lambda Y: float(family.values(Y)[0]) - value)
+        away = (self.values[two] - value).tolist()
+        root = step.root(lambda Y: float(family.values(Y)[0]) - value, *away)
         if root is None or family.inadmissible(root)[0] is not None:
             return None
         return family.impacts(root)

@@ -27,7 +27,7 @@ CURVE_KINDS = tuple(filter(None, CONDITIONS))
 _BELONGS = 0.2
 #: Sizes of the orbits of twice the period that are tried beside a degenerate flip, and the most
 #: iterations for each.
-_SIZES, _PATIENT = (0.1, 0.05, 0.02, 0.01, 0.005, 0.2), 30
+_SIZES, _PATIENT = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2), 30
 #: A natural vibration repeats if its turns are a whole number, to this share.
 _REPEATS = 1e-9
 #: If no impact is faster than this, in natural units, the orbit is the free oscillation.
@@ -137,7 +137,10 @@ def _fold_of_twice(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) 
     folds = flips.related(impact_rows(X, q), m, "fold")
     for size in _SIZES:
         Y = folds.corrected(X + size * along, along[None, :], _PATIENT)
-        if Y is not None and folds.distance(X, Y) < 2.0 * size and folds.inadmissible(Y)[0] is None:
+        if Y is None or folds.inadmissible(Y)[0] is not None:
+            continue
+        # The impacts tell how near it is: the parameters are in units of ranges of any width.
+        if np.square((Y - X)[: 2 * q]).sum() < q * (2.0 * size) ** 2:
             return folds.orbit(Y)
     raise OrbitError(f"no fold of the orbits of {m}/{q} is found beside the degenerate flip")
 

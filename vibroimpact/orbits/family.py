@@ -348,19 +348,26 @@ class ArclengthStep:
         """Whether the step may miss roots of test functions, or points that are not orbits."""
         return calls.may_miss(self.family.system, self.begin[:3], self.end[:3], self.length)
 
-    def root(self, function: Callable[[np.ndarray], float]) -> np.ndarray | None:
-        """Return the root of a function that changes its sign over the step; None if not found."""
+    def root(
+        self, function: Callable[[np.ndarray], float], first: float, last: float
+    ) -> np.ndarray | None:
+        """Return the root of a function whose values at the ends differ in sign; None if not found.
+
+        At the ends Newton's method may fail, and another sum of the same terms have another sign.
+        """
         from scipy.optimize import brentq
 
         X, tangent = self.begin.X, self.begin.tangent
-        ends = {0.0: X, self.length: self.end.X}  # where Newton's method may fail
+        ends = {0.0: (X, first), self.length: (self.end.X, last)}
 
         def at(s: float) -> np.ndarray | None:
             if s in ends:
-                return ends[s]
+                return ends[s][0]
             return self.family.corrected(X + s * tangent, tangent[None, :])
 
         def along_step(s: float) -> float:
+            if s in ends:
+                return ends[s][1]
             Y = at(s)
             if Y is None:
                 raise ArithmeticError

@@ -96,8 +96,8 @@ def special_points(
     elif step.family.kind == "graze":
         # Without damping the coefficient may be zero along the whole curve; its sign is then
         # rounding.
-        crosses = _crossing(step, -2) is not None
-        meeting = step.root(partial(step.family.test, -2)) if crosses else None
+        ends = _ends(step, -2)
+        meeting = step.root(partial(step.family.test, -2), *ends) if _changes(*ends) else None
         if meeting is not None:
             yield from (("flip", meeting), ("fold", meeting))
     elif step.family.kind == "fold":
@@ -112,21 +112,20 @@ def _bifurcations(step: ArclengthStep, end: float) -> Iterator[tuple[str, np.nda
     """Yield the flip and the fold within a step of a branch that ends at a place of it."""
     family = step.family
     for test, kind in ((-2, "flip"), (-1, "fold")):
-        share = _crossing(step, test)
-        if share is None:
+        a, b = _ends(step, test)
+        if not _changes(a, b):
             continue
-        X = family.bifurcation(step.between(share), kind)
+        X = family.bifurcation(step.between(a / (a - b)), kind)
         # Newton's method may also find the bifurcation of a step beside this one.
         if X is None or not -_AT_END <= step.place(X) <= min(1.0 + _AT_END, end):
-            X = step.root(partial(family.test, test))
+            X = step.root(partial(family.test, test), a, b)
         if X is not None and not (kind == "fold" and _is_twice_its_half(family, X)):
             yield kind, X
 
 
-def _crossing(step: ArclengthStep, test: int) -> float | None:
-    """Return about where within a step a test function changes its sign; None if it does not."""
-    a, b = (float(point.tests[0, test]) for point in (step.begin, step.end))
-    return a / (a - b) if _changes(a, b) else None
+def _ends(step: ArclengthStep, test: int) -> tuple[float, float]:
+    """Return the values of a test function at both ends of a step."""
+    return float(step.begin.tests[0, test]), float(step.end.tests[0, test])
 
 
 def _changes(a: float, b: float) -> bool:
@@ -165,23 +164,9 @@ def _note_degenerate_flips(path: Path, X: np.ndarray, values: np.ndarray) -> Non
         elif _changes(a, b):
             begin = Point(X[i], chord / length, X[:0], math.nan, None)
             step = ArclengthStep(family, begin, begin._replace(X=X[i + 1]), length)
-            turn = _degenerate_flip(step, a, b)
+            turn = step.root(partial(cubic_coefficient, family.system), a, b)
             if turn is not None:
                 path.note("degenerate", family.orbit(turn))
-
-
-def _degenerate_flip(step: ArclengthStep, a: float, b: float) -> np.ndarray | None:
-    """Return the root of the cubic coefficient, which is a and b at the ends of a step, or None.
-
-    Where a curve begins at the root, another sum of the same terms may have another sign there.
-    """
-
-    def coefficient(X: np.ndarray) -> float:
-        if X is step.begin.X or X is step.end.X:
-            return a if X is step.begin.X else b
-        return cubic_coefficient(step.family.system, X)
-
-    return step.root(coefficient)
 
 
 def _cusp(step: ArclengthStep) -> np.ndarray | None:
@@ -193,9 +178,12 @@ def _cusp(step: ArclengthStep) -> np.ndarray | None:
     seen = max(step.begin.tests[0, -2], step.end.tests[0, -2]) * apart > HEADING
     if not (family.inner(before, after) < 0.0 and seen):
         return None
-    change = after - before
-    along = step.begin.tangent
-    return step.root(lambda X: family.inner(family.heading(X, family.tangent(X, along)), change))
+    change, along = after - before, step.begin.tangent
+    return step.root(
+        lambda X: family.inner(family.heading(X, family.tangent(X, along)), change),
+        family.inner(before, change),
+        family.inner(after, change),
+    )
 
 
 def _is_twice_its_half(family: OrbitFamily, X: np.ndarray) -> bool:
