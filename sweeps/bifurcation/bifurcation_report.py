@@ -27,56 +27,56 @@ _MEANINGS = {
 }
 
 
-def bifurcation_report(sweep: OpenedSweep, file: Path, found: pd.DataFrame) -> str:
+def bifurcation_report(sweep: OpenedSweep, file: Path, changes: pd.DataFrame) -> str:
     """Write the bifurcations of a sweep that `find_bifurcations` found in a file."""
-    axis = found.attrs["axis"]
-    if found.empty:
+    axis = changes.attrs["axis"]
+    if changes.empty:
         parts = [f"the class of the motion does not change along {axis}"]
-    elif _is_summary(found):
-        name, value = found.columns[0], _label(found.iat[0, 0])
-        parts = [f"{_summary(found)}; one by one: --at {name}={value}, or --csv FILE"]
-        parts += ["\n".join(_meanings(found))]
+    elif _is_summary(changes):
+        name, value = changes.columns[0], _label(changes.iat[0, 0])
+        parts = [f"{_summary(changes)}; one by one: --at {name}={value}, or --csv FILE"]
+        parts += ["\n".join(_meanings(changes))]
     else:
-        parts = _one_by_one(found)
-    notes = [_following(sweep, found), _narrowing(file, found), _unclassified(sweep, found)]
-    parts += ["\n".join(filter(None, notes)), found.attrs["branches"]]
+        parts = _one_by_one(changes)
+    notes = [_following(sweep, changes), _narrowing(file, changes), _unclassified(sweep, changes)]
+    parts += ["\n".join(filter(None, notes)), changes.attrs["branches"]]
     return "\n\n".join(filter(None, parts))
 
 
-def _one_by_one(found: pd.DataFrame) -> list[str]:
+def _one_by_one(changes: pd.DataFrame) -> list[str]:
     """Return the tables of bifurcations, those with an exact value first, and notes on them."""
-    inexact = found["value"].isna() & (found["kind"] != "crisis")
-    listed, others = found[~inexact], found[inexact]
+    inexact = changes["value"].isna() & (changes["kind"] != "crisis")
+    listed, others = changes[~inexact], changes[inexact]
     parts, narrow = [], 0
     if len(listed) > _MOST_ROWS:
         narrow = int(listed["narrow"].sum())
         listed = listed[~listed["narrow"]]
     if len(others) <= _MOST_INEXACT:
-        listed = found.loc[[*listed.index, *others.index]]
+        listed = changes.loc[[*listed.index, *others.index]]
     if len(listed):
-        head = [*found.attrs["heads"], "kind", "orbit", "classes", "between", ""]
-        parts.append(table([head, *(_row(found, item) for item in listed.to_dict("records"))]))
+        head = [*changes.attrs["heads"], "kind", "orbit", "classes", "between", ""]
+        parts.append(table([head, *(_row(changes, item) for item in listed.to_dict("records"))]))
     if narrow:
         parts.append(f"{narrow} more on branches that are stable over less than 1 % of the axis")
     if len(others) > _MOST_INEXACT:
         parts.append(f"{len(others)} changes without an exact value\n{_summary(others)}")
-    return [*parts, "\n".join([*_cascades(found), *_meanings(found)])]
+    return [*parts, "\n".join([*_cascades(changes), *_meanings(changes)])]
 
 
-def _unclassified(sweep: OpenedSweep, found: pd.DataFrame) -> str:
+def _unclassified(sweep: OpenedSweep, changes: pd.DataFrame) -> str:
     """Write how many points have no known class, so that the list says nothing about them."""
-    if not found.attrs["unclassified"]:
+    if not changes.attrs["unclassified"]:
         return ""
-    number = shown_count(found.attrs["unclassified"], "point")
+    number = shown_count(changes.attrs["unclassified"], "point")
     text = f"unknown or without a result: {number}"
     return text if "lyapunov" in sweep else f"{text}; Lyapunov exponents tell which are chaotic"
 
 
-def _following(sweep: OpenedSweep, found: pd.DataFrame) -> str:
+def _following(sweep: OpenedSweep, changes: pd.DataFrame) -> str:
     """Write the key that keeps a motion from changing to another attractor, where one does so."""
-    axis = found.attrs["axis"]
-    several_starts = {*START_AXES} & {axis, *found.attrs["others"]}
-    if several_starts or sweep.spec.followed is not None or "basin" not in {*found["kind"]}:
+    axis = changes.attrs["axis"]
+    several_starts = {*START_AXES} & {axis, *changes.attrs["others"]}
+    if several_starts or sweep.spec.followed is not None or "basin" not in {*changes["kind"]}:
         return ""
     return (
         "each point starts alone, and another attractor takes over at a change of kind basin; to "
@@ -84,32 +84,32 @@ def _following(sweep: OpenedSweep, found: pd.DataFrame) -> str:
     )
 
 
-def _narrowing(file: Path, found: pd.DataFrame) -> str:
+def _narrowing(file: Path, changes: pd.DataFrame) -> str:
     """Write the command that narrows the first change listed without an exact value, if any."""
-    inexact = found[found["value"].isna()]
-    if inexact.empty or _is_summary(found):
+    inexact = changes[changes["value"].isna()]
+    if inexact.empty or _is_summary(changes):
         return ""
     low, high = (fewest_digits(float(inexact[name].iat[0])) for name in ("low", "high"))
     which = f"the {'' if len(inexact) == 1 else 'first '}change without an exact value"
-    piece = f"{found.attrs['axis']}={low}:{high}"
+    piece = f"{changes.attrs['axis']}={low}:{high}"
     return f"to narrow {which}: {command('zoom', file, piece)}"
 
 
-def _meanings(found: pd.DataFrame) -> list[str]:
-    kinds = set(found["kind"])
+def _meanings(changes: pd.DataFrame) -> list[str]:
+    kinds = set(changes["kind"])
     return [f"{kind}: {text}" for kind, text in _MEANINGS.items() if kind in kinds]
 
 
-def _is_summary(found: pd.DataFrame) -> bool:
+def _is_summary(changes: pd.DataFrame) -> bool:
     """Whether there are several lines with too many bifurcations to list them one by one."""
-    return len(found) > _MOST_ROWS and bool(set(found.attrs["others"]) - {DIRECTION})
+    return len(changes) > _MOST_ROWS and bool(set(changes.attrs["others"]) - {DIRECTION})
 
 
-def _row(found: pd.DataFrame, item: Mapping[str, Any]) -> list[str]:
+def _row(changes: pd.DataFrame, item: Mapping[str, Any]) -> list[str]:
     between = item["between"]
     unknown = f"{shown_count(between, 'point')} unknown" if between else ""
     return [
-        *(_label(item[name]) for name in found.attrs["others"]),
+        *(_label(item[name]) for name in changes.attrs["others"]),
         "" if np.isnan(item["value"]) else f"{item['value']:.12g}",
         item["kind"],
         item["orbit"],
@@ -135,11 +135,11 @@ def _label(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:.6g}"
 
 
-def _summary(found: pd.DataFrame) -> str:
+def _summary(changes: pd.DataFrame) -> str:
     """Write a row for each kind and pair of classes, the most frequent first."""
-    others = found.attrs["others"]
-    pairs = [_pair(item) for item in found.to_dict("records")]
-    groups = list(found.assign(pair=pairs).groupby(["kind", "pair"], sort=False))
+    others = changes.attrs["others"]
+    pairs = [_pair(item) for item in changes.to_dict("records")]
+    groups = list(changes.assign(pair=pairs).groupby(["kind", "pair"], sort=False))
     rows = [
         [
             *group,
@@ -149,25 +149,25 @@ def _summary(found: pd.DataFrame) -> str:
         ]
         for group, items in sorted(groups, key=lambda one: -len(one[1]))
     ]
-    *heads, of_axis = found.attrs["heads"]
+    *heads, of_axis = changes.attrs["heads"]
     lines = [table([["kind", "classes", "times", of_axis, *heads], *rows[:_MOST_ROWS]])]
     if len(rows) > _MOST_ROWS:
         lines.append(f"and {shown_count(len(rows) - _MOST_ROWS, 'rarer pair')} of classes")
     if others:
-        lines.append(f"{shown_count(len(found), 'change')} along {found.attrs['axis']}")
+        lines.append(f"{shown_count(len(changes), 'change')} along {changes.attrs['axis']}")
     return "\n".join(lines)
 
 
-def _cascades(found: pd.DataFrame) -> Iterator[str]:
+def _cascades(changes: pd.DataFrame) -> Iterator[str]:
     """Yield a line for each cascade of flips: their values and the ratios of their distances."""
-    others = found.attrs["others"]
-    for at, line in found.groupby(others, sort=False) if others else [((), found)]:
-        changes = zip(line["place"], line["before"], line["after"], strict=True)
-        for run in cascades(list(changes)):
+    others = changes.attrs["others"]
+    for at, line in changes.groupby(others, sort=False) if others else [((), changes)]:
+        classes = zip(line["place"], line["before"], line["after"], strict=True)
+        for run in cascades(list(classes)):
             flips = ", ".join(f"{value:.9g}" for value in run)
             ratios = ", ".join(f"{a / b:.4g}" for a, b in pairwise(np.diff(run)))
             where = [f"{name} = {_label(value)}" for name, value in zip(others, at, strict=True)]
-            text = f"cascade: {found.attrs['axis']} = {flips}; ratios of the distances {ratios}"
+            text = f"cascade: {changes.attrs['axis']} = {flips}; ratios of the distances {ratios}"
             yield ", ".join([*where, text])
 
 

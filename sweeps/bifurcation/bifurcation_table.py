@@ -1,189 +1,35 @@
 """`bifurcations`: where the class of the motion changes, and why.
 
-The branch of the periodic orbit on each side of a change is followed to the other side
-(`vibroimpact.orbits.branches`). If the branch ends or loses its stability between the sides, this
-is the bifurcation. Otherwise the attractor persists, and the motion of the sweep has only moved
-into the basin of another one.
-
-Along a single line of a sweep, the other bifurcations of the exact branches are added.
+Along a single line of a sweep, crises and the other bifurcations of the exact branches are added.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
+from sweeps.bifurcation.class_changes import (
+    NO_LABEL,
+    Change,
+    Explanation,
+    changes_of_class,
+    explain,
+    least_difference,
+)
 from sweeps.bifurcation.crises import MOST_MOTIONS, Chaos, crisis
 from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches, wide_branches
 from sweeps.opened.doors import takes_sweep
-from sweeps.opened.motions import leads_to, orbit_of_motion
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection, headed
 from sweeps.store import DIRECTION
 from vibroimpact.orbits.curves import CURVE_KINDS
-from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.points.regimes import Label, Regime, labels_of
 from vibroimpact.points.stages import RunSpec
 
 if TYPE_CHECKING:
     import pandas as pd
-
-#: The class of points that have none.
-NO_LABEL = Label(Regime.UNKNOWN)
-#: Regimes whose beginning or end is a kind of change.
-_REGIMES = (Regime.UNBOUNDED, Regime.REST, Regime.CHAOTIC)
-#: Kinds in the list for the special points of a branch: a penetration begins with a graze.
-_KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
-#: Values on an axis are the same if they agree to the first share of its length, or, by rounding,
-#: to the second share of its greatest value.
-_SAME_VALUE, _ROUNDING = 1e-9, 1e-13
-
-
-@dataclass(frozen=True)
-class Change:
-    """Two values of an axis between which the class changes."""
-
-    #: low, high: the nearest values with known classes.
-    low: float
-    high: float
-    #: before, after: the classes at `low` and `high`.
-    before: Label
-    after: Label
-    between: int = 0  # number of points of unknown class between them
-
-    @property
-    def kind(self) -> str:
-        """The kind that the two classes suggest, without proof.
-
-        ``flip`` if m and q double; ``rest``, ``chaotic`` or ``unbounded`` if this regime begins or
-        ends; otherwise ``unknown``.
-        """
-        ends = {self.before.regime, self.after.regime}
-        for regime in _REGIMES:
-            if regime in ends and len(ends) == 2:
-                return regime.word
-        is_flip = self.before.doubles_to(self.after) or self.after.doubles_to(self.before)
-        return "flip" if is_flip else "unknown"
-
-
-def changes_of_class(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Change]:
-    """Yield the changes of class along increasing values, ignoring points of unknown class."""
-    classified = [(i, label) for i, label in enumerate(classes) if label is not None]
-    for (i, before), (j, after) in pairwise(classified):
-        if before != after:
-            yield Change(float(values[i]), float(values[j]), before, after, j - i - 1)
-
-
-def least_difference(low: float, high: float) -> float:
-    """Return the difference up to which two values on an axis are the same."""
-    return max(_SAME_VALUE * (high - low), _ROUNDING * max(abs(low), abs(high)))
-
-
-class Explanation(NamedTuple):
-    """What explains a change: the first special point on a branch, or its kind alone."""
-
-    kind: str
-    value: float = np.nan
-    orbit: str = ""  # class of the orbit that bifurcates
-    at: PeriodicOrbit | None = None  # this orbit, at `value`
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether this is a bifurcation with a known value."""
-        return self.kind in _KINDS.values() and self.at is not None
-
-    def leads_to(self, change: Change) -> bool:
-        """Whether this is the bifurcation of a change; chaos begins beyond a flip, not at it."""
-        beyond = ("rest", "unbounded") + ("chaotic",) * (self.kind == "flip")
-        return self.is_exact and change.kind not in beyond
-
-
-def explain(
-    motions: np.ndarray, phase: float, axis: str, values: np.ndarray, change: Change, down: bool
-) -> list[tuple[Change, Explanation]]:
-    """Return a change with its explanation.
-
-    `motions` are those at the `values` of the axis, a parameter of the model, and `phase` is that
-    of their section.
-    If points of unknown class lie between, and no bifurcation leads from one class to the other,
-    the change from the first class to an unknown one and that to the last class are returned.
-    """
-    if axis in START_AXES:
-        return [(change, Explanation("basin"))]
-    low, high = motions[np.searchsorted(values, [change.low, change.high])]
-    left, right = _onward(low, high, phase, axis), _onward(high, low, phase, axis)
-    first, second = (right, left) if down else (left, right)
-    is_regime = change.kind in ("rest", "chaotic", "unbounded")
-    if first.kind == "edge" or (is_regime and second.kind == "edge"):
-        return [(change, Explanation("basin"))]
-    exact = [onward for onward in (first, second) if onward.leads_to(change)]
-    if not exact:
-        return [(change, Explanation(change.kind))]
-    near = least_difference(values[0], values[-1])
-    parts = [(change, exact[0])]
-    if change.between and not _is_joined(change, first, second, near):
-        parts = [
-            (
-                _open(values, change, onward.value, after=after),
-                onward if onward.is_exact else Explanation("unknown"),
-            )
-            for onward, after in ((left, True), (right, False))
-        ]
-    return [(_reached(part, found.value, left, right, near), found) for part, found in parts]
-
-
-def _reached(
-    change: Change, value: float, left: Explanation, right: Explanation, near: float
-) -> Change:
-    """Return a change at a value, without the classes of motions that end before they reach it."""
-    before = NO_LABEL if left.value < value - near else change.before
-    after = NO_LABEL if right.value > value + near else change.after
-    return replace(change, before=before, after=after)
-
-
-def _is_joined(change: Change, first: Explanation, second: Explanation, near: float) -> bool:
-    """Whether the same bifurcation ends the first motion and leads to the second one."""
-    if first.is_exact and second.is_exact:
-        return abs(first.value - second.value) <= near
-    return second.kind == "edge" or change.kind in ("flip", "chaotic")
-
-
-def _open(values: np.ndarray, change: Change, value: float, *, after: bool) -> Change:
-    """Return the change between a class and the points of unknown class `after` or before it.
-
-    It ends at the first of these points that lies beyond the exact value, if this is known. If all
-    lie before the value, it is the whole change.
-    """
-    inside = values[(values > change.low) & (values < change.high)]
-    beyond = inside
-    if np.isfinite(value):
-        beyond = inside[inside > value] if after else inside[inside < value]
-    if not beyond.size:
-        return change
-    if after:
-        end = float(beyond[0])
-        return replace(change, high=end, after=NO_LABEL, between=int((inside < end).sum()))
-    end = float(beyond[-1])
-    return replace(change, low=end, before=NO_LABEL, between=int((inside > end).sum()))
-
-
-def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> Explanation:
-    """Return the first special point on the branch of the orbit of a motion towards another one."""
-    if motion["regime"] == Regime.PERIODIC:
-        with suppress(ValueError):  # no orbit is found, or it cannot be followed
-            orbit = orbit_of_motion(motion, phase)
-            if orbit.stable:
-                point = leads_to(orbit, axis, other["point"][axis].item())
-                of = point.orbit if point.kind in ("flip", "graze") else orbit
-                kind = _KINDS.get(point.kind, point.kind)
-                return Explanation(kind, point.value, f"{of.m}/{of.q}", point.orbit)
-    return Explanation("unknown")
-
 
 #: The columns of the table after those of the other axes.
 TABLE_COLUMNS = (
@@ -268,12 +114,12 @@ def bifurcations(
     return public_table(find_bifurcations(sweep, axis, at, report, classes=classes, most=most))
 
 
-def public_table(found: pd.DataFrame) -> pd.DataFrame:
-    """Return what `find_bifurcations` found as the table of `bifurcations`."""
-    named = found.assign(before=found["before"].map(str), after=found["after"].map(str))
-    named = named[[*found.attrs["others"], *TABLE_COLUMNS]]
-    named.attrs = {name: found.attrs[name] for name in ("axis", "unclassified", "branches")}
-    return named
+def public_table(changes: pd.DataFrame) -> pd.DataFrame:
+    """Return the table of `find_bifurcations` as that of `bifurcations`."""
+    table = changes.assign(before=changes["before"].map(str), after=changes["after"].map(str))
+    table = table[[*changes.attrs["others"], *TABLE_COLUMNS]]
+    table.attrs = {name: changes.attrs[name] for name in ("axis", "unclassified", "branches")}
+    return table
 
 
 def find_bifurcations(
@@ -306,16 +152,16 @@ def find_bifurcations(
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
         rows.sort(key=lambda row: (lines.index(tuple(row[name] for name in others)), row["place"]))
-    given = [name for name in TABLE_COLUMNS if name != "source"]
-    found = pd.DataFrame(rows, columns=[*others, *given, "down", "narrow", "place"])
+    names = [name for name in TABLE_COLUMNS if name != "source"]
+    table = pd.DataFrame(rows, columns=[*others, *names, "down", "narrow", "place"])
     numbers = ("value", "low", "high", "place", "x", "v", "multiplier_1", "multiplier_2")
-    found = found.astype({**dict.fromkeys(numbers, float), "between": int})
-    found["source"] = np.where(found["value"].notna(), "exact", "bracket")
-    found.attrs |= {
+    table = table.astype({**dict.fromkeys(numbers, float), "between": int})
+    table["source"] = np.where(table["value"].notna(), "exact", "bracket")
+    table.attrs |= {
         "axis": along, "others": others, "unclassified": unclassified, "branches": summary,
         "heads": [headed(name, sweep[name]) for name in (*others, along)],
     }  # fmt: skip
-    return found
+    return table
 
 
 def _of_changes(
@@ -339,13 +185,13 @@ def _of_changes(
         here = {name: line[name].item() for name in others} | {"down": down, "narrow": False}
         changes = [*changes_of_class(values, classes)]
         for i, change in enumerate(changes):
-            for part, found in explain(own, spec.phase, parameter, values, change, down):
-                if is_line and found.kind == "basin":
-                    if touched := _touched(data, index, parameter, changes, i):
-                        found = Explanation("crisis", orbit=touched)
-                row = here | vars(part) | {"kind": found.kind, "value": found.value}
-                row |= {"orbit": found.orbit, "impact_v": "", "criticality": ""}
-                if (orbit := found.at) is not None:
+            for part, reason in explain(own, spec.phase, parameter, values, change, down):
+                if is_line and reason.kind == "basin":
+                    if saddle := _touched(data, index, parameter, changes, i):
+                        reason = Explanation("crisis", orbit=saddle)
+                row = here | vars(part) | {"kind": reason.kind, "value": reason.value}
+                row |= {"orbit": reason.orbit, "impact_v": "", "criticality": ""}
+                if (orbit := reason.at) is not None:
                     row |= _row_of(orbit.sections(spec.phase)[0], orbit.speeds, orbit.multipliers)
                     row["criticality"] = orbit.criticality
                 rows.append(row)

@@ -151,7 +151,7 @@ _CHECKS = 2
 
 
 def with_short_chords(
-    found: Branch, low: float, high: float, drawn: Callable[[Orbits], np.ndarray], tolerance: float
+    path: Branch, low: float, high: float, drawn: Callable[[Orbits], np.ndarray], tolerance: float
 ) -> Branch:
     """Return a branch with enough points that its plotted curve stays close to their chords.
 
@@ -159,12 +159,12 @@ def with_short_chords(
     plotted ranges, shape (n, k). They stay within `tolerance` of a chord, and a jump lies between
     two points that are as close together. Between such points nothing is looked for.
     """
-    (name,) = found.parameters
-    osc = replace(found.oscillator, **{name: float(found.values[0])})
-    orbit = PeriodicOrbit(osc, found.m, found.phases[0], found.speeds[0])
+    (name,) = path.parameters
+    osc = replace(path.oscillator, **{name: float(path.values[0])})
+    orbit = PeriodicOrbit(osc, path.m, path.phases[0], path.speeds[0])
     family = OrbitFamily(orbit, (ContinuationParameter(name, low, high),))
-    X = family.unknowns(found.phases, found.speeds, found.values[:, None])
-    y = drawn(found.orbits)
+    X = family.unknowns(path.phases, path.speeds, path.values[:, None])
+    y = drawn(path.orbits)
     place = np.arange(len(X), dtype=float)  # along the branch
     begin, end = np.arange(len(X) - 1), np.arange(1, len(X))
     checks = np.full(len(begin), _CHECKS)  # of each chord that are left
@@ -179,19 +179,19 @@ def with_short_chords(
         going = checks > 0
         begin, end = np.append(begin[going], new[going]), np.append(new[going], end[going])
         checks = np.tile(checks[going], 2)
-    count = len(found.values)
+    count = len(path.values)
     if len(X) == count:
-        return found
+        return path
     added = family.orbits(X[count:])
     # Not as their neighbours: a fold and a flip in one step have stable orbits between them.
     stable = (np.abs(added.multipliers) < 1.0).all(axis=1)
     order = np.argsort(place)
     return replace(
-        found,
-        values=np.append(found.values, family.kept(X[count:]))[order],
-        stable=np.append(found.stable, stable)[order],
-        phases=np.append(found.phases, added.phases, axis=0)[order],
-        speeds=np.append(found.speeds, added.speeds, axis=0)[order],
+        path,
+        values=np.append(path.values, family.kept(X[count:]))[order],
+        stable=np.append(path.stable, stable)[order],
+        phases=np.append(path.phases, added.phases, axis=0)[order],
+        speeds=np.append(path.speeds, added.speeds, axis=0)[order],
     )
 
 

@@ -110,9 +110,9 @@ def branches(
     (axis,) = sweep.chosen_axes([axis] if axis else [], at, 1, "branch")
     lines = [line.motions for line in lines_of(sweep, axis, at)]
     name, phase = sweep.parameter(axis), sweep.spec.phase
-    found = branches_of(lines, name, phase, report, classes=classes, most=most)
-    found.attrs["chosen"] = int(bool(classes) or most != MOST_BRANCHES)
-    return orbits_on_axes(sweep, found)
+    orbits = branches_of(lines, name, phase, report, classes=classes, most=most)
+    orbits.attrs["chosen"] = int(bool(classes) or most != MOST_BRANCHES)
+    return orbits_on_axes(sweep, orbits)
 
 
 def branches_of(
@@ -132,22 +132,22 @@ def branches_of(
     low = min(float(line["point"][axis][0]) for line in lines)
     high = max(float(line["point"][axis][-1]) for line in lines)
     search = partial(report, 0.0)
-    found = BranchSet(axis, low, high, phase, most, LONGEST_ORBIT, classes, search)
+    tree = BranchSet(axis, low, high, phase, most, LONGEST_ORBIT, classes, search)
     left_out: dict[str, Counter[tuple[int, int]]] = {}
     for motion, length in _seeds(lines):
         mq = int(motion["m"]), int(motion["q"])
         reason = f"of more than {LONGEST_ORBIT} periods"
         if mq[0] <= LONGEST_ORBIT or mq in classes:
             try:
-                is_added = found.add(orbit_at(motion, phase))
+                is_added = tree.add(orbit_at(motion, phase))
                 reason = "" if is_added else f"beyond the first {shown_count(most, 'branch')}"
             except OrbitError as error:
                 reason = f"of which {error}"
-        if reason and found.is_chosen(*mq):
+        if reason and tree.is_chosen(*mq):
             left_out.setdefault(reason, Counter())[mq] += length
-    found.grow()
-    found.branches = [grown for grown in found.branches if found.is_chosen(grown.m, grown.q)]
-    return _as_dataset(found, phase, left_out, report)
+    tree.grow()
+    tree.branches = [grown for grown in tree.branches if tree.is_chosen(grown.m, grown.q)]
+    return _as_dataset(tree, phase, left_out, report)
 
 
 def _seeds(lines: Sequence[np.ndarray]) -> list[tuple[np.void, int]]:
@@ -175,13 +175,13 @@ def _seeds(lines: Sequence[np.ndarray]) -> list[tuple[np.void, int]]:
 
 
 def _as_dataset(
-    found: BranchSet,
+    tree: BranchSet,
     phase: float,
     left_out: Mapping[str, Counter[tuple[int, int]]],
     report: Callable[[float], object],
 ) -> xr.Dataset:
     """Collect the branches found as the Dataset that `branches` returns."""
-    items = _smooth(found, phase, report)
+    items = _smooth(tree, phase, report)
     parts: list[Orbits] = []
     stable, critical = [np.zeros(0, bool)], list[str]()
     for item in items:
@@ -193,7 +193,7 @@ def _as_dataset(
         report(_SMOOTH + (1.0 - _SMOOTH) * number / len(parts))
         records.append(orbit_coordinates(part, phase))
         multipliers.append(part.multipliers)
-    rows = with_special_points(items, "branch", "kind", (found.parameter,))
+    rows = with_special_points(items, "branch", "kind", (tree.parameter,))
     at_end = ~np.isin(rows["kind"].values, ["", *CURVE_KINDS])  # not at a bifurcation
     within = (np.abs(np.concatenate(multipliers)) < 1.0).all(axis=1)
     sizes = np.array([len(part.points) for part in parts], int)
@@ -207,15 +207,15 @@ def _as_dataset(
     }
     for name, variable in COORDINATES.items():
         data[name] = ("point", variable.dimension), _padded([record[name] for record in records])
-    lines = _summary(found, left_out)
+    lines = _summary(tree, left_out)
     about = {
         "summary": "\n".join(lines), "given_up": "; ".join(lines[1:]), "phase": phase,
-        "range": [found.low, found.high],
+        "range": [tree.low, tree.high],
     }  # fmt: skip
     return rows.assign(data).assign_attrs(about)
 
 
-def _smooth(found: BranchSet, phase: float, report: Callable[[float], object]) -> list[Branch]:
+def _smooth(tree: BranchSet, phase: float, report: Callable[[float], object]) -> list[Branch]:
     """Add points to the branches until a picture of any coordinate shows smooth lines."""
 
     def shown(orbits: Orbits) -> list[np.ndarray]:
@@ -223,7 +223,7 @@ def _smooth(found: BranchSet, phase: float, report: Callable[[float], object]) -
         values["impact_phase"] = values["impact_phase"] % (2.0 * np.pi)
         return list(values.values())
 
-    records = zip(*(shown(item.orbits) for item in found.branches), strict=True)
+    records = zip(*(shown(item.orbits) for item in tree.branches), strict=True)
     columns = [np.concatenate([values.ravel() for values in record]) for record in records]
     # Where nothing meets the stop, no orbit has an impact.
     extents = [(float(np.ptp(column)) if column.size else 0.0) or 1.0 for column in columns]
@@ -233,14 +233,14 @@ def _smooth(found: BranchSet, phase: float, report: Callable[[float], object]) -
         return np.concatenate([y / extent for y, extent in pairs], axis=1)
 
     items = []
-    for number, item in enumerate(found.branches):
-        report(_FOUND + (_SMOOTH - _FOUND) * number / len(found.branches))
-        items.append(with_short_chords(item, found.low, found.high, drawn, CHORD_TOLERANCE))
+    for number, item in enumerate(tree.branches):
+        report(_FOUND + (_SMOOTH - _FOUND) * number / len(tree.branches))
+        items.append(with_short_chords(item, tree.low, tree.high, drawn, CHORD_TOLERANCE))
     return items
 
 
 def with_special_points(
-    found: Sequence[Branch], noun: str, special: str, axes: Sequence[str]
+    paths: Sequence[Branch], noun: str, special: str, axes: Sequence[str]
 ) -> xr.Dataset:
     """Return the points of branches or curves along ``point``, each followed by its special points.
 
@@ -248,7 +248,7 @@ def with_special_points(
     point.
     """
     numbers, kinds, values = list[int](), list[str](), list[Any]()
-    for number, item in enumerate(found):
+    for number, item in enumerate(paths):
         values += [*item.values, *(point.value for point in item.special)]
         kinds += [""] * len(item.values) + [point.kind for point in item.special]
         numbers += [number] * (len(values) - len(numbers))
@@ -268,14 +268,14 @@ def _padded(tables: Sequence[np.ndarray]) -> np.ndarray:
     return stacked
 
 
-def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]]) -> list[str]:
+def _summary(tree: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]]) -> list[str]:
     """Write lines on the branches found, and on the motions and branches not followed."""
-    classes = {(branch.m, branch.q) for branch in found.branches}
+    classes = {(branch.m, branch.q) for branch in tree.branches}
     names = listed([f"{m}/{q}" for m, q in sorted(classes)][:_MOST_NAMES])
     names += ", ..." if len(classes) > _MOST_NAMES else ""
-    noun = "branch" if len(found.branches) == 1 else "branches"
+    noun = "branch" if len(tree.branches) == 1 else "branches"
     lines = [
-        f"{len(found.branches)} exact {noun} of {names}" if names else "no exact branch is found"
+        f"{len(tree.branches)} exact {noun} of {names}" if names else "no exact branch is found"
     ]
     for reason, motions in left_out.items():
         texts = [
@@ -283,21 +283,21 @@ def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]])
         ]
         more = f" and {len(texts) - _MOST_NAMES} more" if len(texts) > _MOST_NAMES else ""
         lines.append(f"without an exact branch, {reason}: {listed(texts[:_MOST_NAMES])}{more}")
-    if missing := [f"{m}/{q}" for m, q in found.classes if (m, q) not in classes]:
+    if missing := [f"{m}/{q}" for m, q in tree.classes if (m, q) not in classes]:
         lines.append(f"no orbit of {listed(missing)} is found")
-    if found.given_up:
-        counted = [f"{reason} ({count})" for reason, count in sorted(found.given_up.items())]
+    if tree.given_up:
+        counted = [f"{reason} ({count})" for reason, count in sorted(tree.given_up.items())]
         lines.append(f"branches not followed: {'; '.join(counted)}")
     return lines
 
 
-def wide_branches(found: xr.Dataset) -> np.ndarray:
+def wide_branches(exact: xr.Dataset) -> np.ndarray:
     """Return which branches are stable over more than a hundredth of the axis, by their numbers."""
-    (axis,), (low, high) = found.coords, found.attrs["range"]
-    stable, number = found["stable"].values, found["branch"].values
-    stable = stable & (found["kind"].values == "")
+    (axis,), (low, high) = exact.coords, exact.attrs["range"]
+    stable, number = exact["stable"].values, exact["branch"].values
+    stable = stable & (exact["kind"].values == "")
     within = stable[1:] & stable[:-1] & (np.diff(number) == 0)
-    steps = np.abs(np.diff(found[axis].values)) * within
+    steps = np.abs(np.diff(exact[axis].values)) * within
     sums = np.bincount(number[1:], steps, 1 + number.max(initial=-1))
     return sums > 0.01 * (high - low)
 

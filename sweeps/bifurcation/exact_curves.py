@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from sweeps.bifurcation.class_changes import cells_of_change, middles_of_regions, steps_between
 from sweeps.bifurcation.exact_branches import check_axis, with_special_points
 from sweeps.errors import Refused
 from sweeps.opened.doors import orbits_on_axes, takes_sweep
@@ -34,65 +35,11 @@ from vibroimpact.points.regimes import Regime
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-#: Most steps from one side of a change to the other: a share of the axis, but at least a few cells.
-WIDEST_GAP, FEW = 0.05, 3.0
-#: Least share of the map that a large region covers.
-LARGE = 0.01
 #: Most curves that are followed.
 MOST_CURVES = 400
 #: Distances in cells: how far beyond a change its bifurcation is sought, and how near to a curve of
 #: its kind a bifurcation counts as on the curve.
 _CELLS, _ON = 0.5, 0.2
-
-
-def cells_of_change(classes: np.ndarray, regimes: np.ndarray) -> np.ndarray:
-    """Return the two cells of every change along a row or a column, shape (changes, 2, 2).
-
-    `classes` are m and q of each cell, 0 if it is not periodic. The cells between the two have no
-    class, or are chaotic: a known rest or a motion without bound ends the search.
-    """
-    known = np.argwhere(np.isin(regimes, [Regime.PERIODIC, Regime.REST, Regime.UNBOUNDED]))
-    found = [np.empty((0, 2, 2), int)]
-    for axis in (0, 1):
-        widest = max(FEW, WIDEST_GAP * regimes.shape[axis])
-        cells = known[np.lexsort((known[:, axis], known[:, 1 - axis]))]
-        pairs = np.stack([cells[:-1], cells[1:]], axis=1)
-        steps = pairs[:, 1] - pairs[:, 0]
-        before, after = classes[*pairs[:, 0].T], classes[*pairs[:, 1].T]
-        is_change = (before != after).any(axis=1) & (before[:, 0] > 0) & (after[:, 0] > 0)
-        found.append(pairs[is_change & (steps[:, 1 - axis] == 0) & (steps[:, axis] <= widest)])
-    return np.concatenate(found)
-
-
-def steps_between(changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the middles of all steps from cell to cell of changes, and whose steps they are."""
-    first, last = changes.transpose(1, 0, 2)
-    counts = (last - first).max(axis=1)
-    owners = np.repeat(np.arange(len(changes)), counts)
-    before = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
-    share = (before + 0.5) / counts[owners]
-    return owners, first[owners] + share[:, None] * (last - first)[owners]
-
-
-def middles_of_regions(classes: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
-    """Yield the middle of every large region of a class where it is widest, for each axis.
-
-    If all regions of a class are small but cover much of the map together, the largest counts.
-    """
-    from scipy.ndimage import label
-
-    flat = classes.reshape(-1, 2)
-    names, counts = np.unique(flat[flat[:, 0] > 0], axis=0, return_counts=True)
-    for name in names[counts >= LARGE * len(flat)]:
-        regions, _ = label((classes == name).all(axis=2))
-        sizes = np.bincount(regions.ravel())[1:]
-        for number in np.flatnonzero(sizes >= min(LARGE * len(flat), sizes.max())) + 1:
-            inside = regions == number
-            for axis in (0, 1):
-                widest = int(np.argmax(inside.sum(axis=axis)))
-                within = np.flatnonzero(inside.take(widest, axis=1 - axis))
-                middle = int(within[len(within) // 2])
-                yield np.array([middle, widest] if axis == 0 else [widest, middle]), axis
 
 
 def separated(kind: str, m: int, q: int) -> set[tuple[int, int]]:
@@ -365,25 +312,25 @@ def curves(
     values = [cut[name].values for name in names]
     search = CurveSearch(cut.motions, names, values, phase, classes, kinds or CURVE_KINDS)
     reasons = search.run(report)
-    found = _as_dataset(search.curves, names)
+    table = _as_dataset(search.curves, names)
     of_pairs: dict[str, Counter[str]] = {}
     for i in np.flatnonzero(search.counted & ~search.explained).tolist():
         pair = " and ".join(f"{m}/{q}" for m, q in search.names[i])
         of_pairs.setdefault(reasons[i], Counter())[pair] += 1
     counts = int(search.counted.sum()), int((search.counted & search.explained).sum())
-    found.attrs |= dict(zip(("changes", "explained"), counts, strict=True))
-    found.attrs["summary"] = curves_summary(cut, search.curves, classes, *counts, of_pairs)
-    return orbits_on_axes(sweep, found)
+    table.attrs |= dict(zip(("changes", "explained"), counts, strict=True))
+    table.attrs["summary"] = curves_summary(cut, search.curves, classes, *counts, of_pairs)
+    return orbits_on_axes(sweep, table)
 
 
-def _as_dataset(found: Sequence[Branch], axes: Sequence[str]) -> xr.Dataset:
+def _as_dataset(paths: Sequence[Branch], axes: Sequence[str]) -> xr.Dataset:
     """Collect curves as the Dataset that `curves` returns."""
-    rows = with_special_points(found, "curve", "special", axes)
+    rows = with_special_points(paths, "curve", "special", axes)
     number = rows["curve"].values
     return rows.assign(
-        kind=("point", np.array([curve.kind for curve in found], "U11")[number]),
-        m=("point", np.array([curve.m for curve in found], int)[number]),
-        q=("point", np.array([curve.q for curve in found], int)[number]),
+        kind=("point", np.array([curve.kind for curve in paths], "U11")[number]),
+        m=("point", np.array([curve.m for curve in paths], int)[number]),
+        q=("point", np.array([curve.q for curve in paths], int)[number]),
     )
 
 
@@ -399,8 +346,8 @@ def curves_summary(
     seen, kinds = cut.nomenclature, Counter(curve.kind for curve in curves)
     counted = listed([f"{kinds[kind]} of {kind}s" for kind in CURVE_KINDS if kinds[kind]]) or "none"
     lines = [f"{shown_count(len(curves), 'exact curve')}: {counted}"]
-    found = {(curve.m, curve.q) for curve in curves}
-    if missing := [f"{m}/{q}" for m, q in classes if (m, q) not in found]:
+    followed = {(curve.m, curve.q) for curve in curves}
+    if missing := [f"{m}/{q}" for m, q in classes if (m, q) not in followed]:
         lines.append(f"no curve of {listed(missing)} is found")
     between = "between periodic classes"
     if classes:
