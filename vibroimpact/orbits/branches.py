@@ -295,18 +295,18 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
 
     def special_point(kind: str, value: float) -> SpecialPoint:
         own = replace(orbit.oscillator, **{axis.name: float(units.out_of(unit, value))})
-        found = _free_graze(own) if kind == "graze" else free_orbit(own)
-        return SpecialPoint(kind, getattr(own, axis.name), found)
+        there = _free_graze(own) if kind == "graze" else free_orbit(own)
+        return SpecialPoint(kind, getattr(own, axis.name), there)
 
     # The amplitude has a single extremum, at resonance, so it is monotone on both sides.
     resonance = {"omega": _resonance(osc), "p": osc.omega}
     values = np.linspace(first, last, _FREE_VALUES)
     values = np.union1d(values, np.clip(resonance.get(axis.name, start), first, last))
-    found = [end(values[values < start][::-1]), end(values[values > start])]
-    (_, low), (_, high) = found
+    ends = [end(values[values < start][::-1]), end(values[values > start])]
+    (_, low), (_, high) = ends
     values = np.unique(np.concatenate([[low], values[(values > low) & (values < high)], [high]]))
     stable = (values if axis.name == "h" else np.full(values.size, osc.h)) > 0.0
-    none, special = np.empty((values.size, 0)), [special_point(*ending) for ending in found]
+    none, special = np.empty((values.size, 0)), [special_point(*ending) for ending in ends]
     values = units.out_of(unit, values)
     return Branch("", (axis.name,), 1, 0, values, stable, none, none, special, orbit.oscillator)
 

@@ -70,8 +70,8 @@ def _follow(task, system, X, i, phase, results):
     """Do a task for which flights are followed."""
     pt = corrector.parameters_at(system, X)
     if task == _PENETRATION:
-        found = flights.find_penetration(pt, system.m, X, system.q)
-        results[0], results[1], results[2] = found
+        penetration = flights.find_penetration(pt, system.m, X, system.q)
+        results[0], results[1], results[2] = penetration
     else:
         results[0], results[1] = flights.find_turning_point(pt, X, i, phase)
 

@@ -236,9 +236,9 @@ def ending(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
         if reason.kind in ("edge", "rest"):
             X = _at_edges(step, reason) if reason.kind == "edge" else X
             return reason.kind, X, family.orbit(X)
-        found = _graze(step, reason) if family.kind == "" else None
-        if found is not None:
-            return found
+        touch = _graze(step, reason) if family.kind == "" else None
+        if touch is not None:
+            return touch
     if kind == "lost" and _cannot_leave(family, X):
         return "rest", X, family.orbit(X)
     if not step.margin < _GRAZES:

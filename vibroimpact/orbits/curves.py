@@ -26,8 +26,8 @@ CURVE_KINDS = tuple(filter(None, CONDITIONS))
 #: unknowns.
 _BELONGS = 0.2
 #: Sizes of the orbits of twice the period that are tried beside a degenerate flip, and the most
-#: iterations for each.
-_SIZES, _PATIENT = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2), 30
+#: iterations for each. Large ones may belong to another flip, the small ones may be rounding.
+_SIZES, _PATIENT = (0.02, 0.01, 0.005, 0.1, 0.05, 0.2), 30
 #: A natural vibration repeats if its turns are a whole number, to this share.
 _REPEATS = 1e-9
 #: If no impact is faster than this, in natural units, the orbit is the free oscillation.

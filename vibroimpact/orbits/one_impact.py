@@ -216,10 +216,10 @@ def one_impact_orbit(osc: Oscillator, n: int = 1) -> PeriodicOrbit:
     >>> [(point.kind, round(point.value, 6)) for point in branch(orbit, "omega", 2.4, 2.8).special]
     [('edge', 2.4), ('flip', 2.658885), ('edge', 2.8)]
     """
-    found = one_impact_orbits(osc, n)
-    if not found:
+    orbits = one_impact_orbits(osc, n)
+    if not orbits:
         raise OrbitError(
             f"the impact conditions have no solution with one impact in "
             f"{shown_count(n, 'forcing period')}"
         )
-    return found[-1]
+    return orbits[-1]

@@ -234,10 +234,10 @@ class Orbits(NamedTuple):
             rate = np.sqrt(h * h - p * p + 0.0j)
             times = 2.0 * math.pi * self.m / omega
             return np.exp((np.stack([rate, -rate]) - h) * times).T
-        found = calls.multipliers(*self._equations(NaturalUnits.of(self.points)))
+        pairs = calls.multipliers(*self._equations(NaturalUnits.of(self.points)))
         if self.kind not in ("flip", "fold"):
-            found[~self.speeds.all(axis=1)] = math.inf, 0.0
-        return found
+            pairs[~self.speeds.all(axis=1)] = math.inf, 0.0
+        return pairs
 
 
 def orbit_of(

@@ -201,12 +201,12 @@ def why_inadmissible(orbit: PeriodicOrbit) -> str:
     if not missed < _RESIDUAL:
         return f"its impacts miss the stop by {missed:.1e} of its size"
     family = OrbitFamily(orbit, ())
-    found, _ = family.inadmissible(family.start)
-    return _why_inadmissible(found) if found else ""
+    reason, _ = family.inadmissible(family.start)
+    return _why_inadmissible(reason) if reason else ""
 
 
-def _why_inadmissible(found: Inadmissible) -> str:
-    return _REASONS[found.kind].format(found.where)
+def _why_inadmissible(reason: Inadmissible) -> str:
+    return _REASONS[reason.kind].format(reason.where)
 
 
 def refuse_inadmissible(family: OrbitFamily) -> None:

@@ -89,8 +89,8 @@ def special_points(
     """
     if step.family.kind == "":
         end = math.inf if half is None else step.place(half)
-        located = [(step.place(X), kind, X) for kind, X in _bifurcations(step, end)]
-        for place, kind, X in sorted(located, key=lambda item: item[0]):
+        roots = [(step.place(X), kind, X) for kind, X in _bifurcations(step, end)]
+        for place, kind, X in sorted(roots, key=lambda item: item[0]):
             if place < end:
                 yield kind, X
     elif step.family.kind == "graze":
@@ -304,18 +304,18 @@ def _pass(path: Path, step: ArclengthStep) -> bool:
     if end is None and family.kind:
         points = [*(X for X, _ in path.points), step.end.X]
         end = unbounded(family, points) or degenerate_flip(family, points, False)
-    located = list(special_points(step, None if end is None else end[1]))
-    for kind, X in located:
+    roots = list(special_points(step, None if end is None else end[1]))
+    for kind, X in roots:
         if not family.kind:  # the branch may change its stability there
             path.add(X, False)
         path.note(kind, family.orbit(X, kind))
     if end is not None:
         kind, X, orbit = end
-        if located:  # the stability from the last of them to the end
+        if roots:  # the stability from the last of them to the end
             path.points += _middle(family, path.points[-1][0], X)
         path.add(X, False)
         path.note(kind, orbit)
-    elif not (located and path.is_last(step.end.X)):
+    elif not (roots and path.is_last(step.end.X)):
         path.points.append((step.end.X, family.stable(step.end)))
     return end is not None
 
