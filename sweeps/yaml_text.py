@@ -62,7 +62,8 @@ def _read(function: Callable[..., Any], text: str, origin: str) -> Any:
         mark = error.problem_mark or error.context_mark
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         tab = "'\\t'" in str(error.problem)
-        problem = "there is a tab; indent with spaces" if tab else error.problem
+        problem = "there is a tab; indent with spaces" if tab else str(error.problem)
+        problem = f"{error.context}, {problem}" if problem.startswith("but ") else problem
         raise ConfigError(f"{origin}{place}: not valid YAML: {problem}") from None
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".

@@ -259,8 +259,10 @@ def _check_form(file: h5py.File, schema: Schema) -> None:
         if data.shape != (*schema.sizes(name).values(),) or not np.can_cast(data.dtype, dtype):
             raise ValueError(f"{name} has another shape or type")
     for name, values in {**schema.axes, **schema.fixed}.items():
-        if name in PARAMETERS and not np.isfinite(np.asarray(values, float)).all():
-            raise ValueError(f"{name} is not finite")
+        if name in (TABLE, DIRECTION):
+            continue
+        if name not in PARAMETERS or not np.isfinite(np.asarray(values, float)).all():
+            raise ValueError(f"{name} is no parameter, or is not finite")
     lengths = [*map(len, schema.axes.values())]
     for block in schema.blocks:
         if any(not 0 <= a.start < a.stop <= n for a, n in zip(block, lengths, strict=True)):

@@ -258,7 +258,7 @@ def test_all_errors_are_reported():
     [
         ("a: [1, 2\nb: 3\n", ["line 2, column 2", "not valid YAML"]),
         ("a:\n\t- b\n", ["line 2, column 1", "not valid YAML"]),
-        ("a: 1\n---\nb: 2\n", ["line 2, column 1", "not valid YAML"]),
+        ("a: 1\n---\nb: 2\n", ["line 2, column 1", "not valid YAML: expected a single document"]),
         ("a: !!python/object:os.system x\n", ["line 1, column 4", "tags are not allowed"]),
         ("a: &x [1]\nb: *x\n", ["line 2, column 4", "aliases"]),
         ("a: &x [*x]\n", ["line 1", "aliases"]),

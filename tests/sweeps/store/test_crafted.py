@@ -111,6 +111,10 @@ def texts(file):
         dim.attach_scale(scale)
 
 
+def renamed(file):
+    file.move("omega", "frequency")
+
+
 def attribute(name, value):
     def change(file):
         del file.attrs[name]
@@ -134,7 +138,7 @@ ALIASES = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
 FORMS = {
     "group": group, "outside": outside, "soft": soft, "stored outside": stored_outside,
     "virtual": virtual, "large": large, "without scales": without_scales,
-    "another shape": another_shape, "texts": texts,
+    "another shape": another_shape, "texts": texts, "renamed": renamed,
     **{f"{name} = {value}": parameter(name, value)
        for name in ("omega", "h") for value in (np.nan, np.inf)},
     **{f"{name} {i}": attribute(name, value) for name, values in {
