@@ -69,7 +69,8 @@ def test_no_other_user_reaches_the_processes_of_this_machine():
         ports = listening() - others
         trusted = client.security.get_connection_args("client")["ssl_context"]
         assert {host for host, _ in ports} == {"127.0.0.1"}
-        encrypted = {(host, port) for host, port in ports if answers_tls(host, port, trusted)}
+        encrypted = {place for place in ports if not answers_http(*place)}
+        assert all(answers_tls(*place, trusted) for place in encrypted)
         assert {tuple(a.removeprefix("tls://").split(":")) for a in (address, worker)} <= {
             (host, str(port)) for host, port in encrypted
         }
@@ -91,6 +92,15 @@ def listening():
         for connection in process.net_connections("tcp")
         if connection.status == psutil.CONN_LISTEN
     }
+
+
+def answers_http(host, port):
+    """Whether a server answers a request without TLS, which another one ends at once."""
+    try:
+        urllib.request.urlopen(f"http://{host}:{port}/", timeout=60)
+    except OSError as error:
+        return isinstance(error, urllib.error.HTTPError)
+    return True
 
 
 def answers_tls(host, port, context):
