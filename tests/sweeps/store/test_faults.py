@@ -24,7 +24,7 @@ import xarray as xr
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import estimate
 from sweeps.errors import Failed, StoreError, SweepError
-from sweeps.store import SweepWriter, check_output, complete_file, reading
+from sweeps.store import SweepWriter, check_output, complete_file
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import begun, block_results, contents, fill_blocks, schema
@@ -362,14 +362,14 @@ def test_a_sweep_that_is_replaced_while_it_is_opened_is_not_opened(monkeypatch):
     """Its data would not have been compared with their checksums."""
     fill_blocks("out.h5")
     fill_blocks("other.h5", plan=schema(numerics="2"))
-    checked = reading.check_file
+    checked = complete_file.check_file
 
     def checking(path, **options):
         digest = checked(path, **options)
         os.replace("other.h5", "out.h5")
         return digest
 
-    monkeypatch.setattr(reading, "check_file", checking)
+    monkeypatch.setattr(complete_file, "check_file", checking)
     with pytest.raises(StoreError, match="was replaced by another program"):
         open_sweep("out.h5")
 
