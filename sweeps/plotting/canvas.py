@@ -83,6 +83,8 @@ class Picture(Figure):
         engine = self.get_layout_engine()
         if isinstance(engine, ConstrainedLayoutEngine):
             engine.execute(self)
+            for panel in self.axes:
+                panel.apply_aspect()  # a bar beside a panel fills only a part of its place
             boxes = [
                 axis.get_tightbbox(renderer, for_layout_only=True)
                 for panel in self.axes

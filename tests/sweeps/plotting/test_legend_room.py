@@ -10,6 +10,7 @@ from sweeps.plotting import Page, bifurcation
 from sweeps.plotting.canvas import Picture
 from sweeps.plotting.exact_lines import _BRANCHES_IN_FULL, without_idle
 from tests.helpers.commands import call
+from tests.helpers.equal_points import equal_points
 from tests.helpers.sweep_files import run_in
 
 pytestmark = pytest.mark.usefixtures("with_layout")
@@ -57,6 +58,15 @@ def test_a_legend_that_no_page_has_room_for_counts_what_is_left_out():
     figure.set_height(None)
     assert figure.get_figheight() <= 9.0
     assert figure.legends[0].get_texts()[-1].get_text().startswith("+")
+
+
+@pytest.mark.parametrize("width", [3.4, 7.0])
+def test_the_bar_beside_a_density_ends_at_the_edge(width, monkeypatch):
+    monkeypatch.setattr("sweeps.plotting.diagram.DENSITY_FROM", 0)
+    figure = bifurcation(equal_points().isel(R=[0]), page=Page(width=width))
+    figure.draw_without_rendering()
+    beside = figure.bbox.x1 - figure.axes[1].get_tightbbox().x1
+    assert 0.0 < beside < 0.03 * figure.bbox.width
 
 
 @pytest.mark.slow
