@@ -113,14 +113,19 @@ class Filling:
 
     def _tiles(self) -> Tiles:
         """Colour the computed points by the kinds that `plot` uses."""
-        from sweeps.plotting.attractor_pictures import basin_cells
-        from sweeps.plotting.looks import Looks, class_numbers, failed_cells, period_cells
+        from sweeps.plotting.looks import (
+            Looks,
+            basin_cells,
+            class_numbers,
+            class_of_numbers,
+            failed_cells,
+            period_cells,
+        )
 
         discs = list[Disc]()
         if self._basins:
             table, classes = self._ranked()
-            named = [row for row in table if row.regime in (Regime.PERIODIC, Regime.REST)]
-            names = {row.number: row.name for row in named}
+            names = class_of_numbers(table)
             looks = Looks.of_rows(table)
             cells = basin_cells(table, classes, looks, self.config.nomenclature)
             for i, row in enumerate(looks.split(table)[0]):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import matplotlib as mpl
 import numpy as np
@@ -21,7 +20,6 @@ from sweeps.attractor.attractor_table import (
     attractor_rows,
     classes_text,
     parameter_axes,
-    shown_speeds,
 )
 from sweeps.attractor.partition import attractors
 from sweeps.config.groups import STARTS
@@ -32,7 +30,6 @@ from sweeps.plotting import canvas
 from sweeps.plotting.contents import refuse_empty, refuse_without_result, with_coordinate
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
-    Names,
     as_variable,
     basins_title,
     equation,
@@ -40,7 +37,7 @@ from sweeps.plotting.labels import (
     label_axis,
     record_text,
 )
-from sweeps.plotting.looks import Cells, Looks
+from sweeps.plotting.looks import Cells, Looks, basin_cells, class_names, class_of_numbers, names_of
 from sweeps.plotting.maps import draw_cells, name_and_bound
 from sweeps.plotting.marks import edge_of, mark_some, mark_status, marker_size, widen_if_constant
 from sweeps.plotting.names import name_lines
@@ -86,14 +83,54 @@ def basins(
         return _basins_beside(sweep, at or {}, beside, plane, page, ax)
     starts = sweep.cut(at, free=plane)
     panel = canvas.new_panel(ax, page)
-    result, looks = attractors_in(starts, sweep, page.grey)
-    table, numbers = attractor_rows(starts, result), reached(result, *plane)
-    drawn = over_starts(starts, *plane)
-    cells = basin_cells(table, numbers, looks, sweep)
-    handles = _draw_basins(panel, page, drawn, table, cells, looks)
+    there = Basins.of(starts, *attractors_in(starts, sweep, page.grey), *plane)
+    handles = there.draw(panel)
+    page.on(panel).set_limits(panel)
+    handles += there.mark_attractors(panel)
     figure = canvas.finish(panel, page, starts, handles, basins_title(sweep))
-    name_basins(panel, page, drawn, table, numbers)
+    there.write_names(panel, page)
     return figure
+
+
+class Basins(NamedTuple):
+    """The basins at one parameter point, by ordinate and abscissa: the `starts`, their attractors.
+
+    `numbers` are those of the rows of the `table`, for each start.
+    """
+
+    starts: OpenedSweep
+    table: list[AttractorRow]
+    numbers: np.ndarray
+    looks: Looks
+
+    @classmethod
+    def of(cls, starts: OpenedSweep, there: xr.Dataset, looks: Looks, across: str, up: str) -> Self:
+        """Return the basins, given the attractors at the point."""
+        numbers = there["attractor"].sortby([across, up]).transpose(up, across).values
+        ordered = starts.sortby([across, up]).transpose(up, across)
+        return cls(ordered, attractor_rows(starts, there), numbers, looks)
+
+    def cells(self) -> list[Cells]:
+        """Return the cells of each basin."""
+        return basin_cells(self.table, self.numbers, self.looks, self.starts)
+
+    def draw(self, panel: Axes) -> list[Artist]:
+        """Draw the basins; return the entries of the legend."""
+        return draw_cells(panel, self.starts, self.cells())
+
+    def mark_attractors(self, panel: Axes) -> list[Artist]:
+        """Mark the attractors with a look at the section, if starts have its phase."""
+        grid, phase = self.starts.grid, self.starts["phase"]
+        states = [row.states for row in self.looks.split(self.table)[0] if len(row.states)]
+        if not states or "phase" in grid or float(phase) != self.starts.spec.phase:
+            return []
+        look: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": 4.0}
+        panel.plot(*np.concatenate(states).T, "o", scalex=False, scaley=False, **look)
+        return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
+
+    def write_names(self, panel: Axes, page: Page) -> None:
+        """Write the names of classes into the basins; in grey, draw their boundaries."""
+        name_and_bound(panel, page, self.starts, self.numbers, class_of_numbers(self.table))
 
 
 def _plane_of(sweep: OpenedSweep, at: Selection | None) -> tuple[str, str]:
@@ -110,23 +147,6 @@ def _plane_of(sweep: OpenedSweep, at: Selection | None) -> tuple[str, str]:
     if "phase" in plane:
         plane.reverse()  # as abscissa
     return plane[0], plane[1]
-
-
-def _draw_basins(
-    panel: Axes,
-    page: Page,
-    drawn: OpenedSweep,
-    table: Sequence[AttractorRow],
-    cells: Sequence[Cells],
-    looks: Looks,
-) -> list[Artist]:
-    """Draw the basins at one parameter point; return the entries of the legend."""
-    handles = draw_cells(panel, drawn, cells)
-    page.on(panel).set_limits(panel)
-    phase = drawn.spec.phase
-    if "phase" not in drawn.grid and float(drawn["phase"]) == phase:
-        handles += mark_attractors(panel, looks.split(table)[0])
-    return handles
 
 
 def _basins_beside(
@@ -155,31 +175,32 @@ def _basins_beside(
     row = _LABELS + _SHAPE * canvas.width_of(page) / across
     row /= mpl.rcParams["figure.figsize"][1]
     panels = canvas.panel_grid(page, len(values), across, row, sharex=True)
-    found, looks = attractors_in(sweep.cut(at, free=[name, *plane]), sweep, page.grey)
-    drawn, further = [], dict[str, Artist]()
+    every, looks = attractors_in(sweep.cut(at, free=[name, *plane]), sweep, page.grey)
+    places, further = [], dict[str, Artist]()
     for panel, value in zip(panels, line[name].values.tolist(), strict=True):
-        starts, result = line.cut({name: value}, plane), found.sel({name: value})
-        table, numbers = attractor_rows(starts, result), reached(result, *plane)
-        starts = over_starts(starts, *plane)
-        cells = basin_cells(table, numbers, looks, sweep)
-        own = {cell.label for cell in cells}
-        for handle in _draw_basins(panel, page, starts, table, cells, looks):
-            if (text := str(handle.get_label())) not in own:
+        there = every.sel({name: value})
+        basins_there = Basins.of(line.cut({name: value}, plane), there, looks, *plane)
+        of_cells = {cell.label for cell in basins_there.cells()}
+        handles = basins_there.draw(panel)
+        page.on(panel).set_limits(panel)
+        for handle in handles + basins_there.mark_attractors(panel):
+            if (text := str(handle.get_label())) not in of_cells:
                 further[text] = handle
         panel.set_title(equation(line[name].symbol, line[name], value), loc="left")
-        drawn.append((panel, starts, table, numbers))
+        places.append((panel, basins_there))
     for number, panel in enumerate(panels):
-        if number % across:
-            panel.set_ylabel("")
         has_below = number + across < len(panels)
         panel.tick_params(labelbottom=not has_below)
         if has_below:
             panel.set_xlabel("")
-    handles = [*_shared_handles([table for *_, table, _ in drawn], looks), *further.values()]
+        if number % across:
+            panel.set_ylabel("")
+    tables = [basins_there.table for _, basins_there in places]
     title = f"{CLASSES_TITLE},\nshare of the starts in each panel"
+    handles = [*_shared_handles(tables, looks), *further.values()]
     figure = canvas.finish(panels[0], page, line, handles, title)
-    for panel, starts, table, numbers in drawn:
-        name_basins(panel, page, starts, table, numbers)
+    for panel, basins_there in places:
+        basins_there.write_names(panel, page)
     return figure
 
 
@@ -197,96 +218,13 @@ def _shared_handles(tables: Sequence[Sequence[AttractorRow]], looks: Looks) -> l
     ]
 
 
-def over_starts(starts: OpenedSweep, across: str = "x0", up: str = "v0") -> OpenedSweep:
-    """Return the starts at one parameter point in the order in which basins are drawn."""
-    return starts.sortby([across, up]).transpose(up, across)
-
-
-def mark_attractors(panel: Axes, table: Sequence[AttractorRow]) -> list[Artist]:
-    """Mark the periodic attractors of a table at the section; return a handle for the legend."""
-    states = [row.states for row in table if len(row.states)]
-    if not states:
-        return []
-    look: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": 4.0}
-    panel.plot(*np.concatenate(states).T, "o", scalex=False, scaley=False, **look)
-    return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
-
-
 def attractors_in(cut: OpenedSweep, sweep: OpenedSweep, grey: bool) -> tuple[xr.Dataset, Looks]:
     """Return the attractors in a cut, numbered as in the file, and the looks of the file."""
     fixed = {*sweep.grid} - {*cut.grid}
     starts, others = fixed & set(START_AXES), fixed - set(START_AXES)
     places = sweep.places({name: cut[name].item() for name in starts})
-    found = attractors(sweep.isel(places))
-    return found.sel({name: cut[name].item() for name in others}), Looks.of(found, grey)
-
-
-def reached(result: xr.Dataset, across: str = "x0", up: str = "v0") -> np.ndarray:
-    """Return the number of the attractor that each start reaches at one point, by (up, across)."""
-    return result["attractor"].sortby([across, up]).transpose(up, across).values
-
-
-def basin_cells(
-    table: Sequence[AttractorRow], numbers: np.ndarray, looks: Looks, of: Names
-) -> list[Cells]:
-    """Return the cells of each basin, given the number of the attractor of each start.
-
-    All attractors without a look of their own are one entry, which says how many they are.
-    """
-    own, others = looks.split(table)
-    cells = []
-    for row, (name, place) in zip(own, names_of([[row] for row in own], of), strict=True):
-        speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
-        text = f"{name}: {speeds}{100.0 * row.fraction:.1f} %{place}"
-        cells.append(Cells(text, looks.look(row), numbers == row.number))
-    if others:
-        share = 100.0 * sum(row.fraction for row in others)
-        text = f"{shown_count(len(others), 'other periodic attractor')}: {share:.1f} %"
-        where = np.isin(numbers, [row.number for row in others])
-        cells.append(Cells(text, looks.look(others[0]), where))
-    return cells
-
-
-def name_basins(
-    panel: Axes, page: Page, starts: OpenedSweep, table: Sequence[AttractorRow], numbers: np.ndarray
-) -> None:
-    """Write the names of classes into the basins; in grey, draw their boundaries."""
-    named = [row for row in table if row.regime in (Regime.PERIODIC, Regime.REST)]
-    names = {row.number: row.name for row in named}
-    name_and_bound(panel, page, starts, numbers, names)
-
-
-def names_of(
-    series: Sequence[Sequence[AttractorRow]], of: Names, axis: xr.DataArray | None = None
-) -> list[tuple[str, str]]:
-    """Name the classes of each series of attractors, or its regime.
-
-    Where two series have a class in common, a second line says which is which by a state at the
-    section, for several values of an `axis` with that value.
-    """
-    counts = Counter(
-        name for own in series for name in {row.name for row in own if len(row.states)}
-    )
-    names = list[tuple[str, str]]()
-    for own in series:
-        place = ""
-        if row := next((row for row in own if counts[row.name] > 1), None):
-            state = zip(("x0", "v0"), ("x", "v"), row.states[0], strict=True)
-            parts = [
-                equation(symbol, as_variable(name, of), float(f"{value:.3g}"))
-                for name, symbol, value in state
-            ]
-            if axis is not None:
-                parts.append(equation(axis.symbol, axis, row.parameters[str(axis.name)]))
-            place = f"\nat {', '.join(parts)}"
-        names.append((class_names(own), place))
-    return names
-
-
-def class_names(attractor: Sequence[AttractorRow]) -> str:
-    """Name the classes of one attractor over several parameter points, or its regime."""
-    free = attractor[0].regime is Regime.PERIODIC and not any(row.q for row in attractor)
-    return classes_text(attractor) + (", no impact" if free else "")
+    every = attractors(sweep.isel(places))
+    return every.sel({name: cut[name].item() for name in others}), Looks.of(every, grey)
 
 
 @functools.partial(styled, marks=True)
@@ -332,8 +270,8 @@ def attractor_diagram(
         raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(sweep))}")
     line = sweep.cut(at, free=[axis, *free])
     refuse_without_result(line["status"].values)
-    found, looks = attractors_in(line, sweep, page.grey)
-    table = attractor_rows(line, found)
+    there, looks = attractors_in(line, sweep, page.grey)
+    table = attractor_rows(line, there)
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)
@@ -355,8 +293,8 @@ def attractor_diagram(
     if page.grey:
         for _, look, points in series:
             mark_some(panel, points, look.marker, look.ink)
-        named = [one for one in series if one.rows[0].regime is Regime.PERIODIC]
-        name_lines(panel, [(classes_text(one.rows), one.points) for one in named])
+        periodic = [each for each in series if each.rows[0].regime is Regime.PERIODIC]
+        name_lines(panel, [(classes_text(each.rows), each.points) for each in periodic])
     return figure
 
 
@@ -406,15 +344,15 @@ def _draw_rows(
         x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
         y = y[np.isfinite(y)]
         first = table[places[0]]
-        look, own = looks.look(first), looks.has_own(first)
+        look, is_alone = looks.look(first), looks.has_own(first)
         (points,) = panel.plot(x, y, "o", color=look.ink, rasterized=True)
         scattered = first.regime is not Regime.PERIODIC
         least, most, zorder = (0.8, 1.2, 2.0) if scattered else (1.5, 2.0, 3.0)
         size = marker_size(x, y, least, most)
         points.set(markersize=size, markeredgewidth=0, zorder=zorder)
-        label = name if own else "other periodic attractors"
+        label = name if is_alone else "other periodic attractors"
         (handle,) = panel.plot([], [], look.marker, color=look.ink, label=label)
         handle.set(markersize=4.0, markeredgewidth=edge_of(look.marker))
-        if own and first.regime not in NO_CLASS:
+        if is_alone and first.regime not in NO_CLASS:
             marked.append(_Series([table[i] for i in places], look, np.stack([x, y], axis=1)))
     return marked

@@ -23,15 +23,7 @@ from sweeps.errors import Refused
 from sweeps.opened.kept import with_cache
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.attractor_pictures import (
-    attractors_in,
-    basin_cells,
-    mark_attractors,
-    name_basins,
-    names_of,
-    over_starts,
-    reached,
-)
+from sweeps.plotting.attractor_pictures import Basins, attractors_in
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
     as_variable,
@@ -40,8 +32,7 @@ from sweeps.plotting.labels import (
     label_axis,
     named_unit,
 )
-from sweeps.plotting.looks import Cells, Looks
-from sweeps.plotting.maps import draw_cells
+from sweeps.plotting.looks import Cells, Looks, names_of
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import Look, ground, ink
@@ -106,31 +97,31 @@ def integrity(
     names = canvas.chosen_panels(panels, [*(_MEASURES if along else ()), BASINS])
     drawn = dict(zip(names, _panels_for(names, page, ax), strict=True))
     basins, profile = drawn.get(BASINS), {name: drawn[name] for name in names if name != BASINS}
-    found, looks = attractors_in(line, sweep, page.grey)
-    found = with_measures(line, found)
+    every, looks = attractors_in(line, sweep, page.grey)
+    every = with_measures(line, every)
     starts = line.cut({name: at[name] for name in along if at and name in at}, ["x0", "v0"])
-    there = found.sel({name: float(starts[name]) for name in along})
-    table, rows_there = attractor_rows(line, found), attractor_rows(starts, there)
+    there = every.sel({name: float(starts[name]) for name in along})
+    of_value = Basins.of(starts, there, looks, "x0", "v0")
     handles, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
     if basins is not None:
-        cells = basin_cells(rows_there, reached(there), looks, line)
-        handles += draw_cells(basins, over_starts(starts), cells)
+        handles += of_value.draw(basins)
     if profile:
-        of_basins = rows_there if basins is not None else []
+        table = attractor_rows(line, every)
+        of_basins = of_value.table if basins is not None else []
         handles += _handles_of_profile(table, of_basins, looks, line, along[0])
-        marks, lines = _draw_profile(profile, found, along[0], table, looks)
+        marks, lines = _draw_profile(profile, every, along[0], table, looks)
         handles += marks
         label_axis([*profile.values()][-1].xaxis, line[along[0]])
     if basins is not None:
         if along:
             handles += _mark_place(profile.values(), basins, line[along[0]], starts)
-        handles += _draw_disturbances(basins, starts, there, rows_there, looks)
+        handles += _draw_disturbances(basins, starts, there, of_value)
     panel = drawn[names[0]] if basins is None else basins
     page.on(panel).set_limits(panel)
     title = CLASSES_TITLE if basins is None else basins_title(line)
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:
-        name_basins(basins, page, over_starts(starts), rows_there, reached(there))
+        of_value.write_names(basins, page)
     if page.grey:
         for each, drawn_there in zip(profile.values(), lines, strict=True):
             name_lines(each, drawn_there)
@@ -267,16 +258,17 @@ def _draw_lines(
 
 
 def _draw_disturbances(
-    panel: Axes, starts: OpenedSweep, there: xr.Dataset, table: Sequence[AttractorRow], looks: Looks
+    panel: Axes, starts: OpenedSweep, there: xr.Dataset, basins: Basins
 ) -> list[Artist]:
     """Draw discs, knocks and the attractors at the section; return their handles."""
+    looks, table = basins.looks, basins.table
     oscillator, section = starts.oscillator, starts.spec.phase
     line: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
     exact = starts.spec.impact == "exact"
-    own, others = looks.split(table)
-    names = names_of([[row] for row in own], starts)
+    rows, others = looks.split(table)
+    names = names_of([[row] for row in rows], starts)
     places = {
-        row.number: place.replace("\n", " ") for row, (_, place) in zip(own, names, strict=True)
+        row.number: place.replace("\n", " ") for row, (_, place) in zip(rows, names, strict=True)
     }
     if exact:
         there = with_cache(knocks, what="least knocks")(starts, there, list(places))
@@ -321,7 +313,7 @@ def _draw_disturbances(
     if others:
         text = f"no disc and no knock for {shown_count(len(others), 'other attractor')}"
         handles.append(Line2D([], [], linestyle="", label=text))
-    return handles + mark_attractors(panel, own)
+    return handles + basins.mark_attractors(panel)
 
 
 def _at_section(

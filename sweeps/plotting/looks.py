@@ -1,15 +1,17 @@
-"""The looks of classes, regimes and attractors."""
+"""The looks and the names of classes, regimes and attractors."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
 from matplotlib.patches import Patch
 
-from sweeps.plotting.labels import status_name
+from sweeps.attractor.attractor_table import AttractorRow, classes_text, shown_speeds
+from sweeps.plotting.labels import Names, as_variable, equation, status_name
 from sweeps.plotting.style import (
     CLASSES,
     FURTHER,
@@ -25,11 +27,8 @@ from sweeps.plotting.style import (
     ink,
     visible,
 )
+from sweeps.text import shown_count
 from vibroimpact.points.regimes import NO_CLASS, Label, Regime, rest_of
-
-if TYPE_CHECKING:
-    from sweeps.attractor.attractor_table import AttractorRow
-
 
 #: Name of the classes without a look of their own.
 OTHERS = "other m/q"
@@ -214,3 +213,63 @@ def _further(
         if (index := chosen[own]) is not None:
             used[index] = used[index] | at
     return {key: chosen[key[0]] for key in keys}
+
+
+def class_of_numbers(table: Sequence[AttractorRow]) -> dict[int, str]:
+    """Return the names of classes by the numbers of attractors."""
+    named = (Regime.PERIODIC, Regime.REST)
+    return {row.number: row.name for row in table if row.regime in named}
+
+
+def basin_cells(
+    table: Sequence[AttractorRow], numbers: np.ndarray, looks: Looks, of: Names
+) -> list[Cells]:
+    """Return the cells of each basin, given the number of the attractor of each start.
+
+    All attractors without a look of their own are one entry, which says how many they are.
+    """
+    rows, others = looks.split(table)
+    cells = []
+    for row, (name, place) in zip(rows, names_of([[row] for row in rows], of), strict=True):
+        speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
+        text = f"{name}: {speeds}{100.0 * row.fraction:.1f} %{place}"
+        cells.append(Cells(text, looks.look(row), numbers == row.number))
+    if others:
+        share = 100.0 * sum(row.fraction for row in others)
+        text = f"{shown_count(len(others), 'other periodic attractor')}: {share:.1f} %"
+        where = np.isin(numbers, [row.number for row in others])
+        cells.append(Cells(text, looks.look(others[0]), where))
+    return cells
+
+
+def names_of(
+    series: Sequence[Sequence[AttractorRow]], of: Names, axis: xr.DataArray | None = None
+) -> list[tuple[str, str]]:
+    """Name the classes of each series of attractors, or its regime.
+
+    Where two series have a class in common, a second line says which is which by a state at the
+    section, for several values of an `axis` with that value.
+    """
+    counts = Counter(
+        name for rows in series for name in {row.name for row in rows if len(row.states)}
+    )
+    names = list[tuple[str, str]]()
+    for rows in series:
+        place = ""
+        if row := next((row for row in rows if counts[row.name] > 1), None):
+            state = zip(("x0", "v0"), ("x", "v"), row.states[0], strict=True)
+            parts = [
+                equation(symbol, as_variable(name, of), float(f"{value:.3g}"))
+                for name, symbol, value in state
+            ]
+            if axis is not None:
+                parts.append(equation(axis.symbol, axis, row.parameters[str(axis.name)]))
+            place = f"\nat {', '.join(parts)}"
+        names.append((class_names(rows), place))
+    return names
+
+
+def class_names(attractor: Sequence[AttractorRow]) -> str:
+    """Name the classes of one attractor over several parameter points, or its regime."""
+    free = attractor[0].regime is Regime.PERIODIC and not any(row.q for row in attractor)
+    return classes_text(attractor) + (", no impact" if free else "")

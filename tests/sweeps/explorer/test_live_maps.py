@@ -13,8 +13,7 @@ from sweeps.explorer.live_maps import Filling
 from sweeps.explorer.view import BASINS_TAB, MAP_TAB
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import style
-from sweeps.plotting.attractor_pictures import basin_cells
-from sweeps.plotting.looks import Looks, period_cells
+from sweeps.plotting.looks import Looks, basin_cells, period_cells
 
 
 @pytest.mark.slow
