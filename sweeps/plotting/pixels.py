@@ -133,9 +133,36 @@ def draw_density(
         )
         bar.set_label("share of the points of a column")
     figure.draw_without_rendering()  # computes the layout
-    box, scale = panel.get_window_extent(), dots_per_inch() / figure.dpi
+    edges = _edges_of_pixels(panel, values, dots_per_inch() / figure.dpi)
+    shape = len(edges[0]) - 1, len(edges[1]) - 1
+    if tint is not None:
+        owner = np.full(shape, -1)
+        for number, pixel in _in_view(ways[0], coordinate, values, *edges):
+            owner.reshape(-1)[pixel] = number
+        image = np.append(tint, np.zeros((1, 4)), axis=0)[owner]
+        panel.pcolormesh(*edges, image.swapaxes(0, 1), rasterized=True)
+        return
+    shares = []
+    for way in ways:
+        counts = np.zeros(shape)
+        for _, pixel in _in_view(way, coordinate, values, *edges):
+            counts += np.bincount(pixel, minlength=counts.size).reshape(counts.shape)
+        shares.append(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1))
+    if len(shares) == 2:
+        both = (shares[0] > 0.0) & (shares[1] > 0.0)
+        mean = np.where(both, 0.5 * (shares[0] + shares[1]), 0.0)
+        shares = [*(np.where(both, 0.0, share) for share in shares), mean]
+    for share, ramp in zip(shares, ramps, strict=True):
+        cells = np.ma.masked_equal(share, 0.0).T
+        panel.pcolormesh(*edges, cells, norm=_SCALE_OF_SHARES, cmap=ramp, rasterized=True)
+
+
+def _edges_of_pixels(
+    panel: Axes, values: np.ndarray, scale: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the edges of the columns and the rows of a panel whose pixels are a `scale` finer."""
+    box, (low, high) = panel.get_window_extent(), panel.get_ylim()
     columns, rows = (round(size * scale) for size in (box.width, box.height))
-    low, high = panel.get_ylim()
     log = panel.get_xscale() == "log"
     left, right = sorted(panel.get_xlim())
     in_view = np.sort(values[(values >= left) & (values <= right)])
@@ -143,56 +170,17 @@ def draw_density(
     x_edges = cell_edges(in_view, log)
     if len(in_view) > columns:
         x_edges = (np.geomspace if log else np.linspace)(in_view[0], in_view[-1], columns + 1)
-    y_edges = np.linspace(low, high, rows + 1)
-    pixels = [_Pixels(way, coordinate, values, x_edges, y_edges) for way in ways]
-    if tint is not None:
-        image = np.append(tint, np.zeros((1, 4)), axis=0)[pixels[0].owners()]
-        panel.pcolormesh(x_edges, y_edges, image.swapaxes(0, 1), rasterized=True)
-        return
-    shares = [one.shares() for one in pixels]
-    if len(shares) == 2:
-        in_both = (shares[0] > 0.0) & (shares[1] > 0.0)
-        mean = np.where(in_both, 0.5 * (shares[0] + shares[1]), 0.0)
-        shares = [*(np.where(in_both, 0.0, share) for share in shares), mean]
-    for share, ramp in zip(shares, ramps, strict=True):
-        cells = np.ma.masked_equal(share, 0.0).T
-        panel.pcolormesh(x_edges, y_edges, cells, norm=_SCALE_OF_SHARES, cmap=ramp, rasterized=True)
+    return x_edges, np.linspace(low, high, rows + 1)
 
 
-class _Pixels:
-    """The points of a line in the pixels of a panel; all results have the shape (columns, rows)."""
-
-    def __init__(
-        self,
-        line: OpenedSweep,
-        coordinate: str,
-        values: np.ndarray,
-        x_edges: np.ndarray,
-        y_edges: np.ndarray,
-    ) -> None:
-        self._line, self._coordinate = line, coordinate
-        self._shape, self._ends = (len(x_edges) - 1, len(y_edges) - 1), y_edges[[0, -1]]
-        self._column = np.searchsorted(x_edges, values, side="right") - 1
-        self._column[values == x_edges[-1]] = self._shape[0] - 1
-
-    def _points(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield the points in view in parts: their number and the number of the pixel of each."""
-        in_view = (self._column >= 0) & (self._column < self._shape[0])
-        for indices, y in computed_parts(self._line, self._coordinate):
-            indices, y = indices[in_view[indices]], y[in_view[indices]]
-            place, pixel = pixels_of(self._column[indices], y, self._shape[1], *self._ends)
-            yield indices[place], pixel
-
-    def shares(self) -> np.ndarray:
-        """Return the share of each column's points in each of its pixels."""
-        counts = np.zeros(self._shape)
-        for _, pixel in self._points():
-            counts += np.bincount(pixel, minlength=counts.size).reshape(counts.shape)
-        return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-
-    def owners(self) -> np.ndarray:
-        """Return the number of a point in each pixel, -1 if there is none."""
-        owner = np.full(self._shape, -1)
-        for number, pixel in self._points():
-            owner.reshape(-1)[pixel] = number
-        return owner
+def _in_view(
+    line: OpenedSweep, coordinate: str, values: np.ndarray, x_edges: np.ndarray, y_edges: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the points of a line in a panel in parts: their number, the number of their pixel."""
+    column = np.searchsorted(x_edges, values, side="right") - 1
+    column[values == x_edges[-1]] = len(x_edges) - 2
+    seen = (column >= 0) & (column < len(x_edges) - 1)
+    for indices, y in computed_parts(line, coordinate):
+        indices, y = indices[seen[indices]], y[seen[indices]]
+        place, pixel = pixels_of(column[indices], y, len(y_edges) - 1, *y_edges[[0, -1]])
+        yield indices[place], pixel
