@@ -108,16 +108,12 @@ class Picture(Figure):
             self.savefig(buffer, format="png", dpi=150)
         return buffer.getvalue()
 
-    def make_room(self, part: Any) -> None:
-        """Increase the height of the figure by the height of a title or a legend."""
-        self.set_figheight(self.get_figheight() + part.get_window_extent().height / self.dpi)
-
     def add_title(self, text: str) -> None:
-        """Put a title above the panels; refuse one that matplotlib cannot draw."""
+        """Put a title above the panels, for which the figure becomes higher."""
         title = self.suptitle(text, wrap=True)
         title.__class__ = _Title
         refuse_undrawable("title", title)
-        self.make_room(title)
+        self.set_figheight(self.get_figheight() + title.get_window_extent().height / self.dpi)
 
     def set_height(self, height: float | None) -> None:
         """Set the height; refuse one that leaves too little of the panels.

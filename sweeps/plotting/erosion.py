@@ -95,8 +95,8 @@ def integrity(
     line = sweep.cut(cuts, free=[*along, "x0", "v0"])
     refuse_unfit(line)
     names = canvas.chosen_panels(panels, [*(_MEASURES if along else ()), BASINS])
-    drawn = dict(zip(names, _panels_for(names, page, ax), strict=True))
-    basins, profile = drawn.get(BASINS), {name: drawn[name] for name in names if name != BASINS}
+    by_name = dict(zip(names, _panels_for(names, page, ax), strict=True))
+    basins, profile = by_name.get(BASINS), {n: by_name[n] for n in names if n != BASINS}
     every, looks = attractors_in(line, sweep, page.grey)
     every = with_measures(line, every)
     starts = line.cut({name: at[name] for name in along if at and name in at}, ["x0", "v0"])
@@ -116,15 +116,15 @@ def integrity(
         if along:
             handles += _mark_place(profile.values(), basins, line[along[0]], starts)
         handles += _draw_disturbances(basins, starts, there, of_value)
-    panel = drawn[names[0]] if basins is None else basins
+    panel = by_name[names[0]] if basins is None else basins
     page.on(panel).set_limits(panel)
     title = CLASSES_TITLE if basins is None else basins_title(line)
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:
         of_value.write_names(basins, page)
     if page.grey:
-        for each, drawn_there in zip(profile.values(), lines, strict=True):
-            name_lines(each, drawn_there)
+        for each, of_panel in zip(profile.values(), lines, strict=True):
+            name_lines(each, of_panel)
     return figure
 
 
@@ -135,10 +135,10 @@ def _panels_for(
     if ax is None:
         profile = [i for i, name in enumerate(names) if name != BASINS]
         return canvas.stacked_panels(page, [_HEIGHTS[name] for name in names], profile)
-    given = [ax] if isinstance(ax, Axes) else [*ax]
-    if len(given) != len(names):
-        raise Refused(f"ax has {shown_count(len(given), 'panel')}; expected: {len(names)}")
-    return given
+    panels = [ax] if isinstance(ax, Axes) else [*ax]
+    if len(panels) != len(names):
+        raise Refused(f"ax has {shown_count(len(panels), 'panel')}; expected: {len(names)}")
+    return panels
 
 
 def _mark_place(
@@ -165,25 +165,20 @@ def _handles_of_profile(
     In grey, these are all: lines have dashes and markers, not the hatches of basins. So are those
     that are darker than their basins.
     """
-    shown = {looks.look(row) for row in there}
-    shown = set() if looks.grey else {look for look in shown if look.ink == look.colour}
+    of_basins = {looks.look(row) for row in there}
+    of_basins = set() if looks.grey else {look for look in of_basins if look.ink == look.colour}
     series = [[table[i] for i in places] for places in looks.series(table)]
     handles: list[Artist] = []
     named = names_of(series, line, line[axis])
-    for own, names in zip(series, named, strict=True):
-        look = looks.look(own[0])
-        if look not in shown:
-            text = "".join(names) if looks.has_own(own[0]) else "other periodic attractors"
+    for rows, names in zip(series, named, strict=True):
+        look = looks.look(rows[0])
+        if look not in of_basins:
+            text = "".join(names) if looks.has_own(rows[0]) else "other periodic attractors"
             dashes: dict[str, Any] = {"linestyle": look.dash, "linewidth": 1.0}
             of_line = Line2D([], [], label=text, **dashes, **_of_points(look, looks.grey))
             patch = Cells(text, look, np.empty(0)).handle()
             handles.append(of_line if looks.grey or look.ink != look.colour else patch)
     return handles
-
-
-def _bound() -> dict[str, Any]:
-    """Return the settings of matplotlib for a lower bound."""
-    return {"markersize": 4.0, "markerfacecolor": ground()}
 
 
 def _of_points(look: Look, grey: bool) -> dict[str, Any]:
@@ -193,7 +188,7 @@ def _of_points(look: Look, grey: bool) -> dict[str, Any]:
 
 def _draw_profile(
     panels: Mapping[str, Axes],
-    found: xr.Dataset,
+    there: xr.Dataset,
     axis: str,
     table: Sequence[AttractorRow],
     looks: Looks,
@@ -202,36 +197,37 @@ def _draw_profile(
 
     Return a handle, and for each panel the classes and the points of each line, shape (n, 2).
     """
-    bounded, drawn = False, list[list[tuple[str, np.ndarray]]]()
+    bounded, lines = False, list[list[tuple[str, np.ndarray]]]()
     for name, panel in panels.items():
         at_edge, title = _MEASURES[name]
         panel.set_title(title, loc="left")
-        if named_unit(found[name]):
-            label_axis(panel.yaxis, found[name].assign_attrs(long_name="", symbol=""))
-        is_bound = found[at_edge] if at_edge else found[name].isnull()
-        values = found[name].where(found["integrity_factor"].notnull())
+        if named_unit(there[name]):
+            label_axis(panel.yaxis, there[name].assign_attrs(long_name="", symbol=""))
+        is_bound = there[at_edge] if at_edge else there[name].isnull()
+        values = there[name].where(there["integrity_factor"].notnull())
         highest = values.where(~is_bound).max().fillna(values.max()).fillna(0.0)
         top = 1.1 * float(highest) or 1.0
-        drawn.append([])
+        lines.append([])
         for number in {row.number: None for row in table}:
-            mine = found["number"] == number
+            mine = there["number"] == number
             y = values.where(mine).max("coexisting").values
             bound = (mine & is_bound & values.notnull()).any("coexisting").values
-            own = [row for row in table if row.number == number]
-            lines = _draw_lines(panel, found[axis].values, (y, bound, top), own, axis, looks)
-            drawn[-1] += lines
+            rows = [row for row in table if row.number == number]
+            of_number = y, bound, top
+            lines[-1] += _draw_lines(panel, there[axis].values, of_number, rows, axis, looks)
             bounded |= bool(bound.any())
         panel.set_ylim(0.0, top)
     text, marker = ("hollow: lower bound", "o") if looks.grey else ("lower bound", _BOUND_MARKER)
-    handle = Line2D([], [], linestyle="", color=ink(), label=text, marker=marker, **_bound())
-    return [handle] if bounded else [], drawn
+    handle = Line2D([], [], linestyle="", color=ink(), label=text, marker=marker)
+    handle.set(markersize=4.0, markerfacecolor=ground())
+    return [handle] if bounded else [], lines
 
 
 def _draw_lines(
     panel: Axes,
     x: np.ndarray,
     measure: tuple[np.ndarray, np.ndarray, float],
-    own: Sequence[AttractorRow],
+    rows: Sequence[AttractorRow],
     axis: str,
     looks: Looks,
 ) -> list[tuple[str, np.ndarray]]:
@@ -241,18 +237,19 @@ def _draw_lines(
     """
     y, bound, top = measure
     lines = []
-    for places in looks.series(own):
-        here = np.isin(x, [own[i].parameters[axis] for i in places])
+    for places in looks.series(rows):
+        here = np.isin(x, [rows[i].parameters[axis] for i in places])
         to_next = here | np.append(False, here[:-1])
-        look = looks.look(own[places[0]])
+        look = looks.look(rows[places[0]])
         marks = _of_points(look, looks.grey)
         joined = np.where(to_next & (y <= top), y, np.nan)
         panel.plot(x, joined, linewidth=1.0, linestyle=look.dash, color=look.ink)
         panel.plot(x, np.where(here & ~bound, y, np.nan), linestyle="", **marks)
-        marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER, **_bound()}
+        marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER}
+        marks |= {"markersize": 4.0, "markerfacecolor": ground()}
         inside = np.where(y <= top, y, 0.95 * top)
         panel.plot(x, np.where(here & bound, inside, np.nan), linestyle="", **marks)
-        named = classes_text([own[i] for i in places])
+        named = classes_text([rows[i] for i in places])
         lines.append((named, np.stack([x, np.where(here & (y <= top), y, np.nan)], axis=1)))
     return lines
 

@@ -46,14 +46,14 @@ class Part(NamedTuple):
     orbit: str = ""  # class of the branch
 
 
-def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
+def parts_of(branches: xr.Dataset, coordinate: str) -> Iterator[Part]:
     """Yield the parts of `sweeps.branches` that a diagram of a coordinate shows."""
     from sweeps.bifurcation.exact_branches import wide_branches
 
-    (axis,), wide = found.coords, wide_branches(found)
+    (axis,), wide = branches.coords, wide_branches(branches)
     for number, is_wide in enumerate(wide.tolist()):
-        own = (found["branch"].values == number) & (found["kind"].values == "")
-        branch = found.isel(point=own)
+        of_branch = (branches["branch"].values == number) & (branches["kind"].values == "")
+        branch = branches.isel(point=of_branch)
         x, y, stable = (branch[name].values for name in (axis, coordinate, "stable"))
         m, q = (int(branch[name].values[0]) for name in ("m", "q"))
         y = _within_a_turn(y[:, np.isfinite(y).any(axis=0)], coordinate)
@@ -68,39 +68,39 @@ def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
                 name = STABLE if steady else UNSTABLE
                 yield Part(name, x[part], y[part], q > 0 and not is_wide, f"{m}/{q}")
     for kind in MARKERS:
-        here = (found["kind"].values == kind) & wide[found["branch"].values]
+        here = (branches["kind"].values == kind) & wide[branches["branch"].values]
         if here.any():
-            y = _within_a_turn(found[coordinate].values[here], coordinate)
-            yield Part(kind, found[axis].values[here], y)
+            y = _within_a_turn(branches[coordinate].values[here], coordinate)
+            yield Part(kind, branches[axis].values[here], y)
 
 
-def without_idle(found: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, int]:
+def without_idle(branches: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, int]:
     """Return the branches that a diagram of a line draws, and the number of those left out.
 
     Of more than a few branches that were not chosen, these are those to which motions of the line
     go, and those that meet one of these at a bifurcation, which bound the motions.
     """
-    (axis,), count = map(str, found.coords), 1 + found["branch"].values.max(initial=-1)
-    if count <= _BRANCHES_IN_FULL or found.attrs.get("chosen") or "period" not in line:
-        return found, 0
+    (axis,), count = map(str, branches.coords), 1 + branches["branch"].values.max(initial=-1)
+    if count <= _BRANCHES_IN_FULL or branches.attrs.get("chosen") or "period" not in line:
+        return branches, 0
     _, m, q = (each.ravel() for each in line.classes)
     places = line[axis].broadcast_like(line["status"]).transpose(*line.grid).values
-    numbers, kinds, values = (found[name].values for name in ("branch", "kind", axis))
-    drawn = np.zeros(count, bool)
+    numbers, kinds, values = (branches[name].values for name in ("branch", "kind", axis))
+    is_goal = np.zeros(count, bool)
     for number in range(count):
-        own = numbers == number
-        x = values[own & found["stable"].values]
-        same = (m == found["m"].values[own][0]) & (q == found["q"].values[own][0])
-        seen = places.ravel()[same]
-        drawn[number] = len(x) > 0 and ((x.min() <= seen) & (seen <= x.max())).any()
-    low, high = found.attrs["range"]
+        of_branch = numbers == number
+        x = values[of_branch & branches["stable"].values]
+        first = branches.isel(point=int(np.argmax(of_branch)))
+        seen = places.ravel()[(m == first["m"].item()) & (q == first["q"].item())]
+        is_goal[number] = len(x) > 0 and ((x.min() <= seen) & (seen <= x.max())).any()
+    low, high = branches.attrs["range"]
     meetings = list(zip(kinds, np.rint(1e7 * (values - low) / (high - low)), strict=True))
     special = np.isin(kinds, [*MARKERS])
-    of_drawn = {meetings[i] for i in np.flatnonzero(special & drawn[numbers])}
-    drawn[[numbers[i] for i in np.flatnonzero(special) if meetings[i] in of_drawn]] = True
-    kept = found.isel(point=drawn[numbers])
+    of_goals = {meetings[i] for i in np.flatnonzero(special & is_goal[numbers])}
+    is_goal[[numbers[i] for i in np.flatnonzero(special) if meetings[i] in of_goals]] = True
+    kept = branches.isel(point=is_goal[numbers])
     _, renumbered = np.unique(kept["branch"].values, return_inverse=True)
-    return kept.assign(branch=("point", renumbered)), int(count - drawn.sum())
+    return kept.assign(branch=("point", renumbered)), int(count - is_goal.sum())
 
 
 def _within_a_turn(values: np.ndarray, coordinate: str) -> np.ndarray:
@@ -124,7 +124,7 @@ def _breaks(branch: xr.Dataset, coordinate: str) -> list[int]:
 
 def draw_branches(
     panel: Axes,
-    found: xr.Dataset,
+    branches: xr.Dataset,
     coordinate: str,
     is_plain: bool,
     in_chaos: Callable[[np.ndarray], np.ndarray],
@@ -137,8 +137,8 @@ def draw_branches(
     Bifurcations are marked if `marks` is true.
     """
     look = _OVER_ONE if is_plain else {"color": ink(), **_OVER_COLOURS}
-    drawn: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
-    for name, x, y, thin, _ in parts_of(found, coordinate):
+    lines: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
+    for name, x, y, thin, _ in parts_of(branches, coordinate):
         hidden = in_chaos(x)
         if name in LINES:
             faint = (hidden & (name == UNSTABLE) | thin).tolist()
@@ -146,7 +146,7 @@ def draw_branches(
                 (first, *_, last) = 2 * list(group)
                 run, of = slice(first, last + 2), _THIN_LINES if is_faint else name
                 stroke = look | _THIN_BRANCHES if is_faint else look
-                drawn[of] += panel.plot(
+                lines[of] += panel.plot(
                     x[run], y[run], zorder=4, label="_", ls=LINES[name], **stroke
                 )
             continue
@@ -155,8 +155,8 @@ def draw_branches(
             (dots,) = panel.plot(places[np.isfinite(y)], y[np.isfinite(y)], MARKERS[name], zorder=5)
             dots.set(color=look["color"], markerfacecolor=ground(), markersize=3.0, label="_")
             dots.set_markeredgewidth(0.6)
-            drawn[name].append(dots)
-    return drawn
+            lines[name].append(dots)
+    return lines
 
 
 def without_gaps(mask: np.ndarray, width: int) -> np.ndarray:
@@ -210,26 +210,25 @@ class _Piece(NamedTuple):
 
 
 def _pieces(
-    found: xr.Dataset,
+    curves: xr.Dataset,
     cut: OpenedSweep,
     axes: Sequence[np.ndarray],
-    shown: Container[tuple[int, int]] | None,
+    wanted: Container[tuple[int, int]] | None,
 ) -> Iterator[_Piece]:
     """Yield the curves in pieces that bound a motion of the map, and others.
 
-    A piece bounds a motion if a cell with the class of its orbit, which must be one of those
-    `shown`, and another cell without it, are within one cell. `axes` are the values of the abscissa
-    and of the ordinate.
+    A piece bounds a motion if a cell with the class of its orbit, if it is `wanted`, and one
+    without it, are within one cell. `axes` are the values of the abscissa and of the ordinate.
     """
     from scipy.ndimage import maximum_filter
 
-    regimes, *mq = cut.classes
-    classes = np.where(regimes == Regime.PERIODIC, mq, 0)
-    values = np.stack([found[name].values for name in found.coords], axis=1)
-    each = _one_point_each(found)
+    regimes, *numbers = cut.classes
+    classes = np.where(regimes == Regime.PERIODIC, numbers, 0)
+    values = np.stack([curves[name].values for name in curves.coords], axis=1)
+    each = _one_point_each(curves)
     kinds, ms, qs = (each[name].values.tolist() for name in ("kind", "m", "q"))
     for number, (kind, m, q) in enumerate(zip(kinds, ms, qs, strict=True)):
-        line = values[(found["curve"].values == number) & (found["special"].values == "")]
+        line = values[(curves["curve"].values == number) & (curves["special"].values == "")]
         cells = [np.interp(z, a, np.arange(len(a))) for z, a in zip(line.T, axes, strict=True)]
         count = np.ceil(_PER_CELL * np.abs(np.diff(cells)).max(axis=0, initial=0.0))
         along = np.concatenate([[0.0], np.cumsum(np.maximum(count, 1.0))])
@@ -237,10 +236,10 @@ def _pieces(
         column, row = (np.rint(np.interp(fine, along, each)).astype(int) for each in cells)
         before = (1, 0) if q == 1 else (m, q - 1)  # of a graze
         bounds = np.zeros(len(fine), bool)
-        for own in {(m, q), before if kind == "graze" else (m, q)}:
-            if shown is not None and own not in shown:
+        for mq in {(m, q), before if kind == "graze" else (m, q)}:
+            if wanted is not None and mq not in wanted:
                 continue
-            mask = (classes == np.reshape(own, (2, 1, 1))).all(axis=0)
+            mask = (classes == np.reshape(mq, (2, 1, 1))).all(axis=0)
             near, other = (maximum_filter(each, 3, mode="nearest") for each in (mask, ~mask))
             bounds |= (near & other)[row, column]
         bounds = without_gaps(bounds, _PER_CELL * _GAP)
@@ -250,14 +249,14 @@ def _pieces(
             yield _Piece(number, points[first : last + 2], flag)
 
 
-def _one_point_each(found: xr.Dataset) -> xr.Dataset:
+def _one_point_each(curves: xr.Dataset) -> xr.Dataset:
     """Return one point of each curve, which has its kind and its class."""
-    return found.isel(point=np.unique(found["curve"].values, return_index=True)[1])
+    return curves.isel(point=np.unique(curves["curve"].values, return_index=True)[1])
 
 
 def draw_curves(
     panel: Axes,
-    found: xr.Dataset,
+    curves: xr.Dataset,
     cut: OpenedSweep,
     axes: Sequence[np.ndarray],
     coloured: Container[tuple[int, int]],
@@ -271,29 +270,28 @@ def draw_curves(
     meet are marked on the strong pieces if `marks` is true.
     """
     limits = panel.get_xlim(), panel.get_ylim()
-    kinds = _one_point_each(found)["kind"].values
+    kinds = _one_point_each(curves)["kind"].values
     is_many = len(kinds) > _CURVES_IN_FULL
-    pieces = list(_pieces(found, cut, axes, coloured if is_many else None))
+    pieces = list(_pieces(curves, cut, axes, coloured if is_many else None))
     strong = [piece for piece in pieces if piece.bounds]
     bounding = {piece.number for piece in strong}
-    shown = [piece for piece in pieces if not is_many or piece.number in bounding]
+    pieces = [piece for piece in pieces if not is_many or piece.number in bounding]
     bold: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
     edge = [withStroke(linewidth=_EDGE, foreground=ground(), alpha=0.9)]  # on cells of any colour
-    for piece in shown:
+    for piece in pieces:
         look = {"path_effects": edge, "zorder": 4, **bold} if piece.bounds else _THIN_CURVES
         panel.plot(*piece.points.T, ls=_CURVES[kinds[piece.number]], **look)
     panel.set(xlim=limits[0], ylim=limits[1])
     covered = dict[Artist, float]()
     for kind, dashes in _CURVES.items():
-        own = [piece.points for piece in shown if kinds[piece.number] == kind]
-        if own:
+        if of_kind := [piece.points for piece in pieces if kinds[piece.number] == kind]:
             line = Line2D([], [], ls=dashes, label=kind, **bold)
-            covered[line] = _covered(panel, own, _EDGE)
-    covered |= _mark_special(panel, found, strong) if marks else {}
-    if left := len(kinds) - len(bounding):
-        text = f"{shown_count(left, 'further curve')}{' not shown' if is_many else ''}"
+            covered[line] = _covered(panel, of_kind, _EDGE)
+    covered |= _mark_special(panel, curves, strong) if marks else {}
+    if further := len(kinds) - len(bounding):
+        text = f"{shown_count(further, 'further curve')}{' not shown' if is_many else ''}"
         line = Line2D([], [], ls="" if is_many else "-", label=text, **_THIN_CURVES)
-        thin = [piece.points for piece in shown if piece.number not in bounding]
+        thin = [piece.points for piece in pieces if piece.number not in bounding]
         covered[line] = _covered(panel, thin, line.get_linewidth())
     return covered
 
@@ -307,17 +305,17 @@ def _covered(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
     return length * width * point / size.prod()
 
 
-def _mark_special(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> dict[Artist, float]:
+def _mark_special(panel: Axes, curves: xr.Dataset, strong: Sequence[_Piece]) -> dict[Artist, float]:
     """Mark cusps and meetings on strong pieces; return a handle, which covers next to nothing."""
-    marked = found.isel(point=np.isin(found["special"].values, ["cusp", "degenerate", "flip"]))
+    marked = curves.isel(point=np.isin(curves["special"].values, ["cusp", "degenerate", "flip"]))
     special = np.stack([marked[name].values for name in marked.coords], axis=1)
     if not len(special) or not strong:
         return {}
     lines = canvas.in_panel(panel, np.concatenate([piece.points for piece in strong]))
     away = [np.abs(lines - place).max(axis=1).min() for place in canvas.in_panel(panel, special)]
-    shown = special[np.array(away) < 0.01]
-    if not len(shown):
+    near = special[np.array(away) < 0.01]
+    if not len(near):
         return {}
-    (marks,) = panel.plot(*shown.T, "D", color=ink(), label="cusp or meeting")
+    (marks,) = panel.plot(*near.T, "D", color=ink(), label="cusp or meeting")
     marks.set(markersize=2.5, markerfacecolor=ground(), markeredgewidth=0.6, zorder=5)
     return {marks: 0.0}

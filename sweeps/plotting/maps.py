@@ -24,7 +24,7 @@ from sweeps.plotting.exact_lines import draw_curves
 from sweeps.plotting.labels import label_axis, log_spaced, status_name
 from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells
-from sweeps.plotting.names import draw_boundaries, name_places, name_regions
+from sweeps.plotting.names import draw_boundaries, name_regions
 from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import cell_edges
@@ -94,8 +94,8 @@ def parameter_map(
     page = page.on(panel)
     page.set_limits(panel)
     if exact is not None:
-        y, x = (axis.values for axis in _axes_of(cut))
-        covered |= draw_curves(panel, exact, cut, (x, y), CLASSES, page.marks)
+        values = cut[abscissa].values, cut[ordinate].values
+        covered |= draw_curves(panel, exact, cut, values, CLASSES, page.marks)
     scale = (name, paint.ramp, paint.norm)
     measured = draw_overlay(points, [(panel, abscissa, ordinate)], page, scale)
     covered |= dict.fromkeys(measured, 1.0)
@@ -105,7 +105,10 @@ def parameter_map(
 
     def named() -> set[str]:
         """Return the names for which the regions have room."""
-        return {each for each, *_ in name_places(panel, _edges_of(cut), *of_regions)}
+        texts = name_regions(panel, _edges_of(cut), *of_regions)
+        for text in texts:
+            text.remove()
+        return {text.get_text() for text in texts}
 
     _name_others(patches, *of_regions, set if page.height else named)
     figure = canvas.finish(panel, page, cut, [*covered], paint.title, covered=covered, named=named)
@@ -138,9 +141,9 @@ def _name_others(
     named: Callable[[], Container[str]],
 ) -> None:
     """Name, in the entry of other classes, those that cover much and are not `named` in the map."""
-    found, counts = np.unique(numbers, return_counts=True)
-    common = found[np.argsort(-counts)][: np.count_nonzero(counts >= COMMON * numbers.size)]
-    classes = [name for one in common.tolist() if (name := names.get(one, ""))[:1].isdigit()]
+    every, counts = np.unique(numbers, return_counts=True)
+    common = every[np.argsort(-counts)][: np.count_nonzero(counts >= COMMON * numbers.size)]
+    classes = [name for number in common.tolist() if (name := names.get(number, ""))[:1].isdigit()]
     if others := [name for name in classes if name not in {f"{m}/{q}" for m, q in CLASSES}]:
         seen = named()
         listed = ", ".join(name for name in others if name not in seen)
@@ -166,9 +169,8 @@ def draw_cells(
     The dimensions of ``status`` in the cut must be the ordinate and the abscissa, both increasing.
     Failed points can be `hatched`.
     """
-    y, x = _axes_of(cut)
-    label_axis(panel.xaxis, x)
-    label_axis(panel.yaxis, y)
+    for axis, name in zip((panel.yaxis, panel.xaxis), cut.grid, strict=True):
+        label_axis(axis, cut[name])
     status = cut["status"].values
     cells = [cell for cell in (*cells, *failed_cells(status, hatched)) if cell.where.any()]
     index = np.full(status.shape, -1)
@@ -217,15 +219,9 @@ def _draw_hatch(panel: Axes, cut: OpenedSweep, where: np.ndarray, **look: Any) -
     panel.add_artist(PathPatch(outline, facecolor="none", rasterized=True, **look))
 
 
-def _axes_of(cut: OpenedSweep) -> list[xr.DataArray]:
-    """Return the ordinate and the abscissa."""
-    return [cut[name] for name in cut.grid]
-
-
 def _edges_of(cut: OpenedSweep) -> list[np.ndarray]:
     """Return the edges of the cells along the abscissa and along the ordinate."""
-    y, x = _axes_of(cut)
-    return [cell_edges(axis.values, log_spaced(axis.values)) for axis in (x, y)]
+    return [cell_edges(cut[name].values, log_spaced(cut[name].values)) for name in cut.grid[::-1]]
 
 
 def _draw_mesh(

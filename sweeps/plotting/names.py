@@ -30,41 +30,35 @@ _NAME_TO_LINE = 1.0
 
 def name_regions(
     panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray, names: Mapping[int, str]
-) -> None:
+) -> list[Text]:
     """Write the name of its class into every region that has room for it, where it is widest.
 
     Where only an upright name has room, the name is upright. Call this last, because the room is
     that of the finished panel. `edges` are those of the cells along the abscissa and the ordinate;
     `classes`, shape (rows, columns), are numbers, of which some have names.
     """
-    for name, x, y, upright in name_places(panel, edges, classes, names):
-        text = _written(panel, name, clip_on=True)
-        if upright:
-            text.set(rotation=90.0, va="center")  # at center_baseline it would be below its place
-        text.set_transform(panel.transAxes)
-        text.set_position((x, y))
-
-
-def name_places(
-    panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray, names: Mapping[int, str]
-) -> Iterator[tuple[str, float, float, bool]]:
-    """Yield the names that `name_regions` writes, their places in the panel, and if upright."""
     canvas.lay_out(panel)
-    raster = _as_seen(panel, edges, classes)
+    raster, texts = _as_seen(panel, edges, classes), list[Text]()
     _leave_marks_free(panel, raster)
 
     def box(name: str) -> tuple[int, int]:
         """Return the height and the width of a name."""
-        text = _written(panel, name)
+        text = _new_text(panel, name)
         size = _box_of(text)
         text.remove()
         return size
 
     for name, row, column, upright in placed_names(raster, names, box):
-        yield name, (column + 0.5) / raster.shape[1], (row + 0.5) / raster.shape[0], upright
+        text = _new_text(panel, name, clip_on=True)
+        if upright:
+            text.set(rotation=90.0, va="center")  # at center_baseline it would be below its place
+        text.set_transform(panel.transAxes)
+        text.set_position(((column + 0.5) / raster.shape[1], (row + 0.5) / raster.shape[0]))
+        texts.append(text)
+    return texts
 
 
-def _written(panel: Axes, name: str, **look: Any) -> Text:
+def _new_text(panel: Axes, name: str, **look: Any) -> Text:
     """Return a new text in a panel."""
     return panel.text(
         0.0, 0.0, name, size="x-small", color=ink(), zorder=6, ha="center", va="center_baseline",
@@ -89,10 +83,10 @@ def placed_names(
         if name is None:
             continue
         top, left = rows.min(), columns.min()
-        own = number[top : rows.max() + 1, left : columns.max() + 1] == region
+        shape = number[top : rows.max() + 1, left : columns.max() + 1] == region
         height, width = box(name)
-        level = _widest(own, height, width)
-        place = level or _widest(own, width, height)
+        level = _widest(shape, height, width)
+        place = level or _widest(shape, width, height)
         if place is not None:
             yield name, int(top) + place[0], int(left) + place[1], level is None
             count += 1
@@ -208,20 +202,20 @@ def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
         if line.get_transform() == panel.transData:
             joined = line.get_linestyle() not in ("None", "")
             taken |= _pixels(panel, np.asarray(line.get_xydata()), shape, joined)
-    for name, own in pixels:
-        if not own.any():
+    for name, line_pixels in pixels:
+        if not line_pixels.any():
             continue
-        text = _written(panel, name)
+        text = _new_text(panel, name)
         height, width = _box_of(text)
         edge = np.pad(taken, 1, constant_values=True)
         free = ~maximum_filter(edge, (height, width))[1:-1, 1:-1]
-        away = np.where(free, distance_transform_edt(~own), np.inf)
+        away = np.where(free, distance_transform_edt(~line_pixels), np.inf)
         least = away.min()
         if least > (0.5 + _NAME_TO_LINE) * height:
             text.remove()
             continue
         places = np.argwhere(away <= least + 1.0)
-        middle = np.argwhere(own).mean(axis=0)
+        middle = np.argwhere(line_pixels).mean(axis=0)
         row, column = places[np.argmin(np.abs(places - middle)[:, 1])].tolist()
         text.set_transform(panel.transAxes)
         text.set_position(((column + 0.5) / shape[1], (row + 0.5) / shape[0]))

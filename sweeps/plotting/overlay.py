@@ -56,18 +56,18 @@ class Overlay(NamedTuple):
 
 
 def read_overlay(
-    given: Any, sweep: OpenedSweep, needed: Sequence[Sequence[str]], quantity: str = ""
+    source: Any, sweep: OpenedSweep, needed: Sequence[Sequence[str]], quantity: str = ""
 ) -> Overlay | None:
-    """Read a table whose columns are what a picture shows; None if none is given.
+    """Read a table whose columns are what a picture shows; None if there is none.
 
     Of each group of `needed` names there must be a column; `quantity` may be one if it has a scale.
     """
-    if given is None:
+    if source is None:
         return None
     names = [name for group in needed for name in group]
     names += [quantity] if quantity and has_scale(quantity) else []
     seen = {name: _in_shown_unit(sweep, name) for name in names}
-    heads, is_file = dict[str, tuple[str, str]](), isinstance(given, str | Path)
+    heads, is_file = dict[str, tuple[str, str]](), isinstance(source, str | Path)
 
     def check(columns: list[str]) -> Mapping[str, Parameter]:
         check_header(columns)
@@ -76,25 +76,25 @@ def read_overlay(
         for head in columns:
             if head != LABEL:
                 heads[head] = _name_and_unit(head, seen)
-        found = [name for name, _ in heads.values()]
-        for name in found:
-            if found.count(name) > 1:
+        named = [name for name, _ in heads.values()]
+        for name in named:
+            if named.count(name) > 1:
                 raise ValueError(f"column {name} is given twice; expected: once")
         for group in needed:
-            if not {*group} & {*found}:
+            if not {*group} & {*named}:
                 raise ValueError(f"there is no column {' or '.join(group)}; {_expected(seen)}")
         return dict.fromkeys(heads, Parameter("", "", ""))
 
     try:
-        table = read_columns(given, Path(), check)
+        table = read_columns(source, Path(), check)
         known = {head: units_of(seen[name]) for head, (name, _) in heads.items()}
         units = {name: known[head][unit] for head, (name, unit) in heads.items() if unit}
-        stem = Path(given).stem if is_file else "overlay"
-        own = table[LABEL] if LABEL in (table.dtype.names or ()) else [stem] * len(table)
-        labels = np.array([_label_in(one, stem) for one in own])
+        stem = Path(source).stem if is_file else "overlay"
+        cells = table[LABEL] if LABEL in (table.dtype.names or ()) else [stem] * len(table)
+        labels = np.array([_label_in(cell, stem) for cell in cells])
         if len({*labels}) > len(_MARKERS):
             most = f"expected: at most {len(_MARKERS)}, each with a marker of its own"
-            where = f"{given}: " if is_file else ""
+            where = f"{source}: " if is_file else ""
             raise ValueError(f"{where}there are {len({*labels})} labels; {most}")
     except ValueError as error:
         raise Refused(f"overlay{' ' if is_file else ': '}{error}") from None
@@ -114,14 +114,14 @@ def _expected(seen: Mapping[str, xr.DataArray]) -> str:
 
 def _name_and_unit(head: str, seen: Mapping[str, xr.DataArray]) -> tuple[str, str]:
     """Split the head of a column into the name and the unit, which may be empty; check both."""
-    found = re.fullmatch(r"(.*?)\s*\[\s*(.*?)\s*\]", head)
-    name, unit = (found[1], found[2]) if found else (head, "")
+    match = re.fullmatch(r"(.*?)\s*\[\s*(.*?)\s*\]", head)
+    name, unit = (match[1], match[2]) if match else (head, "")
     if name not in seen:
-        shown, meant = shortened(printable(name)), suggestion(near_miss(name, [*seen, LABEL]))
-        raise ValueError(f"the picture has no {shown}{meant}; {_expected(seen)}")
+        text, meant = shortened(printable(name)), suggestion(near_miss(name, [*seen, LABEL]))
+        raise ValueError(f"the picture has no {text}{meant}; {_expected(seen)}")
     unit = unit.replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
     known = units_of(seen[name])
-    if found and unit not in known:
+    if match and unit not in known:
         wrong = f"column {name} in {shortened(printable(unit)) or '(nothing)'} is not allowed"
         raise ValueError(f"{wrong}; expected: {' or '.join(known) or 'no unit'}")
     return name, unit
@@ -153,11 +153,11 @@ def draw_overlay(
     for panel, abscissa, ordinate in panels:
         if not {abscissa, ordinate} <= overlay.columns.keys():
             continue
-        own = _own_page(panel, page, panels[0][0])
-        x = overlay.values(abscissa, panel.xaxis, own.xlabel)
-        y = overlay.values(ordinate, panel.yaxis, own.ylabel)
+        page_there = _page_of(panel, page, panels[0][0])
+        x = overlay.values(abscissa, panel.xaxis, page_there.xlabel)
+        y = overlay.values(ordinate, panel.yaxis, page_there.ylabel)
         if scale is None:
-            _make_room(panel, x, y, own)
+            _make_room(panel, x, y, page_there)
         (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
         seen = (left <= x) & (x <= right) & (low <= y) & (y <= high)
         inside |= seen
@@ -189,7 +189,7 @@ def _handle(text: str, inside: np.ndarray, marker: str) -> Line2D:
     return Line2D([], [], linestyle="", marker=marker, label=text, markeredgewidth=0.6, **look)
 
 
-def _own_page(panel: Axes, page: Page, first: Axes) -> Page:
+def _page_of(panel: Axes, page: Page, first: Axes) -> Page:
     """Return the page with the limits and labels of a panel, which are given for the first one."""
     if panel is not first and not panel.get_shared_x_axes().joined(panel, first):
         page = replace(page, xlim=None, xlabel=None)
@@ -202,10 +202,10 @@ def _make_room(panel: Axes, x: np.ndarray, y: np.ndarray, page: Page) -> None:
     """Widen the limits that the page does not give, to include points."""
     if page.xlim is not None:
         y = y[(page.xlim[0] <= x) & (x <= page.xlim[1])]
-    for values, given, axis in ((x, page.xlim, panel.xaxis), (y, page.ylim, panel.yaxis)):
+    for values, limits, axis in ((x, page.xlim, panel.xaxis), (y, page.ylim, panel.yaxis)):
         if axis.get_scale() == "log":
             values = values[values > 0.0]
-        if given is not None or not values.size:
+        if limits is not None or not values.size:
             continue
         scaled = axis.get_transform()
         low, high = scaled.transform(np.array(axis.get_view_interval()))

@@ -103,18 +103,18 @@ class Page:
 
     def set_limits(self, panel: Axes) -> None:
         """Set the given limits; raise Refused if they contain no data."""
-        for name, given, ends in (
+        for name, limits, ends in (
             ("xlim", self.xlim, panel.dataLim.intervalx),
             ("ylim", self.ylim, panel.dataLim.intervaly),
         ):
-            if given is None:
+            if limits is None:
                 continue
-            if given[1] < ends[0] or ends[1] < given[0]:
+            if limits[1] < ends[0] or ends[1] < limits[0]:
                 raise Refused(
-                    f"there is nothing to draw with {name} = {given[0]:g}:{given[1]:g}; the data "
+                    f"there is nothing to draw with {name} = {limits[0]:g}:{limits[1]:g}; the data "
                     f"range from {ends[0]:.6g} to {ends[1]:.6g}"
                 )
-            (panel.set_xlim if name == "xlim" else panel.set_ylim)(given)
+            (panel.set_xlim if name == "xlim" else panel.set_ylim)(limits)
 
     def fit_ordinate(self, panel: Axes, *ranges: tuple[float, float]) -> None:
         """Fit the ordinate to the lines, and to further ranges, within the given abscissa."""
