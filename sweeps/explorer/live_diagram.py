@@ -135,7 +135,7 @@ def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Shown:
+class Snapshot:
     """A picture of the diagram."""
 
     view: View
@@ -168,7 +168,7 @@ class Diagram(PixelFigure):
     def __init__(self, report: Report) -> None:
         super().__init__("diagram", report)
         #: The picture computed last.
-        self.kept: Shown | None = None
+        self.kept: Snapshot | None = None
         #: The window that fits all points of the last picture without a window of its own.
         self._fit: Window = _UNSEEN
         #: Whether the browser fits the ordinate to the points; before the first view it does not.
@@ -262,7 +262,7 @@ class Diagram(PixelFigure):
         """Return the configuration to save: with the periods of the view, and the classes."""
         return view.diagram(self.resolution[0], ("period",))
 
-    def _draw(self, view: View, config: SweepConfig, rows: int) -> Shown:
+    def _draw(self, view: View, config: SweepConfig, rows: int) -> Snapshot:
         """Compute a picture; if the configuration is the last one, only its pixels."""
         kept = self.kept
         begin = perf_counter()
@@ -274,11 +274,11 @@ class Diagram(PixelFigure):
         values = ordinates(config, results, view.ordinate)
         window = fitted(values) if view.ylim is None else view.ylim
         pixels = density(values, window, rows)
-        picture = Shown(view, config, results, window, pixels, seconds)
+        picture = Snapshot(view, config, results, window, pixels, seconds)
         self.kept = picture
         return picture
 
-    def _paint(self, picture: Shown, seconds: float) -> None:
+    def _paint(self, picture: Snapshot, seconds: float) -> None:
         """Show a picture, the window that fits it, and the points that failed."""
         self.sent += 1
         edges = outer_edges(picture.values, picture.view.axis in picture.view.log)

@@ -23,6 +23,14 @@ from sweeps.explorer.view import BASINS_TAB, View
 from sweeps.explorer.worker import Step
 from sweeps.opened.motions import MOTION, motions_from
 from sweeps.plotting.labels import as_variable, named_unit, prefix_of
+from sweeps.plotting.looks import (
+    Looks,
+    basin_cells,
+    class_numbers,
+    class_of_numbers,
+    failed_cells,
+    period_cells,
+)
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
 
@@ -49,8 +57,7 @@ class Tiles:
     """A map, complete or partly computed."""
 
     config: SweepConfig
-    #: Label, colour and share of the computed points, for each kind of motion or outcome.
-    kinds: list[tuple[str, str, float]]
+    kinds: list[tuple[str, str, float]]  # label, colour, share of the computed points
     #: 1 + the index of the kind; a point not computed yet has the value of a point beside it;
     #: uint8, shape (rows, columns).
     pixels: np.ndarray
@@ -113,15 +120,6 @@ class Filling:
 
     def _tiles(self) -> Tiles:
         """Colour the computed points by the kinds that `plot` uses."""
-        from sweeps.plotting.looks import (
-            Looks,
-            basin_cells,
-            class_numbers,
-            class_of_numbers,
-            failed_cells,
-            period_cells,
-        )
-
         discs = list[Disc]()
         if self._basins:
             table, classes = self._ranked()

@@ -64,7 +64,7 @@ requestAnimationFrame(step);
 _MOST, _UNREPEATED = 32, 12
 
 
-class Drawn(NamedTuple):
+class MotionLines(NamedTuple):
     """A motion to draw."""
 
     text: str  # its class, with its Floquet multipliers or Lyapunov exponents
@@ -72,14 +72,14 @@ class Drawn(NamedTuple):
     impacts: np.ndarray  # the same at the impacts
 
 
-def motion_at(view: View) -> Drawn:
+def motion_at(view: View) -> MotionLines:
     """Compute the motion at the mark, for some periods after its last recorded section."""
     config = view.point()
     points, results = config.sweep.grid.points(), numbers(config)
     nothing = np.empty((3, 0)), np.empty((3, 0))
     status = Status(results["status"][0])
     if status.failed:
-        return Drawn(status.meaning, *nothing)
+        return MotionLines(status.meaning, *nothing)
     (motion,) = motions_from(config.sweep.spec, points, results)
     text, m = _in_words(motion, results, config.record.phase), int(motion["m"])
     states = results["poincare_x"][0], results["poincare_v"][0]
@@ -90,9 +90,9 @@ def motion_at(view: View) -> Drawn:
         oscillator, begun = oscillator_of(points[0]), float(points["phase"][0])
         after = continued(oscillator, config.sweep.spec, states, periods, begun)
     except Refused as error:
-        return Drawn(f"{text}; {error}", *nothing)
+        return MotionLines(f"{text}; {error}", *nothing)
     start = np.array([[after.rows[0, 0]], [0.0], [0.0]])
-    return Drawn(text, after.flow(per_period=64) - start, after.impacts - start)
+    return MotionLines(text, after.flow(per_period=64) - start, after.impacts - start)
 
 
 def _in_words(motion: np.void, results: Results, phase: float) -> str:
@@ -199,7 +199,7 @@ class MotionPanel:
         compute, show = partial(motion_at, view), partial(self._paint, view)
         return [Step("motion", view.point(), compute, show)] if view.shows_motion else []
 
-    def _paint(self, view: View, motion: Drawn, seconds: float) -> None:
+    def _paint(self, view: View, motion: MotionLines, seconds: float) -> None:
         """Show a motion, the stop and the text."""
         for source, rows in ((self.line, motion.line), (self.impacts, motion.impacts)):
             source.data = dict(zip("txv", rows, strict=True))

@@ -87,30 +87,21 @@ def _scales(values: Mapping[str, float]) -> tuple[float, float]:
 class View:
     """What the page shows."""
 
-    name: str  # name of the configuration that opened the page
-    #: method, record: the groups ``method`` and ``record`` of a configuration.
-    method: Mapping[str, Any]
+    name: str  # of the configuration that opened the page
+    method: Mapping[str, Any]  # the group of a configuration, like `record`
     record: Mapping[str, Any]
-    #: What a reader sees: names, and the units of values and windows.
-    seen: Nomenclature
-    #: The point in the space of all parameters through which the windows pass; the mark is
-    #: there.
-    values: Mapping[str, float]
-    #: axis, across: the abscissa, and the ordinate of the map.
-    axis: str
-    across: str
-    #: xlim, maplim, x0lim, v0lim: the windows along `axis` and `across`, and those over the
-    #: starts.
-    xlim: Window
-    maplim: Window
-    x0lim: Window
+    seen: Nomenclature  # what a reader sees: names, and the units of values and windows
+    values: Mapping[str, float]  # the point of the mark, through which the windows pass
+    axis: str  # the abscissa
+    across: str  # the ordinate of the map
+    xlim: Window  # along `axis`
+    maplim: Window  # along `across`
+    x0lim: Window  # of the starts
     v0lim: Window
     ordinate: str = "poincare_x"  # one of ``COORDINATES``
     ylim: Window | None = None  # the ordinate window of the diagram; None to fit all points
-    #: marked, exact: whether the motion at `values` and the exact branches are shown,
-    #: respectively.
-    marked: bool = False
-    exact: bool = False
+    marked: bool = False  # whether the motion at `values` is shown
+    exact: bool = False  # whether the exact branches are
     tab: int = DIAGRAM_TAB  # ``DIAGRAM_TAB``, ``MAP_TAB`` or ``BASINS_TAB``
     log: tuple[str, ...] = ()  # the parameters whose axes are logarithmic
 

@@ -20,15 +20,10 @@ from vibroimpact.jit import called_before_passes
 class Step:
     """One piece of work."""
 
-    #: The place in the page that the step fills. Several steps may fill one, each with a
-    #: better result.
-    name: str
-    #: Determines the result. A step is skipped if its place already holds this result or a
-    #: better one of the same request.
-    key: Any
+    name: str  # of the place in the page that it fills; a later step may have a better result
+    key: Any  # determines the result; if its place has this or a better one, the step is skipped
     compute: Callable[[], Any]  # returns the result; called in the thread of the worker
-    #: Called with the result and the seconds it took, in the thread of the document.
-    show: Callable[[Any, float], None]
+    show: Callable[[Any, float], None]  # of the result and its seconds; in that of the document
 
 
 class Worker(ThreadPoolExecutor):

@@ -96,11 +96,7 @@ def plot(
     command : str
         The command that draws the picture, for its metadata.
     **options
-        ``axes``, ``coordinate``, ``exact``, ``below``, ``color`` and ``overlay`` of `bifurcation`;
-        ``axes`` and ``coordinate`` of `attractor_diagram`; ``axes``, ``quantity``, ``exact`` and
-        ``overlay`` of `parameter_map`; ``axes``, ``quantity``, ``color``, ``overlay`` and
-        ``panels`` of `table_panels`; ``beside`` of `basins`; ``panels`` of `integrity`; ``color``
-        of `section` and `impacts`; ``periods`` and ``color`` of `trajectory`; ``periods`` and
+        Those of the kind, as ``KINDS[kind].options`` lists them: ``color`` of `bifurcation`, or
         ``fps`` of `animate`. With None the picture chooses.
 
     Returns

@@ -131,14 +131,11 @@ class Paint(NamedTuple):
         cells = [cell for cell in self.cells if cell.where.any()]
         if not (self.grey and self.of_dots):
             return [cell.handle() for cell in cells]
-        shapes: list[dict[str, Any]] = [
-            {"ls": look.dash} if curves else {"ls": "", "marker": look.marker}
-            for _, look, _ in cells
-        ]
-        return [
-            Line2D([], [], color=cell.colour, markersize=4.0, label=cell.label, **shape)
-            for cell, shape in zip(cells, shapes, strict=True)
-        ]
+        handles: list[Artist] = []
+        for text, look, _ in cells:
+            shape: Any = {"ls": look.dash} if curves else {"ls": "", "marker": look.marker}
+            handles.append(Line2D([], [], color=look.colour, markersize=4.0, label=text, **shape))
+        return handles
 
     def add_bar(self, panels: Sequence[Axes]) -> None:
         """Add the colour bar, if any value has a colour; an arrow marks values below its range."""
