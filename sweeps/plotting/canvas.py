@@ -5,10 +5,8 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Container, Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -45,21 +43,6 @@ class _Canvas(FigureCanvasAgg):
         renderer = super().get_renderer()
         renderer.mathtext_parser = vars(self).setdefault("parser", renderer.mathtext_parser)
         return renderer
-
-
-_Text: Any = Text  # its methods are unknown to a type checker
-
-
-class _Title(_Text):
-    """A text whose lines are broken only if one is too wide: that measures them word by word."""
-
-    def _get_wrapped_text(self) -> Any:
-        text = self.get_text()
-        with suppress(ValueError):  # its parts may be drawable, although it is not
-            widths = map(self._get_rendered_text_width, text.split("\n"))
-            if max(widths) <= self._get_wrap_line_width():
-                return text
-        return super()._get_wrapped_text()
 
 
 class Picture(Figure):
@@ -111,7 +94,6 @@ class Picture(Figure):
     def add_title(self, text: str) -> None:
         """Put a title above the panels, for which the figure becomes higher."""
         title = self.suptitle(text, wrap=True)
-        title.__class__ = _Title
         refuse_undrawable("title", title)
         self.set_figheight(self.get_figheight() + title.get_window_extent().height / self.dpi)
 
@@ -251,9 +233,9 @@ def chosen_panels(asked: Sequence[str], there: Sequence[str]) -> list[str]:
     return [*(asked or there)]
 
 
-def figure_of(panel: Axes) -> Figure:
-    """Return the top-level figure of a panel, also if the panel is in a subfigure."""
-    figure = panel.get_figure(root=True)
+def figure_of(part: Artist) -> Figure:
+    """Return the top-level figure of a panel or a text, also if it is in a subfigure."""
+    figure = part.get_figure(root=True)
     assert figure is not None
     return figure
 

@@ -142,9 +142,7 @@ def _regions(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _box_of(text: Text) -> tuple[int, int]:
     """Return the height and the width of a text with the space around it [px]."""
-    figure = text.get_figure(root=True)
-    assert figure is not None
-    box, scale = text.get_window_extent(), _PER_INCH / figure.dpi
+    box, scale = text.get_window_extent(), _PER_INCH / canvas.figure_of(text).dpi
     height, width = (2 * _MARGIN + math.ceil(scale * side) for side in (box.height, box.width))
     return height, width
 
