@@ -93,8 +93,7 @@ def geometric(start: float, stop: float, num: int) -> np.ndarray:
         for head, row in zip(heads, np.split(values, range(size, num, size)), strict=True):
             near = np.longdouble(str(head)) * wide[: row.size]
             row[:] = near * (1 - doubt)
-            unsure = (row != (near * (1 + doubt)).astype(float)) | (row < 1e-300)
-            for k in np.flatnonzero(unsure):
+            for k in np.flatnonzero((row != np.float64(near * (1 + doubt))) | (row < 1e-300)):
                 row[k] = _ROUNDED.plus(head * powers[k])
     return values
 

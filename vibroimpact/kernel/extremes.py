@@ -86,6 +86,7 @@ def judge_reach(lanes, size):
 
     Their GUARD is not negative. The first period does not ask: most motions that are free in it
     repeat it to the same bits.
+
     In the norm hypot(y, omega w / p) a motion comes ever nearer to the free oscillation, as long as
     it is free; and it is free if its reach includes the free oscillation and this distance.
     """
