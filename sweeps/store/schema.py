@@ -258,10 +258,9 @@ def _check_form(file: h5py.File, schema: Schema) -> None:
         data, dtype = _own(file, name), VARIABLES[name].dtype
         if data.shape != (*schema.sizes(name).values(),) or not np.can_cast(data.dtype, dtype):
             raise ValueError(f"{name} has another shape or type")
-    for name, values in {**schema.axes, **schema.fixed}.items():
-        if name in (TABLE, DIRECTION):
-            continue
-        if name not in PARAMETERS or not np.isfinite(np.asarray(values, float)).all():
+    given: dict[str, Any] = {**schema.axes, **schema.fixed}
+    for name in sorted(given.keys() - {TABLE, DIRECTION}):
+        if name not in PARAMETERS or not np.isfinite(given[name]).all():
             raise ValueError(f"{name} is no parameter, or is not finite")
     lengths = [*map(len, schema.axes.values())]
     for block in schema.blocks:
