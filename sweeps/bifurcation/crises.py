@@ -25,7 +25,7 @@ MOST_MOTIONS = 50
 _FIRST, _ALL, _LONG = 2000, 10_000, 20_000
 #: Places before the change, in steps of the axis, at which motions may still stay; they separate
 #: from the single motion of the sweep only beside its value. Width to which they are bisected.
-_PLACES, _WIDTH = (0.01, 1.0, 2.0, 4.0, 8.0, 16.0), 1e-7
+_PLACES, _WIDTH = (0.01, 1.0, 2.0, 4.0, 8.0, 16.0), 1e-5
 #: Longest repetition of a motion that has left the chaos, and its error as a share of the ranges.
 _LONGEST, _REPEATS = 64, 1e-7
 #: Least number of motions that leave; the repetitions among which they pass the orbit, before they
@@ -89,7 +89,8 @@ def crisis(chaos: Chaos) -> str:
         return ""
     while kept - gone > _WIDTH:
         middle = 0.5 * (kept + gone)
-        kept, gone = (middle, gone) if chaos.stays(middle, _ALL) else (kept, middle)
+        stay = chaos.stays(middle, _FIRST) and chaos.stays(middle, _ALL)  # most leave at once
+        kept, gone = (middle, gone) if stay else (kept, middle)
     motions = chaos.left(gone, kept, _LONG)
     touched = {_passed(chaos, gone, path, m) for path, m in motions}
     return touched.pop() if len(touched) == 1 and len(motions) >= _LEAST else ""
