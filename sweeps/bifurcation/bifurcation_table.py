@@ -211,8 +211,8 @@ def _touched(
     data: OpenedSweep, index: tuple[int, ...], parameter: str, changes: Sequence[Change], i: int
 ) -> str:
     """Return the class of the orbit that chaos touches as it ends at the i-th change; or empty."""
-    low, high, *classes = vars(changes[i]).values()
-    chaotic = [label.regime == Regime.CHAOTIC for label in classes[:2]]
+    low, high = changes[i].low, changes[i].high
+    chaotic = [label.regime == Regime.CHAOTIC for label in (changes[i].before, changes[i].after)]
     if sum(chaotic) != 1:
         return ""
     points = data.motions[index]["point"]
