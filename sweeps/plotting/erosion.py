@@ -292,7 +292,7 @@ def _draw_disturbances(
             look: dict[str, Any] = {"color": colour, "linewidth": 1.2}
             around = [withStroke(linewidth=2.4, foreground=edge)]
             arrow = {"arrowstyle": "->", "path_effects": around, **look}
-            panel.annotate("", end, begin, arrowprops=arrow)
+            panel.annotate("", end, begin, size="small", arrowprops=arrow)
             knock += 1
             marker = r"$\rightarrow$"
             if looks.grey:  # a number says which arrow it is, beside the mark where it begins
