@@ -1,4 +1,4 @@
-"""What a user may give: numbers, flags, choices; checked at every door.
+"""What a user may give: numbers, flags, choices, and the nearest name.
 
 Every door of both packages asks here whether a value is a number, an integer, a truth value or one
 of several names, and says with the same words what is allowed.

@@ -4,7 +4,7 @@ from .api import plot as plot
 from .attractor_pictures import attractor_diagram as attractor_diagram
 from .attractor_pictures import basins as basins
 from .diagram import bifurcation as bifurcation
-from .erosion import integrity as integrity
+from .integrity_picture import integrity as integrity
 from .maps import parameter_map as parameter_map
 from .motion import impacts as impacts
 from .motion import section as section

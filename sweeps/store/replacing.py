@@ -1,4 +1,4 @@
-"""The safe replacement of any file, only by a complete one.
+"""The safe replacement of a file: by a complete draft, if nobody changed it meanwhile.
 
 Every file that the program writes as a whole is written with these functions.
 """

@@ -1,4 +1,4 @@
-"""The compiled forms of a function on disk, in place of numba's own cache.
+"""The code of a function on disk for each type of arguments, in place of numba's cache.
 
 Like ``hooks.py``, which imports it, this file uses private parts of numba.
 """

@@ -1,4 +1,4 @@
-"""Integrators and impact rules by name, and the grid of steps.
+"""`Scheme`, integrators and impact rules by name; `PhaseGrid`, the steps of a period.
 
 A configuration is checked with this file, without the compiler. An integrator has a limit: the
 greatest p T of stable free motion as a function of zeta = h / p, the only parameter of free motion.
