@@ -144,7 +144,7 @@ def find_bifurcations(
     sweep.check_diagnostic("period")
     others = [name for name in data.grid if name != along]
     is_line = {*others} <= {DIRECTION} and data.sizes[along] > 1 and along not in START_AXES
-    rows, unclassified = _of_changes(data, along, others, is_line)
+    rows, unclassified = _of_changes(data, along, others, is_line, report)
     summary = ""
     if is_line:
         exact = find(sweep, along, at, report, **chosen)
@@ -165,7 +165,11 @@ def find_bifurcations(
 
 
 def _of_changes(
-    data: OpenedSweep, along: str, others: Sequence[str], is_line: bool
+    data: OpenedSweep,
+    along: str,
+    others: Sequence[str],
+    is_line: bool,
+    report: Callable[[float], object],
 ) -> tuple[list[dict[str, Any]], int]:
     """Return rows for the changes of class on every line, and the number of unclassified points.
 
@@ -185,9 +189,11 @@ def _of_changes(
         here = {name: line[name].item() for name in others} | {"down": down, "narrow": False}
         changes = [*changes_of_class(values, classes)]
         for i, change in enumerate(changes):
+            report(0.0)
             for part, reason in explain(own, spec.phase, parameter, values, change, down):
                 if is_line and reason.kind == "basin":
-                    if saddle := _touched(data, index, parameter, changes, i):
+                    chaos = _ending(data, index, parameter, changes, i)
+                    if chaos and (saddle := crisis(chaos, report)):
                         reason = Explanation("crisis", orbit=saddle)
                 row = here | vars(part) | {"kind": reason.kind, "value": reason.value}
                 row |= {"orbit": reason.orbit, "impact_v": "", "criticality": ""}
@@ -207,27 +213,26 @@ def _of_changes(
     return rows, unclassified
 
 
-def _touched(
+def _ending(
     data: OpenedSweep, index: tuple[int, ...], parameter: str, changes: Sequence[Change], i: int
-) -> str:
-    """Return the class of the orbit that chaos touches as it ends at the i-th change; or empty."""
-    low, high = changes[i].low, changes[i].high
-    chaotic = [label.regime == Regime.CHAOTIC for label in (changes[i].before, changes[i].after)]
-    if sum(chaotic) != 1:
-        return ""
+) -> Chaos | None:
+    """Return the chaos that ends at the i-th change, if it is chaos on one side only."""
     points = data.motions[index]["point"]
-    values = points[parameter]
+    values, change = points[parameter], changes[i]
+    chaotic = [label.regime == Regime.CHAOTIC for label in (change.before, change.after)]
+    if sum(chaotic) != 1:
+        return None
     if chaotic[0]:
-        begin, end, since = low, high, changes[i - 1].high if i else values[0]
+        last, end, first = change.low, change.high, changes[i - 1].low if i else values[0]
     else:
-        begin, end, since = high, low, changes[i + 1].low if changes[i + 1 :] else values[-1]
-    place = int(np.searchsorted(values, begin))
-    x, v = (
-        a[index][place, -MOST_MOTIONS:] for a in data.values(("poincare_x", "poincare_v")).values()
-    )
+        last, end = change.high, change.low
+        first = changes[i + 1].high if changes[i + 1 :] else values[-1]
+    place = int(np.searchsorted(values, last))
+    sections = data.values(("poincare_x", "poincare_v")).values()
+    x, v = (section[index][place, -MOST_MOTIONS:] for section in sections)
     states = np.repeat(points[place], len(x))
     states["x0"], states["v0"] = x, v
-    return crisis(Chaos(data.spec, states, parameter, end - begin, (begin - since) / (end - begin)))
+    return Chaos(data.spec, states, parameter, first, end)
 
 
 def _row_of(state: np.ndarray, speeds: np.ndarray, multipliers: np.ndarray) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 Beyond a crisis (Grebogi, Ott & Yorke 1983, Physica D 7, 181-200) motions leave the chaos through a
 gap that the attractor has torn into the border, the stable manifold of an unstable orbit. The gap
 closes at the crisis. So the last motions that leave there all follow this manifold to rounding, and
-pass the orbit itself on their way. The value beyond which they leave is bisected; no grid enters.
+pass the orbit itself on their way. The value beyond which they leave is bisected; the grid enters
+only by the places where this begins and by the states there.
 
 An orbit that attracts them on both sides of this value was there before. So its birth in a fold, a
 flip or a graze is no crisis, nor are the long transients of a sweep.
@@ -11,6 +12,7 @@ flip or a graze is no crisis, nor are the long transients of a sweep.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -39,13 +41,14 @@ class Chaos(NamedTuple):
     spec: RunSpec
     points: np.ndarray  # states of it at the section, of dtype POINT
     axis: str  # a parameter of the model
-    step: float  # from the last value towards the change
-    room: float  # steps from the last value back to the first one
+    first: float  # value of the axis back to which motions may be run
+    next: float  # value of the axis at which the chaos has ended
 
     def at(self, place: float) -> np.ndarray:
-        """Return the points at a place before the last value, in steps."""
-        points = self.points.copy()
-        points[self.axis] -= place * self.step
+        """Return the points at a place before the last value, in steps; not beyond the ends."""
+        points, (low, high) = self.points.copy(), sorted((self.first, self.next))
+        points[self.axis] -= place * (self.next - points[self.axis])
+        points[self.axis] = points[self.axis].clip(low, high)
         return points
 
     def run(self, place: float, sections: int) -> tuple[np.ndarray, np.ndarray]:
@@ -80,14 +83,16 @@ class Chaos(NamedTuple):
         return [(states[i], int(periods[i])) for i in gone]
 
 
-def crisis(chaos: Chaos) -> str:
+def crisis(chaos: Chaos, report: Callable[[float], object] = lambda share: None) -> str:
     """Return the class of the orbit that an attractor touches as it ends; empty if none is seen."""
-    gone = -1.0
-    places = (place for place in _PLACES if place <= max(chaos.room, _PLACES[0]))
+    gone, last = -1.0, chaos.points[chaos.axis][0]
+    room = (last - chaos.first) / (chaos.next - last)
+    places = (place for place in _PLACES if place <= room)
     kept = next((place for place in places if chaos.stays(place, _FIRST)), None)
     if kept is None or not chaos.left(gone, kept, _FIRST):
         return ""
     while kept - gone > _WIDTH:
+        report(0.0)
         middle = 0.5 * (kept + gone)
         stay = chaos.stays(middle, _FIRST) and chaos.stays(middle, _ALL)  # most leave at once
         kept, gone = (middle, gone) if stay else (kept, middle)

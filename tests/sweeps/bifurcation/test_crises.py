@@ -1,5 +1,7 @@
 """Crises of chaotic attractors, against long runs on both sides."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from sweeps.bifurcation.crises import Chaos, crisis
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted
 from vibroimpact import Oscillator, branch, integrate, periodic_orbit
+from vibroimpact.oscillator import POINT
 
 #: Two ends of chaos over R at h = 0.02, omega = 2.8, each as a bracket: at the first value none of
 #: 50 motions leaves it in 1e6 periods, at the second nearly all do. And the orbit touched.
@@ -72,7 +75,8 @@ def test_no_crisis_is_named_where_the_chaos_goes_on_or_is_a_transient(path):
         for place in (5, 10, 15, 24):
             states = states_at(sweep, place)
             for step in (1e-4, -1e-4, 2e-5):
-                assert crisis(Chaos(sweep.spec, states, "R", step, 1.0)) == ""
+                first, end = states["R"][0] - step, states["R"][0] + step
+                assert crisis(Chaos(sweep.spec, states, "R", first, end)) == ""
 
 
 @pytest.mark.slow
@@ -90,3 +94,26 @@ def test_where_the_orbit_reached_is_born_in_the_chaos_a_fold_is_the_reason(path)
     assert (orbit.m, orbit.q) == (10, 10) and abs(orbit.multipliers[0] - 1.0) < 0.1
     special = branch(orbit, "R", 0.5977, 0.5981).special
     assert [point.kind for point in special if abs(point.value - fold["value"]) < 1e-12] == ["fold"]
+
+
+@pytest.mark.parametrize("values", [{"start": 0, "stop": 0.002, "num": 3}, [0.0, 0.001, 0.0015]])
+def test_no_motion_is_run_beyond_the_ends_of_the_axis(tmp_path, monkeypatch, values):
+    """The chaos at h = 0, the first value and the least that is allowed, ends at once."""
+    scene = {
+        "oscillator": {"h": values, "R": 0.8, "omega": 3.0220440881763526, "f": 1.0},
+        "record": {"transient": 600, "diagnostics": ["period", "lyapunov"]},
+        "start": {"x0": -0.6},
+    }
+    file, shares = sweeps.run_sweep(scene, tmp_path / "ends.h5"), []
+    (row,) = sweeps.bifurcations(file, report=shares.append).to_dict("records")
+    assert (row["kind"], row["before"], row["low"], row["high"]) == ("basin", "chaotic", 0.0, 1e-3)
+    assert shares == sorted(shares) and shares[0] == 0.0
+
+
+def test_no_rounding_takes_a_motion_beyond_the_ends():
+    points = np.zeros(1, POINT)
+    for step, steps in itertools.product((0.1, 0.001, 0.3), (1, 2, 4, 8, 16)):
+        first, last, end = 0.0, steps * step, (steps + 1) * step
+        points["h"] = last
+        ran = [Chaos(None, points, "h", first, end).at(place)["h"][0] for place in (steps, -1.0)]
+        assert first <= ran[0] and ran[1] <= end
