@@ -72,6 +72,13 @@ class AttractorRow(NamedTuple):
         """The number, or a dash for motions that are not counted as an attractor."""
         return "-" if self.regime is Regime.UNKNOWN else str(self.number)
 
+    @property
+    def shown_speeds(self) -> str:
+        """The impact speeds with four digits."""
+        speeds = self.speeds if len(self.speeds) <= _MOST_SPEEDS else self.speeds[[0, -1]]
+        joint = ", " if len(self.speeds) <= _MOST_SPEEDS else " to "
+        return joint.join(f"{speed:.4g}" for speed in speeds)
+
 
 def parameter_axes(sweep: OpenedSweep) -> tuple[str, ...]:
     """Return the names of the swept axes, or of the columns of a table, that are not starts."""
@@ -168,13 +175,6 @@ def attractor_frame(attractors: Sequence[AttractorRow]) -> pd.DataFrame:
     return pd.DataFrame(records, columns=None if records else columns)
 
 
-def shown_speeds(row: AttractorRow) -> str:
-    """Write the impact speeds of a row with four digits."""
-    speeds = row.speeds if len(row.speeds) <= _MOST_SPEEDS else row.speeds[[0, -1]]
-    joint = ", " if len(row.speeds) <= _MOST_SPEEDS else " to "
-    return joint.join(f"{speed:.4g}" for speed in speeds)
-
-
 def attractor_report(
     sweep: OpenedSweep, result: xr.Dataset, attractors: Sequence[AttractorRow]
 ) -> str:
@@ -222,7 +222,7 @@ def _row_by_row(sweep: OpenedSweep, result: xr.Dataset, attractors: Sequence[Att
     body = []
     for row in attractors:
         cells = [f"{row.parameters[axis]:.6g}" for axis in axes]
-        cells += [row.shown_number, row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}"]
+        cells += [row.shown_number, row.name, row.shown_speeds or "-", f"{row.fraction:.4f}"]
         body.append(cells + [_measure(row.measures, name) for name in measured])
     return table([head, *body])
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
 from matplotlib.patches import Patch
 
-from sweeps.attractor.attractor_table import AttractorRow, classes_text, shown_speeds
 from sweeps.plotting.labels import Names, as_variable, equation, status_name
 from sweeps.plotting.style import (
     CLASSES,
@@ -29,6 +28,9 @@ from sweeps.plotting.style import (
 )
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import NO_CLASS, Label, Regime, rest_of
+
+if TYPE_CHECKING:
+    from sweeps.attractor.attractor_table import AttractorRow
 
 #: Name of the classes without a look of their own.
 OTHERS = "other m/q"
@@ -231,7 +233,7 @@ def basin_cells(
     rows, others = looks.split(table)
     cells = []
     for row, (name, place) in zip(rows, names_of([[row] for row in rows], of), strict=True):
-        speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
+        speeds = f"{row.shown_speeds}; " if len(row.speeds) else ""
         text = f"{name}: {speeds}{100.0 * row.fraction:.1f} %{place}"
         cells.append(Cells(text, looks.look(row), numbers == row.number))
     if others:
@@ -271,5 +273,7 @@ def names_of(
 
 def class_names(attractor: Sequence[AttractorRow]) -> str:
     """Name the classes of one attractor over several parameter points, or its regime."""
+    from sweeps.attractor.attractor_table import classes_text  # needs the compiler
+
     free = attractor[0].regime is Regime.PERIODIC and not any(row.q for row in attractor)
     return classes_text(attractor) + (", no impact" if free else "")

@@ -9,7 +9,7 @@ import pytest
 
 from tests.helpers.kernel_cases import METHODS, one, random_points
 from vibroimpact import Oscillator, Status, integrate, simulate
-from vibroimpact.kernel.integrate import Length, run_points
+from vibroimpact.kernel.integrate import Length, _record, run_points
 from vibroimpact.kernel.lane import move_lane
 from vibroimpact.kernel.threads import new_workspace
 from vibroimpact.kernel.workspace import COEFFICIENTS, ROW
@@ -160,6 +160,36 @@ def test_the_class_of_a_motion_that_came_back_is_read_off_its_cycle(rule, integr
     q = out["impacts_per_period"][known] * m
     whole = 128 % m == 0
     np.testing.assert_allclose(found["q"][known][whole], q[whole], rtol=1e-12)
+
+
+def test_a_record_of_one_period_that_ends_where_it_began_has_a_class():
+    """It has no second period to compare with."""
+    points = one(h=0.02, R=0.8, omega=2.0).repeat(200)
+    points["omega"] = np.linspace(1.5, 2.8, 200)
+    settled = integrate(points, transient=3000, periods=128, steps_per_period=100)
+    repeats = classes_of(points, 3000, 128)["m"] == 1
+    x, v = (settled[name][repeats, -1] for name in ("poincare_x", "poincare_v"))
+    points = points[repeats]
+    points["x0"], points["v0"] = x, v
+    again = integrate(points, transient=0, periods=1, steps_per_period=100)
+    returned = (again["poincare_x"][:, -1] == x) & (again["poincare_v"][:, -1] == v)
+    assert returned.sum() > 10
+    np.testing.assert_array_equal(classes_of(points[returned], 0, 1)["m"], 1)
+
+
+def test_a_record_holds_nothing_of_the_point_before():
+    """Whatever the lanes of its thread computed before it."""
+    points, none = mixed_points(300, 9), np.zeros(1, np.int64)
+    scheme = scheme_of(points, "exact", "exact", None)
+    sums = [
+        np.concatenate(
+            [_record(part, scheme, Length(30, 20, 4), False, 1, none, False).sums for part in parts]
+        )
+        for parts in ([points], np.split(points, 6))
+    ]
+    assert (sums[0]["rested"] > 0.0).any() and (sums[0]["cycle"] == 0).any()
+    for name in sums[0].dtype.names:
+        np.testing.assert_array_equal(sums[1][name], sums[0][name], err_msg=name)
 
 
 def test_chaos_does_not_come_back():

@@ -272,7 +272,8 @@ def find_exact(pt, sections, sums, scheme, memory, found):
     size = size_of(sections, pt, False)
     near_repetitions(sections, size, memory.tried)
     bounded = pt.h > 0.0 and steady[2] < pt.clearance
-    if not bounded and memory.tried[MOST_REPETITIONS - 1] == 0:
+    cycle = sums.cycle if sums.cycle > 0 else last_return(sections)
+    if not bounded and cycle == 0 and memory.tried[MOST_REPETITIONS - 1] == 0:
         return
     flow = flow_of(pt, grid, memory.scratch, memory.passed)
     if bounded and (free or stays_free(flow, x, v, steady)):
@@ -281,10 +282,8 @@ def find_exact(pt, sections, sums, scheme, memory, found):
         found.multiplier, found.distance, found.evidence = free_multiplier(pt), off, _FREE
         return
     y, w = section_state(pt, sections, last)
-    if sums.cycle == 0:
-        sums.cycle = last_return(sections)
-        if sums.cycle > 0:
-            sums.cycle_impacts = replay(flow, y, w, sums.cycle, True)[2]
+    if cycle > sums.cycle:
+        sums.cycle, sums.cycle_impacts = cycle, replay(flow, y, w, cycle, True)[2]
     m, off = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt), 0.0
     if m == 0:
         m, off = repetition(sections, size)

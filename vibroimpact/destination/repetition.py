@@ -3,9 +3,10 @@
 After a rest a motion depends on nothing before its release, which always has the same phase. So a
 computed motion that rests again after m periods repeats for ever, to the same bits, however much
 its rounding errors have grown in between. No multiplier says whether others go there. The motion
-has a class only if those beside it, with a slightly smaller and a slightly larger p, also rest
-again after m periods, and about as long as each other. With exact impacts this is asked only where
-m is greater than ``_SURE``: it changed no name of fewer periods in 24,000 random motions.
+has a class only if those beside it also rest again after m periods: one with a slightly smaller p
+as long as the motion itself, or it and one with a slightly larger p about as long as each other.
+With exact impacts this is asked only where m is greater than ``_SURE``: it changed no name of fewer
+periods in 24,000 random motions.
 """
 
 from __future__ import annotations

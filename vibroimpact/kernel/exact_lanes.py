@@ -85,7 +85,8 @@ from vibroimpact.step.scheme import COS, SIN, THETA
 from vibroimpact.step.turning_points import widen_by_events
 from vibroimpact.step.variational import carry_tangents
 
-#: After so many periods it is asked which lanes never widen their reach again.
+#: After so many periods it is asked which lanes never widen their reach again; an answer that comes
+#: later changes no bit.
 _JUDGED_EVERY = 4
 
 

@@ -131,8 +131,8 @@ def begin_sums(sums):
     sums.impacts = sums.listed = sums.chatters = sums.near_grazes = 0
     sums.slowest_impact, sums.fastest_impact = math.inf, 0.0
     sums.speeds = sums.squared_speeds = sums.max_penetration = sums.rested = 0.0
-    sums.growth = 0.0
-    sums.cycle = sums.cycle_impacts = 0
+    sums.growth = sums.area = sums.cycle_rested = 0.0
+    sums.cycle = sums.cycle_impacts = sums.cycle_rests = 0
 
 
 @inlined
