@@ -362,4 +362,4 @@ def prepare_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    warnings.showwarning = lambda text, *_: say(f"vibroimpact: warning: {text}", error=True)
+    warnings.showwarning = lambda message, *_: say(f"vibroimpact: warning: {message}", error=True)

@@ -29,16 +29,13 @@ from copy import copy
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 
-from sweeps.engine.executors import as_completed, compute_block
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block, Sweep, block_points
 from sweeps.interrupts import SIGNALS, check, raised_at_once
 from sweeps.text import shortened
 from vibroimpact import __version__
-from vibroimpact.jit import NUMERICS
 from vibroimpact.points.stages import Results
 
 if TYPE_CHECKING:
@@ -320,6 +317,8 @@ class ClusterComputer:
         A caller that stops early must close the generator. Blocks of a lost worker are computed
         again. Raises Failed if the scheduler is lost or a block cannot be computed.
         """
+        from sweeps.engine.executors import as_completed  # with the compiler
+
         numerics, executor = _own_numerics(), self._client.get_executor(pure=False)
         with self._scheduler_needed():
             with warnings.catch_warnings():
@@ -382,9 +381,10 @@ class ClusterComputer:
         def numerics() -> str:  # imports inside, so that it also runs without this package
             try:
                 from sweeps.engine.cluster import _own_numerics
+
+                return _own_numerics()
             except ImportError as error:
                 return f"none ({error})"
-            return _own_numerics()
 
         versions = self._client.run(numerics, on_error="return")
         for address, version in versions.items():
@@ -394,6 +394,8 @@ class ClusterComputer:
 
 def _own_numerics() -> str:
     """Return the version of the numerics of this process."""
+    from vibroimpact.jit import NUMERICS
+
     return f"{__version__} ({NUMERICS})"
 
 
@@ -412,11 +414,13 @@ def _compute(sweep: Sweep, block: Block, numerics: str) -> Results:
     """
     from distributed import get_worker
 
+    from sweeps.engine.executors import compute_block
+    from vibroimpact.jit import ALL_THREADS
+
     worker = get_worker()
     if numerics != _own_numerics():
         raise Failed(_difference(worker.address, _own_numerics(), numerics))
     with _KERNEL_LOCK:
-        available: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-        results = compute_block(sweep, block, min(worker.state.nthreads, available))
+        results = compute_block(sweep, block, min(worker.state.nthreads, ALL_THREADS))
         # Contiguous arrays are sent without a copy.
         return {name: np.ascontiguousarray(array) for name, array in results.items()}

@@ -59,7 +59,7 @@ def _draw_records(
         finite = np.isfinite(by_point).all(axis=0)
         rgba = np.broadcast_to(paint.colours()[..., None, :], (*finite.shape, 4)).copy()
         columns = list(by_point[:, finite])
-        if paint.variable.name == DIRECTION:
+        if paint.variable.name == DIRECTION and DIRECTION in points.grid:
             both, look = in_both(by_point, points.grid.index(DIRECTION)), visible(BOTH_COLOUR)
             rgba[both] = to_rgba(look)
             by_point[:, both & page.grey] = np.nan  # without the marker of a direction

@@ -71,6 +71,7 @@ ALL = COMPILER | XARRAY | PICTURES | {"numpy", "scipy", "h5py", "yaml"}
         (["run", "--help"], "Usage: vibroimpact run", ALL),
         (["bench", "stability", "--help"], "Usage: vibroimpact bench", ALL),
         (["run", "sweep.yaml", "--set", "oscillator.R=2"], "", COMPILER | XARRAY | PICTURES),
+        (["run", "sweep.yaml", "--dask", "host:1", "-o", "a.h5"], "", COMPILER | XARRAY | PICTURES),
         (["run", "sweep.yaml", "--dry-run", "-o", "a.h5"], "expected time", XARRAY | PICTURES),
         (["info", "small.h5"], "points", COMPILER | PICTURES | {"dask", "scipy"}),
         (["plot", "small.h5"], "small.png", COMPILER | {"dask"}),
@@ -234,12 +235,15 @@ def test_a_warning_is_one_line():
         "from sweeps.cli.options import prepare_streams\n"
         "prepare_streams()\n"
         "warnings.warn('the cache\\x1b[31m is full')\n"
+        "warnings.showwarning(message='so is the disk')\n"
     )
     command = [sys.executable, "-c", code]
     result = subprocess.run(
         command, capture_output=True, text=True, env={"PYTHONPATH": str(ROOT)}, timeout=300
     )
-    assert result.stderr == "vibroimpact: warning: the cache\\x1b[31m is full\n"
+    assert result.stderr == "vibroimpact: warning: the cache\\x1b[31m is full\n" + (
+        "vibroimpact: warning: so is the disk\n"
+    )
 
 
 def test_an_error_of_a_file_without_a_name_does_not_blame_the_standard_output():

@@ -33,6 +33,12 @@ def test_options_that_exclude_each_other_are_told_before_anything_is_read():
         run_sweep("missing.yaml", "out.h5", resume=True, overwrite=True)
 
 
+@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
+def test_an_output_folder_that_does_not_exist(dry):
+    message = refused("run", "sweep.yaml", "-o", "nowhere/out.h5", *dry)
+    assert "folder nowhere" in message and "does not exist" in message
+
+
 @pytest.mark.parametrize("threads", [0, -1, 100_000])
 def test_threads_that_numba_does_not_have(threads):
     message = refused("run", "sweep.yaml", "--threads", threads)

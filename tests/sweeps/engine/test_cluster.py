@@ -221,9 +221,9 @@ def stranger(client):
 
     def pretend(numerics):
         def change():
-            import sweeps.engine.cluster
+            import vibroimpact.jit
 
-            sweeps.engine.cluster.NUMERICS = numerics
+            vibroimpact.jit.NUMERICS = numerics
 
         client.run(change, workers=[address])
 

@@ -110,6 +110,15 @@ def test_the_first_point_of_a_chain_starts_as_every_point(followed):
         assert (later != alone["poincare_x"].sel(omega=2.4)).any()
 
 
+@pytest.mark.slow
+def test_a_start_that_is_swept_starts_chains_of_its_own():
+    record = "record.trajectory=false"
+    both = run_and_read(configured("start.x0=[-1, -0.2]", record))["poincare_x"]
+    for x0 in both["x0"].values:
+        alone = run_and_read(configured(f"start.x0={x0}", record))["poincare_x"]
+        np.testing.assert_array_equal(both.sel(x0=x0).transpose(*alone.dims), alone)
+
+
 def test_a_stop_that_moves_past_the_mass_takes_it_along():
     """At rest under a steady push (f = 0 and a stop below x = 0) the mass lies on each stop."""
     config = configured(

@@ -1,5 +1,7 @@
 """Pictures of sweeps followed up and down: both branches, or the chosen one."""
 
+import itertools
+
 import numpy as np
 import pytest
 import yaml
@@ -174,6 +176,10 @@ def test_colours_tell_the_directions_apart(dataset):
     assert points.keys() == usual.keys()
     with pytest.raises(Refused, match="color = direction shows both directions"):
         section(dataset, at=at, color="period")
+    ways = (("up", UP), ("down", DOWN))
+    for draw, (way, colour) in itertools.product((section, impacts), ways):
+        (dots, *_) = draw(dataset, at={"direction": way}, color="direction").axes[0].collections
+        assert {to_hex(rgba).upper() for rgba in dots.get_facecolors()} == {colour}
 
 
 @pytest.mark.slow
