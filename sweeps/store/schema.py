@@ -277,6 +277,8 @@ def schema_in(file: h5py.File) -> Schema:
     columns = file.attrs[COLUMN_NAMES].split() if TABLE in axes else ()
     if columns:
         values[TABLE] = table_values({name: values[name] for name in columns})
+        if not all(np.isfinite(values[name]).all() for name in {*columns} & {*PARAMETERS}):
+            raise ValueError("a parameter of the table is not finite")
     blocks = _values(file, _BLOCKS).tolist() if _BLOCKS in file else ()
     schema = Schema(
         {axis: values.pop(axis) for axis in axes},

@@ -222,6 +222,21 @@ def test_a_block_of_another_form_counts_as_damaged(case):
     assert fill_blocks("out.h5", resume=True) == 1
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_table_with_a_parameter_that_is_not_finite_is_refused(value):
+    Path("table.csv").write_text("omega\n2.0\n2.5\n")
+    Path("table.yaml").write_text("oscillator: {h: 0.1, R: 0.8, f: 1.0}\npoints: table.csv\n")
+    accepted("run", "table.yaml", "--quiet")
+    with_table(Path("table.h5"), b"[]")
+    with h5py.File("table.h5", "r+") as file:
+        file["omega"][1] = value
+        variables = [name for name in VARIABLES if name in file]
+    with Path("table.h5").open("r+b") as file:
+        _add_table(file, variables)
+    with pytest.raises(StoreError, match="does not have the form of a sweep"):
+        open_sweep("table.h5")
+
+
 def test_a_block_for_which_the_memory_is_lacking_is_not_damaged(monkeypatch):
     def lacking(*_):
         raise MemoryError
