@@ -112,19 +112,10 @@ class Parts:
         shapes = {name: tuple(schema.sizes(name, box).values()) for name in names}
         arrays = {name: np.full(shapes[name], VARIABLES[name].fill_value) for name in names}
         for number in numbers:
-            block = schema.blocks[number]
-            common = [
-                slice(max(a.start, b.start), min(a.stop, b.stop))
-                for a, b in zip(box, block, strict=True)
-            ]
-            if all(cut.start < cut.stop for cut in common):
-                there, here = (
-                    tuple(
-                        slice(cut.start - of.start, cut.stop - of.start)
-                        for cut, of in zip(common, whole, strict=True)
-                    )
-                    for whole in (box, block)
-                )
+            pairs = [*zip(box, schema.blocks[number], strict=True)]
+            if all(a.start < b.stop and b.start < a.stop for a, b in pairs):
+                there = tuple(slice(max(0, b.start - a.start), b.stop - a.start) for a, b in pairs)
+                here = tuple(slice(max(0, a.start - b.start), a.stop - b.start) for a, b in pairs)
                 for name, array in self.read(number, names).items():
                     record = (slice(width) for width in array.shape[len(box) :])
                     arrays[name][(*there, *record)] = array[here]
@@ -214,7 +205,7 @@ class Parts:
         data = io.BytesIO(file.read(member))
         np.lib.format.read_magic(data)
         form = np.lib.format.read_array_header_1_0(data)
-        if form[0] != shape or not np.can_cast(form[2], dtype):
+        if form[0] != shape or form[2] != dtype:
             raise ValueError(f"{name} has another shape or type")
         array = np.frombuffer(data.getbuffer(), form[2], math.prod(shape), data.tell())
         return array.reshape(shape, order="F" if form[1] else "C")
@@ -247,10 +238,8 @@ def _joined(blocks: Sequence[Block], room: int) -> list[tuple[Block, list[int]]]
     joined: list[tuple[Block, list[int]]] = []
     for number, block in enumerate(blocks):
         box, numbers = joined[-1] if joined else (block, [])
-        both = tuple(
-            slice(min(a.start, b.start), max(a.stop, b.stop))
-            for a, b in zip(box, block, strict=True)
-        )
+        pairs = zip(box, block, strict=True)
+        both = tuple(slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in pairs)
         if numbers and block_points(box) + block_points(block) == block_points(both) <= room:
             numbers.append(number)
             joined[-1] = both, numbers

@@ -251,17 +251,21 @@ def _values(file: h5py.File, name: str) -> np.ndarray:
 
 def _check_form(file: h5py.File, schema: Schema) -> None:
     """Raise an error unless attributes, variables and blocks are as the axes require."""
-    for key in ("name", "configuration", "numerics"):
-        if not isinstance(schema.attributes[key], str):
-            raise TypeError(f"the attribute {key} is no text")
-    for name in schema.variables:
-        data, dtype = _own(file, name), VARIABLES[name].dtype
-        if data.shape != (*schema.sizes(name).values(),) or not np.can_cast(data.dtype, dtype):
-            raise ValueError(f"{name} has another shape or type")
+    if {type(schema.attributes[key]) for key in ("name", "configuration", "numerics")} != {str}:
+        raise TypeError("an attribute is no text")
+    held = [VARIABLES[name] for name in ("poincare_x", *schema.variables)]
+    kinds = {(of.dimension, of.diagnostic) for of in held}
+    for name, of in VARIABLES.items():
+        if (of.dimension, of.diagnostic) in kinds:  # of which a file has all
+            data, shape = _own(file, name), (*schema.sizes(name).values(),)
+            if (data.shape, data.dtype) != (shape, of.dtype):
+                raise ValueError(f"{name} has another shape or type")
+    if any(of.dtype.kind != "i" or (np.diff(of) != 1).any() for of in schema.records.values()):
+        raise ValueError("a record has other numbers")
     given: dict[str, Any] = {**schema.axes, **schema.fixed}
     for name in sorted(given.keys() - {TABLE, DIRECTION}):
-        if name not in PARAMETERS or not np.isfinite(given[name]).all():
-            raise ValueError(f"{name} is no parameter, or is not finite")
+        if name not in PARAMETERS or not np.all(PARAMETERS[name].accepts(given[name])):
+            raise ValueError(f"{name} is no parameter, or has other values than a parameter")
     lengths = [*map(len, schema.axes.values())]
     for block in schema.blocks:
         if any(not 0 <= a.start < a.stop <= n for a, n in zip(block, lengths, strict=True)):

@@ -103,12 +103,23 @@ def another_shape(file):
     file["poincare_x"] = np.zeros((2, 6, 3))
 
 
-def texts(file):
-    dims = [dim[0] for dim in file["chatters"].dims]
-    del file["chatters"]
-    file["chatters"] = np.full((2, 6), "text", object)
-    for dim, scale in zip(file["chatters"].dims, dims, strict=True):
-        dim.attach_scale(scale)
+def typed(name, dtype):
+    def change(file):
+        dims = [dim[0] for dim in file[name].dims]
+        shape = file[name].shape
+        del file[name]
+        file[name] = np.zeros(shape, dtype)
+        for dim, scale in zip(file[name].dims, dims, strict=True):
+            dim.attach_scale(scale)
+
+    return change
+
+
+def without(name):
+    def change(file):
+        del file[name]
+
+    return change
 
 
 def renamed(file):
@@ -138,9 +149,18 @@ ALIASES = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
 FORMS = {
     "group": group, "outside": outside, "soft": soft, "stored outside": stored_outside,
     "virtual": virtual, "large": large, "without scales": without_scales,
-    "another shape": another_shape, "texts": texts, "renamed": renamed,
-    **{f"{name} = {value}": parameter(name, value)
-       for name in ("omega", "h") for value in (np.nan, np.inf)},
+    "another shape": another_shape, "texts": typed("chatters", "S4"),
+    **{f"{name} of {dtype}": typed(name, dtype) for name, dtype in (
+        ("poincare_x", "f2"), ("impact_v", "f4"), ("orbit_x", "i4"), ("period", "i1"),
+        ("period_impacts", "?"), ("status", "?"))},
+    **{f"without {name}": without(name) for name in
+       ("poincare_x", "poincare_v", "impact_v", "trajectory_t", "impacts_per_period", "orbit_x",
+        "period", "class_evidence", "x_max")},
+    "renamed": renamed,
+    **{f"{name} = {value}": parameter(name, value) for name, values in {
+        "omega": (np.nan, np.inf, 0.0), "h": (np.nan, np.inf, -0.1), "R": (2.0, -1.0),
+        "f": (-1.0,), "p": (0.0,), "section": (-1,), "impact": (7,),
+    }.items() for value in values},
     **{f"{name} {i}": attribute(name, value) for name, values in {
         "computation": ("", "!!python/name:os.system x", "[1]", "- a", "{", "fixed", ALIASES),
         "configuration": (7, None), "coordinates": ("a/b", None, 7, "x" * 70),
@@ -159,15 +179,43 @@ def test_an_hdf5_file_of_another_form_is_refused(form, blocks):
     path = SCHEMA if blocks else Path("out.h5")
     with_table(path, b"[]")
     shutil.copy(path, "other.h5")
-    with h5py.File(path, "r+") as file:
-        FORMS[form](file)
-        variables = [name for name in VARIABLES if name in file]
-    with path.open("r+b") as file:
-        _add_table(file, variables)
+    changed(path, FORMS[form])
     with pytest.raises(StoreError, match=r"(does not have the form of a sweep|cannot be resumed)"):
         open_sweep("out.h5")
     result = call("run", "sweep.yaml", "-o", "out.h5", "--resume", "--quiet")
     assert result.exit_code == 2 and result.stderr.count("\n") == 1
+
+
+def changed(path, change):
+    """Change a complete file, and give it right checksums again."""
+    with_table(path, b"[]")
+    with h5py.File(path, "r+") as file:
+        change(file)
+        variables = [name for name in VARIABLES if name in file]
+    with path.open("r+b") as file:
+        _add_table(file, variables)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    {
+        "period": (-1, 4097, 1 << 40, 2**63 - 1),
+        "period_impacts": (-1, -(2**63), 1_000_001, 1 << 40, 2**63 - 1),
+        "orbit_x": (np.nan, -np.inf),
+        "orbit_v": (np.inf,),
+    }.items(),
+)
+def test_a_motion_that_cannot_be_is_refused(name, values):
+    """Instead of a traceback, or a demand for all memory."""
+    text = SMALL.replace("impacts: 2}", "impacts: 2, diagnostics: [period]}")
+    Path("sweep.yaml").write_text(text.replace("transient: 3", "transient: 300"))
+    accepted("run", "sweep.yaml", "--quiet")
+    picture = ["plot", "small.h5", "-o", "a.png", "--kind"]
+    for value in values:
+        changed(Path("small.h5"), parameter(name, value))
+        for words in (["attractors", "small.h5"], [*picture, "attractors"]):
+            message = refused(*words)
+            assert "no motion of this program" in message and message.count("\n") == 1
 
 
 def test_aliases_and_tags_in_the_configuration_of_a_file_are_refused():
@@ -203,6 +251,7 @@ SAMPLES = np.array([2, 1 << 40])
 BLOCKS = {
     "compressed": ({}, zipfile.ZIP_DEFLATED),
     "another shape": ({"poincare_x": np.zeros((1, 2, 3))},),
+    "less precise": ({"poincare_x": np.zeros((1, 2, 20), np.float16)},),
     "another type": ({"poincare_x": np.full((1, 2, 20), "x")},),
     "few points": ({"points": np.zeros(1)},),
     "many samples": ({"samples": SAMPLES},),

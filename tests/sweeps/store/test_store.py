@@ -67,7 +67,7 @@ def test_every_variable_comes_back_from_blocks_in_any_order(
 @pytest.mark.parametrize("followed", ["h", "R", "f"])
 def test_blocks_of_many_shapes_and_large_records_come_back(tmp_path, followed):
     """Of followed chains, and of more than fits into a chunk of the file."""
-    axes = {"h": np.arange(3.0), "R": np.arange(4.0), "f": np.arange(5.0)}
+    axes = {"h": np.arange(3.0), "R": np.linspace(0.0, 1.0, 4), "f": np.arange(5.0)}
     grid, widths = Grid(axes, {}), {"section": 12_007, "impact": 0, "sample": 0}
     for size in (7, 60):
         path = tmp_path / f"{size}.h5"
