@@ -202,8 +202,7 @@ def write_schema(
             dataset.dims[index].attach_scale(file[dimension])
     if with_blocks:
         bounds = [[(cut.start, cut.stop) for cut in block] for block in schema.blocks]
-        shape = (len(schema.blocks), len(schema.axes), 2)
-        file[_BLOCKS] = np.array(bounds, np.int64).reshape(shape)
+        file[_BLOCKS] = np.array(bounds, np.int64).reshape(len(bounds), len(schema.axes), 2)
 
 
 def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
@@ -264,7 +263,8 @@ def _check_form(file: h5py.File, schema: Schema) -> None:
         raise ValueError("a record has other numbers")
     given: dict[str, Any] = {**schema.axes, **schema.fixed}
     for name in sorted(given.keys() - {TABLE, DIRECTION}):
-        if name not in PARAMETERS or not np.all(PARAMETERS[name].accepts(given[name])):
+        bounds, values = PARAMETERS.get(name), np.ravel(given[name])
+        if not bounds or not bounds.accepts(values).all() or len({*values.tolist()}) < values.size:
             raise ValueError(f"{name} is no parameter, or has other values than a parameter")
     lengths = [*map(len, schema.axes.values())]
     for block in schema.blocks:

@@ -158,7 +158,7 @@ FORMS = {
         "period", "class_evidence", "x_max")},
     "renamed": renamed,
     **{f"{name} = {value}": parameter(name, value) for name, values in {
-        "omega": (np.nan, np.inf, 0.0), "h": (np.nan, np.inf, -0.1), "R": (2.0, -1.0),
+        "omega": (np.nan, np.inf, 0.0, 2.0), "h": (np.nan, np.inf, -0.1), "R": (2.0, -1.0),
         "f": (-1.0,), "p": (0.0,), "section": (-1,), "impact": (7,),
     }.items() for value in values},
     **{f"{name} {i}": attribute(name, value) for name, values in {
