@@ -261,10 +261,13 @@ def _check_form(file: h5py.File, schema: Schema) -> None:
                 raise ValueError(f"{name} has another shape or type")
     if any(of.dtype.kind != "i" or (np.diff(of) != 1).any() for of in schema.records.values()):
         raise ValueError("a record has other numbers")
-    given: dict[str, Any] = {**schema.axes, **schema.fixed}
+    rows = schema.axes.get(TABLE, np.empty(0))
+    columns = {name: rows[name] for name in rows.dtype.names or () if name in PARAMETERS}
+    given: dict[str, Any] = {**columns, **schema.fixed, **schema.axes}
     for name in sorted(given.keys() - {TABLE, DIRECTION}):
         bounds, values = PARAMETERS.get(name), np.ravel(given[name])
-        if not bounds or not bounds.accepts(values).all() or len({*values.tolist()}) < values.size:
+        once = name not in schema.axes or len({*values.tolist()}) == values.size
+        if not bounds or not bounds.accepts(values).all() or not once:
             raise ValueError(f"{name} is no parameter, or has other values than a parameter")
     lengths = [*map(len, schema.axes.values())]
     for block in schema.blocks:
@@ -281,8 +284,6 @@ def schema_in(file: h5py.File) -> Schema:
     columns = file.attrs[COLUMN_NAMES].split() if TABLE in axes else ()
     if columns:
         values[TABLE] = table_values({name: values[name] for name in columns})
-        if not all(np.isfinite(values[name]).all() for name in {*columns} & {*PARAMETERS}):
-            raise ValueError("a parameter of the table is not finite")
     blocks = _values(file, _BLOCKS).tolist() if _BLOCKS in file else ()
     schema = Schema(
         {axis: values.pop(axis) for axis in axes},

@@ -172,8 +172,8 @@ def near_repetitions(sections, size, found):
 _BESIDE = 2.0**-48
 #: Most periods in which rounding has never been seen to grow enough to decide a rest.
 _SURE = 12
-#: Rests are about as long as each other if they differ by less than this share, and as long below
-#: the second one.
+#: Rests are about as long as each other if they differ by less than the first share, and as long as
+#: each other if they differ by less than the second.
 _ALIKE, _EQUAL = 0.5, 1e-3
 
 

@@ -271,8 +271,8 @@ def test_a_block_of_another_form_counts_as_damaged(case):
     assert fill_blocks("out.h5", resume=True) == 1
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_table_with_a_parameter_that_is_not_finite_is_refused(value):
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
+def test_a_table_with_a_parameter_out_of_its_range_is_refused(value):
     Path("table.csv").write_text("omega\n2.0\n2.5\n")
     Path("table.yaml").write_text("oscillator: {h: 0.1, R: 0.8, f: 1.0}\npoints: table.csv\n")
     accepted("run", "table.yaml", "--quiet")
