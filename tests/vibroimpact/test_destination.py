@@ -18,12 +18,14 @@ from vibroimpact.step.scheme import default_steps
 FREE = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0).at()
 
 
-def spec_of(points, impact="exact", transient=200, periods=100, phase=0.0):
-    """Return what is computed of each point, with the least steps of the points."""
-    steps = default_steps(points, impact)
+def spec_of(
+    points, impact="exact", transient=200, periods=100, phase=0.0, integrator="exact",
+    longest=None, impacts=0, steps=None,
+):  # fmt: skip
+    """Return what is computed of each point, by default with the least steps of the points."""
     return RunSpec(
-        "exact", impact, steps, transient, None, periods, phase, 0, False, True, None, False,
-        None, (),
+        integrator, impact, steps or default_steps(points, impact), transient, longest, periods,
+        phase, impacts, False, True, None, False, None, (),
     )  # fmt: skip
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tests.helpers import naive
+from tests.vibroimpact.test_destination import spec_of
 from tests.vibroimpact.test_free_motions import found_of
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import is_chaotic
-from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Evidence
 from vibroimpact.step.contact import with_stop_in_reach
 from vibroimpact.step.scheme import default_steps
@@ -125,14 +125,12 @@ def test_the_free_motion_in_front_of_a_stop_that_is_switched_off():
 def test_every_way_to_a_free_motion_gives_the_same_bits():
     """Point after point, in a sweep, and with a transient of its own."""
     points = random_points(40, 5)
-    steps = default_steps(points, "exact")
-    spec = RunSpec(
-        "exact", "exact", steps, 0, 700, 20, 0.5, 4, False, True, None, False, None, ()
-    )  # fmt: skip
+    record = {"periods": 20, "phase": 0.5}
+    spec = spec_of(points, transient=0, longest=700, impacts=4, **record)
     swept = compute_points(spec, points, None)
     for i, point in enumerate(points):
-        way = {"transient": int(swept["transient"][i]), "periods": 20, "phase": 0.5}
-        alone = integrate(point[None], **way, steps_per_period=steps)
+        way = {"transient": int(swept["transient"][i]), **record}
+        alone = integrate(point[None], **way, steps_per_period=spec.steps_per_period)
         np.testing.assert_array_equal(alone["poincare_x"][0], swept["poincare_x"][i])
         np.testing.assert_array_equal(alone["poincare_v"][0], swept["poincare_v"][i])
 
@@ -180,9 +178,7 @@ def test_a_motion_by_time_steps_repeats_only_as_it_does_in_front_of_a_near_stop(
     for f, transient, period in ((1.0, 100, 0), (1.0, 3000, 1), (0.0, 3000, 1)):
         for clearance in (2.0, 1e9, 1e15):
             osc = Oscillator(h=0.01, R=0.8, omega=2.3, f=f, clearance=clearance)
-            spec = RunSpec(
-                "rk4", rule, 100, transient, None, 20, 0.5, 0, False, True, None, False, None, ()
-            )  # fmt: skip
+            spec = spec_of(osc.at(-0.5), rule, transient, 20, 0.5, "rk4", steps=100)
             out = compute_points(spec, osc.at(-0.5), None)
             assert (out["period"], out["period_impacts"]) == (period, 0)
 
@@ -215,18 +211,16 @@ def test_a_stop_moves_only_beyond_the_motion_in_any_units():
 
 
 @pytest.mark.parametrize(
-    "method", [("exact", "exact"), ("rk4", "plain"), ("newmark", "reduced-step")]
+    ("integrator", "impact"), [("exact", "exact"), ("rk4", "plain"), ("newmark", "reduced-step")]
 )
-def test_a_class_does_not_depend_on_how_a_run_is_divided(method):
+def test_a_class_does_not_depend_on_how_a_run_is_divided(integrator, impact):
     """The start is far larger than the motion to which it fades, but not for each part of a run."""
     points = random_points(150, 12)
     points["h"], rng = np.clip(points["h"], 0.001, 0.4), np.random.default_rng(12)
     points["f"] = 10.0 ** rng.uniform(-14.0, 0.0, points.size)
     points["clearance"] = 10.0 ** rng.uniform(0.5, 14.0, points.size)
-    steps = max(default_steps(points, method[1]), 60)
-    spec = RunSpec(
-        *method, steps, 0, 300, 20, 0.5, 4, False, True, None, False, None, ()
-    )  # fmt: skip
+    steps = max(default_steps(points, impact), 60)
+    spec = spec_of(points, impact, 0, 20, 0.5, integrator, longest=300, impacts=4, steps=steps)
     swept = compute_points(spec, points, None)
     names = ("period", "period_impacts", "orbit_x", "orbit_v", "orbit_distance", "class_evidence")
     for transient in np.unique(swept["transient"]).tolist():

@@ -48,7 +48,7 @@ for R in (0.8, 0.5):
      pytest.param(2, 1_000_000, marks=pytest.mark.campaign)],
 )  # fmt: skip
 def test_every_step_ends(seed, steps):
-    """So many with every rule, from random bits and from valid points at their bounds."""
+    """So many with every rule, from valid points at and between their bounds."""
     in_time(FUZZ, seed, steps, seconds=300 if seed == 1 else 3600)
 
 

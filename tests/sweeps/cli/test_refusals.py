@@ -1,7 +1,6 @@
 """Commands that are refused, interrupted or fail: message, exit code, and files kept."""
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -33,12 +32,6 @@ def test_options_that_exclude_each_other_are_told_before_anything_is_read():
         run_sweep("missing.yaml", "out.h5", resume=True, overwrite=True)
 
 
-@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
-def test_an_output_folder_that_does_not_exist(dry):
-    message = refused("run", "sweep.yaml", "-o", "nowhere/out.h5", *dry)
-    assert "folder nowhere" in message and "does not exist" in message
-
-
 @pytest.mark.parametrize("threads", [0, -1, 100_000])
 def test_threads_that_numba_does_not_have(threads):
     message = refused("run", "sweep.yaml", "--threads", threads)
@@ -53,13 +46,9 @@ def test_a_text_is_no_file_of_a_sweep():
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["--kind", "bifurcatoin"], ["bifurcatoin", "did you mean bifurcation"]),
-        (["--below", "lyapunov"], ["has no lyapunov", "record.diagnostics: [period, lyapunov]"]),
         (["--at", "omega=2", "--at", "omega=3"], ["--at omega=3 ", "omega was given before"]),
-        (["--coordinate", "impulse"], ["poincare_x", "; impulse can be drawn in a panel"]),
         (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),
         (["--at", "omega=x"], ["--at omega=x ", "NAME=VALUE"]),
-        (["-o", "small.h5"], ["small.h5", "replace the data"]),
     ],
 )
 def test_a_picture_that_cannot_be_drawn(small_file, arguments, parts):
@@ -79,14 +68,6 @@ def test_a_cut_off_the_grid_is_told(small_file, unpainted):
     assert "clearance = 0.10000004 is outside the sweep: 0 to 0.1\n" in beyond
     rounded = call("plot", "small.h5", "--at", "clearance=0.1000000000001")
     assert (rounded.exit_code, rounded.stderr) == (0, "")
-
-
-@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
-def test_more_than_the_disk_holds(monkeypatch, dry):
-    usage = types.SimpleNamespace(free=1000)
-    monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
-    message = refused("run", "sweep.yaml", *dry)
-    assert re.search(r"the sweep takes about \d+\.?\d* kB .* has only 1 kB left", message)
 
 
 @pytest.mark.parametrize(

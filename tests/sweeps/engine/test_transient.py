@@ -10,7 +10,7 @@ from sweeps.engine.executors import compute
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.configurations import load, refusal
 from tests.helpers.sweep_files import run_in
-from vibroimpact import Oscillator, integrate, one_impact_orbit
+from vibroimpact import Oscillator, integrate
 from vibroimpact.destination.repetition import TOLERANCE
 from vibroimpact.points.computation import compute_points
 from vibroimpact.status import Status
@@ -135,14 +135,3 @@ def test_neighbours_have_no_transient_of_their_own():
     said = refusal(f"{text}{group}\n")
     assert "record.transient" in said and "follow" in said
     assert refusal(f"{group}\n{text}") == said.replace("line 2", "line 3")
-
-
-@pytest.mark.parametrize(("start", "section"), [(0.0, 2.0), (1.0, 2.5), (2.5, 1.0), (4.0, 4.0)])
-def test_a_motion_that_starts_at_another_phase_reaches_the_section(start, section):
-    """A state of the orbit at one phase leads to its state at the other one."""
-    orbit = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=2.5, f=1.0))
-    (x, v), expected = orbit.sections(start)[0], orbit.sections(section)[0]
-    spec = load(CONFIG, f"record.phase={section}").sweep.spec.part(0, 2, 0, False)
-    found = compute_points(spec, orbit.oscillator.at(x, v, start), None)
-    for name, value in zip("xv", expected, strict=True):
-        np.testing.assert_allclose(found[f"poincare_{name}"][0], value, atol=1e-13)

@@ -33,45 +33,41 @@ def drawn(dataset):
     return draw
 
 
-class Found(dict):
-    """The columns number, m and q of attractors, shape (points, coexisting)."""
-
-    def __init__(self, *points):
-        most = max(map(len, points))
-        filled = np.array([[*point, *[(-1, -1, -1)] * (most - len(point))] for point in points])
-        self.columns = [filled[..., i] for i in range(3)]
-
-
-def further(*points):
+def further(points):
+    """Return the further looks of attractors; a point is a list of their number, m and q."""
     from sweeps.plotting.looks import _further
 
-    return _further(*Found(*points).columns)
+    most = max(map(len, points))
+    filled = np.array([[*point, *[(-1, -1, -1)] * (most - len(point))] for point in points])
+    return _further(*np.moveaxis(filled, -1, 0))
 
 
-def test_the_first_attractor_of_a_class_has_its_colour_and_others_one_of_no_class():
-    assert further([(0, 1, 1), (1, 2, 1)]) == {}
-    assert further([(0, 1, 1), (1, 1, 1)]) == {(1, 1, 1): 0}
-    assert further([(0, 1, 3), (1, 1, 1), (2, 1, 3)]) == {(0, 1, 3): 0, (2, 1, 3): 1}
-
-
-def test_attractors_that_are_never_beside_each_other_have_the_colour_of_their_class():
-    assert further([(0, 1, 1)], [(1, 1, 1)]) == {}
-    assert further([(0, 1, 1)], [(0, 2, 2), (1, 1, 1)], [(1, 2, 2)]) == {}
-
-
-def test_an_attractor_keeps_its_colour_where_the_first_one_of_its_class_is_gone():
-    assert further([(0, 1, 1), (1, 1, 1)], [(1, 1, 1)]) == {(1, 1, 1): 0}
-
-
-def test_chaos_and_rest_have_the_colours_of_their_regimes():
-    assert further([(0, 1, 1), (1, 0, 0), (2, 0, 0)]) == {}
+@pytest.mark.parametrize(
+    ("points", "expected"),
+    [
+        ([[(0, 1, 1), (1, 2, 1)]], {}),
+        ([[(0, 1, 1), (1, 1, 1)]], {(1, 1, 1): 0}),
+        ([[(0, 1, 3), (1, 1, 1), (2, 1, 3)]], {(0, 1, 3): 0, (2, 1, 3): 1}),
+        # Never beside each other.
+        ([[(0, 1, 1)], [(1, 1, 1)]], {}),
+        ([[(0, 1, 1)], [(0, 2, 2), (1, 1, 1)], [(1, 2, 2)]], {}),
+        # Also where the first one of the class is gone.
+        ([[(0, 1, 1), (1, 1, 1)], [(1, 1, 1)]], {(1, 1, 1): 0}),
+        # Chaos and rest have the colours of their regimes.
+        ([[(0, 1, 1), (1, 0, 0), (2, 0, 0)]], {}),
+    ],
+)
+def test_the_first_attractor_of_a_class_has_its_colour_and_those_beside_it_one_of_no_class(
+    points, expected
+):
+    assert further(points) == expected
 
 
 def test_colours_that_are_used_up_are_those_of_attractors_that_are_not_beside():
     many = [[(number, 5, number)] for number in range(len(FURTHER) + 2)]
-    chosen = further(*many)
+    chosen = further(many)
     assert sorted(chosen.values()) == [0, 0, 1, 1, *range(2, len(FURTHER))]
-    beside = further([point for (point,) in many])
+    beside = further([[point for (point,) in many]])
     assert list(beside.values()) == [*range(len(FURTHER)), None, None]
 
 

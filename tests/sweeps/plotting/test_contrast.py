@@ -18,11 +18,12 @@ from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Evidence
 
 
-def contrast(colour):
-    """Return the contrast with white, as WCAG 2.1 defines it."""
-    rgb = np.array(to_rgb(colour))
+def contrast(colour, other="white"):
+    """Return the contrast of two colours, as WCAG 2.1 defines it."""
+    rgb = np.array([to_rgb(colour), to_rgb(other)])
     linear = np.where(rgb <= 0.03928, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    return 1.05 / (linear @ [0.2126, 0.7152, 0.0722] + 0.05)
+    light = linear @ [0.2126, 0.7152, 0.0722] + 0.05
+    return light.max() / light.min()
 
 
 #: All classes with a colour, another one, rest, chaos, unbounded and unknown motions.

@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-import yaml
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 
@@ -17,7 +16,6 @@ from sweeps.plotting import (
     bifurcation,
     diagram,
     impacts,
-    plot,
     section,
     trajectory,
 )
@@ -26,26 +24,13 @@ from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_LOOKS
 from tests.helpers.commands import call
 
 # With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
-CONFIG = yaml.safe_dump(
-    {
-        "name": "both ways",
-        "oscillator": {
-            "h": [0.05, 0.06],
-            "R": 0.8,
-            "f": 1,
-            "clearance": 1.5,
-            "omega": {"start": 1.2, "stop": 1.8, "num": 25},
-        },
-        "follow": {"axis": "omega", "direction": "both"},
-        "record": {
-            "transient": 150,
-            "periods": 4,
-            "trajectory": {"every": 8},
-            "diagnostics": ["period"],
-        },
-    },
-    sort_keys=False,
-)
+CONFIG = """\
+name: both ways
+oscillator: {h: [0.05, 0.06], R: 0.8, f: 1, clearance: 1.5,
+             omega: {start: 1.2, stop: 1.8, num: 25}}
+follow: {axis: omega, direction: both}
+record: {transient: 150, periods: 4, trajectory: {every: 8}, diagnostics: [period]}
+"""
 UP, DOWN = (look.colour for look in DIRECTION_LOOKS[False])
 
 
@@ -244,13 +229,3 @@ def test_the_command_line(path, unpainted):
     assert wrong.exit_code == 2
     assert "there is no direction dwn (did you mean down?); choose from: up, down" in wrong.stderr
     assert "direction is not a swept axis" in drawn("--axis", "direction").stderr
-
-
-@pytest.mark.slow
-def test_a_direction_is_refused_where_there_is_one_only():
-    changes = ["follow.direction=down", "record.trajectory=false", "oscillator.omega.num=5"]
-    run_sweep(load_config("sweep.yaml", changes), "one.h5")
-    with open_sweep("one.h5") as dataset:
-        assert "followed down along" in bifurcation(dataset).get_suptitle()
-        with pytest.raises(Refused, match="the sweep was not followed in both"):
-            plot(dataset, "one.png", at={"direction": "down"})

@@ -10,7 +10,6 @@ from matplotlib.image import imread
 from sweeps import branches, open_sweep, run_sweep
 from sweeps.plotting import KINDS, Page, bifurcation, diagram
 from sweeps.plotting.style import grey_ramp
-from tests.helpers.commands import accepted
 from tests.helpers.equal_points import equal_points
 from tests.sweeps.plotting.test_marks import SWEEP  # noqa: F401 - of the fixture path
 
@@ -32,11 +31,17 @@ def colourful(figure):
         ("section", {}),
         ("impacts", {}),
         ("trajectory", {}),
+        ("bifurcation", {"color": "period"}),
+        ("bifurcation", {"color": "impacts_per_period"}),
+        ("section", {"color": "period"}),
+        ("section", {"color": "direction"}),
+        ("impacts", {"color": "impulse"}),
+        ("trajectory", {"color": "direction"}),
     ],
 )
 def test_no_pixel_has_a_colour(path, kind, options):
     with open_sweep(path) as dataset:
-        if kind == "bifurcation":
+        if kind == "bifurcation" and "color" not in options:
             options = {**options, "exact": branches(dataset, classes=[(1, 1)])}
         draw = KINDS[kind].draw
         assert colourful(draw(dataset, page=PAGE, **options)) < 0.01
@@ -63,23 +68,6 @@ def test_each_direction_has_its_marker(path):
     figure = bifurcation(open_sweep(path), page=PAGE)
     markers = {line.get_label(): line.get_marker() for line in figure.legends[0].get_lines()}
     assert list(markers.values())[:3] == ["^", "v", "o"]
-
-
-@pytest.mark.parametrize(
-    ("kind", "options"),
-    [
-        ("bifurcation", {"color": "period"}),
-        ("bifurcation", {"color": "impacts_per_period"}),
-        ("section", {"color": "period"}),
-        ("section", {"color": "direction"}),
-        ("impacts", {"color": "impulse"}),
-        ("trajectory", {"color": "direction"}),
-    ],
-)
-def test_points_with_a_color_are_grey(path, kind, options):
-    with open_sweep(path) as dataset:
-        assert colourful(KINDS[kind].draw(dataset, page=PAGE, **options)) < 0.01
-    assert accepted("plot", path, "--grey", "--dpi", "40", "-o", "a.png") == "a.png\n"
 
 
 def test_classes_differ_by_their_markers_and_motions_by_their_dashes(path):

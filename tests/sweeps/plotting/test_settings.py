@@ -5,7 +5,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from cycler import cycler
-from matplotlib.colors import to_hex, to_rgba
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from sweeps.plotting import (
@@ -19,6 +19,7 @@ from sweeps.plotting import (
 )
 from sweeps.plotting.style import CLASSES
 from tests.helpers.equal_points import equal_points
+from tests.sweeps.plotting.test_contrast import contrast
 
 #: Flips to chaos, followed both ways past a graze: every line and colour of a diagram is there.
 CONFIG = """\
@@ -41,14 +42,6 @@ def dark(request):
     style = black if request.param == "black panels" else request.param
     with plt.style.context(style):
         yield
-
-
-def contrast(colour, other):
-    """Return the contrast of WCAG 2, with a power of 2.2 for the linear parts."""
-    light = [
-        np.dot(np.array(to_rgba(c)[:3]) ** 2.2, (0.2126, 0.7152, 0.0722)) for c in (colour, other)
-    ]
-    return (max(light) + 0.05) / (min(light) + 0.05)
 
 
 def drawn_colours(panel):

@@ -177,8 +177,8 @@ def test_an_hdf5_file_of_another_form_is_refused(form, blocks):
     """Complete, or the schema of blocks; also by a run that resumes it."""
     fill_blocks("out.h5", blocks)
     path = SCHEMA if blocks else Path("out.h5")
-    with_table(path, b"[]")
     shutil.copy(path, "other.h5")
+    with_table(Path("other.h5"), b"[]")
     changed(path, FORMS[form])
     with pytest.raises(StoreError, match=r"(does not have the form of a sweep|cannot be resumed)"):
         open_sweep("out.h5")
@@ -222,12 +222,7 @@ def test_aliases_and_tags_in_the_configuration_of_a_file_are_refused():
     """Each level of aliases would make it ten times as large."""
     for text in (ALIASES, "name: !!python/name:os.system x\n", "", "- 1\n", "[" * 100_000):
         fill_blocks("out.h5")
-        with_table(Path("out.h5"), b"[]")
-        with h5py.File("out.h5", "r+") as file:
-            file.attrs["configuration"] = text
-            variables = [name for name in VARIABLES if name in file]
-        with Path("out.h5").open("r+b") as file:
-            _add_table(file, variables)
+        changed(Path("out.h5"), attribute("configuration", text))
         for arguments in (["info", "out.h5", "--json"], ["run", "out.h5", "-o", "new.h5"]):
             assert refused(*arguments).count("\n") == 1
         for options in ([], ["--resume"]):
@@ -276,12 +271,7 @@ def test_a_table_with_a_parameter_out_of_its_range_is_refused(value):
     Path("table.csv").write_text("omega\n2.0\n2.5\n")
     Path("table.yaml").write_text("oscillator: {h: 0.1, R: 0.8, f: 1.0}\npoints: table.csv\n")
     accepted("run", "table.yaml", "--quiet")
-    with_table(Path("table.h5"), b"[]")
-    with h5py.File("table.h5", "r+") as file:
-        file["omega"][1] = value
-        variables = [name for name in VARIABLES if name in file]
-    with Path("table.h5").open("r+b") as file:
-        _add_table(file, variables)
+    changed(Path("table.h5"), parameter("omega", [2.0, value]))
     with pytest.raises(StoreError, match="does not have the form of a sweep"):
         open_sweep("table.h5")
 

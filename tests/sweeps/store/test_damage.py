@@ -243,19 +243,6 @@ def test_damage_outside_the_results_is_found_without_verifying_them(bases):
     fill_blocks("out.h5", overwrite=True)
 
 
-@pytest.mark.slow
-def test_a_damaged_block_is_computed_again_and_the_others_are_not(bases):
-    bases["begun"].restore()
-    content = bytearray(bases["begun"].content)
-    content[content.index(b"poincare_x.npy") + 200] ^= 1
-    Path(bases["begun"].name).write_bytes(content)
-    with open_sweep("out.h5") as dataset:
-        pending = dataset["status"].values == Status.PENDING
-    assert pending[0].tolist() == [False, False, True, True, False, False]
-    assert fill_blocks("out.h5", resume=True) == 1
-    xr.testing.assert_equal(data("out.h5"), bases["complete"].data)
-
-
 @pytest.mark.campaign
 def test_every_byte_of_a_block_is_covered_or_means_nothing(bases):
     base = bases["begun"]

@@ -1,7 +1,7 @@
 """Faults at every call of the system: it fails, another program comes between, the power is lost.
 
 A run then ends with an error or with the right data, and costs no finished block; `test_faults.py`
-has the faults at chosen moments. All places and calls for another program:
+has the faults at chosen moments. Here are the faults at some calls; at all of them:
 ``pytest -m campaign tests/sweeps/store/test_every_call.py``.
 """
 
@@ -34,6 +34,13 @@ from tests.helpers.written_files import (
 )
 
 PARTS = Path("out.h5.parts")
+
+
+def at_every(step):
+    """Return the mark of a test at every call, or at some of them, `step` calls apart."""
+    steps = [pytest.param(step, marks=pytest.mark.slow)]
+    steps.append(pytest.param(1, marks=pytest.mark.campaign))
+    return pytest.mark.parametrize("step", steps, ids=["some", "many"])
 
 
 @contextmanager
@@ -105,8 +112,8 @@ def one_failing(which, error):
         yield made
 
 
-@pytest.mark.slow
-def test_whichever_call_fails_a_resumed_run_loses_nothing():
+@at_every(3)
+def test_whichever_call_fails_a_resumed_run_loses_nothing(step):
     fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")
     fill_blocks("out.h5", 2, plan=FOUR_BLOCKS)
@@ -131,13 +138,13 @@ def test_whichever_call_fails_a_resumed_run_loses_nothing():
         for name, content in before.items():
             (PARTS / name).write_bytes(content)
         computed.clear()
-        which += 1
+        which += step
     assert refused > 10
 
 
-@pytest.mark.slow
+@at_every(2)
 @pytest.mark.parametrize("blocks", [2, None])
-def test_whichever_call_fails_a_reader_sees_all_that_is_there_or_is_refused(blocks):
+def test_whichever_call_fails_a_reader_sees_all_that_is_there_or_is_refused(blocks, step):
     fill_blocks("out.h5", blocks, plan=FOUR_BLOCKS)
     there, which = data("out.h5"), 0
     counts = kept_points(Path("out.h5"))
@@ -148,7 +155,7 @@ def test_whichever_call_fails_a_reader_sees_all_that_is_there_or_is_refused(bloc
                 assert data("out.h5").equals(there)
             with suppress(StoreError):
                 assert kept_points(Path("out.h5")) == counts
-        which += 1
+        which += step
     assert which > 4 and {"stat", "open"} <= {name for name, _ in made}
 
 
@@ -237,10 +244,7 @@ def intruded(which, late, place, link, **options):
     return len(made) > which
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "step", [397, pytest.param(1, marks=pytest.mark.campaign)], ids=["some", "many"]
-)
+@at_every(397)
 @pytest.mark.parametrize("old", [None, 2, 4])
 def test_what_another_program_puts_there_at_any_call_stays_and_is_no_result(tmp_path, step, old):
     """In the place of the output, the lock, a draft, the schema or a block, old or new."""
@@ -361,12 +365,14 @@ def moments(monkeypatch, tmp_path):
     return disk.moments
 
 
-@pytest.mark.slow
-def test_a_loss_of_power_at_any_moment_costs_no_block_of_more_than_a_second_ago(moments, tmp_path):
+@at_every(2)
+def test_a_loss_of_power_at_any_moment_costs_no_block_of_more_than_a_second_ago(
+    moments, tmp_path, step
+):
     fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")
     tried, computed = set(), []
-    for number, moment in enumerate(moments):
+    for number, moment in enumerate(moments[::step]):
         for how, choose in chooses():
             remains = left(moment, choose)
             if (case := (moment[0], frozenset(remains.items()))) in tried:

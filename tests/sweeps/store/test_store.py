@@ -244,19 +244,6 @@ def test_an_opened_file_is_sent_to_another_process_and_may_be_one_of_many(tmp_pa
         xr.testing.assert_identical(sent.load(), first.load())
 
 
-@pytest.mark.slow
-def test_a_reader_sees_the_finished_blocks_of_a_running_sweep(tmp_path):
-    path = tmp_path / "out.h5"
-    with begun(path, schema()) as (store, pending):
-        for count, block in enumerate(pending, 1):
-            store.write(block, block_results(block))
-            with open_sweep(path) as dataset:
-                assert int((dataset["status"] != Status.PENDING).sum()) == 2 * count
-        store.finish()
-    with open_sweep(path) as dataset:
-        assert int((dataset["status"] != Status.PENDING).sum()) == 12
-
-
 def test_a_block_that_does_not_fit_is_not_written(tmp_path):
     block = (slice(0, 1), slice(0, 2))
     with begun(tmp_path / "out.h5", schema()) as (store, _):
