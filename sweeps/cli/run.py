@@ -78,7 +78,8 @@ def run_command(
     quiet: bool = flag("--quiet", "Print nothing but errors."),
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
-    from sweeps.store import check_output, refuse_columns
+    from sweeps.store.paths import check_output
+    from sweeps.store.schema import refuse_columns
 
     existing = existing_output(resume, overwrite)
     loaded = []
@@ -112,8 +113,9 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
     The configuration of a sweep file has that file as its output. The overrides are those of
     `sweeps.load_config`.
     """
-    from sweeps.config.loading import load_config, stored_config
-    from sweeps.store import columns_of, is_sweep
+    from sweeps.config.loading import load_config, parse_config
+    from sweeps.store.paths import is_sweep
+    from sweeps.store.variables import columns_of
 
     if not is_sweep(path):
         if path.suffix == ".h5" and path.is_file():
@@ -122,11 +124,11 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
             )
         with raised_at_once():  # reading from a pipe may never end
             return load_config(path, overrides)
-    from sweeps.store import open_sweep  # it imports xarray, which is slow
+    from sweeps.store.xarray_engine import open_sweep  # it imports xarray, which is slow
 
     with open_sweep(path, verify=False) as dataset:
-        text, table = dataset.attrs["configuration"], columns_of(dataset) or None
-    config = stored_config(text, f"{path}, its configuration", path.stem, table, overrides)
+        text, table = dataset.attrs["configuration"], columns_of(dataset)
+    config = parse_config(text, f"{path}, its configuration", path.stem, overrides, table)
     if any(override.partition("=")[0].strip() == "output" for override in overrides):
         return config
     return config.model_copy(update={"output": path})
@@ -227,7 +229,8 @@ def _configuration(source: Path | None) -> SweepConfig:
     """Read the configuration to show; a sweep file is verified completely, as for a picture."""
     from sweeps.config import scenes
     from sweeps.config.loading import parse_config
-    from sweeps.store import is_sweep, open_sweep
+    from sweeps.store.paths import is_sweep
+    from sweeps.store.xarray_engine import open_sweep
 
     if source is None:
         return parse_config(scenes()["quickstart"], "quickstart", "quickstart")

@@ -3,8 +3,8 @@
 ``values.py`` defines the forms of a value, ``points.py`` the table of points, ``groups.py`` the
 groups of keys, each key checked on its own, ``rig.py`` the group of a rig, and ``sweep.py`` the
 whole configuration, with the `Sweep` that it computes and the schema for editors. ``loading.py``
-reads the YAML; ``checks.py`` checks keys together, and completes the defaults that depend on
-several of them. ``messages.py`` writes the errors and knows synonyms of the keys.
+reads the YAML, writes the errors and knows synonyms of the keys; ``checks.py`` checks keys
+together, and completes the defaults that depend on several of them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Reading a configuration file, with the line of every key.
+"""Reading a configuration file, with the line of every key, and the messages of its errors.
 
 Each error names the file, the line, the key, the given value and the allowed values.
 """
@@ -6,30 +6,23 @@ Each error names the file, the line, the key, the given value and the allowed va
 from __future__ import annotations
 
 import codecs
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import yaml
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from sweeps.config.checks import conflicts, with_defaults
-from sweeps.config.groups import key_list
-from sweeps.config.messages import (
-    as_typed,
-    conflict_at,
-    dotted,
-    explained,
-    source_of,
-    without_misspelt,
-)
+from sweeps.config.groups import RecordConfig, TrajectoryConfig, key_list
 from sweeps.config.points import read_points
 from sweeps.config.rig import made_of_rig
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import MOST_VALUES, ConflictError, Key, null
+from sweeps.config.values import MOST_VALUES, ConflictError, Group, Key, Range, null
 from sweeps.errors import ConfigError
-from sweeps.text import missing_text, shortened, shown_count
+from sweeps.text import missing_text, near_miss, shortened, shown_count, suggestion
 from sweeps.yaml_text import DEEPEST, yaml_node
 from vibroimpact import inputs
 
@@ -77,7 +70,8 @@ def load_config(
             str(key): value if key == "points" else _without_numpy(value)
             for key, value in source.items()
         }
-        return _configuration(data, "the configuration", {}, overrides)
+        origin = "the configuration"
+        return _configuration(data, origin, {(): origin}, overrides)
     try:
         path = Path(source)
     except TypeError:
@@ -86,32 +80,24 @@ def load_config(
     return parse_config(_text(path), str(path), path.stem, overrides)
 
 
-def parse_config(text: str, origin: str, name: str, overrides: Sequence[str] = ()) -> SweepConfig:
-    """Read the configuration of a sweep from YAML text, as `load_config` does from a file.
-
-    `origin` tells errors where the text comes from. `name` is the name of the sweep if the text
-    gives none.
-    """
-    data, sources = _parse(text, origin)
-    return _configuration({"name": name, **data}, origin, sources, overrides)
-
-
-def stored_config(
+def parse_config(
     text: str,
     origin: str,
     name: str,
-    points: Mapping[str, np.ndarray] | None = None,
     overrides: Sequence[str] = (),
+    table: Mapping[str, np.ndarray] | None = None,
 ) -> SweepConfig:
-    """Read the configuration in a sweep file, which stores its table of `points` apart from it.
+    """Read the configuration of a sweep from YAML text, as `load_config` does from a file.
 
-    Columns of the model that were made from those of a rig are left out.
+    `origin` tells errors where the text comes from. `name` is the name of the sweep if the text
+    gives none. A sweep file stores its `table` of points apart from the text, with columns of the
+    model that were made from those of a rig; these are left out.
     """
     data, sources = _parse(text, origin)
-    if points is not None:
-        made = made_of_rig(points, data["rig"]) if "rig" in data else set()
-        points = {key: values for key, values in points.items() if key not in made}
-    return _configuration({"name": name, "points": points, **data}, origin, sources, overrides)
+    if table:
+        made = made_of_rig(table, data["rig"]) if "rig" in data else set()
+        data = {"points": {key: table[key] for key in table if key not in made}, **data}
+    return _configuration({"name": name, **data}, origin, sources, overrides)
 
 
 def _configuration(
@@ -124,7 +110,7 @@ def _configuration(
         )
     overridden = [_override(data, override, sources) for override in overrides]
     if null(data.get("points")) is not None:
-        source = source_of(("points",), sources, origin)
+        source = _source_of(("points",), sources)
         try:  # the path of a table given by an override is relative to the working folder
             folder = Path() if ("points",) in overridden else Path(origin).parent
             of_rig = null(data.get("rig")) is not None
@@ -133,14 +119,14 @@ def _configuration(
             raise ConfigError(f"{source}: points: {error}") from None
     try:
         config = SweepConfig.model_validate(data)
-        if problems := [conflict_at(conflict, sources, origin) for conflict in conflicts(config)]:
+        if problems := [_conflict_at(conflict, sources) for conflict in conflicts(config)]:
             raise ConfigError("\n".join(problems))
         return with_defaults(config)
     except ConflictError as conflict:
-        raise ConfigError(conflict_at(conflict, sources, origin)) from None
+        raise ConfigError(_conflict_at(conflict, sources)) from None
     except ValidationError as refusal:
-        errors = without_misspelt(refusal.errors())
-        texts = [explained(error, data, sources, origin) for error in errors[:_MOST_ERRORS]]
+        errors = _without_misspelt(refusal.errors())
+        texts = [_explained(error, data, sources) for error in errors[:_MOST_ERRORS]]
         if (more := len(errors) - _MOST_ERRORS) > 0:
             texts.append(f"{origin}: and {shown_count(more, 'error')} more")
         raise ConfigError("\n".join(texts)) from None
@@ -192,7 +178,7 @@ def _parse(text: str, origin: str, key: Key = ()) -> tuple[Any, dict[Key, str]]:
 
     data = "" if node is None else _tree(node, line_of, key, sources)
     if not key and not isinstance(data, dict):
-        content = as_typed(data) if data else "empty"
+        content = _as_typed(data) if data else "empty"
         raise ConfigError(f"{origin}: the file is {content}; expected: {key_list(SweepConfig)}")
     return data, sources
 
@@ -220,7 +206,7 @@ def _tree(
         child = (*key, name)
         if name in mapping:
             raise ConfigError(
-                f"{here}: {dotted(child)} is given twice, first in {sources[child]}; "
+                f"{here}: {_dotted(child)} is given twice, first in {sources[child]}; "
                 "each key is allowed once"
             )
         sources[child] = here
@@ -241,11 +227,188 @@ def _override(data: dict[str, Any], override: object, sources: dict[Key, str]) -
         target = target.setdefault(part, {})
         if not isinstance(target, dict):
             raise ConfigError(
-                f"{origin}: {dotted(key[:depth])} = {as_typed(target)} has no keys; "
-                f"set {dotted(key[:depth])} as a whole"
+                f"{origin}: {_dotted(key[:depth])} = {_as_typed(target)} has no keys; "
+                f"set {_dotted(key[:depth])} as a whole"
             )
     for replaced in [old for old in sources if old[: len(key)] == key]:
         del sources[replaced]
     sources[key] = origin
     target[key[-1]], _ = _parse(value, origin, key)
     return key
+
+
+# The messages of errors: the place, what was typed, what is allowed
+
+
+def _without_misspelt(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
+    """Remove the errors about a missing key that is only misspelt, which has its own error."""
+    unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
+    replaced = {(*loc[:-1], _meant(str(loc[-1]), _located(loc)[1].model_fields)) for loc in unknown}
+    return [error for error in errors if error["type"] != "missing" or error["loc"] not in replaced]
+
+
+def _keys_elsewhere() -> Iterator[str]:
+    """Yield every key of the configuration as dotted text, except the keys of ranges."""
+    # If two keys share a name, `_meant` suggests the last one: so the names of units come first.
+    for name, field in sorted(
+        SweepConfig.model_fields.items(), key=lambda item: item[0] != "units"
+    ):
+        yield name
+        group = _group_of(field.annotation)
+        yield from (f"{name}.{key}" for key in (group.model_fields if group else ()))
+
+
+def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str]) -> str:
+    """Write a pydantic error in one line: the place, the given value and the allowed values."""
+    reason = error.get("ctx", {}).get("error")
+    if isinstance(reason, ConflictError):
+        return _conflict_at(reason, sources)
+    key, group, expected = _located(error["loc"])
+    where = f"{_source_of(key, sources)}: "
+    if error["type"] == "missing":
+        return f"{where}{_dotted(key)} is missing; expected: {expected}"
+    if error["type"] == "extra_forbidden":
+        name = str(key[-1])
+        hint = suggestion(_meant(name, group.model_fields, _keys_elsewhere()))
+        if name.isdecimal():  # {h: 0,1} is read as {h: 0, 1: }
+            hint = " (a number has a decimal point, no comma)"
+        return f"{where}unknown key {_dotted(key)}{hint}; expected: {key_list(group)}"
+    typed = f"{_dotted(key)} = {_as_typed(_value_at(data, key, error['input']))}"
+    return f"{where}{typed} {reason or 'is not allowed'}; expected: {expected}"
+
+
+def _conflict_at(conflict: ConflictError, sources: Mapping[Key, str]) -> str:
+    """Write the conflict of a value with another one in one line: the place and the problem."""
+    return f"{_source_of(conflict.key, sources)}: {_dotted(conflict.key)}: {conflict}"
+
+
+def _located(loc: Key) -> tuple[Key, type[Group], str]:
+    """Return the key at pydantic's `loc`, its group, and the description of its valid values."""
+    key: list[str | int] = []
+    group: type[Group] = SweepConfig
+    nested: type[Group] | None = SweepConfig
+    expected = ""
+    for part in loc:
+        if isinstance(part, int):
+            key.append(part)
+        elif nested is None:
+            # This part is not a key: for a value of several forms, pydantic adds the form (`form`).
+            nested = TrajectoryConfig if group is RecordConfig else Range
+        else:
+            key.append(part)
+            group = nested
+            field = group.model_fields.get(part)
+            expected = field.description or "" if field else ""
+            nested = _group_of(field.annotation if field else None)
+    return tuple(key), group, expected
+
+
+def _group_of(kind: Any) -> type[Group] | None:
+    """Return the type of group that a field holds, also if it may be null; else None."""
+    kinds = (kind, *get_args(kind))
+    return next((k for k in kinds if isinstance(k, type) and issubclass(k, Group)), None)
+
+
+def _value_at(data: Any, key: Key, otherwise: object) -> object:
+    """Return the value at `key` as typed, before any conversion; `otherwise` if there is none."""
+    for part in key:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return otherwise
+    return data
+
+
+def _source_of(key: Key, sources: Mapping[Key, str]) -> str:
+    """Return the origin of `key`, or of the closest group around it; () is the configuration."""
+    groups = (key[:length] for length in range(len(key), -1, -1))
+    return next(sources[group] for group in groups if group in sources)
+
+
+def _dotted(key: Key) -> str:
+    """Write a key as in an override, for example oscillator.h[2]; a long one is shortened."""
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part or '(nothing)'}" for part in key)
+    return shortened("".join(parts)[1:])
+
+
+def _as_typed(value: object) -> str:
+    """Write a value as it was typed; a long one is shortened."""
+    if isinstance(value, dict):
+        text = "{" + ", ".join(f"{name}: {_as_typed(item)}" for name, item in value.items()) + "}"
+    elif isinstance(value, (list, tuple)):
+        text = "[" + ", ".join(map(_as_typed, value)) + "]"
+    else:
+        text = value if isinstance(value, str) else inputs.input_text(value)
+        text = text or "(nothing)"
+    return shortened(text)
+
+
+#: Synonyms of each key: symbols of the literature and names in other programs.
+_OTHER_NAMES = {
+    "points": "table rows csv",
+    "oscillator": "parameters params system model",
+    "start": "initial initial_conditions initial_state ic",
+    "method": "numerics integration",
+    "record": "save store recording keep",
+    "follow": "continuation continue",
+    "output": "out file filename path hdf5",
+    "rig": "experiment apparatus si",
+    "mass": "m",
+    "stiffness": "k spring spring_constant",
+    "damping": "c damper h viscous damping_coefficient",
+    "force": "amplitude f force_amplitude forcing forcing_amplitude",
+    "frequency": "freq nu hertz hz omega forcing_frequency excitation_frequency",
+    "gap": "clearance sigma delta distance play backlash offset",
+    "h": "damping damping_ratio damping_coefficient zeta xi c friction viscous",
+    "R": "restitution coefficient_of_restitution restitution_coefficient cor e rebound",
+    "omega": "frequency freq forcing_frequency excitation_frequency angular_frequency w",
+    "f": "amplitude forcing_amplitude forcing force excitation f0",
+    "p": "eigenfrequency natural_frequency omega0 omega_0 omega_n stiffness k",
+    "clearance": "gap sigma delta distance play backlash offset wall barrier obstacle",
+    "a": "base base_amplitude eccentricity unbalance imbalance",
+    "base": "a base_amplitude shaker",
+    "x0": "x x_0 position displacement",
+    "v0": "v v_0 velocity speed",
+    "integrator": "scheme solver",
+    "impact": "rule impact_rule collision",
+    "steps_per_period": "steps step time_step timestep dt",
+    "longest": "max_transient maximum",
+    "transient": "transients skip discard warmup burn_in",
+    "periods": "cycles n_periods duration",
+    "trajectory": "time_series samples",
+    "diagnostics": "quantities compute",
+    "axis": "parameter along",
+    "num": "n count number points steps",
+    "step": "size increment by delta",
+    "spacing": "scale",
+}
+#: Synonyms of `start` and `stop` in a range; elsewhere these words have other meanings.
+_OTHER_ENDS = {"start": "from min low lower begin first", "stop": "to max high upper end last"}
+
+
+def _meant(name: str, valid: Collection[str], elsewhere: Iterable[str] = ()) -> str | None:
+    """Return the key probably meant by a name that is not a key, or None.
+
+    The first match counts: a key of `valid` that equals the name except for case, or has it as a
+    synonym; a key of `valid` that differs in a letter or so; a key of `elsewhere` (dotted) that
+    matches exactly or by synonym; the most similar key of `valid`.
+    """
+    folded = name.casefold().replace("-", "_").replace(" ", "_")
+    ends = _OTHER_ENDS if {"start", "stop", "num"} <= {*valid} else {}
+    here = _by_words({key: key for key in valid}, _OTHER_NAMES | ends)
+    last = {key.rpartition(".")[2]: key for key in elsewhere}
+    return (
+        here.get(folded)
+        or near_miss(name, valid, least=0.85)
+        or _by_words(last, _OTHER_NAMES).get(folded)
+        or near_miss(name, valid)
+    )
+
+
+def _by_words(keys: Mapping[str, str], other_names: Mapping[str, str]) -> dict[str, str]:
+    """Return the values of `keys` by each word for a key: its name without case, its synonyms."""
+    return {
+        word: value
+        for key, value in keys.items()
+        for word in (key.casefold(), *other_names.get(key, "").split())
+    }

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS, STARTS
-from sweeps.config.loading import stored_config
+from sweeps.config.loading import parse_config
 from sweeps.config.rig import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
@@ -99,7 +99,7 @@ class OpenedSweep:
         if self.of is not None:
             return self.of.config
         text, table = self.attrs["configuration"], self.columns
-        return _parsed(text) if not table else stored_config(text, *_SOURCE, table)
+        return parse_config(text, *_SOURCE, table=table) if table else _parsed(text)
 
     @property
     def spec(self) -> RunSpec:
@@ -348,7 +348,7 @@ _SOURCE = ("its configuration", "sweep")
 @lru_cache(maxsize=8)
 def _parsed(configuration: str) -> SweepConfig:
     """Parse the configuration of a file; a user's Dataset is opened for each of its pictures."""
-    return stored_config(configuration, *_SOURCE)
+    return parse_config(configuration, *_SOURCE)
 
 
 def headed(name: str, variable: xr.DataArray) -> str:
