@@ -12,18 +12,11 @@ import numpy as np
 
 from sweeps.config.rig import RigConfig
 from sweeps.errors import Failed, StoreError
-from sweeps.store import (
-    DIRECTION,
-    SCHEMA,
-    VARIABLES,
-    columns_of,
-    identity,
-    is_sweep,
-    kept_points,
-    parts_path,
-    per_point,
-)
-from sweeps.store.variables import unit_in
+from sweeps.store.complete_file import per_point
+from sweeps.store.parts import kept_points
+from sweeps.store.paths import SCHEMA, is_sweep, parts_path
+from sweeps.store.replacing import identity
+from sweeps.store.variables import DIRECTION, VARIABLES, columns_of, unit_in
 from sweeps.text import fewest_digits, shown_bytes, shown_count, shown_duration, shown_range, table
 from sweeps.yaml_text import yaml_mapping
 from vibroimpact.oscillator import PARAMETERS

@@ -17,7 +17,7 @@ from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.grid import TABLE
 from sweeps.opened.motions import run_on
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection, headed
-from sweeps.store import DIRECTION
+from sweeps.store.variables import DIRECTION
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.points.regimes import Label, Regime, rest_of
 from vibroimpact.points.stages import RunSpec

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep
-from sweeps.store import DIRECTION
+from sweeps.store.variables import DIRECTION
 from sweeps.text import command, fewest_digits, shown_count, shown_range, table
 from vibroimpact.points.regimes import Label
 

@@ -237,7 +237,7 @@ def opened_in_si(file: Path, *, verify: bool = True) -> Iterator[OpenedSweep]:
 def opened_sweep(file: Path, *, verify: bool = True) -> xr.Dataset:
     """Open the file of a sweep; if it is missing, say what the configuration of its name writes."""
     from sweeps.errors import StoreError
-    from sweeps.store import open_sweep
+    from sweeps.store.xarray_engine import open_sweep
 
     try:
         return open_sweep(file, verify=verify)
@@ -250,7 +250,7 @@ def _written_instead(file: Path) -> str:
     """Return a hint at the output of the configuration that has the name of a missing file."""
     from sweeps.config.loading import load_config
     from sweeps.errors import ConfigError
-    from sweeps.store import is_sweep
+    from sweeps.store.paths import is_sweep
 
     for config in (file.with_suffix(ending) for ending in (".yaml", ".yml")):
         if config.is_file():

@@ -80,7 +80,7 @@ def zoom_command(
     from sweeps.plotting.contents import with_coordinate
     from sweeps.plotting.page import Page
     from sweeps.plotting.saving import check_picture
-    from sweeps.store import check_output
+    from sweeps.store.paths import check_output
 
     existing = existing_output(resume, overwrite)
     limits = dict(map(_piece, pieces))

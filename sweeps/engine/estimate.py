@@ -14,7 +14,8 @@ from sweeps.engine.cluster import ClusterComputer
 from sweeps.engine.executors import LocalComputer, compute, in_thread
 from sweeps.errors import StoreError
 from sweeps.grid import Cost, Sweep
-from sweeps.store import bytes_per_point, check_room, held_variables
+from sweeps.store.paths import check_room
+from sweeps.store.variables import bytes_per_point, held_variables
 from sweeps.text import shown_bytes, shown_count
 from vibroimpact.jit import ALL_THREADS, WAY
 from vibroimpact.jit.cache import cache_folder

@@ -26,7 +26,8 @@ from sweeps.errors import Refused
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
 from sweeps.reports import plan
-from sweeps.store import Schema, refuse_columns, sweep_writer
+from sweeps.store.schema import Schema, refuse_columns
+from sweeps.store.writer import sweep_writer
 from sweeps.text import printable
 from vibroimpact.inputs import FLAG, PATH, Allowed, integer
 from vibroimpact.jit import ALL_THREADS, COMPILING, called_before_passes, watched

@@ -47,7 +47,7 @@ from sweeps.plotting.style import (
     WHITE,
     shades,
 )
-from sweeps.store import bytes_per_point
+from sweeps.store.variables import bytes_per_point
 from vibroimpact.points.regimes import has_result, shown_in_part
 from vibroimpact.status import Status
 

@@ -21,8 +21,8 @@ from sweeps.config.rig import MASS, QUANTITIES, Nomenclature
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.store import DIRECTION, VARIABLES, open_sweep
-from sweeps.store.variables import COLUMN_NAMES
+from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES
+from sweeps.store.xarray_engine import open_sweep
 from vibroimpact.inputs import Allowed, input_text, integer, is_number, number, of_python
 from vibroimpact.oscillator import PARAMETERS, Parameter
 

@@ -17,9 +17,8 @@ import xarray as xr
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, in_parts
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.store import VARIABLES
 from sweeps.store.replacing import writing
-from sweeps.store.variables import FLAGS
+from sweeps.store.variables import FLAGS, VARIABLES
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -18,7 +18,7 @@ from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
 from sweeps.plotting.page import PAGE, PICTURE_ARGUMENTS, Page
 from sweeps.plotting.saving import ANIMATED, check_picture, description, save
 from sweeps.plotting.style import user_style
-from sweeps.store import DIRECTION
+from sweeps.store.variables import DIRECTION
 from sweeps.text import choice_of, listed, near_miss, suggestion
 from vibroimpact.inputs import PATH, TEXT
 

@@ -43,7 +43,7 @@ from sweeps.plotting.marks import edge_of, mark_some, mark_status, marker_size, 
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import PARTIAL, Look, ground, ink
-from sweeps.store import DIRECTION
+from sweeps.store.variables import DIRECTION
 from sweeps.text import choice_of, fewest_digits, listed, shown_count
 from vibroimpact.points.regimes import NO_CLASS, Regime
 

@@ -52,7 +52,7 @@ from sweeps.plotting.style import (
     legible,
     visible,
 )
-from sweeps.store import DIRECTION
+from sweeps.store.variables import DIRECTION
 from vibroimpact.points.regimes import Regime, has_result
 from vibroimpact.status import Status
 

@@ -15,8 +15,7 @@ from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.store import DIRECTION, VARIABLES
-from sweeps.store.variables import description_in
+from sweeps.store.variables import DIRECTION, VARIABLES, description_in
 from sweeps.text import choice_of, listed, near_miss, suggestion
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import has_result

@@ -46,8 +46,7 @@ from sweeps.plotting.style import (
     ink,
     visible,
 )
-from sweeps.store import DIRECTION
-from sweeps.store.variables import FLAGS
+from sweeps.store.variables import DIRECTION, FLAGS
 from sweeps.text import listed
 from vibroimpact.points.regimes import NO_CLASS, has_result
 

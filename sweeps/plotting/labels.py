@@ -19,7 +19,7 @@ from sweeps.config.rig import Nomenclature
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.store import DIRECTION, VARIABLES
+from sweeps.store.variables import DIRECTION, VARIABLES
 from sweeps.text import near_miss, shown_count, suggestion, unit_name
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status

@@ -32,7 +32,7 @@ from sweeps.plotting.looks import Cells
 from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import BOTH_COLOUR, VERMILION, Look, data_colour, ink, visible
-from sweeps.store import DIRECTION
+from sweeps.store.variables import DIRECTION
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Label, Regime, has_result
 

@@ -5,7 +5,7 @@ import xarray as xr
 from matplotlib.colors import to_hex
 
 from sweeps import load_config
-from sweeps.store import VARIABLES
+from sweeps.store.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Evidence, Status
 

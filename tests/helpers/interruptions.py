@@ -21,7 +21,7 @@ from pathlib import Path
 
 from sweeps import open_sweep
 from sweeps.interrupts import SIGNALS
-from sweeps.store import kept_points
+from sweeps.store.parts import kept_points
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
 from vibroimpact.status import Status

@@ -94,7 +94,7 @@ def open_files():
 
 def wait_after_one_block():
     """Let a run write one block, and then wait for longer than any test."""
-    from sweeps.store import SweepWriter
+    from sweeps.store.writer import SweepWriter
 
     write = SweepWriter.write
 

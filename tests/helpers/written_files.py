@@ -8,7 +8,9 @@ import numpy as np
 from sweeps import load_config, open_sweep
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid, Sweep, block_points
-from sweeps.store import VARIABLES, Schema, sweep_writer
+from sweeps.store.schema import Schema
+from sweeps.store.variables import VARIABLES
+from sweeps.store.writer import sweep_writer
 from vibroimpact.points.stages import RunSpec
 
 CONFIGURATION = "oscillator: {h: 0.1}\n"

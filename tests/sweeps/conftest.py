@@ -13,7 +13,7 @@ from matplotlib.mathtext import MathTextParser
 
 from sweeps import open_sweep
 from sweeps.attractor.integrity import Knock
-from sweeps.store import SweepWriter
+from sweeps.store.writer import SweepWriter
 from tests.helpers.clusters import WORKERS
 from tests.helpers.commands import SMALL
 from tests.helpers.configurations import OVER_STARTS

@@ -12,7 +12,7 @@ import xarray as xr
 import sweeps
 from sweeps.engine import executors
 from sweeps.plotting import section
-from sweeps.store import VARIABLES
+from sweeps.store.variables import VARIABLES
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.places import ROOT
 from vibroimpact.oscillator import PARAMETERS

@@ -13,7 +13,7 @@ import pytest
 
 from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError, StoreError
-from sweeps.store import open_sweep
+from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.commands import SMALL, accepted, call
 from tests.helpers.odd_inputs import BASES, ENVIRONMENTS, FULL, mutated
 from tests.helpers.places import ROOT

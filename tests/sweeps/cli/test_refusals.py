@@ -14,7 +14,7 @@ import pytest
 from sweeps import interrupts, run_sweep
 from sweeps.errors import Refused
 from sweeps.interrupts import Cancelled
-from sweeps.store import SweepWriter
+from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.places import ROOT
 

@@ -19,7 +19,8 @@ from sweeps.engine.estimate import block_size
 from sweeps.engine.executors import compute_block
 from sweeps.engine.sweep_run import run_sweep
 from sweeps.errors import Failed, Refused
-from sweeps.store import SweepWriter, open_sweep
+from sweeps.store.writer import SweepWriter
+from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.clusters import CLUSTERED as CONFIG
 from tests.helpers.clusters import WORKERS, assert_same_bits, refused_run
 from tests.helpers.commands import call

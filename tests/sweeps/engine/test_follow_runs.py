@@ -17,7 +17,7 @@ from sweeps.engine.estimate import block_size, expected_cost
 from sweeps.engine.executors import compute, compute_block
 from sweeps.errors import Failed, StoreError
 from sweeps.interrupts import this_thread
-from sweeps.store import SweepWriter
+from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import call
 from tests.helpers.configurations import configured, full_block
 from tests.helpers.sweep_files import data, run_and_read

@@ -22,7 +22,7 @@ import xarray as xr
 from sweeps import interrupts, open_sweep, run_sweep
 from sweeps.cli.__main__ import NOTED
 from sweeps.config.loading import load_config
-from sweeps.store import SweepWriter
+from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import call
 from tests.helpers.interruptions import (
     ANSWERED,

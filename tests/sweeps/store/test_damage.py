@@ -15,7 +15,8 @@ import pytest
 import xarray as xr
 
 from sweeps.errors import StoreError
-from sweeps.store import VARIABLES, open_sweep
+from sweeps.store.variables import VARIABLES
+from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.commands import SMALL, accepted, call
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import GRID, fill_blocks

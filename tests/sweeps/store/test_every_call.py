@@ -22,7 +22,8 @@ import xarray as xr
 from sweeps import open_sweep
 from sweeps.errors import Failed, StoreError, SweepError
 from sweeps.reports import kept_text
-from sweeps.store import kept_points, writer
+from sweeps.store import writer
+from sweeps.store.parts import kept_points
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import (
     FOUR_BLOCKS,

@@ -24,7 +24,9 @@ import xarray as xr
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import estimate
 from sweeps.errors import Failed, StoreError, SweepError
-from sweeps.store import SweepWriter, check_output, complete_file
+from sweeps.store import complete_file
+from sweeps.store.paths import check_output
+from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import begun, block_results, contents, fill_blocks, schema

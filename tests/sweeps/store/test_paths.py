@@ -20,8 +20,9 @@ from filelock import FileLock, Timeout
 from matplotlib.backend_bases import FigureCanvasBase
 
 from sweeps.errors import StoreError
-from sweeps.store import check_output, check_room, open_sweep, sweep_writer
-from sweeps.store.paths import FORMAT, FORMAT_VERSION
+from sweeps.store.paths import FORMAT, FORMAT_VERSION, check_output, check_room
+from sweeps.store.writer import sweep_writer
+from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.commands import accepted, call
 from tests.helpers.places import ROOT
 from tests.helpers.written_files import contents, fill_blocks
@@ -254,7 +255,7 @@ CONTAINER = ["unshare", "-U", "--map-root-user", "-p", "-f", "--kill-child", "--
 def holder(path, first="", launcher=()):
     """Hold the lock of `path` in another process; it prints a line when it has it."""
     code = first + (
-        "import sys, time; from pathlib import Path; from sweeps.store import sweep_writer\n"
+        "import sys, time; from pathlib import Path; from sweeps.store.writer import sweep_writer\n"
         "with sweep_writer(Path(sys.argv[1])):\n"
         "    print('held', flush=True); time.sleep(1000)\n"
     )
@@ -357,8 +358,8 @@ def test_the_lock_of_a_host_with_a_long_name_is_known(monkeypatch):
 def test_a_complete_file_is_read_where_no_file_can_be_locked():
     fill_blocks("out.h5")
     code = (
-        "from pathlib import Path; from sweeps.store import open_sweep, per_point\n"
-        "from sweeps.store.complete_file import schema_of\n"
+        "from pathlib import Path; from sweeps.store.xarray_engine import open_sweep\n"
+        "from sweeps.store.complete_file import per_point, schema_of\n"
         "open_sweep('out.h5').load(); per_point(Path('out.h5'), ['status'])\n"
         "schema_of(Path('out.h5'))"
     )

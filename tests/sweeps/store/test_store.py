@@ -12,8 +12,8 @@ import xarray as xr
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid
 from sweeps.reports import status_counts
-from sweeps.store import VARIABLES, open_sweep
-from sweeps.store.variables import held_variables
+from sweeps.store.variables import VARIABLES, held_variables
+from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.written_files import (
     CONFIGURATION,
     GRID,
