@@ -48,7 +48,7 @@ def _save(csv: Path | None, rows: Any, output: Path, draw: Callable, *measured: 
     save_chart(output, draw, *measured)
     say(output)
     if csv is not None:
-        write_csv(csv, rows)
+        write_csv(csv, [rows])
         say(csv)
 
 
@@ -117,7 +117,7 @@ def speed(
     json: Path | None = new_file("--json", ".json", "JSON file", "Write a .json file, too."),
     fail_below: float | None = numeric(
         "--fail-below",
-        number(lambda given: 0.0 < given <= 1.0, "a number above 0, at most 1, as 0.05"),
+        number(lambda share: 0.0 < share <= 1.0, "a number above 0, at most 1, as 0.05"),
         "Exit with 1 if the geometric mean of the shares of the peak is below SHARE.",
         "SHARE",
     ),

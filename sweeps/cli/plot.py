@@ -303,7 +303,7 @@ def draw_picture(
     if csv is not None and table is not None:
         from sweeps.opened.tables import write_csv
 
-        write_csv(csv, table)
+        write_csv(csv, [table])
         say(csv)
     say(written)
 

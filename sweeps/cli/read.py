@@ -104,7 +104,7 @@ def _show_attractors(
         else:
             say(text.attractor_report(part, result, table))
         if csv is not None:
-            write_csv(csv, text.attractor_frame(table))
+            write_csv(csv, [text.attractor_frame(table)])
             say(csv, error=json)
 
 
@@ -138,13 +138,12 @@ def info_command(
         elif config:
             _show_configuration(sweep)
         else:
-            from sweeps.opened.tables import json_text
-            from sweeps.reports import contents, contents_by_key
+            from sweeps.opened.tables import contents, contents_by_key, json_text
 
             if json:
-                say(json_text(contents_by_key(sweep.data)))
+                say(json_text(contents_by_key(sweep)))
             else:
-                say(contents(sweep.data), end=False)
+                say(contents(sweep), end=False)
 
 
 def _show_configuration(sweep: OpenedSweep) -> None:
@@ -192,7 +191,7 @@ def _show_bifurcations(
     for note in notes:
         say(note, error=json)
     if csv is not None:
-        write_csv(csv, listed)
+        write_csv(csv, [listed])
         say(csv, error=json)
 
 
@@ -201,14 +200,14 @@ def compare_command(
     second: Path = argument("OTHER.h5", "The file of another sweep."),
     rtol: float = numeric(
         "--rtol",
-        number(lambda given: 0.0 <= given < 1.0, "a number from 0 to below 1, as 1e-9"),
+        number(lambda value: 0.0 <= value < 1.0, "a number from 0 to below 1, as 1e-9"),
         "Relative difference of two numbers that still counts as equal.",
         "NUMBER",
         0.0,
     ),
     atol: float = numeric(
         "--atol",
-        number(lambda given: given >= 0.0, "a number from 0, as 1e-9"),
+        number(lambda value: value >= 0.0, "a number from 0, as 1e-9"),
         "Difference of two numbers that still counts as equal, in addition to --rtol.",
         "NUMBER",
         0.0,

@@ -1,4 +1,4 @@
-"""Tables as CSV, and results as JSON."""
+"""The contents of a sweep as text, tables as CSV, and results as JSON."""
 
 from __future__ import annotations
 
@@ -6,19 +6,24 @@ import csv
 import json
 import math
 from collections.abc import Iterable, Mapping
-from io import TextIOWrapper
-from itertools import islice
+from itertools import chain, islice, repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
+from sweeps.config.rig import RigConfig
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, in_parts
 from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.reports import RESULTS, destinations_text, outcomes, shown_axis, status_counts
 from sweeps.store.replacing import writing
-from sweeps.store.variables import FLAGS, VARIABLES
+from sweeps.store.variables import FLAGS, VARIABLES, unit_in
+from sweeps.text import fewest_digits, shown_duration, table
+from sweeps.yaml_text import yaml_mapping
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.points.regimes import partition
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -80,10 +85,15 @@ def refuse_points(sweep: OpenedSweep, path: Path) -> None:
         )
 
 
-def write_csv(path: Path, frame: pd.DataFrame) -> None:
-    """Write a table to a CSV file with all digits, either whole or not at all."""
+def write_csv(path: Path, parts: Iterable[pd.DataFrame]) -> int:
+    """Write the parts of a table to a CSV file, all digits of them; return the number of rows."""
+    written = 0
     with writing(path, "table") as new:
-        _write_csv(new, [frame])
+        for i, part in enumerate(parts):
+            digits = float.__repr__  # all, whatever the print options of NumPy
+            part.to_csv(new, index=False, header=i == 0, float_format=digits, lineterminator="\n")
+            written += len(part)
+    return written
 
 
 def write_rows(sweep: OpenedSweep, path: Path, rows: str = "points") -> int:
@@ -99,20 +109,7 @@ def write_rows(sweep: OpenedSweep, path: Path, rows: str = "points") -> int:
     data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
     size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
     parts = (_frame(sweep.over(part), ROWS[rows]) for part, _ in in_parts(data, size))
-    with writing(path, "table") as new:
-        return _write_csv(new, parts)
-
-
-def _write_csv(new: BinaryIO, parts: Iterable[pd.DataFrame]) -> int:
-    """Write the parts of a table as CSV; return the number of rows."""
-    digits = float.__repr__  # all digits, whatever the print options of NumPy
-    written = 0
-    file = TextIOWrapper(new, encoding="utf-8", newline="")
-    for i, part in enumerate(parts):
-        part.to_csv(file, index=False, header=i == 0, float_format=digits, lineterminator="\n")
-        written += len(part)
-    file.detach()  # the draft stays open
-    return written
+    return write_csv(path, parts)
 
 
 def _records(sweep: OpenedSweep, rows: str) -> xr.Dataset:
@@ -157,6 +154,93 @@ def _frame(part: OpenedSweep, dimension: str | None) -> pd.DataFrame:
     columns = [name for name in about if data[name].dims]  # of a table
     frame = data[results].to_dataframe(dim_order=dims).reset_index().dropna(subset=results)
     return frame[[*dims[:-1], *columns, dimension, *results]]
+
+
+def contents(sweep: OpenedSweep) -> str:
+    """Describe a sweep: outcome, axes, variables, attributes and configuration."""
+    attributes = dict(sweep.attrs)
+    configuration = attributes.pop("configuration")
+    impact = str(yaml_mapping(attributes.pop("computation"), "the computation").get("impact"))
+    attributes.pop("columns", None)  # shown in another form
+    results = sweep.values((*RESULTS, "omega"))
+    classes = destinations_text(results, results["omega"], sweep.sizes["section"])
+    axes = {axis: sweep[axis].values for axis in sweep.grid}
+    rig = [name for name in RigConfig.model_fields if name in sweep and not sweep[name].dims]
+    rows = [
+        ("name", str(attributes.pop("name"))),
+        ("points", outcomes(results, impact)),
+        *zip(chain(["classes"], repeat("")), classes, strict=False),
+        *(
+            (kind, shown_axis(name, values, _unit(sweep, name)))
+            for kind, arrays in (("axis", axes), ("column", sweep.columns))
+            for name, values in arrays.items()
+        ),
+        *(
+            ("rig", f"{name} = {fewest_digits(sweep[name].item())}{_bracketed(sweep, name)}")
+            for name in rig
+            if "mass" in sweep
+        ),
+    ]
+    shapes = {name: f"{name} ({_sizes(sweep[name])})" for name in VARIABLES if name in sweep}
+    width = max(map(len, shapes.values()))
+    rows += [
+        ("variable", f"{shape:{width}}  {sweep[name].long_name}{_bracketed(sweep, name)}")
+        for name, shape in shapes.items()
+    ]
+    attributes["duration"] = shown_duration(float(attributes["duration"]))
+    rows += [(str(name), str(value)) for name, value in attributes.items()]
+    return f"{table(rows)}\n\n{configuration}"
+
+
+def contents_by_key(sweep: OpenedSweep) -> dict[str, Any]:
+    """Return the same for other programs: numbers, texts and mappings by the names of keys."""
+    attributes = dict(sweep.attrs)
+    configuration = attributes.pop("configuration")
+    classes = {}
+    if "class_evidence" in sweep:
+        classes = partition(sweep.regimes, *sweep.values(["orbit_distance"]).values())
+    return {
+        "name": attributes.pop("name"),
+        "points": sweep["status"].size,
+        "outcomes": {
+            status.name.lower().replace("_", "-"): number
+            for status, number in status_counts(sweep.values(["status"])).items()
+            if number
+        },
+        "classes": {word: int(mask.sum()) for word, mask in classes.items()},
+        "axes": {
+            axis: {"units": sweep[axis].attrs.get("units"), "values": sweep[axis].values}
+            for axis in sweep.grid
+        },
+        "columns": [*sweep.columns],
+        "variables": {
+            name: {
+                "dimensions": {str(dim): size for dim, size in sweep[name].sizes.items()},
+                "long_name": sweep[name].attrs["long_name"],
+                "units": sweep[name].attrs.get("units"),
+            }
+            for name in VARIABLES
+            if name in sweep
+        },
+        "attributes": attributes,
+        "configuration": yaml_mapping(configuration, "the configuration"),
+    }
+
+
+def _unit(sweep: OpenedSweep, name: str) -> str:
+    """Return the unit of a variable, in which a length or a time may have no name."""
+    about = PARAMETERS.get(name) or VARIABLES.get(name)
+    return sweep[name].attrs.get("units") or unit_in(sweep.attrs, about.unit if about else "1")
+
+
+def _bracketed(sweep: OpenedSweep, name: str) -> str:
+    """Return the unit of a variable after a space, in brackets; none for a pure number."""
+    unit = _unit(sweep, name)
+    return "" if unit == "1" else f" [{unit}]"
+
+
+def _sizes(variable: xr.DataArray) -> str:
+    return ", ".join(f"{name}: {size}" for name, size in variable.sizes.items())
 
 
 def json_text(value: object) -> str:

@@ -222,7 +222,7 @@ def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
         assert np.abs(flips - flip).min() < 1e-13
     for coordinate, record in (("poincare_v", "section"), ("impact_v", "impact")):
         path = tmp_path / f"{record}.csv"
-        write_csv(path, branch_table(found, coordinate))
+        write_csv(path, [branch_table(found, coordinate)])
         rows = pd.read_csv(path)
         assert len(rows) == np.isfinite(found[coordinate]).sum()
         on_one = rows[(rows["branch"] == 0) & rows["kind"].isna()]

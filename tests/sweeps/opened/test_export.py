@@ -30,10 +30,10 @@ class Failing:
 def test_a_table_is_written_whole_or_not_at_all():
     """A failure leaves the old file and no other."""
     path = Path("a.csv")
-    write_csv(path, pd.DataFrame([[1, 2.5], ["x, y", ""]], columns=["a", "b"]))
+    write_csv(path, [pd.DataFrame([[1, 2.5], ["x, y", ""]], columns=["a", "b"])])
     assert path.read_bytes() == b'a,b\n1,2.5\n"x, y",\n'
     with pytest.raises(Failed, match=r"a\.csv cannot be written: No space"):
-        write_csv(path, pd.DataFrame({"a": [1, Failing()], "b": 2}))
+        write_csv(path, [pd.DataFrame({"a": [1, Failing()], "b": 2})])
     assert path.read_bytes().startswith(b"a,b\n1,2.5\n")
     assert not list(Path().glob(".*"))
 

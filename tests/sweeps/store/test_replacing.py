@@ -41,7 +41,7 @@ def test_a_link_put_in_the_place_of_a_draft_is_not_written():
     Path("victim").write_text("precious")
     for write in (
         lambda path: written(path),
-        lambda path: write_csv(path, pd.DataFrame({"x": [1.0]})),
+        lambda path: write_csv(path, [pd.DataFrame({"x": [1.0]})]),
         lambda path: save(Figure(), path),
         lambda path: fill_blocks(path, 0),
     ):
@@ -233,7 +233,7 @@ def test_a_full_disk_is_one_failure_that_says_so(ending):
     try:
         with pytest.raises(Failed, match=rf"^a\.{ending} cannot be written: File too large$"):
             if ending == "csv":
-                write_csv(Path("a.csv"), frame)
+                write_csv(Path("a.csv"), [frame])
             else:
                 save(figure, Path(f"a.{ending}"))
     finally:
