@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
+from sweeps.config.rig import Nomenclature
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import in_parts
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.schema import differing_keys
 from sweeps.store.variables import FLAGS, VARIABLES
 from sweeps.text import listed, shown_count, told_apart
-from vibroimpact.oscillator import PARAMETERS
 
 #: Most values of a variable of each sweep in memory.
 _VALUES_COMPARED = 1_000_000
@@ -153,12 +153,14 @@ def comparison_report(
     says what follows. Raises Refused as `differences` does.
     """
     results = list(differences(first, second, rtol, atol))
-    differing = [each for each in results if each.values]
     mine, theirs = (str(data.attrs["configuration"]) for data in (first, second))
     keys = differing_keys(mine, theirs, "{}: {} and {}")
-    lines = [_line(OpenedSweep(first), each) for each in differing]
+    differing = [each for each in results if each.values]
+    seen = OpenedSweep(first).config.nomenclature if differing else Nomenclature()
+    by_name = {seen.name(each.name): _line(first, seen, each) for each in differing}
+    lines = [*by_name.values()]
     if keys and not (rtol or atol):
-        keys, lines = _in_short(OpenedSweep(first), differing, keys)
+        keys, lines = _in_short(by_name, keys)
     for data, without, name in ((first, second, names[0]), (second, first, names[1])):
         missing = sorted({*data} - {*without}) + sorted({*data.coords} - {*without.coords})
         lines += [f"{variable}: only in {name}" for variable in missing]
@@ -174,41 +176,37 @@ def comparison_report(
     return f"{pair} are equal{within}: {len(results)} variables and coordinates", False
 
 
-def _in_short(
-    sweep: OpenedSweep, differing: Sequence[Difference], keys: Sequence[str]
-) -> tuple[list[str], list[str]]:
+def _in_short(lines: Mapping[str, str], keys: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the keys that are a cause, and a line on what follows, one variable of it in full."""
     causes = [key for key in keys if not key.startswith("method.steps_per_period")] or [*keys]
     chosen = [key.partition(":")[0] for key in keys if key not in causes]  # by another key
     changed = {key.partition(":")[0].rpartition(".")[2] for key in causes}
-    named = {sweep.config.nomenclature.name(each.name): each for each in differing}
-    results = {name: each for name, each in named.items() if name not in changed}
+    results = [name for name in lines if name not in changed]
     if not results:
         return causes, []
-    full = "poincare_x" if "poincare_x" in results else [*results][-1]
+    full = "poincare_x" if "poincare_x" in results else results[-1]
     others = chosen + [name for name in results if name != full]
     beside = f"; so {'do' if others[1:] else 'does'} {listed(others)}" if others else ""
-    return causes, [f"{_line(sweep, results[full])}{beside}"]
+    return causes, [f"{lines[full]}{beside}"]
 
 
-def _line(data: OpenedSweep, difference: Difference) -> str:
+def _line(sweep: xr.Dataset, seen: Nomenclature, difference: Difference) -> str:
     """Write how many values of a variable differ, the first ones, and the greatest difference."""
-    seen, name = data.config.nomenclature, difference.name
+    name, called = difference.name, seen.name(difference.name)
     here = [
-        f"{seen.name(axis)} = {_shown(seen.value(axis, data[axis].values[place]))}"
+        f"{seen.name(axis)} = {_shown(seen.value(axis, sweep[axis].values[place]))}"
         for axis, place in difference.at.items()
     ]
-    if name in data.data.coords:
-        called = seen.name(name) if name in PARAMETERS else name
+    if name in sweep.coords:
         where = f"{called}: {difference.values:,} of {difference.size:,} values differ"
         if difference.size == 1:
             where = f"{called}: differs"
-        if name in data.data.dims:
+        if name in sweep.dims:
             here = [f"number {1 + place}" for place in difference.at.values()]
     else:
-        points = shown_count(data["status"].size, "point")
+        points = shown_count(sweep["status"].size, "point")
         where = f"{name}: differs at {difference.points:,} of {points}"
-        if difference.size > data["status"].size:
+        if difference.size > sweep["status"].size:
             where += f" ({difference.values:,} of {difference.size:,} values)"
     first = f", first at {', '.join(here)}" if here else ""
     values = " and ".join(_values(name, difference.first))

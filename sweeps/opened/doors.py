@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -153,8 +152,6 @@ def _opened(dataset: object) -> OpenedSweep:
 
 #: Attribute that marks exact orbits over the axes of a rig.
 _IN_SI = "in_si"
-#: Finds the rig in a configuration without reading the table that may belong to it.
-_HAS_RIG = re.compile("^rig:", re.MULTILINE)
 
 
 def in_si(sweep: OpenedSweep) -> OpenedSweep:
@@ -163,8 +160,8 @@ def in_si(sweep: OpenedSweep) -> OpenedSweep:
     The axes are those of the rig; the parameters of the model stay as further coordinates. The
     results of the file are still read when they are used.
     """
-    may_have = not sweep.in_rig and _HAS_RIG.search(sweep.attrs["configuration"])
-    if not may_have or (rig := sweep.config.rig) is None:
+    rig = sweep.rig
+    if sweep.in_rig or rig is None:
         return sweep
     dataset, seen = sweep.data, Nomenclature(rig)
     mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)

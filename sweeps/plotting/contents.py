@@ -52,9 +52,8 @@ def _mean_force(sweep: OpenedSweep) -> xr.DataArray:
     """
     force = sweep["impulse"] * sweep["omega"] / (2.0 * np.pi)
     force = force.where(sweep["rest_fraction"] == 0.0).transpose(*sweep.grid)
-    in_si = sweep.nomenclature.in_si
-    meaning = "mean force on the stop" if in_si else "mean force on the stop per mass"
-    about = description_in(sweep.attrs, meaning, "N" if in_si else "length/time^2")
+    meaning = "mean force on the stop" if sweep.in_rig else "mean force on the stop per mass"
+    about = description_in(sweep.attrs, meaning, "N" if sweep.in_rig else "length/time^2")
     return force.assign_attrs(about, symbol=r"\overline{F}")
 
 
