@@ -42,19 +42,12 @@ def table_values(columns: Mapping[str, np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)  # arrays do not compare
 class Grid:
-    """The Cartesian product of the swept axes.
+    """The Cartesian product of the swept axes."""
 
-    Parameters
-    ----------
-    axes : mapping of str to ndarray
-        The swept parameters and their values, slowest first. For a table, only ``TABLE`` with a
-        structured array, which has a field for each parameter and each further column.
-    fixed : mapping of str to float
-        The value of every parameter that is not swept.
-    """
-
+    #: The swept parameters and their values, slowest first. For a table, only ``TABLE`` with a
+    #: structured array, which has a field for each parameter and each further column.
     axes: Mapping[str, np.ndarray]
-    fixed: Mapping[str, float]
+    fixed: Mapping[str, float]  # the value of every parameter that is not swept
 
     @property
     def swept(self) -> dict[str, np.ndarray]:

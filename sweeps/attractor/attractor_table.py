@@ -32,34 +32,18 @@ _EDGES = {"integrity_factor": "factor_at_edge", "local_integrity": "local_at_edg
 
 
 class AttractorRow(NamedTuple):
-    """One attractor at one parameter point.
+    """An attractor at a parameter point, numbered and classed as by `sweeps.attractors`."""
 
-    Attributes
-    ----------
-    parameters : mapping of str to float
-        The swept parameters at the parameter point.
-    number, m, q, regime, fraction
-        As in the dataset of `sweeps.attractors`, where the regime is called ``motion``.
-    speeds : ndarray, shape (q,)
-        The speed before each impact of a repetition, increasing [length/time].
-    states : ndarray, shape (m, 2)
-        x and v at the section.
-    point : int
-        Index in C order of a point of the file on the attractor, -1 for none.
-    measures : mapping of str to number
-        The variables that `sweeps.integrity` and `sweeps.knocks` add, if any.
-    """
-
-    parameters: Mapping[str, float]
+    parameters: Mapping[str, float]  # the swept parameters there
     number: int
     regime: Regime
     m: int
     q: int
     fraction: float
-    speeds: np.ndarray
-    states: np.ndarray
-    point: int = -1
-    measures: Mapping[str, Any] = MappingProxyType({})
+    speeds: np.ndarray  # before each impact of a repetition, increasing [length/time]; shape (q,)
+    states: np.ndarray  # x and v at the section, shape (m, 2)
+    point: int = -1  # index in C order of a point of the file on the attractor, -1 for none
+    measures: Mapping[str, Any] = MappingProxyType({})  # of `sweeps.integrity` and `sweeps.knocks`
 
     @property
     def name(self) -> str:
@@ -198,7 +182,7 @@ def attractor_report(
         share = 100.0 * float(unknown.mean())
         lines.append(f"{share:.1f} % of the starts are unknown, which is no attractor")
     if "integrity_factor" in result:
-        root = "" if "p" in sweep.parameters else ", p = sqrt(stiffness / mass)"
+        root = ", p = sqrt(stiffness / mass)" if sweep.in_rig else ""
         lines.append(
             f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = "
             f"{sweep.spec.phase:g}; >=: the window's edge decided"

@@ -154,17 +154,14 @@ def measures_of(
     beyond = np.maximum([x[0], v[0]] - states, states - [np.inf if at_stop else x[-1], v[-1]])
     if (beyond <= 0.5 * step).all():  # otherwise the start nearest to a state is not in the window
         outside = np.argwhere(~padded)
-        starts = np.stack([_widened(x)[outside[:, 0]], _widened(v)[outside[:, 1]]], axis=1)
+        # One more value at each end, at the same spacing.
+        wide = (np.pad(values, 1, "reflect", reflect_type="odd") for values in (x, v))
+        starts = np.stack([values[k] for values, k in zip(wide, outside.T, strict=True)], axis=1)
         apart, place = KDTree(starts * unit).query(states * unit)
         local, beside = apart.min(), outside[place[apart.argmin()]]
     ends: np.ndarray = np.stack([nearest[:, *disc], beside])  # outside starts that decided
     at_edge = np.any((ends < 1) | (ends > basin.shape), axis=1)
     return away[disc], x[disc[0] - 1], v[disc[1] - 1], at_edge[0], local, at_edge[1]
-
-
-def _widened(values: np.ndarray) -> np.ndarray:
-    """Return evenly spaced values with one more at each end."""
-    return np.array([2.0 * values[0] - values[1], *values, 2.0 * values[-1] - values[-2]])
 
 
 def refuse_unfit(sweep: OpenedSweep) -> None:

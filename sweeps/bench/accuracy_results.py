@@ -255,7 +255,7 @@ def _look(integrator: str, rule: str) -> dict[str, Any]:
 def _label_orders(panel: Axes, lines: pd.DataFrame) -> None:
     """Write orders at the fine ends of their lines, clear of one another and of points."""
     finest = lines.groupby(METHOD, sort=False).tail(1).dropna(subset="measured_order")
-    ends = [one for one in finest.itertuples() if (one.integrator, one.impact) in _LABELLED]
+    ends = [end for end in finest.itertuples() if (end.integrator, end.impact) in _LABELLED]
     ours = lines[lines["impact"].isin(list(RULES))]
     low, high = map(math.log10, panel.get_ylim())
     height = panel.bbox.height * 72.0 / panel.figure.dpi  # [pt]

@@ -90,7 +90,7 @@ QUANTITIES: Mapping[str, Quantity] = {
 #: The quantities of the rig that its configuration gives, by their own names.
 RIG_PARAMETERS: Mapping[str, Parameter] = {
     "mass": MASS,
-    **{one.name: one.description for own, one in QUANTITIES.items() if own in PARAMETERS},
+    **{of.name: of.description for key, of in QUANTITIES.items() if key in PARAMETERS},
 }
 
 

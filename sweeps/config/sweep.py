@@ -227,8 +227,8 @@ _COLUMNS: JsonSchema = {
     "propertyNames": {"pattern": COLUMN_NAME},
     "additionalProperties": {"type": "array", "minItems": 1, "items": {"type": _SCALAR}},
     "properties": {
-        name: {"type": "array", "minItems": 1, "items": number_schema(one)}
-        for name, one in PARAMETERS.items()
+        name: {"type": "array", "minItems": 1, "items": number_schema(parameter)}
+        for name, parameter in PARAMETERS.items()
     },
 }
 

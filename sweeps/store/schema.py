@@ -48,35 +48,18 @@ _CHUNK_VALUES = 1 << 17
 
 @dataclass(frozen=True)
 class Schema:
-    """The content of a sweep file, except its data.
+    """The content of a sweep file, except its data."""
 
-    Attributes
-    ----------
-    axes : mapping of str to ndarray
-        The leading dimensions of every result: the swept axes, preceded by ``direction`` if one of
-        them was followed up and down; or only ``TABLE``, a structured array.
-    fixed : mapping of str to float
-        The value of every parameter that is not swept.
-    records : mapping of str to ndarray
-        The record dimensions and their coordinates. The width of ``sample`` is final only in a
-        complete file.
-    variables : tuple of str
-        The names out of ``VARIABLES`` that the file holds, in that order.
-    blocks : sequence of Block
-        The blocks in which the points are computed and stored; empty in a complete file.
-    attributes : mapping of str to str or int
-        The attributes of the file, including the configuration.
-    column_units : mapping of str to str
-        The units of columns of the table; those without one have the unit 1.
-    """
-
+    #: The leading dimensions of every result: the swept axes, preceded by ``direction`` if one of
+    #: them was followed up and down; or only ``TABLE``, a structured array.
     axes: Mapping[str, np.ndarray]
-    fixed: Mapping[str, float]
+    fixed: Mapping[str, float]  # the value of every parameter that is not swept
+    #: Coordinates of the record dimensions; the width of ``sample`` is final in a complete file.
     records: Mapping[str, np.ndarray]
-    variables: tuple[str, ...]
-    blocks: Sequence[Block]
-    attributes: Mapping[str, Any]
-    column_units: Mapping[str, str]
+    variables: tuple[str, ...]  # those of ``VARIABLES`` that the file holds, in that order
+    blocks: Sequence[Block]  # in which points are computed and stored; none in a complete file
+    attributes: Mapping[str, Any]  # of the file, including the configuration
+    column_units: Mapping[str, str]  # of columns of the table; those without one have the unit 1
 
     @classmethod
     def of(
@@ -101,7 +84,7 @@ class Schema:
         grid, spec = sweep.grid, sweep.spec
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
         held = held_variables(spec)
-        widths = {VARIABLES[one].dimension: width for one, width in held.items()}
+        widths = {VARIABLES[variable].dimension: width for variable, width in held.items()}
         records = {record: np.arange(width) for record, width in widths.items() if record}
         records["section"] += spec.transient + 1
         computation = {**asdict(spec), "fixed": dict(grid.fixed)}
@@ -263,9 +246,9 @@ def _check_form(file: h5py.File, schema: Schema) -> None:
         raise ValueError("a record has other numbers")
     rows = schema.axes.get(TABLE, np.empty(0))
     columns = {name: rows[name] for name in rows.dtype.names or () if name in PARAMETERS}
-    given: dict[str, Any] = {**columns, **schema.fixed, **schema.axes}
-    for name in sorted(given.keys() - {TABLE, DIRECTION}):
-        bounds, values = PARAMETERS.get(name), np.ravel(given[name])
+    parameters: dict[str, Any] = {**columns, **schema.fixed, **schema.axes}
+    for name in sorted(parameters.keys() - {TABLE, DIRECTION}):
+        bounds, values = PARAMETERS.get(name), np.ravel(parameters[name])
         once = name not in schema.axes or len({*values.tolist()}) == values.size
         if not bounds or not bounds.accepts(values).all() or not once:
             raise ValueError(f"{name} is no parameter, or has other values than a parameter")

@@ -19,31 +19,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of the file.
+    """A variable of the file; unit, meaning and symbol are as for ``PARAMETERS``."""
 
-    Attributes
-    ----------
-    dimension : str or None
-        The record dimension after the swept axes; None for a single value per point.
-    unit, meaning, symbol : str
-        As for the parameters in ``PARAMETERS``.
-    diagnostic : str or None
-        The diagnostic it belongs to, a field of `RunSpec`; None if it is always recorded.
-    dtype : str
-        The type in the file. Points that are not computed yet hold NaN, or ``Status.PENDING`` (-1)
-        in an integer variable.
-    """
-
-    dimension: str | None
+    dimension: str | None  # the record dimension after the swept axes; None for a single value
     unit: str
     meaning: str
     symbol: str
-    diagnostic: str | None = None
+    diagnostic: str | None = None  # the field of `RunSpec` it belongs to; None: always recorded
     dtype: str = "float64"
 
     @property
     def fill_value(self) -> np.generic:
-        """The value of points that are not computed yet."""
+        """The value of points that are not computed yet: NaN, or ``Status.PENDING`` (-1)."""
         floating = self.dtype.startswith("float")
         return np.dtype(self.dtype).type(np.nan if floating else Status.PENDING)
 
@@ -111,7 +98,7 @@ VARIABLES: Mapping[str, Variable] = {
 }
 
 #: The columns of the trajectories, whose lengths differ.
-TRAJECTORIES = tuple(name for name, one in VARIABLES.items() if one.dimension == "sample")
+TRAJECTORIES = tuple(name for name, of in VARIABLES.items() if of.dimension == "sample")
 
 #: The variables whose numbers stand for words, and these words.
 FLAGS: Mapping[str, type[Evidence] | type[Status]] = {"class_evidence": Evidence, "status": Status}
