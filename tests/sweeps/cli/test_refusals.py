@@ -160,7 +160,7 @@ def test_an_interrupted_command_exits_with_1(small_file, monkeypatch, command):
     def interrupt(*_, **__):
         raise Cancelled  # as the handlers of a process do
 
-    monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
+    monkeypatch.setattr("sweeps.store.xarray_engine.open_sweep", interrupt)
     monkeypatch.setattr("sweeps.cli.run.read_config", interrupt)
     monkeypatch.setattr("sweeps.config.sweep.json_schema", interrupt)
     monkeypatch.setattr("sweeps.bench.accuracy.measure_methods", interrupt)
