@@ -76,16 +76,14 @@ def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
 
 def _swept(config: SweepConfig) -> Iterator[tuple[str, np.ndarray, str]]:
     """Yield name, values and unit of each parameter that varies, as the reader sees them."""
-    typed = () if config.points is None else config.points.dtype.names or ()
-    for name in typed:
-        if name in config.column_units:
-            assert config.points is not None
-            yield name, config.points[name], config.column_units[name]
+    for name, unit in config.column_units.items():
+        assert config.points is not None
+        yield name, config.points[name], unit
     seen = config.nomenclature
-    if "mass" in typed:  # the columns of the model, which vary with it, have no single conversion
+    if "mass" in config.columns:  # columns of the model vary with it, without a single conversion
         seen = replace(seen, rig=None)
     for name, values in config.sweep.grid.swept.items():
-        if config.points is None or name in typed:
+        if config.points is None or name in config.columns:
             yield seen.name(name), seen.value(name, values), seen.unit(seen.about(name).unit)
 
 

@@ -87,7 +87,7 @@ def run_command(
         check()
         config = read_config(source, overrides or ())
         with named(source):
-            refuse_columns(() if config.points is None else config.points.dtype.names or ())
+            refuse_columns(config.columns)
         loaded.append(config)
     paths = targets(configs, output, [config.output for config in loaded])
     for path in paths:

@@ -139,10 +139,15 @@ class SweepConfig(Group):
         return None if self.points is None else in_model(self.points, self.rig)
 
     @property
+    def columns(self) -> tuple[str, ...]:
+        """The names of the columns of `points`; none without a table."""
+        return () if self.points is None else self.points.dtype.names or ()
+
+    @property
     def column_units(self) -> dict[str, str]:
         """The units of the columns that a rig names."""
-        names = () if self.rig is None or self.points is None else self.points.dtype.names or ()
-        return {name: RIG_PARAMETERS[name].unit for name in names if name in RIG_PARAMETERS}
+        known = {} if self.rig is None else RIG_PARAMETERS
+        return {name: known[name].unit for name in self.columns if name in known}
 
     @cached_property
     def sweep(self) -> Sweep:

@@ -118,7 +118,7 @@ def run_sweep(
         raise ValueError("threads is not allowed with a client, whose workers have their own")
     if not isinstance(config, SweepConfig):
         config = load_config(config)
-    refuse_columns(() if config.points is None else config.points.dtype.names or ())
+    refuse_columns(config.columns)
     path = Path(output) if output is not None else config.output
     console = Console(
         stderr=True, quiet=not progress, soft_wrap=True, highlight=False, markup=False
