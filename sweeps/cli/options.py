@@ -115,8 +115,10 @@ LIMITS = "LOW:HIGH, two numbers of which the first is smaller"
 _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
 
 
-def branch_options(classes: str | None, most: int | None) -> dict[str, Any]:
-    """Convert the choice of exact branches to arguments of `sweeps.branches`."""
+def exact_options(
+    classes: str | None, most: int | None, kinds: str | None = None
+) -> dict[str, Any]:
+    """Convert the choice of exact orbits to arguments of `sweeps.branches` or `sweeps.curves`."""
     chosen: dict[str, Any] = {}
     if classes is not None:
         pairs = [re.fullmatch(r"\s*([1-9]\d*)/(\d+)\s*", text) for text in classes.split(",")]
@@ -126,7 +128,14 @@ def branch_options(classes: str | None, most: int | None) -> dict[str, Any]:
         chosen["classes"] = [(int(pair[1]), int(pair[2])) for pair in pairs if pair]
     if most is not None:
         chosen["most"] = most
+    if kinds is not None:
+        chosen["kinds"] = at_commas(kinds)
     return chosen
+
+
+def at_commas(text: str) -> list[str]:
+    """Split a text at its commas."""
+    return re.split(r"\s*,\s*", text.strip())
 
 
 def inches(option: str, text: str | None) -> float | None:

@@ -17,7 +17,8 @@ from sweeps.cli.options import (
     MOST_FOLLOWED,
     OF_CLASSES,
     argument,
-    branch_options,
+    at_commas,
+    exact_options,
     flag,
     inches,
     limits_option,
@@ -194,11 +195,11 @@ def plot_command(
         "axes": tuple(axis) if axis else None,
         "coordinate": coordinate,
         "quantity": quantity,
-        "exact": _chosen_orbits(classes, most, kinds) if exact else None,
+        "exact": exact_options(classes, most, kinds) if exact else None,
         "below": tuple(below) if below else None,
         "color": color,
         "overlay": overlay,
-        "panels": _at_commas(panels) if panels is not None else None,
+        "panels": at_commas(panels) if panels is not None else None,
         "periods": periods,
         "fps": fps,
     }
@@ -232,17 +233,6 @@ def _check_several(lists: Mapping[str, list[float]], kind: str | None, color: st
         )
     if len(lists) > 1 and kind != "basins" and color is None:
         raise Refused(f"{text} is not allowed here; expected: with --color, as --color period")
-
-
-def _chosen_orbits(classes: str | None, most: int | None, kinds: str | None) -> dict[str, Any]:
-    """Convert the choice of exact branches or curves to arguments of `branches` or `curves`."""
-    chosen = branch_options(classes, most)
-    return chosen if kinds is None else chosen | {"kinds": _at_commas(kinds)}
-
-
-def _at_commas(text: str) -> list[str]:
-    """Split a text at its commas."""
-    return re.split(r"\s*,\s*", text.strip())
 
 
 def _name(file: Path, kind: str | None, cuts: Selection, options: Mapping[str, Any]) -> Path:

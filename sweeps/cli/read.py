@@ -21,7 +21,7 @@ from sweeps.cli.options import (
     OF_CLASSES,
     SWEEP_FILE,
     argument,
-    branch_options,
+    exact_options,
     flag,
     named,
     new_file,
@@ -133,7 +133,7 @@ def info_command(
     cuts = selection_of(at)
     with opened_in_si(file) as sweep, named(file):
         if bifurcations:
-            chosen = branch_options(classes, most)
+            chosen = exact_options(classes, most)
             _show_bifurcations(sweep, file, axis, cuts, csv, json, chosen)
         elif config:
             _show_configuration(sweep)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,7 +52,7 @@ def differences(
         first, second = (data.isel({_SAMPLE: slice(width)}) for data in (first, second))
     for name in [*first.coords, *first.data_vars]:
         if name in second.variables:
-            yield _compared(first, second, str(name), (rtol, atol))
+            yield _compared(first, second, str(name), rtol, atol)
 
 
 def _refuse_other_shapes(first: xr.Dataset, second: xr.Dataset) -> None:
@@ -76,49 +76,40 @@ def _refuse_other_shapes(first: xr.Dataset, second: xr.Dataset) -> None:
 
 
 def _compared(
-    first: xr.Dataset, second: xr.Dataset, name: str, within: tuple[float, float]
+    first: xr.Dataset, second: xr.Dataset, name: str, rtol: float, atol: float
 ) -> Difference:
     """Compare a variable of two sweeps, a part of the points at a time."""
-    difference = Difference(name)
+    difference, width = Difference(name), 1
+    parts: Iterable[tuple[np.ndarray, np.ndarray, int]]
     if name in first.coords:
         bare = (data[name].drop_vars(data[name].coords) for data in (first, second))
         pair = xr.broadcast(*bare)  # a number in one may be a column in the other
-        _count(difference, pair[0].values, pair[1].values, pair[0].sizes, 0, within)
-        return difference
-    axes = first["status"].dims
-    variables = [data[name].variable.transpose(*axes, ...) for data in (first, second)]
-    shape = first["status"].variable.to_base_variable()
-    joint = xr.Dataset({"status": shape, "first": variables[0], "second": variables[1]})
-    width = math.prod(variables[0].shape[len(axes) :])
-    for part, points in in_parts(joint, _VALUES_COMPARED // max(1, width)):
-        values = part["first"].values, part["second"].values
-        _count(difference, *values, variables[0].sizes, points.start, within, width)
+        sizes, parts = pair[0].sizes, [(pair[0].values.ravel(), pair[1].values.ravel(), 0)]
+    else:
+        axes = first["status"].dims
+        variables = [data[name].variable.transpose(*axes, ...) for data in (first, second)]
+        shape = first["status"].variable.to_base_variable()
+        joint = xr.Dataset({"status": shape, "first": variables[0], "second": variables[1]})
+        sizes, width = variables[0].sizes, math.prod(variables[0].shape[len(axes) :])
+        cuts = in_parts(joint, _VALUES_COMPARED // max(1, width))
+        parts = (
+            (cut["first"].values.ravel(), cut["second"].values.ravel(), points.start)
+            for cut, points in cuts
+        )
+    for mine, theirs, start in parts:
+        difference.size += mine.size
+        differ, distance = _distances(name, mine, theirs, rtol, atol)
+        places = np.flatnonzero(differ)
+        if not places.size:
+            continue
+        if not difference.values:
+            place = np.unravel_index(start * width + int(places[0]), tuple(sizes.values()) or (1,))
+            difference.at = dict(zip(map(str, sizes), map(int, place), strict=False))
+            difference.first = mine[places[0]], theirs[places[0]]
+        difference.values += places.size
+        difference.points += len(np.unique(places // width))
+        difference.greatest = max(difference.greatest, float(distance[places].max()))
     return difference
-
-
-def _count(
-    difference: Difference,
-    first: np.ndarray,
-    second: np.ndarray,
-    sizes: Mapping[Hashable, int],
-    start: int,
-    within: tuple[float, float],
-    width: int = 1,
-) -> None:
-    """Add the values of the points from number `start` on, each of `width` values."""
-    first, second = first.ravel(), second.ravel()
-    difference.size += first.size
-    differ, distance = _distances(difference.name, first, second, *within)
-    places = np.flatnonzero(differ)
-    if not places.size:
-        return
-    if not difference.values:
-        place = np.unravel_index(start * width + int(places[0]), tuple(sizes.values()) or (1,))
-        difference.at = dict(zip(map(str, sizes), map(int, place), strict=False))
-        difference.first = first[places[0]], second[places[0]]
-    difference.values += places.size
-    difference.points += len(np.unique(places // width))
-    difference.greatest = max(difference.greatest, float(distance[places].max()))
 
 
 def _distances(

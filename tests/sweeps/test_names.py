@@ -36,7 +36,7 @@ def repeated(names):
 
 
 def test_no_two_files_have_the_same_name():
-    assert len(FILES) > 150 and repeated(path.stem for path in FILES) == []
+    assert len(FILES) > 100 and repeated(path.stem for path in FILES) == []
 
 
 def test_a_name_that_can_leave_its_file_stands_in_no_other():
