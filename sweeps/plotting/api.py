@@ -197,7 +197,8 @@ def default_kind(sweep: OpenedSweep, at: Selection | None = None, **options: Any
         elif len(starts - chosen) == 2 and not options.keys() - {"overlay"}:
             return "basins"
     only_adds = options.keys() <= {"exact", "overlay"}
-    if len(axes) == 2 and "period" in sweep and not starts and not chosen and only_adds:
+    both = len(axes) == 2 and all(sweep.sizes[name] > 1 for name in axes)
+    if both and "period" in sweep and not starts and not chosen and only_adds:
         return "map"
     if axes:
         return "bifurcation"

@@ -133,6 +133,8 @@ class Page:
             panel.set_ylim(bottom - margin, top + margin)
 
 
+#: Greatest parameter of a picture.
+_LARGEST = 1e300
 #: Least and greatest width and height of a picture [inch].
 LEAST_INCHES, MOST_INCHES = 1.0, 40.0
 _LENGTH = number(
@@ -265,10 +267,19 @@ def styled(
             raise Refused("only maps and diagrams can leave out marks")
         with _style(options.get("ax") is None, page.grey):
             sweep, options = _arguments_in_si(sweep, options)
+            _refuse_too_large(sweep)
             return draw(sweep, **options)
 
     _in_style.__doc__ = _documented(draw)
     return _in_style
+
+
+def _refuse_too_large(sweep: OpenedSweep) -> None:
+    """Refuse parameters of which matplotlib cannot draw the range: it would overflow."""
+    for name in (name for name in sweep.parameters if name in sweep):
+        greatest = float(np.abs(sweep[name].values).max())
+        if greatest > _LARGEST:
+            raise Refused(f"{name} reaches {greatest:.3g}; a picture shows up to {_LARGEST:g}")
 
 
 def _arguments_in_si(

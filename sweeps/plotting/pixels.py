@@ -57,10 +57,14 @@ def widened(low: float, high: float) -> tuple[float, float]:
 
 
 def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
-    """Return the n + 1 edges of the cells around n >= 2 increasing values.
+    """Return the n + 1 edges of the cells around n increasing values.
 
-    The edges lie halfway between the values, with `log` on a logarithmic scale.
+    The edges lie halfway between the values, with `log` on a logarithmic scale. A single value has
+    a cell of its own size.
     """
+    if len(values) == 1:
+        half = 0.5 * abs(values[0]) or 0.5
+        return np.array([values[0] - half, values[0] + half])
     values = np.log(values) if log else values
     inner = 0.5 * (values[1:] + values[:-1])
     edges = np.array([2.0 * values[0] - inner[0], *inner, 2.0 * values[-1] - inner[-1]])

@@ -186,6 +186,9 @@ def test_a_cell_reaches_halfway_to_its_neighbours():
     np.testing.assert_allclose(figure.axes[0].get_ylim(), (0.2, 1.1))
     figure = parameter_map(equal_points(axes={"R": R, "omega": np.geomspace(1.0, 64.0, 4)}))
     assert figure.axes[0].get_xscale() == "log" and figure.axes[0].get_yscale() == "linear"
+    assert cell_edges(np.zeros(1), False).tolist() == [-0.5, 0.5]
+    figure = parameter_map(equal_points(axes={"f": np.array([2.0]), "R": R}))
+    assert figure.axes[0].get_ylim() == (1.0, 3.0)
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from sweeps.plotting import (
     plot,
     saving,
     section,
+    trajectory,
 )
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
@@ -76,9 +77,23 @@ def test_powers_of_ten_are_set_as_such(random_sweep):
     assert r"\sigma=1\times10^{300}$" in legend.get_texts()[0].get_text()
 
 
+@pytest.mark.parametrize("draw", [bifurcation, section, parameter_map, trajectory])
+def test_a_parameter_beyond_the_numbers_of_matplotlib_is_refused(random_sweep, draw):
+    """Instead of a traceback of the search for ticks."""
+    axes = {"clearance": [0.0, 1.7e308], "omega": OMEGA}
+    with pytest.raises(Refused, match=r"clearance reaches 1\.7e\+308; a picture shows up to"):
+        draw(random_sweep(axes))
+
+
 @pytest.mark.parametrize(
     ("axes", "with_trajectory", "expected"),
-    [({"omega": OMEGA}, True, "bifurcation"), ({}, True, "trajectory"), ({}, False, "section")],
+    [
+        ({"omega": OMEGA}, True, "bifurcation"),
+        ({}, True, "trajectory"),
+        ({}, False, "section"),
+        ({"R": R, "omega": OMEGA}, False, "map"),
+        ({"f": [1.0], "omega": OMEGA}, False, "bifurcation"),
+    ],
 )
 def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajectory, expected):
     called = []
@@ -87,7 +102,9 @@ def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajec
         return KINDS[name]._replace(draw=lambda *_, **__: called.append(name) or Figure())
 
     monkeypatch.setattr(api, "KINDS", {name: spy(name) for name in KINDS})
-    plot(random_sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.PDF")
+    diagnostics = ["period"]
+    sweep = random_sweep(axes, with_trajectory=with_trajectory, diagnostics=diagnostics)
+    plot(sweep, tmp_path / "a.PDF")
     assert called == [expected] and (tmp_path / "a.PDF").read_bytes().startswith(b"%PDF")
 
 
