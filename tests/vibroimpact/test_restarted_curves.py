@@ -147,6 +147,26 @@ def random_curve(seed):
     return None
 
 
+@pytest.mark.parametrize("seed", [1077, 1406])
+def test_a_curve_is_the_same_on_both_sides_of_where_another_passes_or_crosses_it(seed):
+    """A curve of flips that turns within a step, and another goes straight on; grazes at h = 0."""
+    whole, ranges = random_curve(seed)
+    numbers = np.linspace(1, len(whole.values) - 2, 10).astype(int).tolist()
+    assert_same_from_its_orbits(whole.kind, whole, ranges, numbers)
+
+
+def test_undamped_grazes_meet_no_flips_and_folds_where_every_vibration_repeats():
+    """Those of one impact meet them where sin(2 pi p / omega) = 0 and p / omega is not whole."""
+    whole, ranges = random_curve(1406)
+    ratios = {
+        float(f"{2.0 * p.value[0] / whole.oscillator.omega:.9g}")
+        for i in (0, 21, 33, len(whole.values) - 2)
+        for p in bifurcation_curve(whole.orbit(i), "graze", *ranges).special
+        if p.kind == "flip"
+    }
+    assert ranges[0][0] == "p" and ratios == {3.0, 5.0, 7.0, 9.0}
+
+
 @pytest.mark.parametrize(
     ("first", "count"),
     [

@@ -35,6 +35,9 @@ from vibroimpact.orbits.unknowns import ROUNDING, free, impact_rows, phases, spe
 _FIRST, _LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
 #: A step shorter than this misses nothing but rounding.
 _RESOLVED = 1e-6
+#: The orientation of the tangents changes where two paths cross, and in a jump to a path beside
+#: this one. It changes in no step that is longer than this.
+_CROSSES = 1e-4
 #: Most points of a path; least cosine of the angle by which the tangent turns in one step.
 MOST_POINTS, _LEAST_COSINE = 2000, 0.985
 #: Where orbits vanish with the force, a force below this share of its range counts as zero: the
@@ -60,9 +63,9 @@ def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep
 
     Yield the steps; only the last may have length 0.
     """
-    here, length = start, _FIRST
+    here, length, way = start, _FIRST, 0.0  # the start may be where paths cross
     for number in range(MOST_POINTS):
-        step = _step(family, here, length)
+        step, way = _step(family, here, length, way)
         if number > 3 and not step.last and _returns(step, start):
             step = replace(step, end=start, last=True, closed=True)
         yield step
@@ -89,27 +92,34 @@ def lost_text(points: int, impacts: np.ndarray) -> str:
     return f"{text}; the slowest impact has {slowest / fastest:.0e} of the speed of the fastest"
 
 
-def _step(family: OrbitFamily, begin: Point, length: float) -> ArclengthStep:
+def _step(
+    family: OrbitFamily, begin: Point, length: float, way: float
+) -> tuple[ArclengthStep, float]:
     """Return the longest step, of at most `length`, that turns little and misses nothing.
 
-    If the orbits end within it, it is the last step and goes to the last orbit.
+    If the orbits end within it, it is the last step and goes to the last orbit. `way` is 1 or -1,
+    as the path goes along the oriented tangents or against them, 0 if not yet known; it is also
+    returned for the end.
     """
     X, along = begin.X, begin.tangent
     while length > _SHORTEST:
         Y = family.corrected(X + length * along, along[None, :])
         if Y is not None and family.inner(Y - X, Y - X) < 4.0 * length * length:
-            tangent = family.tangent(Y, along)
-            if family.inner(tangent, along) > _LEAST_COSINE:
-                end = family.point(Y, tangent)
+            tangent = family.tangent(Y)
+            cosine = family.inner(tangent, along)
+            here = math.copysign(1.0, cosine)
+            if abs(cosine) > _LEAST_COSINE:
+                end = family.point(Y, here * tangent)
                 step = ArclengthStep(family, begin, end, length)
-                if length > _RESOLVED and step.jumps():
+                crosses = here == -way and end.inadmissible is None and not step.exchanges_halves()
+                if (length > _RESOLVED and step.jumps()) or (length > _CROSSES and crosses):
                     length *= 0.5
                     continue
                 if end.inadmissible is not None:
                     step = to_last_orbit(step, end.inadmissible)
                 ends = not step.last or step.margin < ENDS
                 if length < _RESOLVED or (ends and not step.may_miss()):
-                    return step
+                    return step, here
                 if not ends:  # the equations may be singular at the end
                     length *= 0.25
                     continue
@@ -117,7 +127,7 @@ def _step(family: OrbitFamily, begin: Point, length: float) -> ArclengthStep:
     margin = family.slowest(X)
     if family.kind:  # on a branch, a flight that touches the stop becomes inadmissible first
         margin = min(margin, -begin.maximum)
-    return ArclengthStep(family, begin, begin, 0.0, last=True, margin=margin)
+    return ArclengthStep(family, begin, begin, 0.0, last=True, margin=margin), way
 
 
 def _returns(step: ArclengthStep, start: Point) -> bool:

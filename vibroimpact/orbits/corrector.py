@@ -124,13 +124,14 @@ def _parameter_slopes(system, X):
 def _newton_step(system, X, origin, planes, P, N):
     """Set P to the shortest step onto the linearised orbits in planes, and N to null vectors.
 
-    Return the largest residual; inf if impacts are out of order or the rank is lost.
+    Return the largest residual, inf if impacts are out of order or the rank is lost, and the
+    orientation of N (``unknowns.solve``).
     """
     q = system.q
     F, A, B = linearised_flights(system, X)
     size = _largest(F)
     if not size < math.inf:
-        return math.inf
+        return math.inf, 0.0
     block = 2 + system.free.size
     right = filled(block * (q - 1) + 2 + planes.shape[0], 0.0)
     for i in range(q):
@@ -139,7 +140,8 @@ def _newton_step(system, X, origin, planes, P, N):
         at = block * (q - 1) + 2 + i
         right[at] = inner(planes[i], origin, q) - inner(planes[i], X, q)
     equations = Equations(A, B, _parameter_slopes(system, X), planes, right)
-    return size if solve(equations, P, N) else math.inf
+    way = solve(equations, P, N)
+    return size if way != 0.0 else math.inf, way
 
 
 @jit
@@ -208,18 +210,22 @@ def _gradient(system, X, along):
 
 @jit
 def set_tangent(system, X, P):
-    """Set P to the direction of a branch (k = 1) or a curve (k = 2); P[0] is NaN if it has none."""
+    """Set P to the direction of a branch (k = 1) or a curve (k = 2); P[0] is NaN if it has none.
+
+    All along a path it has the same orientation, which changes only where another path crosses.
+    """
     k, N = system.free.size, zero_rows(system.free.size, X.size)
-    if not _newton_step(system, X, X, zero_rows(0, X.size), P, N) < math.inf:
+    size, way = _newton_step(system, X, X, zero_rows(0, X.size), P, N)
+    if not size < math.inf:
         P[0] = math.nan
     elif k == 1:
         for i in range(X.size):
-            P[i] = N[0, i]
+            P[i] = way * N[0, i]
     else:
         first, second = _gradient(system, X, N[0]), _gradient(system, X, N[1])
         size = math.hypot(first, second)
         for i in range(X.size):
-            P[i] = (second * N[0, i] - first * N[1, i]) / size
+            P[i] = way * (second * N[0, i] - first * N[1, i]) / size
 
 
 @jit
@@ -260,7 +266,7 @@ def newton_method(system, X, planes, most):
     for i in range(free_at(q, 0), X.size):
         rounding = larger(rounding, _ROUNDED * abs(X[i]))
     for _ in range(most):
-        size = _newton_step(system, X, origin, planes, P, N)
+        size, _ = _newton_step(system, X, origin, planes, P, N)
         if not size < math.inf:
             return False
         if k > planes.shape[0]:  # the condition decides how far to go along the null vector

@@ -6,6 +6,7 @@ both directions like a branch.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,11 +15,11 @@ from vibroimpact.inputs import input_text, one_of, refuse_other, shown_count
 from vibroimpact.orbits.branches import Branch, as_branch, branch, without_touch
 from vibroimpact.orbits.corrector import CONDITIONS
 from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
-from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of
+from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, orbit_of, repeats_freely
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.orbits.singular_ends import doubling, starts_degenerate
 from vibroimpact.orbits.special_points import both_ways
-from vibroimpact.orbits.unknowns import impact_rows, speeds
+from vibroimpact.orbits.unknowns import ROUNDING, impact_rows, speeds
 
 #: The kinds of curves.
 CURVE_KINDS = tuple(filter(None, CONDITIONS))
@@ -28,8 +29,6 @@ _BELONGS = 0.2
 #: Sizes of the orbits of twice the period that are tried beside a degenerate flip, and the most
 #: iterations for each. Large ones may belong to another flip, the small ones may be rounding.
 _SIZES, _PATIENT = (0.02, 0.01, 0.005, 0.1, 0.05, 0.2), 30
-#: A natural vibration repeats if its turns are a whole number, to this share.
-_REPEATS = 1e-9
 #: If no impact is faster than this, in natural units, the orbit is the free oscillation.
 _STILL = 1e-6
 
@@ -60,7 +59,7 @@ def bifurcation_curve(
     -------
     Branch
         A curve of that `kind`, with two parameters. Where the bifurcation was found, the first
-        parameter increases from point to point.
+        parameter increases from point to point; if it stays the same, the second one does.
 
     Raises
     ------
@@ -110,7 +109,9 @@ def bifurcation_curve(
     tangent = family.tangent(family.start)
     if not np.isfinite(tangent).all():
         raise OrbitError(f"the {kind} does not go on in {first[0]} and {second[0]}")
-    return as_branch(both_ways(family, -tangent if tangent[-2] < 0.0 else tangent))
+    first_along, second_along = tangent[-2:].tolist()
+    way = first_along if abs(first_along) > ROUNDING else second_along
+    return as_branch(both_ways(family, math.copysign(1.0, way) * tangent))
 
 
 def _refuse_natural(graze: PeriodicOrbit) -> None:
@@ -119,10 +120,8 @@ def _refuse_natural(graze: PeriodicOrbit) -> None:
     That is without damping, where m p is a multiple of omega. It is not the free oscillation.
     """
     osc = graze.oscillator
-    turns = graze.m * osc.p / osc.omega
-    repeats = osc.h == 0.0 and abs(turns - round(turns)) < _REPEATS * turns
-    reach = osc.clearance - abs(free_amplitude(osc))
-    if repeats and not graze.speeds.any() and abs(reach) > _STILL * abs(osc.clearance):
+    is_free = abs(osc.clearance - abs(free_amplitude(osc))) <= _STILL * abs(osc.clearance)
+    if repeats_freely(osc, graze.m) and not (graze.speeds.any() or is_free):
         raise OrbitError(
             "the graze is not isolated: without damping, every natural vibration repeats after "
             f"{shown_count(graze.m, 'forcing period')} at omega = {osc.omega:g}"

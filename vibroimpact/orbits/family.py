@@ -25,7 +25,14 @@ from vibroimpact.orbits.orbit import (
     point_of,
     system_of,
 )
-from vibroimpact.orbits.unknowns import free, inner, phases, speeds, unknowns
+from vibroimpact.orbits.unknowns import (
+    differences_of_halves,
+    free,
+    inner,
+    phases,
+    speeds,
+    unknowns,
+)
 from vibroimpact.oscillator import PARAMETERS, Oscillator, mesh
 from vibroimpact.step.integrators import Parameters
 
@@ -343,6 +350,12 @@ class ArclengthStep:
         mean = (first + second) / (1.0 + self.family.inner(first, second))
         off = self.end.X - self.begin.X - self.length * mean
         return self.family.inner(off, off) > (_MOST_OFF * self.length) ** 2
+
+    def exchanges_halves(self) -> bool:
+        """Whether the halves of an orbit change places, at the flip of the half."""
+        m, q = self.family.m, self.family.q
+        first, last = (differences_of_halves(point.X, m, q) for point in (self.begin, self.end))
+        return bool(np.sum(first * last) < 0.0)
 
     def may_miss(self) -> bool:
         """Whether the step may miss roots of test functions, or points that are not orbits."""

@@ -22,12 +22,15 @@ from vibroimpact.orbits.corrector import CONDITIONS, NONE, System
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import PARAMETERS, Oscillator
+from vibroimpact.step.integrators import Parameters
 
 #: The parameters of an oscillator; the numbers of a ``POINT`` begin with them.
 NAMES = [field.name for field in fields(Oscillator)]
 #: The units of the numbers of a ``POINT``.
 _UNITS = tuple(parameter.unit for parameter in PARAMETERS.values())
 _NONE_FREE, _NO_PARAMETERS = np.empty(0, np.int64), np.empty(0)
+#: A natural vibration repeats if its turns are a whole number, to this share.
+_REPEATS = 1e-9
 #: Number of starts per period from which the turns of a flight are sought.
 _STARTS = 16
 #: Indices of all numbers of a ``POINT``, and their units where all are free.
@@ -298,3 +301,9 @@ def free_amplitude(osc: Oscillator) -> complex:
     response = steady_response.py_func  # not worth compiling
     pt = replace(osc, f=osc.force, a=0.0)
     return complex(response(pt, 1.0, 0.0)[0], response(pt, 0.0, 1.0)[0])
+
+
+def repeats_freely(osc: Oscillator | Parameters, m: int) -> bool:
+    """Whether every natural vibration repeats after m forcing periods; it does so undamped only."""
+    turns = m * osc.p / osc.omega
+    return osc.h == 0.0 and abs(turns - round(turns)) < _REPEATS * turns

@@ -23,7 +23,13 @@ from vibroimpact.orbits.continuation import onto_edges
 from vibroimpact.orbits.family import NEARBY_DISTANCE, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.unknowns import free, impact_rows, speeds, unknowns
+from vibroimpact.orbits.unknowns import (
+    differences_of_halves,
+    free,
+    impact_rows,
+    speeds,
+    unknowns,
+)
 
 #: A curve of folds ends where the mean square difference of its halves is below this, and a curve
 #: on which Newton's method fails where it is below the second, or all impacts are slower than that.
@@ -213,16 +219,11 @@ def half_of(
     return family.related(impact_rows(mean, family.q // 2), family.m // 2, kind, graze), mean
 
 
-def difference_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
-    """Return the difference of the second half of an orbit from the first, shape (q / 2, 2)."""
-    z, q = impact_rows(X, family.q), family.q // 2
-    return z[q:] - z[:q] - np.array([math.pi * family.m, 0.0])
-
-
 def mean_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
     """Return the mean of the halves of an orbit as a point of the orbits of half the period."""
     first = impact_rows(X, family.q)[: family.q // 2]
-    return unknowns(first + 0.5 * difference_of_halves(family, X), free(X, family.q))
+    difference = differences_of_halves(X, family.m, family.q)
+    return unknowns(first + 0.5 * difference, free(X, family.q))
 
 
 def doubling(family: OrbitFamily, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

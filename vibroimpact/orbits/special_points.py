@@ -21,17 +21,16 @@ from vibroimpact.orbits.continuation import continue_branch, ending, is_orbit
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily, Point
 from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
 from vibroimpact.orbits.normal_form import cubic_coefficient, cubic_coefficients
-from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.orbit import PeriodicOrbit, repeats_freely
 from vibroimpact.orbits.singular_ends import (
     degenerate_flip,
-    difference_of_halves,
     doubling,
     flip_that_touches,
     half_of,
     standstill,
     unbounded,
 )
-from vibroimpact.orbits.unknowns import ROUNDING
+from vibroimpact.orbits.unknowns import ROUNDING, differences_of_halves
 
 #: Greatest difference of the halves of an orbit at which the test of a fold, divided by the square
 #: of it, may be rounding.
@@ -95,10 +94,12 @@ def special_points(
                 yield kind, X
     elif step.family.kind == "graze":
         # Without damping the coefficient may be zero along the whole curve; its sign is then
-        # rounding.
-        ends = _ends(step, -2)
-        meeting = step.root(partial(step.family.test, -2), *ends) if _changes(*ends) else None
-        if meeting is not None:
+        # rounding. It also vanishes where the curve crosses one of free vibrations that touch.
+        family, ends = step.family, _ends(step, -2)
+        meeting = step.root(partial(family.test, -2), *ends) if _changes(*ends) else None
+        if meeting is not None and not (
+            family.q == 1 and repeats_freely(family.natural(meeting), family.m)
+        ):
             yield from (("flip", meeting), ("fold", meeting))
     elif step.family.kind == "fold":
         # At a degenerate flip the heading turns back, too, but Newton's method fails there.
@@ -188,9 +189,8 @@ def _cusp(step: ArclengthStep) -> np.ndarray | None:
 
 def _is_twice_its_half(family: OrbitFamily, X: np.ndarray) -> bool:
     """Whether the halves of an orbit are so nearly equal that its test of a fold is rounding."""
-    if family.m % 2 or family.q % 2:
-        return False
-    return float(np.abs(difference_of_halves(family, X)).max()) < _ALIKE
+    difference = differences_of_halves(X, family.m, family.q)
+    return float(np.abs(difference).max(initial=0.0 if difference.size else math.inf)) < _ALIKE
 
 
 def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
@@ -199,13 +199,11 @@ def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None
     The result is the point of the step and the parent.
     """
     family = step.family
-    if family.kind or family.m % 2 or family.q % 2:
+    differences = [differences_of_halves(X, family.m, family.q) for X in (step.begin.X, step.end.X)]
+    sizes = [float(np.abs(part).max(initial=0.0)) for part in differences]
+    if family.kind or sizes[0] < ROUNDING:
         return None
-    differences = [difference_of_halves(family, X) for X in (step.begin.X, step.end.X)]
-    sizes = [float(np.abs(part).max()) for part in differences]
-    if sizes[0] < ROUNDING:
-        return None
-    if np.sum(differences[0] * differences[1]) >= 0.0 and sizes[1] ** 2 >= ROUNDING:
+    if not step.exchanges_halves() and sizes[1] ** 2 >= ROUNDING:
         return None
     halves, X = half_of(family, step.between(sizes[0] / sum(sizes)))
     Y = halves.bifurcation(X, "flip")

@@ -86,6 +86,17 @@ def unknowns(z: np.ndarray, parameters: np.ndarray) -> np.ndarray:
     return np.concatenate([z.reshape(*z.shape[:-2], 2 * z.shape[-2]), parameters], axis=-1)
 
 
+def differences_of_halves(X: np.ndarray, m: int, q: int) -> np.ndarray:
+    """Return the difference of the second half of an orbit from the first, shape (q / 2, 2).
+
+    It is empty if the orbit has no halves.
+    """
+    if m % 2 or q % 2:
+        return np.empty((0, 2))
+    z = impact_rows(X, q)
+    return z[q // 2 :] - z[: q // 2] - np.array([math.pi * m, 0.0])
+
+
 @jit
 def inner(X, Y, q):
     """Return the inner product of two vectors of unknowns, averaged over the impacts."""
@@ -222,10 +233,17 @@ def _factorise(equations, V, diagonal, w, y):
 
 @jit
 def solve(equations, P, N):
-    """Find the shortest solution P and an orthonormal basis N; False if equations are dependent."""
+    """Find the shortest solution P and an orthonormal basis N, and return the orientation of N.
+
+    It is the sign of the determinant of J with the rows of N below it, which does not change along
+    a path: 1 or -1; 0 if the equations are dependent.
+    """
     q, block, rows = equations.A.shape[0], 2 + equations.D.shape[2], equations.right.size
     V, w, y = zero_rows(rows, 2 * block), filled(q * block, 0.0), filled(q * block, 0.0)
-    independent = _factorise(equations, V, filled(rows, 0.0), w, y)
+    diagonal, way = filled(rows, 0.0), 1.0
+    independent = _factorise(equations, V, diagonal, w, y)
+    for row in range(rows):
+        way = math.copysign(way, way * diagonal[row])
     for number in range(-1, N.shape[0]):
         vector = P if number < 0 else N[number]
         for j in range(w.size):
@@ -238,7 +256,7 @@ def solve(equations, P, N):
             vector[phase_at(i)], vector[speed_at(i)] = w[block * i], w[block * i + 1]
         for j in range(2, block):
             vector[free_at(q, j - 2)] = w[j]
-    return independent
+    return way if independent else 0.0
 
 
 @jit
