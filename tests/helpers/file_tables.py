@@ -24,16 +24,16 @@ def imported(tree):
             yield from (alias.name for alias in node.names)
 
 
-def in_order(nodes, trees, part_of):
+def in_order(nodes, imports, part_of):
     """Return folders or files so that each imports only those before it."""
-    places = {path: path.parent if path.stem == "__init__" else path for path in trees}
+    places = {path: path.parent if path.stem == "__init__" else path for path in imports}
     of_name = {
         ".".join(place.relative_to(ROOT).with_suffix("").parts): path
         for path, place in places.items()
     }
     uses = {node: set() for node in nodes}
-    for path, tree in trees.items():
-        names = sorted({of_name[name] for name in imported(tree) if name in of_name})
+    for path, modules in imports.items():
+        names = sorted(of_name[name] for name in modules & of_name.keys())
         if part_of(path) in uses:
             uses[part_of(path)].update(map(part_of, names))
     uses = {node: sorted(used & uses.keys() - {node}) for node, used in uses.items()}
@@ -43,15 +43,16 @@ def in_order(nodes, trees, part_of):
 def table(package):
     """Return the list of the files of a package, room by room."""
     root = ROOT / package
-    trees = {path: ast.parse(path.read_text()) for path in sorted(root.rglob("*.py"))}
-    paths = [path for path in trees if path.name != "__init__.py"]
+    sources = sorted(root.rglob("*.py"))
+    imports = {path: {*imported(ast.parse(path.read_text()))} for path in sources}
+    paths = [path for path in imports if path.name != "__init__.py"]
     rooms = sorted({path.parent for path in paths} - {root})
     lines = []
-    for room in (root, *in_order(rooms, trees, lambda path: path.parent)):
-        files = in_order([path for path in paths if path.parent == room], trees, lambda path: path)
+    for room in (root, *in_order(rooms, imports, lambda path: path.parent)):
+        files = [path for path in paths if path.parent == room]
         if room != root:
             lines.append(f"\n**`{room.name}/`** {subject(room / '__init__.py')}\n")
-        lines += [f"- `{path.name}`: {subject(path)}" for path in files]
+        lines += [f"- `{path.name}`: {subject(path)}" for path in in_order(files, imports, Path)]
     return "\n".join([*lines, ""])
 
 

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from tests.helpers.kernel_cases import METHODS, random_points, steps_for, taken_apart
 from tests.helpers.naive import ClosedForm
-from tests.vibroimpact.test_repeats import mixed_points
+from tests.vibroimpact.test_repeats import in_pieces, mixed_points
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, periodic_orbit, simulate
 from vibroimpact.step.scheme import default_steps
 
@@ -177,20 +177,11 @@ def test_copied_periods_have_the_extremes_of_computed_ones(rule, integrator, tra
     points, periods = mixed_points(60, 4), 30
     method = {"impact": rule, "integrator": integrator, "steps_per_period": steps_for(points, rule)}
     whole = integrate(points, transient=transient, periods=periods, extremes=True, **method)
-    if transient:
-        before = integrate(points, transient=0, periods=transient, **method)
-        points["x0"], points["v0"] = before["poincare_x"][:, -1], before["poincare_v"][:, -1]
-    pieces = []
-    for k in range(periods):
-        later = k > 0 or transient > 0
-        piece = integrate(points, transient=0, periods=1, at_section=later, extremes=True, **method)
-        points["x0"], points["v0"] = piece["poincare_x"][:, 0], piece["poincare_v"][:, 0]
-        pieces.append(piece)
+    pieces = in_pieces(points, transient, periods, 0, extremes=True, **method)
     ok = whole["status"] < Status.UNBOUNDED
     assert ok.mean() > 0.9
-    for name, extreme in zip(NAMES, (np.minimum, np.maximum), strict=True):
-        values = extreme.reduce([piece[name] for piece in pieces])
-        np.testing.assert_array_equal(whole[name][ok], values[ok], err_msg=name)
+    for name in NAMES:
+        np.testing.assert_array_equal(whole[name][ok], pieces[name][ok], err_msg=name)
     assert (whole["x_min"] <= whole["poincare_x"].min(axis=1))[ok].all()
     assert (whole["x_max"] >= whole["poincare_x"].max(axis=1))[ok].all()
 
@@ -207,15 +198,9 @@ def test_a_free_motion_is_watched_until_nothing_can_widen_its_reach(h):
     free = whole["impacts_per_period"] == 0.0
     assert free.sum() > 10
     assert (~free).any() or h > 1.0
-    pieces = []
-    for k in range(periods):
-        piece = integrate(points, transient=0, periods=1, at_section=k > 0, extremes=True,
-                          steps_per_period=n)  # fmt: skip
-        points["x0"], points["v0"] = piece["poincare_x"][:, 0], piece["poincare_v"][:, 0]
-        pieces.append(piece)
-    for name, extreme in zip(NAMES, (np.minimum, np.maximum), strict=True):
-        values = extreme.reduce([piece[name] for piece in pieces])
-        np.testing.assert_array_equal(whole[name], values, err_msg=name)
+    pieces = in_pieces(points, 0, periods, 0, extremes=True, steps_per_period=n)
+    for name in NAMES:
+        np.testing.assert_array_equal(whole[name], pieces[name], err_msg=name)
 
 
 @METHODS

@@ -20,6 +20,7 @@ from vibroimpact.step.scheme import default_steps, scheme_of
 SUMS = ("impulse", "energy_lost", "rest_fraction")
 COUNTS = ("impacts_per_period", "chatters", "near_grazes")
 EXTREMES = {"slowest_impact": np.fmin, "fastest_impact": np.fmax, "max_penetration": np.fmax}
+EXTREMES |= {"x_min": np.minimum, "x_max": np.maximum}  # where they are asked for
 
 
 def in_pieces(points, transient, periods, impacts, **method):
@@ -40,8 +41,8 @@ def in_pieces(points, transient, periods, impacts, **method):
         out[name] = np.sum([piece[name] for piece in recorded], axis=0)
     for name in SUMS + COUNTS[:1]:
         out[name] = out[name] / periods
-    for name, extreme in EXTREMES.items():
-        out[name] = extreme.reduce([piece[name] for piece in recorded])
+    for name in EXTREMES.keys() & recorded[0].keys():
+        out[name] = EXTREMES[name].reduce([piece[name] for piece in recorded])
     out["status"] = np.max([piece["status"] for piece in pieces], axis=0)
     for name in ("impact_phase", "impact_v"):
         out[name] = np.full((points.size, impacts), np.nan)

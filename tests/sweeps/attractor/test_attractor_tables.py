@@ -11,7 +11,7 @@ from sweeps.attractor.tracking import MOST_TRACKED
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import attractor_diagram, basins, plot
-from tests.helpers.commands import accepted, call, refused
+from tests.helpers.commands import accepted, call
 from tests.helpers.motions import cycle, given_sections, partition
 from vibroimpact.status import Status
 
@@ -46,15 +46,8 @@ def test_the_table_over_a_parameter(computed_starts):
     result = call("attractors", file, "--at", "omega=1.3001")
     assert "2/3" in result.stdout and "1/1" in result.stdout
     assert "shown at omega = 1.3" in result.stderr
-    assert (
-        len(
-            attractor_rows(
-                cut(OpenedSweep(dataset), {"omega": 1.3}),
-                attractors(cut(OpenedSweep(dataset), {"omega": 1.3})),
-            )
-        )
-        == 2
-    )
+    here = cut(OpenedSweep(dataset), {"omega": 1.3})
+    assert len(attractor_rows(here, attractors(here))) == 2
 
 
 @pytest.mark.parametrize("count", [MOST_TRACKED, MOST_TRACKED + 1])
@@ -68,15 +61,6 @@ def test_the_table_says_where_attractors_are_too_many_to_be_tracked(count):
     note = "at 2 parameter points more than 50 attractors are periodic: none of these has"
     assert (note in text) == (count > 50) and f"{count} attractors at 2 of 2" in text
     assert found["number"].values.max() + 1 == (count if count == 50 else 2 * count)
-
-
-def test_requests_that_do_not_fit_are_refused(computed_starts):
-    file = computed_starts().encoding["source"]
-    message = refused("attractors", file, "--at", "x0=0")
-    assert "x0 cannot be fixed here; there is no axis to choose from" in message
-    assert "expected: NAME=VALUE" in refused("attractors", file, "--at", "omega")
-    message = refused("attractors", file, "--csv", "a.txt")
-    assert "--csv a.txt is not allowed; expected: a .csv file" in message
 
 
 def test_a_refusal_offers_only_what_can_be_fixed():

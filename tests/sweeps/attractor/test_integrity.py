@@ -151,11 +151,11 @@ def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(datase
         assert 0.0 < (harmful - harmless) / harmful <= 1e-9
         both = impacts_per_period(dataset, phase, x, v + np.array([harmless, harmful]))
         assert both.tolist() == [home[k], home[1 - k]]
-        smaller = np.linspace(-1.0, 1.0, 2001) * abs(harmless)
+        smaller = np.linspace(-1.0, 1.0, 501) * abs(harmless)
         assert (impacts_per_period(dataset, phase, x, v + smaller) == home[k]).all()
         start = found["section_x"].values[k], found["section_v"].values[k]
         for x, v, phase in motion(dataset, *start):
-            ends = impacts_per_period(dataset, phase, x, v + 0.999 * smaller[::10])
+            ends = impacts_per_period(dataset, phase, x, v + 0.999 * smaller[::5])
             assert (ends == home[k]).all()
 
 

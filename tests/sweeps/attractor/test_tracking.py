@@ -8,7 +8,7 @@ import pytest
 
 from sweeps import attractors, open_sweep, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
-from sweeps.attractor.tracking import MAX_DISTANCE, MOST_TRACKED, mutually_nearest, track
+from sweeps.attractor.tracking import MAX_DISTANCE, mutually_nearest, track
 from sweeps.opened.motions import Cycles, distances
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.motions import cycle, given_sections, partition
@@ -108,15 +108,6 @@ def test_equal_states_before_an_impact_are_linked_where_the_rebound_changes():
     cycles = cycles_of(states, [0.9] + 11 * [0.5])
     found = mutually_nearest(cycles, np.zeros(11, int), np.arange(1, 12))
     assert np.flatnonzero(found).tolist() == [10]
-
-
-@pytest.mark.parametrize("count", [MOST_TRACKED, MOST_TRACKED + 1])
-def test_beyond_the_limit_every_attractor_has_a_number_of_its_own(count):
-    """As along an axis of an undamped oscillator, where every start is an attractor."""
-    states = np.random.default_rng(0).uniform(-1.0, 0.0, (count, 1, 2))
-    cycles = cycles_of(np.concatenate([states, states + 1e-4]), 1.0)
-    found = track((2,), np.repeat([0, 1], count), partial(mutually_nearest, cycles), nobody)
-    assert len(set(found)) == (count if count <= MOST_TRACKED else 2 * count)
 
 
 def test_an_identity_survives_an_impact_that_passes_the_section():

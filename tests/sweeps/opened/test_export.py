@@ -2,7 +2,6 @@
 
 import csv
 import os
-import resource
 from pathlib import Path
 
 import numpy as np
@@ -190,15 +189,3 @@ def test_what_cannot_be_written_is_refused(path):
     ):
         assert text in refused("export", path, "-o", name)
     assert sorted(path.name for path in Path().iterdir()) == ["fifo.csv", "sweep.yaml"]
-
-
-def test_a_table_beyond_the_limit_of_a_file_is_named(path):
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-    try:
-        result = call("export", str(path), "-o", "points.csv")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert result.exit_code == 1
-    assert result.stderr == "vibroimpact: error: points.csv cannot be written: File too large\n"
-    assert sorted(path.name for path in Path().iterdir()) == ["sweep.yaml"]

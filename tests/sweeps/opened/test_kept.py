@@ -237,7 +237,7 @@ def test_plot_and_info_share_what_was_found(path):
 
 #: Two motions, the free one and one with an impact in two periods.
 BASINS = """
-oscillator: {h: 0.1, R: 0.8, omega: [2.6, 2.7], f: 1.0, clearance: 0.6}
+oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
 start: {x0: {start: -3.0, stop: 0.6, num: 16}, v0: {start: -3.0, stop: 3.0, num: 21}}
 record: {transient: 200, periods: 8, impacts: 4}
 """
@@ -263,15 +263,14 @@ def test_knocks_are_computed_once_for_all_pictures_and_tables(tmp_path, sought, 
     accepted(*picture)
     accepted(*picture)
     assert sought == [0, 1]
-    table = "integrity", "out.h5", "--at", "omega=2.6"
+    table = "integrity", "out.h5"
     first = accepted(*table)
     assert accepted(*table) == first + "the least knocks were found before, and are used again\n"
 
 
 @pytest.mark.slow
 def test_knocks_are_not_taken_for_those_of_others(tmp_path, sought):
-    with open_sweep(run_in(tmp_path, BASINS)) as dataset:
-        starts = dataset.isel(omega=0)
+    with open_sweep(run_in(tmp_path, BASINS)) as starts:
         find, found = with_cache(knocks), attractors(starts)
         both = find(starts, found)
         xr.testing.assert_identical(find(starts, found), both)

@@ -236,7 +236,8 @@ def test_every_look_of_a_class_and_of_further_attractors_is_its_own():
 @pytest.mark.parametrize(
     ("kind", "at", "grey"),
     [
-        *((kind, {}, grey) for kind in ("attractors", "integrity") for grey in (False, True)),
+        *(("attractors", {}, grey) for grey in (False, True)),
+        ("integrity", {}, True),
         ("basins", {"omega": 0.9576}, True),
         ("bifurcation", {"x0": -2.0, "v0": 0.0}, True),
     ],

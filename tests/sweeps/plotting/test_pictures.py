@@ -130,7 +130,7 @@ def test_no_tick_label_is_cut_at_any_width(dataset, tmp_path, with_layout):
     """Panels of another width have other ticks, of which the last is at the end of the axis."""
     values = np.linspace(2.0, 12.0, dataset.sizes["omega"])
     dataset = dataset.assign_coords(omega=("omega", values, dataset["omega"].attrs))
-    for width in np.arange(2.6, 3.8, 0.2):
+    for width in np.arange(2.6, 3.8, 0.4):
         figure = plotting.bifurcation(dataset, page=Page(width=width, title=""))
         save(figure, tmp_path / "page.png")
         assert (imread(tmp_path / "page.png")[:, [0, -1], :3] > 0.9).all(), width

@@ -173,14 +173,12 @@ FAULTS = [
     *(Fault(moment, put_file, FOREIGN, ALL) for moment in ("completed", "fsync")),
     # The run is refused, fails or is interrupted: an old sweep stays until the new one is there.
     Fault("planned", end_by(StoreError("too large")), "too large", ""),
-    *(
-        Fault(moment, end, "", unchanged(file), blocks)
-        for moment in ("planned", "schema")
-        for end in (fail, interrupt)
-        for blocks, file in ((2, "out.h5.parts"), (6, "out.h5"))
-    ),
-    *(Fault("block 2", end, "", ONE, 6) for end in (fail, interrupt)),
-    *(Fault("file", end, "", ALL, 6) for end in (fail, interrupt)),
+    Fault("planned", fail, "", unchanged("out.h5.parts"), 2),
+    Fault("planned", interrupt, "", unchanged("out.h5"), 6),
+    Fault("schema", fail, "", unchanged("out.h5"), 6),
+    Fault("schema", interrupt, "", unchanged("out.h5.parts"), 2),
+    Fault("block 2", interrupt, "", ONE, 6),
+    Fault("file", fail, "", ALL, 6),
     # The disk is full.
     Fault("schema", fill_disk, "out.h5 cannot be created: File too large", NOTHING),
     Fault("block 2", fill_disk, "out.h5 cannot be written: File too large", ONE),
