@@ -7,6 +7,8 @@ which this proves nothing goes through ``exact_step`` alone, as that of a single
 
 from __future__ import annotations
 
+import math
+
 from vibroimpact.jit import jit, lowest_bit, not_negative, select, specialised, widest_vectors
 from vibroimpact.kernel.exact_impacts import (
     AT,
@@ -145,7 +147,7 @@ def _propagate(lanes, size, added, phase_step, n, watching):
         )
         if watching:
             beyond = max(guard - lanes[MOST + i], lanes[LEAST + i] - floor)
-            guard = select(guard < 0.0, select(beyond < 0.0, -1.0, 0.0), 1.0)
+            guard = select(guard < 0.0, beyond, math.inf)
         lanes[GUARD + i] = guard
         lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
 
@@ -162,7 +164,7 @@ def propagate_lanes(lanes, size, added, phase_step, n):
 
 @jit
 def watch_lanes(lanes, size, added, phase_step, n):
-    """As ``propagate_lanes``; a GUARD of 0 says that a step without impact may widen the reach."""
+    """As ``propagate_lanes``; a GUARD from 0 to inf: a step without impact may widen the reach."""
     widest_vectors()
     _propagate(lanes, size, added, phase_step, n, True)
 
@@ -273,7 +275,7 @@ def list_awake(workspace, size, grid, n, watching):
     awake, theta = 0, grid.table[THETA, n] + grid.phase_step
     for j in range(list_lanes(lanes, GUARD, met, size)):
         i = met[j] & (LANES - 1)
-        if watching is not None and watching and lanes[GUARD + i] == 0.0:
+        if watching is not None and watching and lanes[GUARD + i] < math.inf:
             widen_by_lane(workspace, i, grid, n)
         elif sleeps_until(lanes, i, theta):
             lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from vibroimpact.destination.free_motion import steady_response
-from vibroimpact.jit import jit, select, transpose, widest_vectors
+from vibroimpact.jit import inlined, jit, select, transpose, widest_vectors
 from vibroimpact.kernel.exact_impacts import (
     AT,
     BEGIN,
@@ -80,24 +80,31 @@ def set_steady(lanes, i, pt, grid):
     lanes[STEADY + 4 * ROW + i] = ratio * ratio
 
 
-@jit
-def judge_reach(lanes, size):
-    """Find lanes whose free oscillation is asked for, or that never widen their reach again.
-
-    Their GUARD is not negative. The first period does not ask: most motions that are free in it
-    repeat it to the same bits.
+@inlined
+def stays_within(lanes, i):
+    """Whether lane `i` never widens its reach again, given its free oscillation.
 
     In the norm hypot(y, omega w / p) a motion comes ever nearer to the free oscillation, as long as
     it is free; and it is free if its reach includes the free oscillation and this distance.
     """
+    s = STEADY + i
+    y, w = lanes[Y + i] - lanes[s], lanes[W + i] - lanes[s + ROW]
+    room = min(lanes[s + 2 * ROW] - lanes[LEAST + i], lanes[MOST + i] - lanes[s + 3 * ROW])
+    return (room > 0.0) & (room * room > y * y + lanes[s + 4 * ROW] * w * w)
+
+
+@jit
+def judge_reach(lanes, size):
+    """Find watched lanes that never widen their reach again, or whose free oscillation is unknown.
+
+    Their GUARD is not negative. The first period does not ask: most motions that are free in it
+    repeat it to the same bits.
+    """
     widest_vectors()
     for i in range(whole_vectors(size)):
-        s = STEADY + i
-        y, w = lanes[Y + i] - lanes[s], lanes[W + i] - lanes[s + ROW]
-        room = min(lanes[s + 2 * ROW] - lanes[LEAST + i], lanes[MOST + i] - lanes[s + 3 * ROW])
-        within = (room > 0.0) & (room * room > y * y + lanes[s + 4 * ROW] * w * w)
-        due = (within | (lanes[s + 4 * ROW] == 0.0)) & (lanes[PERIOD + i] >= 1.0)
-        lanes[GUARD + i] = select(due & (lanes[LEAST + i] > -math.inf), 1.0, -1.0)
+        due = stays_within(lanes, i) | (lanes[STEADY + 4 * ROW + i] == 0.0)
+        due = due & (lanes[PERIOD + i] >= 1.0) & (lanes[LEAST + i] > -math.inf)
+        lanes[GUARD + i] = select(due, 1.0, -1.0)
 
 
 @jit
@@ -110,10 +117,10 @@ def stop_watching(batch, grid):
         i, reach = met[j], record.reach[workspace.rows[met[j]]]
         if lanes[STEADY + 4 * ROW + i] == 0.0:
             set_steady(lanes, i, workspace.points[i], grid)
-            continue
-        own = lanes[LEAST + i], lanes[MOST + i]
-        reach[0], reach[1] = reach_of_x(own, reach[0], reach[1], lanes[CLEARANCE + i], True)
-        lanes[LEAST + i], lanes[MOST + i] = -math.inf, 0.0
+        if stays_within(lanes, i):
+            own = lanes[LEAST + i], lanes[MOST + i]
+            reach[0], reach[1] = reach_of_x(own, reach[0], reach[1], lanes[CLEARANCE + i], True)
+            lanes[LEAST + i], lanes[MOST + i] = -math.inf, 0.0
 
 
 @jit

@@ -19,7 +19,7 @@ A single turn is found in three stages without branches, which serve the columns
 single orbit alike. The interpolant gives a guess. The flight is expanded about the nearer of its
 start and the end of the step, and Newton's method, with two further terms of the reversed series,
 is applied to the speed. There y is evaluated, less w^2 / (2 y''), which leaves an error of third
-order. Any other flight is halved until this proves something of its pieces.
+order. Any other flight is cut into eighths until this proves something of its pieces.
 
 **Time stepping.** The cubic Hermite interpolant takes the place of the flight, from one state of
 the method to the next. A turn of this cubic beyond the stop counts as a turn at the stop; a state
@@ -83,6 +83,12 @@ def bounds(y_0, w_0, y_1, w_1, t, bound):
         fma(-0.5, bound, min(min(P, Q), y_1)),
         fma(0.5, bound, max(max(P, Q), y_1)),
     )
+
+
+@inlined
+def may_widen(reach, limits):
+    """Whether a flight with these ``bounds`` may widen a reach of y, which the stop limits."""
+    return limits[0] < reach[0] or min(limits[1], 0.0) > reach[1]
 
 
 @inlined
@@ -166,11 +172,10 @@ def _search(eq, start, span, bound, phase_step, c, reach):
         y_1, w_1 = value_and_slope(c, 0, b)
         h = b - a
         of_piece = part_of(bound, h, 1.0)
-        low, high = bounds(y_0, w_0, y_1, w_1, h, of_piece)
-        if low < reach[0] or high > reach[1]:
+        if may_widen(reach, bounds(y_0, w_0, y_1, w_1, h, of_piece)):
             _, turns, sure = guess_turn(y_0, w_0, y_1, w_1, h, of_piece)
             if not sure and h > _NARROWEST:
-                width = 0.5 * h
+                width = 0.125 * h
                 continue
             reach = reach_with(reach, y_1, min(y_1, 0.0))
             if turns:
@@ -181,7 +186,7 @@ def _search(eq, start, span, bound, phase_step, c, reach):
                 for k in range(c.size):
                     c[k] *= sign
                 reach = reach_with(reach, sign * y, min(sign * y, 0.0))
-        a, y_0, w_0, width = b, y_1, w_1, 2.0 * h
+        a, y_0, w_0, width = b, y_1, w_1, 8.0 * h
     return reach
 
 
@@ -194,8 +199,7 @@ def widen_by_flight(eq, flight, free, end_wave, end, phase_step, coefficients, r
     """
     y_1, w_1, t = end
     bound, rest = part_of(free.bound, t, phase_step), phase_step - flight.begin
-    low, high = bounds(flight.y, flight.w, y_1, w_1, t, bound)
-    if not (low < reach[0] or high > reach[1]):
+    if not may_widen(reach, bounds(flight.y, flight.w, y_1, w_1, t, bound)):
         return reach
     n, turns, sure = guess_turn(flight.y, flight.w, y_1, w_1, t, bound)
     if sure:
@@ -257,8 +261,8 @@ def widen_by_events(eq, flight, resting, end, rows, theta, bound, phase_step, pt
     if resting:
         return reach_with(reach, 0.0, 0.0)
     left = phase_step - at
-    low, high = bounds(y, w, end[0], end[1], left, part_of(bound, left, phase_step))
-    if low < reach[0] or high > reach[1]:
+    limits = bounds(y, w, end[0], end[1], left, part_of(bound, left, phase_step))
+    if may_widen(reach, limits):
         reach = _search(eq, (y, w, s, c), left, bound, phase_step, coefficients, reach)
     return reach_with(reach, min(end[0], 0.0), min(end[0], 0.0))
 
