@@ -145,6 +145,8 @@ class PointMotion:
         """Return a motion over `periods`, given its rows; keep at most so many of these."""
         depth = float(rows[1].max()) - oscillator.clearance
         turn = np.floor((rows[0] - rows[0, 0]) * (oscillator.omega / (2.0 * np.pi)) + 1e-6)
+        if not (np.diff(turn) >= 0.0).all() or not turn[-1] <= periods:  # another program's file
+            raise Refused("a point has the trajectory of another frequency: run the sweep again")
         chosen = (turn * most) % periods < most  # all, if they are no more
         left_out = ~(chosen | np.append(False, chosen[:-1]))  # a period ends with a row
         first_left_out = left_out & ~np.append(True, left_out[:-1])

@@ -221,6 +221,23 @@ def test_a_motion_that_cannot_be_is_refused(name, values):
             assert "no motion of this program" in message and message.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("omega", 1e300), ("trajectory_t", -1e300), ("trajectory_t", 1e300)]
+)
+def test_a_trajectory_of_another_frequency_is_refused(name, value):
+    """Instead of a demand for all memory: samples are drawn in every forcing period."""
+    text = "oscillator: {h: 0.1, R: 0.8, omega: 2.5, f: [1.0, 2.0]}\n"
+    Path("sweep.yaml").write_text(text + "record: {periods: 2, trajectory: {every: 9}}\n")
+    accepted("run", "sweep.yaml", "--quiet")
+
+    def change(file):
+        file[name][(..., -1) if name != "omega" else ()] = value
+
+    changed(Path("sweep.h5"), change)
+    message = refused("plot", "sweep.h5", "-o", "a.png", "--kind", "trajectory")
+    assert "the trajectory of another frequency" in message
+
+
 def test_aliases_and_tags_in_the_configuration_of_a_file_are_refused():
     """Each level of aliases would make it ten times as large."""
     for text in (ALIASES, "name: !!python/name:os.system x\n", "", "- 1\n", "[" * 100_000):
