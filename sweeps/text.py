@@ -24,9 +24,9 @@ def missing_text(path: Path) -> str:
     except OSError:
         names = set()
     kinds = (".csv",) if path.suffix == ".csv" else (".h5", ".yaml", ".yml")
-    known = [name for name in sorted(names) if name.endswith(kinds)]
-    near = near_miss(path.name, known, 0.8)
-    return f"{path} does not exist{suggestion(near and str(path.with_name(near)))}{of_shell(path)}"
+    near = near_miss(path.name, [name for name in sorted(names) if name.endswith(kinds)], 0.8)
+    meant = suggestion(near and str(path.with_name(near)))
+    return f"{path} does not exist{meant}{of_shell(path)}".replace("\n", r"\n")  # one line
 
 
 def of_shell(path: Path) -> str:

@@ -133,6 +133,7 @@ def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
 def test_the_name_of_a_file_is_shown_as_it_is():
     for name in ("an output.h5", "overwrite=True.h5", "coordinate='x'.h5"):
         assert f"error: {name} does not exist" in refused("info", name)
+    assert refused("info", "a\nb.h5").endswith("error: a\\nb.h5 does not exist\n")  # in one line
 
 
 def test_an_interrupted_run_says_what_is_kept(stop_after):
