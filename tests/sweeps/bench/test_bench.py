@@ -22,16 +22,12 @@ from vibroimpact.step.integrators import INTEGRATORS, spectral_radius
     [
         (["accuracy-speed", "absent.yaml"], ["absent.yaml does not exist"]),
         (["accuracy-speed", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf, .eps"]),
-        (["accuracy-speed", "-o", "nowhere/a.png"], ["folder nowhere of the picture a.png does"]),
         (["accuracy-speed", "--csv", "a.txt"], ["--csv a.txt ", ".csv"]),
-        (["accuracy-speed", "--csv", "nowhere/a.csv"], ["folder nowhere of the table a.csv does"]),
         (["accuracy-speed", "--threads", "0"], ["--threads 0 ", "an integer from 1 to "]),
         (["paper", "-o", "a.jpg"], ["a.jpg must end in one of .png, .svg, .pdf, .eps"]),
         (["speed", "--json", "a.txt"], ["--json a.txt ", "a .json file"]),
         (["speed", "--json", "nowhere/a.json"], ["folder nowhere of the JSON file a.json does"]),
         (["speed", "--fail-below", "0"], ["--fail-below 0 ", "a number above 0, at most 1"]),
-        (["speed", "--fail-below", "20"], ["--fail-below 20 ", "a number above 0, at most 1"]),
-        (["speed", "--fail-below", "x"], ["--fail-below x ", "a number above 0, at most 1"]),
     ],
 )
 def test_a_wrong_request_is_refused_before_anything_is_measured(monkeypatch, arguments, words):

@@ -37,7 +37,6 @@ def test_every_command_is_completed(monkeypatch):
     ("words", "expected"),
     [
         (["plot", "--over"], ["--overlay"]),
-        (["zoom", "a.h5", "--th"], ["--threads"]),
         (["export", "a.h5", "--rows", "s"], ["sections"]),
         (["explore", "--port", "none", "--no"], ["--no-browser"]),
         (["nonsense", "x"], []),
@@ -52,10 +51,8 @@ def test_every_command_is_completed(monkeypatch):
             ["run", "--set", "oscillator.R.s"],
             [f"oscillator.R.{key}=" for key in ("start", "stop", "spacing", "step")],
         ),
-        (["run", "--set", "rig.stiff"], ["rig.stiffness="]),
         (["run", "--set", "start"], ["start=", "start.x0=", "start.v0=", "start.phase="]),
         (["plot", "a.h5", "--below", "l"], ["lyapunov"]),
-        (["plot", "a.h5", "--color", "peri"], ["period", "period_impacts"]),
         (["plot", "a.h5", "--quantity", "mean"], ["mean_force"]),
         (["init", ""], [path.stem for path in sorted((ROOT / "configs").glob("*.yaml"))]),
     ],

@@ -13,8 +13,6 @@ from sweeps.errors import ConfigError
 from tests.helpers.configurations import EXAMPLE, linear_values, load, oscillator_yaml, refusal
 from tests.helpers.places import CONFIGS
 from vibroimpact.oscillator import PARAMETERS
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import IMPACT_RULES
 
 # Reading
 
@@ -135,14 +133,6 @@ def test_configurations_are_equal_whatever_was_computed_of_them():
 @pytest.mark.parametrize("text", ["1e-3", "'1e-3'", "1E-3", "+.001", "0.001"])
 def test_numbers_are_read_however_they_are_written(text):
     assert load(oscillator_yaml(h=text)).oscillator.h == 1e-3
-
-
-def test_every_integrator_and_impact_rule_is_accepted():
-    for integrator in INTEGRATORS:
-        for impact in IMPACT_RULES:
-            if impact != "exact" or integrator == "exact":
-                method = f"method: {{integrator: {integrator}, impact: {impact}}}\n"
-                assert load(oscillator_yaml() + method).method.impact == impact
 
 
 # to_yaml

@@ -266,18 +266,12 @@ def test_only_a_regular_file_is_a_table(name):
         load_config("sweep.yaml", [f"points={name}"])
 
 
-@pytest.mark.parametrize(
-    ("override", "part"),
-    [
-        ("follow.axis=omega", "follow: needs an axis, but points has none"),
-        ("oscillator.h=[0.1, 0.2]", "oscillator.h: conflicts with points"),
-        ("oscillator.R=0.5", "oscillator.R: conflicts with points"),
-    ],
-)
-def test_what_needs_an_axis_is_refused(override, part):
+def test_what_needs_an_axis_is_refused():
     write_csv({"R": [0.5], "omega": [2.0]})
-    with pytest.raises(ConfigError, match=part):
-        load_config("sweep.yaml", [override])
+    with pytest.raises(ConfigError, match="follow: needs an axis, but points has none"):
+        load_config("sweep.yaml", ["follow.axis=omega"])
+    with pytest.raises(ConfigError, match=r"oscillator\.h: conflicts with points"):
+        load_config("sweep.yaml", ["oscillator.h=[0.1, 0.2]"])
 
 
 @pytest.mark.parametrize("name", ["status", "blocks", "point", "section"])

@@ -15,16 +15,8 @@ def test_one_value_in_a_list_or_range_is_an_axis():
     assert {name: list(values) for name, values in axes.items()} == {"h": [0.3], "f": [2.0]}
 
 
-@pytest.mark.parametrize(("first", "last"), [(-4, 0), (3, -3), (-300, 300)])
-def test_decades_of_a_log_axis_are_exact(first, last):
-    powers = range(first, last + 1) if first < last else range(first, last - 1, -1)
-    decades = [float(f"1e{power}") for power in powers]
-    axis = Range(start=decades[0], stop=decades[-1], num=len(decades), spacing="log")
-    assert axis.values().tolist() == decades
-
-
 @pytest.mark.parametrize(
-    ("start", "stop", "num"), [(0.3, 7.1, 40), (7.1, 0.3, 200), (5e-324, 1e308, 99)]
+    ("start", "stop", "num"), [(0.3, 7.1, 40), (7.1, 0.3, 200), (5e-324, 1e308, 99), (1e3, 1e-3, 7)]
 )
 def test_a_log_axis_is_rounded_correctly(start, stop, num):
     """So its bits are the same everywhere: no other number is nearer to the geometric series."""
@@ -35,14 +27,6 @@ def test_a_log_axis_is_rounded_correctly(start, stop, num):
             (Fraction(value) + Fraction(math.nextafter(value, end))) / 2 for end in (0.0, math.inf)
         )
         assert low**last <= start ** (last - i) * stop**i <= high**last
-
-
-def test_a_linear_axis_has_the_numbers_that_are_typed():
-    for start, stop, num in ((0.1, 1, 10), (2.4, 3.5, 111), (-0.3, 0.3, 7), (1e-3, 0.2, 200)):
-        text = f"{{start: {start}, stop: {stop}, num: {num}}}"
-        config = load(oscillator_yaml(clearance=text) + "start: {x0: -1}\n")
-        values = config.sweep.grid.axes["clearance"]
-        assert values.tolist() == [float(f"{value:.3g}") for value in values]
 
 
 ENDS = [

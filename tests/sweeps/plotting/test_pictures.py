@@ -231,16 +231,6 @@ def test_impacts_that_were_not_kept_are_said(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_trajectory_of_a_sweep_without_one_by_the_command(draw):
-    assert draw("--at", "omega=2.8", "--periods", "2").exit_code == 0
-    wrong = draw("--at", "omega=2.8", "--periods", "0")
-    assert wrong.exit_code == 2 and "expected: an integer >= 1" in wrong.stderr
-    assert "periods can be chosen for trajectory only" in draw(
-        "--kind", "map", "--periods", "2"
-    ).stderr  # fmt: skip
-
-
-@pytest.mark.slow
 def test_width_title_and_limits_by_the_command(draw):
     arguments = ["--kind", "bifurcation", "--width", "86.36mm", "--title", "A title"]
     assert draw(*arguments, "--xlim", "2.5:3", "--ylim", "-0.5:0").exit_code == 0
@@ -253,14 +243,6 @@ def test_width_title_and_limits_by_the_command(draw):
         wrong = draw(option, value)
         assert wrong.exit_code == 2
         assert f"{option} {value} is not allowed; expected: " in wrong.stderr
-
-
-def test_a_page_sets_title_and_limits(dataset):
-    page = Page(title="Mine", xlim=(2.5, 3.0), ylim=(-0.4, 0.1))
-    figure = plotting.bifurcation(dataset, page=page)
-    assert figure.get_suptitle() == "Mine"
-    assert figure.axes[0].get_xlim() == (2.5, 3.0) and figure.axes[0].get_ylim() == (-0.4, 0.1)
-    assert plotting.parameter_map(dataset, page=Page(title="")).get_suptitle() == ""
 
 
 @pytest.mark.slow

@@ -236,16 +236,6 @@ def test_a_block_of_another_sweep_or_of_another_number_is_not_used(whole):
     xr.testing.assert_identical(data("out.h5"), whole)
 
 
-def test_numpy_reads_a_block():
-    block = next(GRID.blocks(2))
-    fill_blocks("out.h5", 1)
-    with np.load(last_block()) as file:
-        given = block_results(block)
-        np.testing.assert_array_equal(file["poincare_x"].reshape(2, -1), given["poincare_x"])
-        np.testing.assert_array_equal(file["points"]["chatters"].ravel(), given["chatters"])
-        assert file["points"].dtype["status"] == np.int8
-
-
 @pytest.mark.parametrize("blocks", [2, None])
 @pytest.mark.parametrize("piece", [0, 1000, 1 << 26])
 def test_trajectories_have_lengths_of_their_own(monkeypatch, blocks, piece):
