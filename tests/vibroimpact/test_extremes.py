@@ -82,7 +82,6 @@ def compare_with_walk(points, periods):
     "count",
     [
         100,
-        pytest.param(400, marks=pytest.mark.slow),
         pytest.param(5000, marks=pytest.mark.campaign),
     ],
 )

@@ -80,7 +80,7 @@ def test_no_other_user_reaches_the_processes_of_this_machine():
         for host, port in ports - encrypted:
             for path in ("/", "/status", "/info/main/workers.html", "/json/identity.json"):
                 with pytest.raises(urllib.error.HTTPError, match="404"):
-                    urllib.request.urlopen(f"http://{host}:{port}{path}", timeout=60)
+                    urllib.request.urlopen(f"http://{host}:{port}{path}", timeout=300)
 
 
 def listening():
@@ -97,7 +97,7 @@ def listening():
 def answers_http(host, port):
     """Whether a server answers a request without TLS, which another one ends at once."""
     try:
-        urllib.request.urlopen(f"http://{host}:{port}/", timeout=60)
+        urllib.request.urlopen(f"http://{host}:{port}/", timeout=300)
     except OSError as error:
         return isinstance(error, urllib.error.HTTPError)
     return True
@@ -107,7 +107,7 @@ def answers_tls(host, port, context):
     """Whether a server completes the handshake and accepts the certificate of the client."""
     try:
         with (
-            socket.create_connection((host, port), timeout=60) as plain,
+            socket.create_connection((host, port), timeout=300) as plain,
             context.wrap_socket(plain, server_hostname=None) as encrypted,
         ):
             return len(encrypted.recv(1)) == 1  # Dask's servers speak first
