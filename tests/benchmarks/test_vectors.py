@@ -59,7 +59,7 @@ def test_the_hot_loops_are_packed_and_fused():
         packed(time_stepping.plain_lanes, (*stride, False, None)) >= 2 * FUSED
     )  # also while recording
     assert packed(time_stepping.step_lanes, (*stride, None)) >= FUSED
-    assert packed(exact_lanes.propagate_lanes, (lanes, 64, added, 0.1, 0)) >= 8
+    assert packed(exact_lanes.propagate_lanes, (lanes, 64, added, 0.1, 0, None)) >= 8
     assert packed(exact_lanes.force_lanes, (lanes, added, 0.0, 1.0)) >= 4
 
 

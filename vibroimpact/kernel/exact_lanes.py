@@ -153,20 +153,17 @@ def _propagate(lanes, size, added, phase_step, n, watching):
 
 
 @jit
-def propagate_lanes(lanes, size, added, phase_step, n):
+def propagate_lanes(lanes, size, added, phase_step, n, watching):
     """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact.
 
-    A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step.
+    A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step. If
+    `watching`, a lane whose step without impact may widen its reach has a GUARD from 0 to inf.
     """
     widest_vectors()
-    _propagate(lanes, size, added, phase_step, n, False)
-
-
-@jit
-def watch_lanes(lanes, size, added, phase_step, n):
-    """As ``propagate_lanes``; a GUARD from 0 to inf: a step without impact may widen the reach."""
-    widest_vectors()
-    _propagate(lanes, size, added, phase_step, n, True)
+    if watching is not None and watching:
+        _propagate(lanes, size, added, phase_step, n, True)
+    else:
+        _propagate(lanes, size, added, phase_step, n, False)
 
 
 @jit
@@ -297,10 +294,7 @@ def take_exact_steps(batch, grid, carrying, watching):
     lanes = workspace.lanes
     for n in range(grid.size):
         added = workspace.added[place_of_added(workspace, grid, n)]
-        if watching is not None and watching:
-            watch_lanes(lanes, size, added, grid.phase_step, n)
-        else:
-            propagate_lanes(lanes, size, added, grid.phase_step, n)
+        propagate_lanes(lanes, size, added, grid.phase_step, n, watching)
         listed = list_awake(workspace, size, grid, n, watching)
         if carrying is not None and carrying:
             propagate_all_tangents(lanes, size, n)

@@ -14,14 +14,7 @@ from vibroimpact.kernel.threads import KernelJob, find_on_threads, lanes_per_thr
 from vibroimpact.oscillator import refuse_invalid, with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import with_stop_in_reach
-from vibroimpact.step.scheme import (
-    EXACT,
-    MOST_PERIODS,
-    MOST_RECORDED,
-    THETA,
-    Scheme,
-    scheme_of,
-)
+from vibroimpact.step.scheme import EXACT, MOST_PERIODS, MOST_RECORDED, THETA, Scheme, scheme_of
 
 
 class Length(NamedTuple):

@@ -166,13 +166,9 @@ def end_period(batch, offset, phase_step):
     lanes = workspace.lanes
     for i in range(size):
         if lanes[PERIOD + i] >= 0.0:
-            x, v, sums = (
-                lanes[POSITION + offset + i],
-                lanes[VELOCITY + offset + i],
-                workspace.sums[i],
-            )
-            sections, k = record.sections[workspace.rows[i]], int(lanes[PERIOD + i])
-            record_section(x, v, sections, k, sums)
+            x, v = lanes[POSITION + offset + i], lanes[VELOCITY + offset + i]
+            sections, sums = record.sections[workspace.rows[i]], workspace.sums[i]
+            record_section(x, v, sections, int(lanes[PERIOD + i]), sums)
             if lanes[SLEPT + i] > 0.0:
                 sums.rested += lanes[SLEPT + i] * phase_step / lanes[OMEGA + i]
                 lanes[SLEPT + i] = 0.0

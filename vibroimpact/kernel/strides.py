@@ -302,12 +302,8 @@ def resolve_stepped_lane(batch, i, method, grid, n, span, turning):
     """
     workspace, record, _ = batch
     lanes, scratch = workspace.lanes, workspace.scratch
-    pt, sums, table, phase_step = (
-        workspace.points[i],
-        workspace.sums[i],
-        grid.table,
-        grid.phase_step,
-    )
+    pt, sums = workspace.points[i], workspace.sums[i]
+    table, phase_step = grid.table, grid.phase_step
     recording, ring = lanes[PERIOD + i] >= 0.0, record.impacts[workspace.rows[i]]
     rows = map_of(lanes, i)
     state = lanes[POSITION + i], lanes[VELOCITY + i], lanes[LEVEL + i] == AT_REST

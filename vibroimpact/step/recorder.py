@@ -8,26 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import (
-    ALL_THREADS,
-    claim,
-    compiled,
-    is_set,
-    jit,
-    on_threads,
-    specialised,
-)
+from vibroimpact.jit import ALL_THREADS, claim, compiled, is_set, jit, on_threads, specialised
 from vibroimpact.oscillator import with_one_force
 from vibroimpact.status import Status
-from vibroimpact.step.contact import (
-    DISPLACEMENT,
-    IMPACT,
-    KIND,
-    REST,
-    SPEED,
-    TIME,
-    new_scratch,
-)
+from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME, new_scratch
 from vibroimpact.step.scheme import EXACT, THETA, Scheme
 from vibroimpact.step.stepper import (
     first_section,
@@ -116,9 +100,8 @@ class TraceJob(NamedTuple):
     #: Receives the rows for which there is room: t, x, v, or kind, t, x, v. Shape (3, room) or
     #: (4, room), with the logs of the points one after the other.
     logs: np.ndarray
-    starts: (
-        np.ndarray
-    )  #: Where the room of each point starts in `logs`, and its end, shape (n + 1,).
+    #: Where the room of each point starts in `logs`, and its end, shape (n + 1,).
+    starts: np.ndarray
     #: Receives the number of rows that a log needs, and the status, shape (n, 2). The status of a
     #: motion that ends early is ``PENDING``.
     outcomes: np.ndarray
@@ -216,11 +199,8 @@ def _logged(
         room = np.maximum(rows, room)
         starts = np.concatenate([[0], np.cumsum(room)])
         logs = np.empty((columns, starts[-1]))  # memory that is not written is not taken
-        outcomes, reach, claimed = (
-            np.zeros((n, 2), np.int64),
-            np.empty((n, 2)),
-            np.zeros(1, np.int64),
-        )
+        outcomes, claimed = np.zeros((n, 2), np.int64), np.zeros(1, np.int64)
+        reach = np.empty((n, 2))
         job = TraceJob(points, scheme, *extent, logs, starts, outcomes, reach, claimed, interrupt)
         on_threads(threads, interrupt, compiled(run, job), job)
         rows = job.outcomes[:, 0]

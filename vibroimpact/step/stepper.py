@@ -17,15 +17,7 @@ from vibroimpact.step.chatter import may_rest
 from vibroimpact.step.contact import IMPACT, SIDE_BY_SIDE, log_event, start
 from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.exact_step import exact_step
-from vibroimpact.step.impact import (
-    FIRST,
-    NOTHING,
-    ONLY,
-    Flight,
-    FreeEnd,
-    launch_after,
-    meet_stop,
-)
+from vibroimpact.step.impact import FIRST, NOTHING, ONLY, Flight, FreeEnd, launch_after, meet_stop
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.polynomial import TERMS
 from vibroimpact.step.propagator import (
