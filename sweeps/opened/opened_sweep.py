@@ -103,6 +103,11 @@ class OpenedSweep:
         return parse_config(text, *_SOURCE, table=table) if table else _parsed(text)
 
     @property
+    def name(self) -> str:
+        """The name of the sweep."""
+        return self.config.name
+
+    @property
     def rig(self) -> RigConfig | None:
         """The rig, if there is one; without, no table that belongs to a configuration is read."""
         has_rig = re.search("^rig:", self.attrs["configuration"], re.MULTILINE)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.text import Text
 
-    from sweeps.config.sweep import SweepConfig
+    from vibroimpact.points.stages import RunSpec
 
 #: What has the names and units that a reader sees.
 Names = OpenedSweep | Nomenclature
@@ -138,13 +138,12 @@ def record_text(drawn: OpenedSweep, coordinate: str = "poincare_x") -> str:
     return ", ".join(part.replace(" ", _JOINT) for part in parts)
 
 
-def method_text(config: SweepConfig) -> list[str]:
+def method_text(spec: RunSpec) -> list[str]:
     """Write integrator, impact rule and steps per period, unless both are exact."""
-    method = config.method
-    if method.integrator == method.impact == "exact":
+    if spec.integrator == spec.impact == "exact":
         return []
-    steps = f"{method.steps_per_period:,}{_JOINT}steps{_JOINT}per{_JOINT}period"
-    return [method.integrator, f"impact{_JOINT}rule{_JOINT}{method.impact}", steps]
+    steps = f"{spec.steps_per_period:,}{_JOINT}steps{_JOINT}per{_JOINT}period"
+    return [spec.integrator, f"impact{_JOINT}rule{_JOINT}{spec.impact}", steps]
 
 
 def title(drawn: OpenedSweep, record: str | None = None) -> str:
@@ -153,8 +152,7 @@ def title(drawn: OpenedSweep, record: str | None = None) -> str:
     Parameters have units if names were chosen for these. The record is by default that of
     `record_text`.
     """
-    config = drawn.config
-    seen = drawn.nomenclature
+    spec, seen = drawn.spec, drawn.nomenclature
     usual = {name: parameter.default for name, parameter in seen.parameters.items()}
     if "a" in drawn and bool((drawn["a"] > 0.0).any()):
         usual[seen.name("f")] = 0.0  # the base alone may shake the mass
@@ -163,13 +161,13 @@ def title(drawn: OpenedSweep, record: str | None = None) -> str:
         for name, parameter in seen.parameters.items()
         if not drawn[name].dims and float(drawn[name]) != usual[name]
     ]
-    if config.follow is not None and DIRECTION not in drawn.data.dims:  # else it is in the legend
+    if spec.followed is not None and DIRECTION not in drawn.data.dims:  # else it is in the legend
         parts.append(followed(drawn))
     parts.append(record_text(drawn) if record is None else record)
-    parts += method_text(config)
+    parts += method_text(spec)
     if not drawn.grid:
-        parts += filter(None, [Status(int(drawn["status"])).remark(config.method.impact)])
-    name = config.name.replace("$", r"\$")
+        parts += filter(None, [Status(int(drawn["status"])).remark(spec.impact)])
+    name = drawn.name.replace("$", r"\$")
     return f"{name}\n{', '.join(parts)}"
 
 

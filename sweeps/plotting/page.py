@@ -21,6 +21,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sweeps.config.rig import Nomenclature
 from sweeps.errors import Refused
 from sweeps.opened.doors import in_si, orbits_on_axes, takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
@@ -299,7 +300,7 @@ def _arguments_in_si(
         if isinstance(wanted, xr.DataArray):
             name = str(wanted.name)
             if name not in sweep or not wanted.identical(sweep[name]):
-                return _on_axes(si, wanted)
+                return _on_axes(si, wanted, seen)
             wanted = name
         return seen.name(wanted) if isinstance(wanted, str) else wanted
 
@@ -320,10 +321,10 @@ def _arguments_in_si(
     return si, converted
 
 
-def _on_axes(sweep: OpenedSweep, values: xr.DataArray) -> xr.DataArray:
+def _on_axes(sweep: OpenedSweep, values: xr.DataArray, seen: Nomenclature) -> xr.DataArray:
     """Return numbers over parameters of the model over the axes of a dataset in SI units."""
     for name in map(str, values.dims):
-        axis = sweep.nomenclature.name(name)
+        axis = seen.name(name)
         if axis != name and axis in sweep.data.dims and np.array_equal(values[name], sweep[name]):
             own = sweep[axis]
             values = values.assign_coords({axis: (name, own.values, own.attrs)})
