@@ -245,17 +245,25 @@ def intruded(which, late, place, link, **options):
     return len(made) > which
 
 
-@at_every(397)
+@pytest.mark.parametrize(
+    ("step", "cases"),
+    [
+        pytest.param(397, slice(None, None, 3), marks=pytest.mark.slow, id="some"),
+        *(pytest.param(1, slice(n, n + 1), marks=pytest.mark.campaign, id=str(n)) for n in range(30)),
+    ],
+)
 @pytest.mark.parametrize("old", [None, 2, 4])
-def test_what_another_program_puts_there_at_any_call_stays_and_is_no_result(tmp_path, step, old):
+def test_what_another_program_puts_there_at_any_call_stays_and_is_no_result(
+    tmp_path, step, cases, old
+):
     """In the place of the output, the lock, a draft, the schema or a block, old or new."""
     (tmp_path / "old").mkdir()
     if old is not None:
         fill_blocks("old/out.h5", old, plan=FOUR_BLOCKS)
     number, folder = 0, tmp_path / "new"
     commands = {}, {"resume": True}, {"overwrite": True}
-    cases = [*product(commands, PLACES, ((False, True), (True, False)))]
-    for options, place, (late, link) in cases[:: 1 if step == 1 else 3]:
+    every = [*product(commands, PLACES, ((False, True), (True, False)))]
+    for options, place, (late, link) in every[cases]:
         which = number = (number + 7) % step
         went_on = True
         while went_on:
