@@ -43,6 +43,7 @@ def with_defaults(config: SweepConfig) -> SweepConfig:
     _refuse_points(config, points)
     steps = _chosen_steps(config, points)
     _refuse_large(config, axes, steps)
+    _refuse_repeated(config, axes)
     units = _chosen_units(config)
     method = config.method.model_copy(update={"steps_per_period": steps})
     return config.model_copy(update={"method": method, "units": units})
@@ -191,6 +192,20 @@ def _refuse_large(config: SweepConfig, axes: Mapping[str, Axis], steps: int) -> 
     if samples > _MOST_SAMPLES:
         problem = f"{samples:,} samples per point are too many"
         raise ConflictError(("record", "trajectory"), problem, f"at most {_MOST_SAMPLES:,}")
+
+
+def _refuse_repeated(config: SweepConfig, axes: Mapping[str, Axis]) -> None:
+    """Refuse an axis of more values than there are floating-point numbers between its ends.
+
+    At most 1e7 values repeat only in a range that is narrow, or next to 0.
+    """
+    for name, axis in axes.items():
+        size = max(abs(axis.low), abs(axis.high))
+        least = axis.low if axis.spacing == "log" else size
+        may = axis.high - axis.low < 1e-6 * size or least < 1e-300
+        if axis.size > 1 and may and not np.diff(axis.values()).all():
+            problem = f"two of {axis.size:,} values are the same floating-point number"
+            raise ConflictError(_key_of(config, name), problem, "fewer values, or a wider range")
 
 
 def _chosen_units(config: SweepConfig) -> UnitsConfig:

@@ -241,7 +241,8 @@ class Range(Group):
             return {**data, "num": 1}  # what is missing or no number has an error of its own
         last, num = steps_to(start, stop, step)
         if num > MOST_VALUES:
-            raise ValueError(f"has {num:,} values, and at most {MOST_VALUES:,} are allowed")
+            many = f"{num:,}" if num < 10**15 else f"{Decimal(num):.3g}"
+            raise ValueError(f"has {many} values, and at most {MOST_VALUES:,} are allowed")
         return {**{key: data[key] for key in data if key != "step"}, "stop": last, "num": num}
 
     @model_validator(mode="after")

@@ -138,6 +138,7 @@ def test_a_range_with_a_step_is_kept_as_its_number_of_values():
         ("{start: 2, stop: 1, step: 0.25}", "leads away from stop; did you mean step: -0.25?"),
         ("{start: 1, stop: 2, step: 1.1}", "has a step longer than the way from start to stop"),
         ("{start: 1, stop: 2, step: 1e-9}", "has 1,000,000,001 values, and at most 10,000,000"),
+        ("{start: 0, stop: 1e300, step: 5e-324}", "has 2.00e+623 values, and at most 10,000,000"),
         ("{start: 1, stop: 2, step: 1, spacing: log}", "has a step and log spacing"),
         (
             "{start: 1, stop: 2, step: x}",

@@ -68,8 +68,7 @@ def test_many_values_of_a_log_axis_are_rounded_correctly(start, stop):
 @pytest.mark.parametrize("spacing", ["linear", "log"])
 def test_no_value_of_a_range_is_rounded_out_of_it(spacing):
     low = math.nextafter(1.0, 0.0)
-    text = f"{{start: {low!r}, stop: 1, num: 50, spacing: {spacing}}}"
-    values = load(oscillator_yaml(R=text)).sweep.grid.axes["R"]
+    values = Range(start=low, stop=1.0, num=50, spacing=spacing).values()
     assert values.max() == 1.0 and values.min() == low
 
 
@@ -104,3 +103,27 @@ def test_the_values_of_a_long_range_are_not_created_before_they_are_needed(monke
     assert not created
     config = load(oscillator_yaml(f="{start: 1, stop: 2, num: 7}"))
     assert config.size == 7 and created == [7]
+
+
+RIG = "rig: {mass: 2.0, stiffness: 800.0, damping: 1.2, force: 10.0, frequency: 4.0, gap: 0, R: 1}\n"
+
+
+@pytest.mark.parametrize(
+    ("base", "key", "values"),
+    [
+        (oscillator_yaml(), "oscillator.omega", "{start: 2, stop: 2.000000000000001, num: 5}"),
+        (oscillator_yaml(), "oscillator.h", "{start: 0, stop: 1e-323, num: 9}"),
+        (oscillator_yaml(), "oscillator.f", "{start: 5e-324, stop: 1, num: 90000, spacing: log}"),
+        (RIG, "rig.stiffness", "{start: 800, stop: 800.0000000000002, num: 3}"),
+    ],
+)
+def test_values_that_are_one_floating_point_number_are_refused(base, key, values):
+    """The file of the run could not be opened."""
+    message = refusal(base, [f"{key}={values}"])
+    assert key in message and "are the same floating-point number" in message
+    assert "fewer values, or a wider range" in message
+
+
+def test_neighbouring_floating_point_numbers_are_an_axis():
+    config = load(oscillator_yaml(), "oscillator.omega={start: 2, stop: 2.000000000000001, num: 3}")
+    assert len({*config.sweep.grid.axes["omega"]}) == 3
