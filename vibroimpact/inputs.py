@@ -38,7 +38,7 @@ class Allowed(NamedTuple):
 
 def refusal(given: str, expected: str) -> str:
     """Say that what was given is not allowed, and what is."""
-    return f"{given} is not allowed; expected: {expected}"
+    return f"{shortened(given, 200)} is not allowed; expected: {expected}"
 
 
 def near_miss(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:

@@ -78,6 +78,11 @@ class Picture(Figure):
             if beyond.any():
                 room = beyond / self.bbox.width
                 room[beyond > 0.0] += engine.get()["w_pad"] / self.get_figwidth()
+                if room.sum() >= 1.0:
+                    raise Refused(
+                        f"the labels leave no room in a width of {self.get_figwidth():g} in; "
+                        "expected: a larger width"
+                    )
                 engine.set(rect=(room[0], 0.0, 1.0 - room.sum(), 1.0))
             if self.canvas.is_saving():  # draws twice, the first time for the layout only
                 engine.execute(self)

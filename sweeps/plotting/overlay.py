@@ -24,7 +24,7 @@ from sweeps.plotting.colours import has_scale
 from sweeps.plotting.contents import with_number
 from sweeps.plotting.labels import as_variable, prefix_of, units_of
 from sweeps.plotting.marks import marker_size
-from sweeps.plotting.page import Page
+from sweeps.plotting.page import LARGEST, Page
 from sweeps.plotting.style import ground, ink
 from sweeps.text import fewest_digits, near_miss, printable, shortened, suggestion
 from vibroimpact.oscillator import Parameter
@@ -83,7 +83,7 @@ def read_overlay(
         for group in needed:
             if not {*group} & {*named}:
                 raise ValueError(f"there is no column {' or '.join(group)}; {_expected(seen)}")
-        return dict.fromkeys(heads, Parameter("", "", ""))
+        return dict.fromkeys(heads, Parameter("", "", "", -LARGEST, LARGEST))
 
     try:
         table = read_columns(source, Path(), check)

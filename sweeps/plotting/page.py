@@ -134,8 +134,8 @@ class Page:
             panel.set_ylim(bottom - margin, top + margin)
 
 
-#: Greatest parameter of a picture.
-_LARGEST = 1e300
+#: Greatest number in a picture: matplotlib would overflow.
+LARGEST = 1e300
 #: Least and greatest width and height of a picture [inch].
 LEAST_INCHES, MOST_INCHES = 1.0, 40.0
 _LENGTH = number(
@@ -147,9 +147,9 @@ _LIMITS = Allowed(
         isinstance(value, Sequence)
         and len(value) == 2
         and all(map(is_number, value))
-        and value[0] < value[1]
+        and -LARGEST <= value[0] < value[1] <= LARGEST
     ),
-    "two numbers of which the first is smaller, as (2.4, 3.0)",
+    f"two numbers up to {LARGEST:g} of which the first is smaller, as (2.4, 3.0)",
 )
 _OF_PAGE = {
     "width": _LENGTH,
@@ -276,11 +276,11 @@ def styled(
 
 
 def _refuse_too_large(sweep: OpenedSweep) -> None:
-    """Refuse parameters of which matplotlib cannot draw the range: it would overflow."""
+    """Refuse parameters that are too large for a picture."""
     for name in (name for name in sweep.parameters if name in sweep):
         greatest = float(np.abs(sweep[name].values).max())
-        if greatest > _LARGEST:
-            raise Refused(f"{name} reaches {greatest:.3g}; a picture shows up to {_LARGEST:g}")
+        if greatest > LARGEST:
+            raise Refused(f"{name} reaches {greatest:.3g}; a picture shows up to {LARGEST:g}")
 
 
 def _arguments_in_si(

@@ -105,7 +105,7 @@ def test_the_values_of_a_long_range_are_not_created_before_they_are_needed(monke
     assert config.size == 7 and created == [7]
 
 
-RIG = "rig: {mass: 2.0, stiffness: 800.0, damping: 1.2, force: 10.0, frequency: 4.0, gap: 0, R: 1}\n"
+RIG = "rig: {mass: 2, stiffness: 800, damping: 1, force: 10, frequency: 4, gap: 0, R: 1}\n"
 
 
 @pytest.mark.parametrize(

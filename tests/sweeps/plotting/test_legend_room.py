@@ -5,8 +5,9 @@ import pytest
 from matplotlib.lines import Line2D
 
 from sweeps import branches, open_sweep
+from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting import Page, bifurcation
+from sweeps.plotting import Page, bifurcation, plot
 from sweeps.plotting.canvas import Picture
 from sweeps.plotting.exact_lines import _BRANCHES_IN_FULL, without_idle
 from tests.helpers.commands import call
@@ -87,3 +88,11 @@ def test_branches_to_which_no_motion_goes_are_counted_and_drawn_on_request(folde
     assert f"branches not drawn: {idle}" in {t.get_text() for t in figure.legends[0].get_texts()}
     told = call("plot", "out.h5", "--exact", "--dpi", "40").stdout
     assert f"branches not drawn, because no motion goes to them: {idle}; --most 61" in told
+
+
+@pytest.mark.filterwarnings("ignore:constrained_layout not applied")
+def test_a_width_without_room_for_the_labels_is_refused(tmp_path):
+    """Instead of a traceback of matplotlib's solver, in the last step of saving."""
+    with pytest.raises(Refused, match="the labels leave no room in a width of 1 in"):
+        plot(equal_points(), tmp_path / "a.png", "bifurcation", page=Page(width=1.0))
+    assert not [*tmp_path.iterdir()]

@@ -249,7 +249,10 @@ def intruded(which, late, place, link, **options):
     ("step", "cases"),
     [
         pytest.param(397, slice(None, None, 3), marks=pytest.mark.slow, id="some"),
-        *(pytest.param(1, slice(n, n + 1), marks=pytest.mark.campaign, id=str(n)) for n in range(30)),
+        *(
+            pytest.param(1, slice(n, n + 1), marks=pytest.mark.campaign, id=f"case-{n}")
+            for n in range(30)
+        ),
     ],
 )
 @pytest.mark.parametrize("old", [None, 2, 4])
