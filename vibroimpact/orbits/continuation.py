@@ -136,8 +136,11 @@ def _returns(step: ArclengthStep, start: Point) -> bool:
     along = step.begin.tangent
     if not (0.0 <= place <= 1.0 and family.inner(along, start.tangent) > 0.5):
         return False
-    offset = step.begin.X + place * step.length * along - start.X
-    return family.inner(offset, offset) < step.length**2
+    X = step.begin.X + place * step.length * along
+    if not family.distance(X, start.X) < step.length:
+        return False
+    Y = family.corrected(X, along[None, :])
+    return Y is not None and family.distance(Y, start.X) < _RESOLVED
 
 
 def margin(family: OrbitFamily, point: Point, reason: Inadmissible) -> float:
@@ -315,17 +318,18 @@ def onto_edges(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
 
 
 def _without_speed(step: ArclengthStep) -> np.ndarray:
-    """Return the end of a branch, on which an impact is slow, along its tangent to speed zero.
+    """Return the end of a branch, on which an impact is slow, along its last chord to speed zero.
 
     Newton's method fails there where any natural vibration closes the orbit, as at h = 0 and
-    omega = n p.
+    omega = n p. The tangent has no digits there, but the points have.
     """
-    X, tangent, q = step.end.X, step.end.tangent, step.family.q
+    X, q = step.end.X, step.family.q
+    along = (X - step.begin.X) / step.length if step.length else step.end.tangent
     slowest = int(np.argmin(speeds(X, q)))
-    speed, slope = speeds(X, q)[slowest], speeds(tangent, q)[slowest]
+    speed, slope = speeds(X, q)[slowest], speeds(along, q)[slowest]
     if not -speed / NEARBY_DISTANCE > slope:  # it becomes no slower
         return X
-    X = X - speed / slope * tangent
+    X = X - speed / slope * along
     speeds(X, q)[slowest] = 0.0
     return X
 
