@@ -95,9 +95,9 @@ def exact(point, axis):
 
     That is singular at a graze where every natural vibration repeats: undamped at omega = n p.
     """
-    osc = point.orbit.oscillator
-    if osc.h == 0.0 and axis in ("omega", "p") and point.orbit.speeds.max() < 1e-6:
-        return point.orbit.m * osc.p if axis == "omega" else osc.omega / point.orbit.m
+    osc, m = point.orbit.oscillator, point.orbit.m
+    if point.kind == "graze" and osc.h == 0.0 and abs(osc.omega / (m * osc.p) - 1.0) < 1e-6:
+        return {"omega": m * osc.p, "p": osc.omega / m}[axis]
     return SectionMap(point.orbit).bifurcation(point.kind, axis)
 
 
