@@ -336,6 +336,27 @@ def test_the_folds_from_a_degenerate_flip_are_found_over_a_thousandth_of_the_ran
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("m", "omega", "R", "phases", "speeds"),
+    [
+        (3, 2.999999073414122, 0.999996834563512, [1.74559681, 8.55197921, 11.17037833],
+         [0.29347925, 3.71696672e-07, 0.293478892]),
+        (5, 4.999999747616023, 0.9999991721032697, [2.29367522, 4.88256463, 20.59052694],
+         [5.46279690e-08, 0.170504159, 0.170504213]),
+    ],
+)  # fmt: skip
+def test_no_flip_is_degenerate_where_an_impact_loses_its_speed(m, omega, R, phases, speeds):
+    """Undamped, near R = 1 and omega = m, where the multiplier has lost its digits."""
+    osc = Oscillator(h=0.0, R=R, omega=omega, f=1.0)
+    start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds), "flip")
+    ranges = ("omega", omega * 0.6, omega * 1.5), ("R", 0.3, 1.0)
+    flips = bifurcation_curve(start, "flip", *ranges)
+    again = bifurcation_curve(flips.orbit(len(flips.values) // 2), "flip", *ranges)
+    for curve in (flips, again):
+        assert len(curve.values) > 20
+        assert "degenerate" not in [point.kind for point in curve.special]
+
+
 def test_two_degenerate_flips_close_together_are_the_ends_of_one_curve_of_folds():
     """Two others on the same curve of flips are as near, each with folds of its own."""
     osc = Oscillator(

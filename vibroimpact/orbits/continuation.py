@@ -46,7 +46,7 @@ _VANISHES = 1e-9
 #: At the end of a path, an impact slower than this grazes; so does a flight that turns as near
 #: to the stop. The value is not smaller because Newton's method fails at 1e-6 where all impacts of
 #: a long orbit graze at once.
-_GRAZES = 1e-5
+GRAZES = 1e-5
 #: A path ends where the margin of an inadmissible point is below this. If it is not, the last orbit
 #: is sought with a shorter step.
 ENDS = 1e-9
@@ -254,7 +254,7 @@ def ending(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
             return touch
     if kind == "lost" and _cannot_leave(family, X):
         return "rest", X, family.orbit(X)
-    if not step.margin < _GRAZES:
+    if not step.margin < GRAZES:
         return kind, X, family.orbit(X)
     X = _without_speed(step) if family.kind == "" and kind == "lost" else X
     return "graze", X, family.orbit(X)
@@ -274,7 +274,7 @@ def _cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
     pt, theta = family.natural(X), phases(X, family.q)
     pushed = -pt.f * np.sin(theta) - pt.p * pt.p * pt.clearance
     short = np.diff(theta, append=theta[0] + 2.0 * math.pi * family.m) < NEARBY_DISTANCE
-    still = (pt.R * speeds(X, family.q) < _GRAZES) & (np.abs(pushed) < _GRAZES)
+    still = (pt.R * speeds(X, family.q) < GRAZES) & (np.abs(pushed) < GRAZES)
     return bool((short & still).any())
 
 
@@ -318,19 +318,20 @@ def onto_edges(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
 
 
 def _without_speed(step: ArclengthStep) -> np.ndarray:
-    """Return the end of a branch, on which an impact is slow, along its last chord to speed zero.
+    """Return the end of a branch, on which an impact is slow, extrapolated to speed zero.
 
     Newton's method fails there where any natural vibration closes the orbit, as at h = 0 and
-    omega = n p. The tangent has no digits there, but the points have.
+    omega = n p. The tangent may have no digits there, but the chord of the last step has.
     """
     X, q = step.end.X, step.family.q
-    along = (X - step.begin.X) / step.length if step.length else step.end.tangent
     slowest = int(np.argmin(speeds(X, q)))
-    speed, slope = speeds(X, q)[slowest], speeds(along, q)[slowest]
-    if not -speed / NEARBY_DISTANCE > slope:  # it becomes no slower
-        return X
-    X = X - speed / slope * along
-    speeds(X, q)[slowest] = 0.0
+    speed = speeds(X, q)[slowest]
+    for along in (step.end.tangent, (X - step.begin.X) / (step.length or 1.0)):
+        slope = speeds(along, q)[slowest]
+        if -speed / NEARBY_DISTANCE > slope:  # it becomes slower
+            X = X - speed / slope * along
+            speeds(X, q)[slowest] = 0.0
+            break
     return X
 
 
@@ -348,7 +349,7 @@ def _graze(
         index += 1
     Z = grazing.bifurcation(Y, "graze", index)
     if Z is None or not grazing.distance(Z, Y) < NEARBY_DISTANCE:
-        touches = reason.kind == "penetration" and step.margin < _GRAZES
+        touches = reason.kind == "penetration" and step.margin < GRAZES
         return ("graze", X, grazing.orbit(Y)) if touches else None
     last = Z
     if grazing is not family:  # without the touch
