@@ -134,8 +134,8 @@ class Page:
             panel.set_ylim(bottom - margin, top + margin)
 
 
-#: Greatest number in a picture: matplotlib would overflow.
-LARGEST = 1e300
+#: Greatest number in a picture: beyond it matplotlib overflows as it looks for ticks.
+LARGEST = 4e307
 #: Least and greatest width and height of a picture [inch].
 LEAST_INCHES, MOST_INCHES = 1.0, 40.0
 _LENGTH = number(

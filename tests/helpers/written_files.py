@@ -157,6 +157,7 @@ def picture_results(points, widths, seed=0):
     arrays["rest_fraction"] = random.integers(0, 2, points) / 4.0
     arrays["impact_v"][..., -1:] = np.nan
     np.minimum(arrays["poincare_x"], FIXED["clearance"], out=arrays["poincare_x"])
+    arrays["trajectory_t"].sort()
     return arrays
 
 

@@ -50,7 +50,7 @@ def test_a_text_is_no_file_of_a_sweep():
         (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),
         (["--at", "omega=x"], ["--at omega=x ", "NAME=VALUE"]),
         (["--at", "omega=" + "9" * 5000], ["--at omega=999", "999... is not allowed"]),
-        (["--xlim", "0:1e308"], ["xlim = ", "numbers up to 1e+300 of which the first is smaller"]),
+        (["--xlim", "0:1e308"], ["xlim = ", "numbers up to 4e+307 of which the first is smaller"]),
     ],
 )
 def test_a_picture_that_cannot_be_drawn(small_file, arguments, parts):
