@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
 import matplotlib as mpl
@@ -38,7 +38,7 @@ from sweeps.plotting.labels import (
     record_text,
 )
 from sweeps.plotting.looks import Cells, Looks, basin_cells, class_names, class_of_numbers, names_of
-from sweeps.plotting.maps import draw_cells, name_and_bound
+from sweeps.plotting.maps import cells_in_view, draw_cells, name_and_bound
 from sweeps.plotting.marks import edge_of, mark_some, mark_status, marker_size, widen_if_constant
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
@@ -84,9 +84,9 @@ def basins(
     starts = sweep.cut(at, free=plane)
     panel = canvas.new_panel(ax, page)
     there = Basins.of(starts, *attractors_in(starts, sweep, page.grey), *plane)
-    handles = there.draw(panel)
+    cells = there.draw(panel)
     page.on(panel).set_limits(panel)
-    handles += there.mark_attractors(panel)
+    handles = [*cells_in_view(panel, there.starts, cells), *there.mark_attractors(panel)]
     figure = canvas.finish(panel, page, starts, handles, basins_title(sweep))
     there.write_names(panel, page)
     return figure
@@ -114,8 +114,8 @@ class Basins(NamedTuple):
         """Return the cells of each basin."""
         return basin_cells(self.table, self.numbers, self.looks, self.starts)
 
-    def draw(self, panel: Axes) -> list[Artist]:
-        """Draw the basins; return the entries of the legend."""
+    def draw(self, panel: Axes) -> dict[Artist, np.ndarray]:
+        """Draw the basins; return the entries of the legend, with the masks of their cells."""
         return draw_cells(panel, self.starts, self.cells())
 
     def mark_attractors(self, panel: Axes) -> list[Artist]:
@@ -125,7 +125,10 @@ class Basins(NamedTuple):
         if not states or "phase" in grid or float(phase) != self.starts.spec.phase:
             return []
         look: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": 4.0}
-        panel.plot(*np.concatenate(states).T, "o", scalex=False, scaley=False, **look)
+        places = np.concatenate(states)
+        panel.plot(*places.T, "o", scalex=False, scaley=False, **look)
+        if not canvas.in_view(panel, *places.T).any():
+            return []
         return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
 
     def write_names(self, panel: Axes, page: Page) -> None:
@@ -176,15 +179,18 @@ def _basins_beside(
     row /= mpl.rcParams["figure.figsize"][1]
     panels = canvas.panel_grid(page, len(values), across, row, sharex=True)
     every, looks = attractors_in(sweep.cut(at, free=[name, *plane]), sweep, page.grey)
-    places, further = [], dict[str, Artist]()
+    places, further, seen = [], dict[str, Artist](), set[Look]()
     for panel, value in zip(panels, line[name].values.tolist(), strict=True):
         there = every.sel({name: value})
         basins_there = Basins.of(line.cut({name: value}, plane), there, looks, *plane)
-        of_cells = {cell.label for cell in basins_there.cells()}
-        handles = basins_there.draw(panel)
+        of_cells = {cell.label: cell.look for cell in basins_there.cells()}
+        cells = basins_there.draw(panel)
         page.on(panel).set_limits(panel)
-        for handle in handles + basins_there.mark_attractors(panel):
-            if (text := str(handle.get_label())) not in of_cells:
+        cells = cells_in_view(panel, basins_there.starts, cells)
+        for handle in [*cells, *basins_there.mark_attractors(panel)]:
+            if (text := str(handle.get_label())) in of_cells:
+                seen.add(of_cells[text])
+            else:
                 further[text] = handle
         panel.set_title(equation(line[name].symbol, line[name], value), loc="left")
         places.append((panel, basins_there))
@@ -197,14 +203,16 @@ def _basins_beside(
             panel.set_ylabel("")
     tables = [basins_there.table for _, basins_there in places]
     title = f"{CLASSES_TITLE},\nshare of the starts in each panel"
-    handles = [*_shared_handles(tables, looks), *further.values()]
+    handles = [*_shared_handles(tables, looks, seen), *further.values()]
     figure = canvas.finish(panels[0], page, line, handles, title)
     for panel, basins_there in places:
         basins_there.write_names(panel, page)
     return figure
 
 
-def _shared_handles(tables: Sequence[Sequence[AttractorRow]], looks: Looks) -> list[Artist]:
+def _shared_handles(
+    tables: Sequence[Sequence[AttractorRow]], looks: Looks, seen: Container[Look]
+) -> list[Artist]:
     """Return an entry of a legend for each look and class in several panels, with the shares."""
     shares: dict[tuple[Look, str], np.ndarray] = {}
     for number, table in enumerate(tables):
@@ -215,6 +223,7 @@ def _shared_handles(tables: Sequence[Sequence[AttractorRow]], looks: Looks) -> l
     return [
         Cells(f"{name}: {', '.join(f'{share:.1f}' for share in each)} %", look, each).handle()
         for (look, name), each in shares.items()
+        if look in seen
     ]
 
 
@@ -283,6 +292,10 @@ def attractor_diagram(
     page = page.on(panel)
     page.fit_ordinate(panel)
     page.set_limits(panel)
+    for each in series:
+        if canvas.is_seen(each.dots):
+            (handle,) = panel.plot([], [], each.look.marker, color=each.look.ink, label=each.name)
+            handle.set(markersize=4.0, markeredgewidth=edge_of(each.look.marker))
     masks = {}
     if page.marks and ORDINATES[coordinate].dimension == "impact":
         masks[PARTIAL] = line.transpose(axis).shows_part.ravel()
@@ -291,9 +304,11 @@ def attractor_diagram(
     record = record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, legend_title=title, record=record)
     if page.grey:
-        for _, look, points in series:
-            mark_some(panel, points, look.marker, look.ink)
-        periodic = [each for each in series if each.rows[0].regime is Regime.PERIODIC]
+        alone = [each for each in series if looks.has_own(each.rows[0])]
+        for each in alone:
+            if each.rows[0].regime not in NO_CLASS:
+                mark_some(panel, each.points, each.look.marker, each.look.ink)
+        periodic = [each for each in alone if each.rows[0].regime is Regime.PERIODIC]
         name_lines(panel, [(classes_text(each.rows), each.points) for each in periodic])
     return figure
 
@@ -308,11 +323,17 @@ def _starts_at_each(line: OpenedSweep) -> str:
 
 
 class _Series(NamedTuple):
-    """The attractors of a diagram with one look, and the points drawn of them, shape (n, 2)."""
+    """The attractors of a diagram with one look, the dots drawn of them, their name."""
 
     rows: list[AttractorRow]
     look: Look
-    points: np.ndarray
+    dots: Line2D
+    name: str
+
+    @property
+    def points(self) -> np.ndarray:
+        """The points, shape (n, 2)."""
+        return np.asarray(self.dots.get_xydata())
 
 
 def _draw_rows(
@@ -323,10 +344,7 @@ def _draw_rows(
     axis: str,
     coordinate: str,
 ) -> list[_Series]:
-    """Draw the record of each attractor, with the periodic ones on top.
-
-    Return the series that have a look of their own and a marker.
-    """
+    """Draw the record of each attractor, with the periodic ones on top."""
     values = records(line, coordinate, np.array([row.point for row in table]))
     if coordinate.startswith("poincare"):
         for record, row in zip(values, table, strict=True):
@@ -338,21 +356,18 @@ def _draw_rows(
     abscissa = np.array([row.parameters[axis] for row in table])
     series = looks.series(table)
     names = names_of([[table[i] for i in places] for places in series], line, line[axis])
-    marked = []
+    drawn = []
     for places, name in zip(series, map("".join, names), strict=True):
         y = values[places]
         x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
         y = y[np.isfinite(y)]
         first = table[places[0]]
-        look, is_alone = looks.look(first), looks.has_own(first)
-        (points,) = panel.plot(x, y, "o", color=look.ink, rasterized=True)
+        look = looks.look(first)
+        (dots,) = panel.plot(x, y, "o", color=look.ink, rasterized=True)
         scattered = first.regime is not Regime.PERIODIC
         least, most, zorder = (0.8, 1.2, 2.0) if scattered else (1.5, 2.0, 3.0)
         size = marker_size(x, y, least, most)
-        points.set(markersize=size, markeredgewidth=0, zorder=zorder)
-        label = name if is_alone else "other periodic attractors"
-        (handle,) = panel.plot([], [], look.marker, color=look.ink, label=label)
-        handle.set(markersize=4.0, markeredgewidth=edge_of(look.marker))
-        if is_alone and first.regime not in NO_CLASS:
-            marked.append(_Series([table[i] for i in places], look, np.stack([x, y], axis=1)))
-    return marked
+        dots.set(markersize=size, markeredgewidth=0, zorder=zorder)
+        label = name if looks.has_own(first) else "other periodic attractors"
+        drawn.append(_Series([table[i] for i in places], look, dots, label))
+    return drawn

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Container, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -16,6 +17,7 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
@@ -251,6 +253,23 @@ def in_panel(panel: Axes, points: np.ndarray) -> np.ndarray:
     return shares
 
 
+def in_view(panel: Axes, x: Any, y: Any) -> np.ndarray:
+    """Return which points are within the limits of a panel; False for NaN."""
+    (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
+    return np.asarray((left <= x) & (x <= right) & (low <= y) & (y <= high))
+
+
+def is_seen(artist: Artist) -> bool:
+    """Whether a line is within the limits of its panel, as what only stands in a legend always."""
+    if not isinstance(artist, Line2D) or artist.axes is None or not len(artist.get_path()):
+        return True
+    artist.axes.get_xlim()  # matplotlib delays the limits
+    path, view = artist.get_transform().transform_path(artist.get_path()), artist.axes.bbox
+    if artist.get_linestyle() == "None":
+        return bool(view.count_contains(path.vertices))
+    return bool(path.intersects_bbox(view, filled=False))
+
+
 def lay_out(panel: Axes) -> None:
     """Set the final place and size of a panel."""
     figure = figure_of(panel)
@@ -296,7 +315,7 @@ def finish(
     """
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
-    handles = handles if page.legend else []
+    handles = [handle for handle in handles if is_seen(handle)] if page.legend else []
     _set_labels(panel, page)
     if isinstance(figure, Picture):
         text = title_of(drawn, record) if page.title is None else page.title

@@ -137,6 +137,10 @@ class Paint(NamedTuple):
             handles.append(Line2D([], [], color=look.colour, markersize=4.0, label=text, **shape))
         return handles
 
+    def within(self, seen: np.ndarray) -> Paint:
+        """Return the colours of the points that are seen, for the legend."""
+        return self._replace(cells=[cell._replace(where=cell.where & seen) for cell in self.cells])
+
     def add_bar(self, panels: Sequence[Axes]) -> None:
         """Add the colour bar, if any value has a colour; an arrow marks values below its range."""
         if self.values.count() == 0:

@@ -140,14 +140,15 @@ def bifurcation(
         motions.draw_scalar(below_it, name)
         page.fit_ordinate(below_it)
     if paint is not None:
-        motions.mark_cells(panel, paint)
+        paint = motions.mark_cells(panels, paint)
+    motions.name_directions(panels)
     of_each = zip(panels, [coordinate, *names], strict=True)
     measured = draw_overlay(points, [(each, axis, name) for each, name in of_each], page)
     jumps = motions.draw_jumps(panel) if page.marks else []
     motions.mark_points(panel, page.marks)
     handles = [handle for each in panels for handle in each.get_legend_handles_labels()[0]]
     handles, title = legend_entries(paint, panels, handles)
-    handles += [*jumps, *name_branches(panel, branches), *idle, *measured]
+    handles += [*jumps, *name_branches(branches), *idle, *measured]
     figure = canvas.finish(panel, page, line, handles, title, record)
     if motions.dense:
         parts = motions.values, motions.ways, coordinate, motions.colours, motions.rgba
@@ -223,8 +224,6 @@ class _Motions:
             panel.autoscale_view()
         else:
             self._mark(panel, self._records())
-        if len(self.ways) > 1:
-            self._name_directions(panel)
         return low, high
 
     def _records(self) -> list[np.ndarray]:
@@ -270,21 +269,34 @@ class _Motions:
         counted = Line2D([], [], linestyle="", label=f"branches not drawn: {idle}")
         return branches, [counted] if idle else []
 
-    def mark_cells(self, panel: Axes, paint: Paint) -> None:
-        """In grey, give some of the points the marker of their class or word; of many, the last."""
+    def mark_cells(self, panels: Sequence[Axes], paint: Paint) -> Paint:
+        """In grey, give some of the points the marker of their class or word; of many, the last.
+
+        Return the colours of the points that are within the limits.
+        """
         last = slice(-4, None) if self.dense else slice(None)
         (way,) = (way.isel({ORDINATES[self.coordinate].dimension: last}) for way in self.ways)
         y = recorded_coordinate(way.data, self.coordinate).values
-        paint.mark(panel, np.broadcast_to(self.values[:, None], y.shape), y)
+        x, (panel, *lower) = np.broadcast_to(self.values[:, None], y.shape), panels
+        paint.mark(panel, x, y)
+        # Panels below have other ordinates, a density has more, and points may have none.
+        is_unknown = np.isnan(y) | bool(lower) | self.dense
+        seen = canvas.in_view(panel, x, np.where(is_unknown, panel.get_ylim()[0], y))
+        return paint.within(np.asarray(seen.any(axis=1)))
 
-    def _name_directions(self, panel: Axes) -> None:
-        """Add the colours of the directions to the legend, with the symbol of the axis."""
+    def name_directions(self, panels: Sequence[Axes]) -> None:
+        """Name the colours of the directions that are seen, with the symbol of the axis."""
+        if len(self.ways) == 1:
+            return
+        lines = [line for panel in panels for line in panel.lines if canvas.is_seen(line)]
+        seen = {line.get_color() for line in lines}
         texts = *direction_names(self.line), "both"
         colours = *self.colours, visible(BOTH_COLOUR)
         shapes = (*_MARKERS, "o") if self.grey and not self.dense else 3 * ("o",)
         for text, colour, shape in zip(texts, colours, shapes, strict=True):
-            marker = "s" if self.dense else shape
-            panel.plot([], [], marker, color=colour, markersize=4, label=text)
+            if self.dense or colour in seen:
+                marker = "s" if self.dense else shape
+                panels[0].plot([], [], marker, color=colour, markersize=4, label=text)
 
     def draw_jumps(self, panel: Axes) -> list[Artist]:
         """Draw an arrow where a motion that was followed ends, unless a density is drawn."""

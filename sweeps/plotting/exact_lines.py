@@ -12,7 +12,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
-from matplotlib.transforms import Bbox
 
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
@@ -169,24 +168,15 @@ def without_gaps(mask: np.ndarray, width: int) -> np.ndarray:
     return kept
 
 
-def name_branches(panel: Axes, lines: Mapping[str, Sequence[Line2D]]) -> list[Line2D]:
-    """Label one line of each name that is visible within the limits of a panel; return these."""
-    (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
-    view = Bbox([(left, bottom), (right, top)])
+def name_branches(lines: Mapping[str, Sequence[Line2D]]) -> list[Line2D]:
+    """Label one line of each name that is within the limits of its panel; return these."""
     seen = []
     for name, of_name in lines.items():
-        for line in (line for line in of_name if _is_seen(line, view)):
+        for line in filter(canvas.is_seen, of_name):
             line.set_label(name)
             seen.append(line)
             break
     return seen
-
-
-def _is_seen(line: Line2D, view: Bbox) -> bool:
-    path = line.get_path()
-    if line.get_linestyle() == "None":
-        return bool(view.count_contains(path.vertices))
-    return bool(path.intersects_bbox(view, filled=False))
 
 
 #: If there are more curves, only those that bound a class with a colour of its own are drawn.
@@ -273,9 +263,11 @@ def draw_curves(
     kinds = _one_point_each(curves)["kind"].values
     is_many = len(kinds) > _CURVES_IN_FULL
     pieces = list(_pieces(curves, cut, axes, coloured if is_many else None))
-    strong = [piece for piece in pieces if piece.bounds]
-    bounding = {piece.number for piece in strong}
+    bounding = {piece.number for piece in pieces if piece.bounds}
+    pieces = [piece for piece in pieces if _covered(panel, [piece.points], _EDGE)]
+    further = {piece.number for piece in pieces} - bounding
     pieces = [piece for piece in pieces if not is_many or piece.number in bounding]
+    strong = [piece for piece in pieces if piece.bounds]
     bold: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
     edge = [withStroke(linewidth=_EDGE, foreground=ground(), alpha=0.9)]  # on cells of any colour
     for piece in pieces:
@@ -288,20 +280,23 @@ def draw_curves(
             line = Line2D([], [], ls=dashes, label=kind, **bold)
             covered[line] = _covered(panel, of_kind, _EDGE)
     covered |= _mark_special(panel, curves, strong) if marks else {}
-    if further := len(kinds) - len(bounding):
-        text = f"{shown_count(further, 'further curve')}{' not shown' if is_many else ''}"
+    if further:
+        text = f"{shown_count(len(further), 'further curve')}{' not shown' if is_many else ''}"
         line = Line2D([], [], ls="" if is_many else "-", label=text, **_THIN_CURVES)
-        thin = [piece.points for piece in pieces if piece.number not in bounding]
+        thin = [piece.points for piece in pieces if piece.number in further]
         covered[line] = _covered(panel, thin, line.get_linewidth())
     return covered
 
 
 def _covered(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
-    """Return the share of a panel that lines of a width [pt] cover."""
+    """Return the share of a panel that lines of a width [pt] cover within its limits."""
     box = panel.get_window_extent()
     size, point = np.array([box.width, box.height]), canvas.figure_of(panel).dpi / 72.0
-    steps = [size * np.diff(canvas.in_panel(panel, line), axis=0) for line in lines]
-    length = sum(float(np.hypot(*step.T).sum()) for step in steps)
+    length = 0.0
+    for places in (canvas.in_panel(panel, line) for line in lines):
+        middles = 0.5 * (places[1:] + places[:-1])
+        inside = ((middles >= 0.0) & (middles <= 1.0)).all(axis=1)
+        length += float(np.hypot(*(size * np.diff(places, axis=0)[inside]).T).sum())
     return length * width * point / size.prod()
 
 

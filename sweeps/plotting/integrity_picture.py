@@ -33,6 +33,7 @@ from sweeps.plotting.labels import (
     named_unit,
 )
 from sweeps.plotting.looks import Cells, Looks, names_of
+from sweeps.plotting.maps import cells_in_view
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import Look, ground, ink
@@ -103,8 +104,11 @@ def integrity(
     there = every.sel({name: float(starts[name]) for name in along})
     of_value = Basins.of(starts, there, looks, "x0", "v0")
     handles, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
-    if basins is not None:
-        handles += of_value.draw(basins)
+    panel = by_name[names[0]] if basins is None else basins
+    cells = {} if basins is None else of_value.draw(basins)
+    page.on(panel).set_limits(panel)
+    # The lines of a profile have the colours of all basins.
+    handles += cells if profile else cells_in_view(panel, of_value.starts, cells)
     if profile:
         table = attractor_rows(line, every)
         of_basins = of_value.table if basins is not None else []
@@ -116,8 +120,6 @@ def integrity(
         if along:
             handles += _mark_place(profile.values(), basins, line[along[0]], starts)
         handles += _draw_disturbances(basins, starts, there, of_value)
-    panel = by_name[names[0]] if basins is None else basins
-    page.on(panel).set_limits(panel)
     title = CLASSES_TITLE if basins is None else basins_title(line)
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:
@@ -271,10 +273,7 @@ def _draw_disturbances(
         there = with_cache(knocks, what="least knocks")(starts, there, list(places))
     named = named_unit(as_variable("v0", starts))
     unit = f" {named}" if named else ""
-    handles: list[Artist] = [
-        Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
-    ]
-    knock = 0
+    handles, discs, knock = list[Artist](), list[bool](), 0
     for row in attractor_rows(starts, there):
         one = row.measures
         if row.number not in places or not one["integrity_factor"] > 0.0:
@@ -282,6 +281,9 @@ def _draw_disturbances(
         size = 2.0 * one["integrity_factor"]
         disc = Ellipse((one["disc_x"], one["disc_v"]), size, size * oscillator.p, fill=False)
         panel.add_patch(disc).set(**line)
+        discs.append(
+            panel.viewLim.overlaps(disc.get_path().get_extents(disc.get_patch_transform()))
+        )
         if exact and math.isfinite(one["knock_harmful"]):
             at = one["knock_phase"], one["knock_x"]
             size = one["knock_harmful"]
@@ -306,7 +308,11 @@ def _draw_disturbances(
             text = f"least knock, {row.name}{place}:" + ("\n" if place else " ")
             text += rf"${size:+.4g}${unit} at $\omega t={at[0]:.4g}$"
             text += ", fractal" if one["knock_fractal"] else ""
-            handles.append(Line2D([], [], marker=marker, linestyle="", label=text, **look))
+            if canvas.in_view(panel, *np.transpose([begin, end])).any():
+                handles.append(Line2D([], [], marker=marker, linestyle="", label=text, **look))
+    if any(discs):
+        disc_handle = Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
+        handles.insert(0, disc_handle)
     if others:
         text = f"no disc and no knock for {shown_count(len(others), 'other attractor')}"
         handles.append(Line2D([], [], linestyle="", label=text))

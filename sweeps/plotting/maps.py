@@ -87,12 +87,13 @@ def parameter_map(
     if paint.values.count():
         _draw_mesh(panel, cut, paint.values, paint.norm, paint.ramp)
         paint.add_bar([panel])
-    patches = draw_cells(panel, cut, paint.cells, hatched=page.grey and name != "period")
-    covered = _shares(patches, paint.cells)
-    if name == "period" and page.marks:
-        covered |= _mark_approaching(panel, cut)
+    cells = draw_cells(panel, cut, paint.cells, hatched=page.grey and name != "period")
+    approaching = _mark_approaching(panel, cut) if name == "period" and page.marks else {}
     page = page.on(panel)
     page.set_limits(panel)
+    covered = _shares(cells_in_view(panel, cut, cells), paint.cells)
+    parts = cells_in_view(panel, cut, approaching)
+    covered |= {entry: float(where.mean()) for entry, where in parts.items()}
     if exact is not None:
         values = cut[abscissa].values, cut[ordinate].values
         covered |= draw_curves(panel, exact, cut, values, CLASSES, page.marks)
@@ -110,7 +111,7 @@ def parameter_map(
             text.remove()
         return {text.get_text() for text in texts}
 
-    _name_others(patches, *of_regions, set if page.height else named)
+    _name_others(covered, *of_regions, set if page.height else named)
     figure = canvas.finish(panel, page, cut, [*covered], paint.title, covered=covered, named=named)
     name_and_bound(panel, page, cut, *of_regions)
     return figure
@@ -123,15 +124,36 @@ def shown_quantity(sweep: OpenedSweep, quantity: Wanted | None) -> Wanted:
     return "period" if "period" in sweep else "impacts_per_period"
 
 
-def _shares(patches: Sequence[Artist], cells: Sequence[Cells]) -> dict[Artist, float]:
-    """Return the share of a map that each entry explains.
+def cells_in_view(
+    panel: Axes, cut: OpenedSweep, cells: Mapping[Artist, np.ndarray]
+) -> dict[Artist, np.ndarray]:
+    """Return the entries of a legend with cells within the limits of a map, and their masks there.
 
-    That of the commonest rest explains the colour of all; failed points are no less than common.
+    The masks have the shape of the part of the cells within the limits.
     """
-    shares = {cell.label: float(cell.where.mean()) for cell in cells}
-    rests = {text: share for text, share in shares.items() if text.startswith(RESTING)}
+    limits = panel.get_xlim(), panel.get_ylim()
+    x, y = (
+        (edges[1:] > low) & (edges[:-1] < high)
+        for edges, (low, high) in zip(_edges_of(cut), limits, strict=True)
+    )
+    parts = {entry: where[np.ix_(y, x)] for entry, where in cells.items()}
+    return {entry: part for entry, part in parts.items() if part.any()}
+
+
+def _shares(entries: Mapping[Artist, np.ndarray], cells: Sequence[Cells]) -> dict[Artist, float]:
+    """Return the share of a map that each entry explains, given the masks of all.
+
+    That of the commonest rest explains the colour of all; failed points, which are not among the
+    cells of results, are no less than common.
+    """
+    results = {cell.label for cell in cells}
+    shares = {
+        entry: float(where.mean()) if entry.get_label() in results else COMMON
+        for entry, where in entries.items()
+    }
+    rests = {e: share for e, share in shares.items() if str(e.get_label()).startswith(RESTING)}
     shares |= {max(rests, key=rests.__getitem__): sum(rests.values())} if rests else {}
-    return {patch: shares.get(str(patch.get_label()), COMMON) for patch in patches}
+    return shares
 
 
 def _name_others(
@@ -163,10 +185,11 @@ def name_and_bound(
 
 def draw_cells(
     panel: Axes, cut: OpenedSweep, cells: Iterable[Cells], hatched: bool = False
-) -> list[Artist]:
-    """Draw the cells and those of failed points, and label the axes; return the legend's patches.
+) -> dict[Artist, np.ndarray]:
+    """Draw the cells and those of failed points, and label the axes.
 
-    The dimensions of ``status`` in the cut must be the ordinate and the abscissa, both increasing.
+    Return the patches for the legend, each with the mask of its cells. The dimensions of ``status``
+    in the cut must be the ordinate and the abscissa, both increasing.
     Failed points can be `hatched`.
     """
     for axis, name in zip((panel.yaxis, panel.xaxis), cut.grid, strict=True):
@@ -184,25 +207,24 @@ def draw_cells(
         if cell.look.hatch:
             edge = hatch_on(cell.colour)
             _draw_hatch(panel, cut, cell.where, hatch=cell.look.hatch, edgecolor=edge)
-    handles: list[Artist] = [cell.handle() for cell in cells]
-    pending = np.count_nonzero(status == Status.PENDING)
-    if pending:
+    entries: dict[Artist, np.ndarray] = {cell.handle(): cell.where for cell in cells}
+    if pending := np.count_nonzero(status == Status.PENDING):
         look = {"facecolor": ground(), **_LOOK_OF_PENDING}
         panel.patch.set(**look)
         text = f"{status_name(Status.PENDING)} ({pending:,} of {status.size:,})"
-        handles.append(Patch(label=text, **look))
-    return handles
+        entries[Patch(label=text, **look)] = status == Status.PENDING
+    return entries
 
 
-def _mark_approaching(panel: Axes, cut: OpenedSweep) -> dict[Artist, float]:
-    """Draw white lines over motions that are not on their orbit yet; return their handle, share."""
+def _mark_approaching(panel: Axes, cut: OpenedSweep) -> dict[Artist, np.ndarray]:
+    """Draw white lines over motions that are not on their orbit yet; return their handle, mask."""
     where = cut.on_its_way
     if not where.any():
         return {}
     _draw_hatch(panel, cut, where, **_APPROACHING)
     share = 100.0 * where.sum() / has_result(cut["status"].values).sum()
     text = f"{ON_ITS_WAY} ({share:.3g} %)"
-    return {Patch(facecolor="#888888", label=text, **_APPROACHING): float(where.mean())}
+    return {Patch(facecolor="#888888", label=text, **_APPROACHING): where}
 
 
 def _draw_hatch(panel: Axes, cut: OpenedSweep, where: np.ndarray, **look: Any) -> None:

@@ -10,14 +10,17 @@ import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
-from sweeps.plotting.canvas import figure_of, in_panel
+from sweeps.plotting.canvas import figure_of, in_panel, in_view
 from sweeps.plotting.labels import equation, status_name
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, ground, ink, visible
 
+#: Height of the middle of the strip of marks, as a share of the panel.
+_HEIGHT = 0.015
 #: Most markers of one look across a panel.
 _MARKS = 20
 #: Values of both directions are one if they differ by less than this share of the panel. Motions
@@ -106,38 +109,45 @@ def mark_status(
     """
     kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
     kinds += [(name, MARKS[name][grey], where) for name, where in (masks or {}).items()]
-    kinds = [(name, visible(colour), where) for name, colour, where in kinds]
+    kinds = [(name, visible(colour), where) for name, colour, where in kinds if where.any()]
     if np.isin(status, list(STATUS_COLOURS)).any():
         low, high = panel.get_ylim()
         panel.set_ylim(low - 0.04 * (high - low), high)
-    strip = panel.get_xaxis_transform()
+    strip, x = panel.get_xaxis_transform(), np.broadcast_to(values, status.shape)
     for text, colour, where in kinds:
-        if not where.any():
-            continue
-        x = np.broadcast_to(values, status.shape)
-        x, count = _spread(panel, x, where) if text in MARKS else x[where], np.sum(where)
-        (marks,) = panel.plot(x, np.full(x.shape, 0.015), "|", transform=strip, rasterized=True)
-        marks.set(markersize=6, color=colour)
-        text = f"{text} ({count:,} of {status.size:,})"
-        panel.plot([], [], linewidth=5, solid_capstyle="butt", color=colour, label=text)
+        places, look = x[where], dict[str, Any](transform=strip, color=colour, rasterized=True)
+        if text in MARKS:
+            places, is_beside = _spread(panel, x, where)
+            ends = np.stack([places[:-1], places[1:]], axis=1)[is_beside]
+            bars = [[(left, _HEIGHT), (right, _HEIGHT)] for left, right in ends.tolist()]
+            if bars:
+                panel.add_collection(LineCollection(bars, linewidth=6, **look), autolim=False)
+        panel.plot(places, np.full(places.shape, _HEIGHT), "|", markersize=6, **look)
+    left, right = panel.get_xlim()
+    seen = (left <= x) & (x <= right)
+    for text, colour, where in kinds:
+        if count := np.count_nonzero(where & seen):
+            text = f"{text} ({count:,} of {np.count_nonzero(seen):,})"
+            panel.plot([], [], linewidth=5, solid_capstyle="butt", color=colour, label=text)
 
 
-def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> np.ndarray:
+def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return abscissas of marks that cover the same share of the axis as the points have.
 
     A mark is a point wide. Where several values are in it, those with most marked values have one.
+    A mask says between which marks and the next ones there is no room for another.
     """
-    panel.get_xlim()  # matplotlib delays the limits
     values, place = np.unique(x, return_inverse=True)
     marked = np.bincount(place.ravel(), where.ravel()) > 0.0
     across = panel.transData.transform(np.stack([values, values], axis=1))[:, 0]
-    _, column = np.unique(np.floor(across * 72.0 / figure_of(panel).dpi), return_inverse=True)
+    places = np.floor(across * 72.0 / figure_of(panel).dpi)
+    columns, column = np.unique(places, return_inverse=True)
     counts = np.bincount(column, marked)
     sums = np.bincount(column, np.where(marked, values, 0.0))
     most = math.ceil(marked.mean() * len(counts))
     kept = np.argsort(-counts / np.bincount(column), kind="stable")[:most]
-    kept = kept[counts[kept] > 0.0]
-    return sums[kept] / counts[kept]
+    kept = np.sort(kept[counts[kept] > 0.0])
+    return sums[kept] / counts[kept], np.diff(columns[kept]) == 1.0
 
 
 def nearest_distances(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
@@ -179,14 +189,15 @@ def in_both(columns: np.ndarray, axis: int) -> np.ndarray:
     low, high = (of(columns.reshape(2, -1), axis=1) for of in (np.nanmin, np.nanmax))
     size = np.where(high > low, high - low, 1.0)
     ways = np.moveaxis(np.moveaxis(columns, 0, -1) / size, axis, 0)  # (direction, ..., k, 2)
-    both = np.zeros(ways.shape[:-1], bool)
-    for point in np.ndindex(ways.shape[1:-2]):
-        finite = [np.isfinite(way[point]).all(axis=-1) for way in ways]
-        up, down = (way[point][kept] for way, kept in zip(ways, finite, strict=True))
-        if len(up) and len(down):
-            for number, (own, other) in enumerate(((up, down), (down, up))):
-                away, _ = cKDTree(other).query(own, p=np.inf)
-                both[(number, *point)][finite[number]] = away < _SAME
+    number = np.arange(float(np.prod(ways.shape[1:-2]))).reshape(*ways.shape[1:-2], 1, 1)
+    # A third coordinate keeps the values of different points apart.
+    ways = np.append(ways, np.broadcast_to(number, ways.shape)[..., :1], axis=-1)
+    finite = np.asarray(np.isfinite(ways).all(axis=-1))
+    both = np.zeros(finite.shape, bool)
+    up, down = (way[kept] for way, kept in zip(ways, finite, strict=True))
+    if len(up) and len(down):
+        both[0][finite[0]] = cKDTree(down).query(up, p=np.inf)[0] < _SAME
+        both[1][finite[1]] = cKDTree(up).query(down, p=np.inf)[0] < _SAME
     return np.moveaxis(both, 0, axis)
 
 
@@ -227,6 +238,8 @@ def draw_jumps(
             panel.annotate(
                 "", (x[j], end), (x[i], begin), arrowprops={**look, "shrinkA": 0, "shrinkB": 0}
             )
+            if not in_view(panel, x[j], end):  # nor is the arrow
+                continue
             shape: dict[str, Any] = {"linestyle": "", "marker": r"$\rightarrow$", "markersize": 8.0}
             handles = [Line2D([], [], color=ink(), markeredgewidth=0, label="jump", **shape)]
     return handles

@@ -24,7 +24,7 @@ from sweeps.opened.coordinates import (
     recorded_motion,
 )
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.plotting.canvas import Picture, finish, new_panel, width_of
+from sweeps.plotting.canvas import Picture, finish, in_view, new_panel, width_of
 from sweeps.plotting.colours import Paint, coloured_points, legend_entries
 from sweeps.plotting.contents import Wanted
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit, record_text
@@ -59,11 +59,10 @@ def _draw_records(
         finite = np.isfinite(by_point).all(axis=0)
         rgba = np.broadcast_to(paint.colours()[..., None, :], (*finite.shape, 4)).copy()
         columns = list(by_point[:, finite])
+        both = np.zeros(finite.shape, bool)
         if paint.variable.name == DIRECTION and DIRECTION in points.grid:
-            both, look = in_both(by_point, points.grid.index(DIRECTION)), visible(BOTH_COLOUR)
-            rgba[both] = to_rgba(look)
-            by_point[:, both & page.grey] = np.nan  # without the marker of a direction
-            handles = [Cells("both", Look.plain(look), both).handle()] * bool(both.any())
+            both = in_both(by_point, points.grid.index(DIRECTION))
+        rgba[both] = to_rgba(visible(BOTH_COLOUR))
         rgba = rgba[finite]
     panel = new_panel(ax, page)
     draw_points(panel, columns[0], columns[1], rgba)
@@ -75,7 +74,12 @@ def _draw_records(
         page.fit_ordinate(panel)
     page.set_limits(panel)
     if paint is not None:
+        seen = in_view(panel, *by_point)
+        if (both & seen).any():
+            handles = [Cells("both", Look.plain(visible(BOTH_COLOUR)), both).handle()]
+        by_point[:, both & page.grey] = np.nan  # without the marker of a direction
         paint.mark(panel, *by_point)
+        paint = paint.within((seen & ~both).any(axis=-1) | ~finite.any(axis=-1))
     handles += panel.get_legend_handles_labels()[0]
     handles, title = legend_entries(paint, [panel], handles)
     return finish(panel, page, points, handles, title, record_text(points, names[1]))

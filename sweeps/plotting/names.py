@@ -52,10 +52,22 @@ def name_regions(
         text = _new_text(panel, name, clip_on=True)
         if upright:
             text.set(rotation=90.0, va="center")  # at center_baseline it would be below its place
-        text.set_transform(panel.transAxes)
-        text.set_position(((column + 0.5) / raster.shape[1], (row + 0.5) / raster.shape[0]))
+        _put(text, row, column, raster.shape)
         texts.append(text)
     return texts
+
+
+def _shape_of(panel: Axes) -> tuple[int, int]:
+    """Return the numbers of rows and columns of the pixels at which the room is measured."""
+    box, scale = panel.get_window_extent(), _PER_INCH / canvas.figure_of(panel).dpi
+    return max(2, round(box.height * scale)), max(2, round(box.width * scale))
+
+
+def _put(text: Text, row: int, column: int, shape: Sequence[int]) -> None:
+    """Put a text to a pixel of its panel."""
+    assert text.axes is not None
+    text.set_transform(text.axes.transAxes)
+    text.set_position(((column + 0.5) / shape[1], (row + 0.5) / shape[0]))
 
 
 def _new_text(panel: Axes, name: str, **look: Any) -> Text:
@@ -94,10 +106,8 @@ def placed_names(
 
 def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> np.ndarray:
     """Return the class in every pixel of a panel, from the bottom; -1 beside the cells."""
-    box, scale = panel.get_window_extent(), _PER_INCH / canvas.figure_of(panel).dpi
-    size = [max(2, round(length * scale)) for length in (box.width, box.height)]
     places = []
-    for axis, (pixels, of_cells) in enumerate(zip(size, edges, strict=True)):
+    for axis, (pixels, of_cells) in enumerate(zip(_shape_of(panel)[::-1], edges, strict=True)):
         middles = np.zeros((pixels, 2))
         middles[:, axis] = (np.arange(pixels) + 0.5) / pixels
         values = panel.transData.inverted().transform(panel.transAxes.transform(middles))[:, axis]
@@ -192,8 +202,7 @@ def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
     from scipy.ndimage import distance_transform_edt, maximum_filter
 
     canvas.lay_out(panel)
-    box, scale = panel.get_window_extent(), _PER_INCH / canvas.figure_of(panel).dpi
-    shape = [max(2, round(length * scale)) for length in (box.height, box.width)]
+    shape = _shape_of(panel)
     pixels = [(name, _pixels(panel, points, shape)) for name, points in lines]
     taken = np.zeros(shape, bool)
     for line in panel.lines:
@@ -215,8 +224,7 @@ def name_lines(panel: Axes, lines: Sequence[tuple[str, np.ndarray]]) -> None:
         places = np.argwhere(away <= least + 1.0)
         middle = np.argwhere(line_pixels).mean(axis=0)
         row, column = places[np.argmin(np.abs(places - middle)[:, 1])].tolist()
-        text.set_transform(panel.transAxes)
-        text.set_position(((column + 0.5) / shape[1], (row + 0.5) / shape[0]))
+        _put(text, row, column, shape)
         top, left = max(0, row - height // 2 - 1), max(0, column - width // 2 - 1)
         taken[top : row + height // 2 + 2, left : column + width // 2 + 2] = True
 

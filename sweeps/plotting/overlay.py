@@ -20,6 +20,7 @@ from sweeps.config.points import check_header, read_columns
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep
+from sweeps.plotting.canvas import in_view
 from sweeps.plotting.colours import has_scale
 from sweeps.plotting.contents import with_number
 from sweeps.plotting.labels import as_variable, prefix_of, units_of
@@ -158,8 +159,7 @@ def draw_overlay(
         y = overlay.values(ordinate, panel.yaxis, page_there.ylabel)
         if scale is None:
             _make_room(panel, x, y, page_there)
-        (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
-        seen = (left <= x) & (x <= right) & (low <= y) & (y <= high)
+        seen = in_view(panel, x, y)
         inside |= seen
         size = marker_size(x, y, *_SIZES)
         for text, marker in markers.items():

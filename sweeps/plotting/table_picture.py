@@ -68,18 +68,9 @@ def table_panels(
     if TABLE not in sweep.grid:
         raise Refused("the points of this file are a grid, and not the rows of a table")
     sweep.cut(at, free=[TABLE])  # refuses a value of TABLE
-    columns = [name for name, values in sweep.columns.items() if values.dtype.kind in "iuf"]
-    varying = [name for name in columns if np.ptp(sweep[name].values) > 0.0] or columns[:1]
     color = ("period" if "period" in sweep else "status") if color is None else color
-    names = []
-    for wanted in (
-        color,
-        "impacts_per_period" if quantity is None else quantity,
-        *([*axes] or varying),
-    ):
-        sweep, name = with_number(sweep, wanted)
-        names.append(name)
-    tint, ordinate, *there = names
+    quantity = "impacts_per_period" if quantity is None else quantity
+    sweep, (tint, ordinate, *there) = _with_columns(sweep, color, quantity, axes)
     beside = max(1, int(canvas.width_of(page) / _LEAST_WIDTH))
     abscissas = canvas.chosen_panels(panels, there)
     if not (axes or panels):
@@ -106,16 +97,33 @@ def table_panels(
         size = float(np.clip(4e2 / math.sqrt(x.size), 0.0, 16.0))  # of a few rows [pt^2]
         size = max(size, float(np.clip(4e3 / math.sqrt(x.size), 0.3, 4.0))) / across
         panel.scatter(x, y, size, paint.colours(), linewidths=0, rasterized=True)
-        mark_status(panel, x.values, sweep["status"].values)
         panel.locator_params(axis="x", nbins=5 - across)
     page = page if ax is not None else replace(page, ylabel=None)
     page = page.on(grid[0])
     page.set_limits(grid[0])
+    seen = np.zeros(y.shape, bool)
     for panel, name in places:
-        paint.mark(panel, number_at(sweep, name).values[:, None], y.values[:, None])
+        x = number_at(sweep, name)
+        mark_status(panel, x.values, sweep["status"].values)
+        paint.mark(panel, x.values[:, None], y.values[:, None])
+        seen |= canvas.in_view(panel, x.values, y.values) | np.isnan(y.values)
+    paint = paint.within(seen)
     measured = draw_overlay(points, [(each, name, ordinate) for each, name in places], page)
-    handles, title = legend_entries(paint, grid, grid[0].get_legend_handles_labels()[0])
+    handles, title = legend_entries(paint, grid, grid[-1].get_legend_handles_labels()[0])
     handles += measured
     if ax is None and not (axes or panels) and (further := len(there) - len(abscissas)):
         handles.append(Line2D([], [], linestyle="", label=shown_count(further, "further column")))
     return canvas.finish(grid[0], page, sweep, handles, title)
+
+
+def _with_columns(
+    sweep: OpenedSweep, color: Wanted, quantity: Wanted, axes: Sequence[Wanted]
+) -> tuple[OpenedSweep, list[str]]:
+    """Return the dataset with what is wanted, and the names; the abscissas are what varies."""
+    columns = [name for name, values in sweep.columns.items() if values.dtype.kind in "iuf"]
+    varying = [name for name in columns if np.ptp(sweep[name].values) > 0.0] or columns[:1]
+    names = []
+    for wanted in (color, quantity, *([*axes] or varying)):
+        sweep, name = with_number(sweep, wanted)
+        names.append(name)
+    return sweep, names
