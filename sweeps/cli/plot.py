@@ -309,7 +309,7 @@ def _exact(
     from sweeps.plotting.contents import refuse_without_branches, select_line
     from sweeps.plotting.exact_lines import without_idle
     from sweeps.plotting.maps import shown_quantity
-    from sweeps.plotting.overlay import read_overlay
+    from sweeps.plotting.table_points import read_overlay
 
     axes, chosen, notes = options.get("axes", ()), options["exact"], list[str]()
     overlay = options.get("overlay")

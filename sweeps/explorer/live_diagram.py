@@ -28,9 +28,8 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.engine.estimate import check_memory
 from sweeps.engine.executors import Results, compute
 from sweeps.errors import StoreError
-from sweeps.explorer.figures import LEAST_PIXELS, PixelFigure, Report, outer_edges, set_range
+from sweeps.explorer.figures import LEAST_PIXELS, PixelFigure, Report, Step, outer_edges, set_range
 from sweeps.explorer.view import DIAGRAM_TAB, View, Window
-from sweeps.explorer.worker import Step
 from sweeps.interrupts import check
 from sweeps.opened.coordinates import COORDINATES, recorded_coordinate
 from sweeps.opened.motions import motions_from

@@ -18,9 +18,8 @@ from sweeps.attractor.partition import COUNTED, attractors_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.estimate import block_size
 from sweeps.engine.executors import compute
-from sweeps.explorer.figures import PixelFigure, Report, narrow, outer_edges, without_tex
+from sweeps.explorer.figures import PixelFigure, Report, Step, narrow, outer_edges, without_tex
 from sweeps.explorer.view import BASINS_TAB, View
-from sweeps.explorer.worker import Step
 from sweeps.opened.motions import MOTION, motions_from
 from sweeps.plotting.labels import as_variable, named_unit, prefix_of
 from sweeps.plotting.looks import (

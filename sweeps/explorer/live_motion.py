@@ -27,10 +27,9 @@ from bokeh.plotting import figure
 from sweeps.engine.executors import Results
 from sweeps.errors import Refused
 from sweeps.explorer.controls import labelled
-from sweeps.explorer.figures import label_of, narrow, value_text
+from sweeps.explorer.figures import Step, label_of, narrow, value_text
 from sweeps.explorer.live_diagram import numbers
 from sweeps.explorer.view import View
-from sweeps.explorer.worker import Step
 from sweeps.opened.coordinates import continued, periods_shown, refuse_unrecorded
 from sweeps.opened.motions import motions_from, orbit_of_motion, oscillator_of
 from sweeps.plotting.style import BLUE, ORANGE

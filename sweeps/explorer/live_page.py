@@ -27,12 +27,11 @@ from sweeps.explorer.controls import (
     parameter_choices,
     selector,
 )
-from sweeps.explorer.figures import narrow
+from sweeps.explorer.figures import Step, Worker, narrow
 from sweeps.explorer.live_diagram import Branches, Diagram
 from sweeps.explorer.live_maps import Map
 from sweeps.explorer.live_motion import MotionPanel
 from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, write_yaml
-from sweeps.explorer.worker import Step, Worker
 from sweeps.text import command, shown_count
 
 _ENDED = (

@@ -10,4 +10,4 @@ from .motion import impacts as impacts
 from .motion import section as section
 from .motion import trajectory as trajectory
 from .page import Page as Page
-from .table_picture import table_panels as table_panels
+from .table_points import table_panels as table_panels

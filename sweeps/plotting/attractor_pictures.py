@@ -84,9 +84,7 @@ def basins(
     starts = sweep.cut(at, free=plane)
     panel = canvas.new_panel(ax, page)
     there = Basins.of(starts, *attractors_in(starts, sweep, page.grey), *plane)
-    cells = there.draw(panel)
-    page.on(panel).set_limits(panel)
-    handles = [*cells_in_view(panel, there.starts, cells), *there.mark_attractors(panel)]
+    handles = there.show(panel, page)
     figure = canvas.finish(panel, page, starts, handles, basins_title(sweep))
     there.write_names(panel, page)
     return figure
@@ -117,6 +115,12 @@ class Basins(NamedTuple):
     def draw(self, panel: Axes) -> dict[Artist, np.ndarray]:
         """Draw the basins; return the entries of the legend, with the masks of their cells."""
         return draw_cells(panel, self.starts, self.cells())
+
+    def show(self, panel: Axes, page: Page) -> list[Artist]:
+        """Draw the basins and attractors; return the entries of what is within the limits."""
+        cells = self.draw(panel)
+        page.on(panel).set_limits(panel)
+        return [*cells_in_view(panel, self.starts, cells), *self.mark_attractors(panel)]
 
     def mark_attractors(self, panel: Axes) -> list[Artist]:
         """Mark the attractors with a look at the section, if starts have its phase."""
@@ -184,10 +188,7 @@ def _basins_beside(
         there = every.sel({name: value})
         basins_there = Basins.of(line.cut({name: value}, plane), there, looks, *plane)
         of_cells = {cell.label: cell.look for cell in basins_there.cells()}
-        cells = basins_there.draw(panel)
-        page.on(panel).set_limits(panel)
-        cells = cells_in_view(panel, basins_there.starts, cells)
-        for handle in [*cells, *basins_there.mark_attractors(panel)]:
+        for handle in basins_there.show(panel, page):
             if (text := str(handle.get_label())) in of_cells:
                 seen.add(of_cells[text])
             else:

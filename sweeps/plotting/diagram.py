@@ -34,7 +34,6 @@ from sweeps.plotting.marks import (
     mark_status,
     widen_if_constant,
 )
-from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import draw_density, value_range
 from sweeps.plotting.style import (
@@ -46,6 +45,7 @@ from sweeps.plotting.style import (
     ink,
     visible,
 )
+from sweeps.plotting.table_points import draw_overlay, read_overlay
 from sweeps.store.variables import DIRECTION, FLAGS
 from sweeps.text import listed
 from vibroimpact.points.regimes import NO_CLASS, has_result

@@ -104,11 +104,11 @@ def integrity(
     there = every.sel({name: float(starts[name]) for name in along})
     of_value = Basins.of(starts, there, looks, "x0", "v0")
     handles, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
-    panel = by_name[names[0]] if basins is None else basins
-    cells = {} if basins is None else of_value.draw(basins)
-    page.on(panel).set_limits(panel)
-    # The lines of a profile have the colours of all basins.
-    handles += cells if profile else cells_in_view(panel, of_value.starts, cells)
+    if basins is not None:
+        cells = of_value.draw(basins)
+        page.on(basins).set_limits(basins)
+        # The lines of a profile have the colours of all basins.
+        handles += cells if profile else cells_in_view(basins, of_value.starts, cells)
     if profile:
         table = attractor_rows(line, every)
         of_basins = of_value.table if basins is not None else []
@@ -120,6 +120,9 @@ def integrity(
         if along:
             handles += _mark_place(profile.values(), basins, line[along[0]], starts)
         handles += _draw_disturbances(basins, starts, there, of_value)
+    panel = by_name[names[0]] if basins is None else basins
+    if basins is None:
+        page.on(panel).set_limits(panel)
     title = CLASSES_TITLE if basins is None else basins_title(line)
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:
@@ -308,8 +311,7 @@ def _draw_disturbances(
             text = f"least knock, {row.name}{place}:" + ("\n" if place else " ")
             text += rf"${size:+.4g}${unit} at $\omega t={at[0]:.4g}$"
             text += ", fractal" if one["knock_fractal"] else ""
-            if canvas.in_view(panel, *np.transpose([begin, end])).any():
-                handles.append(Line2D([], [], marker=marker, linestyle="", label=text, **look))
+            handles.append(Line2D([], [], marker=marker, linestyle="", label=text, **look))
     if any(discs):
         disc_handle = Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
         handles.insert(0, disc_handle)

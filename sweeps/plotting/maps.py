@@ -25,10 +25,10 @@ from sweeps.plotting.labels import label_axis, log_spaced, status_name
 from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells
 from sweeps.plotting.names import draw_boundaries, name_regions
-from sweeps.plotting.overlay import draw_overlay, read_overlay
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import cell_edges
 from sweeps.plotting.style import CLASSES, ground, hatch_on
+from sweeps.plotting.table_points import draw_overlay, read_overlay
 from sweeps.text import listed
 from vibroimpact.points.regimes import ON_ITS_WAY, RESTING, has_result
 from vibroimpact.status import Status

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
@@ -236,9 +237,7 @@ def _pixels(
     seen = np.zeros(shape, bool)
     places = canvas.in_panel(panel, points)[:, ::-1] * shape
     if joined and len(places) > 1:
-        along = np.linspace(0.0, 1.0, max(shape))[:, None, None]
-        between = places[:-1] + along * np.diff(places, axis=0)
-        places = between.reshape(-1, 2)
+        places = np.asarray(Path(places).interpolated(max(shape)).vertices)
     places = np.floor(places[np.isfinite(places).all(axis=1)]).astype(int)
     places = places[((places >= 0) & (places < shape)).all(axis=1)]
     seen[places[:, 0], places[:, 1]] = True

@@ -4,7 +4,7 @@ import threading
 import time
 
 from sweeps import Refused
-from sweeps.explorer.worker import Step, Worker
+from sweeps.explorer.figures import Step, Worker
 from sweeps.interrupts import check
 
 
