@@ -16,9 +16,9 @@ from vibroimpact.orbits.corrector import System
 
 # The tasks of ``_do``.
 (
-    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _HALVES, _PENETRATION, _TURNING,
+    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _PENETRATION, _TURNING,
     _CHARACTERISTIC, _NULL_VECTOR, _CORRECT_EACH, _SECTIONS, _MULTIPLIERS, _LINEARISED,
-) = range(13)  # fmt: skip
+) = range(12)  # fmt: skip
 _NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 #: A place on a path: the unknowns, the direction of the path, and the test functions there. It is a
@@ -38,8 +38,6 @@ def _do(task, system, here, there, rows, count, number, results):
         hidden_roots.set_test_functions(system, X, along, rows, tests)
     elif task == _MAY_MISS:
         results[0] = hidden_roots.step_may_miss(system, here, there, number)
-    elif task == _HALVES:
-        results[0] = hidden_roots.distance_of_halves(X, system.m, system.q)
     elif task == _PENETRATION or task == _TURNING:
         _follow(task, system, X, count, number, results)
     elif task >= _CORRECT_EACH:
@@ -149,11 +147,6 @@ def test_functions(
 def may_miss(system: System, here: Place, there: Place, length: float) -> bool:
     """Do what ``hidden_roots.step_may_miss`` does."""
     return bool(_done(_MAY_MISS, system, here, there=there, number=length)[0])
-
-
-def halves_apart(system: System, X: np.ndarray) -> float:
-    """Do what ``hidden_roots.distance_of_halves`` does."""
-    return float(_done(_HALVES, system, _at(X))[0])
 
 
 def first_penetration(system: System, X: np.ndarray) -> tuple[int, float, float]:

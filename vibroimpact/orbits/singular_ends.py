@@ -57,7 +57,8 @@ def degenerate_flip(
     """
     if family.kind != "fold" or family.m % 2 or family.q % 2:
         return None
-    squares = np.array([calls.halves_apart(family.system, X) for X in points])
+    squares = np.array([np.sum(differences_of_halves(X, family.m, family.q) ** 2) for X in points])
+    squares /= family.q
     if not squares[-1] < (_MAY_MEET if lost else _MEETS):
         return None
     means = np.array([mean_of_halves(family, X) for X in points])

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibroimpact.orbits import calls
 from vibroimpact.orbits.continuation import GRAZES, continue_branch, ending, is_orbit
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily, Point
 from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
@@ -176,7 +175,8 @@ def _cusp(step: ArclengthStep) -> np.ndarray | None:
     family = step.family
     before, after = (family.heading(point.X, point.tangent) for point in (step.begin, step.end))
     # The slopes of the condition vanish with this, but their rounding does not.
-    apart = min(1.0, calls.halves_apart(family.system, step.end.X))
+    halves = differences_of_halves(step.end.X, family.m, family.q)
+    apart = min(1.0, np.sum(halves**2) / family.q) if halves.size else 1.0
     seen = max(step.begin.tests[0, -2], step.end.tests[0, -2]) * apart > HEADING
     if not (family.inner(before, after) < 0.0 and seen):
         return None
