@@ -110,3 +110,23 @@ def test_the_first_multiple_within_an_interval():
         hits = np.flatnonzero(np.abs(turns - np.rint(turns)) <= half)
         found = first_within(start, step, half, stack)
         assert found == hits[0] if hits.size else found >= 4000
+
+
+@pytest.mark.parametrize("clearance", [0.5, 0.2])
+def test_the_free_oscillation_is_the_same_in_any_unit_of_time(clearance):
+    """Its squares would overflow, or lose all digits; then its amplitude was 0, and the class 1/0.
+
+    Of amplitude 0.3, it meets the nearer stop.
+    """
+    out = []
+    for time in (1.0, 2.0**-330, 2.0**330):  # a power of two keeps all bits
+        points = np.zeros(1, POINT)
+        for name, value in (("h", 0.1), ("R", 0.8), ("omega", 2.0), ("p", 1.0), ("f", 0.9)):
+            points[name] = value / (time**2 if name == "f" else 1.0 if name == "R" else time)
+        points["clearance"] = clearance
+        found, _ = found_of(points, 300, 8)
+        out.append([found["period"], found["period_impacts"], found["class_evidence"],
+                    found["orbit_x"], found["orbit_v"] * time])  # fmt: skip
+    np.testing.assert_allclose(out[1], out[0], rtol=1e-14)
+    np.testing.assert_allclose(out[2], out[0], rtol=1e-14)
+    assert (out[0][1] == 0) == (clearance > 0.3)

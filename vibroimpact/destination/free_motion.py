@@ -30,14 +30,18 @@ def steady_response(pt, sine, cosine):
     x = Im X exp(i omega t) with X = -f / (p^2 - omega^2 + 2 i h omega).
     """
     real, imaginary = (pt.p - pt.omega) * (pt.p + pt.omega), 2.0 * pt.h * pt.omega
-    square = real * real + imaginary * imaginary
+    square, force = real * real + imaginary * imaginary, pt.f
     if pt.f == 0.0:
         return 0.0, 0.0, 0.0
-    if not square > 0.0:
-        return math.inf, math.inf, math.inf
-    x = -pt.f / square * (real * sine - imaginary * cosine)
-    v = -pt.f * pt.omega / square * (real * cosine + imaginary * sine)
-    return x, v, pt.f / math.sqrt(square)
+    if not 1e-280 < square < 1e280:  # the squares may have overflowed, or lost digits
+        unit = max(abs(real), abs(imaginary))
+        if not 0.0 < unit < math.inf:
+            return math.inf, math.inf, math.inf
+        real, imaginary, force = real / unit, imaginary / unit, pt.f / unit
+        square = real * real + imaginary * imaginary
+    x = -force / square * (real * sine - imaginary * cosine)
+    v = -force * pt.omega / square * (real * cosine + imaginary * sine)
+    return x, v, force / math.sqrt(square)
 
 
 @inlined
