@@ -105,6 +105,18 @@ def test_a_displacement_that_overflows_before_an_impact_without_rebound_spoils_o
     assert out(0.5, 1e150, 1)["status"] == Status.NON_FINITE
 
 
+def test_a_chatter_whose_sum_overflows_is_no_result():
+    def out(unit):
+        osc = Oscillator(h=0.1 / unit, R=0.0, omega=1.745 / unit, f=0.0, p=1.0 / unit, a=0.3)
+        return integrate(osc.at(-1.0, -1.0 / unit), transient=0, periods=20)
+
+    small, one = out(2.0**-300), out(1.0)
+    assert small["status"] == Status.CERTIFIED
+    assert small["impulse"] == one["impulse"] * 2.0**300
+    overflowed = out(2.0**-450)  # omega^3 overflows
+    assert overflowed["status"] == Status.NON_FINITE and np.isnan(overflowed["impulse"])
+
+
 @pytest.mark.parametrize("integrator", ["newmark", "exact"])
 @pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
 def test_nothing_hangs_anywhere(rule, integrator):
