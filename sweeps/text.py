@@ -1,4 +1,4 @@
-"""Words and numbers for messages: units, digits, bytes and durations."""
+"""Numbers and words of any message: digits, ranges ``low .. high``, units, bytes, times, tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The oscillator of eq. (1): its parameters and their valid ranges.
+"""The oscillator of eq. (1): its parameters, their defaults and valid ranges.
 
 The system is one mass, one stop and one harmonic force::
 

@@ -1,4 +1,4 @@
-"""One number for each attractor along the axes.
+"""One number for each attractor along the axes: a motion seeded on it leads to the next.
 
 Two attractors at neighbouring values of an axis get the same number if each is the nearest to the
 other and their distance is at most ``MAX_DISTANCE``. An attractor keeps its number through a flip:

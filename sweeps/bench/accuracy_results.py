@@ -1,4 +1,4 @@
-"""The results of the comparison of methods: orders, tables, and the work-precision diagram.
+"""The comparison of methods, shown: means, orders, tables, the work-precision diagram.
 
 The diagram shows the error over the cost, a line for each scene, kind of error and method.
 """

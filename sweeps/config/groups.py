@@ -1,4 +1,4 @@
-"""The groups of a configuration: keys, defaults, and what they may be.
+"""The groups of a configuration: keys, defaults, what they may be, units of the numbers.
 
 The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.PARAMETERS``.
 """

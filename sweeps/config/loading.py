@@ -1,4 +1,4 @@
-"""Reading a configuration file, with the line of every key, and the messages of its errors.
+"""A configuration file: its bytes, the line of every key, and the messages of its errors.
 
 Each error names the file, the line, the key, the given value and the allowed values.
 """

@@ -1,4 +1,4 @@
-"""The view of a page: a parameter point, the windows around it, its YAML.
+"""`View`: a parameter point, the windows around it, what is switched on; its YAML.
 
 A `View` is an immutable value. It provides the configuration of every picture, which alone
 determines the results, and the query in the address of the page. Its numbers are those that a

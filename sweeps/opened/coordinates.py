@@ -1,4 +1,4 @@
-"""The coordinates of motions: at sections and impacts, and in time."""
+"""The coordinates of motions, recorded or continued: at sections and impacts, and in time."""
 
 from __future__ import annotations
 

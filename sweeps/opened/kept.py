@@ -1,4 +1,4 @@
-"""Exact orbits and least knocks that are kept in the cache of this user."""
+"""`with_cache`: exact orbits and least knocks, kept on disk for this user."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figure: its panels, its title and its legend."""
+"""`Picture`: the figure, its panels in the asked size, and room for title and legend."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Labels and scales of axes, the title, and names of parts."""
+"""Texts of axes and titles: names, symbols, units, methods; scales of axes."""
 
 from __future__ import annotations
 

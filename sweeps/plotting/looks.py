@@ -1,4 +1,4 @@
-"""The looks and the names of classes, regimes and attractors."""
+"""The colour, the hatch and the name of each class, regime, status and attractor."""
 
 from __future__ import annotations
 

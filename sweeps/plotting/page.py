@@ -1,4 +1,4 @@
-"""`Page`: size, title, limits and look of any picture.
+"""`Page`: what a user asks of any picture (size, title, limits, grey); `styled` checks it.
 
 Each is decorated with `styled`: its arguments are checked, it has the names of a rig, a common
 style and a common part of its docstring.

@@ -1,4 +1,4 @@
-"""Writing a figure to a file: formats, sizes, metadata."""
+"""A figure to a file: formats, pixels, metadata, and with what it was computed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Colours by their meaning, and matplotlib's settings.
+"""Colours by their meaning, ramps, inks, hatches; matplotlib's settings, of a user and in grey.
 
 Any two colours of one picture can be told apart with normal colour vision, deuteranopia and
 protanopia: they differ by at least 10 in CIEDE2000. Dots and lines are darker than cells. A colour

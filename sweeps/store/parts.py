@@ -1,4 +1,4 @@
-"""The blocks of an incomplete sweep, in ``OUT.h5.parts``.
+"""`Parts`: the folder ``OUT.h5.parts`` of an incomplete sweep: its schema and blocks.
 
 ``schema.h5`` is a complete file without data. ``block-NNNNNN.npz``, which `numpy.load` reads, holds
 a block: an array for each variable with a record dimension, and ``points``, a structured array with

@@ -1,4 +1,4 @@
-"""`open_sweep`, and the engine ``vibroimpact`` of xarray; variables are read when they are used.
+"""`open_sweep`, of a complete file or of parts; the engine ``vibroimpact`` of xarray, read lazily.
 
 They are read from the complete file, or from the blocks while the sweep is incomplete. The class of
 the arrays implements the interface of an xarray backend

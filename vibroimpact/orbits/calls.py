@@ -1,4 +1,4 @@
-"""The compiled functions of orbits that Python calls.
+"""The compiled function of orbits that Python calls, with a number for each task.
 
 What Python calls is optimised together with all that it calls. These functions have most of that in
 common, so one function that does the task of each compiles in half the time of all of them.

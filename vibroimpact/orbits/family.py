@@ -1,4 +1,4 @@
-"""Orbits over free parameters: ranges, units, points, a step.
+"""`OrbitFamily`: all orbits over free parameters, which point is admissible; a step between two.
 
 A point is a vector of unknowns (``unknowns.py``).
 """
