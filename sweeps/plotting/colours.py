@@ -29,6 +29,7 @@ from sweeps.plotting.labels import (
     direction_names,
     equation,
     label,
+    refuse_too_large,
     status_name,
     tick_in_decades,
 )
@@ -191,6 +192,8 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
         cells = _cells_of_few(cut[name], variable, has_value, None if grey else ramp)
     else:
         numbers = variable.values.astype(float)
+        if name in variable.coords:
+            refuse_too_large(name, numbers)
         cells = _special_cells(cut, name, numbers, has_value, dots, grey)
         for cell in cells:
             has_value &= ~cell.where

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 #: What has the names and units that a reader sees.
 Names = OpenedSweep | Nomenclature
+#: Greatest number in a picture: beyond it matplotlib overflows as it looks for ticks.
+LARGEST = 4e307
 #: Title of a legend of periodic classes.
 CLASSES_TITLE = "m/q: q impacts in m forcing periods"
 #: Units that take a prefix in pictures, and for each prefix the least size of what it is put to,
@@ -259,6 +261,8 @@ def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Tex
 
     As a `heading`, the label stands above the panel.
     """
+    if variable.name in variable.coords:  # a parameter; those that are not drawn may be any
+        refuse_too_large(str(variable.name), variable.values)
     text = axis.axes.set_title("", loc="left") if heading else axis.label
     text.set(text=label(variable), wrap=True)
     logarithmic = variable.dims == (variable.name,) and log_spaced(variable.values)
@@ -270,6 +274,13 @@ def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Tex
         written = StrMethodFormatter("{x:g}") if logarithmic else ScalarFormatter()
         axis.set_major_formatter(_Prefixed(axis, variable, written, text))
     return text
+
+
+def refuse_too_large(name: str, values: np.ndarray | float) -> None:
+    """Refuse a parameter with values that are too large for a picture."""
+    greatest = float(np.abs(values).max())
+    if greatest > LARGEST:
+        raise Refused(f"{name} reaches {greatest:.3g}; a picture shows up to {LARGEST:g}")
 
 
 def tick_in_decades(axis: Axis) -> None:

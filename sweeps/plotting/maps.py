@@ -21,7 +21,7 @@ from sweeps.plotting import canvas
 from sweeps.plotting.colours import paint_of
 from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.exact_lines import draw_curves
-from sweeps.plotting.labels import label_axis, log_spaced, status_name
+from sweeps.plotting.labels import label_axis, log_spaced, refuse_too_large, status_name
 from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells
 from sweeps.plotting.names import draw_boundaries, name_regions
@@ -243,7 +243,16 @@ def _draw_hatch(panel: Axes, cut: OpenedSweep, where: np.ndarray, **look: Any) -
 
 def _edges_of(cut: OpenedSweep) -> list[np.ndarray]:
     """Return the edges of the cells along the abscissa and along the ordinate."""
-    return [cell_edges(cut[name].values, log_spaced(cut[name].values)) for name in cut.grid[::-1]]
+    edges = []
+    for name in cut.grid[::-1]:
+        values = cut[name].values
+        refuse_too_large(name, values)
+        with np.errstate(over="ignore"):
+            ends = cell_edges(values, log_spaced(values))
+        if not np.isfinite(ends).all():  # of so many decades
+            refuse_too_large(f"a cell of {name}", ends)
+        edges.append(ends)
+    return edges
 
 
 def _draw_mesh(

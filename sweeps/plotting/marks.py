@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from sweeps.plotting.canvas import figure_of, in_panel, in_view
-from sweeps.plotting.labels import equation, status_name
+from sweeps.plotting.labels import equation, refuse_too_large, status_name
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, ground, ink, visible
 
@@ -85,6 +85,7 @@ def draw_stop(
 
     The attributes of the clearance, `about`, put the stop into the legend.
     """
+    refuse_too_large("clearance", clearance)
     text = None if about is None else f"stop, {equation(f'x={about.symbol}', about, clearance)}"
     draw_line(clearance, color=ink(), linewidth=0.8, linestyle="--", label=text)
 

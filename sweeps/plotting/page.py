@@ -25,7 +25,7 @@ from sweeps.config.rig import Nomenclature
 from sweeps.errors import Refused
 from sweeps.opened.doors import in_si, orbits_on_axes, takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting.labels import in_own_unit
+from sweeps.plotting.labels import LARGEST, in_own_unit
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import grey_style, user_style
 from vibroimpact.inputs import FLAG, TEXT, Allowed, integer, is_number, number
@@ -134,8 +134,6 @@ class Page:
             panel.set_ylim(bottom - margin, top + margin)
 
 
-#: Greatest number in a picture: beyond it matplotlib overflows as it looks for ticks.
-LARGEST = 4e307
 #: Least and greatest width and height of a picture [inch].
 LEAST_INCHES, MOST_INCHES = 1.0, 40.0
 _LENGTH = number(
@@ -268,19 +266,10 @@ def styled(
             raise Refused("only maps and diagrams can leave out marks")
         with _style(options.get("ax") is None, page.grey):
             sweep, options = _arguments_in_si(sweep, options)
-            _refuse_too_large(sweep)
             return draw(sweep, **options)
 
     _in_style.__doc__ = _documented(draw)
     return _in_style
-
-
-def _refuse_too_large(sweep: OpenedSweep) -> None:
-    """Refuse parameters that are too large for a picture."""
-    for name in (name for name in sweep.parameters if name in sweep):
-        greatest = float(np.abs(sweep[name].values).max())
-        if greatest > LARGEST:
-            raise Refused(f"{name} reaches {greatest:.3g}; a picture shows up to {LARGEST:g}")
 
 
 def _arguments_in_si(

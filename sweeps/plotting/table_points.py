@@ -26,9 +26,9 @@ from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import has_scale, legend_entries, paint_of
 from sweeps.plotting.contents import Wanted, number_at, refuse_without_result, with_number
-from sweeps.plotting.labels import as_variable, label_axis, prefix_of, units_of
+from sweeps.plotting.labels import LARGEST, as_variable, label_axis, prefix_of, units_of
 from sweeps.plotting.marks import mark_status, marker_size
-from sweeps.plotting.page import LARGEST, PAGE, Page, styled
+from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import ground, ink
 from sweeps.text import (
     fewest_digits,

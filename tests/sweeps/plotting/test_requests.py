@@ -77,12 +77,36 @@ def test_powers_of_ten_are_set_as_such(random_sweep):
     assert r"\sigma=1\times10^{300}$" in legend.get_texts()[0].get_text()
 
 
-@pytest.mark.parametrize("draw", [bifurcation, section, parameter_map, trajectory])
-def test_a_parameter_beyond_the_numbers_of_matplotlib_is_refused(random_sweep, draw):
-    """Instead of a traceback of the search for ticks."""
-    axes = {"clearance": [0.0, 1.7e308], "omega": OMEGA}
-    with pytest.raises(Refused, match=r"clearance reaches 1\.7e\+308; a picture shows up to"):
-        draw(random_sweep(axes))
+@pytest.mark.parametrize(
+    ("draw", "options", "is_drawn"),
+    [
+        (parameter_map, {}, True),
+        (parameter_map, {"quantity": "clearance"}, True),
+        (bifurcation, {"axes": ["clearance"]}, True),
+        (section, {"at": {"clearance": 1.7e308}}, True),
+        (trajectory, {"at": {"clearance": 1.7e308}}, True),
+        (bifurcation, {"axes": ["omega"]}, False),
+        (bifurcation, {"at": {"clearance": 1.7e308}}, False),
+        (section, {}, False),
+        (section, {"color": "omega", "at": {"clearance": 0.0}}, False),
+        (trajectory, {}, False),
+    ],
+)
+def test_a_parameter_beyond_the_numbers_of_matplotlib_is_refused(
+    random_sweep, draw, options, is_drawn
+):
+    """Instead of a traceback of the search for ticks; one that is not drawn is not."""
+    sweep = random_sweep({"clearance": [0.0, 1.7e308], "omega": OMEGA})
+    if not is_drawn:
+        assert isinstance(draw(sweep, **options), Figure)
+    else:
+        with pytest.raises(Refused, match=r"clearance reaches 1\.7e\+308; a picture shows up to"):
+            draw(sweep, **options)
+
+
+def test_a_map_over_too_many_decades_is_refused(random_sweep):
+    with pytest.raises(Refused, match="a cell of clearance reaches inf; a picture shows up to"):
+        parameter_map(random_sweep({"clearance": [1e-300, 1.0, 1e300], "omega": OMEGA}))
 
 
 @pytest.mark.parametrize(
