@@ -218,7 +218,7 @@ def silent_cuts(
         shown |= set() if KINDS[kind].axes else {*sweep.axes}  # sections of all points
         shown = shown - {DIRECTION} | {DIRECTION} & {color}
     fixed = {*shown, *(at or {}), *axes}
-    left = [name for name in sweep.grid if name not in fixed]
+    left = [name for name in sweep.grid if name not in fixed and sweep.sizes[name] > 1]
     axes_left = [name for name in left if name != DIRECTION]
     longest = sorted(axes_left, key=lambda name: -sweep.sizes[name])
     drawn = longest[: max(0, KINDS[kind].axes - len(axes))]

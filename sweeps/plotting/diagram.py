@@ -161,8 +161,9 @@ def _check_branches(exact: xr.Dataset | None, axis: str, coordinate: str) -> Non
     if exact is None:
         return
     refuse_without_branches(coordinate)
-    if axis not in exact.coords:
-        raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
+    if {*exact.coords} != {axis}:
+        noun = "branches" if "branch" in exact else "curves, which a map shows,"
+        raise Refused(f"the exact {noun} are over {listed(map(str, exact.coords))}, not {axis}")
 
 
 def _with_numbers(

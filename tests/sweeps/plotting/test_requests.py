@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps import open_sweep, run_sweep
@@ -130,6 +131,17 @@ def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajec
     sweep = random_sweep(axes, with_trajectory=with_trajectory, diagnostics=diagnostics)
     plot(sweep, tmp_path / "a.PDF")
     assert called == [expected] and (tmp_path / "a.PDF").read_bytes().startswith(b"%PDF")
+
+
+def test_an_axis_of_one_value_is_no_choice(random_sweep, tmp_path):
+    """It is not drawn: curves over it are refused, and nobody is told to take another value."""
+    sweep = random_sweep({"f": [1.0], "omega": OMEGA})
+    assert api.silent_cuts(OpenedSweep(sweep), "bifurcation") == {}
+    assert api.silent_cuts(OpenedSweep(sweep), "section") == {"omega": OMEGA[0]}
+    values = {"kind": ["graze"], "f": [1.0], "omega": [2.5]}
+    curves = xr.Dataset({name: ("point", column) for name, column in values.items()})
+    with pytest.raises(Refused, match="the exact curves, which a map shows, are over f, omega, no"):
+        plot(sweep, tmp_path / "a.png", exact=curves.set_coords(["f", "omega"]))
 
 
 @pytest.fixture(scope="module")
