@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -79,23 +79,8 @@ def _compared(
     first: xr.Dataset, second: xr.Dataset, name: str, rtol: float, atol: float
 ) -> Difference:
     """Compare a variable of two sweeps, a part of the points at a time."""
-    difference, width = Difference(name), 1
-    parts: Iterable[tuple[np.ndarray, np.ndarray, int]]
-    if name in first.coords:
-        bare = (data[name].drop_vars(data[name].coords) for data in (first, second))
-        pair = xr.broadcast(*bare)  # a number in one may be a column in the other
-        sizes, parts = pair[0].sizes, [(pair[0].values.ravel(), pair[1].values.ravel(), 0)]
-    else:
-        axes = first["status"].dims
-        variables = [data[name].variable.transpose(*axes, ...) for data in (first, second)]
-        shape = first["status"].variable.to_base_variable()
-        joint = xr.Dataset({"status": shape, "first": variables[0], "second": variables[1]})
-        sizes, width = variables[0].sizes, math.prod(variables[0].shape[len(axes) :])
-        cuts = in_parts(joint, _VALUES_COMPARED // max(1, width))
-        parts = (
-            (cut["first"].values.ravel(), cut["second"].values.ravel(), points.start)
-            for cut, points in cuts
-        )
+    difference = Difference(name)
+    sizes, width, parts = _parts_of(first, second, name)
     for mine, theirs, start in parts:
         difference.size += mine.size
         differ, distance = _distances(name, mine, theirs, rtol, atol)
@@ -110,6 +95,29 @@ def _compared(
         difference.points += len(np.unique(places // width))
         difference.greatest = max(difference.greatest, float(distance[places].max()))
     return difference
+
+
+def _parts_of(
+    first: xr.Dataset, second: xr.Dataset, name: str
+) -> tuple[Mapping[Hashable, int], int, Iterable[tuple[np.ndarray, np.ndarray, int]]]:
+    """Return the sizes of a variable, its values per point, and parts of it in both sweeps.
+
+    Each part has flat values of both and the number of its first point.
+    """
+    if name in first.coords:
+        bare = (data[name].drop_vars(data[name].coords) for data in (first, second))
+        pair = xr.broadcast(*bare)  # a number in one may be a column in the other
+        return pair[0].sizes, 1, [(pair[0].values.ravel(), pair[1].values.ravel(), 0)]
+    axes = first["status"].dims
+    variables = [data[name].variable.transpose(*axes, ...) for data in (first, second)]
+    shape = first["status"].variable.to_base_variable()
+    joint = xr.Dataset({"status": shape, "first": variables[0], "second": variables[1]})
+    width = math.prod(variables[0].shape[len(axes) :])
+    parts = (
+        (cut["first"].values.ravel(), cut["second"].values.ravel(), points.start)
+        for cut, points in in_parts(joint, _VALUES_COMPARED // max(1, width))
+    )
+    return variables[0].sizes, width, parts
 
 
 def _distances(
@@ -148,7 +156,12 @@ def comparison_report(
     keys = differing_keys(mine, theirs, "{}: {} and {}")
     differing = [each for each in results if each.values]
     seen = OpenedSweep(first).config.nomenclature if differing else Nomenclature()
-    by_name = {seen.name(each.name): _line(first, seen, each) for each in differing}
+    own = {each.name for each in differing}  # a column ``frequency`` stands for ``omega``
+    by_name = {
+        called: _line(first, seen, each)
+        for each in differing
+        if (called := seen.name(each.name)) == each.name or called not in own
+    }
     lines = [*by_name.values()]
     if keys and not (rtol or atol):
         keys, lines = _in_short(by_name, keys)

@@ -13,7 +13,7 @@ from sweeps.errors import Refused
 from sweeps.grid import Grid, block_points
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.store.variables import DIRECTION, VARIABLES, Variable
-from sweeps.text import listed
+from sweeps.text import listed, shown_count
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Status
@@ -146,7 +146,8 @@ class PointMotion:
         depth = float(rows[1].max()) - oscillator.clearance
         turn = np.floor((rows[0] - rows[0, 0]) * (oscillator.omega / (2.0 * np.pi)) + 1e-6)
         if not (np.diff(turn) >= 0.0).all() or not turn[-1] <= periods:  # another program's file
-            raise Refused("a point has the trajectory of another frequency: run the sweep again")
+            beyond = f"beyond its {shown_count(periods, 'forcing period')}"
+            raise Refused(f"a trajectory has times out of order or {beyond}: run the sweep again")
         chosen = (turn * most) % periods < most  # all, if they are no more
         left_out = ~(chosen | np.append(False, chosen[:-1]))  # a period ends with a row
         first_left_out = left_out & ~np.append(True, left_out[:-1])

@@ -224,7 +224,7 @@ def test_a_motion_that_cannot_be_is_refused(name, values):
 @pytest.mark.parametrize(
     ("name", "value"), [("omega", 1e300), ("trajectory_t", -1e300), ("trajectory_t", 1e300)]
 )
-def test_a_trajectory_of_another_frequency_is_refused(name, value):
+def test_a_trajectory_beyond_its_periods_is_refused(name, value):
     """Instead of a demand for all memory: samples are drawn in every forcing period."""
     text = "oscillator: {h: 0.1, R: 0.8, omega: 2.5, f: [1.0, 2.0]}\n"
     Path("sweep.yaml").write_text(text + "record: {periods: 2, trajectory: {every: 9}}\n")
@@ -235,7 +235,7 @@ def test_a_trajectory_of_another_frequency_is_refused(name, value):
 
     changed(Path("sweep.h5"), change)
     message = refused("plot", "sweep.h5", "-o", "a.png", "--kind", "trajectory")
-    assert "the trajectory of another frequency" in message
+    assert "times out of order or beyond its 2 forcing periods: run the sweep again" in message
 
 
 def test_aliases_and_tags_in_the_configuration_of_a_file_are_refused(finished_file):
