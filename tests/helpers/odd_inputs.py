@@ -1,4 +1,4 @@
-"""Odd configurations: valid ones with random changes."""
+"""Odd configurations: valid ones with random changes, and texts with random damage."""
 
 import copy
 
@@ -73,3 +73,16 @@ def document(rng, bases):
             added = rng.choice(("h", "gap", "base", "x0", "phase", "refine", "name", "start"))
             place[key if how == "replace" else added] = copy.deepcopy(rng.choice(ODD))
     return tree
+
+
+def damaged(rng, text):
+    """Return a text with some characters or lines changed, removed or doubled."""
+    for _ in range(rng.randint(1, 4)):
+        begin = rng.randrange(len(text) + 1)
+        signs = ["", "", *":\n\t {]#&!'\"\0\x85\x9b\ud800\U0001f600"]
+        text = text[:begin] + rng.choice(signs) + text[begin + rng.choice([0, 1, 1, 5, 40]) :]
+        if rng.random() < 0.3:
+            lines = text.splitlines(keepends=True) or [""]
+            lines.insert(rng.randrange(len(lines) + 1), rng.choice(lines))
+            text = "".join(lines)
+    return text

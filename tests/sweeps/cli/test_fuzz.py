@@ -13,11 +13,13 @@ from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError, StoreError
 from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.commands import SMALL, accepted, call
-from tests.helpers.odd_inputs import BASES, FOLLOWED, FULL, TABLES, document
+from tests.helpers.odd_inputs import BASES, FOLLOWED, FULL, TABLES, damaged, document
 from vibroimpact.status import Status
 
 #: Characters with a meaning in YAML.
 SIGNS = "{}[]:,#&*!|>-'\" \n\th1e"
+#: Parts of the messages about damaged texts.
+DAMAGES = ("not valid YAML: expected", "special characters", "can't decode", "is given twice")
 
 
 def answered(text):
@@ -56,7 +58,9 @@ DOCUMENTS = [yaml.safe_load(FULL), yaml.safe_load(FOLLOWED), *TABLES]
 
 def answer_mutated(seed):
     """Check the configuration of a seed, run it if it is small, and leave no files."""
-    text = yaml.safe_dump(document(random.Random(seed), DOCUMENTS))
+    rng = random.Random(seed)
+    text = yaml.safe_dump(document(rng, DOCUMENTS))
+    text = damaged(rng, text) if seed % 5 == 4 else text
     Path("fuzz.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
     faulthandler.dump_traceback_later(300, exit=True)  # a hang ends the campaign
     try:
@@ -91,9 +95,24 @@ def test_ten_thousand_mutated_configurations_are_answered(start, record_property
     assert min(answers[name] for name in ("refused", "run")) > 0
 
 
+def test_a_damaged_text_is_read_or_refused():
+    refusals = Counter()
+    for seed in range(200):
+        rng = random.Random(seed)
+        text = damaged(rng, rng.choice([FULL, FOLLOWED]))
+        Path("fuzz.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
+        try:
+            load_config("fuzz.yaml")
+        except ConfigError as refusal:
+            assert all(line.startswith("fuzz.yaml") for line in str(refusal).splitlines()), text
+            refusals.update(word for word in DAMAGES if word in str(refusal))
+    assert refusals.keys() == set(DAMAGES)
+
+
 @pytest.mark.slow
 def test_an_odd_environment_is_answered(monkeypatch):
-    monkeypatch.setenv("COLUMNS", "abc")
+    for name in ("COLUMNS", "HDF5_USE_FILE_LOCKING", "NUMBA_THREADING_LAYER"):
+        monkeypatch.setenv(name, "abc")
     Path("sweep.yaml").write_text(SMALL)
     accepted("run", "sweep.yaml")
     accepted("plot", "small.h5")

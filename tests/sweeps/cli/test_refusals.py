@@ -1,6 +1,7 @@
 """Commands that are refused, interrupted or fail: message, exit code, and files kept."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -32,6 +33,15 @@ def test_options_that_exclude_each_other_are_told_before_anything_is_read():
         run_sweep("missing.yaml", "out.h5", resume=True, overwrite=True)
 
 
+@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
+def test_an_output_folder_that_does_not_exist_and_a_disk_that_is_too_small(monkeypatch, dry):
+    told = refused("run", "sweep.yaml", "-o", "nowhere/out.h5", *dry)
+    assert "folder nowhere" in told and "does not exist" in told
+    monkeypatch.setattr("shutil.disk_usage", lambda _: types.SimpleNamespace(free=1000))
+    told = refused("run", "sweep.yaml", *dry)
+    assert re.search(r"the sweep takes about \d+\.?\d* kB .* has only 1 kB left", told)
+
+
 @pytest.mark.parametrize("threads", [0, -1, 100_000])
 def test_threads_that_numba_does_not_have(threads):
     message = refused("run", "sweep.yaml", "--threads", threads)
@@ -50,6 +60,8 @@ def test_a_text_is_no_file_of_a_sweep():
         (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),
         (["--at", "omega=x"], ["--at omega=x ", "NAME=VALUE"]),
         (["--at", "omega=" + "9" * 5000], ["--at omega=999", "999... is not allowed"]),
+        (["--periods", "0"], ["--periods 0 is not allowed; expected: an integer >= 1"]),
+        (["--periods", "2", "--kind", "map"], ["periods can be chosen for trajectory only"]),
         (["--xlim", "0:1e308"], ["xlim = ", "numbers up to 4e+307 of which the first is smaller"]),
     ],
 )

@@ -15,6 +15,13 @@ def test_one_value_in_a_list_or_range_is_an_axis():
     assert {name: list(values) for name, values in axes.items()} == {"h": [0.3], "f": [2.0]}
 
 
+def test_decades_of_a_log_axis_are_as_typed():
+    decades = [float(f"1e{power}") for power in range(-300, 301)]
+    for one in (decades, decades[::-1]):
+        axis = Range(start=one[0], stop=one[-1], num=len(one), spacing="log")
+        assert axis.values().tolist() == one
+
+
 @pytest.mark.parametrize(
     ("start", "stop", "num"), [(0.3, 7.1, 40), (7.1, 0.3, 200), (5e-324, 1e308, 99), (1e3, 1e-3, 7)]
 )

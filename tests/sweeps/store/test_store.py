@@ -235,6 +235,16 @@ def test_a_sweep_is_read_lazily_and_by_any_index(tmp_path, blocks):
             xr.testing.assert_identical(found.load(), loaded["poincare_x"].isel(choice))
 
 
+def test_a_reader_sees_the_finished_blocks_of_a_running_sweep(tmp_path):
+    path = tmp_path / "out.h5"
+    with begun(path, schema()) as (store, pending):
+        for count, block in enumerate(pending, 1):
+            store.write(block, block_results(block))
+            with open_sweep(path) as dataset:
+                assert int((dataset["status"] != Status.PENDING).sum()) == 2 * count
+        store.finish()
+
+
 def test_an_opened_file_is_sent_to_another_process_and_may_be_one_of_many(tmp_path):
     path = tmp_path / "out.h5"
     fill_blocks(path)
