@@ -300,7 +300,8 @@ class _Motions:
                 with suppress(OrbitError):  # too many periods: motions that end there are unknown
                     self.orbits[number] = orbit_of_motion(motion, self._phase)
         # Their states at the section.
-        self._cycles = {number: of.sections(self._phase) for number, of in self.orbits.items()}
+        orbits = self.orbits.items()
+        self._cycles = {number: orbit.sections(self._phase) for number, orbit in orbits}
 
     def _reached(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the attractors that motions from states (n, 2) reach, and which are certified.

@@ -123,8 +123,8 @@ class Scene:
         n = len(self.points)
         R, omega, clearance = (self.points[name] for name in ("R", "omega", "clearance"))
         end, true_end = (
-            np.stack([of["poincare_x"][:n, -1], of["poincare_v"][:n, -1]], axis=1)
-            for of in (run, truth)
+            np.stack([each["poincare_x"][:n, -1], each["poincare_v"][:n, -1]], axis=1)
+            for each in (run, truth)
         )
         V = truth["fastest_impact"]
         V = np.where(V > 0.0, V, np.hypot(omega * true_end[:, 0], true_end[:, 1]))

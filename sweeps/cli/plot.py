@@ -53,7 +53,8 @@ def _numbers() -> list[str]:
     """Return the names of the numbers of each point that a file can have."""
     from sweeps.store.variables import VARIABLES
 
-    held = [name for name, of in VARIABLES.items() if of.dimension in (None, "exponent")]
+    single = (None, "exponent")
+    held = [name for name, variable in VARIABLES.items() if variable.dimension in single]
     return [*held, "mean_force", "peak_to_peak"]
 
 

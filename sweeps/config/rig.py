@@ -90,7 +90,7 @@ QUANTITIES: Mapping[str, Quantity] = {
 #: The quantities of the rig that its configuration gives, by their own names.
 RIG_PARAMETERS: Mapping[str, Parameter] = {
     "mass": MASS,
-    **{of.name: of.description for key, of in QUANTITIES.items() if key in PARAMETERS},
+    **{each.name: each.description for key, each in QUANTITIES.items() if key in PARAMETERS},
 }
 
 
@@ -209,7 +209,8 @@ def _in_model(name: str, axis: Axis, mass: float) -> Axis:
 
 def made_of_rig(columns: Collection[str], rig: Mapping[str, object]) -> set[str]:
     """Return the columns of the model that `RigConfig.made_columns` added to those of a table."""
-    typed = {key for key, of in QUANTITIES.items() if of.name in columns and of.name != key}
+    names = {key: each.name for key, each in QUANTITIES.items()}
+    typed = {key for key, name in names.items() if name != key and name in columns}
     per_mass = {name for name in _PER_MASS if QUANTITIES[name].name in rig}
     return typed | (per_mass if "mass" in columns else set())
 

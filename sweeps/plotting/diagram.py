@@ -243,12 +243,12 @@ class _Motions:
         colours: Sequence[str | np.ndarray] = self.colours
         if len(self.ways) == 1:
             colours = [data_colour() if self.rgba is None else self.rgba]
-        parts = [(y, np.isfinite(y), of) for y, of in zip(records, colours, strict=False)]
+        parts = [(y, np.isfinite(y), tint) for y, tint in zip(records, colours, strict=False)]
         if len(parts) == 2:
             dark = visible(BOTH_COLOUR)
             look = {"most": 1.6} | look  # thin, so that both directions are seen
             both = agreeing(*records)
-            apart = [(y, finite & ~b, of) for (y, finite, of), b in zip(parts, both, strict=True)]
+            apart = [(y, fine & ~b, tint) for (y, fine, tint), b in zip(parts, both, strict=True)]
             parts = [(y, b, dark) for y, b in zip(records, both, strict=True)] + apart
         shapes = len(parts) * ["o"]
         if len(parts) == 4 and self.grey:

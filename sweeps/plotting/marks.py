@@ -187,7 +187,7 @@ def in_both(columns: np.ndarray, axis: int) -> np.ndarray:
     """
     from scipy.spatial import cKDTree
 
-    low, high = (of(columns.reshape(2, -1), axis=1) for of in (np.nanmin, np.nanmax))
+    low, high = (end(columns.reshape(2, -1), axis=1) for end in (np.nanmin, np.nanmax))
     size = np.where(high > low, high - low, 1.0)
     ways = np.moveaxis(np.moveaxis(columns, 0, -1) / size, axis, 0)  # (direction, ..., k, 2)
     number = np.arange(float(np.prod(ways.shape[1:-2]))).reshape(*ways.shape[1:-2], 1, 1)

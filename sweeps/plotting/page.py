@@ -300,7 +300,8 @@ def _arguments_in_si(
         if option == "at" and value:
             converted[option] = seen.selection(value)
         elif option == "beside" and value:
-            converted[option] = seen.selection({name: np.array(of) for name, of in value.items()})
+            several = {name: np.array(values) for name, values in value.items()}
+            converted[option] = seen.selection(several)
         elif option == "exact" and value is not None:
             converted[option] = orbits_on_axes(si, value)
         elif option in ("quantity", "color") or isinstance(value, str | xr.DataArray):

@@ -59,8 +59,8 @@ def widened(low: float, high: float) -> tuple[float, float]:
 def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
     """Return the n + 1 edges of the cells around n increasing values.
 
-    The edges lie halfway between the values, with `log` on a logarithmic scale. A single value has
-    a cell of its own size.
+    The edges lie halfway between the values, with `log` on a logarithmic scale. The cell of a
+    single value is as wide as its magnitude, or 1 at 0.
     """
     if len(values) == 1:
         half = 0.5 * abs(values[0]) or 0.5

@@ -144,7 +144,7 @@ class Schema:
             problems.append("the code that computes is another version")
         # The computation follows from these two, and other code may name its parts differently.
         if not problems:
-            problems = differing_keys(*(str(of.get("computation", "{}")) for of in (was, now)))
+            problems = differing_keys(*(str(each.get("computation", "{}")) for each in (was, now)))
         same = list(old.axes) == list(self.axes) and all(
             _same(old.axes[axis], self.axes[axis]) for axis in self.axes
         )
@@ -236,13 +236,15 @@ def _check_form(file: h5py.File, schema: Schema) -> None:
     if {type(schema.attributes[key]) for key in ("name", "configuration", "numerics")} != {str}:
         raise TypeError("an attribute is no text")
     held = [VARIABLES[name] for name in ("poincare_x", *schema.variables)]
-    kinds = {(of.dimension, of.diagnostic) for of in held}
-    for name, of in VARIABLES.items():
-        if (of.dimension, of.diagnostic) in kinds:  # of which a file has all
+    kinds = {(variable.dimension, variable.diagnostic) for variable in held}
+    for name, variable in VARIABLES.items():
+        if (variable.dimension, variable.diagnostic) in kinds:  # of which a file has all
             data, shape = _own(file, name), (*schema.sizes(name).values(),)
-            if (data.shape, data.dtype) != (shape, of.dtype):
+            if (data.shape, data.dtype) != (shape, variable.dtype):
                 raise ValueError(f"{name} has another shape or type")
-    if any(of.dtype.kind != "i" or (np.diff(of) != 1).any() for of in schema.records.values()):
+    if any(
+        each.dtype.kind != "i" or (np.diff(each) != 1).any() for each in schema.records.values()
+    ):
         raise ValueError("a record has other numbers")
     rows = schema.axes.get(TABLE, np.empty(0))
     columns = {name: rows[name] for name in rows.dtype.names or () if name in PARAMETERS}

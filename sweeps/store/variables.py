@@ -98,7 +98,7 @@ VARIABLES: Mapping[str, Variable] = {
 }
 
 #: The columns of the trajectories, whose lengths differ.
-TRAJECTORIES = tuple(name for name, of in VARIABLES.items() if of.dimension == "sample")
+TRAJECTORIES = tuple(name for name, each in VARIABLES.items() if each.dimension == "sample")
 
 #: The variables whose numbers stand for words, and these words.
 FLAGS: Mapping[str, type[Evidence] | type[Status]] = {"class_evidence": Evidence, "status": Status}

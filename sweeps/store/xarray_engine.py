@@ -200,7 +200,7 @@ def _lazy(
         array = _Array(tuple(sizes.values()), dtype, partial(read, name))
         data[name] = tuple(sizes), indexing.LazilyIndexedArray(array)
     # A file of an earlier version lacks the parameters that came later.
-    coordinates: dict[str, Any] = {name: ((), of.default) for name, of in PARAMETERS.items()}
+    coordinates: dict[str, Any] = {name: ((), each.default) for name, each in PARAMETERS.items()}
     coordinates |= schema.coordinates()
     yaml_mapping(schema.attributes.get("computation", "{}"), "the computation")  # or refused
     dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})

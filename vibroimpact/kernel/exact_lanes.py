@@ -87,6 +87,8 @@ from vibroimpact.step.scheme import COS, SIN, THETA
 from vibroimpact.step.turning_points import widen_by_events
 from vibroimpact.step.variational import carry_tangents
 
+#: While watching, the GUARD of a lane that may have met the stop.
+_MEETS = math.inf
 #: After so many periods it is asked which lanes never widen their reach again; an answer that comes
 #: later changes no bit.
 _JUDGED_EVERY = 4
@@ -147,7 +149,7 @@ def _propagate(lanes, size, added, phase_step, n, watching):
         )
         if watching:
             beyond = max(guard - lanes[MOST + i], lanes[LEAST + i] - floor)
-            guard = select(guard < 0.0, beyond, math.inf)
+            guard = select(guard < 0.0, beyond, _MEETS)
         lanes[GUARD + i] = guard
         lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
 
@@ -157,7 +159,8 @@ def propagate_lanes(lanes, size, added, phase_step, n, watching):
     """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact.
 
     A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step. If
-    `watching`, a lane whose step without impact may widen its reach has a GUARD from 0 to inf.
+    `watching`, that of a lane that may have met the stop is ``_MEETS``; that of any other is the
+    distance by which its step may go beyond its reach, negative if it does not.
     """
     widest_vectors()
     if watching is not None and watching:
@@ -272,7 +275,7 @@ def list_awake(workspace, size, grid, n, watching):
     awake, theta = 0, grid.table[THETA, n] + grid.phase_step
     for j in range(list_lanes(lanes, GUARD, met, size)):
         i = met[j] & (LANES - 1)
-        if watching is not None and watching and lanes[GUARD + i] < math.inf:
+        if watching is not None and watching and lanes[GUARD + i] < _MEETS:
             widen_by_lane(workspace, i, grid, n)
         elif sleeps_until(lanes, i, theta):
             lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0

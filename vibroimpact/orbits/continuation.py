@@ -36,8 +36,9 @@ _FIRST, _LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
 #: A step shorter than this misses nothing but rounding.
 _RESOLVED = 1e-6
 #: The orientation of the tangents changes where two paths cross, and in a jump to a path beside
-#: this one. It changes in no step that is longer than this.
-_CROSSES = 1e-4
+#: this one. It changes in no step that is longer than this, unless the step goes beyond the last
+#: orbit or the halves of its orbit change places.
+_TURNED_OVER = 1e-4
 #: Most points of a path; least cosine of the angle by which the tangent turns in one step.
 MOST_POINTS, _LEAST_COSINE = 2000, 0.985
 #: Where orbits vanish with the force, a force below this share of its range counts as zero: the
@@ -107,19 +108,20 @@ def _step(
         if Y is not None and family.inner(Y - X, Y - X) < 4.0 * length * length:
             tangent = family.tangent(Y)
             cosine = family.inner(tangent, along)
-            here = math.copysign(1.0, cosine)
+            way_on = math.copysign(1.0, cosine)
             if abs(cosine) > _LEAST_COSINE:
-                end = family.point(Y, here * tangent)
+                end = family.point(Y, way_on * tangent)
                 step = ArclengthStep(family, begin, end, length)
-                crosses = here == -way and end.inadmissible is None and not step.exchanges_halves()
-                if (length > _RESOLVED and step.jumps()) or (length > _CROSSES and crosses):
+                turned_over = way_on == -way and end.inadmissible is None
+                turned_over = turned_over and not step.exchanges_halves()
+                if (length > _RESOLVED and step.jumps()) or (length > _TURNED_OVER and turned_over):
                     length *= 0.5
                     continue
                 if end.inadmissible is not None:
                     step = to_last_orbit(step, end.inadmissible)
                 ends = not step.last or step.margin < ENDS
                 if length < _RESOLVED or (ends and not step.may_miss()):
-                    return step, here
+                    return step, way_on
                 if not ends:  # the equations may be singular at the end
                     length *= 0.25
                     continue

@@ -191,7 +191,7 @@ def _cusp(step: ArclengthStep) -> np.ndarray | None:
 def _is_twice_its_half(family: OrbitFamily, X: np.ndarray) -> bool:
     """Whether the halves of an orbit are so nearly equal that its test of a fold is rounding."""
     difference = differences_of_halves(X, family.m, family.q)
-    return float(np.abs(difference).max(initial=0.0 if difference.size else math.inf)) < _ALIKE
+    return difference.size > 0 and bool(np.abs(difference).max() < _ALIKE)
 
 
 def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None:

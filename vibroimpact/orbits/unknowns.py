@@ -235,8 +235,9 @@ def _factorise(equations, V, diagonal, w, y):
 def solve(equations, P, N):
     """Find the shortest solution P and an orthonormal basis N, and return the orientation of N.
 
-    It is the sign of the determinant of J with the rows of N below it, which does not change along
-    a path: 1 or -1; 0 if the equations are dependent.
+    It is the sign of the determinant of J with the rows of N below it, up to a sign that depends
+    only on the number of rows. It does not change along a path: 1 or -1; 0 if the equations are
+    dependent.
     """
     q, block, rows = equations.A.shape[0], 2 + equations.D.shape[2], equations.right.size
     V, w, y = zero_rows(rows, 2 * block), filled(q * block, 0.0), filled(q * block, 0.0)
