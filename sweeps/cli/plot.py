@@ -215,8 +215,8 @@ def plot_command(
         datasets = []
         for file, figure in zip(files, figures, strict=True):  # check all before drawing any
             read = [file] if overlay is None else [file, overlay]
-            check_picture(figure, *read, animated=True)
             datasets.append(stack.enter_context(opened_in_si(file)))
+            check_picture(figure, *read, animated=True)
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with named(file):
                 part = dataset if kind == "basins" else dataset.several(lists)

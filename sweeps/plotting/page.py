@@ -28,6 +28,7 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import LARGEST, in_own_unit
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import grey_style, user_style
+from sweeps.text import told_apart
 from vibroimpact.inputs import FLAG, TEXT, Allowed, integer, is_number, number
 from vibroimpact.step.scheme import MOST_RECORDED
 
@@ -111,10 +112,8 @@ class Page:
             if limits is None:
                 continue
             if limits[1] < ends[0] or ends[1] < limits[0]:
-                raise Refused(
-                    f"there is nothing to draw with {name} = {limits[0]:g}:{limits[1]:g}; the data "
-                    f"range from {ends[0]:.6g} to {ends[1]:.6g}"
-                )
+                text = "there is nothing to draw with {} = {}:{}; the data range from {} to {}"
+                raise Refused(text.format(name, *told_apart(*limits, *ends)))
             (panel.set_xlim if name == "xlim" else panel.set_ylim)(limits)
 
     def fit_ordinate(self, panel: Axes, *ranges: tuple[float, float]) -> None:

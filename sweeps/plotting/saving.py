@@ -42,8 +42,8 @@ _NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}, "e
 FORMATS = tuple(_FIELDS)
 #: Endings of animations.
 ANIMATED = (".gif", ".mp4")
-#: A figure must have fewer pixels than this in each direction.
-_MOST_PIXELS = 2**16
+#: A figure must have fewer pixels than this each way; as many both ways take ten seconds.
+_MOST_PIXELS = 2**14
 #: Most characters of a comment in one line: by Adobe's conventions, a line has at most 255.
 _MOST_IN_LINE = 240
 
@@ -110,13 +110,12 @@ def _check_settings(file: str) -> None:
 
 
 def _check_size(figure: Figure) -> None:
-    """Refuse a figure with more pixels than matplotlib can draw, also for SVG, PDF and EPS."""
+    """Refuse a figure of too many pixels, also for SVG, PDF and EPS."""
     width, height = figure.get_size_inches() * dots_per_inch()
     if max(width, height) >= _MOST_PIXELS:
         raise Refused(
             f"a picture of {width:.0f} x {height:.0f} pixels is too large; expected: less than "
-            f"{_MOST_PIXELS} each way, by a lower savefig.dpi in matplotlib's settings or a "
-            "smaller width"
+            f"{_MOST_PIXELS} each way, by a lower dpi or a smaller width"
         )
 
 

@@ -63,7 +63,7 @@ def parts_path(path: Path) -> Path:
             output = str(as_typed if as_typed.name else folder).removesuffix(PARTS)
             raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
     path = path.resolve() if os.path.islink(path) else path
-    return path.with_name(f"{path.name}{PARTS}")
+    return path.parent / f"{path.name}{PARTS}"  # `with_name` fails for . and /
 
 
 # What may be written, and what can be read

@@ -179,7 +179,7 @@ def test_a_bad_line_of_matplotlib_is_told_once_and_settings_it_cannot_draw_with_
     assert message.count("\n") == 1
     with mpl.rc_context({"savefig.dpi": 1e9}):
         message = refused("plot", "small.h5", "-o", "a.png")
-    assert "pixels is too large; expected: less than 65536 each way" in message
+    assert "pixels is too large; expected: less than 16384 each way" in message
     assert not list(Path().glob("a.*"))
 
 

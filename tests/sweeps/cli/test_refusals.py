@@ -48,6 +48,14 @@ def test_threads_that_numba_does_not_have(threads):
     assert f"--threads {threads} " in message and "an integer from 1 to " in message
 
 
+@pytest.mark.parametrize("folder", [".", "..", "/", ""])
+def test_a_folder_is_no_file_of_a_sweep(small_file, folder):
+    options = {"compare": ["small.h5"], "zoom": ["omega=2:3"], "export": ["-o", "a.csv"]}
+    for command in ("info", "plot", "attractors", "integrity", *options):
+        message = refused(command, folder, *options.get(command, ()))
+        assert "is a directory, not a regular file" in message, (command, message)
+
+
 def test_a_text_is_no_file_of_a_sweep():
     Path("text.h5").write_text("hello")
     assert "text.h5 is no file of a sweep" in refused("run", "text.h5", "-o", "new.h5")
@@ -62,6 +70,9 @@ def test_a_text_is_no_file_of_a_sweep():
         (["--at", "omega=" + "9" * 5000], ["--at omega=999", "999... is not allowed"]),
         (["--periods", "0"], ["--periods 0 is not allowed; expected: an integer >= 1"]),
         (["--periods", "2", "--kind", "map"], ["periods can be chosen for trajectory only"]),
+        (["--xlim", "9:9.000000000000002"], ["xlim = 9:9.000000000000002; the data range from "]),
+        (["--xlim", "3.0000001:4", "--kind", "bifurcation"], ["3.0000001:4; the data", "to 3"]),
+        (["--dpi", "410", "--width", "40in"], ["of 16400 x ", "less than 16384 each way"]),
         (["--xlim", "0:1e308"], ["xlim = ", "numbers up to 4e+307 of which the first is smaller"]),
     ],
 )

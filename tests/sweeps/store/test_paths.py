@@ -195,8 +195,9 @@ def test_a_sweep_larger_than_the_disk_is_refused(monkeypatch):
 def test_files_that_are_not_ours_are_refused(tmp_path):
     with pytest.raises(StoreError, match="does not exist"):
         open_sweep("out.h5")
-    with pytest.raises(StoreError, match="is a directory"):
-        open_sweep(tmp_path)
+    for folder in (tmp_path, ".", "/", ""):
+        with pytest.raises(StoreError, match="is a directory"):
+            open_sweep(folder)
     Path("out.h5").write_text("name: not HDF5\n")
     with pytest.raises(StoreError, match="is not an HDF5 file"):
         open_sweep("out.h5")
