@@ -50,8 +50,8 @@ _rows = Rows(ROW)
 POSITION = _rows.take(2)
 VELOCITY = _rows.take(2)
 TANGENT = _rows.take(4)
-#: Not negative if the lane may have met its stop, or is at rest; at a section, if it has come back
-#: to its mark or is due.
+#: Not negative for a lane to be listed: in a step, if it may have met its stop, is at rest or may
+#: widen its reach; at a section, if it has come back to its mark, is due or widens it no more.
 GUARD = _rows.take()
 LEVEL = _rows.take()  #: The stop that time stepping watches, or AT_REST.
 WAKE = _rows.take()  #: The phase before which a resting lane is not released, or AWAKE.

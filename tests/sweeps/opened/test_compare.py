@@ -174,6 +174,12 @@ def test_tables_directions_and_rigs(folder):
         run_in(folder, RIG, *([frequency] if frequency else []), name=f"{name}.h5")
     found = call("compare", "r.h5", "s.h5")
     assert found.exit_code == 1 and "first at frequency = 2, section = 4: " in found.stdout
+    rows = "rig: {mass: 2, stiffness: 800, damping: 4, R: 0.7, force: 10, gap: 0.01}\n"
+    for name, last in (("t", 5), ("u", 5.5)):
+        columns = f"points: {{frequency: [4, {last}]}}\n"
+        run_in(folder, rows + columns + "record: {transient: 3, periods: 4}", name=f"{name}.h5")
+    said = call("compare", "t.h5", "u.h5").stdout  # of the column, and not of omega, which it gives
+    assert said.count("frequency: ") == 1 and "first at point = 2: 5 and 5.5;" in said
     both = "follow: {axis: omega, direction: both}\n"
     run_in(folder, SMALL + both, name="both.h5")
     assert "are equal" in accepted("compare", "both.h5", "both.h5")
