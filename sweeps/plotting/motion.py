@@ -305,8 +305,8 @@ def _classes(line: OpenedSweep) -> list[Label | None]:
 def _new_panels(page: Page) -> list[Axes]:
     """Return new panels for x over t, v over t, and the phase plane beside or below them."""
     narrow = width_of(page) < NARROW
-    layout, heights = ("x;v;p", [1.0, 1.0, 1.6]) if narrow else ("xp;vp", [1.0, 1.0])
-    figure = Picture(page, 1.6 if narrow else 1.25)
+    layout, heights = ("x;v;p", [1.0, 1.0, 1.1]) if narrow else ("xp;vp", [1.0, 1.0])
+    figure = Picture(page, 1.75 if narrow else 1.25)
     panels = figure.subplot_mosaic(layout, height_ratios=heights)
     panels["v"].sharex(panels["x"])
     panels["x"].tick_params(labelbottom=False)

@@ -19,6 +19,7 @@ from sweeps.plotting.saving import save
 from sweeps.plotting.style import user_style
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import run_in
+from tests.sweeps.plotting.test_overlay import RIG
 from vibroimpact import Oscillator, simulate
 
 MAP = """
@@ -41,7 +42,7 @@ oscillator: {f: 1.0}
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
-    for name, text in (("map", MAP), ("starts", STARTS), ("table", TABLE)):
+    for name, text in (("map", MAP), ("starts", STARTS), ("table", TABLE), ("rig", RIG)):
         run_in(folder, text, name=f"{name}.h5")
     return folder
 
@@ -93,6 +94,7 @@ NARROW = [
     ("map.h5", "impacts", {"color": "impulse"}),
     ("map.h5", "trajectory", {"color": "period"}),
     ("starts.h5", "trajectory", {"color": "x0", "at": {"v0": 0.6}}),
+    ("rig.h5", "trajectory", {"at": {"frequency": 27}}),
     ("starts.h5", "basins", {}),
     ("starts.h5", "integrity", {}),
     ("table.h5", "table", {"color": "slowest_impact"}),
