@@ -166,7 +166,7 @@ def _film(
     velocity = Figure().add_subplot()  # which is not shown
     trajectory(sweep, at=at, periods=periods, page=page, ax=[over_time, velocity, phase_plane])
     if page.xlabel is None:
-        over_time.set_xlabel(velocity.get_xlabel())
+        over_time.set_xlabel(velocity.get_xlabel(), wrap=True)
     phase_plane.title.set(ha="right", x=1.0)  # the panel is narrow
     grown = [
         (upper, lower, np.vstack([*np.transpose(upper.get_xydata()), lower.get_ydata()]))

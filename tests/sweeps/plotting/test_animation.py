@@ -103,13 +103,14 @@ def test_a_gif_has_the_frames_of_the_film(dataset, folder, with_layout):
     assert abs(lasts - 1000.0 * len(pixels) / 7) <= 5.0
 
 
-@pytest.mark.parametrize("page", [Page(grey=True), Page(width=3.4), Page(ylim=(-0.5, 0.1))])
+@pytest.mark.parametrize("page", [Page(grey=True), Page(width=2.6), Page(ylim=(-0.5, 0.1))])
 def test_each_frame_is_painted_as_the_whole_picture_would_be(dataset, page, with_layout):
     film = film_of(dataset, PERIODIC, periods=1, fps=5, page=page)
     first = painted(film, 4)
     np.testing.assert_array_equal(painted(film, 4), first)
     boxes = [panel.get_position().bounds for panel in film.axes]
     limits = [(panel.get_xlim(), panel.get_ylim()) for panel in film.axes]
+    assert film.over_time.xaxis.label.get_window_extent().x1 <= film.bbox.x1
     painted(film, 9)
     assert boxes == [panel.get_position().bounds for panel in film.axes]
     assert limits == [(panel.get_xlim(), panel.get_ylim()) for panel in film.axes]
