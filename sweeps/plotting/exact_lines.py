@@ -11,7 +11,9 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
+from matplotlib.transforms import Bbox
 
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
@@ -202,19 +204,18 @@ class _Piece(NamedTuple):
 def _pieces(
     curves: xr.Dataset,
     cut: OpenedSweep,
-    axes: Sequence[np.ndarray],
     wanted: Container[tuple[int, int]] | None,
 ) -> Iterator[_Piece]:
     """Yield the curves in pieces that bound a motion of the map, and others.
 
     A piece bounds a motion if a cell with the class of its orbit, if it is `wanted`, and one
-    without it, are within one cell. `axes` are the values of the abscissa and of the ordinate.
+    without it, are within one cell.
     """
     from scipy.ndimage import maximum_filter
 
     regimes, *numbers = cut.classes
     classes = np.where(regimes == Regime.PERIODIC, numbers, 0)
-    values = np.stack([curves[name].values for name in curves.coords], axis=1)
+    values, axes = _on_axes(curves, cut), [cut[name].values for name in cut.grid[::-1]]
     each = _one_point_each(curves)
     kinds, ms, qs = (each[name].values.tolist() for name in ("kind", "m", "q"))
     for number, (kind, m, q) in enumerate(zip(kinds, ms, qs, strict=True)):
@@ -239,6 +240,11 @@ def _pieces(
             yield _Piece(number, points[first : last + 2], flag)
 
 
+def _on_axes(curves: xr.Dataset, cut: OpenedSweep) -> np.ndarray:
+    """Return the points of curves on abscissa and ordinate of a map, shape (n, 2)."""
+    return np.stack([curves[name].values for name in cut.grid[::-1]], axis=1)
+
+
 def _one_point_each(curves: xr.Dataset) -> xr.Dataset:
     """Return one point of each curve, which has its kind and its class."""
     return curves.isel(point=np.unique(curves["curve"].values, return_index=True)[1])
@@ -248,7 +254,6 @@ def draw_curves(
     panel: Axes,
     curves: xr.Dataset,
     cut: OpenedSweep,
-    axes: Sequence[np.ndarray],
     coloured: Container[tuple[int, int]],
     marks: bool,
 ) -> dict[Artist, float]:
@@ -256,15 +261,15 @@ def draw_curves(
 
     Pieces that bound a motion are drawn strongly. The others are thin: there the start leads to
     another orbit. If there are many curves, only those that bound one of the `coloured` classes
-    somewhere are drawn. The legend says how many others there are. Cusps and points where curves
-    meet are marked on the strong pieces if `marks` is true.
+    somewhere are drawn. The legend says how many others there are in view. Cusps and points where
+    curves meet are marked on the strong pieces if `marks` is true.
     """
     limits = panel.get_xlim(), panel.get_ylim()
     kinds = _one_point_each(curves)["kind"].values
     is_many = len(kinds) > _CURVES_IN_FULL
-    pieces = list(_pieces(curves, cut, axes, coloured if is_many else None))
+    pieces = list(_pieces(curves, cut, coloured if is_many else None))
     bounding = {piece.number for piece in pieces if piece.bounds}
-    pieces = [piece for piece in pieces if _covered(panel, [piece.points], _EDGE)]
+    pieces = [piece for piece in pieces if _is_in_view(panel, piece.points)]
     further = {piece.number for piece in pieces} - bounding
     pieces = [piece for piece in pieces if not is_many or piece.number in bounding]
     strong = [piece for piece in pieces if piece.bounds]
@@ -279,7 +284,7 @@ def draw_curves(
         if of_kind := [piece.points for piece in pieces if kinds[piece.number] == kind]:
             line = Line2D([], [], ls=dashes, label=kind, **bold)
             covered[line] = _covered(panel, of_kind, _EDGE)
-    covered |= _mark_special(panel, curves, strong) if marks else {}
+    covered |= _mark_special(panel, curves, cut, strong) if marks else {}
     if further:
         text = f"{shown_count(len(further), 'further curve')}{' not shown' if is_many else ''}"
         line = Line2D([], [], ls="" if is_many else "-", label=text, **_THIN_CURVES)
@@ -288,22 +293,31 @@ def draw_curves(
     return covered
 
 
+def _is_in_view(panel: Axes, line: np.ndarray) -> bool:
+    """Whether any part of a line is within the limits of a panel."""
+    return Path(canvas.in_panel(panel, line)).intersects_bbox(Bbox.unit(), filled=False)
+
+
 def _covered(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
     """Return the share of a panel that lines of a width [pt] cover within its limits."""
     box = panel.get_window_extent()
     size, point = np.array([box.width, box.height]), canvas.figure_of(panel).dpi / 72.0
     length = 0.0
-    for places in (canvas.in_panel(panel, line) for line in lines):
+    for line in lines:
+        shares = Path(canvas.in_panel(panel, line))
+        places = np.asarray(shares.interpolated(_PER_CELL * _GAP).vertices, float)
         middles = 0.5 * (places[1:] + places[:-1])
         inside = ((middles >= 0.0) & (middles <= 1.0)).all(axis=1)
         length += float(np.hypot(*(size * np.diff(places, axis=0)[inside]).T).sum())
     return length * width * point / size.prod()
 
 
-def _mark_special(panel: Axes, curves: xr.Dataset, strong: Sequence[_Piece]) -> dict[Artist, float]:
+def _mark_special(
+    panel: Axes, curves: xr.Dataset, cut: OpenedSweep, strong: Sequence[_Piece]
+) -> dict[Artist, float]:
     """Mark cusps and meetings on strong pieces; return a handle, which covers next to nothing."""
     marked = curves.isel(point=np.isin(curves["special"].values, ["cusp", "degenerate", "flip"]))
-    special = np.stack([marked[name].values for name in marked.coords], axis=1)
+    special = _on_axes(marked, cut)
     if not len(special) or not strong:
         return {}
     lines = canvas.in_panel(panel, np.concatenate([piece.points for piece in strong]))

@@ -95,8 +95,7 @@ def parameter_map(
     parts = cells_in_view(panel, cut, approaching)
     covered |= {entry: float(where.mean()) for entry, where in parts.items()}
     if exact is not None:
-        values = cut[abscissa].values, cut[ordinate].values
-        covered |= draw_curves(panel, exact, cut, values, CLASSES, page.marks)
+        covered |= draw_curves(panel, exact, cut, CLASSES, page.marks)
     scale = (name, paint.ramp, paint.norm)
     measured = draw_overlay(points, [(panel, abscissa, ordinate)], page, scale)
     covered |= dict.fromkeys(measured, 1.0)
@@ -111,7 +110,9 @@ def parameter_map(
             text.remove()
         return {text.get_text() for text in texts}
 
-    _name_others(covered, *of_regions, set if page.height else named)
+    numbers, names = of_regions
+    in_view = numbers[_view(panel, cut)]
+    _name_others(covered, in_view, names, set if page.height else named)
     figure = canvas.finish(panel, page, cut, [*covered], paint.title, covered=covered, named=named)
     name_and_bound(panel, page, cut, *of_regions)
     return figure
@@ -131,13 +132,18 @@ def cells_in_view(
 
     The masks have the shape of the part of the cells within the limits.
     """
-    limits = panel.get_xlim(), panel.get_ylim()
+    view = _view(panel, cut)
+    return {entry: where[view] for entry, where in cells.items() if where[view].any()}
+
+
+def _view(panel: Axes, cut: OpenedSweep) -> tuple[np.ndarray, ...]:
+    """Return the indices of the cells that are within the limits of a map."""
+    limits = map(sorted, (panel.get_xlim(), panel.get_ylim()))
     x, y = (
         (edges[1:] > low) & (edges[:-1] < high)
         for edges, (low, high) in zip(_edges_of(cut), limits, strict=True)
     )
-    parts = {entry: where[np.ix_(y, x)] for entry, where in cells.items()}
-    return {entry: part for entry, part in parts.items() if part.any()}
+    return np.ix_(y, x)
 
 
 def _shares(entries: Mapping[Artist, np.ndarray], cells: Sequence[Cells]) -> dict[Artist, float]:

@@ -13,7 +13,7 @@ from sweeps.bifurcation import exact_curves
 from sweeps.bifurcation.exact_curves import middles_of_regions
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting import parameter_map
+from sweeps.plotting import Page, parameter_map
 from tests.helpers.commands import accepted, refused
 from tests.helpers.sweep_files import run_in
 from vibroimpact.orbits.branches import Branch, SpecialPoint
@@ -246,6 +246,17 @@ def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
         elsewhere = dataset.copy()
         elsewhere["period"] = 0 * dataset["period"] + 3  # another motion all over the map
         thin = parameter_map(elsewhere, exact=found)
+        upright = parameter_map(dataset, axes=["R", "omega"], exact=found)
+        assert (strong_lines(upright)[0].get_data()[::-1] == np.array([omega, R])).all()
+        middle = len(omega) // 2
+        for share in (1e-2, 1e-4):  # of the axes: less than the distance of two points
+            ends = [
+                (z[middle] - share * np.ptp(z), z[middle] + share * np.ptp(z)) for z in (omega, R)
+            ]
+            (part,) = strong_lines(
+                parameter_map(dataset, exact=found, page=Page(xlim=ends[0], ylim=ends[1]))
+            )
+            assert (part.get_data() == np.array([omega, R])).all()
         assert not strong_lines(thin) and thin.axes[0].lines
         assert "1 further curve" in legend_of(thin)
         monkeypatch.setattr("sweeps.plotting.exact_lines._CURVES_IN_FULL", 0)

@@ -85,6 +85,15 @@ def test_a_class_has_one_colour_in_every_map_and_rare_classes_share_one():
     assert legend(parameter_map(equal_points(period=alone))).items() <= legend(figure).items()
 
 
+def test_a_part_of_a_map_names_the_classes_without_a_colour_that_are_in_it():
+    points = equal_points(period={(..., 0): 7, (..., 3): 9})
+    names = [
+        legend(parameter_map(points, page=Page(xlim=(low, high), height=5.0)))
+        for low, high in ((0.5, 1.4), (1.6, 3.4), (3.6, 4.4))
+    ]
+    assert [[*each] for each in names] == [["other m/q: 7/1"], ["1/1"], ["other m/q: 9/1"]]
+
+
 def test_without_an_exponent_the_legend_says_what_is_not_known():
     figure = parameter_map(equal_points(omit=["lyapunov"], period={(0, 0): 0}))
     assert texts(figure)[0, 0] == "unknown (8.33 %)"
