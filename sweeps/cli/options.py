@@ -1,4 +1,4 @@
-"""Options that commands share; notes, progress and errors on a terminal."""
+"""Options that commands share, as ``--at``; notes, progress and errors on a terminal."""
 
 from __future__ import annotations
 
