@@ -254,17 +254,18 @@ def in_panel(panel: Axes, points: np.ndarray) -> np.ndarray:
 
 
 def in_view(panel: Axes, x: Any, y: Any) -> np.ndarray:
-    """Return which points are within the limits of a panel; False for NaN."""
-    (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
+    """Return which points are within the limits of a panel, or at them; False for NaN."""
+    (left, right), (low, high) = panel.get_xbound(), panel.get_ybound()
     return np.asarray((left <= x) & (x <= right) & (low <= y) & (y <= high))
 
 
 def is_seen(artist: Artist) -> bool:
-    """Whether a line is within the limits of its panel, as what only stands in a legend always."""
+    """Whether a line is within the limits, or at them; True for what only stands in a legend."""
     if not isinstance(artist, Line2D) or artist.axes is None or not len(artist.get_path()):
         return True
     artist.axes.get_xlim()  # matplotlib delays the limits
-    path, view = artist.get_transform().transform_path(artist.get_path()), artist.axes.bbox
+    path = artist.get_transform().transform_path(artist.get_path())
+    view = artist.axes.bbox.padded(0.01)  # [px], for dots at the limits
     if artist.get_linestyle() == "None":
         return bool(view.count_contains(path.vertices))
     return bool(path.intersects_bbox(view, filled=False))

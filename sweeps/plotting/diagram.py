@@ -141,7 +141,7 @@ def bifurcation(
         page.fit_ordinate(below_it)
     if paint is not None:
         paint = motions.mark_cells(panels, paint)
-    motions.name_directions(panels)
+    motions.name_directions(panel)
     of_each = zip(panels, [coordinate, *names], strict=True)
     measured = draw_overlay(points, [(each, axis, name) for each, name in of_each], page)
     jumps = motions.draw_jumps(panel) if page.marks else []
@@ -210,6 +210,7 @@ class _Motions:
         """Split a line into its directions; colours of the points have the shape (n, 4)."""
         self.line, self.axis, self.coordinate, self.grey = line, axis, coordinate, grey
         self.values, self.ways, self.rgba = line[axis].values, line.each_direction, rgba
+        self.dots = list[Line2D]()
         up, down = (visible(look.colour) for look in DIRECTION_LOOKS[grey])
         self.colours = up, down
         computed = int(has_result(line["status"].values).sum())
@@ -257,7 +258,9 @@ class _Motions:
             x = np.broadcast_to(self.values[:, None], y.shape)[where]
             if not isinstance(colour, str):
                 colour = np.broadcast_to(colour[:, None], (*y.shape, 4))[where]
+            before = len(panel.lines)
             draw_points(panel, x, y[where], colour, marker=marker, **look)
+            self.dots += panel.lines[before:]
 
     def draw_exact(
         self, panel: Axes, exact: xr.Dataset, marks: bool
@@ -285,19 +288,18 @@ class _Motions:
         seen = canvas.in_view(panel, x, np.where(is_unknown, panel.get_ylim()[0], y))
         return paint.within(np.asarray(seen.any(axis=1)))
 
-    def name_directions(self, panels: Sequence[Axes]) -> None:
+    def name_directions(self, panel: Axes) -> None:
         """Name the colours of the directions that are seen, with the symbol of the axis."""
         if len(self.ways) == 1:
             return
-        lines = [line for panel in panels for line in panel.lines if canvas.is_seen(line)]
-        seen = {line.get_color() for line in lines}
+        seen = {dots.get_color() for dots in self.dots if canvas.is_seen(dots)}
         texts = *direction_names(self.line), "both"
         colours = *self.colours, visible(BOTH_COLOUR)
         shapes = (*_MARKERS, "o") if self.grey and not self.dense else 3 * ("o",)
         for text, colour, shape in zip(texts, colours, shapes, strict=True):
             if self.dense or colour in seen:
                 marker = "s" if self.dense else shape
-                panels[0].plot([], [], marker, color=colour, markersize=4, label=text)
+                panel.plot([], [], marker, color=colour, markersize=4, label=text)
 
     def draw_jumps(self, panel: Axes) -> list[Artist]:
         """Draw an arrow where a motion that was followed ends, unless a density is drawn."""

@@ -105,8 +105,10 @@ def mark_status(
 ) -> None:
     """Mark failed and pending points in a strip below the data and in the legend.
 
-    `values` are the abscissas, shape (n,); `status` has the shape (n,) or (directions, n), and so
-    have the `masks` of further points, by a name of ``MARKS``, which can be drawn in `grey`.
+    The legend counts those within the limits of the abscissa, which must have been set, and those
+    without an abscissa. `values` are the abscissas, shape (n,); `status` has the shape (n,) or
+    (directions, n), and so have the `masks` of further points, by a name of ``MARKS``, which can be
+    drawn in `grey`.
     """
     kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
     kinds += [(name, MARKS[name][grey], where) for name, where in (masks or {}).items()]
@@ -124,8 +126,8 @@ def mark_status(
             if bars:
                 panel.add_collection(LineCollection(bars, linewidth=6, **look), autolim=False)
         panel.plot(places, np.full(places.shape, _HEIGHT), "|", markersize=6, **look)
-    left, right = panel.get_xlim()
-    seen = (left <= x) & (x <= right)
+    left, right = panel.get_xbound()
+    seen = ~((x < left) | (right < x))
     for text, colour, where in kinds:
         if count := np.count_nonzero(where & seen):
             text = f"{text} ({count:,} of {np.count_nonzero(seen):,})"

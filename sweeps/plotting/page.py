@@ -50,7 +50,8 @@ class Page:
         Title instead of the name, the parameters and the record of the sweep; may be empty.
     xlim, ylim : (float, float), optional
         Limits of the first panel, by default those of the data; the ordinate of a diagram or of a
-        motion fits the data within `xlim`.
+        motion fits the data within `xlim`. A diagram with points that failed begins lower than
+        `ylim` by 4 %, a table at `ylim`.
     xunit, yunit : str, optional
         The unit of the limits, by default that of the Dataset; empty: that of the ticks.
     xlabel, ylabel : str, optional

@@ -307,11 +307,14 @@ def table_panels(
         panel.locator_params(axis="x", nbins=5 - across)
     page = page if ax is not None else replace(page, ylabel=None)
     page = page.on(grid[0])
-    page.set_limits(grid[0])
+    if page.xlim is not None:
+        grid[0].set_xlim(page.xlim)  # the legend counts the failed points within them
+    for panel, name in places:
+        mark_status(panel, number_at(sweep, name).values, sweep["status"].values)
+    page.set_limits(grid[0])  # after the marks, which widen the ordinate
     seen = np.zeros(y.shape, bool)
     for panel, name in places:
         x = number_at(sweep, name)
-        mark_status(panel, x.values, sweep["status"].values)
         paint.mark(panel, x.values[:, None], y.values[:, None])
         seen |= canvas.in_view(panel, x.values, y.values) | np.isnan(y.values)
     paint = paint.within(seen)

@@ -33,7 +33,9 @@ def steady_response(pt, sine, cosine):
     square, force = real * real + imaginary * imaginary, pt.f
     if pt.f == 0.0:
         return 0.0, 0.0, 0.0
-    if not 1e-280 < square < 1e280:  # the squares may have overflowed, or lost digits
+    # The squares may have overflowed, or lost digits; in extreme units, force / square may still
+    # overflow or vanish.
+    if not 1e-280 < square < 1e280:
         unit = max(abs(real), abs(imaginary))
         if not 0.0 < unit < math.inf:
             return math.inf, math.inf, math.inf

@@ -2,8 +2,8 @@
 
 A step goes along the tangent and is corrected in the plane normal to it (Keller 1977), so folds are
 passed like any other point. The step is shortened if Newton's method fails, if the tangent turns
-too far, or if the step may miss something. The path ends, to rounding, at the last point that is an
-orbit.
+too far or changes its orientation, or if the step may miss something. The path ends, to rounding,
+at the last point that is an orbit.
 
 Each reason why the next point is none has a margin, which is zero where it begins, and the last
 orbit is where it is zero. At a graze the speed of an impact is zero, or a flight between two

@@ -4,10 +4,21 @@ from functools import partial
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
-from sweeps import branches, open_sweep
-from sweeps.plotting import Page, basins, bifurcation, parameter_map, plot, section
+from sweeps import branches, open_sweep, run_sweep
+from sweeps.plotting import (
+    Page,
+    attractor_diagram,
+    basins,
+    bifurcation,
+    parameter_map,
+    plot,
+    section,
+    table_panels,
+)
+from sweeps.plotting.style import DIRECTION_LOOKS
 from tests.helpers.commands import accepted
 from tests.helpers.equal_points import equal_points
 from vibroimpact.status import Status
@@ -79,12 +90,33 @@ FOUR = by_hand(
          {"2/1", "on its way to m/q (1 of 4)", "unresolved (1 of 4)"}),
         (partial(section, color="period"), {"xlim": (1.5, 3.5)}, {"1/1"}),
         (partial(section, color="period"), {"ylim": (3.5, 4.5)}, {"2/1"}),
+        (attractor_diagram, {"xlim": (3.5, 4)}, {"2/1"}),
+        (attractor_diagram, {"ylim": (3.5, 4)}, {"2/1", "unresolved (1 of 4)"}),
     ],
 )  # fmt: skip
 def test_a_legend_names_only_what_is_within_the_limits(draw, limits, names, grey):
     figure = draw(FOUR.isel(R=[0]), page=Page(grey=grey, **limits))
     shown = {text for text in texts(figure) if not text.startswith("stop")}
     assert shown == (names or set())
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        attractor_diagram,
+        bifurcation,
+        *(partial(each, color="period") for each in (bifurcation, section)),
+    ],
+)
+def test_a_legend_is_that_of_axes_in_the_other_order(draw):
+    plain, inverted = Figure().subplots(2)
+    inverted.invert_xaxis()
+    inverted.invert_yaxis()
+    names = []
+    for panel in (plain, inverted):
+        draw(FOUR.isel(R=[0]), ax=panel)
+        names.append([text.get_text() for text in panel.get_legend().get_texts()])
+    assert names[0] == names[1]
 
 
 def test_a_map_names_only_what_is_within_the_limits():
@@ -104,6 +136,62 @@ def test_the_stop_is_named_where_it_is_seen():
 def test_a_jump_is_named_where_it_is_seen(dataset):
     whole, part = (bifurcation(dataset, page=Page(xlim=ends)) for ends in (None, (1.35, 1.6)))
     assert "jump" in texts(whole) and "jump" not in texts(part)
+
+
+UP, DOWN = r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"
+
+
+def test_directions_at_the_end_of_the_axis_are_named(dataset):
+    limits = Page(xlim=dataset["omega"].values[[8, -1]].tolist())  # apart at the first one only
+    part = dataset.isel(omega=[8, 10, 11, 12])
+    assert texts(bifurcation(part, page=limits))[:3] == [UP, DOWN, "both"]
+
+
+def test_only_motions_name_directions(dataset):
+    """The lines of a user do not, nor what stands for both exponents in the legend."""
+    panel = Figure().subplots()
+    panel.plot([1.7, 1.8], [1, 2], color=[1, 0, 0])
+    panel.plot([1.7, 1.8], [0, 1], color=DIRECTION_LOOKS[False][0].colour)
+    bifurcation(dataset, ax=panel, page=Page(xlim=(1.71, 1.8)))
+    assert [text.get_text() for text in panel.get_legend().get_texts()] == ["both"]
+    numbers = dataset["impacts_per_period"].expand_dims(exponent=2, axis=-1)
+    lyapunov = numbers.assign_attrs(long_name="exponent", units="1").rename("lyapunov")
+    apart = bifurcation(
+        dataset.assign(lyapunov=lyapunov), below=["lyapunov"], page=Page(xlim=(1.35, 1.6))
+    )
+    assert texts(apart)[:2] == [UP, DOWN] and "both" not in texts(apart)
+
+
+@pytest.fixture(scope="module")
+def failed(tmp_path_factory):
+    """Return a table of seven rows, of which the last four overflow."""
+    force, omega = [1.0] * 3 + [1e308] * 4, np.linspace(2.3, 2.9, 7)
+    rows = {"f": force, "omega": omega, "R": [0.7, 0.8, 0.7, 0.8, 0.7, 0.8, 0.7]}
+    scene = {"oscillator": {"h": 0.1}, "points": rows, "record": {"transient": 20}}
+    with open_sweep(run_sweep(scene, tmp_path_factory.mktemp("failed") / "out.h5")) as opened:
+        yield opened.load()
+
+
+@pytest.mark.parametrize(
+    ("axes", "xlim", "names"),
+    [
+        (["omega", "impulse"], None, ["1/1", "non-finite (4 of 7)"]),
+        (["impulse", "omega"], None, ["1/1", "non-finite (4 of 7)"]),
+        (["impulse"], None, ["1/1", "non-finite (4 of 7)"]),
+        (["omega"], (2.25, 2.65), ["1/1", "non-finite (1 of 4)"]),
+        (["omega"], (2.25, 2.55), ["1/1"]),
+        (["omega"], (2.55, 2.95), ["non-finite (4 of 4)"]),
+        (["omega", "R"], (2.25, 2.55), ["1/1", "non-finite (4 of 7)"]),
+    ],
+)
+def test_a_table_counts_the_points_that_failed(failed, axes, xlim, names):
+    assert texts(table_panels(failed, axes=axes, page=Page(xlim=xlim))) == names
+
+
+def test_the_panels_of_a_table_keep_the_limits(failed):
+    figure = table_panels(failed, axes=["omega", "R"], page=Page(xlim=(2.2, 3), ylim=(0, 2)))
+    assert [panel.get_ylim() for panel in figure.axes] == [(0, 2), (0, 2)]
+    assert figure.axes[0].get_xlim() == (2.2, 3)
 
 
 def test_basins_are_named_where_they_are_seen(computed_starts):
