@@ -56,10 +56,7 @@ class PaperRun:
 
 
 def paper_procedure(
-    oscillator: Oscillator,
-    periods: int = 10,
-    steps_per_period: int = 100,
-    procedure: bool = True,
+    oscillator: Oscillator, periods: int = 10, steps_per_period: int = 100, procedure: bool = True
 ) -> PaperRun:
     """Integrate eq. (1) with Newmark's method and the paper's impact rule.
 

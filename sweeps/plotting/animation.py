@@ -1,4 +1,4 @@
-"""A motion that moves: the mass at its stop, beside it growing curves of x over t and v over x."""
+"""A motion that moves: the mass at its stop, beside it growing curves."""
 
 from __future__ import annotations
 

@@ -27,13 +27,7 @@ from sweeps.plotting.contents import (
 )
 from sweeps.plotting.exact_lines import draw_branches, name_branches, without_gaps, without_idle
 from sweeps.plotting.labels import as_variable, direction_names, label_axis, record_text
-from sweeps.plotting.marks import (
-    agreeing,
-    draw_jumps,
-    draw_points,
-    mark_status,
-    widen_if_constant,
-)
+from sweeps.plotting.marks import agreeing, draw_jumps, draw_points, mark_status, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import draw_density, value_range
 from sweeps.plotting.style import (

@@ -202,9 +202,7 @@ class _Piece(NamedTuple):
 
 
 def _pieces(
-    curves: xr.Dataset,
-    cut: OpenedSweep,
-    wanted: Container[tuple[int, int]] | None,
+    curves: xr.Dataset, cut: OpenedSweep, wanted: Container[tuple[int, int]] | None
 ) -> Iterator[_Piece]:
     """Yield the curves in pieces that bound a motion of the map, and others.
 

@@ -101,20 +101,18 @@ def parameter_map(
     covered |= dict.fromkeys(measured, 1.0)
     if name != "period":
         return canvas.finish(panel, page, cut, [*covered], paint.title)
-    of_regions = class_numbers(*cut.classes)
+    numbers, names = class_numbers(*cut.classes)
 
     def named() -> set[str]:
         """Return the names for which the regions have room."""
-        texts = name_regions(panel, _edges_of(cut), *of_regions)
+        texts = name_regions(panel, _edges_of(cut), numbers, names)
         for text in texts:
             text.remove()
         return {text.get_text() for text in texts}
 
-    numbers, names = of_regions
-    in_view = numbers[_view(panel, cut)]
-    _name_others(covered, in_view, names, set if page.height else named)
+    _name_others(covered, numbers[_view(panel, cut)], names, set if page.height else named)
     figure = canvas.finish(panel, page, cut, [*covered], paint.title, covered=covered, named=named)
-    name_and_bound(panel, page, cut, *of_regions)
+    name_and_bound(panel, page, cut, numbers, names)
     return figure
 
 

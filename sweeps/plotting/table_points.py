@@ -297,28 +297,26 @@ def table_panels(
         canvas.refuse_undrawable("ylabel", heading)
     else:
         label_axis(ax.yaxis, y)
-    places = list(zip(grid, abscissas, strict=True))
-    for panel, name in places:
-        x = number_at(sweep, name)
+    numbers = [number_at(sweep, name) for name in abscissas]
+    places = list(zip(grid, abscissas, numbers, strict=True))
+    for panel, _, x in places:
         label_axis(panel.xaxis, x)
         size = float(np.clip(4e2 / math.sqrt(x.size), 0.0, 16.0))  # of a few rows [pt^2]
         size = max(size, float(np.clip(4e3 / math.sqrt(x.size), 0.3, 4.0))) / across
         panel.scatter(x, y, size, paint.colours(), linewidths=0, rasterized=True)
         panel.locator_params(axis="x", nbins=5 - across)
-    page = page if ax is not None else replace(page, ylabel=None)
-    page = page.on(grid[0])
+    page = (page if ax is not None else replace(page, ylabel=None)).on(grid[0])
     if page.xlim is not None:
         grid[0].set_xlim(page.xlim)  # the legend counts the failed points within them
-    for panel, name in places:
-        mark_status(panel, number_at(sweep, name).values, sweep["status"].values)
+    for panel, _, x in places:
+        mark_status(panel, x.values, sweep["status"].values)
     page.set_limits(grid[0])  # after the marks, which widen the ordinate
     seen = np.zeros(y.shape, bool)
-    for panel, name in places:
-        x = number_at(sweep, name)
+    for panel, _, x in places:
         paint.mark(panel, x.values[:, None], y.values[:, None])
         seen |= canvas.in_view(panel, x.values, y.values) | np.isnan(y.values)
     paint = paint.within(seen)
-    measured = draw_overlay(points, [(each, name, ordinate) for each, name in places], page)
+    measured = draw_overlay(points, [(each, name, ordinate) for each, name, _ in places], page)
     handles, title = legend_entries(paint, grid, grid[-1].get_legend_handles_labels()[0])
     handles += measured
     if ax is None and not (axes or panels) and (further := len(there) - len(abscissas)):

@@ -234,10 +234,7 @@ def effort(points: np.ndarray, scheme: Scheme, length: Length, lyapunov: bool = 
 
 
 def find_destinations(
-    points: np.ndarray,
-    scheme: Scheme,
-    results: Mapping[str, np.ndarray],
-    threads: int | None,
+    points: np.ndarray, scheme: Scheme, results: Mapping[str, np.ndarray], threads: int | None
 ) -> np.ndarray:
     """Find where motions go, given the results of a run; returns dtype ``DESTINATION``, (n,)."""
     n, periods = results["poincare_x"].shape

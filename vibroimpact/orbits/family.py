@@ -1,4 +1,4 @@
-"""`OrbitFamily`: all orbits over free parameters, which point is admissible; a step between two.
+"""`OrbitFamily`: orbits over free parameters, admissible or not; a step between two.
 
 A point is a vector of unknowns (``unknowns.py``).
 """
@@ -17,22 +17,8 @@ from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import CONDITIONS, GRAZE, System, determinant
 from vibroimpact.orbits.flights import parameters_in
-from vibroimpact.orbits.orbit import (
-    NAMES,
-    Orbits,
-    PeriodicOrbit,
-    orbit_of,
-    point_of,
-    system_of,
-)
-from vibroimpact.orbits.unknowns import (
-    differences_of_halves,
-    free,
-    inner,
-    phases,
-    speeds,
-    unknowns,
-)
+from vibroimpact.orbits.orbit import NAMES, Orbits, PeriodicOrbit, orbit_of, point_of, system_of
+from vibroimpact.orbits.unknowns import differences_of_halves, free, inner, phases, speeds, unknowns
 from vibroimpact.oscillator import PARAMETERS, Oscillator, mesh
 from vibroimpact.step.integrators import Parameters
 

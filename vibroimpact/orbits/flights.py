@@ -34,13 +34,7 @@ from vibroimpact.jit import inlined, jit
 from vibroimpact.orbits.unknowns import filled, pairs, phase_at, speed_at, zero_rows
 from vibroimpact.step.elementary import larger, sin_cos, smaller
 from vibroimpact.step.integrators import Parameters
-from vibroimpact.step.polynomial import (
-    LONGEST_STEP,
-    TERMS,
-    expand,
-    first_crossing,
-    value_and_slope,
-)
+from vibroimpact.step.polynomial import LONGEST_STEP, TERMS, expand, first_crossing, value_and_slope
 from vibroimpact.step.propagator import Coefficients, coefficients_of, impulse
 
 #: A flight counts as below the stop if it passes the stop by less than this number of roundings.

@@ -15,12 +15,7 @@ from vibroimpact.orbits.calls import correct
 from vibroimpact.orbits.continuation import is_orbit
 from vibroimpact.orbits.family import Inadmissible, OrbitFamily
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps
-from vibroimpact.orbits.orbit import (
-    PeriodicOrbit,
-    free_amplitude,
-    free_orbit,
-    linearised_orbit,
-)
+from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, free_orbit, linearised_orbit
 from vibroimpact.orbits.unknowns import impact_rows
 from vibroimpact.oscillator import Oscillator, checked
 from vibroimpact.status import Status
@@ -224,9 +219,7 @@ def least(orbit: PeriodicOrbit) -> PeriodicOrbit:
     return orbit
 
 
-def _parts(
-    orbit: PeriodicOrbit,
-) -> Iterator[tuple[float, tuple[int, np.ndarray, np.ndarray]]]:
+def _parts(orbit: PeriodicOrbit) -> Iterator[tuple[float, tuple[int, np.ndarray, np.ndarray]]]:
     """Yield the parts that an orbit nearly repeats, and their deviations; the shortest first."""
     z = impact_rows(orbit.equations[1], orbit.q)
     for k in range(orbit.m, 1, -1):

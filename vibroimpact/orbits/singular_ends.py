@@ -23,13 +23,7 @@ from vibroimpact.orbits.continuation import onto_edges
 from vibroimpact.orbits.family import NEARBY_DISTANCE, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.unknowns import (
-    differences_of_halves,
-    free,
-    impact_rows,
-    speeds,
-    unknowns,
-)
+from vibroimpact.orbits.unknowns import differences_of_halves, free, impact_rows, speeds, unknowns
 
 #: A curve of folds ends where the mean square difference of its halves is below this, and a curve
 #: on which Newton's method fails where it is below the second, or all impacts are slower than that.

@@ -1,4 +1,4 @@
-"""`Path`: orbits step after step, with flips, folds, cusps and the like located in each step.
+"""`Path`: orbits step after step, with the special points of each step.
 
 The test functions of flip and fold are det J(mu) at mu = -1 and +1 (``unknowns.py``). Cusps are
 points on a curve of folds where both parameters turn back together. A curve of grazes meets curves

@@ -115,10 +115,7 @@ SCALED_SQUARED = ("energy_lost",)
 
 
 def compute_points(
-    spec: RunSpec,
-    points: np.ndarray,
-    threads: int | None,
-    interrupt: np.ndarray | None = None,
+    spec: RunSpec, points: np.ndarray, threads: int | None, interrupt: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """Compute `points` of shape (n,), each from its own start.
 
@@ -179,10 +176,7 @@ def _computed_once(
 
 
 def _run(
-    spec: RunSpec,
-    points: np.ndarray,
-    threads: int | None,
-    interrupt: np.ndarray | None,
+    spec: RunSpec, points: np.ndarray, threads: int | None, interrupt: np.ndarray | None
 ) -> dict[str, np.ndarray]:
     """Compute points without scaling, following or period class."""
     if interrupt is None:
@@ -207,14 +201,7 @@ def _run(
 
 
 #: The results of a run from which the destinations are found.
-RECORD = (
-    "poincare_x",
-    "poincare_v",
-    "impacts_per_period",
-    "rest_fraction",
-    "chatters",
-    "status",
-)
+RECORD = ("poincare_x", "poincare_v", "impacts_per_period", "rest_fraction", "chatters", "status")
 
 
 def classified(
@@ -250,10 +237,7 @@ def classified(
 
 
 def classified_later(
-    spec: RunSpec,
-    points: np.ndarray,
-    results: Mapping[str, np.ndarray],
-    threads: int | None = None,
+    spec: RunSpec, points: np.ndarray, results: Mapping[str, np.ndarray], threads: int | None = None
 ) -> dict[str, np.ndarray]:
     """Return what `classified` does, for a run that was not asked for classes."""
     scheme = Scheme.of(spec.integrator, spec.impact, spec.steps_per_period, spec.phase)
