@@ -160,8 +160,7 @@ def in_si(sweep: OpenedSweep) -> OpenedSweep:
     The axes are those of the rig; the parameters of the model stay as further coordinates. The
     results of the file are still read when they are used.
     """
-    rig = sweep.rig
-    if sweep.in_rig or rig is None:
+    if sweep.in_rig or (rig := sweep.rig) is None:
         return sweep
     dataset, seen = sweep.data, Nomenclature(rig)
     mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)
