@@ -48,11 +48,11 @@ def test_threads_that_numba_does_not_have(threads):
     assert f"--threads {threads} " in message and "an integer from 1 to " in message
 
 
-@pytest.mark.parametrize("folder", [".", "..", "/", ""])
-def test_a_folder_is_no_file_of_a_sweep(small_file, folder):
+@pytest.mark.parametrize("place", [".", "..", "/", ""])
+def test_a_folder_is_no_file_of_a_sweep(small_file, place):
     options = {"compare": ["small.h5"], "zoom": ["omega=2:3"], "export": ["-o", "a.csv"]}
     for command in ("info", "plot", "attractors", "integrity", *options):
-        message = refused(command, folder, *options.get(command, ()))
+        message = refused(command, place, *options.get(command, ()))
         assert "is a directory, not a regular file" in message, (command, message)
 
 
