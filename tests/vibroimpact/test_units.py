@@ -18,7 +18,7 @@ from vibroimpact import (
 )
 from vibroimpact.kernel.integrate import Length, run_points
 from vibroimpact.natural_units import NaturalUnits
-from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude
 from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.step.scheme import scheme_of
@@ -97,6 +97,15 @@ def test_natural_units_of_extreme_numbers_are_numbers(values):
     for name, value in values.items():
         points[name] = value
     assert abs(NaturalUnits.of(points).length) < 10_000
+
+
+@pytest.mark.parametrize(("length", "time"), [(-720, -166), (720, 166), (900, 0), (0, -250)])
+def test_the_free_amplitude_has_the_same_bits_in_every_unit(length, time):
+    """With omega near 1e50 and forces near 1e-100, too, of which products leave the range."""
+    units = NaturalUnits(length, time)
+    for osc, _ in random_oscillators(40, 5):
+        expected, a = free_amplitude(osc), free_amplitude(oscillator_out_of(units, osc))
+        assert complex(*units.into("length", [a.real, a.imag])) == expected
 
 
 # --- orbits, branches and curves, in units that other exponents of length and time make ---

@@ -30,17 +30,14 @@ def steady_response(pt, sine, cosine):
     x = Im X exp(i omega t) with X = -f / (p^2 - omega^2 + 2 i h omega).
     """
     real, imaginary = (pt.p - pt.omega) * (pt.p + pt.omega), 2.0 * pt.h * pt.omega
-    square, force = real * real + imaginary * imaginary, pt.f
     if pt.f == 0.0:
         return 0.0, 0.0, 0.0
-    # The squares may have overflowed, or lost digits; in extreme units, force / square may still
-    # overflow or vanish.
-    if not 1e-280 < square < 1e280:
-        unit = max(abs(real), abs(imaginary))
-        if not 0.0 < unit < math.inf:
-            return math.inf, math.inf, math.inf
-        real, imaginary, force = real / unit, imaginary / unit, pt.f / unit
-        square = real * real + imaginary * imaginary
+    # In a unit of a power of two, which changes no digit, no square overflows or vanishes.
+    size, unit = math.frexp(max(abs(real), abs(imaginary)))
+    if not 0.0 < size < math.inf:
+        return math.inf, math.inf, math.inf
+    real, imaginary = math.ldexp(real, -unit), math.ldexp(imaginary, -unit)
+    square, force = real * real + imaginary * imaginary, math.ldexp(pt.f, -unit)
     x = -force / square * (real * sine - imaginary * cosine)
     v = -force * pt.omega / square * (real * cosine + imaginary * sine)
     return x, v, force / math.sqrt(square)
