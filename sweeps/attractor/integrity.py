@@ -143,7 +143,9 @@ def measures_of(
     from scipy.ndimage import distance_transform_edt
     from scipy.spatial import KDTree
 
-    step, unit = np.array([x[1] - x[0], v[1] - v[0]]), np.array([1.0, weight])
+    step = np.array([x[1] - x[0], v[1] - v[0]])
+    size = 2.0 ** math.frexp(step[0])[1]  # in which no square of a distance overflows or vanishes
+    unit = np.array([1.0, weight]) / size
     # Pad each side with starts outside the basin, except where the window reaches the stop, also
     # with starts in the middle of equal cells: half a spacing, whatever its rounding.
     at_stop = clearance - x[-1] <= (0.5 + _EVEN) * step[0]
@@ -158,10 +160,10 @@ def measures_of(
         wide = (np.pad(values, 1, "reflect", reflect_type="odd") for values in (x, v))
         starts = np.stack([values[k] for values, k in zip(wide, outside.T, strict=True)], axis=1)
         apart, place = KDTree(starts * unit).query(states * unit)
-        local, beside = apart.min(), outside[place[apart.argmin()]]
+        local, beside = size * apart.min(), outside[place[apart.argmin()]]
     ends: np.ndarray = np.stack([nearest[:, *disc], beside])  # outside starts that decided
     at_edge = np.any((ends < 1) | (ends > basin.shape), axis=1)
-    return away[disc], x[disc[0] - 1], v[disc[1] - 1], at_edge[0], local, at_edge[1]
+    return size * away[disc], x[disc[0] - 1], v[disc[1] - 1], at_edge[0], local, at_edge[1]
 
 
 def refuse_unfit(sweep: OpenedSweep) -> None:

@@ -84,6 +84,17 @@ def test_starts_in_the_middle_of_cells_reach_the_stop_in_every_unit(cells):
         assert radius == pytest.approx(1.5 * unit, rel=0.1)
 
 
+@pytest.mark.parametrize("unit", [2.0**-1000, 2.0**1000])
+def test_the_measures_have_the_same_bits_in_extreme_units(unit):
+    """Squares of the distances would be 0, or infinite."""
+    x, v = np.linspace(-2.0, 0.5, 26), np.linspace(-1.0, 3.0, 33)
+    inside, state = np.add.outer(x**2, v**2) < 1.0, np.array([[-0.2, 0.1]])
+    expected = measures_of(inside, x, v, 0.7, 0.8, state)
+    measures = measures_of(inside, unit * x, unit * v, 0.7, unit * 0.8, unit * state)
+    lengths = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0])
+    assert list(measures) == [*np.where(lengths, unit, 1.0) * expected]
+
+
 @pytest.mark.slow
 def test_the_measures_of_each_attractor_along_an_axis(dataset):
     found = integrity(dataset)
