@@ -98,7 +98,11 @@ def takes_sweep(allowed: Mapping[str, Allowed]) -> Callable[[Inner[P, Out]], Out
 
         @functools.wraps(function)
         def checked(*arguments: Any, **options: Any) -> Out:
-            bound = signature.bind(*arguments, **options)
+            try:
+                bound = signature.bind(*arguments, **options)
+            except TypeError as error:  # a wrong number or name
+                called = f"{function.__name__}: {error}"
+                raise Refused(f"{called}; expected: {', '.join(defaults)}") from None
             others = dict(bound.arguments)
             sweep = others.pop(first)
             others |= others.pop("options", {})  # of `plot`

@@ -147,6 +147,15 @@ def test_a_wrong_argument_of_an_opened_sweep_is_named(opened, argument, door, op
         function(opened[name], **options)
 
 
+@pytest.mark.parametrize("door", [door for door in DOORS if door not in ("plot", "animate")])
+def test_an_argument_that_a_function_lacks_is_named(opened, door):
+    function, name = DOORS[door]
+    with pytest.raises(Refused, match=r"^\w+: .*'at_'; expected: \w+(, \w+)*$"):
+        function(opened[name], at_={"R": 0.7})
+    with pytest.raises(Refused, match=r"^\w+: missing .*; expected: \w+(, \w+)*$"):
+        function()
+
+
 RUN = [
     *(("threads", {"threads": n}) for n in (-1, 0, "2", 1.5, True, 10**6)),
     *(("client", {"client": client}) for client in (3, "tcp://127.0.0.1:8786")),
