@@ -147,7 +147,10 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
         if old is None:
             continue
         if not (overwrite or resume):
-            raise StoreError(f"{named} exists; resume it, overwrite it, or give another output")
+            raise StoreError(
+                f"{named} exists; resume it, overwrite it, or give another output (--resume, "
+                "--overwrite or -o; in Python resume, overwrite or output)"
+            )
         if old not in (Content.NOTHING, Content.SWEEP):
             raise StoreError(f"{file} is {old.value} and will not be replaced; give another output")
 

@@ -47,8 +47,9 @@ def test_an_existing_sweep_is_kept_unless_told(blocks):
     fill_blocks("out.h5", blocks)
     (path,) = Path().glob("out.h5*")
     before = contents(path)
-    with pytest.raises(StoreError, match=f"{path} exists; resume it, overwrite it, or"):
+    with pytest.raises(StoreError, match=f"{path} exists; resume it, overwrite it, or") as caught:
         fill_blocks("out.h5")
+    assert "(--resume, --overwrite or -o; in Python resume, overwrite or out" in str(caught.value)
     assert contents(path) == before
     fill_blocks("out.h5", overwrite=True)
     open_sweep("out.h5").close()
