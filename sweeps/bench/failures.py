@@ -1,7 +1,6 @@
 """Stability of a step, and where the methods fail.
 
-Without force and stop, eq. (1) has one parameter, zeta = h / p; a step adds p T. The runs use the
-kernel.
+Without force and stop, eq. (1) has one parameter, zeta = h / p; a step adds p T.
 
 The method ``to the letter`` is the paper's procedure taken literally, ``vibroimpact.paper``. It
 starts from rest at the stop, so figures that need another start are not measured for it. The
@@ -14,11 +13,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
@@ -27,24 +24,15 @@ from sweeps.bench.accuracy import EXACT_METHOD, Method
 from sweeps.bench.paper_cases import CASES, CHATTER
 from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, integrate, paper_procedure, simulate
-from vibroimpact.oscillator import POINT
-from vibroimpact.step.integrators import INTEGRATORS, is_stable, spectral_radius
+from vibroimpact.step.integrators import INTEGRATORS, spectral_radius
 
 #: Values of h / p in the table: none, light, half critical, critical, twice critical.
 ZETAS = np.array([0.0, 0.1, 0.5, 1.0, 2.0])
-#: A limit of p T beyond this counts as no limit.
-LONGEST = 10.0
 #: Greatest p T and h / p in the chart.
 CHART = (4.0, 2.0)
 
-#: Steps of a run, and of a quick run. Growth of less than ``SEEN`` / steps per step is not seen.
-CHART_STEPS, CHART_STEPS_QUICK = 200_000, 20_000
-SEEN = 1.5 * math.log(2.0)
-
 #: Steps per period, unless said otherwise.
 STEPS = 100
-# A bracket of the limit is cut ``_CUTS`` times; the ``_PARTS`` fill the lanes of the kernel.
-_PARTS, _CUTS = 7, 9
 
 # Blue where motion decays, darker where it decays faster; orange where it grows. In greyscale, too,
 # the lightest colour is next to the limit, which is drawn.
@@ -56,51 +44,26 @@ _NORM = BoundaryNorm(_LEVELS, _COLOURS.N, extend="max")
 # Rounding may lift a marginal radius above 1 by less than this.
 _MARGINAL = 1e-9
 
-#: By integrator and source, the greatest stable p T at ``ZETAS``; inf where every step is stable.
-Limits = Mapping[str, Mapping[str, np.ndarray]]
 
-
-def longest_steps(quick: bool = False) -> Limits:
-    """Return the limits of every integrator, by name; `quick` shortens the runs.
-
-    The sources are ``closed``, the table of integrators; ``radius``, the spectral radius of the
-    map; and ``run``, the growth in runs.
-    """
-    steps = CHART_STEPS_QUICK if quick else CHART_STEPS
-    return {
-        name: {
-            "closed": integrator.limit(ZETAS),
-            "radius": _first_unstable(partial(is_stable, name, zeta=ZETAS)),
-            "run": _first_unstable(partial(_run_decays, name, zeta=ZETAS, steps=steps)),
-        }
-        for name, integrator in INTEGRATORS.items()
-    }
-
-
-def table_of(limits: Limits) -> str:
-    """Return a table with a row per integrator and h / p, or a single row if there is no limit."""
-    rows = [["integrator", "h/p", "closed form", "spectral radius", "in a run"]]
-    for name, limit in limits.items():
-        values = np.array([*limit.values()]).T
-        if np.isinf(values).all():
-            rows.append([name, "each", "every step", *2 * [f"> {LONGEST:g}"]])
+def limit_table() -> str:
+    """Return the greatest stable p T, by integrator and h / p; in one row if there is no limit."""
+    rows = [["integrator", "h/p", "greatest p T"]]
+    for name, integrator in INTEGRATORS.items():
+        limits = integrator.limit(ZETAS)
+        if np.isinf(limits).all():
+            rows.append([name, "each", "every step"])
             continue
-        for zeta, (closed, *measured) in zip(ZETAS, values, strict=True):
-            shown_limits = (f"{value:.4f}" for value in measured)
-            first = f"{closed:.4f}" if closed > 0.0 else "no step"
-            rows.append([name if zeta == ZETAS[0] else "", f"{zeta:g}", first, *shown_limits])
-    return (
-        "Greatest stable p T of free motion: in closed form, from the spectral radius of\n"
-        f"the map, and from the growth in a run\n\n{table(rows, words=1)}\n"
-    )
+        for zeta, limit in zip(ZETAS, limits, strict=True):
+            shown_limit = f"{limit:.4f}" if limit > 0.0 else "no step"
+            rows.append([name if zeta == ZETAS[0] else "", f"{zeta:g}", shown_limit])
+    return f"Greatest stable p T of free motion, in closed form\n\n{table(rows, words=1)}\n"
 
 
-def stability_chart(quick: bool = False) -> Figure:
+def stability_chart(columns: int = 401, rows: int = 201) -> Figure:
     """Draw a panel per integrator: the spectral radius of a step, and the limit in closed form.
 
-    The radius is drawn over p T and h / p, on a coarser mesh if `quick`.
+    The radius is drawn over p T and h / p, on a mesh of so many columns and rows.
     """
-    columns, rows = (81, 41) if quick else (401, 201)
     step, zeta = np.linspace(0.0, CHART[0], columns), np.linspace(0.0, CHART[1], rows)
     down = math.ceil(len(INTEGRATORS) / 2)
     figure = Figure(figsize=(4.4, 0.8 + 1.4 * down), layout="constrained")
@@ -125,35 +88,6 @@ def stability_chart(quick: bool = False) -> Figure:
     bar.ax.axvline(1.0, color="black", linewidth=1.4)
     bar.set_ticks(_LEVELS, labels=[f"{level:g}" for level in _LEVELS])
     return figure
-
-
-def _run_decays(integrator: str, step: np.ndarray, zeta: np.ndarray, steps: int) -> np.ndarray:
-    """Whether free motion stays small in a run of so many `steps`, over p T and h / p.
-
-    Its greatest section in the last third of the run is at most twice that in the first third.
-    """
-    step, zeta = np.broadcast_arrays(step, zeta)
-    points = np.zeros(step.size, dtype=POINT)
-    points["h"], points["p"] = zeta.ravel(), 1.0
-    points["omega"] = 2.0 * math.pi / (STEPS * step.ravel())
-    points["clearance"], points["x0"] = np.finfo(float).max, -1.0
-    record: dict[str, Any] = {"transient": 0, "periods": steps // STEPS, "impacts": 0}
-    out = integrate(points, integrator=integrator, impact="plain", steps_per_period=STEPS, **record)
-    size = np.maximum(np.abs(out["poincare_x"]), np.abs(out["poincare_v"]))
-    third = size.shape[1] // 3
-    decays = size[:, -third:].max(axis=1) <= 2.0 * size[:, :third].max(axis=1)
-    return decays.reshape(step.shape)
-
-
-def _first_unstable(stable: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Return the least p T that is not `stable`, for each of ``ZETAS``; inf beyond LONGEST."""
-    low, high = np.zeros_like(ZETAS), np.full_like(ZETAS, LONGEST)
-    none, columns = stable(high), np.arange(ZETAS.size)
-    for _ in range(_CUTS):
-        marks = np.linspace(low, high, _PARTS + 1)
-        k = np.vstack([stable(marks[1:-1]), np.zeros_like(none)]).argmin(axis=0)
-        low, high = marks[k, columns], marks[k + 1, columns]
-    return np.where(none, math.inf, high)
 
 
 LETTER = Method("newmark", "to the letter")
@@ -215,19 +149,6 @@ def _shown(failure: Failure, figure: float) -> str:
     if math.isinf(figure) and not failure.fails(figure):
         return "never "
     return f"{figure:{failure.digits}}{MARK if failure.fails(figure) else ' '}"
-
-
-def figure_table(limits: Limits, figures: Figures) -> pd.DataFrame:
-    """Return all limits and figures, a row for each."""
-    rows = [
-        (name, f"limit of p T, {source}", f"h/p = {zeta:g}", value)
-        for name, limit in limits.items()
-        for source, values in limit.items()
-        for zeta, value in zip(ZETAS, values, strict=True)
-    ]
-    scenes = {failure.name: failure.scene for failure in FAILURES}
-    rows += [(" ".join(method), name, scenes[name], v) for (method, name), v in figures.items()]
-    return pd.DataFrame(rows, columns=["method", "figure", "scene", "value"]).dropna()
 
 
 @dataclass

@@ -6,7 +6,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from sweeps.bench import failures, paper_cases, speed
@@ -34,7 +33,7 @@ def test_a_wrong_request_is_refused_before_anything_is_measured(monkeypatch, arg
     for measure in (
         "accuracy.measure_methods",
         "paper_cases.measure_cases",
-        "failures.longest_steps",
+        "failures.measure_failures",
         "speed.measure_speed",
     ):
         monkeypatch.setattr(f"sweeps.bench.{measure}", lambda *_, **__: pytest.fail("it was run"))
@@ -211,35 +210,13 @@ def test_the_command_draws_the_papers_cases(measured, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def limits():
-    return failures.longest_steps(quick=True)
-
-
-@pytest.fixture(scope="module")
 def figures():
     return failures.measure_failures()
 
 
-def test_the_limits_agree(limits):
-    """A run sees growth above SEEN / steps a step, so that its limit is a little greater."""
-    assert list(limits) == list(INTEGRATORS)
-    for name, found in limits.items():
-        closed, radius, run = found["closed"], found["radius"], found["run"]
-        np.testing.assert_array_equal(closed, INTEGRATORS[name].limit(failures.ZETAS))
-        some = np.isfinite(closed)
-        np.testing.assert_array_equal(np.isfinite(radius), some)
-        np.testing.assert_array_equal(np.isfinite(run), some)
-        np.testing.assert_allclose(radius[some], closed[some], atol=5e-7)
-        positive = some & (closed > 0.0)
-        np.testing.assert_allclose(run[positive], closed[positive], rtol=3e-3)
-    # Euler without damping grows by p^2 T^2 / 2 a step.
-    seen = math.sqrt(2.0 * failures.SEEN / failures.CHART_STEPS_QUICK)
-    assert limits["euler"]["run"][0] == pytest.approx(seen, rel=0.02)
-
-
 def test_the_chart_is_the_spectral_radius():
     """Its region of growth is that beyond the closed form."""
-    drawn = failures.stability_chart(quick=True)
+    drawn = failures.stability_chart(81, 41)
     panels = [panel for panel in drawn.axes if panel.get_title()]
     assert [panel.get_title().split(",")[0] for panel in panels] == list(INTEGRATORS)
     step, zeta = np.linspace(0.0, 4.0, 81), np.linspace(0.0, 2.0, 41)
@@ -298,12 +275,12 @@ def test_only_exact_impacts_never_fail_and_every_failure_is_seen(figures):
     assert failing["touch from"] == {"plain", "reduced-step", "cubic"}
 
 
-def test_the_tables_fit_a_terminal_and_mark_the_failures(limits, figures):
-    text = failures.table_of(limits) + "".join(failures.failure_tables(figures))
+def test_the_tables_fit_a_terminal_and_mark_the_failures(figures):
+    text = failures.limit_table() + "".join(failures.failure_tables(figures))
     assert max(len(line) for line in text.splitlines() if ": " not in line) <= 80
     lines = {line.strip().split("  ")[0]: line for line in text.splitlines()}
     assert lines["euler plain"].count("!") == 3  # of the last table
-    assert "every step" in lines["newmark"] and "> 10" in lines["newmark"]
+    assert "every step" in lines["newmark"] and lines["rk4"].split() == ["rk4", "0", "2.8284"]
     assert lines["exact exact"].count("!") == 0
     assert "never" in text and "12.11!" in text and "no step" in text and "nan" not in text
     for failure in failures.FAILURES:
@@ -311,18 +288,9 @@ def test_the_tables_fit_a_terminal_and_mark_the_failures(limits, figures):
 
 
 @pytest.mark.slow
-def test_the_command_shows_the_failures(limits, figures, monkeypatch):
-    """Picture, table on the terminal, and every figure in the CSV file."""
-    monkeypatch.setattr(failures, "longest_steps", lambda quick: limits)
+def test_the_command_shows_the_failures(figures, monkeypatch):
     monkeypatch.setattr(failures, "measure_failures", lambda: figures)
-    result = call("bench", "stability", "--quick", "--csv", "all.csv")
+    result = call("bench", "stability")
     assert result.exit_code == 0, result.output
-    assert "spectral radius" in result.stdout and result.stdout.endswith("stability.png\nall.csv\n")
+    assert "Greatest stable p T" in result.stdout and result.stdout.endswith("stability.png\n")
     assert Path("stability.png").read_bytes().startswith(b"\x89PNG")
-    table = pd.read_csv("all.csv")
-    assert list(table) == ["method", "figure", "scene", "value"]
-    limit = table[table["figure"] == "limit of p T, closed"].set_index(["method", "scene"])["value"]
-    assert limit["rk4", "h/p = 0"] == pytest.approx(2.0 * math.sqrt(2.0), rel=1e-14)
-    assert limit["newmark", "h/p = 2"] == math.inf
-    assert (table["method"] == "newmark to the letter").any()
-    assert len(table) > 3 * len(INTEGRATORS) * 5 + 100
