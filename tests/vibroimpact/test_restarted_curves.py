@@ -160,12 +160,28 @@ def test_a_long_curve_of_many_turns_does_not_close():
     assert [special[i].kind for i in (0, -1)] == ["edge", "edge"] and len(special) > 100
 
 
-@pytest.mark.parametrize("seed", [1077, 1406])
+@pytest.mark.parametrize("seed", [1077, 1406, 20184, 31003])
 def test_a_curve_is_the_same_on_both_sides_of_where_another_passes_or_crosses_it(seed):
-    """A curve of flips that turns within a step, and another goes straight on; grazes at h = 0."""
+    """Curves of flips that turn within a step, and another goes on, in the third beyond an edge.
+
+    Also grazes at h = 0, and folds that are singular at the edge R = 1.
+    """
     whole, ranges = random_curve(seed)
     numbers = np.linspace(1, len(whole.values) - 2, 10).astype(int).tolist()
     assert_same_from_its_orbits(whole.kind, whole, ranges, numbers)
+
+
+@pytest.mark.parametrize(("seed", "ratio"), [(3629, 3.0), (20692, 2.0)])
+def test_undamped_curves_end_where_a_vibration_touches_the_stop_without_acceleration(seed, ratio):
+    """It repeats there for omega = ratio p; without acceleration p^2 clearance is the force."""
+    whole, ranges = random_curve(seed)
+    for i in (1, len(whole.values) // 2):
+        special = bifurcation_curve(whole.orbit(i), whole.kind, *ranges).special
+        (end,) = [point.orbit for point in special if point.kind == "rest"]
+        osc = end.oscillator
+        assert osc.omega == pytest.approx(ratio * osc.p, rel=1e-7)
+        assert osc.p**2 * osc.clearance == pytest.approx(osc.f, rel=1e-7)
+        assert end.phases == pytest.approx(1.5 * math.pi, abs=1e-4) and not end.speeds.any()
 
 
 def test_undamped_grazes_meet_no_flips_and_folds_where_every_vibration_repeats():

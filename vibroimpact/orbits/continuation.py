@@ -53,7 +53,8 @@ GRAZES = 1e-5
 ENDS = 1e-9
 #: Most trials to find the last orbit of a path; a margin below the second is zero to rounding.
 _MOST_TRIALS, _AT_END = 80, 1e-15
-#: Where Newton's method fails this near to the last orbit of a curve, its equations are singular.
+#: Where Newton's method fails this near to the last orbit of a curve or to an edge, its equations
+#: are singular.
 _SINGULAR = 1e-8
 #: Most iterations at the end of a path, where each may only halve the error.
 _PATIENT = 60
@@ -114,11 +115,14 @@ def _step(
                 step = ArclengthStep(family, begin, end, length)
                 turned_over = way_on == -way and end.inadmissible is None
                 turned_over = turned_over and not step.exchanges_halves()
-                if (length > _RESOLVED and step.jumps()) or (length > _TURNED_OVER and turned_over):
+                jumps = length > _RESOLVED and step.jumps()
+                if end.inadmissible is not None and not jumps:
+                    step = to_last_orbit(step, end.inadmissible)
+                    at_edge = end.inadmissible.kind == "edge"
+                    jumps = at_edge and length > _RESOLVED and step.jumps()
+                if jumps or (length > _TURNED_OVER and turned_over):
                     length *= 0.5
                     continue
-                if end.inadmissible is not None:
-                    step = to_last_orbit(step, end.inadmissible)
                 ends = not step.last or step.margin < ENDS
                 if length < _RESOLVED or (ends and not step.may_miss()):
                     return step, way_on
@@ -241,8 +245,8 @@ def ending(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
     speed zero.
     """
     family, X, reason = step.family, step.end.X, step.inadmissible
-    if reason is None and _leaves(family, step.end):  # as at R = 0, where two impacts may meet
-        return "edge", X, family.orbit(X)
+    if reason is None and (X_edge := _left(family, step.end)) is not None:
+        return "edge", X_edge, family.orbit(X_edge)  # as at R = 0, where two impacts may meet
     kind = "lost" if reason is None or reason.kind == "speed" else "penetration"
     if reason is not None:
         limit = _without_force(family, X)
@@ -254,7 +258,7 @@ def ending(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
         touch = _graze(step, reason) if family.kind == "" else None
         if touch is not None:
             return touch
-    if kind == "lost" and _cannot_leave(family, X):
+    if kind == "lost" and cannot_leave(family, X):
         return "rest", X, family.orbit(X)
     if not step.margin < GRAZES:
         return kind, X, family.orbit(X)
@@ -262,16 +266,18 @@ def ending(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
     return "graze", X, family.orbit(X)
 
 
-def _leaves(family: OrbitFamily, point: Point) -> bool:
-    """Whether a path is on an edge of a range and goes on beyond it."""
-    ways = zip(family.parameters, family.kept(point.X), free(point.tangent, family.q), strict=True)
-    return any(
+def _left(family: OrbitFamily, point: Point) -> np.ndarray | None:
+    """Return the point of an edge of a range at which a path is that goes on beyond it; or None."""
+    X = onto_edges(family, point.X)
+    ways = zip(family.parameters, family.kept(X), free(point.tangent, family.q), strict=True)
+    leaves = any(
         value == (axis.low if along < 0.0 else axis.high) and along != 0.0
         for axis, value, along in ways
     )
+    return X if leaves else None
 
 
-def _cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
+def cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
     """Whether an impact is left without speed and acceleration, so that the next one meets it."""
     pt, theta = family.natural(X), phases(X, family.q)
     pushed = -pt.f * np.sin(theta) - pt.p * pt.p * pt.clearance
@@ -309,12 +315,12 @@ def _at_edges(step: ArclengthStep, reason: Inadmissible) -> np.ndarray:
 
 
 def onto_edges(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
-    """Return a point whose free parameters are at the edges that they are nearer to than `ENDS`."""
+    """Return a point whose free parameters are at edges if they are nearly there."""
     X = X.copy()
     values = free(X, family.q)
     for j, axis in enumerate(family.parameters):
         for edge in (axis.low, axis.high):
-            if abs(values[j] - edge / axis.span) < ENDS:
+            if abs(values[j] - edge / axis.span) < _SINGULAR:
                 values[j] = edge / axis.span
     return X
 

@@ -287,6 +287,10 @@ class OrbitFamily:
             v = np.delete(v, self.system.graze)
         return float(v.min(initial=math.inf))
 
+    def fastest(self, X: np.ndarray) -> float:
+        """Return the fastest speed."""
+        return float(speeds(X, self.q).max())
+
     def inadmissible(self, X: np.ndarray) -> tuple[Inadmissible | None, float]:
         """Return why a point is inadmissible, and the greatest local maximum near the stop."""
         for j, (axis, value) in enumerate(

@@ -5,9 +5,10 @@ A curve of folds of such orbits ends where this flip is degenerate (Kuznetsov, *
 Bifurcation Theory*, sec. 9.3): the orbits of twice the period then neither begin on one side of the
 curve of flips nor on the other. The equations of the folds are singular there, and so are those of
 a curve on which all impacts lose their speed at once: it ends in an orbit that touches the stop
-without speed, as without damping where omega is a fraction of p. Where no energy is lost, R = 1,
-the speeds of a curve may grow without bound. A curve of grazes ends where the other half grazes,
-too: without its touch the orbit is twice its half there, at a flip.
+without speed, as without damping where omega is a fraction of p. Impacts may also meet there in a
+rest, without speed and acceleration. Where no energy is lost, R = 1, the speeds of a curve may grow
+without bound. A curve of grazes ends where the other half grazes, too: without its touch the orbit
+is twice its half there, at a flip.
 """
 
 from __future__ import annotations
@@ -19,19 +20,28 @@ from functools import partial
 import numpy as np
 
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.continuation import onto_edges
+from vibroimpact.orbits.continuation import GRAZES, cannot_leave, onto_edges
 from vibroimpact.orbits.family import NEARBY_DISTANCE, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.unknowns import differences_of_halves, free, impact_rows, speeds, unknowns
+from vibroimpact.orbits.unknowns import (
+    differences_of_halves,
+    free,
+    impact_rows,
+    phases,
+    speeds,
+    unknowns,
+)
 
 #: A curve of folds ends where the mean square difference of its halves is below this, and a curve
 #: on which Newton's method fails where it is below the second, or all impacts are slower than that.
 _MEETS, _MAY_MEET = 4e-4, 0.1
-#: Its end is where it leads from at most so many of its last points, at which this difference or
-#: speed is at least so many times that of the next one. It is known if with one point less it is
-#: the same to this share of the ranges.
-_POINTS, _APART, _PRECISE = 5, 1.5, 1e-8
+#: A flight shorter than this may end a curve at a rest.
+_SHORT = 0.02
+#: Its end is where it leads from at most so many of its last points, at which this difference,
+#: speed or flight is at least so many times that of the next one. It is known if with one point
+#: less it is the same to this share of the ranges, or to the second one at a rest.
+_POINTS, _APART, _PRECISE, _KNOWN = 5, 1.5, 1e-8, 1e-7
 #: The second place at which a touch is looked at, and the error of the root, in scaled unknowns.
 _NEAR = 1e-6, 1e-9
 #: A degenerate flip is nearer than this to where the curve of folds leads.
@@ -41,7 +51,21 @@ _BELONGS = 0.05
 _FASTEST = 1e3
 
 
-def degenerate_flip(
+def singular_end(
+    family: OrbitFamily, points: Sequence[np.ndarray], lost: bool | None = None
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return how a curve ends beyond some points, where, and the orbit; None if it goes on.
+
+    `lost` says whether Newton's method fails there; None if the curve has not yet ended.
+    """
+    return (
+        (_unbounded(family, points) if lost is None else _standstill(family, points, lost))
+        or _degenerate_flip(family, points, bool(lost))
+        or _meeting_impacts(family, points)
+    )
+
+
+def _degenerate_flip(
     family: OrbitFamily, points: Sequence[np.ndarray], lost: bool
 ) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
     """Return how a curve of folds ends beyond some points, where, and the orbit; None if not near.
@@ -51,13 +75,16 @@ def degenerate_flip(
     """
     if family.kind != "fold" or family.m % 2 or family.q % 2:
         return None
-    squares = np.array([np.sum(differences_of_halves(X, family.m, family.q) ** 2) for X in points])
-    squares /= family.q
-    if not squares[-1] < (_MAY_MEET if lost else _MEETS):
-        return None
-    means = np.array([mean_of_halves(family, X) for X in points])
+    m, q = family.m, family.q
     halves, _ = half_of(family, points[-1], "flip")
-    guess, error = _where_zero(squares, means)
+    guess, error = _limit(
+        points,
+        lambda X: np.sum(differences_of_halves(X, m, q) ** 2) / q,
+        _MAY_MEET if lost else _MEETS,
+        partial(mean_of_halves, family),
+    )
+    if error == math.inf:
+        return None
     coefficient = partial(cubic_coefficient, halves.system)
     place = _root_along(halves, guess, coefficient, NEARBY_DISTANCE, _PRECISE)
     if not (error < NEARBY_DISTANCE and abs(place) < _BELONGS):
@@ -115,21 +142,36 @@ def _root_along(
     return float(root)
 
 
-def standstill(
+def _standstill(
     family: OrbitFamily, points: Sequence[np.ndarray], lost: bool
 ) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
     """Return the ``graze`` in which all impacts of a curve lose their speed, as above."""
     if family.kind not in ("flip", "fold") or family.q == 1:
         return None
-    fastest = np.array([speeds(X, family.q).max() for X in points])
-    X, error = _where_zero(fastest, np.array(points))
-    if not fastest[-1] < (_MAY_MEET if lost else NEARBY_DISTANCE) or not error < NEARBY_DISTANCE:
+    X, error = _limit(points, family.fastest, _MAY_MEET if lost else NEARBY_DISTANCE)
+    if not error < NEARBY_DISTANCE:
         return None
     speeds(X, family.q)[:] = 0.0
     missed = float(np.abs(calls.linearised(family.system, X)[0]).max())
     if not missed < NEARBY_DISTANCE or family.inadmissible(X)[0] is not None:
         return None
     return "graze", X, family.orbit(X)
+
+
+def _meeting_impacts(
+    family: OrbitFamily, points: Sequence[np.ndarray]
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return the ``rest`` in which impacts of a curve meet without speed, as above."""
+    flight = int(_flights(family, points[-1]).argmin())
+    X, error = _limit(points, lambda X: _flights(family, X)[flight], _SHORT)
+    values = zip(family.parameters, family.kept(onto_edges(family, X)).tolist(), strict=True)
+    inside = all(axis.low < value < axis.high for axis, value in values)  # at R = 0 it is an edge
+    if not (error < _KNOWN and inside and cannot_leave(family, X)):
+        return None
+    phases(X, family.q)[:] = np.maximum.accumulate(phases(X, family.q))
+    v = speeds(X, family.q)
+    v[v < GRAZES] = 0.0
+    return "rest", X, family.orbit(X)
 
 
 def flip_that_touches(
@@ -158,18 +200,22 @@ def flip_that_touches(
     return "graze", X, family.orbit(X)
 
 
-def unbounded(
+def _unbounded(
     family: OrbitFamily, points: Sequence[np.ndarray]
 ) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
     """Return the ``edge`` at which the speeds of a curve become infinite, as above.
 
     The parameters are smooth functions of the inverse speed.
     """
-    pt, last = family.natural(points[-1]), float(speeds(points[-1], family.q).max())
-    if not last > _FASTEST * (pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance)) > 0.0:
+    pt = family.natural(points[-1])
+    slow = _FASTEST * (pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance))
+    if not slow > 0.0:
         return None
-    fastest = np.array([speeds(X, family.q).max() for X in points])
-    limit, error = _where_zero(1.0 / fastest, np.array([free(X, family.q) for X in points]))
+
+    def inverse(X: np.ndarray) -> float:
+        return 1.0 / max(family.fastest(X), 1e-300)
+
+    limit, error = _limit(points, inverse, 1.0 / slow, lambda X: free(X, family.q))
     X = points[-1].copy()
     free(X, family.q)[:] = limit
     X = onto_edges(family, X)
@@ -179,25 +225,42 @@ def unbounded(
     return ("edge", X, family.orbit(X)) if inside and at_edge else None
 
 
-def _where_zero(places: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the limit at the place 0 of values, shape (n, k), at decreasing places, and its error.
+def _limit(
+    points: Sequence[np.ndarray],
+    place: Callable[[np.ndarray], float],
+    below: float,
+    value: Callable[[np.ndarray], np.ndarray] = np.copy,
+) -> tuple[np.ndarray, float]:
+    """Return the limit of values at points of a curve as a place vanishes, and its error.
 
     It is that of the polynomial through some of the last values that changes least by one value
-    more. The nearest values are less accurate.
+    more. The nearest values are less accurate. The error is infinite if the last place is not below
+    a bound.
     """
-    kept = [len(places) - 1]
+    last, kept = value(points[-1]), [len(points) - 1]
+    best, least = last, math.inf
+    if not place(points[-1]) < below:
+        return best, least
+    places = np.array([place(X) for X in points])
     for i in range(len(places) - 2, -1, -1):
         if _APART * places[kept[-1]] <= places[i] < _MAY_MEET:
             kept.append(i)
-    best, least = values[-1], math.inf
+    values = np.array([value(points[i]) for i in kept])
     for first in range(len(kept)):
         before = None
-        for last in range(first + 1, min(first + _POINTS, len(kept)) + 1):
-            limit = _at_zero(places[kept[first:last]]) @ values[kept[first:last]]
+        for end in range(first + 1, min(first + _POINTS, len(kept)) + 1):
+            limit = _at_zero(places[kept[first:end]]) @ values[first:end]
             if before is not None and np.abs(limit - before).max() < least:
                 best, least = limit, float(np.abs(limit - before).max())
             before = limit
     return best, least
+
+
+def _flights(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
+    """Return the lengths of the flights of an orbit, as phases."""
+    theta = phases(X, family.q)
+    lengths: np.ndarray = np.diff(theta, append=theta[0] + 2.0 * math.pi * family.m)
+    return lengths
 
 
 def _at_zero(places: np.ndarray) -> np.ndarray:

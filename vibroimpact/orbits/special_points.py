@@ -22,12 +22,10 @@ from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
 from vibroimpact.orbits.normal_form import cubic_coefficient, cubic_coefficients
 from vibroimpact.orbits.orbit import PeriodicOrbit, repeats_freely
 from vibroimpact.orbits.singular_ends import (
-    degenerate_flip,
     doubling,
     flip_that_touches,
     half_of,
-    standstill,
-    unbounded,
+    singular_end,
 )
 from vibroimpact.orbits.unknowns import ROUNDING, differences_of_halves
 
@@ -281,9 +279,7 @@ def one_way(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
             end = ending(step)
             lost, points = end[0] == "lost", [X for X, _ in path.points]
             if lost or (family.kind and step.inadmissible is None):
-                end = (
-                    standstill(family, points, lost) or degenerate_flip(family, points, lost) or end
-                )
+                end = singular_end(family, points, lost) or end
             else:
                 path.points.pop()
             if end[0] == "graze":
@@ -302,7 +298,7 @@ def _pass(path: Path, step: ArclengthStep) -> bool:
     end = None if flip is None else ("flip", *flip)
     if end is None and family.kind:
         points = [*(X for X, _ in path.points), step.end.X]
-        end = unbounded(family, points) or degenerate_flip(family, points, False)
+        end = singular_end(family, points)
     roots = list(special_points(step, None if end is None else end[1]))
     for kind, X in roots:
         if not family.kind:  # the branch may change its stability there
