@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
@@ -59,11 +60,12 @@ def limit_table() -> str:
     return f"Greatest stable p T of free motion, in closed form\n\n{table(rows, words=1)}\n"
 
 
-def stability_chart(columns: int = 401, rows: int = 201) -> Figure:
+def stability_chart(quick: bool = False) -> Figure:
     """Draw a panel per integrator: the spectral radius of a step, and the limit in closed form.
 
-    The radius is drawn over p T and h / p, on a mesh of so many columns and rows.
+    The radius is drawn over p T and h / p, on a coarser mesh if `quick`.
     """
+    columns, rows = (81, 41) if quick else (401, 201)
     step, zeta = np.linspace(0.0, CHART[0], columns), np.linspace(0.0, CHART[1], rows)
     down = math.ceil(len(INTEGRATORS) / 2)
     figure = Figure(figsize=(4.4, 0.8 + 1.4 * down), layout="constrained")
@@ -149,6 +151,18 @@ def _shown(failure: Failure, figure: float) -> str:
     if math.isinf(figure) and not failure.fails(figure):
         return "never "
     return f"{figure:{failure.digits}}{MARK if failure.fails(figure) else ' '}"
+
+
+def figure_table(figures: Figures) -> pd.DataFrame:
+    """Return all limits and figures, a row for each."""
+    rows = [
+        (name, "limit of p T", f"h/p = {zeta:g}", limit)
+        for name, integrator in INTEGRATORS.items()
+        for zeta, limit in zip(ZETAS, integrator.limit(ZETAS), strict=True)
+    ]
+    scenes = {failure.name: failure.scene for failure in FAILURES}
+    rows += [(" ".join(method), name, scenes[name], v) for (method, name), v in figures.items()]
+    return pd.DataFrame(rows, columns=["method", "figure", "scene", "value"]).dropna()
 
 
 @dataclass

@@ -205,12 +205,16 @@ def _figure(name: str) -> Any:
     )
 
 
-def _save(output: Path, draw: Callable, *measured: Any) -> None:
-    """Write the picture of a bench, and print its name."""
+def _save(csv: Path | None, rows: Any, output: Path, draw: Callable, *measured: Any) -> None:
+    """Write the picture of a bench and, to a `csv` file, its rows; print the names of the files."""
+    from sweeps.opened.tables import write_csv
     from sweeps.plotting.saving import save_chart
 
     save_chart(output, draw, *measured)
     say(output)
+    if csv is not None:
+        write_csv(csv, [rows])
+        say(csv)
 
 
 def accuracy_speed(
@@ -232,7 +236,6 @@ def accuracy_speed(
 
     from sweeps.bench import accuracy as bench
     from sweeps.bench import accuracy_results as results
-    from sweeps.opened.tables import write_csv
 
     plan = bench.QUICK if quick else bench.FULL
     if config is not None:
@@ -250,19 +253,19 @@ def accuracy_speed(
             say(f"{name} is not installed, so it is not on the chart", error=True)
     say(results.of_methods(measured))
     say(results.of_targets(measured))
-    _save(output, results.accuracy_picture, measured)
-    if csv is not None:
-        write_csv(csv, [measured])
-        say(csv)
+    _save(csv, measured, output, results.accuracy_picture, measured)
 
 
-def stability(output: Path = _figure("stability.png")) -> None:
+def stability(
+    output: Path = _figure("stability.png"), csv: Path | None = CSV, quick: bool = _QUICK
+) -> None:
     """Show how long a step may be, and where each method fails."""
     from sweeps.bench import failures as bench
 
-    for part in (bench.limit_table(), *bench.failure_tables(bench.measure_failures())):
+    figures = bench.measure_failures()
+    for part in (bench.limit_table(), *bench.failure_tables(figures)):
         say(part)
-    _save(output, bench.stability_chart)
+    _save(csv, bench.figure_table(figures), output, bench.stability_chart, quick)
 
 
 def paper(output: Path = _figure("paper.png")) -> None:
@@ -271,7 +274,7 @@ def paper(output: Path = _figure("paper.png")) -> None:
 
     measured = bench.measure_cases()
     say(bench.case_tables(measured))
-    _save(output, bench.paper_picture, measured)
+    _save(None, None, output, bench.paper_picture, measured)
 
 
 def speed(

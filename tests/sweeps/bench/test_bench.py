@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from sweeps.bench import failures, paper_cases, speed
@@ -216,7 +217,7 @@ def figures():
 
 def test_the_chart_is_the_spectral_radius():
     """Its region of growth is that beyond the closed form."""
-    drawn = failures.stability_chart(81, 41)
+    drawn = failures.stability_chart(quick=True)
     panels = [panel for panel in drawn.axes if panel.get_title()]
     assert [panel.get_title().split(",")[0] for panel in panels] == list(INTEGRATORS)
     step, zeta = np.linspace(0.0, 4.0, 81), np.linspace(0.0, 2.0, 41)
@@ -289,8 +290,17 @@ def test_the_tables_fit_a_terminal_and_mark_the_failures(figures):
 
 @pytest.mark.slow
 def test_the_command_shows_the_failures(figures, monkeypatch):
+    """Picture, tables on the terminal, and every figure in the CSV file."""
     monkeypatch.setattr(failures, "measure_failures", lambda: figures)
-    result = call("bench", "stability")
+    result = call("bench", "stability", "--quick", "--csv", "all.csv")
     assert result.exit_code == 0, result.output
-    assert "Greatest stable p T" in result.stdout and result.stdout.endswith("stability.png\n")
+    assert "Greatest stable p T" in result.stdout
+    assert result.stdout.endswith("stability.png\nall.csv\n")
     assert Path("stability.png").read_bytes().startswith(b"\x89PNG")
+    rows = pd.read_csv("all.csv")
+    assert list(rows) == ["method", "figure", "scene", "value"]
+    limit = rows[rows["figure"] == "limit of p T"].set_index(["method", "scene"])["value"]
+    assert limit["rk4", "h/p = 0"] == pytest.approx(2.0 * math.sqrt(2.0), rel=1e-14)
+    assert limit["newmark", "h/p = 2"] == math.inf
+    assert (rows["method"] == "newmark to the letter").any()
+    assert len(rows) > len(INTEGRATORS) * 5 + 100
