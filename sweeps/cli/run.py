@@ -40,8 +40,7 @@ def _completed_keys(incomplete: str) -> list[str]:
     """Return the keys that begin with a text; those of a range if the text names the range."""
     from sweeps.config.sweep import dotted_keys
 
-    deepest = max(1, incomplete.count("."))
-    keys = [key for key in dotted_keys() if key.count(".") <= deepest]
+    keys = dotted_keys(1 + max(1, incomplete.count(".")))
     return [f"{key}=" for key in keys if key.startswith(incomplete)]
 
 
@@ -107,11 +106,11 @@ def run_command(
         say(f"next: {command('plot', *paths)}")
 
 
-def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
+def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = False) -> SweepConfig:
     """Read the configuration of a sweep from a YAML file or from a sweep file.
 
     The configuration of a sweep file has that file as its output. The overrides are those of
-    `sweeps.load_config`.
+    `sweeps.load_config`, and `verify` is that of `sweeps.open_sweep`.
     """
     from sweeps.config.loading import load_config, parse_config
     from sweeps.store.paths import is_sweep
@@ -126,7 +125,7 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
             return load_config(path, overrides)
     from sweeps.store.xarray_engine import open_sweep  # it imports xarray, which is slow
 
-    with open_sweep(path, verify=False) as dataset:
+    with open_sweep(path, verify=verify) as dataset:
         text, table = dataset.attrs["configuration"], columns_of(dataset)
     config = parse_config(text, f"{path}, its configuration", path.stem, overrides, table)
     if any(override.partition("=")[0].strip() == "output" for override in overrides):
@@ -207,8 +206,14 @@ def explore_command(
     from tempfile import TemporaryDirectory
 
     from sweeps import explore as open_page
+    from sweeps.config import scenes
+    from sweeps.config.loading import parse_config
 
-    config = _configuration(source)
+    config = (
+        parse_config(scenes()["quickstart"], "quickstart", "quickstart")
+        if source is None
+        else read_config(source, verify=True)
+    )
     logging.getLogger("bokeh").setLevel(logging.ERROR)  # do not report refused requests
     explorer = open_page(config, port)
     try:
@@ -223,20 +228,6 @@ def explore_command(
                 time.sleep(_BETWEEN_CHECKS)
     finally:
         explorer.close()
-
-
-def _configuration(source: Path | None) -> SweepConfig:
-    """Read the configuration to show; a sweep file is verified completely, as for a picture."""
-    from sweeps.config import scenes
-    from sweeps.config.loading import parse_config
-    from sweeps.store.paths import is_sweep
-    from sweeps.store.xarray_engine import open_sweep
-
-    if source is None:
-        return parse_config(scenes()["quickstart"], "quickstart", "quickstart")
-    if is_sweep(source):
-        open_sweep(source).close()
-    return read_config(source)
 
 
 def _redirection(address: str, private: Path) -> str:

@@ -6,7 +6,7 @@ Each error names the file, the line, the key, the given value and the allowed va
 from __future__ import annotations
 
 import codecs
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -19,7 +19,7 @@ from sweeps.config.checks import conflicts, with_defaults
 from sweeps.config.groups import RecordConfig, TrajectoryConfig, key_list
 from sweeps.config.points import read_points
 from sweeps.config.rig import made_of_rig
-from sweeps.config.sweep import SweepConfig
+from sweeps.config.sweep import SweepConfig, dotted_keys
 from sweeps.config.values import MOST_VALUES, ConflictError, Group, Key, Range, null
 from sweeps.errors import ConfigError
 from sweeps.text import missing_text, near_miss, shortened, shown_count, suggestion
@@ -247,17 +247,6 @@ def _without_misspelt(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
     return [error for error in errors if error["type"] != "missing" or error["loc"] not in replaced]
 
 
-def _keys_elsewhere() -> Iterator[str]:
-    """Yield every key of the configuration as dotted text, except the keys of ranges."""
-    # If two keys share a name, `_meant` suggests the last one: so the names of units come first.
-    for name, field in sorted(
-        SweepConfig.model_fields.items(), key=lambda item: item[0] != "units"
-    ):
-        yield name
-        group = _group_of(field.annotation)
-        yield from (f"{name}.{key}" for key in (group.model_fields if group else ()))
-
-
 def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str]) -> str:
     """Write a pydantic error in one line: the place, the given value and the allowed values."""
     reason = error.get("ctx", {}).get("error")
@@ -269,7 +258,9 @@ def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str]) ->
         return f"{where}{_dotted(key)} is missing; expected: {expected}"
     if error["type"] == "extra_forbidden":
         name = str(key[-1])
-        hint = suggestion(_meant(name, group.model_fields, _keys_elsewhere()))
+        # If two keys share a name, the last one is suggested: so the names of units come first.
+        others = sorted(dotted_keys(2), key=lambda other: not other.startswith("units"))
+        hint = suggestion(_meant(name, group.model_fields, others))
         if name.isdecimal():  # {h: 0,1} is read as {h: 0, 1: }
             hint = " (a number has a decimal point, no comma)"
         return f"{where}unknown key {_dotted(key)}{hint}; expected: {key_list(group)}"

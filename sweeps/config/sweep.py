@@ -266,8 +266,11 @@ def json_schema() -> JsonSchema:
     return {**about, **schema, "if": table, "else": whole}
 
 
-def dotted_keys() -> Iterator[str]:
-    """Yield the keys of a configuration as ``--set`` takes them, with those of each range."""
+def dotted_keys(deepest: int) -> list[str]:
+    """Return the keys of a configuration as ``--set`` takes them, of at most so many names each.
+
+    Those of three names are the keys of ranges and of the trajectory.
+    """
     schema = json_schema()
 
     def below(part: JsonSchema, start: str) -> Iterator[str]:
@@ -278,4 +281,4 @@ def dotted_keys() -> Iterator[str]:
         for form in (*part.get("anyOf", ()), *part.get("oneOf", ())):
             yield from below(form, start)
 
-    return below(schema, "")
+    return [key for key in below(schema, "") if key.count(".") < deepest]

@@ -48,6 +48,10 @@ _OTHER_ENDINGS = frozenset(
     "toml txt xml yaml yml joblib mat npy npz pickle pkl rds zarr 7z bz2 gz tar tgz xz zip zst"
     .split()
 )  # fmt: skip
+#: What a user can do instead of resuming, with the options of the command and the arguments.
+OR_OVERWRITE = (
+    "overwrite it, or give another output (--overwrite or -o; in Python overwrite or output)"
+)
 #: The errors of a file system that has no locks.
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
 
@@ -195,7 +199,7 @@ def check_parts(path: Path, overwrite: bool) -> None:
     if blocks and not schema and not overwrite:
         raise StoreError(
             f"{parts} has blocks but no {SCHEMA}, like a copy that was cut short; copy it again, "
-            "overwrite it, or give another output"
+            f"{OR_OVERWRITE}"
         )
 
 

@@ -24,6 +24,7 @@ from sweeps.store.paths import (
     DRAFT,
     LOCK,
     NO_LOCKS,
+    OR_OVERWRITE,
     SCHEMA,
     Content,
     check_output,
@@ -134,7 +135,7 @@ class SweepWriter:
             if differing := schema.differences(old):
                 raise StoreError(
                     f"{folder if begun else path} cannot be resumed: {'; '.join(differing)}; "
-                    "overwrite it, or give another output"
+                    f"{OR_OVERWRITE}"
                 )
             if not begun:
                 self._remove()  # a run was killed while it did so

@@ -105,7 +105,7 @@ def test_another_sweep_is_not_resumed(changed, parts, blocks):
     with pytest.raises(StoreError, match=rf"{name} cannot be resumed: ") as caught:
         with begun("out.h5", schema(**changed), resume=True):
             pass
-    assert all(part in str(caught.value) for part in (*parts, "overwrite it"))
+    assert all(part in str(caught.value) for part in (*parts, "overwrite it", "--overwrite"))
     assert contents(Path(name)) == before
 
 
