@@ -267,8 +267,11 @@ def knocks(
     >>> sweeps.knocks(ds)["knock_harmful"].values.round(4)
     array([-0.3047,  0.2723])
     """
-    if starts.spec.impact != "exact" or set(starts.grid) != {"x0", "v0"}:
-        raise Refused("a knock needs the impact rule exact, and a sweep cut at one parameter point")
+    if starts.spec.impact != "exact":
+        raise Refused(f"a knock needs the impact rule exact; the sweep has {starts.spec.impact}")
+    if set(starts.grid) != {"x0", "v0"}:
+        axes = listed(starts.grid) or "none"
+        raise Refused(f"a knock needs x0 and v0 as the only axes, others fixed; there are {axes}")
     found = attractors(starts) if found is None else found
     motions, limit = _Motions(starts, found), float(np.ptp(starts["v0"].values))
     sought = motions.orbits.keys() & (motions.orbits if numbers is None else numbers)

@@ -129,7 +129,7 @@ class Filling:
                 if self._done == self._order.size and row.regime in COUNTED:
                     disc, said = self._disc(cells[i].where)
                     discs.append(disc)
-                    cells[i] = cells[i]._replace(label=f"{cells[i].label}; {said}")
+                    cells[i] = cells[i]._replace(name=f"{cells[i].name}; {said}")
         else:
             cells = period_cells(*self._classes.values(), hatched=False)
             classes, names = class_numbers(*self._classes.values())
@@ -170,7 +170,7 @@ class Filling:
         ]
 
     def _disc(self, basin: np.ndarray) -> tuple[Disc, str]:
-        """Return the largest disc in a basin, and its radius as text."""
+        """Return the largest disc in a basin, and its radius for the name of cells."""
         grid = self.config.sweep.grid
         basin = basin.reshape(grid.shape)
         basin = basin if next(iter(grid.axes)) == "x0" else basin.T
@@ -181,7 +181,8 @@ class Filling:
         variable = as_variable("x0", self.config.nomenclature)
         prefix, factor = prefix_of(variable, radius)
         unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
-        return disc, f"disc {'>= ' if at_edge else ''}{radius / factor:.3g}{unit}"
+        said = f"disc {'>= ' if at_edge else ''}{radius / factor:.3g}{unit}"
+        return disc, said.replace("%", "%%")
 
     def _ranked(self) -> tuple[list[AttractorRow], np.ndarray]:
         """Return the attractors by decreasing share, renumbered, and the number of each start."""

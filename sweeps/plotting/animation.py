@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -88,7 +89,20 @@ def animate(
     """
     film = _film(sweep, at=at, periods=periods, fps=fps, page=page)
     assert isinstance(film, _Film)
-    return FuncAnimation(film, film.show_frame, len(film.times), interval=1000.0 / fps)
+    return _Animation(film, film.show_frame, len(film.times), interval=1000.0 / fps)
+
+
+class _Animation(FuncAnimation):
+    """An animation that is embedded with all its frames, of which matplotlib would drop some."""
+
+    def to_jshtml(self, *arguments: Any, **options: Any) -> str:
+        """Return it as HTML with a player."""
+        with mpl.rc_context({"animation.embed_limit": math.inf}):
+            return super().to_jshtml(*arguments, **options)
+
+    def to_html5_video(self, embed_limit: float | None = math.inf) -> str:
+        """Return it as HTML with a video."""
+        return super().to_html5_video(embed_limit)
 
 
 class _Film(canvas.Picture):

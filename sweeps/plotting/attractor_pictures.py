@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
 import matplotlib as mpl
@@ -36,9 +36,18 @@ from sweeps.plotting.labels import (
     followed,
     label_axis,
     record_text,
+    set_ends,
 )
-from sweeps.plotting.looks import Cells, Looks, basin_cells, class_names, class_of_numbers, names_of
-from sweeps.plotting.maps import cells_in_view, draw_cells, name_and_bound
+from sweeps.plotting.looks import (
+    Cells,
+    Looks,
+    basin_cells,
+    class_names,
+    class_of_numbers,
+    failed_cells,
+    names_of,
+)
+from sweeps.plotting.maps import draw_cells, entries_of, name_and_bound, view_of
 from sweeps.plotting.marks import edge_of, mark_some, mark_status, marker_size, widen_if_constant
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
@@ -84,7 +93,9 @@ def basins(
     starts = sweep.cut(at, free=plane)
     panel = canvas.new_panel(ax, page)
     there = Basins.of(starts, *attractors_in(starts, sweep, page.grey), *plane)
-    handles = there.show(panel, page)
+    there.draw(panel, page)
+    view = view_of(panel, there.starts)
+    handles = [*entries_of(there.starts, there.cells(), view), *there.mark_attractors(panel)]
     figure = canvas.finish(panel, page, starts, handles, basins_title(sweep))
     there.write_names(panel, page)
     return figure
@@ -108,19 +119,15 @@ class Basins(NamedTuple):
         ordered = starts.sortby([across, up]).transpose(up, across)
         return cls(ordered, attractor_rows(starts, there), numbers, looks)
 
-    def cells(self) -> list[Cells]:
-        """Return the cells of each basin."""
-        return basin_cells(self.table, self.numbers, self.looks, self.starts)
-
-    def draw(self, panel: Axes) -> dict[Artist, np.ndarray]:
-        """Draw the basins; return the entries of the legend, with the masks of their cells."""
-        return draw_cells(panel, self.starts, self.cells())
-
-    def show(self, panel: Axes, page: Page) -> list[Artist]:
-        """Draw the basins and attractors; return the entries of what is within the limits."""
-        cells = self.draw(panel)
+    def draw(self, panel: Axes, page: Page) -> None:
+        """Draw the basins within the limits of a page."""
+        draw_cells(panel, self.starts, self.cells())
         page.on(panel).set_limits(panel)
-        return [*cells_in_view(panel, self.starts, cells), *self.mark_attractors(panel)]
+
+    def cells(self) -> list[Cells]:
+        """Return the cells of each basin, and of the starts that failed."""
+        of_basins = basin_cells(self.table, self.numbers, self.looks, self.starts)
+        return of_basins + failed_cells(self.starts["status"].values)
 
     def mark_attractors(self, panel: Axes) -> list[Artist]:
         """Mark the attractors with a look at the section, if starts have its phase."""
@@ -183,18 +190,18 @@ def _basins_beside(
     row /= mpl.rcParams["figure.figsize"][1]
     panels = canvas.panel_grid(page, len(values), across, row, sharex=True)
     every, looks = attractors_in(sweep.cut(at, free=[name, *plane]), sweep, page.grey)
-    places, further, seen = [], dict[str, Artist](), set[Look]()
+    places, numbers, further = [], list[np.ndarray](), dict[str, Artist]()
     for panel, value in zip(panels, line[name].values.tolist(), strict=True):
         there = every.sel({name: value})
         basins_there = Basins.of(line.cut({name: value}, plane), there, looks, *plane)
-        of_cells = {cell.label: cell.look for cell in basins_there.cells()}
-        for handle in basins_there.show(panel, page):
-            if (text := str(handle.get_label())) in of_cells:
-                seen.add(of_cells[text])
-            else:
-                further[text] = handle
+        basins_there.draw(panel, page)
+        starts, view = basins_there.starts, view_of(panel, basins_there.starts)
+        failed = failed_cells(starts["status"].values)
+        others = *entries_of(starts, failed, view), *basins_there.mark_attractors(panel)
+        further |= {str(handle.get_label()): handle for handle in others}
         panel.set_title(equation(line[name].symbol, line[name], value), loc="left")
         places.append((panel, basins_there))
+        numbers.append(basins_there.numbers[view])
     for number, panel in enumerate(panels):
         has_below = number + across < len(panels)
         panel.tick_params(labelbottom=not has_below)
@@ -204,7 +211,7 @@ def _basins_beside(
             panel.set_ylabel("")
     tables = [basins_there.table for _, basins_there in places]
     title = f"{CLASSES_TITLE},\nshare of the starts in each panel"
-    handles = [*_shared_handles(tables, looks, seen), *further.values()]
+    handles = [*_shared_handles(tables, numbers, looks), *further.values()]
     figure = canvas.finish(panels[0], page, line, handles, title)
     for panel, basins_there in places:
         basins_there.write_names(panel, page)
@@ -212,19 +219,23 @@ def _basins_beside(
 
 
 def _shared_handles(
-    tables: Sequence[Sequence[AttractorRow]], looks: Looks, seen: Container[Look]
+    tables: Sequence[Sequence[AttractorRow]], numbers: Sequence[np.ndarray], looks: Looks
 ) -> list[Artist]:
-    """Return an entry of a legend for each look and class in several panels, with the shares."""
+    """Return an entry of a legend for each look and class in several panels, with the shares.
+
+    `numbers` are those of the attractors of the starts within the limits of each panel.
+    """
     shares: dict[tuple[Look, str], np.ndarray] = {}
-    for number, table in enumerate(tables):
+    for number, (table, of_starts) in enumerate(zip(tables, numbers, strict=True)):
         for row in table:
             name = class_names([row]) if looks.has_own(row) else "other periodic attractors"
             of_panels = shares.setdefault((looks.look(row), name), np.zeros(len(tables)))
-            of_panels[number] += 100.0 * row.fraction
+            cells = Cells(name, looks.look(row), of_starts == row.number, of_starts >= 0)
+            of_panels[number] += cells.share
     return [
         Cells(f"{name}: {', '.join(f'{share:.1f}' for share in each)} %", look, each).handle()
         for (look, name), each in shares.items()
-        if look in seen
+        if each.any()
     ]
 
 
@@ -289,7 +300,7 @@ def attractor_diagram(
     label_axis(panel.yaxis, as_variable(coordinate, sweep))
     series = _draw_rows(panel, line, table, looks, axis, coordinate)
     if len(values) > 100:
-        panel.set_xlim(values.min(), values.max())
+        set_ends(panel.xaxis, values.min(), values.max())
     page = page.on(panel)
     page.fit_ordinate(panel)
     page.set_limits(panel)
@@ -353,7 +364,7 @@ def _draw_rows(
     finite = values[np.isfinite(values)]
     if not len(finite):
         refuse_empty(line, coordinate)
-    widen_if_constant(panel.set_ylim, finite.min(), finite.max())
+    widen_if_constant(panel.yaxis, finite.min(), finite.max())
     abscissa = np.array([row.parameters[axis] for row in table])
     series = looks.series(table)
     names = names_of([[table[i] for i in places] for places in series], line, line[axis])

@@ -133,14 +133,16 @@ class Paint(NamedTuple):
         if not (self.grey and self.of_dots):
             return [cell.handle() for cell in cells]
         handles: list[Artist] = []
-        for text, look, _ in cells:
+        for cell in cells:
+            look = cell.look
             shape: Any = {"ls": look.dash} if curves else {"ls": "", "marker": look.marker}
-            handles.append(Line2D([], [], color=look.colour, markersize=4.0, label=text, **shape))
+            line = Line2D([], [], color=look.colour, markersize=4.0, label=cell.label, **shape)
+            handles.append(line)
         return handles
 
     def within(self, seen: np.ndarray) -> Paint:
         """Return the colours of the points that are seen, for the legend."""
-        return self._replace(cells=[cell._replace(where=cell.where & seen) for cell in self.cells])
+        return self._replace(cells=[cell.within(seen) for cell in self.cells])
 
     def add_bar(self, panels: Sequence[Axes]) -> None:
         """Add the colour bar, if any value has a colour; an arrow marks values below its range."""

@@ -26,7 +26,13 @@ from sweeps.plotting.contents import (
     with_number,
 )
 from sweeps.plotting.exact_lines import draw_branches, name_branches, without_gaps, without_idle
-from sweeps.plotting.labels import as_variable, direction_names, label_axis, record_text
+from sweeps.plotting.labels import (
+    as_variable,
+    direction_names,
+    label_axis,
+    record_text,
+    set_ends,
+)
 from sweeps.plotting.marks import agreeing, draw_jumps, draw_points, mark_status, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import draw_density, value_range
@@ -125,8 +131,8 @@ def bifurcation(
         branches, idle = motions.draw_exact(panel, exact, page.marks)
         low, high = panel.dataLim.intervaly
     if len(motions.values) > 100:
-        panel.set_xlim(motions.values.min(), motions.values.max())
-    widen_if_constant(panel.set_ylim, low, high)
+        set_ends(panel.xaxis, motions.values.min(), motions.values.max())
+    widen_if_constant(panel.yaxis, low, high)
     page = page.on(panel)
     page.fit_ordinate(panel, *motions.ranges_within(page.xlim))
     page.set_limits(panel)

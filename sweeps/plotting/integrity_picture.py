@@ -31,9 +31,10 @@ from sweeps.plotting.labels import (
     equation,
     label_axis,
     named_unit,
+    set_ends,
 )
 from sweeps.plotting.looks import Cells, Looks, names_of
-from sweeps.plotting.maps import cells_in_view
+from sweeps.plotting.maps import entries_of, view_of
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import Look, ground, ink
@@ -105,10 +106,10 @@ def integrity(
     of_value = Basins.of(starts, there, looks, "x0", "v0")
     handles, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
     if basins is not None:
-        cells = of_value.draw(basins)
-        page.on(basins).set_limits(basins)
-        # The lines of a profile have the colours of all basins.
-        handles += cells if profile else cells_in_view(basins, of_value.starts, cells)
+        of_value.draw(basins, page)
+        # The lines of a profile have the colours of all basins, and the shares of all starts.
+        view = ... if profile else view_of(basins, of_value.starts)
+        handles += entries_of(of_value.starts, of_value.cells(), view)
     if profile:
         table = attractor_rows(line, every)
         of_basins = of_value.table if basins is not None else []
@@ -221,7 +222,7 @@ def _draw_profile(
             of_number = y, bound, top
             lines[-1] += _draw_lines(panel, there[axis].values, of_number, rows, axis, looks)
             bounded |= bool(bound.any())
-        panel.set_ylim(0.0, top)
+        set_ends(panel.yaxis, 0.0, top)
     text, marker = ("hollow: lower bound", "o") if looks.grey else ("lower bound", _BOUND_MARKER)
     handle = Line2D([], [], linestyle="", color=ink(), label=text, marker=marker)
     handle.set(markersize=4.0, markerfacecolor=ground())

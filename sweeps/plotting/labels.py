@@ -276,6 +276,12 @@ def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Tex
     return text
 
 
+def set_ends(axis: Axis, low: float, high: float) -> None:
+    """Set the least and the greatest value of an axis, which stays inverted if it is."""
+    set_limits = axis.axes.set_xlim if axis is axis.axes.xaxis else axis.axes.set_ylim
+    set_limits(*((high, low) if axis.get_inverted() else (low, high)))
+
+
 def refuse_too_large(name: str, values: np.ndarray | float) -> None:
     """Refuse a parameter with values that are too large for a picture."""
     greatest = float(np.abs(values).max())

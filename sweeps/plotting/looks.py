@@ -43,11 +43,28 @@ def look_of(key: LookKey, grey: bool = False) -> Look:
 
 
 class Cells(NamedTuple):
-    """The points of a picture with the same look."""
+    """The points of a picture with the same look, and their name, which may say their share."""
 
-    label: str
+    name: str
     look: Look
     where: np.ndarray
+    whole: np.ndarray | None = None  # of which the name has the share in place of a % format
+
+    @property
+    def share(self) -> float:
+        """The share of the whole [%]."""
+        assert self.whole is not None
+        return 100.0 * float(self.where.sum() / max(1, int(self.whole.sum())))
+
+    @property
+    def label(self) -> str:
+        """The text of the legend."""
+        return self.name if self.whole is None else self.name % self.share
+
+    def within(self, seen: Any) -> Self:
+        """Return the cells that are seen, given their mask or indices."""
+        whole = None if self.whole is None else self.whole[seen]
+        return self._replace(where=self.where[seen], whole=whole)
 
     @property
     def colour(self) -> str:
@@ -78,8 +95,8 @@ def period_cells(
 ) -> list[Cells]:
     """Return the points of each regime, those of each class of ``CLASSES`` apart.
 
-    Motions with rest are apart by their periods if the picture can be `hatched`. The labels say how
-    many points are chaotic or unknown, as a share of those with a result.
+    Motions with rest are apart by their periods if the picture can be `hatched`. Chaotic and
+    unknown ones have their share of the points with a result.
     """
     periodic = regimes == Regime.PERIODIC
     cells = []
@@ -89,15 +106,14 @@ def period_cells(
         cells.append(Cells(text, look_of((periods, impacts), grey), where))
         periodic = periodic & ~where
     cells.append(Cells(OTHERS, look_of(None, grey), periodic))
-    results = max(1, int((regimes > Regime.FAILED).sum()))
     for regime in REGIMES:
-        where, text = regimes == regime, regime.word
-        if regime in NO_CLASS:
-            text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
+        where, look = regimes == regime, look_of(regime, grey)
         if regime is Regime.REST:
             cells += _rest_cells(where, m, grey, hatched)
+        elif regime in NO_CLASS:
+            cells.append(Cells(f"{regime.word} (%.3g %%)", look, where, regimes > Regime.FAILED))
         else:
-            cells.append(Cells(text, look_of(regime, grey), where))
+            cells.append(Cells(regime.word, look, where))
     return cells
 
 
@@ -234,13 +250,12 @@ def basin_cells(
     cells = []
     for row, (name, place) in zip(rows, names_of([[row] for row in rows], of), strict=True):
         speeds = f"{row.shown_speeds}; " if len(row.speeds) else ""
-        text = f"{name}: {speeds}{100.0 * row.fraction:.1f} %{place}"
-        cells.append(Cells(text, looks.look(row), numbers == row.number))
+        text = f"{name}: {speeds}%.1f %%" + place.replace("%", "%%")
+        cells.append(Cells(text, looks.look(row), numbers == row.number, numbers >= 0))
     if others:
-        share = 100.0 * sum(row.fraction for row in others)
-        text = f"{shown_count(len(others), 'other periodic attractor')}: {share:.1f} %"
+        text = f"{shown_count(len(others), 'other periodic attractor')}: %.1f %%"
         where = np.isin(numbers, [row.number for row in others])
-        cells.append(Cells(text, looks.look(others[0]), where))
+        cells.append(Cells(text, looks.look(others[0]), where, numbers >= 0))
     return cells
 
 

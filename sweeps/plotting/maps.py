@@ -21,7 +21,13 @@ from sweeps.plotting import canvas
 from sweeps.plotting.colours import paint_of
 from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.exact_lines import draw_curves
-from sweeps.plotting.labels import label_axis, log_spaced, refuse_too_large, status_name
+from sweeps.plotting.labels import (
+    label_axis,
+    log_spaced,
+    refuse_too_large,
+    set_ends,
+    status_name,
+)
 from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells
 from sweeps.plotting.names import draw_boundaries, name_regions
@@ -87,13 +93,20 @@ def parameter_map(
     if paint.values.count():
         _draw_mesh(panel, cut, paint.values, paint.norm, paint.ramp)
         paint.add_bar([panel])
-    cells = draw_cells(panel, cut, paint.cells, hatched=page.grey and name != "period")
-    approaching = _mark_approaching(panel, cut) if name == "period" and page.marks else {}
+    status, hatched = cut["status"].values, page.grey and name != "period"
+    cells = [*paint.cells, *failed_cells(status, hatched)]
+    draw_cells(panel, cut, cells)
+    approaching = cut.on_its_way & (name == "period" and page.marks)
+    if approaching.any():
+        _draw_hatch(panel, cut, approaching, **_APPROACHING)
     page = page.on(panel)
     page.set_limits(panel)
-    covered = _shares(cells_in_view(panel, cut, cells), paint.cells)
-    parts = cells_in_view(panel, cut, approaching)
-    covered |= {entry: float(where.mean()) for entry, where in parts.items()}
+    view = view_of(panel, cut)
+    covered = entries_of(cut, cells, view)
+    if (seen := approaching[view]).any():
+        share = 100.0 * seen.sum() / has_result(status[view]).sum()
+        text = f"{ON_ITS_WAY} ({share:.3g} %)"
+        covered[Patch(facecolor="#888888", label=text, **_APPROACHING)] = float(seen.mean())
     if exact is not None:
         covered |= draw_curves(panel, exact, cut, CLASSES, page.marks)
     scale = (name, paint.ramp, paint.norm)
@@ -110,7 +123,7 @@ def parameter_map(
             text.remove()
         return {text.get_text() for text in texts}
 
-    _name_others(covered, numbers[_view(panel, cut)], names, set if page.height else named)
+    _name_others(covered, numbers[view], names, set if page.height else named)
     figure = canvas.finish(panel, page, cut, [*covered], paint.title, covered=covered, named=named)
     name_and_bound(panel, page, cut, numbers, names)
     return figure
@@ -123,18 +136,7 @@ def shown_quantity(sweep: OpenedSweep, quantity: Wanted | None) -> Wanted:
     return "period" if "period" in sweep else "impacts_per_period"
 
 
-def cells_in_view(
-    panel: Axes, cut: OpenedSweep, cells: Mapping[Artist, np.ndarray]
-) -> dict[Artist, np.ndarray]:
-    """Return the entries of a legend with cells within the limits of a map, and their masks there.
-
-    The masks have the shape of the part of the cells within the limits.
-    """
-    view = _view(panel, cut)
-    return {entry: where[view] for entry, where in cells.items() if where[view].any()}
-
-
-def _view(panel: Axes, cut: OpenedSweep) -> tuple[np.ndarray, ...]:
+def view_of(panel: Axes, cut: OpenedSweep) -> tuple[np.ndarray, ...]:
     """Return the indices of the cells that are within the limits of a map."""
     limits = map(sorted, (panel.get_xlim(), panel.get_ylim()))
     x, y = (
@@ -144,19 +146,21 @@ def _view(panel: Axes, cut: OpenedSweep) -> tuple[np.ndarray, ...]:
     return np.ix_(y, x)
 
 
-def _shares(entries: Mapping[Artist, np.ndarray], cells: Sequence[Cells]) -> dict[Artist, float]:
-    """Return the share of a map that each entry explains, given the masks of all.
+def entries_of(cut: OpenedSweep, cells: Iterable[Cells], view: Any = ...) -> dict[Artist, float]:
+    """Return the entries of a legend for the cells in view, and the share of it that each explains.
 
-    That of the commonest rest explains the colour of all; failed points, which are not among the
-    cells of results, are no less than common.
+    That of the commonest rest explains the colour of all; failed points are no less than common.
     """
-    results = {cell.label for cell in cells}
-    shares = {
-        entry: float(where.mean()) if entry.get_label() in results else COMMON
-        for entry, where in entries.items()
-    }
+    status, shares = cut["status"].values[view], dict[Artist, float]()
+    for cell in (cell.within(view) for cell in cells):
+        if cell.where.any():
+            is_result = has_result(status[cell.where]).any()
+            shares[cell.handle()] = float(cell.where.mean()) if is_result else COMMON
     rests = {e: share for e, share in shares.items() if str(e.get_label()).startswith(RESTING)}
     shares |= {max(rests, key=rests.__getitem__): sum(rests.values())} if rests else {}
+    if pending := np.count_nonzero(status == Status.PENDING):
+        text = f"{status_name(Status.PENDING)} ({pending:,} of {status.size:,})"
+        shares[Patch(label=text, facecolor=ground(), **_LOOK_OF_PENDING)] = COMMON
     return shares
 
 
@@ -187,19 +191,15 @@ def name_and_bound(
     name_regions(panel, edges, classes, names)
 
 
-def draw_cells(
-    panel: Axes, cut: OpenedSweep, cells: Iterable[Cells], hatched: bool = False
-) -> dict[Artist, np.ndarray]:
-    """Draw the cells and those of failed points, and label the axes.
+def draw_cells(panel: Axes, cut: OpenedSweep, cells: Iterable[Cells]) -> None:
+    """Draw the cells and hatch those of pending points, and label the axes.
 
-    Return the patches for the legend, each with the mask of its cells. The dimensions of ``status``
-    in the cut must be the ordinate and the abscissa, both increasing.
-    Failed points can be `hatched`.
+    The dimensions of ``status`` in the cut must be the ordinate and the abscissa, both increasing.
     """
     for axis, name in zip((panel.yaxis, panel.xaxis), cut.grid, strict=True):
         label_axis(axis, cut[name])
     status = cut["status"].values
-    cells = [cell for cell in (*cells, *failed_cells(status, hatched)) if cell.where.any()]
+    cells = [cell for cell in cells if cell.where.any()]
     index = np.full(status.shape, -1)
     for number, cell in enumerate(cells):
         index[cell.where] = number
@@ -211,24 +211,8 @@ def draw_cells(
         if cell.look.hatch:
             edge = hatch_on(cell.colour)
             _draw_hatch(panel, cut, cell.where, hatch=cell.look.hatch, edgecolor=edge)
-    entries: dict[Artist, np.ndarray] = {cell.handle(): cell.where for cell in cells}
-    if pending := np.count_nonzero(status == Status.PENDING):
-        look = {"facecolor": ground(), **_LOOK_OF_PENDING}
-        panel.patch.set(**look)
-        text = f"{status_name(Status.PENDING)} ({pending:,} of {status.size:,})"
-        entries[Patch(label=text, **look)] = status == Status.PENDING
-    return entries
-
-
-def _mark_approaching(panel: Axes, cut: OpenedSweep) -> dict[Artist, np.ndarray]:
-    """Draw white lines over motions that are not on their orbit yet; return their handle, mask."""
-    where = cut.on_its_way
-    if not where.any():
-        return {}
-    _draw_hatch(panel, cut, where, **_APPROACHING)
-    share = 100.0 * where.sum() / has_result(cut["status"].values).sum()
-    text = f"{ON_ITS_WAY} ({share:.3g} %)"
-    return {Patch(facecolor="#888888", label=text, **_APPROACHING): where}
+    if (status == Status.PENDING).any():
+        panel.patch.set(facecolor=ground(), **_LOOK_OF_PENDING)
 
 
 def _draw_hatch(panel: Axes, cut: OpenedSweep, where: np.ndarray, **look: Any) -> None:
@@ -269,4 +253,5 @@ def _draw_mesh(
     """Draw one cell per point of a cut, except where `values` are masked."""
     edges = _edges_of(cut)
     panel.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=True)
-    panel.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
+    for axis, ends in zip((panel.xaxis, panel.yaxis), edges, strict=True):
+        set_ends(axis, ends[0], ends[-1])

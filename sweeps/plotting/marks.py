@@ -10,12 +10,13 @@ import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from sweeps.plotting.canvas import figure_of, in_panel, in_view
-from sweeps.plotting.labels import equation, refuse_too_large, status_name
+from sweeps.plotting.labels import equation, refuse_too_large, set_ends, status_name
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, ground, ink, visible
 
@@ -90,10 +91,10 @@ def draw_stop(
     draw_line(clearance, color=ink(), linewidth=0.8, linestyle="--", label=text)
 
 
-def widen_if_constant(set_limits: Callable[..., object], low: float, high: float) -> None:
-    """Widen the limits of a panel if the data are constant, so that it does not show rounding."""
+def widen_if_constant(axis: Axis, low: float, high: float) -> None:
+    """Widen an axis if the data are constant, so that it does not show rounding."""
     if (ends := widened(low, high)) != (low, high):
-        set_limits(*ends)
+        set_ends(axis, *ends)
 
 
 def mark_status(

@@ -27,7 +27,14 @@ from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting.canvas import Picture, finish, in_view, new_panel, width_of
 from sweeps.plotting.colours import Paint, coloured_points, legend_entries
 from sweeps.plotting.contents import Wanted
-from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit, record_text
+from sweeps.plotting.labels import (
+    as_variable,
+    equation,
+    label_axis,
+    named_unit,
+    record_text,
+    set_ends,
+)
 from sweeps.plotting.looks import Cells
 from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
@@ -116,8 +123,8 @@ def section(
         if not clearance.dims:
             draw_stop(panel.axvline, float(clearance), as_variable("clearance", sweep))
             ends.append(float(clearance))
-        widen_if_constant(panel.set_xlim, min(ends), max(ends))
-        widen_if_constant(panel.set_ylim, v.min(), v.max())
+        widen_if_constant(panel.xaxis, min(ends), max(ends))
+        widen_if_constant(panel.yaxis, v.min(), v.max())
 
     return _draw_records(sweep, ("poincare_x", "poincare_v"), at, color, page, ax, set_view)
 
@@ -151,8 +158,8 @@ def impacts(
         """Show a whole period, and speeds from 0."""
         quarters = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
         panel.set_xticks(0.5 * np.pi * np.arange(5), quarters)
-        panel.set_xlim(0.0, 2.0 * np.pi)
-        panel.set_ylim(bottom=0.0)
+        set_ends(panel.xaxis, 0.0, 2.0 * np.pi)
+        set_ends(panel.yaxis, 0.0, panel.get_ybound()[1])
 
     return _draw_records(sweep, ("impact_phase", "impact_v"), at, color, page, ax, set_view)
 

@@ -25,7 +25,7 @@ from sweeps.config.rig import Nomenclature
 from sweeps.errors import Refused
 from sweeps.opened.doors import in_si, orbits_on_axes, takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting.labels import LARGEST, in_own_unit
+from sweeps.plotting.labels import LARGEST, in_own_unit, set_ends
 from sweeps.plotting.pixels import widened
 from sweeps.plotting.style import grey_style, user_style
 from sweeps.text import told_apart
@@ -106,16 +106,14 @@ class Page:
 
     def set_limits(self, panel: Axes) -> None:
         """Set the given limits; raise Refused if they contain no data."""
-        for name, limits, ends in (
-            ("xlim", self.xlim, panel.dataLim.intervalx),
-            ("ylim", self.ylim, panel.dataLim.intervaly),
-        ):
+        for axis, limits in ((panel.xaxis, self.xlim), (panel.yaxis, self.ylim)):
             if limits is None:
                 continue
+            ends = axis.get_data_interval()
             if limits[1] < ends[0] or ends[1] < limits[0]:
-                text = "there is nothing to draw with {} = {}:{}; the data range from {} to {}"
-                raise Refused(text.format(name, *told_apart(*limits, *ends)))
-            (panel.set_xlim if name == "xlim" else panel.set_ylim)(limits)
+                text = "there is nothing to draw with {}lim = {}:{}; the data range from {} to {}"
+                raise Refused(text.format(axis.axis_name, *told_apart(*limits, *ends)))
+            set_ends(axis, *limits)
 
     def fit_ordinate(self, panel: Axes, *ranges: tuple[float, float]) -> None:
         """Fit the ordinate to the lines, and to further ranges, within the given abscissa."""
@@ -130,8 +128,8 @@ class Page:
         values = values[np.isfinite(values)]
         if values.size:
             bottom, top = widened(float(values.min()), float(values.max()))
-            margin = mpl.rcParams["axes.ymargin"] * (top - bottom)
-            panel.set_ylim(bottom - margin, top + margin)
+            margin = mpl.rcParams["axes.ymargin"] * (top - bottom) if bottom < top else 0.05
+            set_ends(panel.yaxis, bottom - margin, top + margin)
 
 
 #: Least and greatest width and height of a picture [inch].

@@ -29,13 +29,14 @@ from sweeps.store.replacing import check_target, writing
 from sweeps.text import listed, near_miss, printable, shortened, suggestion
 from vibroimpact import __version__
 
+_TIFF = ("tiff", "tif")
 #: Metadata fields of each format for the title, the program and a text.
 _FIELDS = {
     "png": ("Title", "Software", "Description"),
     "svg": ("Title", "Creator", "Description"),
     "pdf": ("Title", "Creator", "Subject"),
     "eps": ("", "Creator", ""),  # the others are comments of the file
-    **dict.fromkeys(("tiff", "tif"), ("269", "305", "270")),  # numbers of TIFF's tags
+    **dict.fromkeys(_TIFF, ("269", "305", "270")),  # numbers of TIFF's tags
 }
 #: Metadata that leave out the dates, so that the same picture always gives the same bytes.
 _NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}, "eps": {}}
@@ -109,10 +110,11 @@ def _check_settings(file: str) -> None:
             ) from None
 
 
-def _check_size(figure: Figure) -> None:
-    """Refuse a figure of too many pixels, also for SVG, PDF and EPS."""
+def _check_size(figure: Figure, kind: str = "png") -> None:
+    """Refuse a figure of too many pixels, which one of vectors has where parts are pixels."""
     width, height = figure.get_size_inches() * dots_per_inch()
-    if max(width, height) >= _MOST_PIXELS:
+    pixels = kind in ("png", *_TIFF) or any(part.get_rasterized() for part in figure.findobj())
+    if pixels and max(width, height) >= _MOST_PIXELS:
         raise Refused(
             f"a picture of {width:.0f} x {height:.0f} pixels is too large; expected: less than "
             f"{_MOST_PIXELS} each way, by a lower dpi or a smaller width"
@@ -124,13 +126,13 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
 
     Raises Refused if the figure is too large, and the errors of `writing`.
     """
-    _check_size(figure)
     kind = output.suffix.lower().lstrip(".")
+    _check_size(figure, kind)
     about = dict(zip(_FIELDS[kind], description, strict=False))
     image = BytesIO()  # on a full disk, matplotlib would raise errors that do not say so
     if kind == "eps":
         _make_opaque(figure)
-    pixels = kind in ("tiff", "tif")
+    pixels = kind in _TIFF
     # About transparency, for which `_make_opaque` has cared.
     silent = without_log("matplotlib.backends.backend_ps", "transparency")
     with warnings.catch_warnings(), silent:

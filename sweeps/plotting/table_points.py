@@ -26,7 +26,14 @@ from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
 from sweeps.plotting.colours import has_scale, legend_entries, paint_of
 from sweeps.plotting.contents import Wanted, number_at, refuse_without_result, with_number
-from sweeps.plotting.labels import LARGEST, as_variable, label_axis, prefix_of, units_of
+from sweeps.plotting.labels import (
+    LARGEST,
+    as_variable,
+    label_axis,
+    prefix_of,
+    set_ends,
+    units_of,
+)
 from sweeps.plotting.marks import mark_status, marker_size
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import ground, ink
@@ -219,16 +226,14 @@ def _make_room(panel: Axes, x: np.ndarray, y: np.ndarray, page: Page) -> None:
         if limits is not None or not values.size:
             continue
         scaled = axis.get_transform()
-        low, high = scaled.transform(np.array(axis.get_view_interval()))
+        low, high = np.sort(scaled.transform(np.array(axis.get_view_interval())))
         places = scaled.transform(values)
         margin = _MARGIN * (max(high, places.max()) - min(low, places.min()))
         ends = [
             places.min() - margin if places.min() < low else low,
             places.max() + margin if places.max() > high else high,
         ]
-        (panel.set_xlim if axis is panel.xaxis else panel.set_ylim)(
-            *scaled.inverted().transform(ends).tolist()
-        )
+        set_ends(axis, *scaled.inverted().transform(ends).tolist())
 
 
 #: Least width of a panel, for its labels [inch].
@@ -307,7 +312,7 @@ def table_panels(
         panel.locator_params(axis="x", nbins=5 - across)
     page = (page if ax is not None else replace(page, ylabel=None)).on(grid[0])
     if page.xlim is not None:
-        grid[0].set_xlim(page.xlim)  # the legend counts the failed points within them
+        set_ends(grid[0].xaxis, *page.xlim)  # the legend counts the failed points within them
     for panel, _, x in places:
         mark_status(panel, x.values, sweep["status"].values)
     page.set_limits(grid[0])  # after the marks, which widen the ordinate

@@ -286,7 +286,7 @@ def test_one_phase_of_several_is_chosen_as_the_refusal_says(tmp_path):
 
 
 def test_other_requests_are_refused(dataset):
-    with pytest.raises(Refused, match="a sweep cut at one parameter point"):
+    with pytest.raises(Refused, match="others fixed; there are omega, x0, v0"):
         knocks(dataset)
 
 

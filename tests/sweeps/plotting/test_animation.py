@@ -198,3 +198,9 @@ def test_a_command_writes_the_motion_and_says_which(path, folder):
         assert image.n_frames == 5
     with pytest.raises(Refused, match="fps = 51 is not allowed; expected: an integer from 1 to 50"):
         animate(path, fps=51)
+
+
+def test_a_notebook_gets_all_frames_whatever_the_limit_of_matplotlib(dataset):
+    with animation.mpl.rc_context({"animation.embed_limit": 0.1}):
+        player = animate(dataset, at={"omega": PERIODIC}, periods=1, fps=5, page=Page(dpi=60))
+        assert player.to_jshtml().count("data:image/png") == 11

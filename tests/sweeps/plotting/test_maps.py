@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from sweeps import open_sweep
 from sweeps.errors import Refused
-from sweeps.plotting import Page, bifurcation, plot
+from sweeps.plotting import Page, bifurcation, plot, section
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.pixels import cell_edges
 from tests.helpers.equal_points import OMEGA, PLAIN, R, colours, equal_points, legend, texts
@@ -270,3 +271,28 @@ def test_a_partial_sweep_is_drawn(tmp_path, stop_after):
         figure = parameter_map(dataset)
     assert [colour is None for colour in colours(figure)[1]] == [True] * 3
     assert "not computed yet (3 of 6)" in legend(figure)
+
+
+@pytest.mark.parametrize("side", ["x", "y"])
+@pytest.mark.parametrize(
+    ("draw", "options"),
+    [
+        (bifurcation, {"overlay": {"omega": [2.0, 5.0], "poincare_x": [0.5, 2.0]}}),
+        (bifurcation, {"page": Page(xlim=(1.8, 3.2))}),
+        (bifurcation, {"page": Page(ylim=(-1.0, 1.0))}),
+        (parameter_map, {}),
+        (parameter_map, {"page": Page(xlim=(1.8, 3.2), ylim=(0.4, 0.8))}),
+        (section, {}),
+    ],
+)
+def test_an_inverted_axis_stays_inverted(draw, options, side):
+    limits, points = [], equal_points()
+    points["poincare_v"] = points["poincare_x"]
+    for panel in Figure().subplots(1, 2):
+        if limits:
+            getattr(panel, f"invert_{side}axis")()
+        draw(points, ax=panel, **options)
+        limits.append({one: getattr(panel, f"get_{one}lim")() for one in "xy"})
+    plain, inverted = limits
+    inverted[side] = inverted[side][::-1]
+    assert inverted == plain and plain[side][0] < plain[side][1]

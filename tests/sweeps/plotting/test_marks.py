@@ -198,7 +198,16 @@ def test_basins_are_named_where_they_are_seen(computed_starts):
     made = computed_starts()
     one = Page(xlim=(-2.45, -2.35), ylim=(-2.05, -1.95))  # within a cell
     (name,), whole = texts(basins(made, page=one)), texts(basins(made))
-    assert len(whole) == 3 and name in whole
+    assert len(whole) == 3 and name.endswith("100.0 %")
+    assert name.rpartition(" ")[0].rpartition(" ")[0] in {text.rsplit(" ", 2)[0] for text in whole}
+
+
+def test_basins_have_their_shares_of_the_starts_that_are_seen(computed_starts):
+    """As those of a file with these starts only."""
+    made = computed_starts()
+    few = made.isel(x0=slice(0, len(made["x0"]) // 2))
+    page = Page(xlim=tuple(few["x0"].values[[0, -1]].tolist()))
+    assert texts(basins(made, page=page)) == texts(basins(few)) != texts(basins(made))
 
 
 def test_marks_beside_each_other_have_no_gaps(with_layout):

@@ -3,12 +3,14 @@
 import logging
 import re
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from sweeps.errors import Refused
 from sweeps.plotting import Page, plot
 from sweeps.plotting.saving import save
 from tests.helpers.equal_points import equal_points
@@ -134,3 +136,13 @@ def test_the_fonts_are_of_a_type_that_journals_take_and_the_file_says_where_it_c
     assert set(re.findall(r"/FontType (\d+)", text)) == {"42"}
     for part in ("% oscillator: {h: 0.1", "Creator: vibroimpact 0", "% computed with", command):
         assert part in text
+
+
+@pytest.mark.parametrize("ending", ["eps", "pdf", "svg"])
+def test_only_pixels_limit_the_size_of_a_file_of_vectors(tmp_path, ending):
+    file = tmp_path / f"a.{ending}"
+    with mpl.rc_context({"savefig.dpi": 9000}):
+        save(panel_with(black), file)
+        with pytest.raises(Refused, match="18000 x 18000 pixels is too large"):
+            save(panel_with(red_pixels), tmp_path / f"b.{ending}")
+    assert 0 < file.stat().st_size < 1e5

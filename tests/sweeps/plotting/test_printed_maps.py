@@ -1,6 +1,7 @@
 """Maps for print: names in the regions, greys and hatches, and the legend."""
 
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
-from sweeps.plotting import Page, parameter_map, section
+from sweeps.plotting import Page, bifurcation, parameter_map, section
 from sweeps.plotting.style import CLASSES, LOOKS
 from tests.helpers.commands import accepted, refused
 from tests.helpers.equal_points import equal_points, legend
@@ -264,3 +265,19 @@ def test_the_command_draws_in_grey(tmp_path):
     assert len({file.read_bytes() for file in tmp_path.glob("*.png")}) == 3
     told = refused("plot", "out.h5", "--kind", "section", "--no-marks")
     assert "only maps and diagrams can leave out marks" in told
+
+
+@pytest.mark.parametrize("part", [slice(0, 12), slice(85, 98)])
+@pytest.mark.parametrize("draw", [parameter_map, partial(bifurcation, color="period")])
+def test_the_legend_of_a_part_has_the_shares_of_the_part(draw, part):
+    """As that of a file with this part only."""
+    dataset = many_entries()
+    if draw is not parameter_map:
+        dataset = dataset.isel(R=[0])
+    cut = dataset.isel(omega=part)
+    page = Page(xlim=tuple(cut["omega"].values[[0, -1]].tolist()))
+    seen, alone, whole = (
+        {text.get_text() for text in draw(data, page=limits).legends[0].get_texts()}
+        for data, limits in ((dataset, page), (cut, page), (dataset, Page()))
+    )
+    assert seen == alone != whole
