@@ -259,7 +259,8 @@ def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str]) ->
     if error["type"] == "extra_forbidden":
         name = str(key[-1])
         # If two keys share a name, the last one is suggested: so the names of units come first.
-        others = sorted(dotted_keys(2), key=lambda other: not other.startswith("units"))
+        keys = sorted(dotted_keys(2), key=lambda other: not other.startswith("units"))
+        others = [other for other in keys if not other.startswith("points.")]
         hint = suggestion(_meant(name, group.model_fields, others))
         if name.isdecimal():  # {h: 0,1} is read as {h: 0, 1: }
             hint = " (a number has a decimal point, no comma)"
