@@ -12,7 +12,7 @@ regime of the motion from each start (`sweeps.opened.motions`) decides its attra
   show whether two chaotic motions are on different attractors, so the number of attractors is a
   lower bound.
 - Motions whose record does not show where they go, and chaotic motions, which may be transient,
-  are continued (`sweeps.attractor.settle`). Motions that still go to no known attractor are
+  are continued (`sweeps.attractor.tracking`). Motions that still go to no known attractor are
   unknown, and are not counted as attractors.
 - Failed points and points that are not computed yet have no attractor.
 """
@@ -28,8 +28,13 @@ from typing import Any, Self
 import numpy as np
 import xarray as xr
 
-from sweeps.attractor.settle import EXTENSIONS, settle
-from sweeps.attractor.tracking import lead_to_each_other, mutually_nearest, track
+from sweeps.attractor.tracking import (
+    EXTENSIONS,
+    lead_to_each_other,
+    mutually_nearest,
+    settle,
+    track,
+)
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.grid import TABLE

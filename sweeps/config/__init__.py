@@ -1,11 +1,4 @@
-"""YAML to a checked `SweepConfig`, with the line of every key.
-
-``values.py`` defines the forms of a value, ``points.py`` the table of points, ``groups.py`` the
-groups of keys, each key checked on its own, ``rig.py`` the group of a rig, and ``sweep.py`` the
-whole configuration, with the `Sweep` that it computes and the schema for editors. ``loading.py``
-reads the YAML, writes the errors and knows synonyms of the keys; ``checks.py`` checks keys
-together, and completes the defaults that depend on several of them.
-"""
+"""YAML to a checked `SweepConfig`, with the line of every key."""
 
 from __future__ import annotations
 
