@@ -208,7 +208,7 @@ def is_coarse(sections, pt):
 @jit
 def is_replayed(flow, y, w, m, size):
     """Whether a motion repeats after m periods also if it is not rounded at the sections."""
-    end_y, end_w, _ = replay(flow, y, w, m, False)
+    end_y, end_w, _, _ = replay(flow, y, w, m, False)
     tolerance = TOLERANCE + _ROUNDINGS * abs(flow.pt.clearance) / size[0]
     return max(abs(end_y - y) / size[0], abs(end_w - w) / size[1]) <= tolerance
 
@@ -224,7 +224,9 @@ def judge_exact_repetition(flow, scheme, memory, sections, sums, m, off, size, f
     """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back."""
     pt, kind = flow.pt, kind_of(sums)
     y, w = section_state(pt, sections, sections.shape[0] - 1)
-    J, smooth = derivative_over(flow, sections, m)
+    J, smooth = (0.0, 0.0, 0.0, 0.0), False  # as after a rest
+    if not sums.cycle_rests:
+        J, smooth = derivative_over(flow, sections, m)
     if smooth and not greatest_multiplier(J)[0] <= _CLEARLY_UNSTABLE:
         found.evidence = _UNSTABLE
         return
@@ -283,7 +285,8 @@ def find_exact(pt, sections, sums, scheme, memory, found):
         return
     y, w = section_state(pt, sections, last)
     if cycle > sums.cycle:
-        sums.cycle, sums.cycle_impacts = cycle, replay(flow, y, w, cycle, True)[2]
+        sums.cycle = cycle
+        _, _, sums.cycle_impacts, sums.cycle_rests = replay(flow, y, w, cycle, True)
     m, off = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt), 0.0
     if m == 0:
         m, off = repetition(sections, size)

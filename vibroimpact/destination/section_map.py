@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import inlined, jit, specialised, widest_vectors
-from vibroimpact.step.contact import IMPACT, KIND, Scratch, is_held, pressing
+from vibroimpact.step.contact import IMPACT, KIND, REST, Scratch, is_held, pressing
 from vibroimpact.step.propagator import (
     Coefficients,
     Forcing,
@@ -117,11 +117,12 @@ def derivative_over(flow, sections, periods):
 
 @jit
 def replay(flow, y, w, periods, rounding):
-    """Follow a motion, which may rest, for some forcing periods; return y, w and its impacts.
+    """Follow a motion, which may rest, for some forcing periods; return its end.
 
-    With `rounding` the state is rounded to (x, v) at the sections, as in a run.
+    These are y, w, the number of impacts, and whether it comes to rest. With `rounding` the state
+    is rounded to (x, v) at the sections, as in a run.
     """
-    pt, grid, events, impacts = flow.pt, flow.grid, flow.scratch.events, 0
+    pt, grid, events, impacts, rests = flow.pt, flow.grid, flow.scratch.events, 0, False
     resting = y == 0.0 and w == 0.0 and (pressing(grid.table[SIN, 0], pt) > 0.0 or is_held(pt))
     for _ in range(periods):
         for n in range(grid.size):
@@ -130,7 +131,8 @@ def replay(flow, y, w, periods, rounding):
             )
             for j in range(n_events):
                 impacts += events[j, KIND] == IMPACT
+                rests |= events[j, KIND] == REST
         if rounding:
             x, v = from_dimensionless(y, w, pt.clearance, pt.omega)
             y, w = to_dimensionless(x, v, pt.clearance, pt.omega)
-    return y, w, impacts
+    return y, w, impacts, rests
