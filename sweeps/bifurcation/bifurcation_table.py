@@ -6,7 +6,7 @@ Along a single line of a sweep, crises and the other bifurcations of the exact b
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -31,6 +31,8 @@ from vibroimpact.points.stages import RunSpec
 if TYPE_CHECKING:
     import pandas as pd
 
+#: A function that finds orbits.
+Find: TypeAlias = Callable[..., xr.Dataset]
 #: The columns of the table after those of the other axes.
 TABLE_COLUMNS = (
     "kind", "value", "low", "high", "before", "after", "between", "orbit", "source",
@@ -127,14 +129,14 @@ def find_bifurcations(
     axis: str | None = None,
     at: Selection | None = None,
     report: Callable[[float], object] = lambda share: None,
-    find: Callable[..., xr.Dataset] = branches,
+    keep: Callable[[Find], Find] = lambda find: find,
     **chosen: Any,
 ) -> pd.DataFrame:
     """Return the table of `bifurcations` with a `Label` for each class, and three columns more.
 
     ``down`` says whether the line was followed downwards, and ``narrow`` whether the branch of a
     bifurcation is stable over less than 1 % of the axis. ``place`` is the value by which rows are
-    in order. `find` is `branches`, or a function with its arguments. Further attributes are
+    in order. `keep` makes of a function one that keeps what it finds. Further attributes are
     ``others``, the names of the other axes, and ``heads``, their heads and that of the axis.
     """
     import pandas as pd
@@ -144,10 +146,16 @@ def find_bifurcations(
     sweep.check_diagnostic("period")
     others = [name for name in data.grid if name != along]
     is_line = {*others} <= {DIRECTION} and data.sizes[along] > 1 and along not in START_AXES
-    rows, unclassified = _of_changes(data, along, others, is_line, report)
+    changes = keep(explained_changes)(data, along, is_line, report)
+    columns = {str(name): column.values.tolist() for name, column in changes.items()}
+    rows = list[dict[str, Any]]()
+    for values in zip(*columns.values(), strict=True):
+        row = dict(zip(columns, values, strict=True))
+        sides = {side: Label(Regime(row[side][0]), *row[side][1:]) for side in ("before", "after")}
+        rows.append(row | sides)
     summary = ""
     if is_line:
-        exact = find(sweep, along, at, report, **chosen)
+        exact = keep(branches)(sweep, along, at, report, **chosen)
         summary, way = exact.attrs["summary"], dict.fromkeys(others, "both")
         rows += [way | row for row in _of_branches(exact, data[along].values, rows)]
         lines = list(dict.fromkeys(tuple(row[name] for name in others) for row in rows))
@@ -158,24 +166,21 @@ def find_bifurcations(
     table = table.astype({**dict.fromkeys(numbers, float), "between": int})
     table["source"] = np.where(table["value"].notna(), "exact", "bracket")
     table.attrs |= {
-        "axis": along, "others": others, "unclassified": unclassified, "branches": summary,
+        "axis": along, "others": others, "branches": summary, **changes.attrs,
         "heads": [headed(name, sweep[name]) for name in (*others, along)],
     }  # fmt: skip
     return table
 
 
-def _of_changes(
-    data: OpenedSweep,
-    along: str,
-    others: Sequence[str],
-    is_line: bool,
-    report: Callable[[float], object],
-) -> tuple[list[dict[str, Any]], int]:
-    """Return rows for the changes of class on every line, and the number of unclassified points.
+def explained_changes(
+    data: OpenedSweep, along: str, is_line: bool, report: Callable[[float], object]
+) -> xr.Dataset:
+    """Return the rows for the changes of class on every line, each class as a triple of integers.
 
     Changes are explained with values of the model, and then converted to the units of the axis.
-    Crises are sought on a single line only.
+    Crises are sought on a single line only. The attribute is the number of unclassified points.
     """
+    others = [name for name in data.grid if name != along]
     spec, seen, parameter = data.spec, data.nomenclature, data.parameter(along)
     data = data.transpose(*others, along)
     motions, coordinates = data.motions, data.data.coords.to_dataset()
@@ -196,21 +201,22 @@ def _of_changes(
                     if chaos and (saddle := crisis(chaos, report)):
                         reason = Explanation("crisis", orbit=saddle)
                 row = here | vars(part) | {"kind": reason.kind, "value": reason.value}
-                row |= {"orbit": reason.orbit, "impact_v": "", "criticality": ""}
+                row |= {"orbit": reason.orbit, "criticality": ""}
+                row |= _row_of(np.full(2, np.nan), np.empty(0), np.full(2, np.nan + 0j))
                 if (orbit := reason.at) is not None:
                     row |= _row_of(orbit.sections(spec.phase)[0], orbit.speeds, orbit.multipliers)
                     row["criticality"] = orbit.criticality
                 rows.append(row)
-    table = np.array([[row[name] for name in ("low", "value", "high")] for row in rows])
-    low, value, high = table.reshape(-1, 3).T
-    # The middle in the model: that in another unit is another value, with another place in order.
-    place = np.where(np.isnan(value), 0.5 * (low + high), value)
-    low, value, high, place = seen.value(parameter, np.stack([low, value, high, place]))
-    # The rounding of a conversion may move a value beyond its neighbours.
-    converted = {"low": low, "value": value.clip(low, high), "high": high, "place": place}
-    for i, row in enumerate(rows):
-        row |= {name: float(values[i]) for name, values in converted.items()}
-    return rows, unclassified
+    table = {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
+    if rows:
+        low, value, high = (table[name] for name in ("low", "value", "high"))
+        # The middle in the model: that in another unit is another value, with another place.
+        place = np.where(np.isnan(value), 0.5 * (low + high), value)
+        low, value, high, place = seen.value(parameter, np.stack([low, value, high, place]))
+        # The rounding of a conversion may move a value beyond its neighbours.
+        table |= {"low": low, "value": value.clip(low, high), "high": high, "place": place}
+    columns = {name: (("row", "label")[: part.ndim], part) for name, part in table.items()}
+    return xr.Dataset(columns, attrs={"unclassified": unclassified})
 
 
 def _ending(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -172,14 +173,13 @@ def _show_bifurcations(
     """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
     from sweeps.bifurcation.bifurcation_report import bifurcation_report
     from sweeps.bifurcation.bifurcation_table import find_bifurcations, public_table
-    from sweeps.bifurcation.exact_branches import branches
     from sweeps.opened.kept import with_cache
     from sweeps.opened.tables import json_text, write_csv
 
     notes = list[str]()
     with progress_shown("following exact orbits") as report:
-        find = with_cache(branches, notes.append)
-        changes = find_bifurcations(sweep, axis, cuts, report, find, **chosen)
+        keep = partial(with_cache, say=notes.append)
+        changes = find_bifurcations(sweep, axis, cuts, report, keep, **chosen)
     say_moved(sweep, cuts, "listed")
     listed = public_table(changes)
     if json:
@@ -188,7 +188,7 @@ def _show_bifurcations(
         say(json_text(listed.attrs | {"bifurcations": rows}))
     else:
         say(bifurcation_report(sweep, file, changes))
-    for note in notes:
+    for note in dict.fromkeys(notes):
         say(note, error=json)
     if csv is not None:
         write_csv(csv, [listed])

@@ -32,7 +32,7 @@ def with_cache(
     say: Callable[[str], object] = lambda text: None,
     what: str = "exact orbits",
 ) -> Callable[..., xr.Dataset]:
-    """Return `branches`, `curves` or `knocks` as a function that keeps and reuses what it finds.
+    """Return `branches` or another function of a sweep as one that keeps and reuses what it finds.
 
     What was found is used again if all that the sweep says of its motions, the code of the physics
     and of ``_ROOMS``, and the request are the same. `say` is told that, or why what was found is

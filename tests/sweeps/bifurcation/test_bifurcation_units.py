@@ -134,6 +134,11 @@ def test_a_rig_has_the_bifurcations_of_its_model(tmp_path, axis, seed):
     assert set(found["low"]) | set(found["high"]) <= set(rig[RIG[axis][0]])
 
 
+def in_place_of_branches(other):
+    """Return a `keep` of `find_bifurcations` that takes another function in place of `branches`."""
+    return lambda find: other if find is sweeps.branches else find
+
+
 def test_the_order_of_a_rig_is_that_of_its_model(tmp_path):
     """A change without a value is at the middle of its interval in p, not of that in N/m."""
     given = one_axis("p", 9) | {"p": [0.4, 1.2, 1.6]}
@@ -150,7 +155,9 @@ def test_the_order_of_a_rig_is_that_of_its_model(tmp_path):
             special = np.isin(found["kind"], ["flip", "fold", "graze"])
             return found.assign_coords({axis: found[axis].where(~special, place)})
 
-        return find_bifurcations(sweep, axis, find=moved, most=2)["kind"].tolist()
+        return find_bifurcations(sweep, axis, keep=in_place_of_branches(moved), most=2)[
+            "kind"
+        ].tolist()
 
     with sweeps.open_sweep(path) as dataset:
         for p, expected in ((0.79, ["fold", "basin"]), (0.85, ["basin", "fold"])):
@@ -171,7 +178,7 @@ def test_a_bifurcation_at_an_end_of_the_axis_lies_on_it(tmp_path, end):
         return found.assign_coords(omega=found["omega"].where(~special, beyond))
 
     with sweeps.open_sweep(sweeps.run_sweep(scene, tmp_path / "flip.h5")) as dataset:
-        found = find_bifurcations(OpenedSweep(dataset), find=moved, most=2)
+        found = find_bifurcations(OpenedSweep(dataset), keep=in_place_of_branches(moved), most=2)
     (row,) = found[found["value"] == omega[end]].itertuples()
     assert (row.kind, row.low, row.high) == (
         "flip",

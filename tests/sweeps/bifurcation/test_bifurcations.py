@@ -7,6 +7,7 @@ import csv
 import re
 import shlex
 from dataclasses import fields
+from functools import partial
 
 import mpmath as mp
 import numpy as np
@@ -39,12 +40,12 @@ def sweep(tmp_path):
 
 
 #: What is found is kept in a cache, so that a command finds it there.
-FIND = with_cache(branches, print)
+KEEP = partial(with_cache, say=print)
 
 
 def bifurcations(path):
     with open_sweep(path) as dataset:
-        return list(find_bifurcations(OpenedSweep(dataset), find=FIND).itertuples())
+        return list(find_bifurcations(OpenedSweep(dataset), keep=KEEP).itertuples())
 
 
 @pytest.mark.parametrize(
@@ -333,7 +334,7 @@ def test_all_twelve_digits_are_those_of_the_section_map(tmp_path, scene):
     listed = accepted("info", path, "--bifurcations").split("\n\n")[0].splitlines()[1:]
     printed = {(words[1], words[2], words[0]) for words in map(str.split, listed)}
     with open_sweep(path) as dataset:
-        found = FIND(dataset, axis)
+        found = KEEP(branches)(dataset, axis)
         fixed = {field.name: dataset[field.name].values.flat[0] for field in fields(Oscillator)}
     compared = set()
     for i, kind in enumerate(found["kind"].values):

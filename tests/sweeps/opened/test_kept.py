@@ -1,15 +1,20 @@
 """Exact orbits and least knocks are kept in the cache of the user, and used if all is the same."""
 
 import os
+from functools import partial
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
 from sweeps import attractors, branches, curves, knocks, open_sweep
 from sweeps.attractor.integrity import _Motions
+from sweeps.bifurcation import bifurcation_table
+from sweeps.bifurcation.bifurcation_table import find_bifurcations
 from sweeps.opened import kept as module
 from sweeps.opened.kept import with_cache
+from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted
 from tests.helpers.sweep_files import run_in
 from vibroimpact.jit.cache import write
@@ -280,3 +285,14 @@ def test_knocks_are_not_taken_for_those_of_others(tmp_path, sought):
         assert np.isnan(alone["knock_harmful"][0]) and alone["knock_harmful"][1] < np.inf
         other = found.assign(number=1 - found["number"])
         xr.testing.assert_identical(find(starts, other), knocks(starts, other))
+
+
+def test_changes_of_class_are_explained_once_and_the_list_stays_the_same(path, monkeypatch):
+    """With all types of its columns; the classes are kept as numbers."""
+    keep = partial(with_cache, say=print)
+    with open_sweep(path) as dataset:
+        first = find_bifurcations(OpenedSweep(dataset), keep=keep)
+        monkeypatch.setattr(bifurcation_table, "explain", lambda *_: pytest.fail("again"))
+        again = find_bifurcations(OpenedSweep(dataset), keep=keep)
+    assert len(first) > 2 and first.attrs == again.attrs
+    pd.testing.assert_frame_equal(first, again)
