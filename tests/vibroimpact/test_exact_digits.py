@@ -149,7 +149,8 @@ for method in sys.argv[1:]:
     integrator, impact = method.split("/")
     scheme = scheme_of(points, integrator, impact, 600, phase=0.1)
     length = Length(5, 20, 64)
-    out = run_points(points, scheme, length, impact == "exact", 1, np.zeros(1, int), True)
+    classes = len(sys.argv) > 2
+    out = run_points(points, scheme, length, impact == "exact", 1, np.zeros(1, int), classes)
     for name in sorted(out):
         print(impact, name, hashlib.sha256(out[name].tobytes()).hexdigest())
 """
@@ -184,14 +185,14 @@ def usual_digests():
 def test_a_processor_with_narrower_vectors_gives_the_same_bits(usual_digests, methods):
     """Compiled for AVX2, and for this processor with its vectors of 512 bits.
 
-    Compiled code is kept under the processor's name and features: neither takes the other's.
+    The classes, which take as long to compile, are in the campaign alone. Compiled code is kept under the processor's name and features: neither takes the other's.
     """
     features = [
         ("-" if name.startswith(("avx512", "evex")) or not there else "+") + name
         for name, there in llvm.get_host_cpu_features().items()
     ]
     settings = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ",".join(features)}
-    assert usual_digests.startswith(digests(methods, **settings))
+    assert set(digests(methods, **settings).splitlines()) <= set(usual_digests.splitlines())
 
 
 @pytest.mark.slow
