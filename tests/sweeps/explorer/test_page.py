@@ -293,8 +293,8 @@ def test_basins_at_the_mark_and_a_start_out_of_them(window):
     for name, value in (("h", 0.0), ("omega", 1.3)):  # two motions coexist
         window.model(f"{name} slider", f"{{m.value = {value}}}")
         window.settle(lambda name=name, value=value: page.view.values[name] == value)
-    window.model("transient", "{m.value = '300'}")
-    window.settle(lambda: page.view.record["transient"] == 300)
+    window.model("transient", "{m.value = '100'}")
+    window.settle(lambda: page.view.record["transient"] == 100)
     window.tab.get_by_text("basins", exact=True).click()
     window.tiles("basins")
     orbit = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=1.3, f=1.0))
