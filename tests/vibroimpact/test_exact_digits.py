@@ -185,7 +185,8 @@ def usual_digests():
 def test_a_processor_with_narrower_vectors_gives_the_same_bits(usual_digests, methods):
     """Compiled for AVX2, and for this processor with its vectors of 512 bits.
 
-    The classes, which take as long to compile, are in the campaign alone. Compiled code is kept under the processor's name and features: neither takes the other's.
+    The classes, which take as long to compile, are in the campaign alone. Compiled code is kept
+    under the processor's name and features: neither takes the other's.
     """
     features = [
         ("-" if name.startswith(("avx512", "evex")) or not there else "+") + name
