@@ -58,10 +58,7 @@ def load_config(
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> config = sweeps.load_config(scene, ["oscillator.h=0.05"])
+    >>> config = sweeps.load_config(scene, ["oscillator.h=0.05"])  # of the example of `run_sweep`
     >>> config.size, config.record.transient
     (20, 1000)
     """

@@ -249,11 +249,6 @@ class Nomenclature:
         return "oscillator" if self.rig is None else "rig"
 
     @property
-    def constants(self) -> dict[str, Any]:
-        """What this group has besides the parameters."""
-        return {} if self.rig is None else {"mass": self.rig.mass}
-
-    @property
     def parameters(self) -> Mapping[str, Parameter]:
         """All that a reader sees, by the reader's names."""
         if self.rig is None:

@@ -211,9 +211,11 @@ class View:
             if axis in self.log:
                 entries[axis]["spacing"] = "log"
         group = {self.seen.name(key): entries.pop(key) for key in OscillatorConfig.model_fields}
+        if self.seen.rig is not None:
+            group = {"mass": self.seen.rig.mass, **group}
         data = {
             "name": self.name,
-            self.seen.group: {**self.seen.constants, **group},
+            self.seen.group: group,
             "start": entries,
             "method": dict(self.method),
             "record": {**self.record, "diagnostics": diagnostics},

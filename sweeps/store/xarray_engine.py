@@ -60,10 +60,7 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
 
     Examples
     --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
     >>> ds["period"].values
     array([1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2])
     """
