@@ -67,7 +67,9 @@ class AttractorRow(NamedTuple):
 def parameter_axes(sweep: OpenedSweep) -> tuple[str, ...]:
     """Return the names of the swept axes, or of the columns of a table, that are not starts."""
     names = sweep.columns or sweep.grid
-    return tuple(name for name in names if name in sweep.parameters and name not in START_AXES)
+    return tuple(
+        name for name in names if name in sweep.nomenclature.parameters and name not in START_AXES
+    )
 
 
 def cut(sweep: OpenedSweep, at: Selection) -> OpenedSweep:

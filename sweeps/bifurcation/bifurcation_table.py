@@ -181,7 +181,7 @@ def explained_changes(
     Crises are sought on a single line only. The attribute is the number of unclassified points.
     """
     others = [name for name in data.grid if name != along]
-    spec, seen, parameter = data.spec, data.nomenclature, data.parameter(along)
+    spec, seen, parameter = data.spec, data.nomenclature, data.nomenclature.parameter(along)
     data = data.transpose(*others, along)
     motions, coordinates = data.motions, data.data.coords.to_dataset()
     period, impacts = data.values(("period", "period_impacts")).values()

@@ -109,7 +109,7 @@ def branches(
     """
     (axis,) = sweep.chosen_axes([axis] if axis else [], at, 1, "branch")
     lines = [line.motions for line in lines_of(sweep, axis, at)]
-    name, phase = sweep.parameter(axis), sweep.spec.phase
+    name, phase = sweep.nomenclature.parameter(axis), sweep.spec.phase
     orbits = branches_of(lines, name, phase, report, classes=classes, most=most)
     orbits.attrs["chosen"] = int(bool(classes) or most != MOST_BRANCHES)
     return orbits_on_axes(sweep, orbits)

@@ -308,7 +308,7 @@ def curves(
     sweep.check_diagnostic("period")
     cut = sweep.cut(at, free=[across, up]).sortby([across, up]).transpose(across, up)
     phase = cut.spec.phase
-    names = [cut.parameter(axis) for axis in (across, up)]
+    names = [cut.nomenclature.parameter(axis) for axis in (across, up)]
     values = [cut[name].values for name in names]
     search = CurveSearch(cut.motions, names, values, phase, classes, kinds or CURVE_KINDS)
     reasons = search.run(report)

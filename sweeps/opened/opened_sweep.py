@@ -19,7 +19,7 @@ from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store.variables import DIRECTION, VARIABLES, columns_of
 from sweeps.text import choice_of, listed, near_miss, shown_count, suggestion, told_apart, unit_name
-from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator, Parameter
+from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator
 from vibroimpact.points.regimes import (
     OF_REGIMES,
     Label,
@@ -103,11 +103,6 @@ class OpenedSweep:
         return parse_config(text, *_SOURCE, table=table) if table else _parsed(text)
 
     @property
-    def name(self) -> str:
-        """The name of the sweep."""
-        return self.config.name
-
-    @property
     def rig(self) -> RigConfig | None:
         """The rig, if there is one; without, no table that belongs to a configuration is read."""
         has_rig = re.search("^rig:", self.attrs["configuration"], re.MULTILINE)
@@ -123,15 +118,6 @@ class OpenedSweep:
         """The names, units and numbers of the axes."""
         seen = self.config.nomenclature
         return seen if self.in_rig else replace(seen, rig=None)
-
-    @property
-    def parameters(self) -> Mapping[str, Parameter]:
-        """All parameters, and the mass of a rig, by the names of the axes."""
-        return self.nomenclature.parameters
-
-    def parameter(self, axis: str) -> str:
-        """Return the parameter of the model along an axis; other names are left unchanged."""
-        return self.nomenclature.parameter(axis)
 
     @property
     def followed_symbol(self) -> str:

@@ -145,7 +145,7 @@ def _scalars(sweep: OpenedSweep) -> xr.Dataset:
 def _frame(part: OpenedSweep, dimension: str | None) -> pd.DataFrame:
     """Return a row for each point, in the C order of the file, or for each record of a point."""
     data, dims = part.data, [*part.grid, *([dimension] if dimension else [])]
-    known = dict.fromkeys([*part.parameters, *part.columns])
+    known = dict.fromkeys([*part.nomenclature.parameters, *part.columns])
     about = [name for name in known if name in data.coords and name not in dims]
     if dimension is None:
         rows = data if dims else data.expand_dims("point")

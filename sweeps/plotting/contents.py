@@ -33,7 +33,7 @@ PEAK_TO_PEAK = "peak_to_peak"
 
 def numbers_of(sweep: OpenedSweep) -> list[str]:
     """List what has a number for each point, results first; the Lyapunov exponents have two."""
-    replaced = PARAMETERS.keys() - sweep.parameters.keys()
+    replaced = PARAMETERS.keys() - sweep.nomenclature.parameters.keys()
     held = [
         str(name)
         for name in (*sweep.data.data_vars, *sweep.data.coords)

@@ -169,7 +169,7 @@ def title(drawn: OpenedSweep, record: str | None = None) -> str:
     parts += method_text(spec)
     if not drawn.grid:
         parts += filter(None, [Status(int(drawn["status"])).remark(spec.impact)])
-    name = drawn.name.replace("$", r"\$")
+    name = drawn.config.name.replace("$", r"\$")
     return f"{name}\n{', '.join(parts)}"
 
 
