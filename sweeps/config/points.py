@@ -215,7 +215,9 @@ def _check_names(names: list[str], known: Mapping[str, Parameter]) -> Mapping[st
     """Refuse a table without a parameter column, and repeated, misspelt and malformed names."""
     missing = [name for name in known if name not in names]
     if len(missing) == len(known):
-        problem = f"no column of {shortened(', '.join(names))} is a parameter"
+        words = (near_miss(name, known, least=0.8) for name in names if name.isidentifier())
+        meant = suggestion(next(filter(None, words), None))
+        problem = f"no column of {shortened(', '.join(names))} is a parameter{meant}"
         raise ValueError(
             f"{problem if names else 'the table is empty'}; expected: a header with one of "
             f"{', '.join(known)}, and commas between the columns"

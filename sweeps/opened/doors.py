@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -164,7 +165,9 @@ def in_si(sweep: OpenedSweep) -> OpenedSweep:
     The axes are those of the rig; the parameters of the model stay as further coordinates. The
     results of the file are still read when they are used.
     """
-    if sweep.in_rig or (rig := sweep.rig) is None:
+    # Without a rig no table that belongs to a configuration is read.
+    has_rig = re.search("^rig:", sweep.attrs["configuration"], re.MULTILINE)
+    if sweep.in_rig or not has_rig or (rig := sweep.config.rig) is None:
         return sweep
     dataset, seen = sweep.data, Nomenclature(rig)
     mass = dataset["mass"] if rig.mass_varies else xr.DataArray(rig.mass)

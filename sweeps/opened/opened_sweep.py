@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -13,7 +12,7 @@ import xarray as xr
 
 from sweeps.config.groups import DIAGNOSTICS, STARTS
 from sweeps.config.loading import parse_config
-from sweeps.config.rig import Nomenclature, RigConfig
+from sweeps.config.rig import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
@@ -101,12 +100,6 @@ class OpenedSweep:
             return self.of.config
         text, table = self.attrs["configuration"], self.columns
         return parse_config(text, *_SOURCE, table=table) if table else _parsed(text)
-
-    @property
-    def rig(self) -> RigConfig | None:
-        """The rig, if there is one; without, no table that belongs to a configuration is read."""
-        has_rig = re.search("^rig:", self.attrs["configuration"], re.MULTILINE)
-        return self.config.rig if has_rig else None
 
     @property
     def spec(self) -> RunSpec:

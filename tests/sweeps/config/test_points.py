@@ -156,6 +156,8 @@ def refused_table(text):
         ("", "the table is empty; expected: a header with one of h, R"),
         ("R;omega\n0,5;2\n", "no column of R;omega is a parameter; expected: a header"),
         ("R,omga\n0.5,2\n", "unknown column omga (did you mean omega?)"),
+        ("omga\n2\n", "no column of omga is a parameter (did you mean omega?); expected: a h"),
+        ("a b,clearence\n1,2\n", "no column of a b, clearence is a parameter (did you mean cl"),
         ("R,omega,H\n0.5,2,1\n", "unknown column H (did you mean h?)"),
         ("R,omega,a/b\n0.5,2,1\n", "unknown column a/b; expected"),
         ("R,omega,\n0.5,2,1\n", "column 3 has no name; expected"),
