@@ -16,62 +16,49 @@ from vibroimpact.orbits.corrector import System
 
 # The tasks of ``_do``.
 (
-    _CORRECT, _TANGENT, _TESTS, _MAY_MISS, _PENETRATION, _TURNING,
-    _CHARACTERISTIC, _NULL_VECTOR, _CORRECT_EACH, _SECTIONS, _MULTIPLIERS, _LINEARISED,
-) = range(12)  # fmt: skip
+    _TESTS, _MAY_MISS, _CORRECT, _TANGENT, _MULTIPLIERS, _SECTIONS, _PENETRATION, _TURNING,
+    _CHARACTERISTIC, _NULL_VECTOR, _LINEARISED,
+) = range(11)  # fmt: skip
 _NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 #: A place on a path: the unknowns, the direction of the path, and the test functions there. It is a
 #: plain tuple, since a call with one that has names takes 3 us longer.
 Place: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+_NOWHERE = _NO_VECTOR, _NO_VECTOR, _NO_ROWS
 
 
 @jit
-def _do(task, system, here, there, rows, count, number, results):
-    """Do a task; the other arguments depend on it."""
+def _do(task, system, here, there, points, rows, count, number, results):
+    """Do a task at a place or, for all but the first two, at each of some points."""
     X, along, tests = here
-    if task == _CORRECT:
-        results[0] = corrector.newton_method(system, X, rows, count)
-    elif task == _TANGENT:
-        corrector.set_tangent(system, X, results)
-    elif task == _TESTS:
+    if task == _TESTS:
         hidden_roots.set_test_functions(system, X, along, rows, tests)
     elif task == _MAY_MISS:
         results[0] = hidden_roots.step_may_miss(system, here, there, number)
-    elif task == _PENETRATION or task == _TURNING:
-        _follow(task, system, X, count, number, results)
-    elif task >= _CORRECT_EACH:
-        _do_each(task, system, tests, rows, count, number, results)
+    for k in range(points.shape[0]):
+        each, planes = results.size // points.shape[0], rows.shape[0] // points.shape[0]
+        own, own_planes = results[each * k : each * (k + 1)], rows[planes * k : planes * (k + 1)]
+        _do_at(task, system, points[k], own_planes, count, number, own)
+
+
+@jit
+def _do_at(task, system, X, planes, count, number, results):
+    """Do a task at a point."""
+    pt, m, q = corrector.parameters_at(system, X), system.m, system.q
+    if task == _CORRECT:
+        results[0] = corrector.newton_method(system, X, planes, count)
+    elif task == _TANGENT:
+        corrector.set_tangent(system, X, results)
+    elif task == _MULTIPLIERS:
+        corrector.set_multipliers(system, X, results)
+    elif task == _SECTIONS:
+        flights.set_sections(pt, m, X, q, number, results)
+    elif task == _PENETRATION:
+        results[0], results[1], results[2] = flights.find_penetration(pt, m, X, q)
+    elif task == _TURNING:
+        results[0], results[1] = flights.find_turning_point(pt, X, count, number)
     else:
         _linearise(task, system, X, number, results)
-
-
-@jit
-def _do_each(task, system, points, rows, count, number, results):
-    """Do a task for each row of points."""
-    for k in range(points.shape[0]):
-        each = results.size // points.shape[0]
-        X, own = points[k], results[each * k : each * (k + 1)]
-        if task == _CORRECT_EACH:
-            own[0] = corrector.newton_method(system, X, rows[k : k + 1], count)
-        elif task == _SECTIONS:
-            pt = corrector.parameters_at(system, X)
-            flights.set_sections(pt, system.m, X, system.q, number, own)
-        elif task == _MULTIPLIERS:
-            corrector.set_multipliers(system, X, own)
-        else:
-            _linearise(task, system, X, number, own)
-
-
-@jit
-def _follow(task, system, X, i, phase, results):
-    """Do a task for which flights are followed."""
-    pt = corrector.parameters_at(system, X)
-    if task == _PENETRATION:
-        penetration = flights.find_penetration(pt, system.m, X, system.q)
-        results[0], results[1], results[2] = penetration
-    else:
-        results[0], results[1] = flights.find_turning_point(pt, X, i, phase)
 
 
 @jit
@@ -79,8 +66,7 @@ def _linearise(task, system, X, number, results):
     """Do a task for which flights are linearised."""
     F, A, B = corrector.linearised_flights(system, X)
     if task == _CHARACTERISTIC:
-        c0, c1, c2 = unknowns.characteristic_polynomial(A, B)
-        results[0], results[1], results[2] = c0, c1, c2
+        results[0], results[1], results[2] = unknowns.characteristic_polynomial(A, B)
     elif task == _NULL_VECTOR:
         unknowns.set_null_vector(A, B, number, results)
     else:
@@ -92,28 +78,21 @@ def _linearise(task, system, X, number, results):
                     results[at + 1 + j], results[at + 3 + j] = A[i, row, j], B[i, row, j]
 
 
-def _at(X: np.ndarray) -> Place:
-    return X, _NO_VECTOR, _NO_ROWS
-
-
-def _place_of_impacts(X: np.ndarray) -> Place:
-    return _NO_VECTOR, _NO_VECTOR, X
-
-
 def _done(
     task: int,
     system: System,
-    here: Place,
     size: int = 1,
     *,
-    there: Place = (_NO_VECTOR, _NO_VECTOR, _NO_ROWS),
+    here: Place = _NOWHERE,
+    there: Place = _NOWHERE,
+    points: np.ndarray = _NO_ROWS,
     rows: np.ndarray = _NO_ROWS,
     count: int = 0,
     number: float = 0.0,
 ) -> np.ndarray:
-    """Do a task; return its results, of which there are at most `size`."""
-    results = np.empty(size)
-    arguments = task, system, here, there, rows, count, number, results
+    """Do a task at a place or at a point or points; return its results, in all at most `size`."""
+    results, points = np.empty(size), np.atleast_2d(points)
+    arguments = task, system, here, there, points, rows, count, number, results
     if not _do.overloads:
         compiled(_do, *arguments)
     _do(*arguments)
@@ -122,17 +101,17 @@ def _done(
 
 def correct(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> bool:
     """Do what ``corrector.newton_method`` does."""
-    return bool(_done(_CORRECT, system, _at(X), rows=planes, count=most)[0])
+    return bool(_done(_CORRECT, system, points=X, rows=planes, count=most)[0])
 
 
 def correct_each(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> np.ndarray:
     """Do what ``corrector.newton_method`` does for each row of X, with one plane each, (n,)."""
-    return _done(_CORRECT_EACH, system, _place_of_impacts(X), len(X), rows=planes, count=most) > 0.0
+    return _done(_CORRECT, system, len(X), points=X, rows=planes, count=most) > 0.0
 
 
 def tangent(system: System, X: np.ndarray) -> np.ndarray:
     """Return the direction of a path, as ``corrector.set_tangent`` sets it."""
-    return _done(_TANGENT, system, _at(X), X.size)
+    return _done(_TANGENT, system, X.size, points=X)
 
 
 def test_functions(
@@ -140,54 +119,51 @@ def test_functions(
 ) -> np.ndarray:
     """Return the test functions, as ``hidden_roots.set_test_functions`` sets them, (2, 2 k + 2)."""
     tests = np.empty((2, 2 * len(bounds) + 2))
-    _done(_TESTS, system, (X, tangent, tests), rows=bounds)
+    _done(_TESTS, system, here=(X, tangent, tests), rows=bounds)
     return tests
 
 
 def may_miss(system: System, here: Place, there: Place, length: float) -> bool:
     """Do what ``hidden_roots.step_may_miss`` does."""
-    return bool(_done(_MAY_MISS, system, here, there=there, number=length)[0])
+    return bool(_done(_MAY_MISS, system, here=here, there=there, number=length)[0])
 
 
 def first_penetration(system: System, X: np.ndarray) -> tuple[int, float, float]:
     """Do what ``flights.find_penetration`` does."""
-    flight, phase, highest = _done(_PENETRATION, system, _at(X), 3).tolist()
+    flight, phase, highest = _done(_PENETRATION, system, 3, points=X).tolist()
     return int(flight), phase, highest
 
 
 def turning_point(system: System, X: np.ndarray, i: int, phase: float) -> tuple[float, float]:
     """Do what ``flights.find_turning_point`` does."""
-    at, y = _done(_TURNING, system, _at(X), 2, count=i, number=phase).tolist()
+    at, y = _done(_TURNING, system, 2, points=X, count=i, number=phase).tolist()
     return at, y
 
 
 def sections(system: System, X: np.ndarray, phase: float) -> np.ndarray:
     """Return the states that ``flights.set_sections`` sets for each row of X, shape (n, m, 2)."""
-    states = _done(_SECTIONS, system, _place_of_impacts(X), 2 * system.m * len(X), number=phase)
+    states = _done(_SECTIONS, system, 2 * system.m * len(X), points=X, number=phase)
     return states.reshape(-1, system.m, 2)
 
 
 def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return F, A and B of the flights (``flights.residuals``) of X or of each row of X."""
-    size = 10 * system.q * X.size // X.shape[-1]
-    results = _done(_LINEARISED, system, _place_of_impacts(np.atleast_2d(X)), size)
+    results = _done(_LINEARISED, system, 10 * system.q * X.size // X.shape[-1], points=X)
     rows = results.reshape(*X.shape[:-1], system.q, 2, 5)
     return rows[..., 0], rows[..., 1:3], rows[..., 3:]
 
 
 def characteristic(system: System, X: np.ndarray) -> tuple[float, float, float]:
     """Return c0, c1, c2 (``unknowns.characteristic_polynomial``)."""
-    c0, c1, c2 = _done(_CHARACTERISTIC, system, _at(X), 3).tolist()
+    c0, c1, c2 = _done(_CHARACTERISTIC, system, 3, points=X).tolist()
     return c0, c1, c2
 
 
 def multipliers(system: System, X: np.ndarray) -> np.ndarray:
     """Return the complex numbers that ``corrector.set_multipliers`` sets for each row, (n, 2)."""
-    return (
-        _done(_MULTIPLIERS, system, _place_of_impacts(X), 4 * len(X)).view(complex).reshape(-1, 2)
-    )
+    return _done(_MULTIPLIERS, system, 4 * len(X), points=X).view(complex).reshape(-1, 2)
 
 
 def null_vector(system: System, X: np.ndarray, mu: float) -> np.ndarray:
     """Return the vector that ``unknowns.set_null_vector`` sets for a multiplier, (2 q,)."""
-    return _done(_NULL_VECTOR, system, _at(X), 2 * system.q, number=mu)
+    return _done(_NULL_VECTOR, system, 2 * system.q, points=X, number=mu)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -30,6 +31,8 @@ from vibroimpact.orbits.family import (
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.unknowns import ROUNDING, free, impact_rows, phases, speeds, unknowns
 
+#: How a path ends: the kind, the last point, and the orbit there.
+End: TypeAlias = tuple[str, np.ndarray, PeriodicOrbit]
 #: Lengths of steps in scaled unknowns: the first, the longest, and one below which the path is
 #: given up.
 _FIRST, _LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
@@ -237,7 +240,7 @@ def _edge(
     return edge if step.place(X) <= step.place(edge) <= step.place(Y) else None
 
 
-def ending(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
+def ending(step: ArclengthStep) -> End:
     """Return how a path that is not closed ends, its last point, and the orbit there.
 
     It ends at an ``edge``, in a ``graze``, in ``rest`` if the mass cannot leave the stop, as at
@@ -343,9 +346,7 @@ def _without_speed(step: ArclengthStep) -> np.ndarray:
     return X
 
 
-def _graze(
-    step: ArclengthStep, reason: Inadmissible
-) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+def _graze(step: ArclengthStep, reason: Inadmissible) -> End | None:
     """Return the graze near the end of a branch, as `ending` does; None if there is none.
 
     Where Newton's method misses it, a flight touches the stop at its highest point.

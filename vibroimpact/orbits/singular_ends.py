@@ -20,7 +20,7 @@ from functools import partial
 import numpy as np
 
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.continuation import GRAZES, cannot_leave, onto_edges
+from vibroimpact.orbits.continuation import GRAZES, End, cannot_leave, onto_edges
 from vibroimpact.orbits.family import NEARBY_DISTANCE, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit
@@ -53,21 +53,17 @@ _FASTEST = 1e3
 
 def singular_end(
     family: OrbitFamily, points: Sequence[np.ndarray], lost: bool | None = None
-) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+) -> End | None:
     """Return how a curve ends beyond some points, where, and the orbit; None if it goes on.
 
     `lost` says whether Newton's method fails there; None if the curve has not yet ended.
     """
-    return (
-        (_unbounded(family, points) if lost is None else _standstill(family, points, lost))
-        or _degenerate_flip(family, points, bool(lost))
-        or _meeting_impacts(family, points)
-    )
+    end = _unbounded(family, points) if lost is None else _standstill(family, points, lost)
+    end = end or _degenerate_flip(family, points, bool(lost))
+    return end or _meeting_impacts(family, points)
 
 
-def _degenerate_flip(
-    family: OrbitFamily, points: Sequence[np.ndarray], lost: bool
-) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+def _degenerate_flip(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool) -> End | None:
     """Return how a curve of folds ends beyond some points, where, and the orbit; None if not near.
 
     It ends in a ``flip`` of the half, or at an ``edge`` just before it if it is `lost` there. The
@@ -76,7 +72,6 @@ def _degenerate_flip(
     if family.kind != "fold" or family.m % 2 or family.q % 2:
         return None
     m, q = family.m, family.q
-    halves, _ = half_of(family, points[-1], "flip")
     guess, error = _limit(
         points,
         lambda X: np.sum(differences_of_halves(X, m, q) ** 2) / q,
@@ -85,6 +80,7 @@ def _degenerate_flip(
     )
     if error == math.inf:
         return None
+    halves, _ = half_of(family, points[-1], "flip")
     coefficient = partial(cubic_coefficient, halves.system)
     place = _root_along(halves, guess, coefficient, NEARBY_DISTANCE, _PRECISE)
     if not (error < NEARBY_DISTANCE and abs(place) < _BELONGS):
@@ -142,9 +138,7 @@ def _root_along(
     return float(root)
 
 
-def _standstill(
-    family: OrbitFamily, points: Sequence[np.ndarray], lost: bool
-) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+def _standstill(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool) -> End | None:
     """Return the ``graze`` in which all impacts of a curve lose their speed, as above."""
     if family.kind not in ("flip", "fold") or family.q == 1:
         return None
@@ -158,9 +152,7 @@ def _standstill(
     return "graze", X, family.orbit(X)
 
 
-def _meeting_impacts(
-    family: OrbitFamily, points: Sequence[np.ndarray]
-) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
     """Return the ``rest`` in which impacts of a curve meet without speed, as above."""
     flight = int(_flights(family, points[-1]).argmin())
     X, error = _limit(points, lambda X: _flights(family, X)[flight], _SHORT)
@@ -174,9 +166,7 @@ def _meeting_impacts(
     return "rest", X, family.orbit(X)
 
 
-def flip_that_touches(
-    family: OrbitFamily, X: np.ndarray
-) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+def flip_that_touches(family: OrbitFamily, X: np.ndarray) -> End | None:
     """Return the ``graze`` near X in which both halves of a grazing orbit graze, as above."""
     m, q, at = family.m, family.q, family.system.graze
     if family.kind != "graze" or m % 2 or q < 3 or not q % 2:
@@ -200,9 +190,7 @@ def flip_that_touches(
     return "graze", X, family.orbit(X)
 
 
-def _unbounded(
-    family: OrbitFamily, points: Sequence[np.ndarray]
-) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
     """Return the ``edge`` at which the speeds of a curve become infinite, as above.
 
     The parameters are smooth functions of the inverse speed.
