@@ -248,7 +248,7 @@ def intruded(which, late, place, link, **options):
 @pytest.mark.parametrize(
     ("step", "cases"),
     [
-        pytest.param(397, slice(None, None, 3), marks=pytest.mark.slow, id="some"),
+        pytest.param(397, slice(None, None, 5), marks=pytest.mark.slow, id="some"),
         *(
             pytest.param(1, slice(n, n + 1), marks=pytest.mark.campaign, id=f"case-{n}")
             for n in range(30)

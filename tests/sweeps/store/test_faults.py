@@ -157,13 +157,13 @@ FAULTS = [
         for block in (2, 4)
         for row in (
             (partial(shutil.rmtree, PARTS), GONE, NOTHING),
-            (move_folder, GONE, NOTHING),
             (replace, "was replaced by another program", f"{10 * block - 10} of 40 points kept"),
             (FIRST.unlink, "block-000000.npz was removed by another program", THREE),
-            (partial(os.truncate, FIRST, 1000), "block-000000.npz is damaged", THREE),
-            (empty_and_restore, "block-000000.npz is damaged", THREE),
         )
     ),
+    Fault("block 2", move_folder, GONE, NOTHING),
+    Fault("block 4", partial(os.truncate, FIRST, 1000), "block-000000.npz is damaged", THREE),
+    Fault("block 2", empty_and_restore, "block-000000.npz is damaged", THREE),
     Fault("end", Path("out.h5").unlink, "the output is gone: out.h5 does not exist", ""),
     # It puts something in the place of the output, also the complete file of another sweep.
     *(
