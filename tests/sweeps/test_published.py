@@ -38,7 +38,7 @@ class Row(NamedTuple):
 
 
 @cache
-def dux_differences(count=4000):
+def dux_differences(count=1500):
     """Compare random solutions with `one_impact_orbits`, and stable ones with a run of the kernel.
 
     The existence is that on 400 samples of the flight, where these decide it.
@@ -85,7 +85,7 @@ def kernel_difference(dux, sigma, V, periods=40):
     return np.nanmax(np.abs(run["impact_v"] / V[:, None] - 1.0))
 
 
-def dux_bifurcation(kind, count=200):
+def dux_bifurcation(kind, count=80):
     """The largest difference of a flip or a fold over the clearance, relative to the fold's.
 
     Orbits end in the fold, and with V = 0 at |sigma| = |gamma|: the bracket is away from both.
@@ -189,12 +189,12 @@ def dux_rows():
     why = "1e4 roundings: that of T, over its distance from a multiple of 2 pi"
     for what in ("number", "existence", "stability"):
         find = partial(lambda what: dux_differences()[what], what)
-        yield Row(f"4000 orbits: wrong {what}", 0.0, 0.0, "a count", find, dux)
+        yield Row(f"1500 orbits: wrong {what}", 0.0, 0.0, "a count", find, dux)
     for what in ("speed", "kernel"):  # the latter: of all impacts of stable orbits in a run
         find = partial(lambda what: dux_differences()[what], what)
-        yield Row(f"4000 orbits: {what}", 0.0, 1e4 * EPS, why, find, dux)
+        yield Row(f"1500 orbits: {what}", 0.0, 1e4 * EPS, why, find, dux)
     for kind in ("fold", "flip"):
-        yield Row(f"200 {kind}s", 0.0, 1e4 * EPS, why, partial(dux_bifurcation, kind), dux)
+        yield Row(f"80 {kind}s", 0.0, 1e4 * EPS, why, partial(dux_bifurcation, kind), dux)
     printed = "the digits printed"
     example = Oscillator(0.0, 0.8, 3.7, 1.0)
     for sigma, k, value in ((0.0, 0, 0.665693), (0.2, 0, 1.102366), (0.2, 1, 2.187444)):
