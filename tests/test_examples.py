@@ -14,7 +14,7 @@ import vibroimpact
 from tests.helpers.places import CONFIGS
 
 #: Methods that only the packages call.
-INTERNAL = {"on", "set_limits", "fit_ordinate", "parameters", "model_post_init"}
+INTERNAL = {"set_limits", "fit_ordinate", "parameters", "model_post_init"}
 
 
 def public(package: ModuleType) -> dict[str, object]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,38 +26,34 @@ from vibroimpact.inputs import PATH, TEXT
 class Kind(NamedTuple):
     """A kind of picture."""
 
-    draw: Callable[..., Figure]
-    options: tuple[str, ...] = ()  # of the function that draws it, other than `at`
+    function: str  # of this room, which is imported when it draws: some need the compiler
+    options: tuple[str, ...] = ()  # of the function, other than `at`
     axes: int = 0  # number of axes that it chooses if not given, besides those shown always
     shown: tuple[str, ...] = ()  # axes that it always shows
 
-
-def _drawn_by(name: str) -> Callable[..., Figure]:
-    """Return a function of this room, which is imported when it draws: some need the compiler."""
-    return lambda *arguments, **options: getattr(plotting, name)(*arguments, **options)
+    def draw(self, *arguments: Any, **options: Any) -> Figure:
+        """Draw a picture of the kind."""
+        figure: Figure = getattr(plotting, self.function)(*arguments, **options)
+        return figure
 
 
 #: The pictures by name.
 KINDS: Mapping[str, Kind] = {
     "bifurcation": Kind(
-        _drawn_by("bifurcation"),
+        "bifurcation",
         ("axes", "coordinate", "exact", "below", "color", "overlay"),
         axes=1,
         shown=(DIRECTION,),
     ),
-    "attractors": Kind(
-        _drawn_by("attractor_diagram"), ("axes", "coordinate"), axes=1, shown=START_AXES
-    ),
-    "basins": Kind(_drawn_by("basins"), ("beside",), shown=STARTS),
-    "integrity": Kind(_drawn_by("integrity"), ("panels",), shown=("x0", "v0")),
-    "map": Kind(_drawn_by("parameter_map"), ("axes", "quantity", "exact", "overlay"), axes=2),
-    "section": Kind(_drawn_by("section"), ("color",)),
-    "impacts": Kind(_drawn_by("impacts"), ("color",)),
-    "trajectory": Kind(_drawn_by("trajectory"), ("periods", "color", "fps")),
+    "attractors": Kind("attractor_diagram", ("axes", "coordinate"), axes=1, shown=START_AXES),
+    "basins": Kind("basins", ("beside",), shown=STARTS),
+    "integrity": Kind("integrity", ("panels",), shown=("x0", "v0")),
+    "map": Kind("parameter_map", ("axes", "quantity", "exact", "overlay"), axes=2),
+    "section": Kind("section", ("color",)),
+    "impacts": Kind("impacts", ("color",)),
+    "trajectory": Kind("trajectory", ("periods", "color", "fps")),
     "table": Kind(
-        _drawn_by("table_panels"),
-        ("axes", "quantity", "color", "overlay", "panels"),
-        shown=(TABLE,),
+        "table_panels", ("axes", "quantity", "color", "overlay", "panels"), shown=(TABLE,)
     ),
 }
 

@@ -122,7 +122,7 @@ class Basins(NamedTuple):
     def draw(self, panel: Axes, page: Page) -> None:
         """Draw the basins within the limits of a page."""
         draw_cells(panel, self.starts, self.cells())
-        page.on(panel).set_limits(panel)
+        page.set_limits(panel)
 
     def cells(self) -> list[Cells]:
         """Return the cells of each basin, and of the starts that failed."""
@@ -301,9 +301,7 @@ def attractor_diagram(
     series = _draw_rows(panel, line, table, looks, axis, coordinate)
     if len(values) > 100:
         set_ends(panel.xaxis, values.min(), values.max())
-    page = page.on(panel)
-    page.fit_ordinate(panel)
-    page.set_limits(panel)
+    page.set_limits(panel, fit=True)
     for each in series:
         if canvas.is_seen(each.dots):
             (handle,) = panel.plot([], [], each.look.marker, color=each.look.ink, label=each.name)

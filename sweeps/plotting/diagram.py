@@ -133,9 +133,7 @@ def bifurcation(
     if len(motions.values) > 100:
         set_ends(panel.xaxis, motions.values.min(), motions.values.max())
     widen_if_constant(panel.yaxis, low, high)
-    page = page.on(panel)
-    page.fit_ordinate(panel, *motions.ranges_within(page.xlim))
-    page.set_limits(panel)
+    page = page.set_limits(panel, fit=True, ranges=motions.ranges_within)
     for below_it, name in zip(lower, names, strict=True):
         motions.draw_scalar(below_it, name)
         page.fit_ordinate(below_it)

@@ -123,7 +123,7 @@ def integrity(
         handles += _draw_disturbances(basins, starts, there, of_value)
     panel = by_name[names[0]] if basins is None else basins
     if basins is None:
-        page.on(panel).set_limits(panel)
+        page.set_limits(panel)
     title = CLASSES_TITLE if basins is None else basins_title(line)
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:

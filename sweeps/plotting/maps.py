@@ -99,8 +99,7 @@ def parameter_map(
     approaching = cut.on_its_way & (name == "period" and page.marks)
     if approaching.any():
         _draw_hatch(panel, cut, approaching, **_APPROACHING)
-    page = page.on(panel)
-    page.set_limits(panel)
+    page = page.set_limits(panel)
     view = view_of(panel, cut)
     covered = entries_of(cut, cells, view)
     if (seen := approaching[view]).any():

@@ -76,10 +76,7 @@ def _draw_records(
     for axis, name in zip((panel.xaxis, panel.yaxis), names, strict=True):
         label_axis(axis, points[name])
     set_view(panel, points, columns)
-    page = page.on(panel)
-    if "poincare_v" in names:  # speeds of impacts begin at 0
-        page.fit_ordinate(panel)
-    page.set_limits(panel)
+    page.set_limits(panel, fit="poincare_v" in names)  # speeds of impacts begin at 0
     if paint is not None:
         seen = in_view(panel, *by_point)
         if (both & seen).any():
@@ -228,10 +225,7 @@ def trajectory(
     if deepest > 0.0:
         depth = f"deepest penetration {deepest:.1e}"
         phase_plane.set_title(" ".join([depth, named_unit(x)]).strip())
-    page = page.on(over_time)
-    for panel in (over_time, velocity):
-        page.fit_ordinate(panel)
-    page.set_limits(over_time)
+    page.set_limits(over_time, fit=True).fit_ordinate(velocity)
     handles = phase_plane.get_legend_handles_labels()[0]
     handles, title = legend_entries(paint, panels, handles, curves=True)
     start, since, record = _text_of_motions(motions, time, motion_class)

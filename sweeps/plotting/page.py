@@ -32,6 +32,9 @@ from sweeps.text import told_apart
 from vibroimpact.inputs import FLAG, TEXT, Allowed, integer, is_number, number
 from vibroimpact.step.scheme import MOST_RECORDED
 
+#: The least and the greatest value of an axis.
+Ends = tuple[float, float]
+
 
 @dataclass(frozen=True)
 class Page:
@@ -76,8 +79,8 @@ class Page:
     height: float | None = None
     dpi: int | None = None
     title: str | None = None
-    xlim: tuple[float, float] | None = None
-    ylim: tuple[float, float] | None = None
+    xlim: Ends | None = None
+    ylim: Ends | None = None
     xunit: str | None = None
     yunit: str | None = None
     xlabel: str | None = None
@@ -92,31 +95,34 @@ class Page:
             if value is not None:
                 _OF_PAGE[name].checked(name, value, Refused)
 
-    def on(self, panel: Axes) -> Page:
-        """Return the page with its limits in the units of the data, which the panel has."""
-        ends = []
-        for name, limits, unit, axis, text in (
-            ("xlim", self.xlim, self.xunit, panel.xaxis, self.xlabel),
-            ("ylim", self.ylim, self.yunit, panel.yaxis, self.ylabel),
-        ):
-            if limits is not None and unit is not None:
-                limits = in_own_unit(axis, name, limits, unit, text)
-            ends.append(limits)
-        return replace(self, xlim=ends[0], ylim=ends[1], xunit=None, yunit=None)
+    def set_limits(
+        self, panel: Axes, *, fit: bool = False, ranges: Callable[..., Sequence[Ends]] = list
+    ) -> Page:
+        """Set the limits that are given; return the page with those of a panel, in its units.
 
-    def set_limits(self, panel: Axes) -> None:
-        """Set the given limits; raise Refused if they contain no data."""
-        for axis, limits in ((panel.xaxis, self.xlim), (panel.yaxis, self.ylim)):
-            if limits is None:
-                continue
-            ends = axis.get_data_interval()
-            if limits[1] < ends[0] or ends[1] < limits[0]:
-                text = "there is nothing to draw with {}lim = {}:{}; the data range from {} to {}"
-                raise Refused(text.format(axis.axis_name, *told_apart(*limits, *ends)))
-            set_ends(axis, *limits)
+        If asked for, the ordinate fits the lines, and further `ranges`, within the abscissa. Raises
+        Refused if there are no data within the limits.
+        """
+        limits, sides = dict[str, Any](), {"x": panel.xaxis, "y": panel.yaxis}
+        for side, axis in sides.items():
+            ends, unit, text = (getattr(self, f"{side}{word}") for word in ("lim", "unit", "label"))
+            if ends is not None:
+                name = f"{side}lim"
+                limits[name] = ends if unit is None else in_own_unit(axis, name, ends, unit, text)
+        page = replace(self, **limits, xunit=None, yunit=None)
+        if fit:
+            page.fit_ordinate(panel, *ranges(page.xlim))
+        for name, ends in limits.items():
+            axis = sides[name[0]]
+            least, most = axis.get_data_interval()
+            if ends[1] < least or most < ends[0]:
+                text = "there is nothing to draw with {} = {}:{}; the data range from {} to {}"
+                raise Refused(text.format(name, *told_apart(*ends, least, most)))
+            set_ends(axis, *ends)
+        return page
 
-    def fit_ordinate(self, panel: Axes, *ranges: tuple[float, float]) -> None:
-        """Fit the ordinate to the lines, and to further ranges, within the given abscissa."""
+    def fit_ordinate(self, panel: Axes, *ranges: Ends) -> None:
+        """Fit the ordinate to the lines, and to further ranges, within the abscissa of the page."""
         if self.xlim is None:
             return
         low, high = self.xlim
@@ -148,19 +154,11 @@ _LIMITS = Allowed(
     f"two numbers up to {LARGEST:g} of which the first is smaller, as (2.4, 3.0)",
 )
 _OF_PAGE = {
-    "width": _LENGTH,
-    "height": _LENGTH,
     "dpi": integer(10),
-    "title": TEXT,
-    "xlim": _LIMITS,
-    "ylim": _LIMITS,
-    "xunit": TEXT,
-    "yunit": TEXT,
-    "xlabel": TEXT,
-    "ylabel": TEXT,
-    "legend": FLAG,
-    "marks": FLAG,
-    "grey": FLAG,
+    **dict.fromkeys(("width", "height"), _LENGTH),
+    **dict.fromkeys(("xlim", "ylim"), _LIMITS),
+    **dict.fromkeys(("title", "xunit", "yunit", "xlabel", "ylabel"), TEXT),
+    **dict.fromkeys(("legend", "marks", "grey"), FLAG),
 }
 
 PAGE = Page()

@@ -310,12 +310,10 @@ def table_panels(
         size = max(size, float(np.clip(4e3 / math.sqrt(x.size), 0.3, 4.0))) / across
         panel.scatter(x, y, size, paint.colours(), linewidths=0, rasterized=True)
         panel.locator_params(axis="x", nbins=5 - across)
-    page = (page if ax is not None else replace(page, ylabel=None)).on(grid[0])
-    if page.xlim is not None:
-        set_ends(grid[0].xaxis, *page.xlim)  # the legend counts the failed points within them
+    page = (page if ax is not None else replace(page, ylabel=None)).set_limits(grid[0])
     for panel, _, x in places:
         mark_status(panel, x.values, sweep["status"].values)
-    page.set_limits(grid[0])  # after the marks, which widen the ordinate
+    page.set_limits(grid[0])  # again: the marks widen the ordinate
     seen = np.zeros(y.shape, bool)
     for panel, _, x in places:
         paint.mark(panel, x.values[:, None], y.values[:, None])
