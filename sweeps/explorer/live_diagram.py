@@ -33,19 +33,8 @@ from sweeps.explorer.view import DIAGRAM_TAB, View, Window
 from sweeps.interrupts import check
 from sweeps.opened.coordinates import COORDINATES, recorded_coordinate
 from sweeps.opened.motions import motions_from
+from sweeps.plotting import style
 from sweeps.plotting.pixels import count_pixels, widened
-from sweeps.plotting.style import (
-    BLUE,
-    LEAST_SHARE,
-    MARKS,
-    PARTIAL,
-    STABLE,
-    STATUS_COLOURS,
-    UNSTABLE,
-    VERMILION,
-    WHITE,
-    shades,
-)
 from sweeps.store.variables import bytes_per_point
 from vibroimpact.points.regimes import has_result, shown_in_part
 from vibroimpact.status import Status
@@ -92,7 +81,7 @@ def numbers(config: SweepConfig) -> Results:
 
 def ramp() -> list[str]:
     """Return the colours of the shares from the least to 1, the same as those of `plot`."""
-    return list(interp_palette(shades(BLUE, WHITE, "#000000"), _SHADES))
+    return list(interp_palette(style.shades(style.BLUE, style.WHITE, "#000000"), _SHADES))
 
 
 def ordinates(config: SweepConfig, results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
@@ -125,7 +114,7 @@ def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
     counts = count_pixels(np.arange(columns), values, (columns, rows), *window)
     column, row = np.nonzero(counts)
     share = counts[column, row] / counts.sum(axis=1)[column]
-    shade = np.clip(1.0 - np.log(share) / np.log(LEAST_SHARE), 0.0, 1.0)
+    shade = np.clip(1.0 - np.log(share) / np.log(style.LEAST_SHARE), 0.0, 1.0)
     pixels = np.zeros((rows, columns), np.uint8)
     pixels[row, column] = 1.0 + np.rint(shade * (_SHADES - 1))
     pixels[1:] = np.maximum(pixels[1:], pixels[:-1])
@@ -183,8 +172,8 @@ class Diagram(PixelFigure):
             y.js_on_change(end, CustomJS(args=models, code=_MOVED))
         self._strips = self._new_strips()
         self.mark = Span(
-            dimension="height", location=0.0, visible=False, line_color=VERMILION, line_width=2,
-            hover_line_color=VERMILION, hover_line_width=4, name="mark",
+            dimension="height", location=0.0, visible=False, name="mark", line_width=2,
+            line_color=style.VERMILION, hover_line_color=style.VERMILION, hover_line_width=4,
         )  # fmt: skip
         self.figure.add_layout(self.mark)
 
@@ -192,7 +181,10 @@ class Diagram(PixelFigure):
         """Return the marks of failed points, and of parts of repetitions, in a strip below."""
         self.figure.extra_y_ranges = {"strip": Range1d(0.0, 1.0)}
         strips, items = {}, []
-        for kind, colour in (*STATUS_COLOURS.items(), (PARTIAL, MARKS[PARTIAL][0])):
+        for kind, colour in (
+            *style.STATUS_COLOURS.items(),
+            (style.PARTIAL, style.MARKS[style.PARTIAL][0]),
+        ):
             source = ColumnDataSource({"x": [], "y": []}, name=getattr(kind, "name", kind))
             marks = self.figure.scatter(
                 "x", "y", source=source, marker="dash", angle=np.pi / 2.0, size=10,
@@ -305,7 +297,7 @@ class Diagram(PixelFigure):
 
 
 #: The dash style of each line and the marker of each special point, by name in the legend.
-_LINES = {STABLE: "solid", UNSTABLE: "dashed"}
+_LINES = {style.STABLE: "solid", style.UNSTABLE: "dashed"}
 _GLYPHS = {"flip": "circle", "fold": "square", "graze": "triangle"}
 
 #: Columns of data by the same names: abscissas, ordinates and class of every piece or mark.
@@ -328,7 +320,7 @@ class Branches:
         }
         self._items = []
         for name, source in self.sources.items():
-            look: Any = {"source": source, "line_color": VERMILION, "visible": False}
+            look: Any = {"source": source, "line_color": style.VERMILION, "visible": False}
             look["name"] = f"{name} marks"
             if name in _LINES:
                 marks = figure.multi_line("x", "y", line_dash=_LINES[name], **look)

@@ -26,18 +26,8 @@ from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES, records
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep, Selection
-from sweeps.plotting import canvas
+from sweeps.plotting import canvas, labels
 from sweeps.plotting.contents import refuse_empty, refuse_without_result, with_coordinate
-from sweeps.plotting.labels import (
-    CLASSES_TITLE,
-    as_variable,
-    basins_title,
-    equation,
-    followed,
-    label_axis,
-    record_text,
-    set_ends,
-)
 from sweeps.plotting.looks import (
     Cells,
     Looks,
@@ -96,7 +86,7 @@ def basins(
     there.draw(panel, page)
     view = view_of(panel, there.starts)
     handles = [*entries_of(there.starts, there.cells(), view), *there.mark_attractors(panel)]
-    figure = canvas.finish(panel, page, starts, handles, basins_title(sweep))
+    figure = canvas.finish(panel, page, starts, handles, labels.basins_title(sweep))
     there.write_names(panel, page)
     return figure
 
@@ -199,7 +189,7 @@ def _basins_beside(
         failed = failed_cells(starts["status"].values)
         others = *entries_of(starts, failed, view), *basins_there.mark_attractors(panel)
         further |= {str(handle.get_label()): handle for handle in others}
-        panel.set_title(equation(line[name].symbol, line[name], value), loc="left")
+        panel.set_title(labels.equation(line[name].symbol, line[name], value), loc="left")
         places.append((panel, basins_there))
         numbers.append(basins_there.numbers[view])
     for number, panel in enumerate(panels):
@@ -210,7 +200,7 @@ def _basins_beside(
         if number % across:
             panel.set_ylabel("")
     tables = [basins_there.table for _, basins_there in places]
-    title = f"{CLASSES_TITLE},\nshare of the starts in each panel"
+    title = f"{labels.CLASSES_TITLE},\nshare of the starts in each panel"
     handles = [*_shared_handles(tables, numbers, looks), *further.values()]
     figure = canvas.finish(panels[0], page, line, handles, title)
     for panel, basins_there in places:
@@ -296,11 +286,11 @@ def attractor_diagram(
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)
-    label_axis(panel.xaxis, line[axis])
-    label_axis(panel.yaxis, as_variable(coordinate, sweep))
+    labels.label_axis(panel.xaxis, line[axis])
+    labels.label_axis(panel.yaxis, labels.as_variable(coordinate, sweep))
     series = _draw_rows(panel, line, table, looks, axis, coordinate)
     if len(values) > 100:
-        set_ends(panel.xaxis, values.min(), values.max())
+        labels.set_ends(panel.xaxis, values.min(), values.max())
     page.set_limits(panel, fit=True)
     for each in series:
         if canvas.is_seen(each.dots):
@@ -310,8 +300,8 @@ def attractor_diagram(
     if page.marks and ORDINATES[coordinate].dimension == "impact":
         masks[PARTIAL] = line.transpose(axis).shows_part.ravel()
     mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks, page.grey)
-    title = f"{CLASSES_TITLE}\n{_starts_at_each(line)}"
-    record = record_text(line, coordinate)
+    title = f"{labels.CLASSES_TITLE}\n{_starts_at_each(line)}"
+    record = labels.record_text(line, coordinate)
     figure = canvas.finish(panel, page, line, legend_title=title, record=record)
     if page.grey:
         alone = [each for each in series if looks.has_own(each.rows[0])]
@@ -329,7 +319,7 @@ def _starts_at_each(line: OpenedSweep) -> str:
     text = f"{shown_count(starts, 'start')} at each value"
     if DIRECTION not in line.grid:
         return text
-    return followed(line) if starts == 1 else f"{text}, {followed(line)}"
+    return labels.followed(line) if starts == 1 else f"{text}, {labels.followed(line)}"
 
 
 class _Series(NamedTuple):

@@ -16,43 +16,10 @@ from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.plotting import canvas
-from sweeps.plotting.contents import (
-    MEAN_FORCE,
-    Wanted,
-    number_at,
-    refuse_without_result,
-    with_number,
-)
-from sweeps.plotting.labels import (
-    CLASSES_TITLE,
-    direction_names,
-    equation,
-    label,
-    refuse_too_large,
-    status_name,
-    tick_in_decades,
-)
+from sweeps.plotting import canvas, contents, labels, style
 from sweeps.plotting.looks import Cells, period_cells
 from sweeps.plotting.marks import mark_some
 from sweeps.plotting.pixels import widened
-from sweeps.plotting.style import (
-    BLUE,
-    DIRECTION_LOOKS,
-    EVIDENCE,
-    GREY_SERIES,
-    GREY_SPECIAL,
-    NO_VALUE,
-    PALE,
-    REST_COLOUR,
-    RESULT_COLOURS,
-    VERMILION,
-    WHITE,
-    Look,
-    grey_ramp,
-    legible,
-    visible,
-)
 from sweeps.store.variables import DIRECTION
 from vibroimpact.points.regimes import Regime, has_result
 from vibroimpact.status import Status
@@ -60,17 +27,19 @@ from vibroimpact.status import Status
 #: Names of the value 0 of quantities that are 0 or not defined without impacts.
 _ZERO = {
     **dict.fromkeys(("impacts_per_period", "slowest_impact", "fastest_impact"), "no impact"),
-    **dict.fromkeys(("impulse", "energy_lost", MEAN_FORCE), "no impact"),
+    **dict.fromkeys(("impulse", "energy_lost", contents.MEAN_FORCE), "no impact"),
     "max_penetration": "none",
     "rest_fraction": "no rest",
 }
 #: Quantities that a motion with rest does not have: a chatter has infinitely many impacts, and the
 #: force at rest is not in the file.
-_NOT_AT_REST = ("impacts_per_period", "slowest_impact", MEAN_FORCE)
+_NOT_AT_REST = ("impacts_per_period", "slowest_impact", contents.MEAN_FORCE)
 #: Quantities whose numbers stand for words: for each number the word and its colour.
 _WORDS: Mapping[str, Mapping[int, tuple[str, str]]] = {
-    "status": {one: (status_name(one), colour) for one, colour in RESULT_COLOURS.items()},
-    "class_evidence": {one: (one.name.lower(), colour) for one, colour in EVIDENCE.items()},
+    "status": {
+        one: (labels.status_name(one), colour) for one, colour in style.RESULT_COLOURS.items()
+    },
+    "class_evidence": {one: (one.name.lower(), colour) for one, colour in style.EVIDENCE.items()},
 }
 #: Positive values are on a logarithmic scale if the greatest is this many times the least.
 _LOG_FROM = 10.0
@@ -81,7 +50,9 @@ _MOST_NAMED = 6
 
 
 _SIGNED, _SIGNED_DOTS = (
-    LinearSegmentedColormap.from_list("signed", ["#00263D", BLUE, middle, VERMILION, "#4A1D00"])
+    LinearSegmentedColormap.from_list(
+        "signed", ["#00263D", style.BLUE, middle, style.VERMILION, "#4A1D00"]
+    )
     for middle in ("#F7F7F7", "#8C8C8C")
 )
 
@@ -157,9 +128,9 @@ class Paint(NamedTuple):
             aspect=35,
             extend="min" if self.values.min() < low else "neither",
         )
-        bar.set_label(label(self.variable), wrap=True)
+        bar.set_label(labels.label(self.variable), wrap=True)
         if isinstance(self.norm, LogNorm) and high < 100.0 * low:
-            tick_in_decades(bar.ax.xaxis)
+            labels.tick_in_decades(bar.ax.xaxis)
 
 
 def has_scale(name: str) -> bool:
@@ -172,22 +143,26 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
 
     With `dots` no colour is that of the ground; with `grey` all are greys, hatches or markers.
     """
-    variable = number_at(cut, name)
-    ramp = grey_ramp(0.1) if grey else mpl.colormaps[mpl.rcParams["image.cmap"]]
-    ramp, title = legible(ramp) if dots else ramp, None
+    variable = contents.number_at(cut, name)
+    ramp = style.grey_ramp(0.1) if grey else mpl.colormaps[mpl.rcParams["image.cmap"]]
+    ramp, title = style.legible(ramp) if dots else ramp, None
     values, norm = np.ma.masked_all(variable.shape, float), Normalize()
     has_value = has_result(cut["status"].values)
     if name == "period":
-        cells, title = period_cells(*cut.classes, grey=grey, hatched=not dots), CLASSES_TITLE
+        cells, title = period_cells(*cut.classes, grey=grey, hatched=not dots), labels.CLASSES_TITLE
     elif name == DIRECTION:
-        ways = zip(("up", "down"), direction_names(cut), DIRECTION_LOOKS[grey], strict=True)
+        ways = zip(
+            ("up", "down"), labels.direction_names(cut), style.DIRECTION_LOOKS[grey], strict=True
+        )
         cells = [
             Cells(text, look, has_value & (variable == way).values) for way, text, look in ways
         ]
     elif name in _WORDS:
         numbers = np.where(has_value, variable.values, Status.PENDING)
         cells = [
-            Cells(text, GREY_SERIES[i] if grey else Look.plain(colour), numbers == number)
+            Cells(
+                text, style.GREY_SERIES[i] if grey else style.Look.plain(colour), numbers == number
+            )
             for i, (number, (text, colour)) in enumerate(_WORDS[name].items())
         ]
     elif dots and name in cut.data.dims and 1 < cut.sizes[name] <= _MOST_NAMED:
@@ -195,7 +170,7 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
     else:
         numbers = variable.values.astype(float)
         if name in variable.coords:
-            refuse_too_large(name, numbers)
+            labels.refuse_too_large(name, numbers)
         cells = _special_cells(cut, name, numbers, has_value, dots, grey)
         for cell in cells:
             has_value &= ~cell.where
@@ -212,27 +187,27 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
         values = np.ma.masked_where(~has_value, numbers)
     if dots:
         cells = [
-            cell._replace(look=cell.look._replace(colour=visible(cell.look.ink), hatch=""))
+            cell._replace(look=cell.look._replace(colour=style.visible(cell.look.ink), hatch=""))
             for cell in cells
         ]
     return Paint(variable, cells, values, norm, ramp, title, dots, grey)
 
 
 def coloured_points(
-    sweep: OpenedSweep, at: Selection | None, color: Wanted, grey: bool
+    sweep: OpenedSweep, at: Selection | None, color: contents.Wanted, grey: bool
 ) -> tuple[OpenedSweep, Paint]:
     """Return the points that `at` leaves and their colours; refuse a single point.
 
     They are of one direction, by default the first, unless the colours tell the directions apart.
     """
-    sweep, name = with_number(sweep, color, for_colour=True)
+    sweep, name = contents.with_number(sweep, color, for_colour=True)
     free = {*sweep.grid} - {*(at or {}), *({DIRECTION} - {name})}
     points = sweep.cut(at, free=[*map(str, free)])
     if points["status"].size == 1:
         both = f"; color = {DIRECTION} shows both directions" if sweep.directions else ""
         raise Refused(f"a color tells several motions apart, and only one point is left{both}")
     paint = paint_of(points, name, dots=True, grey=grey)
-    refuse_without_result(points["status"].values)
+    contents.refuse_without_result(points["status"].values)
     return points, paint
 
 
@@ -250,12 +225,12 @@ def _cells_of_few(
     axis: xr.DataArray, variable: xr.DataArray, has_value: np.ndarray, ramp: Colormap | None
 ) -> list[Cells]:
     """Return the points at each of the few values of an axis, without a ramp in grey."""
-    looks = list(GREY_SERIES[: axis.size])
+    looks = list(style.GREY_SERIES[: axis.size])
     if ramp is not None:
-        looks = [Look.plain(to_hex(each)) for each in ramp(np.linspace(0.0, 1.0, axis.size))]
+        looks = [style.Look.plain(to_hex(each)) for each in ramp(np.linspace(0.0, 1.0, axis.size))]
     return [
         Cells(
-            equation(variable.symbol or rf"\mathrm{{{axis.name}}}", variable, value),
+            labels.equation(variable.symbol or rf"\mathrm{{{axis.name}}}", variable, value),
             look,
             has_value & (variable.values == value),
         )
@@ -274,8 +249,11 @@ def _special_cells(
     infinite = result & np.isneginf(values) & (name == "lyapunov")
     none = result & ~np.isfinite(values) & ~zero & ~rests & ~infinite
     words = (_ZERO.get(name, ""), Regime.REST.word, r"rest, $\lambda_1 = -\infty$", "no value")
-    plain = map(Look.plain, (PALE if dots else WHITE, REST_COLOUR, "#F0E442", NO_VALUE))
-    looks = GREY_SPECIAL if grey else plain
+    plain = map(
+        style.Look.plain,
+        (style.PALE if dots else style.WHITE, style.REST_COLOUR, "#F0E442", style.NO_VALUE),
+    )
+    looks = style.GREY_SPECIAL if grey else plain
     return list(map(Cells, words, looks, (zero, rests, infinite, none)))
 
 

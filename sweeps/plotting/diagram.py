@@ -16,35 +16,12 @@ from matplotlib.lines import Line2D
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES, recorded_coordinate
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.plotting import canvas
+from sweeps.plotting import canvas, contents, labels, style
 from sweeps.plotting.colours import Paint, legend_entries, paint_of
-from sweeps.plotting.contents import (
-    Wanted,
-    refuse_empty,
-    refuse_without_branches,
-    select_line,
-    with_number,
-)
 from sweeps.plotting.exact_lines import draw_branches, name_branches, without_gaps, without_idle
-from sweeps.plotting.labels import (
-    as_variable,
-    direction_names,
-    label_axis,
-    record_text,
-    set_ends,
-)
 from sweeps.plotting.marks import agreeing, draw_jumps, draw_points, mark_status, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import draw_density, value_range
-from sweeps.plotting.style import (
-    APPROACHING,
-    BOTH_COLOUR,
-    DIRECTION_LOOKS,
-    PARTIAL,
-    data_colour,
-    ink,
-    visible,
-)
 from sweeps.plotting.table_points import draw_overlay, read_overlay
 from sweeps.store.variables import DIRECTION, FLAGS
 from sweeps.text import listed
@@ -59,7 +36,7 @@ _LOWER = 0.4
 #: Opacity of the larger Lyapunov exponent, as of other scalars, and of the second one.
 _EXPONENTS = 1.0, 0.45
 #: Markers of the directions in grey.
-_MARKERS = [look.marker for look in DIRECTION_LOOKS[True]]
+_MARKERS = [look.marker for look in style.DIRECTION_LOOKS[True]]
 
 
 @functools.partial(styled, marks=True)
@@ -70,8 +47,8 @@ def bifurcation(
     at: Selection | None = None,
     coordinate: str | None = None,
     exact: xr.Dataset | None = None,
-    below: Wanted | Sequence[Wanted] = (),
-    color: Wanted | None = None,
+    below: contents.Wanted | Sequence[contents.Wanted] = (),
+    color: contents.Wanted | None = None,
     overlay: Any = None,
     page: Page = PAGE,
     ax: Axes | None = None,
@@ -109,7 +86,7 @@ def bifurcation(
     if ax is not None and len(below):
         raise Refused("panels below a diagram need a figure of their own: leave out ax or below")
     sweep, names, tint = _with_numbers(sweep, below, color)
-    line, axis, coordinate = select_line(sweep, axes, at, coordinate)
+    line, axis, coordinate = contents.select_line(sweep, axes, at, coordinate)
     if tint is not None:
         line = line.each_direction[0]
     _check_branches(exact, axis, coordinate)
@@ -120,18 +97,18 @@ def bifurcation(
     heights, shared = [1.0] + [_LOWER] * len(names), range(len(names) + 1)
     panels = canvas.stacked_panels(page, heights, shared) if ax is None else [ax]
     panel, lower = panels[0], panels[1:]
-    label_axis(panels[-1].xaxis, line[axis])
-    label_axis(panel.yaxis, as_variable(coordinate, sweep))
+    labels.label_axis(panels[-1].xaxis, line[axis])
+    labels.label_axis(panel.yaxis, labels.as_variable(coordinate, sweep))
     for below_it, name in zip(lower, names, strict=True):
-        label_axis(below_it.yaxis, line[name], heading=True)
-    record = record_text(line, coordinate)
+        labels.label_axis(below_it.yaxis, line[name], heading=True)
+    record = labels.record_text(line, coordinate)
     low, high = motions.draw_points(panel)
     branches, idle = dict[str, list[Line2D]](), list[Artist]()
     if exact is not None:
         branches, idle = motions.draw_exact(panel, exact, page.marks)
         low, high = panel.dataLim.intervaly
     if len(motions.values) > 100:
-        set_ends(panel.xaxis, motions.values.min(), motions.values.max())
+        labels.set_ends(panel.xaxis, motions.values.min(), motions.values.max())
     widen_if_constant(panel.yaxis, low, high)
     page = page.set_limits(panel, fit=True, ranges=motions.ranges_within)
     for below_it, name in zip(lower, names, strict=True):
@@ -158,14 +135,16 @@ def _check_branches(exact: xr.Dataset | None, axis: str, coordinate: str) -> Non
     """Refuse exact branches that a diagram of a coordinate over an axis cannot show."""
     if exact is None:
         return
-    refuse_without_branches(coordinate)
+    contents.refuse_without_branches(coordinate)
     if {*exact.coords} != {axis}:
         noun = "branches" if "branch" in exact else "curves, which a map shows,"
         raise Refused(f"the exact {noun} are over {listed(map(str, exact.coords))}, not {axis}")
 
 
 def _with_numbers(
-    sweep: OpenedSweep, below: Wanted | Sequence[Wanted], color: Wanted | None
+    sweep: OpenedSweep,
+    below: contents.Wanted | Sequence[contents.Wanted],
+    color: contents.Wanted | None,
 ) -> tuple[OpenedSweep, list[str], str | None]:
     """Return the dataset with what is wanted, the names below, and that of what colours points.
 
@@ -173,7 +152,7 @@ def _with_numbers(
     """
     names, tint = list[str](), None
     for wanted in [below] if isinstance(below, str | xr.DataArray) else below:
-        sweep, name = with_number(sweep, wanted)
+        sweep, name = contents.with_number(sweep, wanted)
         if name in FLAGS or name in sweep.data.coords:
             why = "its numbers stand for words" if name in FLAGS else "it is no result"
             raise Refused(f"{name} cannot be drawn below a diagram: {why}")
@@ -181,7 +160,7 @@ def _with_numbers(
             raise Refused(f"{name} is asked for twice below the diagram")
         names.append(name)
     if color is not None:
-        sweep, tint = with_number(sweep, color, for_colour=True)
+        sweep, tint = contents.with_number(sweep, color, for_colour=True)
     return sweep, names, None if tint == DIRECTION else tint
 
 
@@ -209,7 +188,7 @@ class _Motions:
         self.line, self.axis, self.coordinate, self.grey = line, axis, coordinate, grey
         self.values, self.ways, self.rgba = line[axis].values, line.each_direction, rgba
         self.dots = list[Line2D]()
-        up, down = (visible(look.colour) for look in DIRECTION_LOOKS[grey])
+        up, down = (style.visible(look.colour) for look in style.DIRECTION_LOOKS[grey])
         self.colours = up, down
         computed = int(has_result(line["status"].values).sum())
         self.dense = computed * line.sizes[ORDINATES[coordinate].dimension] > DENSITY_FROM
@@ -218,7 +197,7 @@ class _Motions:
         """Draw markers, or make room for a density; return the range of the ordinates."""
         low, high = value_range(self.ways, self.coordinate)
         if low > high:
-            refuse_empty(self.line, self.coordinate)
+            contents.refuse_empty(self.line, self.coordinate)
         if self.dense:
             panel.update_datalim([(self.values.min(), low), (self.values.max(), high)])
             panel.autoscale_view()
@@ -241,10 +220,10 @@ class _Motions:
         """Draw values of each direction, shape (n, k); those of both have a colour of their own."""
         colours: Sequence[str | np.ndarray] = self.colours
         if len(self.ways) == 1:
-            colours = [data_colour() if self.rgba is None else self.rgba]
+            colours = [style.data_colour() if self.rgba is None else self.rgba]
         parts = [(y, np.isfinite(y), tint) for y, tint in zip(records, colours, strict=False)]
         if len(parts) == 2:
-            dark = visible(BOTH_COLOUR)
+            dark = style.visible(style.BOTH_COLOUR)
             look = {"most": 1.6} | look  # thin, so that both directions are seen
             both = agreeing(*records)
             apart = [(y, fine & ~b, tint) for (y, fine, tint), b in zip(parts, both, strict=True)]
@@ -291,8 +270,8 @@ class _Motions:
         if len(self.ways) == 1:
             return
         seen = {dots.get_color() for dots in self.dots if canvas.is_seen(dots)}
-        texts = *direction_names(self.line), "both"
-        colours = *self.colours, visible(BOTH_COLOUR)
+        texts = *labels.direction_names(self.line), "both"
+        colours = *self.colours, style.visible(style.BOTH_COLOUR)
         shapes = (*_MARKERS, "o") if self.grey and not self.dense else 3 * ("o",)
         for text, colour, shape in zip(texts, colours, shapes, strict=True):
             if self.dense or colour in seen:
@@ -312,9 +291,9 @@ class _Motions:
 
         These are on their way to m/q, or show only part of a repetition.
         """
-        masks = {APPROACHING: self.line.on_its_way} if marks else {}
+        masks = {style.APPROACHING: self.line.on_its_way} if marks else {}
         if marks and ORDINATES[self.coordinate].dimension == "impact":
-            masks = {PARTIAL: self.line.shows_part, **masks}
+            masks = {style.PARTIAL: self.line.shows_part, **masks}
         mark_status(panel, self.values, self.line["status"].values, masks, self.grey)
 
     def ranges_within(self, limits: tuple[float, float] | None) -> list[tuple[float, float]]:
@@ -336,8 +315,8 @@ class _Motions:
         for exponent, alpha in zip(range(columns[0].shape[1]), _EXPONENTS, strict=False):
             self._mark(panel, [y[:, [exponent]] for y in columns], size=size, alpha=alpha)
         if name == "lyapunov":
-            panel.axhline(0.0, color=ink(), linewidth=0.6, zorder=1)
+            panel.axhline(0.0, color=style.ink(), linewidth=0.6, zorder=1)
             is_plain = len(self.ways) == 1 and self.rgba is None
-            colour = data_colour() if is_plain else visible(BOTH_COLOUR)
+            colour = style.data_colour() if is_plain else style.visible(style.BOTH_COLOUR)
             for text, alpha in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
                 panel.plot([], [], "o", color=colour, alpha=alpha, markersize=4, label=text)

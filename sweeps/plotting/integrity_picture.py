@@ -22,17 +22,8 @@ from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.opened.kept import with_cache
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.plotting import canvas
+from sweeps.plotting import canvas, labels
 from sweeps.plotting.attractor_pictures import Basins, attractors_in
-from sweeps.plotting.labels import (
-    CLASSES_TITLE,
-    as_variable,
-    basins_title,
-    equation,
-    label_axis,
-    named_unit,
-    set_ends,
-)
 from sweeps.plotting.looks import Cells, Looks, names_of
 from sweeps.plotting.maps import entries_of, view_of
 from sweeps.plotting.names import name_lines
@@ -116,7 +107,7 @@ def integrity(
         handles += _handles_of_profile(table, of_basins, looks, line, along[0])
         marks, lines = _draw_profile(profile, every, along[0], table, looks)
         handles += marks
-        label_axis([*profile.values()][-1].xaxis, line[along[0]])
+        labels.label_axis([*profile.values()][-1].xaxis, line[along[0]])
     if basins is not None:
         if along:
             handles += _mark_place(profile.values(), basins, line[along[0]], starts)
@@ -124,7 +115,7 @@ def integrity(
     panel = by_name[names[0]] if basins is None else basins
     if basins is None:
         page.set_limits(panel)
-    title = CLASSES_TITLE if basins is None else basins_title(line)
+    title = labels.CLASSES_TITLE if basins is None else labels.basins_title(line)
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:
         of_value.write_names(basins, page)
@@ -152,7 +143,7 @@ def _mark_place(
 ) -> list[Artist]:
     """Mark the value of the axis at which the basins are; return a handle if there is a mark."""
     here = float(starts[str(axis.name)])
-    text = f"basins at {equation(axis.symbol, axis, here)}"
+    text = f"basins at {labels.equation(axis.symbol, axis, here)}"
     basins.set_title(text, loc="left")
     look: dict[str, Any] = {"color": ink(), "linewidth": 0.6, "linestyle": ":"}
     lines = [panel.axvline(here, **look) for panel in profile]
@@ -207,8 +198,8 @@ def _draw_profile(
     for name, panel in panels.items():
         at_edge, title = _MEASURES[name]
         panel.set_title(title, loc="left")
-        if named_unit(there[name]):
-            label_axis(panel.yaxis, there[name].assign_attrs(long_name="", symbol=""))
+        if labels.named_unit(there[name]):
+            labels.label_axis(panel.yaxis, there[name].assign_attrs(long_name="", symbol=""))
         is_bound = there[at_edge] if at_edge else there[name].isnull()
         values = there[name].where(there["integrity_factor"].notnull())
         highest = values.where(~is_bound).max().fillna(values.max()).fillna(0.0)
@@ -222,7 +213,7 @@ def _draw_profile(
             of_number = y, bound, top
             lines[-1] += _draw_lines(panel, there[axis].values, of_number, rows, axis, looks)
             bounded |= bool(bound.any())
-        set_ends(panel.yaxis, 0.0, top)
+        labels.set_ends(panel.yaxis, 0.0, top)
     text, marker = ("hollow: lower bound", "o") if looks.grey else ("lower bound", _BOUND_MARKER)
     handle = Line2D([], [], linestyle="", color=ink(), label=text, marker=marker)
     handle.set(markersize=4.0, markerfacecolor=ground())
@@ -275,7 +266,7 @@ def _draw_disturbances(
     }
     if exact:
         there = with_cache(knocks, what="least knocks")(starts, there, list(places))
-    named = named_unit(as_variable("v0", starts))
+    named = labels.named_unit(labels.as_variable("v0", starts))
     unit = f" {named}" if named else ""
     handles, discs, knock = list[Artist](), list[bool](), 0
     for row in attractor_rows(starts, there):

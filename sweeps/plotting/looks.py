@@ -10,22 +10,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.patches import Patch
 
+from sweeps.plotting import style
 from sweeps.plotting.labels import Names, as_variable, equation, status_name
-from sweeps.plotting.style import (
-    CLASSES,
-    FURTHER,
-    GREY_FAILED,
-    LOOKS,
-    OTHER_RESTS,
-    REGIMES,
-    RESTS,
-    STATUS_COLOURS,
-    Look,
-    LookKey,
-    hatch_on,
-    ink,
-    visible,
-)
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import NO_CLASS, Label, Regime, rest_of
 
@@ -36,17 +22,17 @@ if TYPE_CHECKING:
 OTHERS = "other m/q"
 
 
-def look_of(key: LookKey, grey: bool = False) -> Look:
+def look_of(key: style.LookKey, grey: bool = False) -> style.Look:
     """Return the look of a class, or of all other classes, of a regime or a further attractor."""
-    look = LOOKS.get(key, LOOKS[None])[grey]
-    return look._replace(ink=visible(look.ink))
+    look = style.LOOKS.get(key, style.LOOKS[None])[grey]
+    return look._replace(ink=style.visible(look.ink))
 
 
 class Cells(NamedTuple):
     """The points of a picture with the same look, and their name, which may say their share."""
 
     name: str
-    look: Look
+    look: style.Look
     where: np.ndarray
     whole: np.ndarray | None = None  # of which the name has the share in place of a % format
 
@@ -73,7 +59,7 @@ class Cells(NamedTuple):
 
     def handle(self) -> Patch:
         """Return the patch for the legend."""
-        edge = hatch_on(self.colour) if self.look.hatch else ink()
+        edge = style.hatch_on(self.colour) if self.look.hatch else style.ink()
         look: dict[str, Any] = {"edgecolor": edge, "hatch": self.look.hatch, "linewidth": 0.4}
         return Patch(facecolor=self.colour, label=self.label, **look)
 
@@ -83,10 +69,10 @@ def failed_cells(status: np.ndarray, hatched: bool = False) -> list[Cells]:
     return [
         Cells(
             status_name(outcome),
-            look if hatched else Look.plain(STATUS_COLOURS[outcome]),
+            look if hatched else style.Look.plain(style.STATUS_COLOURS[outcome]),
             status == outcome,
         )
-        for outcome, look in GREY_FAILED.items()
+        for outcome, look in style.GREY_FAILED.items()
     ]
 
 
@@ -100,13 +86,13 @@ def period_cells(
     """
     periodic = regimes == Regime.PERIODIC
     cells = []
-    for periods, impacts in CLASSES:
+    for periods, impacts in style.CLASSES:
         where = periodic & (m == periods) & (q == impacts)
         text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
         cells.append(Cells(text, look_of((periods, impacts), grey), where))
         periodic = periodic & ~where
     cells.append(Cells(OTHERS, look_of(None, grey), periodic))
-    for regime in REGIMES:
+    for regime in style.REGIMES:
         where, look = regimes == regime, look_of(regime, grey)
         if regime is Regime.REST:
             cells += _rest_cells(where, m, grey, hatched)
@@ -122,8 +108,11 @@ def _rest_cells(rest: np.ndarray, m: np.ndarray, grey: bool, hatched: bool) -> l
     look = look_of(Regime.REST, grey)
     if not hatched:
         return [Cells(_name_of_rests(m[rest]), look, rest)]
-    others = rest & ~np.isin(m, [*RESTS])
-    groups = [*((hatch, rest & (m == n)) for n, hatch in RESTS.items()), (OTHER_RESTS, others)]
+    others = rest & ~np.isin(m, [*style.RESTS])
+    groups = [
+        *((hatch, rest & (m == n)) for n, hatch in style.RESTS.items()),
+        (style.OTHER_RESTS, others),
+    ]
     return [
         Cells(_name_of_rests(m[where]), look._replace(hatch=hatch), where)
         for hatch, where in groups
@@ -178,7 +167,7 @@ class Looks(NamedTuple):
         """Whether an attractor has a look that it shares with none beside it."""
         return self.further.get((row.number, row.m, row.q), 0) is not None
 
-    def look(self, row: AttractorRow) -> Look:
+    def look(self, row: AttractorRow) -> style.Look:
         """Return the look of an attractor, or of its regime."""
         if row.regime is not Regime.PERIODIC:
             return look_of(row.regime, self.grey)
@@ -186,11 +175,11 @@ class Looks(NamedTuple):
         if key not in self.further:
             return look_of((row.m, row.q), self.grey)
         index = self.further[key]
-        return look_of(None if index is None else FURTHER[index], self.grey)
+        return look_of(None if index is None else style.FURTHER[index], self.grey)
 
     def series(self, table: Sequence[AttractorRow]) -> list[list[int]]:
         """Return the places of the attractors with the same look, the most frequent ones first."""
-        places: dict[Look, list[int]] = {}
+        places: dict[style.Look, list[int]] = {}
         for i in sorted(range(len(table)), key=lambda i: (table[i].number, table[i].m)):
             places.setdefault(self.look(table[i]), []).append(i)
         return list(places.values())
@@ -218,12 +207,12 @@ def _further(
     for own, periods, impacts in np.unique(classes, axis=0).tolist():
         at = ((number == own) & (m == periods) & (q == impacts)).any(axis=1)
         taken = of_class.get((periods, impacts), nowhere)
-        if (periods, impacts) in CLASSES and not (taken & at).any():
+        if (periods, impacts) in style.CLASSES and not (taken & at).any():
             of_class[periods, impacts] = taken | at
         else:
             without[own] = without.get(own, nowhere) | at
             keys.append((own, periods, impacts))
-    used = [nowhere] * len(FURTHER)
+    used = [nowhere] * len(style.FURTHER)
     chosen: dict[int, int | None] = {}
     for own, at in without.items():
         free = [i for i, taken in enumerate(used) if not (taken & at).any()]

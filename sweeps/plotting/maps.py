@@ -17,17 +17,10 @@ from matplotlib.path import Path
 
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.plotting import canvas
+from sweeps.plotting import canvas, labels
 from sweeps.plotting.colours import paint_of
 from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.exact_lines import draw_curves
-from sweeps.plotting.labels import (
-    label_axis,
-    log_spaced,
-    refuse_too_large,
-    set_ends,
-    status_name,
-)
 from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells
 from sweeps.plotting.names import draw_boundaries, name_regions
@@ -158,7 +151,7 @@ def entries_of(cut: OpenedSweep, cells: Iterable[Cells], view: Any = ...) -> dic
     rests = {e: share for e, share in shares.items() if str(e.get_label()).startswith(RESTING)}
     shares |= {max(rests, key=rests.__getitem__): sum(rests.values())} if rests else {}
     if pending := np.count_nonzero(status == Status.PENDING):
-        text = f"{status_name(Status.PENDING)} ({pending:,} of {status.size:,})"
+        text = f"{labels.status_name(Status.PENDING)} ({pending:,} of {status.size:,})"
         shares[Patch(label=text, facecolor=ground(), **_LOOK_OF_PENDING)] = COMMON
     return shares
 
@@ -196,7 +189,7 @@ def draw_cells(panel: Axes, cut: OpenedSweep, cells: Iterable[Cells]) -> None:
     The dimensions of ``status`` in the cut must be the ordinate and the abscissa, both increasing.
     """
     for axis, name in zip((panel.yaxis, panel.xaxis), cut.grid, strict=True):
-        label_axis(axis, cut[name])
+        labels.label_axis(axis, cut[name])
     status = cut["status"].values
     cells = [cell for cell in cells if cell.where.any()]
     index = np.full(status.shape, -1)
@@ -233,11 +226,11 @@ def _edges_of(cut: OpenedSweep) -> list[np.ndarray]:
     edges = []
     for name in cut.grid[::-1]:
         values = cut[name].values
-        refuse_too_large(name, values)
+        labels.refuse_too_large(name, values)
         with np.errstate(over="ignore"):
-            ends = cell_edges(values, log_spaced(values))
+            ends = cell_edges(values, labels.log_spaced(values))
         if not np.isfinite(ends).all():  # of so many decades
-            refuse_too_large(f"a cell of {name}", ends)
+            labels.refuse_too_large(f"a cell of {name}", ends)
         edges.append(ends)
     return edges
 
@@ -253,4 +246,4 @@ def _draw_mesh(
     edges = _edges_of(cut)
     panel.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=True)
     for axis, ends in zip((panel.xaxis, panel.yaxis), edges, strict=True):
-        set_ends(axis, ends[0], ends[-1])
+        labels.set_ends(axis, ends[0], ends[-1])

@@ -24,17 +24,10 @@ from sweeps.opened.coordinates import (
     recorded_motion,
 )
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
+from sweeps.plotting import labels
 from sweeps.plotting.canvas import Picture, finish, in_view, new_panel, width_of
 from sweeps.plotting.colours import Paint, coloured_points, legend_entries
 from sweeps.plotting.contents import Wanted
-from sweeps.plotting.labels import (
-    as_variable,
-    equation,
-    label_axis,
-    named_unit,
-    record_text,
-    set_ends,
-)
 from sweeps.plotting.looks import Cells
 from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
@@ -74,7 +67,7 @@ def _draw_records(
     panel = new_panel(ax, page)
     draw_points(panel, columns[0], columns[1], rgba)
     for axis, name in zip((panel.xaxis, panel.yaxis), names, strict=True):
-        label_axis(axis, points[name])
+        labels.label_axis(axis, points[name])
     set_view(panel, points, columns)
     page.set_limits(panel, fit="poincare_v" in names)  # speeds of impacts begin at 0
     if paint is not None:
@@ -86,7 +79,7 @@ def _draw_records(
         paint = paint.within((seen & ~both).any(axis=-1) | ~finite.any(axis=-1))
     handles += panel.get_legend_handles_labels()[0]
     handles, title = legend_entries(paint, [panel], handles)
-    return finish(panel, page, points, handles, title, record_text(points, names[1]))
+    return finish(panel, page, points, handles, title, labels.record_text(points, names[1]))
 
 
 @styled
@@ -118,7 +111,7 @@ def section(
         (x, v), clearance = columns, points["clearance"]
         ends = [x.min(), x.max()]
         if not clearance.dims:
-            draw_stop(panel.axvline, float(clearance), as_variable("clearance", sweep))
+            draw_stop(panel.axvline, float(clearance), labels.as_variable("clearance", sweep))
             ends.append(float(clearance))
         widen_if_constant(panel.xaxis, min(ends), max(ends))
         widen_if_constant(panel.yaxis, v.min(), v.max())
@@ -155,8 +148,8 @@ def impacts(
         """Show a whole period, and speeds from 0."""
         quarters = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
         panel.set_xticks(0.5 * np.pi * np.arange(5), quarters)
-        set_ends(panel.xaxis, 0.0, 2.0 * np.pi)
-        set_ends(panel.yaxis, 0.0, panel.get_ybound()[1])
+        labels.set_ends(panel.xaxis, 0.0, 2.0 * np.pi)
+        labels.set_ends(panel.yaxis, 0.0, panel.get_ybound()[1])
 
     return _draw_records(sweep, ("impact_phase", "impact_v"), at, color, page, ax, set_view)
 
@@ -213,18 +206,18 @@ def trajectory(
     if not points["clearance"].dims:
         clearance = float(points["clearance"])
         draw_stop(over_time.axhline, clearance)
-        draw_stop(phase_plane.axvline, clearance, as_variable("clearance", sweep))
+        draw_stop(phase_plane.axvline, clearance, labels.as_variable("clearance", sweep))
     over_time.margins(x=0.01)
-    time, x, v = (as_variable(name, sweep) for name in RECORDED)
+    time, x, v = (labels.as_variable(name, sweep) for name in RECORDED)
     time.attrs["symbol"] = "t-t_0"
     for panel, across, up in ((over_time, None, x), (velocity, time, v), (phase_plane, x, v)):
-        label_axis(panel.yaxis, up)
+        labels.label_axis(panel.yaxis, up)
         if across is not None:
-            label_axis(panel.xaxis, across)
+            labels.label_axis(panel.xaxis, across)
     deepest = max(motion.depth for motion in motions)
     if deepest > 0.0:
         depth = f"deepest penetration {deepest:.1e}"
-        phase_plane.set_title(" ".join([depth, named_unit(x)]).strip())
+        phase_plane.set_title(" ".join([depth, labels.named_unit(x)]).strip())
     page.set_limits(over_time, fit=True).fit_ordinate(velocity)
     handles = phase_plane.get_legend_handles_labels()[0]
     handles, title = legend_entries(paint, panels, handles, curves=True)
@@ -286,7 +279,7 @@ def _text_of_motions(
     (after, *others) = {shown_count(periods, "forcing period", ".6g") for periods in since}
     if others:
         return "", "of each motion", None
-    start = equation("t_0", time, starts[0]) if len(motions) == 1 else ""
+    start = labels.equation("t_0", time, starts[0]) if len(motions) == 1 else ""
     record = ", ".join(filter(None, [start, f"after {after}"]))
     if motion_class is not None:
         kind = "class " if motion_class.regime is Regime.PERIODIC else ""

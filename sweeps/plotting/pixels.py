@@ -11,16 +11,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
 from sweeps.opened.coordinates import ORDINATES, in_parts, recorded_coordinate
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting.style import (
-    BOTH_COLOUR,
-    LEAST_SHARE,
-    data_colour,
-    dots_per_inch,
-    ground,
-    ink,
-    shades,
-    visible,
-)
+from sweeps.plotting import style
 from vibroimpact.points.regimes import has_result
 
 
@@ -73,7 +64,7 @@ def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
 
 #: Number of values read at a time.
 _PART_SIZE = 1_000_000
-_SCALE_OF_SHARES = LogNorm(LEAST_SHARE, 1.0, clip=True)
+_SCALE_OF_SHARES = LogNorm(style.LEAST_SHARE, 1.0, clip=True)
 
 
 def computed_parts(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -105,10 +96,13 @@ def _ramps(colours: Sequence[str]) -> list[LinearSegmentedColormap]:
     motion is periodic.
     """
     both_ways = len(colours) > 0
-    own = [*colours, visible(BOTH_COLOUR)] if both_ways else [data_colour()]
-    ends = [shades(colour, ground(), ink())[: 2 if both_ways else 3] for colour in own]
+    own = [*colours, style.visible(style.BOTH_COLOUR)] if both_ways else [style.data_colour()]
+    ends = [
+        style.shades(colour, style.ground(), style.ink())[: 2 if both_ways else 3] for colour in own
+    ]
     return [
-        LinearSegmentedColormap.from_list("density", [*map(visible, colours)]) for colours in ends
+        LinearSegmentedColormap.from_list("density", [*map(style.visible, colours)])
+        for colours in ends
     ]
 
 
@@ -137,7 +131,7 @@ def draw_density(
         )
         bar.set_label("share of the points of a column")
     figure.draw_without_rendering()  # computes the layout
-    edges = _edges_of_pixels(panel, values, dots_per_inch() / figure.dpi)
+    edges = _edges_of_pixels(panel, values, style.dots_per_inch() / figure.dpi)
     shape = len(edges[0]) - 1, len(edges[1]) - 1
     if tint is not None:
         owner = np.full(shape, -1)
