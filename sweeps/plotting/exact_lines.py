@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from matplotlib.transforms import Bbox
 
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
+from sweeps.plotting.pixels import runs
 from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION, ground, ink
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
@@ -62,11 +62,9 @@ def parts_of(branches: xr.Dataset, coordinate: str) -> Iterator[Part]:
             continue
         # A special point ends the pieces on both sides, and belongs to the stable one.
         states = zip(stable[1:] | stable[:-1], _breaks(branch, coordinate), strict=True)
-        for (steady, run), group in groupby(enumerate(states), key=lambda item: item[1]):
-            indices = [i for i, _ in group]
-            part = slice(indices[0], indices[-1] + 2)
+        for start, stop, (steady, run) in runs(states):
             if run >= 0:
-                name = STABLE if steady else UNSTABLE
+                name, part = STABLE if steady else UNSTABLE, slice(start, stop + 1)
                 yield Part(name, x[part], y[part], q > 0 and not is_wide, f"{m}/{q}")
     for kind in MARKERS:
         here = (branches["kind"].values == kind) & wide[branches["branch"].values]
@@ -143,9 +141,8 @@ def draw_branches(
         hidden = in_chaos(x)
         if name in LINES:
             faint = (hidden & (name == UNSTABLE) | thin).tolist()
-            for is_faint, group in groupby(range(len(x)), key=faint.__getitem__):
-                (first, *_, last) = 2 * list(group)
-                run, of = slice(first, last + 2), _THIN_LINES if is_faint else name
+            for start, stop, is_faint in runs(faint):
+                run, of = slice(start, stop + 1), _THIN_LINES if is_faint else name
                 stroke = look | _THIN_BRANCHES if is_faint else look
                 lines[of] += panel.plot(
                     x[run], y[run], zorder=4, label="_", ls=LINES[name], **stroke
@@ -233,9 +230,8 @@ def _pieces(
             bounds |= (near & other)[row, column]
         bounds = without_gaps(bounds, _PER_CELL * _GAP)
         points = np.stack([np.interp(fine, along, z) for z in line.T], axis=1)
-        for flag, group in groupby(enumerate(bounds.tolist()), key=lambda item: item[1]):
-            (first, _), *_, (last, _) = 2 * list(group)
-            yield _Piece(number, points[first : last + 2], flag)
+        for start, stop, flag in runs(bounds.tolist()):
+            yield _Piece(number, points[start : stop + 1], flag)
 
 
 def _on_axes(curves: xr.Dataset, cut: OpenedSweep) -> np.ndarray:

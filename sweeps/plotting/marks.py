@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from matplotlib.patheffects import withStroke
 
 from sweeps.plotting.canvas import figure_of, in_panel, in_view
 from sweeps.plotting.labels import equation, refuse_too_large, set_ends, status_name
-from sweeps.plotting.pixels import widened
+from sweeps.plotting.pixels import runs, widened
 from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, ground, ink, visible
 
 #: Height of the middle of the strip of marks, as a share of the panel.
@@ -226,7 +226,9 @@ def draw_jumps(
     shape (n,), increases; `up` and `down` are values of the points, shape (n, k).
     """
     size, handles = _extent(up, down) or 1.0, list[Artist]()
-    for start, stop in _ranges(_motions_differ(up, down, size)):
+    for start, stop, differ in runs(_motions_differ(up, down, size).tolist()):
+        if not differ:
+            continue
         for motion, i, j, colour in (
             (up, stop - 1, stop, colours[0]),
             (down, start, start - 1, colours[1]),
@@ -247,9 +249,3 @@ def draw_jumps(
             shape: dict[str, Any] = {"linestyle": "", "marker": r"$\rightarrow$", "markersize": 8.0}
             handles = [Line2D([], [], color=ink(), markeredgewidth=0, label="jump", **shape)]
     return handles
-
-
-def _ranges(mask: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield the runs of True: the first index, and the one after the last."""
-    ends = np.flatnonzero(np.diff(np.pad(mask, 1).astype(np.int8)))
-    yield from zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +15,15 @@ from sweeps.opened.coordinates import ORDINATES, in_parts, recorded_coordinate
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import style
 from vibroimpact.points.regimes import has_result
+
+
+def runs(values: Iterable[Any]) -> Iterator[tuple[int, int, Any]]:
+    """Yield the runs of equal values: the first index, the one after the last, and the value."""
+    start = 0
+    for value, run in groupby(values):
+        stop = start + len([*run])
+        yield start, stop, value
+        start = stop
 
 
 def pixels_of(
