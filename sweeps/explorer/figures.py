@@ -11,22 +11,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from bokeh.models import (
-    BasicTicker,
-    BasicTickFormatter,
-    BoxAnnotation,
-    ColumnDataSource,
-    CustomJSTickFormatter,
-    Label,
-    LayoutDOM,
-    LinearColorMapper,
-    LinearScale,
-    LogScale,
-    LogTicker,
-    PrintfTickFormatter,
-    Range1d,
-    TickFormatter,
-)
+from bokeh import models
 from bokeh.plotting import figure
 
 from sweeps.config.rig import Nomenclature
@@ -102,7 +87,7 @@ def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math
     """
     variable = as_variable(name, view.seen)
     prefix, factor = prefix_of(variable, size)
-    log = isinstance(axis.ticker, LogTicker)
+    log = isinstance(axis.ticker, models.LogTicker)
     if (axis.formatter.tags or _UNTAGGED) != [log, factor]:
         axis.formatter = _formatter(log, factor)
     text = without_tex(label(variable, prefix))
@@ -110,13 +95,17 @@ def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math
     return text if fits else text.removeprefix(variable.long_name).strip()
 
 
-def _formatter(log: bool, factor: float) -> TickFormatter:
+def _formatter(log: bool, factor: float) -> models.TickFormatter:
     """Return what writes the ticks of an axis, divided by the factor of a prefix."""
     tags = [log, factor]
     if factor != 1.0:
         args = {"factor": factor, "log": log}
-        return CustomJSTickFormatter(args=args, code=_TICK_WITH_PREFIX, tags=tags)
-    return PrintfTickFormatter(format="%g", tags=tags) if log else BasicTickFormatter(tags=tags)
+        return models.CustomJSTickFormatter(args=args, code=_TICK_WITH_PREFIX, tags=tags)
+    return (
+        models.PrintfTickFormatter(format="%g", tags=tags)
+        if log
+        else models.BasicTickFormatter(tags=tags)
+    )
 
 
 class PixelFigure:
@@ -125,28 +114,30 @@ class PixelFigure:
     If `x_range` is the range of another figure, they share their abscissa.
     """
 
-    def __init__(self, name: str, report: Report, x_range: Range1d | None = None) -> None:
+    def __init__(self, name: str, report: Report, x_range: models.Range1d | None = None) -> None:
         self._report = report
         self.figure = figure(
             tools="pan,wheel_zoom,box_zoom,undo,redo,reset,save", active_scroll="wheel_zoom",
-            x_range=x_range or Range1d(0.0, 1.0), y_range=Range1d(0.0, 1.0), name=name,
-            sizing_mode="stretch_both", min_height=120, lod_threshold=None,
+            x_range=x_range or models.Range1d(0.0, 1.0), y_range=models.Range1d(0.0, 1.0),
+            name=name, sizing_mode="stretch_both", min_height=120, lod_threshold=None,
             # The ordinate is named above, so that the plot has the whole width of a narrow page.
             title="", toolbar_location="above",
         )  # fmt: skip
         self.figure.toolbar.logo = None
         self.figure.title.update(text_font_style="italic", text_color="#444444")
         #: The content of the tab of this figure.
-        self.layout: LayoutDOM = self.figure
+        self.layout: models.LayoutDOM = self.figure
         #: Columns and rows of the canvas; 0 until the browser reports them.
         self.size = (0, 0)
         columns: dict[str, list[Any]] = {key: [] for key in ("image", "x", "y", "dw", "dh")}
-        self.source = ColumnDataSource(columns, name=f"{name} pixels")
-        self._colours = LinearColorMapper(palette=[_CLEAR], low=-0.5, high=0.5)
+        self.source = models.ColumnDataSource(columns, name=f"{name} pixels")
+        self._colours = models.LinearColorMapper(palette=[_CLEAR], low=-0.5, high=0.5)
         self.figure.image("image", color_mapper=self._colours, source=self.source, level="image")
         look = {"visible": False, "level": "overlay"}
-        self._veil = BoxAnnotation(fill_color="white", fill_alpha=0.65, line_color=None, **look)
-        self._waits = Label(
+        self._veil = models.BoxAnnotation(
+            fill_color="white", fill_alpha=0.65, line_color=None, **look
+        )
+        self._waits = models.Label(
             x=0, y=0, x_units="screen", y_units="screen", text_align="center",
             text_baseline="middle", text_font_size="14px", padding=6,
             background_fill_color="white", background_fill_alpha=0.85, name=f"{name} waits", **look,
@@ -182,10 +173,10 @@ class PixelFigure:
         axis, log, allowed = getattr(self.figure, f"{side}axis"), name in view.log, None
         if name in view.values:
             allowed = window_bounds(name, view, window)
-        scale = LogScale if log else LinearScale
+        scale = models.LogScale if log else models.LinearScale
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())
-            axis.ticker = LogTicker() if log else BasicTicker()
+            axis.ticker = models.LogTicker() if log else models.BasicTicker()
         self.label(side, name, view, window)
         set_range(getattr(self.figure, f"{side}_range"), window, allowed)
 
@@ -203,7 +194,7 @@ class PixelFigure:
         sides = (figure.x_range, figure.x_scale, across), (figure.y_range, figure.y_scale, upwards)
         for model, scale, by in sides:
             if by or size != 1.0:
-                log = isinstance(scale, LogScale)
+                log = isinstance(scale, models.LogScale)
                 low, high = np.log([model.start, model.end]) if log else (model.start, model.end)
                 ends = np.array([-0.5, 0.5]) * size + 0.5 + by
                 ends = low + (high - low) * ends
@@ -227,7 +218,7 @@ def outer_edges(values: np.ndarray, log: bool) -> Window:
     return low, high
 
 
-def set_range(model: Range1d, window: Window, allowed: Any = None) -> None:
+def set_range(model: models.Range1d, window: Window, allowed: Any = None) -> None:
     """Set a range and its bounds.
 
     The old bounds are removed first: the browser would clip the window of a new axis to them.

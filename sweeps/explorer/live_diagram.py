@@ -10,17 +10,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from bokeh.models import (
-    ColumnDataSource,
-    CustomJS,
-    HoverTool,
-    Legend,
-    LegendItem,
-    NumericInput,
-    Range1d,
-    Span,
-    Toggle,
-)
+from bokeh import models
 from bokeh.palettes import interp_palette
 
 from sweeps.bifurcation.exact_branches import branches_of, check_axis
@@ -160,39 +150,39 @@ class Diagram(PixelFigure):
         #: The window that fits all points of the last picture without a window of its own.
         self._fit: Window = _UNSEEN
         #: Whether the browser fits the ordinate to the points; before the first view it does not.
-        self.fits = Toggle(visible=False, active=False, name="fits")
+        self.fits = models.Toggle(visible=False, active=False, name="fits")
         self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
         self.set_colours(ramp())
         #: The numbers of the picture that the browser painted last and of the one sent last.
-        self.painted, self.sent = NumericInput(visible=False, value=0), 0
+        self.painted, self.sent = models.NumericInput(visible=False, value=0), 0
         y = self.figure.y_range
-        models = {"pixels": self.source, "painted": self.painted, "y": y, "fits": self.fits}
-        self.source.js_on_change("data", CustomJS(args=models, code=_PAINTED))
+        parts = {"pixels": self.source, "painted": self.painted, "y": y, "fits": self.fits}
+        self.source.js_on_change("data", models.CustomJS(args=parts, code=_PAINTED))
         for end in ("start", "end"):
-            y.js_on_change(end, CustomJS(args=models, code=_MOVED))
+            y.js_on_change(end, models.CustomJS(args=parts, code=_MOVED))
         self._strips = self._new_strips()
-        self.mark = Span(
+        self.mark = models.Span(
             dimension="height", location=0.0, visible=False, name="mark", line_width=2,
             line_color=style.VERMILION, hover_line_color=style.VERMILION, hover_line_width=4,
         )  # fmt: skip
         self.figure.add_layout(self.mark)
 
-    def _new_strips(self) -> dict[Any, tuple[ColumnDataSource, LegendItem]]:
+    def _new_strips(self) -> dict[Any, tuple[models.ColumnDataSource, models.LegendItem]]:
         """Return the marks of failed points, and of parts of repetitions, in a strip below."""
-        self.figure.extra_y_ranges = {"strip": Range1d(0.0, 1.0)}
+        self.figure.extra_y_ranges = {"strip": models.Range1d(0.0, 1.0)}
         strips, items = {}, []
         for kind, colour in (
             *style.STATUS_COLOURS.items(),
             (style.PARTIAL, style.MARKS[style.PARTIAL][0]),
         ):
-            source = ColumnDataSource({"x": [], "y": []}, name=getattr(kind, "name", kind))
+            source = models.ColumnDataSource({"x": [], "y": []}, name=getattr(kind, "name", kind))
             marks = self.figure.scatter(
                 "x", "y", source=source, marker="dash", angle=np.pi / 2.0, size=10,
                 color=colour, y_range_name="strip",
             )  # fmt: skip
-            items.append(LegendItem(label="", renderers=[marks], visible=False))
+            items.append(models.LegendItem(label="", renderers=[marks], visible=False))
             strips[kind] = source, items[-1]
-        self.legend = Legend(items=items, visible=False, orientation="horizontal")
+        self.legend = models.Legend(items=items, visible=False, orientation="horizontal")
         self.legend.update(margin=0, padding=2, border_line_color=None, label_text_font_size="11px")
         self.figure.add_layout(self.legend, "above")
         return strips
@@ -316,7 +306,8 @@ class Branches:
         self._found: tuple[SweepConfig, xr.Dataset] | None = None
         figure = diagram.figure
         self.sources = {
-            name: ColumnDataSource(columns, name=name) for name, columns in _nothing().items()
+            name: models.ColumnDataSource(columns, name=name)
+            for name, columns in _nothing().items()
         }
         self._items = []
         for name, source in self.sources.items():
@@ -328,8 +319,8 @@ class Branches:
                 look |= {"marker": _GLYPHS[name], "size": 6, "fill_color": "white"}
                 marks = figure.scatter("x", "y", **look)
             said = f"{name}: class @orbit" if name in _LINES else f"{name} at @x{{0.0[000000]}}"
-            figure.add_tools(HoverTool(renderers=[marks], tooltips=said, visible=False))
-            self._items.append(LegendItem(label=name, renderers=[marks], visible=False))
+            figure.add_tools(models.HoverTool(renderers=[marks], tooltips=said, visible=False))
+            self._items.append(models.LegendItem(label=name, renderers=[marks], visible=False))
         diagram.legend.items += self._items
 
     def show(self, view: View) -> None:

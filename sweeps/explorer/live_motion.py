@@ -10,18 +10,8 @@ from html import escape
 from typing import NamedTuple
 
 import numpy as np
+from bokeh import models
 from bokeh.layouts import column, row
-from bokeh.models import (
-    BoxAnnotation,
-    Button,
-    ColumnDataSource,
-    CustomJS,
-    Div,
-    Range1d,
-    ScrollBox,
-    Span,
-    Toggle,
-)
 from bokeh.plotting import figure
 
 from sweeps.engine.executors import Results
@@ -121,15 +111,15 @@ class MotionPanel:
     """The two figures below the picture, and the text above them; `close` removes the mark."""
 
     def __init__(self, close: Callable[[], None]) -> None:
-        self.line = ColumnDataSource({"t": [], "x": [], "v": []}, name="motion")
-        self.impacts = ColumnDataSource({"t": [], "x": [], "v": []}, name="motion: impacts")
-        self.text = Div(text="", sizing_mode="stretch_width", margin=(2, 4, 0, 60))
+        self.line = models.ColumnDataSource({"t": [], "x": [], "v": []}, name="motion")
+        self.impacts = models.ColumnDataSource({"t": [], "x": [], "v": []}, name="motion: impacts")
+        self.text = models.Div(text="", sizing_mode="stretch_width", margin=(2, 4, 0, 60))
         self.text.update(name="motion: text", html_attributes={"role": "status"})
         self.text.stylesheets = [narrow(flex="1 1 100%", margin_left="8px")]
         #: The mass at one moment, and its other end.
-        self._mass = ColumnDataSource({"t": [], "x": [], "v": [], "back": []}, name="mass")
+        self._mass = models.ColumnDataSource({"t": [], "x": [], "v": [], "back": []}, name="mass")
         self._stops = [
-            Span(dimension=way, location=0.0, line_dash="dashed", line_color="black")
+            models.Span(dimension=way, location=0.0, line_dash="dashed", line_color="black")
             for way in ("width", "height")
         ]
         self._panels = []
@@ -146,16 +136,16 @@ class MotionPanel:
             panel.add_layout(stop)
             panel.xaxis.ticker.desired_num_ticks = 4  # more would overlap on a narrow page
             self._panels.append(panel)
-        closing = Button(label="close (Esc)", width=90, height=24, margin=(0, 8, 0, 0))
+        closing = models.Button(label="close (Esc)", width=90, height=24, margin=(0, 8, 0, 0))
         closing.on_click(close)
         self._scene, self._stop = self._new_scene()
-        self._moving = Toggle(label="move the mass", name="moving", width=110, height=24)
+        self._moving = models.Toggle(label="move the mass", name="moving", width=110, height=24)
         self._moving.update(
             margin=(0, 4, 0, 0),
             html_attributes={"title": "still where the browser asks for reduced motion"},
         )
-        models = {"moving": self._moving, "line": self.line, "mass": self._mass}
-        self._moving.js_on_change("active", CustomJS(args=models, code=_MOVE))
+        parts = {"moving": self._moving, "line": self.line, "mass": self._mass}
+        self._moving.js_on_change("active", models.CustomJS(args=parts, code=_MOVE))
         own_height = narrow(height="auto", flex="none")
         content = column(
             row(
@@ -170,21 +160,21 @@ class MotionPanel:
             sizing_mode="stretch_both", stylesheets=[own_height],
         )  # fmt: skip
         # In a column beside tabs, Bokeh would lay out these figures and not those in the tabs.
-        self.layout = ScrollBox(
+        self.layout = models.ScrollBox(
             child=content, sizing_mode="stretch_both", stylesheets=[own_height], visible=False
         )
 
-    def _new_scene(self) -> tuple[figure, BoxAnnotation]:
+    def _new_scene(self) -> tuple[figure, models.BoxAnnotation]:
         """Return the figure of the mass beside the stop, and the stop."""
         scene = figure(
             tools="", toolbar_location=None, height=40, sizing_mode="stretch_width", min_border=2,
-            x_range=Range1d(-1.0, 0.0), y_range=Range1d(-1.0, 1.0), name="motion: mass",
-            html_attributes=labelled("motion: the mass beside the stop"),
+            x_range=models.Range1d(-1.0, 0.0), y_range=models.Range1d(-1.0, 1.0),
+            name="motion: mass", html_attributes=labelled("motion: the mass beside the stop"),
         )  # fmt: skip
         scene.axis.visible = scene.grid.visible = False
         scene.outline_line_color = None
         scene.quad(left="back", right="x", bottom=-0.7, top=0.7, source=self._mass, color=BLUE)
-        stop = BoxAnnotation(left=0.0, fill_color="black", fill_alpha=0.5, line_color=None)
+        stop = models.BoxAnnotation(left=0.0, fill_color="black", fill_alpha=0.5, line_color=None)
         scene.add_layout(stop)
         return scene, stop
 

@@ -18,15 +18,7 @@ from bokeh.models import CustomJS, Div, Model, RadioButtonGroup, TabPanel, Tabs,
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError, StoreError, SweepError
-from sweeps.explorer.controls import (
-    DESCRIBE,
-    LISTEN,
-    MOVES,
-    Controls,
-    labelled,
-    parameter_choices,
-    selector,
-)
+from sweeps.explorer import controls
 from sweeps.explorer.figures import Step, Worker, narrow
 from sweeps.explorer.live_diagram import Branches, Diagram
 from sweeps.explorer.live_maps import Map
@@ -65,7 +57,7 @@ class LivePage:
         self.document, self.home, self.view, self.folder = document, home, home, folder
         self._showing = self._reading = self._waiting = False
         self._rate = ""
-        self.controls = Controls(home, self._bind, self._save)
+        self.controls = controls.Controls(home, self._bind, self._save)
         self.diagram = Diagram(self._report)
         self.branches = Branches(self.diagram)
         self.map = Map("map", MAP_TAB, self._report, self.diagram.figure.x_range)
@@ -73,7 +65,9 @@ class LivePage:
         self._pictures = (self.diagram, self.map, self.basins)
         self.motion = MotionPanel(self._close)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
-        self._across = selector("across", "ordinate", parameter_choices(home.seen))
+        self._across = controls.selector(
+            "across", "ordinate", controls.parameter_choices(home.seen)
+        )
         self._tabs = self._new_tabs()
         self.worker = Worker(document.add_next_tick_callback, self._refuse)
         self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")
@@ -118,7 +112,7 @@ class LivePage:
             ),
         )
         for title, picture in zip(_TABS, self._pictures, strict=True):
-            picture.figure.html_attributes = labelled(title)
+            picture.figure.html_attributes = controls.labelled(title)
         panels = [
             TabPanel(title=title, child=column(about, picture.layout, sizing_mode="stretch_both"))
             for title, about, picture in zip(_TABS, abouts, self._pictures, strict=True)
@@ -151,8 +145,8 @@ class LivePage:
         document.on_session_destroyed(lambda _: self.worker.shutdown())
         document.add_periodic_callback(self._show_progress, 200)
         self._key.on_change("value", self._pressed)
-        document.js_on_event(DocumentReady, CustomJS(args={"to": self._key}, code=LISTEN))
-        document.js_on_event(DocumentReady, CustomJS(code=DESCRIBE))
+        document.js_on_event(DocumentReady, CustomJS(args={"to": self._key}, code=controls.LISTEN))
+        document.js_on_event(DocumentReady, CustomJS(code=controls.DESCRIBE))
         # The address holds the view: the page reads it when it opens, then keeps it up to date.
         self._bind(self._address, "value", View.with_query)
         read = CustomJS(args={"to": self._address}, code="to.value = location.search")
@@ -229,8 +223,8 @@ class LivePage:
     def _pressed(self, attr: str, old: str, new: str) -> None:
         """Carry out the action of a key."""
         key = new.partition(" ")[2]
-        if key in MOVES:
-            self._picture.move(*MOVES[key])
+        if key in controls.MOVES:
+            self._picture.move(*controls.MOVES[key])
         elif key == "Enter":
             names = [name for name, _ in self.view.plane(self.view.tab)]
             self._mark(*(self.view.values[name] for name in names))

@@ -7,13 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.ticker import (
-    Formatter,
-    LogLocator,
-    NullFormatter,
-    ScalarFormatter,
-    StrMethodFormatter,
-)
+from matplotlib import ticker
 
 from sweeps.config.rig import Nomenclature
 from sweeps.errors import Refused
@@ -193,13 +187,15 @@ def log_spaced(values: np.ndarray) -> bool:
     return np.allclose(ratios, ratios[0], rtol=1e-6)
 
 
-class _Prefixed(Formatter):
+class _Prefixed(ticker.Formatter):
     """Writes the ticks of a length or a speed with a prefix, which it puts into the label.
 
     The prefix follows the limits of the axis; `written` writes the numbers in front of it.
     """
 
-    def __init__(self, axis: Axis, variable: xr.DataArray, written: Formatter, text: Text) -> None:
+    def __init__(
+        self, axis: Axis, variable: xr.DataArray, written: ticker.Formatter, text: Text
+    ) -> None:
         self._of, self._variable, self._written, self._text = axis, variable, written, text
         self._prefix, self._factor = "", 1.0
         self._kept: tuple[str, float] | None = None
@@ -271,7 +267,7 @@ def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Tex
         (panel.set_xscale if axis is panel.xaxis else panel.set_yscale)("log")
         tick_in_decades(axis)
     if variable.attrs.get("units") in _PREFIXED:
-        written = StrMethodFormatter("{x:g}") if logarithmic else ScalarFormatter()
+        written = ticker.StrMethodFormatter("{x:g}") if logarithmic else ticker.ScalarFormatter()
         axis.set_major_formatter(_Prefixed(axis, variable, written, text))
     return text
 
@@ -291,6 +287,6 @@ def refuse_too_large(name: str, values: np.ndarray | float) -> None:
 
 def tick_in_decades(axis: Axis) -> None:
     """Label 1, 2 and 5 in every decade with plain numbers."""
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
+    axis.set_minor_formatter(ticker.NullFormatter())

@@ -14,15 +14,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import (
-    MOST_DRAWN,
-    RECORDED,
-    PointMotion,
-    continued_motion,
-    periods_shown,
-    recorded,
-    recorded_motion,
-)
+from sweeps.opened import coordinates
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import labels
 from sweeps.plotting.canvas import Picture, finish, in_view, new_panel, width_of
@@ -52,7 +44,7 @@ def _draw_records(
     """
     paint, rgba, handles = None, None, list[Artist]()
     if color is None:
-        points, columns = recorded(sweep, names, at)
+        points, columns = coordinates.recorded(sweep, names, at)
     else:
         points, paint = coloured_points(sweep, at, color, page.grey)
         by_point = np.array([points[name].transpose(*points.grid, ...) for name in names])
@@ -157,7 +149,7 @@ def impacts(
 #: In a figure narrower than this [inch] the phase plane is below the other panels.
 NARROW = 4.5
 #: Most motions in a picture: of each, at least four periods are drawn.
-_MOST_MOTIONS = MOST_DRAWN // 4
+_MOST_MOTIONS = coordinates.MOST_DRAWN // 4
 
 
 @functools.partial(styled, panels=(3,))
@@ -208,7 +200,7 @@ def trajectory(
         draw_stop(over_time.axhline, clearance)
         draw_stop(phase_plane.axvline, clearance, labels.as_variable("clearance", sweep))
     over_time.margins(x=0.01)
-    time, x, v = (labels.as_variable(name, sweep) for name in RECORDED)
+    time, x, v = (labels.as_variable(name, sweep) for name in coordinates.RECORDED)
     time.attrs["symbol"] = "t-t_0"
     for panel, across, up in ((over_time, None, x), (velocity, time, v), (phase_plane, x, v)):
         labels.label_axis(panel.yaxis, up)
@@ -232,19 +224,19 @@ def _motion_at(
     at: Selection | None,
     periods: int | None,
     motion_class: Label | None,
-    most: int = MOST_DRAWN,
-) -> PointMotion:
+    most: int = coordinates.MOST_DRAWN,
+) -> coordinates.PointMotion:
     """Return the motion at one point, recorded or computed; at most so many of its periods."""
-    if periods is None and all(name in sweep for name in RECORDED):
-        return recorded_motion(sweep, at, most)
+    if periods is None and all(name in sweep for name in coordinates.RECORDED):
+        return coordinates.recorded_motion(sweep, at, most)
     if periods is None:
-        periods = periods_shown(motion_class.m if motion_class else 0)
-    return continued_motion(sweep, at, periods, most)
+        periods = coordinates.periods_shown(motion_class.m if motion_class else 0)
+    return coordinates.continued_motion(sweep, at, periods, most)
 
 
 def _draw_coloured(
     panels: Sequence[Axes], points: OpenedSweep, paint: Paint, periods: int | None
-) -> list[PointMotion]:
+) -> list[coordinates.PointMotion]:
     """Draw a curve for each point with a result, in its colour; return the motions."""
     with_result = np.argwhere(has_result(points["status"].values))
     if len(with_result) > _MOST_MOTIONS:
@@ -252,7 +244,7 @@ def _draw_coloured(
             f"a picture of {len(with_result):,} motions is not readable; choose at most "
             f"{_MOST_MOTIONS} points"
         )
-    most = MOST_DRAWN // len(with_result)
+    most = coordinates.MOST_DRAWN // len(with_result)
     dims, colours, motions = points.grid, paint.colours(), []
     at_each = dict(zip(dims, [("motion", place) for place in with_result.T], strict=True))
     classes, dashes = _classes(points.isel(at_each)), paint.dashes()
@@ -265,7 +257,7 @@ def _draw_coloured(
 
 
 def _text_of_motions(
-    motions: Sequence[PointMotion], time: xr.DataArray, motion_class: Label | None
+    motions: Sequence[coordinates.PointMotion], time: xr.DataArray, motion_class: Label | None
 ) -> tuple[str, str, str | None]:
     """Write the start of a single motion, after how long motions start, and instead of a record.
 
@@ -284,7 +276,7 @@ def _text_of_motions(
     if motion_class is not None:
         kind = "class " if motion_class.regime is Regime.PERIODIC else ""
         record = f"{kind}{motion_class}, {record}"
-    most = MOST_DRAWN // len(motions)
+    most = coordinates.MOST_DRAWN // len(motions)
     periods = sum(motion.periods for motion in motions)
     part = sum(min(motion.periods, most) for motion in motions)
     record += f", {part:,} of {periods:,} periods" if part != periods else ""
@@ -311,7 +303,7 @@ def _new_panels(page: Page) -> list[Axes]:
 
 def _draw_curves(
     panels: Sequence[Axes],
-    motion: PointMotion,
+    motion: coordinates.PointMotion,
     colour: str | np.ndarray | None = None,
     dash: Any = "-",
     m: int = 0,
@@ -331,7 +323,7 @@ def _draw_curves(
         curve.set_rasterized(len(t) > 50_000)
 
 
-def _mark_impacts(panels: Sequence[Axes], motion: PointMotion, grey: bool) -> None:
+def _mark_impacts(panels: Sequence[Axes], motion: coordinates.PointMotion, grey: bool) -> None:
     """Mark the impacts of the motion, and its samples beyond the stop."""
     rows = motion.rows
     marks = (
