@@ -192,7 +192,7 @@ _QUICK = flag("--quick", "Measure less, in under a minute.")
 
 def _picture(path: Path) -> Path:
     """Refuse a path unless a picture can be written there."""
-    from sweeps.plotting.saving import check_picture
+    from sweeps.plotting.api import check_picture
 
     check_picture(path)
     return path
@@ -208,7 +208,7 @@ def _figure(name: str) -> Any:
 def _save(csv: Path | None, rows: Any, output: Path, draw: Callable, *measured: Any) -> None:
     """Write the picture of a bench and, to a `csv` file, its rows; print the names of the files."""
     from sweeps.opened.tables import write_csv
-    from sweeps.plotting.saving import save_chart
+    from sweeps.plotting.api import save_chart
 
     save_chart(output, draw, *measured)
     say(output)

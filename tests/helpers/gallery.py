@@ -18,7 +18,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from sweeps import open_sweep
-from sweeps.plotting import saving
+from sweeps.plotting.api import save as write
 from tests.helpers.commands import accepted
 from tests.helpers.places import CONFIGS
 
@@ -82,7 +82,7 @@ def drawn(name, *overrides, exact=True):
 
     def save(figure, *about):
         kept.append(figure)
-        saving.save(figure, *about)
+        write(figure, *about)
 
     with patch("sweeps.plotting.api.save", save):
         accepted("plot", file, *arguments, "-o", f"{name}.png")

@@ -54,7 +54,6 @@ def test_an_extreme_that_is_not_there_is_refused_before_anything_is_computed(fol
 
 def test_limits_are_in_the_unit_that_the_axis_shows(rig, monkeypatch):
     drawn = []
-    save = plotting.saving.save
     monkeypatch.setattr(plotting.api, "save", lambda figure, *about: drawn.append(figure))
     wanted = ("plot", "rig.h5", "--kind", "bifurcation", "--ylim")
     for limits in ("-0.9:0.5", "-0.9:0.5mm", "-900:500 um", "-0.0009:0.0005m"):
@@ -70,7 +69,6 @@ def test_limits_are_in_the_unit_that_the_axis_shows(rig, monkeypatch):
     ]  # fmt: skip
     assert close.get_ylabel().endswith("[mm]")  # also where its own prefix would be another
     np.testing.assert_allclose(close.get_ylim(), (-0.09e-3, 0.05e-3))
-    assert save is plotting.saving.save
     told = refused(*wanted, "-1:1km")
     assert "ylim = -1:1 in km is not allowed; expected: m or mm" in told
     assert "--ylim 1mm is not allowed" in refused(*wanted, "1mm")
