@@ -24,7 +24,7 @@ from sweeps.interrupts import check
 from sweeps.opened.coordinates import COORDINATES, recorded_coordinate
 from sweeps.opened.motions import motions_from
 from sweeps.plotting import style
-from sweeps.plotting.pixels import count_pixels, widened
+from sweeps.plotting.pixels import pixels_of, widened
 from sweeps.store.variables import bytes_per_point
 from vibroimpact.points.regimes import has_result, shown_in_part
 from vibroimpact.status import Status
@@ -101,7 +101,8 @@ def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
     line of a periodic motion is visible.
     """
     columns = len(values)
-    counts = count_pixels(np.arange(columns), values, (columns, rows), *window)
+    _, numbers = pixels_of(np.arange(columns), values, rows, *window)
+    counts = np.bincount(numbers, minlength=columns * rows).reshape(columns, rows)
     column, row = np.nonzero(counts)
     share = counts[column, row] / counts.sum(axis=1)[column]
     shade = np.clip(1.0 - np.log(share) / np.log(style.LEAST_SHARE), 0.0, 1.0)

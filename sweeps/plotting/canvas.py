@@ -62,6 +62,7 @@ class Picture(Figure):
         size = (width_of(page), stretch * mpl.rcParams["figure.figsize"][1])
         super().__init__(figsize=size, layout="constrained")
         self._usual = size[1]  #: Height of the panels unless the page has its own [inch].
+        self._height = page.height
         _Canvas(self)
 
     def draw(self, renderer: RendererBase) -> None:
@@ -108,12 +109,12 @@ class Picture(Figure):
         refuse_undrawable("title", title)
         self.set_figheight(self.get_figheight() + title.get_window_extent().height / self.dpi)
 
-    def set_height(self, height: float | None) -> None:
-        """Set the height; refuse one that leaves too little of the panels.
+    def set_height(self) -> None:
+        """Set the height of the page; refuse one that leaves too little of the panels.
 
         Without one, a higher figure gets the height of a page.
         """
-        beside = self.get_figheight() - self._usual
+        height, beside = self._height, self.get_figheight() - self._usual
         least = math.ceil(10.0 * (beside + _LEAST_PANELS * self._usual)) / 10.0
         if height is None and least > HIGHEST:
             raise Refused(
@@ -133,7 +134,6 @@ class Picture(Figure):
         title: str | None,
         covered: Mapping[Artist, float] | None = None,
         named: Callable[[], Container[str]] = tuple,
-        height: float | None = None,
     ) -> None:
         """Put a legend below the panels, and increase the height of the figure.
 
@@ -145,14 +145,14 @@ class Picture(Figure):
         heights = [room * (self.get_figheight() + more * self._usual) for more in (0.0, 0.5)]
         if covered is None:
             beside = self.get_figheight() - (1.0 - _LEAST_PANELS) * self._usual
-            heights[1] = (HIGHEST if height is None else height) - beside
-        elif height is not None:
-            heights = [SHARE * height] * 2
+            heights[1] = (self._height or HIGHEST) - beside
+        elif self._height is not None:
+            heights = [SHARE * self._height] * 2
 
         def named_beside() -> Container[str]:
             """Return what is named in the map beside a legend of a fifth of the height."""
             usual = self.get_figheight()
-            self.set_figheight(usual if height is None else (1.0 - SHARE) * height)
+            self.set_figheight(usual if self._height is None else (1.0 - SHARE) * self._height)
             names = named()
             self.set_figheight(usual)
             return names
@@ -327,8 +327,8 @@ def finish(
         if text:
             figure.add_title(text)
         if handles:
-            figure.add_legend(handles, legend_title, covered, named, page.height)
-        figure.set_height(page.height)
+            figure.add_legend(handles, legend_title, covered, named)
+        figure.set_height()
         lay_out(panel)
         for each in figure.axes:
             _thin_ticks(each)

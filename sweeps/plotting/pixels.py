@@ -41,14 +41,6 @@ def pixels_of(
     return place, columns[place] * rows + scaled[seen].astype(np.int64)
 
 
-def count_pixels(
-    columns: np.ndarray, values: np.ndarray, shape: tuple[int, int], low: float, high: float
-) -> np.ndarray:
-    """Count the values in each pixel of a panel of a `shape`; the others are of `pixels_of`."""
-    _, pixels = pixels_of(columns, values, shape[1], low, high)
-    return np.bincount(pixels, minlength=shape[0] * shape[1]).reshape(shape)
-
-
 def widened(low: float, high: float) -> tuple[float, float]:
     """Return a range, widened to the size of its values if they differ only by rounding."""
     size = max(abs(low), abs(high))

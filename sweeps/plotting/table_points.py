@@ -23,17 +23,9 @@ from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.plotting import canvas
+from sweeps.plotting import canvas, labels
 from sweeps.plotting.colours import has_scale, legend_entries, paint_of
 from sweeps.plotting.contents import Wanted, number_at, refuse_without_result, with_number
-from sweeps.plotting.labels import (
-    LARGEST,
-    as_variable,
-    label_axis,
-    prefix_of,
-    set_ends,
-    units_of,
-)
 from sweeps.plotting.marks import mark_status, marker_size
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import ground, ink
@@ -70,7 +62,7 @@ class Overlay(NamedTuple):
         Without a unit of its own it has that of an axis, which may have a prefix, with this text.
         """
         size = 0.0 if axis is None else np.abs(axis.get_view_interval()).max()
-        factor = self.units.get(name, prefix_of(self.seen[name], size, text)[1])
+        factor = self.units.get(name, labels.prefix_of(self.seen[name], size, text)[1])
         return factor * self.columns[name]
 
 
@@ -102,28 +94,28 @@ def read_overlay(
         for group in needed:
             if not {*group} & {*named}:
                 raise ValueError(f"there is no column {' or '.join(group)}; {_expected(seen)}")
-        return dict.fromkeys(heads, Parameter("", "", "", -LARGEST, LARGEST))
+        return dict.fromkeys(heads, Parameter("", "", "", -labels.LARGEST, labels.LARGEST))
 
     try:
         table = read_columns(source, Path(), check)
-        known = {head: units_of(seen[name]) for head, (name, _) in heads.items()}
+        known = {head: labels.units_of(seen[name]) for head, (name, _) in heads.items()}
         units = {name: known[head][unit] for head, (name, unit) in heads.items() if unit}
         stem = Path(source).stem if is_file else "overlay"
         cells = table[LABEL] if LABEL in (table.dtype.names or ()) else [stem] * len(table)
-        labels = np.array([_label_in(cell, stem) for cell in cells])
-        if len({*labels}) > len(_MARKERS):
+        texts = np.array([_label_in(cell, stem) for cell in cells])
+        if len({*texts}) > len(_MARKERS):
             most = f"expected: at most {len(_MARKERS)}, each with a marker of its own"
             where = f"{source}: " if is_file else ""
-            raise ValueError(f"{where}there are {len({*labels})} labels; {most}")
+            raise ValueError(f"{where}there are {len({*texts})} labels; {most}")
     except ValueError as error:
         raise Refused(f"overlay{' ' if is_file else ': '}{error}") from None
-    return Overlay({name: table[head] for head, (name, _) in heads.items()}, units, seen, labels)
+    return Overlay({name: table[head] for head, (name, _) in heads.items()}, units, seen, texts)
 
 
 def _in_shown_unit(sweep: OpenedSweep, name: str) -> xr.DataArray:
     """Return a variable with the unit in which the picture shows it."""
     if name in ORDINATES:
-        return as_variable(name, sweep)
+        return labels.as_variable(name, sweep)
     return with_number(sweep, name)[0][name]
 
 
@@ -139,7 +131,7 @@ def _name_and_unit(head: str, seen: Mapping[str, xr.DataArray]) -> tuple[str, st
         text, meant = shortened(printable(name)), suggestion(near_miss(name, [*seen, LABEL]))
         raise ValueError(f"the picture has no {text}{meant}; {_expected(seen)}")
     unit = unit.replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
-    known = units_of(seen[name])
+    known = labels.units_of(seen[name])
     if match and unit not in known:
         wrong = f"column {name} in {shortened(printable(unit)) or '(nothing)'} is not allowed"
         raise ValueError(f"{wrong}; expected: {' or '.join(known) or 'no unit'}")
@@ -233,7 +225,7 @@ def _make_room(panel: Axes, x: np.ndarray, y: np.ndarray, page: Page) -> None:
             places.min() - margin if places.min() < low else low,
             places.max() + margin if places.max() > high else high,
         ]
-        set_ends(axis, *scaled.inverted().transform(ends).tolist())
+        labels.set_ends(axis, *scaled.inverted().transform(ends).tolist())
 
 
 #: Least width of a panel, for its labels [inch].
@@ -296,16 +288,16 @@ def table_panels(
     grid = [ax] if ax is not None else canvas.panel_grid(page, len(abscissas), across, 0.75)
     y = number_at(sweep, ordinate)
     if ax is None:  # the panels share the ordinate, whose label may not fit beside one of them
-        heading = label_axis(grid[0].yaxis, y, heading=True)
+        heading = labels.label_axis(grid[0].yaxis, y, heading=True)
         if page.ylabel is not None:
             heading.set_text(page.ylabel)
         canvas.refuse_undrawable("ylabel", heading)
     else:
-        label_axis(ax.yaxis, y)
+        labels.label_axis(ax.yaxis, y)
     numbers = [number_at(sweep, name) for name in abscissas]
     places = list(zip(grid, abscissas, numbers, strict=True))
     for panel, _, x in places:
-        label_axis(panel.xaxis, x)
+        labels.label_axis(panel.xaxis, x)
         size = float(np.clip(4e2 / math.sqrt(x.size), 0.0, 16.0))  # of a few rows [pt^2]
         size = max(size, float(np.clip(4e3 / math.sqrt(x.size), 0.3, 4.0))) / across
         panel.scatter(x, y, size, paint.colours(), linewidths=0, rasterized=True)

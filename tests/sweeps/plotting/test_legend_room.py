@@ -56,7 +56,7 @@ def test_a_legend_with_room_is_left_as_it_is():
 
 def test_a_legend_that_no_page_has_room_for_counts_what_is_left_out():
     figure = with_legend([f"entry {i}, so long that it has its line" for i in range(40)])
-    figure.set_height(None)
+    figure.set_height()
     assert figure.get_figheight() <= 9.0
     assert figure.legends[0].get_texts()[-1].get_text().startswith("+")
 

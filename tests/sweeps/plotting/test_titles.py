@@ -55,11 +55,11 @@ def parsed(monkeypatch):
 
 def test_a_formula_is_parsed_once_for_each_resolution(with_layout, parsed):
     """Also if the height changes: for the title, for the legend, for the page, and by the user."""
-    figure = Picture(Page(width=3.4))
+    figure = Picture(Page(width=3.4, height=4.0))
     panel = figure.add_subplot(xlabel=r"frequency $\omega$", ylabel="place $x$")
     figure.add_title("$h=0.05$, $R=0.8$, $f=1$, some words of a title that is too wide")
     figure.add_legend(panel.plot([0.0, 1.0], label=r"$\lambda_1$"), None)
-    figure.set_height(4.0)
+    figure.set_height()
     for dpi in (100.0, 150.0):
         figure.savefig(BytesIO(), format="png", dpi=dpi)
     figure.set_figheight(5.0)
