@@ -96,7 +96,10 @@ class Page:
                 _OF_PAGE[name].checked(name, value, Refused)
 
     def set_limits(
-        self, panel: Axes, *, fit: bool = False, ranges: Callable[..., Sequence[Ends]] = list
+        self,
+        panel: Axes,
+        fit: bool = False,
+        ranges: Callable[[Ends | None], Sequence[Ends]] = lambda limits: (),
     ) -> Page:
         """Set the limits that are given; return the page with those of a panel, in its units.
 
@@ -118,6 +121,9 @@ class Page:
             if ends[1] < least or most < ends[0]:
                 text = "there is nothing to draw with {} = {}:{}; the data range from {} to {}"
                 raise Refused(text.format(name, *told_apart(*ends, least, most)))
+            if axis.get_scale() == "log" and ends[0] <= 0.0:
+                text = f"{name} = {ends[0]:g}:{ends[1]:g} is not allowed on a logarithmic axis"
+                raise Refused(f"{text}; expected: limits greater than 0")
             set_ends(axis, *ends)
         return page
 
