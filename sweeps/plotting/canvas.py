@@ -10,7 +10,7 @@ from copy import copy
 from functools import partial
 from itertools import pairwise
 from statistics import median
-from typing import Any
+from typing import Any, NoReturn
 
 import matplotlib as mpl
 import numpy as np
@@ -86,10 +86,7 @@ class Picture(Figure):
                 room = beyond / self.bbox.width
                 room[beyond > 0.0] += engine.get()["w_pad"] / self.get_figwidth()
                 if room.sum() >= 1.0:
-                    raise Refused(
-                        f"the labels leave no room in a width of {self.get_figwidth():g} in; "
-                        "expected: a larger width"
-                    )
+                    self._refuse_width("labels leave")
                 engine.set(rect=(room[0], 0.0, 1.0 - room.sum(), 1.0))
             if self.canvas.is_saving():  # draws twice, the first time for the layout only
                 engine.execute(self)
@@ -102,6 +99,11 @@ class Picture(Figure):
         with mpl.rc_context(user_style()):
             self.savefig(buffer, format="png", dpi=150)
         return buffer.getvalue()
+
+    def _refuse_width(self, what: str) -> NoReturn:
+        """Refuse a width in which the labels leave or the legend has no room."""
+        width = f"a width of {self.get_figwidth():g} in"
+        raise Refused(f"the {what} no room in {width}; expected: a larger width")
 
     def add_title(self, text: str) -> None:
         """Put a title above the panels, for which the figure becomes higher."""
@@ -161,7 +163,10 @@ class Picture(Figure):
         make = partial(self.legend, loc="outside lower center")
         whole = covered is None
         legend = fit_legend(make, handles, title, rooms, covered, named_beside, whole)
-        taken = legend.get_window_extent().height / self.dpi
+        box = legend.get_window_extent()
+        if box.width > self.bbox.width:
+            self._refuse_width("legend has")
+        taken = box.height / self.dpi
         least = 0.0 if whole else taken / SHARE
         self.set_figheight(max(self.get_figheight() + taken, least))
 
@@ -373,6 +378,12 @@ def fit_legend(
     the map, as `named` returns, and of equals the last. So is the title, unless the legend shrinks.
     """
     usual, most = rooms
+    widest = usual[0] / WIDTH
+    if title is not None:
+        legend = make(handles=[], title=title, **_SMALL)
+        if legend.get_window_extent().width > widest:
+            title = "\n".join(map(_in_two_lines, title.split("\n")))
+        legend.remove()
     forms: list[tuple[Sequence[Artist], Mapping[str, str]]] = [(handles, _SMALL)]
     if shrinks:
         lengths = [len(str(handle.get_label())) for handle in handles]
@@ -387,7 +398,7 @@ def fit_legend(
         rare = [handle for handle in reversed(entries) if share(handle) < COMMON]
         rare.sort(key=share)
         legend = _fitted(partial(make, title=title, **look), entries, rare, usual, covered)
-        size, room = legend.get_window_extent(), (math.inf, usual[1]) if shrinks else most
+        size, room = legend.get_window_extent(), (widest, usual[1]) if shrinks else most
         if size.width <= room[0] and size.height <= room[1]:
             return legend
         legend.remove()
@@ -408,15 +419,18 @@ def _broken(handles: Sequence[Artist]) -> list[Artist]:
     """Return entries of which those that are long have two lines."""
     broken = []
     for handle in handles:
-        text = str(handle.get_label())
-        # Spaces outside of formulas, and the one nearest to the middle.
-        spaces = [at for at, one in enumerate(text) if one == " " and text[:at].count("$") % 2 == 0]
-        entry = copy(handle)
-        if len(text) > _LONG_ENTRY and spaces and "\n" not in text:
-            at = min(spaces, key=lambda place: abs(place - len(text) / 2))
-            entry.set_label(f"{text[:at]}\n{text[at + 1 :]}")
+        text, entry = str(handle.get_label()), copy(handle)
+        if len(text) > _LONG_ENTRY and "\n" not in text:
+            entry.set_label(_in_two_lines(text))
         broken.append(entry)
     return broken
+
+
+def _in_two_lines(text: str) -> str:
+    """Break a text at the space nearest to its middle, if there is one outside of formulas."""
+    spaces = [at for at, one in enumerate(text) if one == " " and text[:at].count("$") % 2 == 0]
+    at = min(spaces, key=lambda place: abs(place - len(text) / 2), default=len(text))
+    return f"{text[:at]}\n{text[at + 1 :]}".strip()
 
 
 def legend_within(

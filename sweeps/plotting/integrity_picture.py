@@ -197,7 +197,7 @@ def _draw_profile(
     bounded, lines = False, list[list[tuple[str, np.ndarray]]]()
     for name, panel in panels.items():
         at_edge, title = _MEASURES[name]
-        panel.set_title(title, loc="left")
+        panel.set_title(title, loc="left", wrap=True)
         if labels.named_unit(there[name]):
             labels.label_axis(panel.yaxis, there[name].assign_attrs(long_name="", symbol=""))
         is_bound = there[at_edge] if at_edge else there[name].isnull()
