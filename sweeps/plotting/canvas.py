@@ -402,7 +402,7 @@ def fit_legend(
         if size.width <= room[0] and size.height <= room[1]:
             return legend
         legend.remove()
-        heights.append(size.height)
+        heights.append(size.height if size.width <= widest else math.inf)
     entries, look = forms[heights.index(min(heights))]
     seen = named()
     known = [handle for handle in entries if handle.get_label() in seen]

@@ -28,10 +28,10 @@ def columns(legend):
     return len({round(text.get_window_extent().x0) for text in legend.get_texts()})
 
 
-def with_legend(labels):
-    figure = Picture(Page(width=3.4))
+def with_legend(labels, title=None, width=3.4):
+    figure = Picture(Page(width=width))
     figure.add_subplot()
-    figure.add_legend([Line2D([], [], label=label) for label in labels], None)
+    figure.add_legend([Line2D([], [], label=label) for label in labels], title)
     figure.draw_without_rendering()
     return figure
 
@@ -96,3 +96,15 @@ def test_a_width_without_room_for_the_labels_is_refused(tmp_path):
     with pytest.raises(Refused, match="the labels leave no room in a width of 1 in"):
         plot(equal_points(), tmp_path / "a.png", "bifurcation", page=Page(width=1.0))
     assert not [*tmp_path.iterdir()]
+
+
+def test_no_part_of_a_legend_is_cut_off():
+    title = "m/q: q impacts in m forcing periods,\nspeed before each impact; share of the starts"
+    labels = "1/0, no impact: 64.5 %", "least knock, 2/1: +0.2723 at $\\omega t=2.094$"
+    figure = with_legend(labels, title, width=2.0)
+    box = figure.legends[0].get_window_extent()
+    assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1
+    words = figure.legends[0].get_title().get_text()
+    assert words.count("\n") == 3 and words.split() == title.split()
+    with pytest.raises(Refused, match="the legend has no room in a width of 1 in"):
+        with_legend(labels, title, width=1.0)

@@ -296,3 +296,19 @@ def test_an_inverted_axis_stays_inverted(draw, options, side):
     plain, inverted = limits
     inverted[side] = inverted[side][::-1]
     assert inverted == plain and plain[side][0] < plain[side][1]
+
+
+def test_limits_that_a_logarithmic_axis_cannot_have_are_refused():
+    """Matplotlib would ignore them."""
+    points = equal_points(axes={"R": R, "omega": np.array([1.0, 2.0, 4.0, 8.0])})
+    for draw in (bifurcation, parameter_map):
+        with pytest.raises(Refused, match="xlim = 0:3 is not allowed on a logarithmic axis"):
+            draw(points, page=Page(xlim=(0.0, 3.0)))
+        assert draw(points, page=Page(xlim=(1.5, 3.0))).axes[0].get_xlim() == (1.5, 3.0)
+
+
+def test_an_ordinate_fits_a_motion_at_0_within_the_limits(recwarn):
+    points = equal_points()
+    points["poincare_x"].values[:, 3] = 5.0
+    low, high = bifurcation(points, page=Page(xlim=(0.5, 3.2))).axes[0].get_ylim()
+    assert low < 0.0 < high < 1.0 and not [*recwarn]
