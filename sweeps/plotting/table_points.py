@@ -301,6 +301,7 @@ def table_panels(
         size = float(np.clip(4e2 / math.sqrt(x.size), 0.0, 16.0))  # of a few rows [pt^2]
         size = max(size, float(np.clip(4e3 / math.sqrt(x.size), 0.3, 4.0))) / across
         panel.scatter(x, y, size, paint.colours(), linewidths=0, rasterized=True)
+        panel.update_datalim(np.stack([x, x], axis=1), updatey=False)  # also of failed points
         panel.locator_params(axis="x", nbins=5 - across)
     page = (page if ax is not None else replace(page, ylabel=None)).set_limits(grid[0])
     for panel, _, x in places:

@@ -46,8 +46,8 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
 
 @pytest.mark.slow
 def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_knocks, monkeypatch):
-    monkeypatch.setattr("sweeps.plotting.looks.CLASSES", {(2, 1): CLASSES[2, 1]})
-    monkeypatch.setattr("sweeps.plotting.looks.FURTHER", ())
+    monkeypatch.setattr("sweeps.plotting.style.CLASSES", {(2, 1): CLASSES[2, 1]})
+    monkeypatch.setattr("sweeps.plotting.style.FURTHER", ())
     figure = draw_integrity(ranked, at={"clearance": 0.6})
     assert no_knocks == [0] and len(figure.axes[-1].patches) == 1
     texts = [text.get_text() for text in figure.legends[0].get_texts()]

@@ -17,7 +17,6 @@ from sweeps.plotting import (
     bifurcation,
     parameter_map,
     plot,
-    saving,
     section,
     trajectory,
 )
@@ -56,7 +55,7 @@ def test_a_picture_is_replaced_whole_or_not_at_all(random_sweep, tmp_path, monke
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(saving.Figure, "savefig", fail)
+        patch.setattr(api.Figure, "savefig", fail)
         plot(dataset, target)
     assert target.read_text() == "old"
     plot(dataset, link)
@@ -122,15 +121,11 @@ def test_a_map_over_too_many_decades_is_refused(random_sweep):
 )
 def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajectory, expected):
     called = []
-
-    def spy(name):
-        return KINDS[name]._replace(draw=lambda *_, **__: called.append(name) or Figure())
-
-    monkeypatch.setattr(api, "KINDS", {name: spy(name) for name in KINDS})
+    monkeypatch.setattr(api.Kind, "draw", lambda kind, *_, **__: called.append(kind) or Figure())
     diagnostics = ["period"]
     sweep = random_sweep(axes, with_trajectory=with_trajectory, diagnostics=diagnostics)
     plot(sweep, tmp_path / "a.PDF")
-    assert called == [expected] and (tmp_path / "a.PDF").read_bytes().startswith(b"%PDF")
+    assert called == [KINDS[expected]] and (tmp_path / "a.PDF").read_bytes().startswith(b"%PDF")
 
 
 def test_an_axis_of_one_value_is_no_choice(random_sweep, tmp_path):
