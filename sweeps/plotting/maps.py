@@ -89,7 +89,8 @@ def parameter_map(
     status, hatched = cut["status"].values, page.grey and name != "period"
     cells = [*paint.cells, *failed_cells(status, hatched)]
     draw_cells(panel, cut, cells)
-    approaching = cut.on_its_way & (name == "period" and page.marks)
+    is_marked = name == "period" and page.marks
+    approaching = cut.on_its_way if is_marked else np.zeros(cut.shape, bool)
     if approaching.any():
         _draw_hatch(panel, cut, approaching, **_APPROACHING)
     page = page.set_limits(panel)
