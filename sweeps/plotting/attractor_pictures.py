@@ -82,12 +82,12 @@ def basins(
         return _basins_beside(sweep, at or {}, beside, plane, page, ax)
     starts = sweep.cut(at, free=plane)
     panel = canvas.new_panel(ax, page)
-    there = Basins.of(starts, *attractors_in(starts, sweep, page.grey), *plane)
-    there.draw(panel, page)
-    view = view_of(panel, there.starts)
-    handles = [*entries_of(there.starts, there.cells(), view), *there.mark_attractors(panel)]
+    regions = Basins.of(starts, *attractors_in(starts, sweep, page.grey), *plane)
+    regions.draw(panel, page)
+    view = view_of(panel, regions.starts)
+    handles = [*entries_of(regions.starts, regions.cells(), view), *regions.mark_attractors(panel)]
     figure = canvas.finish(panel, page, starts, handles, labels.basins_title(sweep))
-    there.write_names(panel, page)
+    regions.write_names(panel, page)
     return figure
 
 
@@ -103,11 +103,13 @@ class Basins(NamedTuple):
     looks: Looks
 
     @classmethod
-    def of(cls, starts: OpenedSweep, there: xr.Dataset, looks: Looks, across: str, up: str) -> Self:
+    def of(
+        cls, starts: OpenedSweep, point_result: xr.Dataset, looks: Looks, across: str, up: str
+    ) -> Self:
         """Return the basins, given the attractors at the point."""
-        numbers = there["attractor"].sortby([across, up]).transpose(up, across).values
+        numbers = point_result["attractor"].sortby([across, up]).transpose(up, across).values
         ordered = starts.sortby([across, up]).transpose(up, across)
-        return cls(ordered, attractor_rows(starts, there), numbers, looks)
+        return cls(ordered, attractor_rows(starts, point_result), numbers, looks)
 
     def draw(self, panel: Axes, page: Page) -> None:
         """Draw the basins within the limits of a page."""
@@ -179,19 +181,19 @@ def _basins_beside(
     row = _LABELS + _SHAPE * canvas.width_of(page) / across
     row /= mpl.rcParams["figure.figsize"][1]
     panels = canvas.panel_grid(page, len(values), across, row, sharex=True)
-    every, looks = attractors_in(sweep.cut(at, free=[name, *plane]), sweep, page.grey)
+    line_result, looks = attractors_in(sweep.cut(at, free=[name, *plane]), sweep, page.grey)
     places, numbers, further = [], list[np.ndarray](), dict[str, Artist]()
     for panel, value in zip(panels, line[name].values.tolist(), strict=True):
-        there = every.sel({name: value})
-        basins_there = Basins.of(line.cut({name: value}, plane), there, looks, *plane)
-        basins_there.draw(panel, page)
-        starts, view = basins_there.starts, view_of(panel, basins_there.starts)
+        point_result = line_result.sel({name: value})
+        regions = Basins.of(line.cut({name: value}, plane), point_result, looks, *plane)
+        regions.draw(panel, page)
+        starts, view = regions.starts, view_of(panel, regions.starts)
         failed = failed_cells(starts["status"].values)
-        others = *entries_of(starts, failed, view), *basins_there.mark_attractors(panel)
+        others = *entries_of(starts, failed, view), *regions.mark_attractors(panel)
         further |= {str(handle.get_label()): handle for handle in others}
         panel.set_title(labels.equation(line[name].symbol, line[name], value), loc="left")
-        places.append((panel, basins_there))
-        numbers.append(basins_there.numbers[view])
+        places.append((panel, regions))
+        numbers.append(regions.numbers[view])
     for number, panel in enumerate(panels):
         has_below = number + across < len(panels)
         panel.tick_params(labelbottom=not has_below)
@@ -199,12 +201,12 @@ def _basins_beside(
             panel.set_xlabel("")
         if number % across:
             panel.set_ylabel("")
-    tables = [basins_there.table for _, basins_there in places]
+    tables = [regions.table for _, regions in places]
     title = f"{labels.CLASSES_TITLE},\nshare of the starts in each panel"
     handles = [*_shared_handles(tables, numbers, looks), *further.values()]
     figure = canvas.finish(panels[0], page, line, handles, title)
-    for panel, basins_there in places:
-        basins_there.write_names(panel, page)
+    for panel, regions in places:
+        regions.write_names(panel, page)
     return figure
 
 
@@ -234,8 +236,8 @@ def attractors_in(cut: OpenedSweep, sweep: OpenedSweep, grey: bool) -> tuple[xr.
     fixed = {*sweep.grid} - {*cut.grid}
     starts, others = fixed & set(START_AXES), fixed - set(START_AXES)
     places = sweep.places({name: cut[name].item() for name in starts})
-    every = attractors(sweep.isel(places))
-    return every.sel({name: cut[name].item() for name in others}), Looks.of(every, grey)
+    file_result = attractors(sweep.isel(places))
+    return file_result.sel({name: cut[name].item() for name in others}), Looks.of(file_result, grey)
 
 
 @functools.partial(styled, marks=True)
@@ -281,8 +283,8 @@ def attractor_diagram(
         raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(sweep))}")
     line = sweep.cut(at, free=[axis, *free])
     refuse_without_result(line["status"].values)
-    there, looks = attractors_in(line, sweep, page.grey)
-    table = attractor_rows(line, there)
+    line_result, looks = attractors_in(line, sweep, page.grey)
+    table = attractor_rows(line, line_result)
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)

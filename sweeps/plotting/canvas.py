@@ -308,7 +308,7 @@ def _thin_ticks(panel: Axes) -> None:
 def finish(
     panel: Axes,
     page: Page,
-    drawn: OpenedSweep,
+    part: OpenedSweep,
     handles: Sequence[Artist] | None = None,
     legend_title: str | None = None,
     record: str | None = None,
@@ -318,7 +318,7 @@ def finish(
     """Put the title above a `Picture` and the legend below it, and return the figure.
 
     In another figure, the panel gets the legend, and a title only if the page has one. `handles`
-    are labelled artists for the legend, by default those of the panel. `drawn` is the part of the
+    are labelled artists for the legend, by default those of the panel. `part` is the part of the
     sweep that is shown. `record` replaces the record of the configuration in the title. Of a map,
     `covered` is the share that each entry of the legend covers, and `named` returns the names that
     the regions have room for: `Picture.add_legend`.
@@ -328,7 +328,7 @@ def finish(
     handles = [handle for handle in handles if is_seen(handle)] if page.legend else []
     _set_labels(panel, page)
     if isinstance(figure, Picture):
-        text = title_of(drawn, record) if page.title is None else page.title
+        text = title_of(part, record) if page.title is None else page.title
         if text:
             figure.add_title(text)
         if handles:

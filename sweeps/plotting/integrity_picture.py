@@ -90,35 +90,35 @@ def integrity(
     names = canvas.chosen_panels(panels, [*(_MEASURES if along else ()), BASINS])
     by_name = dict(zip(names, _panels_for(names, page, ax), strict=True))
     basins, profile = by_name.get(BASINS), {n: by_name[n] for n in names if n != BASINS}
-    every, looks = attractors_in(line, sweep, page.grey)
-    every = with_measures(line, every)
+    line_result, looks = attractors_in(line, sweep, page.grey)
+    line_result = with_measures(line, line_result)
     starts = line.cut({name: at[name] for name in along if at and name in at}, ["x0", "v0"])
-    there = every.sel({name: float(starts[name]) for name in along})
-    of_value = Basins.of(starts, there, looks, "x0", "v0")
+    point_result = line_result.sel({name: float(starts[name]) for name in along})
+    regions = Basins.of(starts, point_result, looks, "x0", "v0")
     handles, lines = list[Artist](), list[list[tuple[str, np.ndarray]]]()
     if basins is not None:
-        of_value.draw(basins, page)
+        regions.draw(basins, page)
         # The lines of a profile have the colours of all basins, and the shares of all starts.
-        view = ... if profile else view_of(basins, of_value.starts)
-        handles += entries_of(of_value.starts, of_value.cells(), view)
+        view = ... if profile else view_of(basins, regions.starts)
+        handles += entries_of(regions.starts, regions.cells(), view)
     if profile:
-        table = attractor_rows(line, every)
-        of_basins = of_value.table if basins is not None else []
+        table = attractor_rows(line, line_result)
+        of_basins = regions.table if basins is not None else []
         handles += _handles_of_profile(table, of_basins, looks, line, along[0])
-        marks, lines = _draw_profile(profile, every, along[0], table, looks)
+        marks, lines = _draw_profile(profile, line_result, along[0], table, looks)
         handles += marks
         labels.label_axis([*profile.values()][-1].xaxis, line[along[0]])
     if basins is not None:
         if along:
             handles += _mark_place(profile.values(), basins, line[along[0]], starts)
-        handles += _draw_disturbances(basins, starts, there, of_value)
+        handles += _draw_disturbances(basins, starts, point_result, regions)
     panel = by_name[names[0]] if basins is None else basins
     if basins is None:
         page.set_limits(panel)
     title = labels.CLASSES_TITLE if basins is None else labels.basins_title(line)
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:
-        of_value.write_names(basins, page)
+        regions.write_names(basins, page)
     if page.grey:
         for each, of_panel in zip(profile.values(), lines, strict=True):
             name_lines(each, of_panel)
@@ -152,7 +152,7 @@ def _mark_place(
 
 def _handles_of_profile(
     table: Sequence[AttractorRow],
-    there: Sequence[AttractorRow],
+    of_regions: Sequence[AttractorRow],
     looks: Looks,
     line: OpenedSweep,
     axis: str,
@@ -162,7 +162,7 @@ def _handles_of_profile(
     In grey, these are all: lines have dashes and markers, not the hatches of basins. So are those
     that are darker than their basins.
     """
-    of_basins = {looks.look(row) for row in there}
+    of_basins = {looks.look(row) for row in of_regions}
     of_basins = set() if looks.grey else {look for look in of_basins if look.ink == look.colour}
     series = [[table[i] for i in places] for places in looks.series(table)]
     handles: list[Artist] = []
@@ -172,9 +172,9 @@ def _handles_of_profile(
         if look not in of_basins:
             text = "".join(names) if looks.has_own(rows[0]) else "other periodic attractors"
             dashes: dict[str, Any] = {"linestyle": look.dash, "linewidth": 1.0}
-            of_line = Line2D([], [], label=text, **dashes, **_of_points(look, looks.grey))
+            line_result = Line2D([], [], label=text, **dashes, **_of_points(look, looks.grey))
             patch = Cells(text, look, np.empty(0)).handle()
-            handles.append(of_line if looks.grey or look.ink != look.colour else patch)
+            handles.append(line_result if looks.grey or look.ink != look.colour else patch)
     return handles
 
 
@@ -185,7 +185,7 @@ def _of_points(look: Look, grey: bool) -> dict[str, Any]:
 
 def _draw_profile(
     panels: Mapping[str, Axes],
-    there: xr.Dataset,
+    line_result: xr.Dataset,
     axis: str,
     table: Sequence[AttractorRow],
     looks: Looks,
@@ -198,20 +198,20 @@ def _draw_profile(
     for name, panel in panels.items():
         at_edge, title = _MEASURES[name]
         panel.set_title(title, loc="left", wrap=True)
-        if labels.named_unit(there[name]):
-            labels.label_axis(panel.yaxis, there[name].assign_attrs(long_name="", symbol=""))
-        is_bound = there[at_edge] if at_edge else there[name].isnull()
-        values = there[name].where(there["integrity_factor"].notnull())
+        if labels.named_unit(line_result[name]):
+            labels.label_axis(panel.yaxis, line_result[name].assign_attrs(long_name="", symbol=""))
+        is_bound = line_result[at_edge] if at_edge else line_result[name].isnull()
+        values = line_result[name].where(line_result["integrity_factor"].notnull())
         highest = values.where(~is_bound).max().fillna(values.max()).fillna(0.0)
         top = 1.1 * float(highest) or 1.0
         lines.append([])
         for number in {row.number: None for row in table}:
-            mine = there["number"] == number
+            mine = line_result["number"] == number
             y = values.where(mine).max("coexisting").values
             bound = (mine & is_bound & values.notnull()).any("coexisting").values
             rows = [row for row in table if row.number == number]
             of_number = y, bound, top
-            lines[-1] += _draw_lines(panel, there[axis].values, of_number, rows, axis, looks)
+            lines[-1] += _draw_lines(panel, line_result[axis].values, of_number, rows, axis, looks)
             bounded |= bool(bound.any())
         labels.set_ends(panel.yaxis, 0.0, top)
     text, marker = ("hollow: lower bound", "o") if looks.grey else ("lower bound", _BOUND_MARKER)
@@ -252,65 +252,67 @@ def _draw_lines(
 
 
 def _draw_disturbances(
-    panel: Axes, starts: OpenedSweep, there: xr.Dataset, basins: Basins
+    panel: Axes, starts: OpenedSweep, result: xr.Dataset, regions: Basins
 ) -> list[Artist]:
     """Draw discs, knocks and the attractors at the section; return their handles."""
-    looks, table = basins.looks, basins.table
-    oscillator, section = starts.oscillator, starts.spec.phase
+    looks, is_exact = regions.looks, starts.spec.impact == "exact"
     line: dict[str, Any] = {"color": ink(), "linewidth": 0.8}
-    exact = starts.spec.impact == "exact"
-    rows, others = looks.split(table)
+    rows, others = looks.split(regions.table)
     names = names_of([[row] for row in rows], starts)
     places = {
         row.number: place.replace("\n", " ") for row, (_, place) in zip(rows, names, strict=True)
     }
-    if exact:
-        there = with_cache(knocks, what="least knocks")(starts, there, list(places))
-    named = labels.named_unit(labels.as_variable("v0", starts))
-    unit = f" {named}" if named else ""
-    handles, discs, knock = list[Artist](), list[bool](), 0
-    for row in attractor_rows(starts, there):
-        one = row.measures
-        if row.number not in places or not one["integrity_factor"] > 0.0:
+    if is_exact:
+        result = with_cache(knocks, what="least knocks")(starts, result, list(places))
+    handles, discs = list[Artist](), list[bool]()
+    for row in attractor_rows(starts, result):
+        measures = row.measures
+        if row.number not in places or not measures["integrity_factor"] > 0.0:
             continue  # no attractor, or none with a colour of its own
-        size = 2.0 * one["integrity_factor"]
-        disc = Ellipse((one["disc_x"], one["disc_v"]), size, size * oscillator.p, fill=False)
+        centre, size = (measures["disc_x"], measures["disc_v"]), 2.0 * measures["integrity_factor"]
+        disc = Ellipse(centre, size, size * starts.oscillator.p, fill=False)
         panel.add_patch(disc).set(**line)
         discs.append(
             panel.viewLim.overlaps(disc.get_path().get_extents(disc.get_patch_transform()))
         )
-        if exact and math.isfinite(one["knock_harmful"]):
-            at = one["knock_phase"], one["knock_x"]
-            size = one["knock_harmful"]
-            begin, end = (
-                _at_section(oscillator, *at, one["knock_v"] + dv, section) for dv in (0.0, size)
-            )
-            colour, edge = (ink(), ground()) if looks.grey else (looks.look(row).ink, ink())
-            look: dict[str, Any] = {"color": colour, "linewidth": 1.2}
-            around = [withStroke(linewidth=2.4, foreground=edge)]
-            arrow = {"arrowstyle": "->", "path_effects": around, **look}
-            panel.annotate("", end, begin, size="small", arrowprops=arrow)
-            knock += 1
-            marker = r"$\rightarrow$"
-            if looks.grey:  # a number says which arrow it is, beside the mark where it begins
-                marker = f"${knock}$"
-                centre = float(np.mean(panel.get_xlim()))
-                beside = 8.0 * np.sign(centre - begin[0]), 8.0 * np.sign(begin[1] - end[1])
-                circle = {"boxstyle": "circle,pad=0.15", "fc": edge, "ec": colour, "lw": 0.6}
-                written = panel.annotate(str(knock), begin, beside, textcoords="offset points")
-                written.set(size="x-small", ha="center", va="center", bbox=circle)
-            place = places[row.number]
-            text = f"least knock, {row.name}{place}:" + ("\n" if place else " ")
-            text += rf"${size:+.4g}${unit} at $\omega t={at[0]:.4g}$"
-            text += ", fractal" if one["knock_fractal"] else ""
-            handles.append(Line2D([], [], marker=marker, linestyle="", label=text, **look))
+        if is_exact and math.isfinite(measures["knock_harmful"]):
+            number = len(handles) + 1 if looks.grey else None
+            colour = looks.look(row).ink
+            handles.append(_draw_knock(panel, starts, row, places[row.number], colour, number))
     if any(discs):
         disc_handle = Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
         handles.insert(0, disc_handle)
     if others:
         text = f"no disc and no knock for {shown_count(len(others), 'other attractor')}"
         handles.append(Line2D([], [], linestyle="", label=text))
-    return handles + basins.mark_attractors(panel)
+    return handles + regions.mark_attractors(panel)
+
+
+def _draw_knock(
+    panel: Axes, starts: OpenedSweep, row: AttractorRow, place: str, colour: str, number: int | None
+) -> Line2D:
+    """Draw the least knock of an attractor as an arrow, in grey with a number; return a handle."""
+    phase, x, v, size = (row.measures[f"knock_{name}"] for name in ("phase", "x", "v", "harmful"))
+    begin, end = (
+        _at_section(starts.oscillator, phase, x, v + dv, starts.spec.phase) for dv in (0.0, size)
+    )
+    colour, edge = (colour, ink()) if number is None else (ink(), ground())
+    look: dict[str, Any] = {"color": colour, "linewidth": 1.2}
+    around = [withStroke(linewidth=2.4, foreground=edge)]
+    arrow = {"arrowstyle": "->", "path_effects": around, **look}
+    panel.annotate("", end, begin, size="small", arrowprops=arrow)
+    if number is not None:  # which arrow it is, beside the mark where it begins
+        middle = float(np.mean(panel.get_xlim()))
+        beside = 8.0 * np.sign(middle - begin[0]), 8.0 * np.sign(begin[1] - end[1])
+        circle = {"boxstyle": "circle,pad=0.15", "fc": edge, "ec": colour, "lw": 0.6}
+        written = panel.annotate(str(number), begin, beside, textcoords="offset points")
+        written.set(size="x-small", ha="center", va="center", bbox=circle)
+    unit = labels.named_unit(labels.as_variable("v0", starts))
+    text = f"least knock, {row.name}{place}:" + ("\n" if place else " ")
+    text += rf"${size:+.4g}${unit and f' {unit}'} at $\omega t={phase:.4g}$"
+    text += ", fractal" if row.measures["knock_fractal"] else ""
+    marker = r"$\rightarrow$" if number is None else f"${number}$"
+    return Line2D([], [], marker=marker, linestyle="", label=text, **look)
 
 
 def _at_section(

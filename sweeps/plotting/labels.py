@@ -123,13 +123,13 @@ def status_name(outcome: Status) -> str:
     return outcome.name.lower().replace("_", "-")
 
 
-def record_text(drawn: OpenedSweep, coordinate: str = "poincare_x") -> str:
+def record_text(line: OpenedSweep, coordinate: str = "poincare_x") -> str:
     """Write a phase that is not 0, the transient and the periods, and impacts left out."""
-    spec = drawn.spec
+    spec = line.spec
     transient = "auto" if spec.longest is not None else f"{spec.transient:,}"
     parts = [f"phase {spec.phase:.6g} rad"] if spec.phase else []
     parts += [f"transient {transient}", f"record {shown_count(spec.periods, 'period')}"]
-    if ORDINATES[coordinate].dimension == "impact" and (text := drawn.impacts_left_out):
+    if ORDINATES[coordinate].dimension == "impact" and (text := line.impacts_left_out):
         parts.append(text)
     return ", ".join(part.replace(" ", _JOINT) for part in parts)
 
@@ -142,35 +142,35 @@ def method_text(spec: RunSpec) -> list[str]:
     return [spec.integrator, f"impact{_JOINT}rule{_JOINT}{spec.impact}", steps]
 
 
-def title(drawn: OpenedSweep, record: str | None = None) -> str:
+def title(part: OpenedSweep, record: str | None = None) -> str:
     """Write the title of a picture: name, parameters that are not the defaults, record, method.
 
     Parameters have units if names were chosen for these. The record is by default that of
     `record_text`.
     """
-    spec, seen = drawn.spec, drawn.nomenclature
+    spec, seen = part.spec, part.nomenclature
     usual = {name: parameter.default for name, parameter in seen.parameters.items()}
-    if "a" in drawn and bool((drawn["a"] > 0.0).any()):
+    if "a" in part and bool((part["a"] > 0.0).any()):
         usual[seen.name("f")] = 0.0  # the base alone may shake the mass
     parts = [
-        equation(parameter.symbol, drawn[name], float(drawn[name]))
+        equation(parameter.symbol, part[name], float(part[name]))
         for name, parameter in seen.parameters.items()
-        if not drawn[name].dims and float(drawn[name]) != usual[name]
+        if not part[name].dims and float(part[name]) != usual[name]
     ]
-    if spec.followed is not None and DIRECTION not in drawn.data.dims:  # else it is in the legend
-        parts.append(followed(drawn))
-    parts.append(record_text(drawn) if record is None else record)
+    if spec.followed is not None and DIRECTION not in part.data.dims:  # else it is in the legend
+        parts.append(followed(part))
+    parts.append(record_text(part) if record is None else record)
     parts += method_text(spec)
-    if not drawn.grid:
-        parts += filter(None, [Status(int(drawn["status"])).remark(spec.impact)])
-    name = drawn.config.name.replace("$", r"\$")
+    if not part.grid:
+        parts += filter(None, [Status(int(part["status"])).remark(spec.impact)])
+    name = part.config.name.replace("$", r"\$")
     return f"{name}\n{', '.join(parts)}"
 
 
-def followed(drawn: OpenedSweep) -> str:
+def followed(part: OpenedSweep) -> str:
     """Write in which directions, and along which axis, the motions of a picture were followed."""
-    ways = drawn[DIRECTION] if DIRECTION in drawn else drawn.spec.directions
-    return f"followed {' and '.join(np.atleast_1d(ways))} along ${drawn.followed_symbol}$"
+    ways = part[DIRECTION] if DIRECTION in part else part.spec.directions
+    return f"followed {' and '.join(np.atleast_1d(ways))} along ${part.followed_symbol}$"
 
 
 def direction_names(sweep: OpenedSweep) -> tuple[str, str]:
