@@ -19,6 +19,7 @@ import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 
 from sweeps.config.rig import Nomenclature
@@ -128,13 +129,15 @@ class Page:
         return page
 
     def fit_ordinate(self, panel: Axes, *ranges: Ends) -> None:
-        """Fit the ordinate to the lines, and to further ranges, within the abscissa of the page."""
+        """Fit the ordinate to lines, dots and further ranges, within the abscissa of the page."""
         if self.xlim is None:
             return
         low, high = self.xlim
         data = panel.transData  # an `axhline` has another transform
         lines = [line for line in panel.lines if line.get_transform() == data]
         points = [np.asarray(line.get_xydata()) for line in lines]
+        dots = (each for each in panel.collections if isinstance(each, PathCollection))
+        points += [np.ma.filled(each.get_offsets(), np.nan) for each in dots]
         seen = [y[(low <= x) & (x <= high)] for x, y in (each.T for each in points)]
         values = np.concatenate([*seen, *ranges, ()])
         values = values[np.isfinite(values)]

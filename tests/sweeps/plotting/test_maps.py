@@ -312,3 +312,12 @@ def test_an_ordinate_fits_a_motion_at_0_within_the_limits(recwarn):
     points["poincare_x"].values[:, 3] = 5.0
     low, high = bifurcation(points, page=Page(xlim=(0.5, 3.2))).axes[0].get_ylim()
     assert low < 0.0 < high < 1.0 and not [*recwarn]
+
+
+def test_the_ordinate_of_colours_fits_as_that_of_a_single_one():
+    points = equal_points()
+    points["poincare_x"].values[:] += np.linspace(0.1, 5.0, 4)[:, None]
+    page = Page(xlim=(0.5, 2.5))
+    figures = (bifurcation(points, color=name, page=page) for name in (None, "period", "R"))
+    plain, *coloured = (figure.axes[0].get_ylim() for figure in figures)
+    assert coloured == [plain, plain] and plain[1] < 2.0
