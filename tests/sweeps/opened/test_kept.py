@@ -248,19 +248,6 @@ record: {transient: 200, periods: 8, impacts: 4}
 """
 
 
-@pytest.fixture
-def sought(monkeypatch):
-    """Return the list of the attractors whose knocks were computed."""
-    sought, worst = [], _Motions.worst
-
-    def counted(motions, home, limit):
-        sought.append(home)
-        return worst(motions, home, limit)
-
-    monkeypatch.setattr(_Motions, "worst", counted)
-    return sought
-
-
 @pytest.mark.slow
 def test_knocks_are_computed_once_for_all_pictures_and_tables(tmp_path, no_knocks, unpainted):
     run_in(tmp_path, BASINS)
@@ -274,7 +261,9 @@ def test_knocks_are_computed_once_for_all_pictures_and_tables(tmp_path, no_knock
 
 
 @pytest.mark.slow
-def test_knocks_are_not_taken_for_those_of_others(tmp_path, sought):
+def test_knocks_are_not_taken_for_those_of_others(tmp_path, monkeypatch):
+    sought, worst = [], _Motions.worst  # the attractors whose knocks were computed
+    monkeypatch.setattr(_Motions, "worst", lambda *of: sought.append(of[1]) or worst(*of))
     with open_sweep(run_in(tmp_path, BASINS)) as starts:
         find, found = with_cache(knocks), attractors(starts)
         both = find(starts, found)
