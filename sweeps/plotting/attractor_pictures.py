@@ -182,7 +182,7 @@ def _basins_beside(
     row /= mpl.rcParams["figure.figsize"][1]
     panels = canvas.panel_grid(page, len(values), across, row, sharex=True)
     line_result, looks = attractors_in(sweep.cut(at, free=[name, *plane]), sweep, page.grey)
-    places, numbers, further = [], list[np.ndarray](), dict[str, Artist]()
+    places, further = list[tuple[Axes, Basins]](), dict[str, Artist]()
     for panel, value in zip(panels, line[name].values.tolist(), strict=True):
         point_result = line_result.sel({name: value})
         regions = Basins.of(line.cut({name: value}, plane), point_result, looks, *plane)
@@ -193,7 +193,6 @@ def _basins_beside(
         further |= {str(handle.get_label()): handle for handle in others}
         panel.set_title(labels.equation(line[name].symbol, line[name], value), loc="left")
         places.append((panel, regions))
-        numbers.append(regions.numbers[view])
     for number, panel in enumerate(panels):
         has_below = number + across < len(panels)
         panel.tick_params(labelbottom=not has_below)
@@ -201,27 +200,22 @@ def _basins_beside(
             panel.set_xlabel("")
         if number % across:
             panel.set_ylabel("")
-    tables = [regions.table for _, regions in places]
     title = f"{labels.CLASSES_TITLE},\nshare of the starts in each panel"
-    handles = [*_shared_handles(tables, numbers, looks), *further.values()]
+    handles = [*_shared_handles(places, looks), *further.values()]
     figure = canvas.finish(panels[0], page, line, handles, title)
     for panel, regions in places:
         regions.write_names(panel, page)
     return figure
 
 
-def _shared_handles(
-    tables: Sequence[Sequence[AttractorRow]], numbers: Sequence[np.ndarray], looks: Looks
-) -> list[Artist]:
-    """Return an entry of a legend for each look and class in several panels, with the shares.
-
-    `numbers` are those of the attractors of the starts within the limits of each panel.
-    """
+def _shared_handles(places: Sequence[tuple[Axes, Basins]], looks: Looks) -> list[Artist]:
+    """Return an entry of a legend for each look and class in several panels, with the shares."""
     shares: dict[tuple[Look, str], np.ndarray] = {}
-    for number, (table, of_starts) in enumerate(zip(tables, numbers, strict=True)):
-        for row in table:
+    for number, (panel, regions) in enumerate(places):
+        of_starts = regions.numbers[view_of(panel, regions.starts)]
+        for row in regions.table:
             name = class_names([row]) if looks.has_own(row) else "other periodic attractors"
-            of_panels = shares.setdefault((looks.look(row), name), np.zeros(len(tables)))
+            of_panels = shares.setdefault((looks.look(row), name), np.zeros(len(places)))
             cells = Cells(name, looks.look(row), of_starts == row.number, of_starts >= 0)
             of_panels[number] += cells.share
     return [

@@ -116,10 +116,11 @@ def test_basins_of_several_values_fit_a_column(path, grey, with_layout):
         basins(dataset, beside={"omega": [2.6, 2.7]}, page=page).draw_without_rendering()
 
 
-def test_basins_of_several_values_have_one_legend_with_all_shares(path):
+@pytest.mark.parametrize("page", [Page(), Page(xlim=(-2.0, -1.0), ylim=(-1.0, 1.0))])
+def test_basins_of_several_values_have_one_legend_with_all_shares(path, page):
     with open_sweep(path) as dataset:
-        figure = basins(dataset, beside={"omega": [2.6, 2.7]})
-        alone = [basins(dataset, at={"omega": value}) for value in (2.6, 2.7)]
+        figure = basins(dataset, beside={"omega": [2.6, 2.7]}, page=page)
+        alone = [basins(dataset, at={"omega": value}, page=page) for value in (2.6, 2.7)]
     assert titles(figure) == [r"$\omega=2.6$", r"$\omega=2.7$"]
     for panel, one in zip(figure.axes, alone, strict=True):
         cells = [axes.collections[0].get_array() for axes in (panel, one.axes[0])]
