@@ -15,21 +15,11 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from sweeps.cli import options as common
 from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
-from sweeps.cli.options import (
-    CSV,
-    argument,
-    flag,
-    new_file,
-    numeric,
-    option,
-    progress_shown,
-    read_threads,
-    say,
-)
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import near_miss, shortened, shown_count, suggestion
@@ -65,7 +55,7 @@ class Commands(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments before the name of the command; without any, print the help."""
         if not args and not ctx.resilient_parsing:  # a shell completes less than a command
-            say(ctx.get_help(), error=True)
+            common.say(ctx.get_help(), error=True)
             raise typer.Exit(2)
         return super().parse_args(ctx, args)
 
@@ -95,7 +85,7 @@ app.add_typer(measurements, name="bench")
 def _show_version(requested: bool) -> None:
     """Show the version and exit, if requested."""
     if requested:
-        say(f"vibroimpact {__version__}")
+        common.say(f"vibroimpact {__version__}")
         raise typer.Exit
 
 
@@ -152,7 +142,7 @@ def _scenes() -> Iterable[str]:
 
 
 def init_command(
-    scene: str = argument("SCENE", "The name of a scene.", "quickstart", _scenes),
+    scene: str = common.argument("SCENE", "The name of a scene.", "quickstart", _scenes),
 ) -> None:
     """Write a scene to this folder: its configuration with comments, and its table, if any."""
     from sweeps.config import scenes
@@ -172,8 +162,8 @@ def init_command(
     for path, text in new_texts.items():
         with writing(path, "configuration", only_new=True) as new:
             new.write(text.encode())
-        say(path)
-    say(f"next: vibroimpact run {scene}.yaml")
+        common.say(path)
+    common.say(f"next: vibroimpact run {scene}.yaml")
 
 
 def schema_command() -> None:
@@ -182,12 +172,12 @@ def schema_command() -> None:
 
     from sweeps.config.sweep import json_schema
 
-    say(json.dumps(json_schema(), indent=2))
+    common.say(json.dumps(json_schema(), indent=2))
 
 
 # The commands of ``bench``
 
-_QUICK = flag("--quick", "Measure less, in under a minute.")
+_QUICK = common.flag("--quick", "Measure less, in under a minute.")
 
 
 def _picture(path: Path) -> Path:
@@ -200,7 +190,7 @@ def _picture(path: Path) -> Path:
 
 def _figure(name: str) -> Any:
     """Return the option of the picture, with its name by default."""
-    return option(
+    return common.option(
         "FIGURE", "The picture to write.", "-o", "--output", default=Path(name), callback=_picture
     )
 
@@ -211,24 +201,24 @@ def _save(csv: Path | None, rows: Any, output: Path, draw: Callable, *measured: 
     from sweeps.plotting.api import save_chart
 
     save_chart(output, draw, *measured)
-    say(output)
+    common.say(output)
     if csv is not None:
         write_csv(csv, [rows])
-        say(csv)
+        common.say(csv)
 
 
 def accuracy_speed(
-    config: Path | None = argument(
+    config: Path | None = common.argument(
         "[CONFIG]",
         "The YAML file of a sweep, or a sweep file, on which to compare the methods; if not given, "
         "the scenes of the program, also with other solvers.",
         None,
     ),
     output: Path = _figure("accuracy-speed.png"),
-    csv: Path | None = CSV,
+    csv: Path | None = common.CSV,
     quick: bool = _QUICK,
-    threads: int = option(
-        "N", "Threads of the kernel; other solvers use one.", parser=read_threads, default=1
+    threads: int = common.option(
+        "N", "Threads of the kernel; other solvers use one.", parser=common.read_threads, default=1
     ),
 ) -> None:
     """Chart the accuracy of every method against its speed."""
@@ -242,29 +232,29 @@ def accuracy_speed(
         plan = bench.plan_for_sweep(cli_run.read_config(config), plan)
         (scene,) = plan.scenes
         points = shown_count(len(scene.points), "point")
-        say(f"{points} of the {scene.name}, each after one forcing period\n")
-    with progress_shown("measuring") as report:
+        common.say(f"{points} of the {scene.name}, each after one forcing period\n")
+    with common.progress_shown("measuring") as report:
         measured = bench.measure_methods(plan, threads, report)
     if config is None:
         measured = pd.concat([measured, results.means(measured)])
     measured = results.with_orders(measured)
     for name in plan.peers:
         if not bench.installed(name):
-            say(f"{name} is not installed, so it is not on the chart", error=True)
-    say(results.of_methods(measured))
-    say(results.of_targets(measured))
+            common.say(f"{name} is not installed, so it is not on the chart", error=True)
+    common.say(results.of_methods(measured))
+    common.say(results.of_targets(measured))
     _save(csv, measured, output, results.accuracy_picture, measured)
 
 
 def stability(
-    output: Path = _figure("stability.png"), csv: Path | None = CSV, quick: bool = _QUICK
+    output: Path = _figure("stability.png"), csv: Path | None = common.CSV, quick: bool = _QUICK
 ) -> None:
     """Show how long a step may be, and where each method fails."""
     from sweeps.bench import failures as bench
 
     figures = bench.measure_failures()
     for part in (bench.limit_table(), *bench.failure_tables(figures)):
-        say(part)
+        common.say(part)
     _save(csv, bench.figure_table(figures), output, bench.stability_chart, quick)
 
 
@@ -273,14 +263,14 @@ def paper(output: Path = _figure("paper.png")) -> None:
     from sweeps.bench import paper_cases as bench
 
     measured = bench.measure_cases()
-    say(bench.case_tables(measured))
+    common.say(bench.case_tables(measured))
     _save(None, None, output, bench.paper_picture, measured)
 
 
 def speed(
     quick: bool = _QUICK,
-    json: Path | None = new_file("--json", ".json", "JSON file", "Write a .json file, too."),
-    fail_below: float | None = numeric(
+    json: Path | None = common.new_file("--json", ".json", "JSON file", "Write a .json file, too."),
+    fail_below: float | None = common.numeric(
         "--fail-below",
         number(lambda share: 0.0 < share <= 1.0, "a number above 0, at most 1, as 0.05"),
         "Exit with 1 if the geometric mean of the shares of the peak is below SHARE.",
@@ -293,13 +283,13 @@ def speed(
     from sweeps.store.replacing import writing
 
     count, periods = (1024, 150) if quick else (4096, 300)
-    with progress_shown("measuring") as report:
+    with common.progress_shown("measuring") as report:
         record = speed.measure_speed(count, periods, report)
-    say(speed.speed_text(record))
+    common.say(speed.speed_text(record))
     if json is not None:
         with writing(json, "JSON file") as new:
             new.write(json_text(record).encode())
-        say(json)
+        common.say(json)
     share = record["mean_share"]
     if fail_below is not None and share < fail_below:
         raise Failed(

@@ -12,26 +12,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sweeps.cli.options import (
-    CSV,
-    MOST_FOLLOWED,
-    OF_CLASSES,
-    argument,
-    at_commas,
-    exact_options,
-    flag,
-    inches,
-    limits_option,
-    named,
-    numeric,
-    opened_in_si,
-    option,
-    progress_shown,
-    say,
-    say_moved,
-    several_of,
-    targets,
-)
+from sweeps.cli import options as common
 from sweeps.errors import Refused
 from sweeps.text import command, fewest_digits
 from vibroimpact.inputs import integer
@@ -59,20 +40,20 @@ def _numbers() -> list[str]:
 
 
 # Options that ``zoom`` has, too.
-COORDINATE = option(
+COORDINATE = common.option(
     "NAME",
     "poincare_x, poincare_v, poincare_height, impact_v or impact_phase, or peak_to_peak, x_min or "
     "x_max, as ordinate.",
 )
-DRAW_EXACT = flag(
+DRAW_EXACT = common.flag(
     "--exact",
     "Draw the exact branches of periodic motions, stable and unstable, with their bifurcations; on "
     "a map, draw bifurcation curves. --csv writes what is drawn.",
 )
-PAGE_WIDTH = option("LENGTH", "Width of the picture, e.g. 3.4in, 8.6cm or 86mm.")
-PAGE_TITLE = option("TEXT", "Title instead of the sweep's; may be empty.")
-IN_GREY = flag("--grey", "Draw for print in greys, hatches, markers and dashes.")
-NO_MARKS = flag(
+PAGE_WIDTH = common.option("LENGTH", "Width of the picture, e.g. 3.4in, 8.6cm or 86mm.")
+PAGE_TITLE = common.option("TEXT", "Title instead of the sweep's; may be empty.")
+IN_GREY = common.flag("--grey", "Draw for print in greys, hatches, markers and dashes.")
+NO_MARKS = common.flag(
     "--no-marks",
     "On a map or a diagram, do not mark motions on their way to m/q, bifurcations and other "
     "special points, and jumps.",
@@ -83,8 +64,8 @@ _OF_SEVERAL = ("section", "impacts", "trajectory", "basins")
 
 
 def plot_command(
-    files: list[Path] = argument("OUT.h5...", "The file of each sweep."),
-    output: Path | None = option(
+    files: list[Path] = common.argument("OUT.h5...", "The file of each sweep."),
+    output: Path | None = common.option(
         "FIGURE",
         "The picture to write, for a single OUT.h5. If not given, OUT.png, or a name with the "
         "kind, quantity and place that are asked for, as OUT-map-energy_lost-R-0.8.png; a motion "
@@ -92,76 +73,78 @@ def plot_command(
         "-o",
         "--output",
     ),
-    kind: str | None = option(
+    kind: str | None = common.option(
         "KIND", f"{', '.join(KIND_NAMES[:-1])} or {KIND_NAMES[-1]}.", names=lambda: KIND_NAMES
     ),
-    axis: list[str] | None = option(
+    axis: list[str] | None = common.option(
         "NAME",
         "The swept parameter as abscissa; for a map, then the ordinate; for a table, a column or a "
         "result; repeatable.",
     ),
-    at: list[str] | None = option(
+    at: list[str] | None = common.option(
         "NAME=VALUE[,...]",
         "Value at which a swept parameter is cut, or direction=up or down for a sweep that was "
         "followed both ways; for a section, impacts, trajectory or basins also several values, as "
         "omega=2.7,2.8; repeatable.",
     ),
     coordinate: str | None = COORDINATE,
-    quantity: str | None = option(
+    quantity: str | None = common.option(
         "NAME",
         "What a map shows, or the ordinate for a table: a number per point, e.g. period, lyapunov, "
         "energy_lost, mean_force, peak_to_peak, or another that the file has.",
         names=_numbers,
     ),
     exact: bool = DRAW_EXACT,
-    classes: str | None = OF_CLASSES,
-    most: int | None = MOST_FOLLOWED,
-    kinds: str | None = option("KIND,...", "Only curves of these kinds, of flip, fold and graze."),
-    csv: Path | None = CSV,
-    below: list[str] | None = option(
+    classes: str | None = common.OF_CLASSES,
+    most: int | None = common.MOST_FOLLOWED,
+    kinds: str | None = common.option(
+        "KIND,...", "Only curves of these kinds, of flip, fold and graze."
+    ),
+    csv: Path | None = common.CSV,
+    below: list[str] | None = common.option(
         "NAME",
         "A number per point, e.g. lyapunov, in a panel below a bifurcation diagram; repeatable.",
         names=_numbers,
     ),
-    color: str | None = option(
+    color: str | None = common.option(
         "NAME",
         "What colours the points of a diagram or a table, or the sections, impacts or motions of "
         "several points: a number per point, e.g. period or lyapunov, or direction for a sweep "
         "that was followed both ways.",
         names=_numbers,
     ),
-    overlay: Path | None = option(
+    overlay: Path | None = common.option(
         "FILE",
         "Draw the points of a .csv file over a diagram, a map or the picture of a table: columns "
         "with the names of its axes and quantities, in its units unless a name has its own, as "
         "'poincare_x [mm]', and label for the legend.",
     ),
-    panels: str | None = option(
+    panels: str | None = common.option(
         "NAME,...",
         "Only these panels, in this order: of an integrity picture fraction, integrity_factor, "
         "local_integrity, basins; of a table its columns.",
     ),
-    periods: int | None = numeric(
+    periods: int | None = common.numeric(
         "--periods", integer(1), "For a trajectory, compute N periods from the last stored state."
     ),
-    fps: int | None = numeric(
+    fps: int | None = common.numeric(
         "--fps", integer(1, 50), "Frames per second of a .gif or .mp4, 25 if not given."
     ),
     width: str | None = PAGE_WIDTH,
-    height: str | None = option("LENGTH", "Height of the picture, likewise."),
-    dpi: int | None = numeric("--dpi", integer(10), "Pixels per inch, 300 if not given."),
+    height: str | None = common.option("LENGTH", "Height of the picture, likewise."),
+    dpi: int | None = common.numeric("--dpi", integer(10), "Pixels per inch, 300 if not given."),
     title: str | None = PAGE_TITLE,
-    xlim: str | None = option(
+    xlim: str | None = common.option(
         "LOW:HIGH",
         "Limits of the abscissa, in the unit that it shows or in one that is given, as 2:3mm.",
     ),
-    ylim: str | None = option("LOW:HIGH", "Limits of the ordinate, likewise."),
-    xlabel: str | None = option(
+    ylim: str | None = common.option("LOW:HIGH", "Limits of the ordinate, likewise."),
+    xlabel: str | None = common.option(
         "TEXT", "Label of the abscissa; a unit in it, as 'gap [mm]', is that of the ticks."
     ),
-    ylabel: str | None = option("TEXT", "Label of the ordinate, likewise."),
+    ylabel: str | None = common.option("TEXT", "Label of the ordinate, likewise."),
     grey: bool = IN_GREY,
-    no_legend: bool = flag("--no-legend", "Leave out the legend."),
+    no_legend: bool = common.flag("--no-legend", "Leave out the legend."),
     no_marks: bool = NO_MARKS,
 ) -> None:
     """Draw a picture from the file of each sweep."""
@@ -169,7 +152,7 @@ def plot_command(
 
     if kind is not None:
         check_kind(kind)
-    cuts, lists = several_of(at)
+    cuts, lists = common.several_of(at)
     if lists:
         _check_several(lists, kind, color)
     if csv is not None and (not exact or len(files) > 1):
@@ -179,12 +162,12 @@ def plot_command(
     if csv is not None and overlay is not None:
         refuse_replacing(overlay, csv, "table")
     page = {
-        "width": inches("--width", width),
-        "height": inches("--height", height),
+        "width": common.inches("--width", width),
+        "height": common.inches("--height", height),
         "dpi": dpi,
         "title": title,
-        **dict(zip(("xlim", "xunit"), limits_option("--xlim", xlim), strict=True)),
-        **dict(zip(("ylim", "yunit"), limits_option("--ylim", ylim), strict=True)),
+        **dict(zip(("xlim", "xunit"), common.limits_option("--xlim", xlim), strict=True)),
+        **dict(zip(("ylim", "yunit"), common.limits_option("--ylim", ylim), strict=True)),
         "xlabel": xlabel,
         "ylabel": ylabel,
         "legend": not no_legend,
@@ -195,17 +178,17 @@ def plot_command(
         "axes": tuple(axis) if axis else None,
         "coordinate": coordinate,
         "quantity": quantity,
-        "exact": exact_options(classes, most, kinds) if exact else None,
+        "exact": common.exact_options(classes, most, kinds) if exact else None,
         "below": tuple(below) if below else None,
         "color": color,
         "overlay": overlay,
-        "panels": at_commas(panels) if panels is not None else None,
+        "panels": common.at_commas(panels) if panels is not None else None,
         "periods": periods,
         "fps": fps,
     }
     values = {name: "-".join(map(fewest_digits, numbers)) for name, numbers in lists.items()}
     names = [_name(file, kind, cuts | values, options) for file in files]
-    figures = targets(files, output, names)
+    figures = common.targets(files, output, names)
     if kind == "basins":
         options["beside"] = lists or None
     else:
@@ -214,14 +197,14 @@ def plot_command(
         datasets = []
         for file, figure in zip(files, figures, strict=True):  # check all before drawing any
             read = [file] if overlay is None else [file, overlay]
-            datasets.append(stack.enter_context(opened_in_si(file)))
+            datasets.append(stack.enter_context(common.opened_in_si(file)))
             check_picture(figure, *read, animated=True)
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
-            with named(file):
+            with common.named(file):
                 part = dataset if kind == "basins" else dataset.several(lists)
                 draw_picture(part, figure, kind, cuts, page, csv, **options)
                 for name, value in ((axis, number) for axis in lists for number in lists[axis]):
-                    say_moved(dataset, {name: value}, "drawn")
+                    common.say_moved(dataset, {name: value}, "drawn")
 
 
 def _check_several(lists: Mapping[str, list[float]], kind: str | None, color: str | None) -> None:
@@ -278,24 +261,26 @@ def draw_picture(
     table: pd.DataFrame | None = None
     if "exact" in chosen:
         chosen["exact"], lines, table = _exact(sweep, kind, cuts, chosen)
-    with progress_shown("drawing"):
+    with common.progress_shown("drawing"):
         written = plot(
             sweep, figure, kind, cuts, page=Page(**page), command=command(*sys.argv[1:]), **chosen
         )
-    say_moved(sweep, cuts, "drawn")
+    common.say_moved(sweep, cuts, "drawn")
     picks = chosen.get("axes", ()), chosen.get("color")
     fixed = {**cuts, **dict.fromkeys(chosen.get("beside", ()), 0.0)}
     for name, value in silent_cuts(sweep, kind, fixed, *picks).items():
         first, size = f"{value:g}" if isinstance(value, float) else value, sweep.sizes[name]
-        say(f"{name} = {first}, the first of {size}: --at {name}=VALUE takes another", error=True)
+        common.say(
+            f"{name} = {first}, the first of {size}: --at {name}=VALUE takes another", error=True
+        )
     for line in lines:
-        say(line)
+        common.say(line)
     if csv is not None and table is not None:
         from sweeps.opened.tables import write_csv
 
         write_csv(csv, [table])
-        say(csv)
-    say(written)
+        common.say(csv)
+    common.say(written)
 
 
 def _exact(
@@ -322,7 +307,7 @@ def _exact(
         pair = sweep.map_axes(axes, cut)
         name = str(shown_quantity(sweep, options.get("quantity")))
         read_overlay(overlay, sweep, [[pair[0]], [pair[1]]], name)  # before all is computed
-        with progress_shown("following exact orbits") as report:
+        with common.progress_shown("following exact orbits") as report:
             orbits = with_cache(curves, notes.append)(sweep, pair, cut, report, **chosen)
         return orbits, [*orbits.attrs["summary"].split("\n"), *notes], tables.curve_table(orbits)
     if "kinds" in chosen:
@@ -330,7 +315,7 @@ def _exact(
     line, axis, coordinate = select_line(sweep, axes, cut, options.get("coordinate"))
     refuse_without_branches(coordinate)
     read_overlay(overlay, sweep, [[axis], [coordinate, *options.get("below", ())]])
-    with progress_shown("following exact orbits") as report:
+    with common.progress_shown("following exact orbits") as report:
         orbits = with_cache(branches, notes.append)(sweep, axis, cut, report, **chosen)
     lines = [*orbits.attrs["summary"].split("\n"), *notes]
     if idle := without_idle(orbits, line)[1]:

@@ -14,27 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sweeps.cli.options import (
-    CSV,
-    CUT_AT,
-    JSON,
-    MOST_FOLLOWED,
-    OF_CLASSES,
-    SWEEP_FILE,
-    argument,
-    exact_options,
-    flag,
-    named,
-    new_file,
-    numeric,
-    opened_in_si,
-    opened_sweep,
-    option,
-    progress_shown,
-    say,
-    say_moved,
-    selection_of,
-)
+from sweeps.cli import options as common
 from sweeps.errors import Refused
 from sweeps.text import shown_count
 from vibroimpact.inputs import number
@@ -46,10 +26,10 @@ if TYPE_CHECKING:
 
 
 def attractors_command(
-    file: Path = SWEEP_FILE,
-    at: list[str] | None = CUT_AT,
-    csv: Path | None = CSV,
-    json: bool = JSON,
+    file: Path = common.SWEEP_FILE,
+    at: list[str] | None = common.CUT_AT,
+    csv: Path | None = common.CSV,
+    json: bool = common.JSON,
 ) -> None:
     """List the attractors of a sweep, their impact speeds, and how many starts reach each."""
     from sweeps.attractor.partition import attractors
@@ -58,10 +38,10 @@ def attractors_command(
 
 
 def integrity_command(
-    file: Path = SWEEP_FILE,
-    at: list[str] | None = CUT_AT,
-    csv: Path | None = CSV,
-    json: bool = JSON,
+    file: Path = common.SWEEP_FILE,
+    at: list[str] | None = common.CUT_AT,
+    csv: Path | None = common.CSV,
+    json: bool = common.JSON,
 ) -> None:
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
     from sweeps.attractor.integrity import integrity, knocks
@@ -76,7 +56,7 @@ def integrity_command(
 
     _show_attractors(file, at, csv, json, "measuring the integrity of attractors", find)
     for note in notes:
-        say(note, error=json)
+        common.say(note, error=json)
 
 
 def _show_attractors(
@@ -91,37 +71,37 @@ def _show_attractors(
     from sweeps.attractor import attractor_table as text
     from sweeps.opened.tables import json_text, refuse_points, write_csv
 
-    cuts = selection_of(at)
-    with opened_in_si(file) as sweep, named(file):
+    cuts = common.selection_of(at)
+    with common.opened_in_si(file) as sweep, common.named(file):
         if csv is not None:
             refuse_points(sweep, csv)
         part = text.cut(sweep, cuts)
-        with progress_shown(work):
+        with common.progress_shown(work):
             result = find(part)
-        say_moved(sweep, cuts, "shown")
+        common.say_moved(sweep, cuts, "shown")
         table = text.attractor_rows(part, result)
         if json:
-            say(json_text({"attractors": text.attractor_records(table)}))
+            common.say(json_text({"attractors": text.attractor_records(table)}))
         else:
-            say(text.attractor_report(part, result, table))
+            common.say(text.attractor_report(part, result, table))
         if csv is not None:
             write_csv(csv, [text.attractor_frame(table)])
-            say(csv, error=json)
+            common.say(csv, error=json)
 
 
 def info_command(
-    file: Path = SWEEP_FILE,
-    bifurcations: bool = flag(
+    file: Path = common.SWEEP_FILE,
+    bifurcations: bool = common.flag(
         "--bifurcations",
         "List instead where the class of the motion changes, and the exact bifurcations.",
     ),
-    axis: str | None = option("NAME", "The swept parameter along which to look."),
-    at: list[str] | None = CUT_AT,
-    classes: str | None = OF_CLASSES,
-    most: int | None = MOST_FOLLOWED,
-    csv: Path | None = CSV,
-    config: bool = flag("--config", "Print only the configuration, as YAML to run again."),
-    json: bool = JSON,
+    axis: str | None = common.option("NAME", "The swept parameter along which to look."),
+    at: list[str] | None = common.CUT_AT,
+    classes: str | None = common.OF_CLASSES,
+    most: int | None = common.MOST_FOLLOWED,
+    csv: Path | None = common.CSV,
+    config: bool = common.flag("--config", "Print only the configuration, as YAML to run again."),
+    json: bool = common.JSON,
 ) -> None:
     """Show the contents of a sweep file, with its configuration."""
     for other, is_set in (("--bifurcations", bifurcations), ("--json", json)):
@@ -131,10 +111,10 @@ def info_command(
     for name, value in options.items():
         if value and not bifurcations:
             raise Refused(f"--{name} {value} is not allowed here; expected: with --bifurcations")
-    cuts = selection_of(at)
-    with opened_in_si(file) as sweep, named(file):
+    cuts = common.selection_of(at)
+    with common.opened_in_si(file) as sweep, common.named(file):
         if bifurcations:
-            chosen = exact_options(classes, most)
+            chosen = common.exact_options(classes, most)
             _show_bifurcations(sweep, file, axis, cuts, csv, json, chosen)
         elif config:
             _show_configuration(sweep)
@@ -142,9 +122,9 @@ def info_command(
             from sweeps.opened.tables import contents, contents_by_key, json_text
 
             if json:
-                say(json_text(contents_by_key(sweep)))
+                common.say(json_text(contents_by_key(sweep)))
             else:
-                say(contents(sweep), end=False)
+                common.say(contents(sweep), end=False)
 
 
 def _show_configuration(sweep: OpenedSweep) -> None:
@@ -158,7 +138,7 @@ def _show_configuration(sweep: OpenedSweep) -> None:
         raise Refused(f"{rows:,} rows are too many for YAML; run also accepts the file itself")
     encoding = getattr(sys.stdout, "encoding", "utf-8")  # without stdout nothing is shown
     in_utf_8 = codecs.lookup(encoding).name == "utf-8"
-    say(sweep.config.to_yaml(ascii=not in_utf_8), end=False)
+    common.say(sweep.config.to_yaml(ascii=not in_utf_8), end=False)
 
 
 def _show_bifurcations(
@@ -177,35 +157,35 @@ def _show_bifurcations(
     from sweeps.opened.tables import json_text, write_csv
 
     notes = list[str]()
-    with progress_shown("following exact orbits") as report:
+    with common.progress_shown("following exact orbits") as report:
         keep = partial(with_cache, say=notes.append)
         changes = find_bifurcations(sweep, axis, cuts, report, keep, **chosen)
-    say_moved(sweep, cuts, "listed")
+    common.say_moved(sweep, cuts, "listed")
     listed = public_table(changes)
     if json:
         rows = listed.to_dict("records")
         rows = [row | {"impact_v": [*map(float, row["impact_v"].split())]} for row in rows]
-        say(json_text(listed.attrs | {"bifurcations": rows}))
+        common.say(json_text(listed.attrs | {"bifurcations": rows}))
     else:
-        say(bifurcation_report(sweep, file, changes))
+        common.say(bifurcation_report(sweep, file, changes))
     for note in dict.fromkeys(notes):
-        say(note, error=json)
+        common.say(note, error=json)
     if csv is not None:
         write_csv(csv, [listed])
-        say(csv, error=json)
+        common.say(csv, error=json)
 
 
 def compare_command(
-    first: Path = SWEEP_FILE,
-    second: Path = argument("OTHER.h5", "The file of another sweep."),
-    rtol: float = numeric(
+    first: Path = common.SWEEP_FILE,
+    second: Path = common.argument("OTHER.h5", "The file of another sweep."),
+    rtol: float = common.numeric(
         "--rtol",
         number(lambda value: 0.0 <= value < 1.0, "a number from 0 to below 1, as 1e-9"),
         "Relative difference of two numbers that still counts as equal.",
         "NUMBER",
         0.0,
     ),
-    atol: float = numeric(
+    atol: float = common.numeric(
         "--atol",
         number(lambda value: value >= 0.0, "a number from 0, as 1e-9"),
         "Difference of two numbers that still counts as equal, in addition to --rtol.",
@@ -216,39 +196,39 @@ def compare_command(
     """Say what differs in two sweeps, where first and by how much; exit with 1 if anything does."""
     from sweeps.opened.comparison import comparison_report
 
-    with opened_sweep(first) as data, opened_sweep(second) as other_data:
-        with named(f"{first}, {second}"):
+    with common.opened_sweep(first) as data, common.opened_sweep(second) as other_data:
+        with common.named(f"{first}, {second}"):
             text, differ = comparison_report(
                 data, other_data, (str(first), str(second)), rtol, atol
             )
-        say(text)
+        common.say(text)
     if differ:
         raise typer.Exit(1)
 
 
 def export_command(
-    file: Path = SWEEP_FILE,
-    output: Path = new_file(
+    file: Path = common.SWEEP_FILE,
+    output: Path = common.new_file(
         "-o", ".csv", "table", "The .csv file to write.", "--output", default=...
     ),
-    rows: str = option(
+    rows: str = common.option(
         "NAME",
         "What has a row: points, sections or impacts.",
         names=lambda: ("points", "sections", "impacts"),
         default="points",
     ),
-    at: list[str] | None = CUT_AT,
+    at: list[str] | None = common.CUT_AT,
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
     from sweeps.opened.tables import ROWS, write_rows
 
     if rows not in ROWS:
         raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")
-    cuts = selection_of(at)
-    with opened_in_si(file) as sweep, named(file):
+    cuts = common.selection_of(at)
+    with common.opened_in_si(file) as sweep, common.named(file):
         cut = sweep.part(cuts)
         written = write_rows(cut, output, rows)
         left_out = cut.impacts_left_out if rows == "impacts" else ""
-        say_moved(sweep, cuts, "written")
+        common.say_moved(sweep, cuts, "written")
     points = "; the file has only the " + left_out + " of a point" if left_out else ""
-    say(f"{output}: {shown_count(written, 'row')}{points}")
+    common.say(f"{output}: {shown_count(written, 'row')}{points}")

@@ -10,21 +10,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sweeps.cli.options import (
-    OVERWRITE,
-    RESUME,
-    THREADS,
-    argument,
-    existing_output,
-    flag,
-    named,
-    numeric,
-    option,
-    progress_shown,
-    resuming,
-    say,
-    targets,
-)
+from sweeps.cli import options as common
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, check, raised_at_once, signal_came
 from sweeps.text import command
@@ -44,51 +30,51 @@ def _completed_keys(incomplete: str) -> list[str]:
     return [f"{key}=" for key in keys if key.startswith(incomplete)]
 
 
-OVERRIDES = option(
+OVERRIDES = common.option(
     "KEY=VALUE",
     "Override a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 in a range; "
     "repeatable.",
     "--set",
     autocompletion=_completed_keys,
 )
-DRY_RUN = flag("--dry-run", "Show the plan of the sweep, and compute nothing.")
+DRY_RUN = common.flag("--dry-run", "Show the plan of the sweep, and compute nothing.")
 
 
 def run_command(
-    configs: list[Path] = argument(
+    configs: list[Path] = common.argument(
         "CONFIG...", "The YAML file of each sweep, or a sweep file whose configuration is used."
     ),
-    output: Path | None = option(
+    output: Path | None = common.option(
         "OUT.h5",
         "The file to write, instead of the output in CONFIG; for a single CONFIG.",
         "-o",
         "--output",
     ),
     overrides: list[str] | None = OVERRIDES,
-    threads: int | None = THREADS,
-    dask: str | None = option(
+    threads: int | None = common.THREADS,
+    dask: str | None = common.option(
         "ADDRESS",
         "Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N for N processes "
         "of this machine.",
     ),
     dry_run: bool = DRY_RUN,
-    resume: bool = RESUME,
-    overwrite: bool = OVERWRITE,
-    quiet: bool = flag("--quiet", "Print nothing but errors."),
+    resume: bool = common.RESUME,
+    overwrite: bool = common.OVERWRITE,
+    quiet: bool = common.flag("--quiet", "Print nothing but errors."),
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
     from sweeps.store.paths import check_output
     from sweeps.store.schema import refuse_columns
 
-    existing = existing_output(resume, overwrite)
+    existing = common.existing_output(resume, overwrite)
     loaded = []
     for source in configs:
         check()
         config = read_config(source, overrides or ())
-        with named(source):
+        with common.named(source):
             refuse_columns(config.columns)
         loaded.append(config)
-    paths = targets(configs, output, [config.output for config in loaded])
+    paths = common.targets(configs, output, [config.output for config in loaded])
     for path in paths:
         check()
         check_output(path, **existing)
@@ -98,12 +84,12 @@ def run_command(
                 planned_text(config, path, threads, client, resume)
                 for config, path in zip(loaded, paths, strict=True)
             ]
-            say("\n\n".join(texts))
+            common.say("\n\n".join(texts))
             return
         for config, path in zip(loaded, paths, strict=True):
             run_and_report(config, path, quiet, threads=threads, client=client, **existing)
     if not quiet:
-        say(f"next: {command('plot', *paths)}")
+        common.say(f"next: {command('plot', *paths)}")
 
 
 def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = False) -> SweepConfig:
@@ -138,7 +124,7 @@ def _client(address: str, threads: int | None, quiet: bool) -> Iterator[Client]:
     """Yield a client of the cluster at an address, and show the link of its dashboard."""
     from sweeps.engine.cluster import check_address, connected, dashboard
 
-    with named(f"--dask {address}"):
+    with common.named(f"--dask {address}"):
         check_address(address)
     if threads is not None:
         raise Refused(
@@ -147,7 +133,7 @@ def _client(address: str, threads: int | None, quiet: bool) -> Iterator[Client]:
         )
     with connected(address) as client:
         if not quiet:
-            say(dashboard(client), error=True)
+            common.say(dashboard(client), error=True)
         yield client
 
 
@@ -161,7 +147,7 @@ def planned_text(
     from sweeps.reports import plan
 
     computer = LocalComputer(threads) if client is None else ClusterComputer(client)
-    with progress_shown(f"estimating the cost of {config.name}"):
+    with common.progress_shown(f"estimating the cost of {config.name}"):
         cost = expected_cost(config.sweep, path, computer, resume)
     return plan(config, path, cost)
 
@@ -177,14 +163,14 @@ def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any)
         path = run_sweep(config, path, progress=not quiet, **options)
         summary = reports.run_summary(path, config.sweep)
     except (Cancelled, KeyboardInterrupt):
-        raise Failed(f"interrupted; {reports.kept_text(path, resuming(), old)}") from None
+        raise Failed(f"interrupted; {reports.kept_text(path, common.resuming(), old)}") from None
     except (Failed, OSError, MemoryError) as error:
         reason = str(error) or type(error).__name__
         raise Failed(
-            f"the run failed: {reason}; {reports.kept_text(path, resuming(), old)}"
+            f"the run failed: {reason}; {reports.kept_text(path, common.resuming(), old)}"
         ) from error
     if not quiet:
-        say(summary)
+        common.say(summary)
 
 
 #: Interval of the checks for signals [s].
@@ -192,13 +178,13 @@ _BETWEEN_CHECKS = 0.05
 
 
 def explore_command(
-    source: Path | None = argument(
+    source: Path | None = common.argument(
         "[CONFIG|OUT.h5]", "A configuration or a sweep file; the quickstart if not given.", None
     ),
-    port: int = numeric(
+    port: int = common.numeric(
         "--port", integer(0, 65535), "Port on this machine; a free one if not given.", default=0
     ),
-    no_browser: bool = flag("--no-browser", "Show the address without opening a browser."),
+    no_browser: bool = common.flag("--no-browser", "Show the address without opening a browser."),
 ) -> None:
     """Look at a diagram in the browser: every zoom, pan or slider computes it anew."""
     import logging
@@ -219,11 +205,11 @@ def explore_command(
     try:
         if config.follow is not None:
             reason = "each point is computed from its own start, with the method exact by default"
-            say(f"follow is left out here: {reason}", error=True)
-        say(f"{explorer.address}\nCtrl-C ends it.")
+            common.say(f"follow is left out here: {reason}", error=True)
+        common.say(f"{explorer.address}\nCtrl-C ends it.")
         with TemporaryDirectory(prefix="vibroimpact-") as private:
             if not no_browser and not _open_browser(_redirection(explorer.address, Path(private))):
-                say("no browser can be opened here; open the address in one", error=True)
+                common.say("no browser can be opened here; open the address in one", error=True)
             while not signal_came():
                 time.sleep(_BETWEEN_CHECKS)
     finally:

@@ -11,30 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
-from sweeps.cli.options import (
-    LIMITS,
-    OVERWRITE,
-    RESUME,
-    SWEEP_FILE,
-    THREADS,
-    argument,
-    existing_output,
-    inches,
-    interval,
-    opened_in_si,
-    option,
-    say,
-)
-from sweeps.cli.plot import (
-    COORDINATE,
-    DRAW_EXACT,
-    IN_GREY,
-    NO_MARKS,
-    PAGE_TITLE,
-    PAGE_WIDTH,
-    draw_picture,
-)
-from sweeps.cli.run import DRY_RUN, OVERRIDES, planned_text, read_config, run_and_report
+from sweeps.cli import options as common
+from sweeps.cli import plot, run
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import fewest_digits, near_miss, suggestion
@@ -51,29 +29,29 @@ _MOST_CHARACTERS = 100
 
 
 def zoom_command(
-    file: Path = SWEEP_FILE,
-    pieces: list[str] = argument(
+    file: Path = common.SWEEP_FILE,
+    pieces: list[str] = common.argument(
         "NAME=LOW:HIGH...",
         "The range of each axis to compute, e.g. omega=2.71:2.76. For a coordinate, e.g. "
         "poincare_x=-1:0, the range that is drawn.",
     ),
-    output: Path | None = option(
+    output: Path | None = common.option(
         "OUT.h5",
         "The file to write, with the picture beside it; OUT-NAME-LOW-HIGH.h5 if not given.",
         "-o",
         "--output",
     ),
-    overrides: list[str] | None = OVERRIDES,
-    coordinate: str | None = COORDINATE,
-    width: str | None = PAGE_WIDTH,
-    title: str | None = PAGE_TITLE,
-    grey: bool = IN_GREY,
-    no_marks: bool = NO_MARKS,
-    exact: bool = DRAW_EXACT,
-    threads: int | None = THREADS,
-    dry_run: bool = DRY_RUN,
-    resume: bool = RESUME,
-    overwrite: bool = OVERWRITE,
+    overrides: list[str] | None = run.OVERRIDES,
+    coordinate: str | None = plot.COORDINATE,
+    width: str | None = plot.PAGE_WIDTH,
+    title: str | None = plot.PAGE_TITLE,
+    grey: bool = plot.IN_GREY,
+    no_marks: bool = plot.NO_MARKS,
+    exact: bool = plot.DRAW_EXACT,
+    threads: int | None = common.THREADS,
+    dry_run: bool = run.DRY_RUN,
+    resume: bool = common.RESUME,
+    overwrite: bool = common.OVERWRITE,
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
     from sweeps.opened.coordinates import ORDINATES
@@ -82,7 +60,7 @@ def zoom_command(
     from sweeps.plotting.page import Page
     from sweeps.store.paths import check_output
 
-    existing = existing_output(resume, overwrite)
+    existing = common.existing_output(resume, overwrite)
     limits = dict(map(_piece, pieces))
     ordinates = [name for name in limits if name in ORDINATES]
     if len(ordinates) > 1 or len(ordinates) == len(pieces) or len(limits) < len(pieces):
@@ -96,13 +74,13 @@ def zoom_command(
     page: dict[str, Any] = {
         "ylim": limits[ordinates[0]] if ordinates else None,
         "yunit": "",
-        "width": inches("--width", width),
+        "width": common.inches("--width", width),
         "title": title,
         "grey": grey,
         "marks": not no_marks,
     }
     axes = {name: piece for name, piece in limits.items() if name not in ORDINATES}
-    with opened_in_si(file, verify=False) as sweep:  # refuses a configuration
+    with common.opened_in_si(file, verify=False) as sweep:  # refuses a configuration
         if coordinate not in ORDINATES:
             with_coordinate(sweep, coordinate)
         _check_picture(sweep, Page(**page), coordinate, exact)
@@ -124,13 +102,13 @@ def zoom_command(
     check_output(path, **existing)
     check_picture(figure)
     for line in outside:
-        say(line, error=True)
+        common.say(line, error=True)
     if dry_run:
-        say(planned_text(config, path, threads, None, resume))
+        common.say(run.planned_text(config, path, threads, None, resume))
         return
-    run_and_report(config, path, quiet=False, threads=threads, **existing)
-    with opened_in_si(path, verify=False) as sweep, raised_at_once():
-        draw_picture(
+    run.run_and_report(config, path, quiet=False, threads=threads, **existing)
+    with common.opened_in_si(path, verify=False) as sweep, raised_at_once():
+        plot.draw_picture(
             sweep, figure, None, {}, page, coordinate=coordinate, exact={} if exact else None
         )
 
@@ -175,7 +153,7 @@ def _overridden(file: Path, overrides: Sequence[str], axes: Iterable[str]) -> Sw
         key = text.partition("=")[0].strip()
         if key.partition(".")[2] in replaced:
             raise Refused(f"--set {text} is not allowed; the piece chooses {key}")
-    return read_config(file, overrides)
+    return run.read_config(file, overrides)
 
 
 def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> SweepConfig:
@@ -212,9 +190,9 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
 def _piece(text: str) -> tuple[str, tuple[float, float]]:
     """Read a name with its limits."""
     name, equals, ends = text.partition("=")
-    piece = interval(ends)
+    piece = common.interval(ends)
     if not equals or piece is None:
-        raise Refused(refusal(text, f"NAME={LIMITS}, as omega=2.71:2.76"))
+        raise Refused(refusal(text, f"NAME={common.LIMITS}, as omega=2.71:2.76"))
     return name.strip(), piece
 
 
