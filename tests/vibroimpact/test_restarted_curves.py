@@ -160,11 +160,12 @@ def test_a_long_curve_of_many_turns_does_not_close():
     assert [special[i].kind for i in (0, -1)] == ["edge", "edge"] and len(special) > 100
 
 
-@pytest.mark.parametrize("seed", [1077, 1406, 20184, 31003])
+@pytest.mark.parametrize("seed", [1077, 1406, 20184, 30420, 31003])
 def test_a_curve_is_the_same_on_both_sides_of_where_another_passes_or_crosses_it(seed):
     """Curves of flips that turn within a step, and another goes on, in the third beyond an edge.
 
-    Also grazes at h = 0, and folds that are singular at the edge R = 1.
+    Also grazes at h = 0, flips that are degenerate twice within a step, and folds that are singular
+    at the edge R = 1.
     """
     whole, ranges = random_curve(seed)
     numbers = np.linspace(1, len(whole.values) - 2, 10).astype(int).tolist()

@@ -39,8 +39,9 @@ _AT_END = 1e-6
 _BESIDE, _FEW = 0.3, 8
 #: Points of a path that are closer than this, in scaled unknowns, may be in a wrong order.
 _SAME_POINT = 1e-7
-#: A step of a curve of flips that is shorter, in scaled unknowns, has at most one degenerate flip.
-_RESOLVED = 1e-4
+#: A step of a curve of flips that is shorter, in scaled unknowns, has at most one degenerate flip;
+#: and how far along the tangent a coefficient is compared for its slope.
+_RESOLVED, _BEYOND = 1e-4, 1e-4
 #: A curve ends at this share of its ranges from where its equations are singular, or nearer.
 _SAME_END = 1e-6
 
@@ -137,28 +138,25 @@ def _changes(a: float, b: float) -> bool:
 def _examine_flips(path: Path) -> None:
     """Note the degenerate flips of a curve of flips, in order."""
     if path.family.kind == "flip" and len(path.points) > 1:
-        X = np.array([X for X, _ in path.points])
-        _note_degenerate_flips(path, X, cubic_coefficients(path.family.system, X))
+        _note_degenerate_flips(path, np.array([X for X, _ in path.points]))
 
 
-def _note_degenerate_flips(path: Path, X: np.ndarray, values: np.ndarray) -> None:
-    """Note the degenerate flips between points of a curve of flips with these coefficients.
+def _note_degenerate_flips(path: Path, X: np.ndarray) -> None:
+    """Note the degenerate flips between points of a curve of flips.
 
-    A chord that may have two of them is halved, as in ``hidden_roots.py``, with slopes between the
-    points.
+    A chord that may have two of them is halved, as in ``hidden_roots.py``.
     """
     family, chords = path.family, np.diff(X, axis=0)
     lengths = np.array([math.sqrt(family.inner(chord, chord)) for chord in chords])
-    places = np.cumsum(np.append(0.0, lengths))
-    slopes = np.gradient(values, places, edge_order=2 if len(chords) > 1 else 1)
+    ways = np.array([*map(family.tangent, X, np.gradient(X, axis=0))])
+    both = cubic_coefficients(family.system, np.concatenate([X, X + _BEYOND * ways]))
+    values, slopes = both[: len(X)], (both[len(X) :] - both[: len(X)]) / _BEYOND
     for i, (length, chord) in enumerate(zip(lengths.tolist(), chords, strict=True)):
         (a, b), (first, second) = values[i : i + 2].tolist(), (length * slopes[i : i + 2]).tolist()
         more = may_have_more_roots.py_func(a, first, b, second) and length > _RESOLVED
         middle = family.corrected(0.5 * (X[i] + X[i + 1]), chord[None, :]) if more else None
         if middle is not None:
-            between = cubic_coefficient(family.system, middle)
-            three = np.array([X[i], middle, X[i + 1]])
-            _note_degenerate_flips(path, three, np.array([a, between, b]))
+            _note_degenerate_flips(path, np.array([X[i], middle, X[i + 1]]))
         elif _changes(a, b):
             begin = Point(X[i], chord / length, X[:0], math.nan, None)
             step = ArclengthStep(family, begin, begin._replace(X=X[i + 1]), length)
