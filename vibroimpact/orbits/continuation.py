@@ -121,17 +121,13 @@ def _step(
                 jumps = length > _RESOLVED and step.jumps()
                 if end.inadmissible is not None and not jumps:
                     step = to_last_orbit(step, end.inadmissible)
-                    at_edge = end.inadmissible.kind == "edge"
+                    at_edge = end.inadmissible.kind == "edge"  # other ends may be singular
                     jumps = at_edge and length > _RESOLVED and step.jumps()
-                if jumps or (length > _TURNED_OVER and turned_over):
-                    length *= 0.5
-                    continue
-                ends = not step.last or step.margin < ENDS
-                if length < _RESOLVED or (ends and not step.may_miss()):
+                leaves = jumps or (length > _TURNED_OVER and turned_over)
+                ends = leaves or not step.last or step.margin < ENDS
+                if not leaves and (length < _RESOLVED or (ends and not step.may_miss())):
                     return step, way_on
-                if not ends:  # the equations may be singular at the end
-                    length *= 0.25
-                    continue
+                length *= 1.0 if ends else 0.5  # the equations may be singular at the end
         length *= 0.5
     margin = family.slowest(X)
     if family.kind:  # on a branch, a flight that touches the stop becomes inadmissible first

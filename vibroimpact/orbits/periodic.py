@@ -13,7 +13,7 @@ import numpy as np
 from vibroimpact.inputs import integer, refuse_other, shown_count
 from vibroimpact.orbits.calls import correct
 from vibroimpact.orbits.continuation import is_orbit
-from vibroimpact.orbits.family import Inadmissible, OrbitFamily
+from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, free_orbit, linearised_orbit
 from vibroimpact.orbits.unknowns import impact_rows
@@ -197,18 +197,14 @@ def why_inadmissible(orbit: PeriodicOrbit) -> str:
         return f"its impacts miss the stop by {missed:.1e} of its size"
     family = OrbitFamily(orbit, ())
     reason, _ = family.inadmissible(family.start)
-    return _why_inadmissible(reason) if reason else ""
-
-
-def _why_inadmissible(reason: Inadmissible) -> str:
-    return _REASONS[reason.kind].format(reason.where)
+    return _REASONS[reason.kind].format(reason.where) if reason else ""
 
 
 def refuse_inadmissible(family: OrbitFamily) -> None:
     """Raise an OrbitError if a family begins at a solution that is not an orbit."""
     start = family.point(family.start, np.zeros(family.start.size))
-    if start.inadmissible is not None and not is_orbit(family, start):
-        raise OrbitError(f"the orbit does not exist: {_why_inadmissible(start.inadmissible)}")
+    if (reason := start.inadmissible) is not None and not is_orbit(family, start):
+        raise OrbitError(f"the orbit does not exist: {_REASONS[reason.kind].format(reason.where)}")
 
 
 def least(orbit: PeriodicOrbit) -> PeriodicOrbit:
