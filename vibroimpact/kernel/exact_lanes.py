@@ -186,7 +186,8 @@ def end_flights(batch, lo, count, grid, n, carrying, last, watching):
         if (proved == ONLY or proved == FIRST) and lanes[PERIOD + i] >= 0.0:
             ring, speed = record.impacts[workspace.rows[i]], c[W_I + j] * lanes[OMEGA + i]
             list_impact(ring, workspace.sums[i], theta + c[AT + j], speed)
-            lanes[MOST + i] = 0.0
+            if watching is not None:
+                lanes[MOST + i] = 0.0
         if watching is not None and watching and proved != NOTHING:
             higher = proved == FREE and lanes[MOST + i] < 0.0
             if higher or c[FLOOR + j] < lanes[LEAST + i]:
