@@ -370,12 +370,13 @@ def fit_legend(
 ) -> Legend:
     """Return the legend that `make` makes of as many entries as have room.
 
-    The `rooms` are the usual and the greatest width and height [px]. If it is known what each entry
-    has `covered` of a map, those that cover little are left out to fit the usual room. A legend
-    that `shrinks` is small if it is higher than usual, then short entries come first, so that more
-    columns fit, and then long ones have two lines; another is always small. If it is too large for
-    the greatest room, all entries but one can be left out: after the rare ones those with a name in
-    the map, as `named` returns, and of equals the last. So is the title, unless the legend shrinks.
+    The `rooms` are the usual and the greatest width and height [px]. A title that is wider than the
+    figure is broken. If it is known what each entry has `covered` of a map, those that cover little
+    are left out to fit the usual room. A legend that `shrinks` is small if it is higher than usual,
+    then short entries come first, so that more columns fit, and then long ones have two lines;
+    another is always small. If it is too large for the greatest room, all entries but one can be
+    left out: after the rare ones those with a name in the map, as `named` returns, and of equals
+    the last. So is the title, unless the legend shrinks.
     """
     usual, most = rooms
     widest = usual[0] / WIDTH
