@@ -6,7 +6,7 @@ Along a single line of a sweep, crises and the other bifurcations of the exact b
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -31,8 +31,6 @@ from vibroimpact.points.stages import RunSpec
 if TYPE_CHECKING:
     import pandas as pd
 
-#: A function that finds orbits.
-Find: TypeAlias = Callable[..., xr.Dataset]
 #: The columns of the table after those of the other axes.
 TABLE_COLUMNS = (
     "kind", "value", "low", "high", "before", "after", "between", "orbit", "source",
@@ -129,7 +127,7 @@ def find_bifurcations(
     axis: str | None = None,
     at: Selection | None = None,
     report: Callable[[float], object] = lambda share: None,
-    keep: Callable[[Find], Find] = lambda find: find,
+    keep: Callable[[Callable[..., xr.Dataset]], Callable[..., xr.Dataset]] = lambda find: find,
     **chosen: Any,
 ) -> pd.DataFrame:
     """Return the table of `bifurcations` with a `Label` for each class, and three columns more.
@@ -148,11 +146,10 @@ def find_bifurcations(
     is_line = {*others} <= {DIRECTION} and data.sizes[along] > 1 and along not in START_AXES
     changes = keep(explained_changes)(data, along, is_line, report)
     columns = {str(name): column.values.tolist() for name, column in changes.items()}
-    rows = list[dict[str, Any]]()
-    for values in zip(*columns.values(), strict=True):
-        row = dict(zip(columns, values, strict=True))
-        sides = {side: Label(Regime(row[side][0]), *row[side][1:]) for side in ("before", "after")}
-        rows.append(row | sides)
+    for side in {"before", "after"} & {*columns}:
+        columns[side] = [Label(Regime(regime), m, q) for regime, m, q in columns[side]]
+    values = zip(*columns.values(), strict=True)
+    rows: list[dict[str, Any]] = [dict(zip(columns, row, strict=True)) for row in values]
     summary = ""
     if is_line:
         exact = keep(branches)(sweep, along, at, report, **chosen)

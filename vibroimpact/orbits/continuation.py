@@ -278,9 +278,8 @@ def _left(family: OrbitFamily, point: Point) -> np.ndarray | None:
 
 def cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
     """Whether an impact is left without speed and acceleration, so that the next one meets it."""
-    pt, theta = family.natural(X), phases(X, family.q)
-    pushed = -pt.f * np.sin(theta) - pt.p * pt.p * pt.clearance
-    short = np.diff(theta, append=theta[0] + 2.0 * math.pi * family.m) < NEARBY_DISTANCE
+    pt, short = family.natural(X), family.flights(X) < NEARBY_DISTANCE
+    pushed = -pt.f * np.sin(phases(X, family.q)) - pt.p * pt.p * pt.clearance
     still = (pt.R * speeds(X, family.q) < GRAZES) & (np.abs(pushed) < GRAZES)
     return bool((short & still).any())
 

@@ -287,6 +287,12 @@ class OrbitFamily:
             v = np.delete(v, self.system.graze)
         return float(v.min(initial=math.inf))
 
+    def flights(self, X: np.ndarray) -> np.ndarray:
+        """Return the lengths of the flights, as phases."""
+        theta = phases(X, self.q)
+        lengths: np.ndarray = np.diff(theta, append=theta[0] + 2.0 * math.pi * self.m)
+        return lengths
+
     def fastest(self, X: np.ndarray) -> float:
         """Return the fastest speed."""
         return float(speeds(X, self.q).max())

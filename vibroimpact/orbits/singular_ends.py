@@ -154,8 +154,8 @@ def _standstill(family: OrbitFamily, points: Sequence[np.ndarray], lost: bool) -
 
 def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
     """Return the ``rest`` in which impacts of a curve meet without speed, as above."""
-    flight = int(_flights(family, points[-1]).argmin())
-    X, error = _limit(points, lambda X: _flights(family, X)[flight], _SHORT)
+    flight = int(family.flights(points[-1]).argmin())
+    X, error = _limit(points, lambda X: family.flights(X)[flight], _SHORT)
     values = zip(family.parameters, family.kept(onto_edges(family, X)).tolist(), strict=True)
     inside = all(axis.low < value < axis.high for axis, value in values)  # at R = 0 it is an edge
     if not (error < _KNOWN and inside and cannot_leave(family, X)):
@@ -242,13 +242,6 @@ def _limit(
                 best, least = limit, float(np.abs(limit - before).max())
             before = limit
     return best, least
-
-
-def _flights(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
-    """Return the lengths of the flights of an orbit, as phases."""
-    theta = phases(X, family.q)
-    lengths: np.ndarray = np.diff(theta, append=theta[0] + 2.0 * math.pi * family.m)
-    return lengths
 
 
 def _at_zero(places: np.ndarray) -> np.ndarray:
