@@ -275,6 +275,15 @@ def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_i
     assert begun == [0, 1, 2, 3, 4, 5][: len(begun)]
 
 
+def test_a_run_takes_one_block_beside_the_one_that_is_written():
+    """The results of all that it takes are in memory."""
+    sweep, taken = load(CONFIG, "record.transient=0", "record.periods=1").sweep, []
+    blocks = (taken.append(block) or block for block in sweep.grid.blocks(100))
+    for written, _ in enumerate(LocalComputer(1).computed(sweep, blocks, lambda points: None)):
+        assert len(taken) <= written + 2
+    assert len(taken) > 10
+
+
 def test_one_chain_of_followed_points_is_expected_to_take_a_call_for_each():
     """Side by side the same points take a hundredth of the time."""
     alone = load(CONFIG, "follow={axis: omega, direction: both}").sweep
