@@ -182,7 +182,7 @@ _QUICK = common.flag("--quick", "Measure less, in under a minute.")
 
 def _picture(path: Path) -> Path:
     """Refuse a path unless a picture can be written there."""
-    from sweeps.plotting.api import check_picture
+    from sweeps.plotting.saving import check_picture
 
     check_picture(path)
     return path
@@ -198,7 +198,7 @@ def _figure(name: str) -> Any:
 def _save(csv: Path | None, rows: Any, output: Path, draw: Callable, *measured: Any) -> None:
     """Write the picture of a bench and, to a `csv` file, its rows; print the names of the files."""
     from sweeps.opened.tables import write_csv
-    from sweeps.plotting.api import save_chart
+    from sweeps.plotting.saving import save_chart
 
     save_chart(output, draw, *measured)
     common.say(output)

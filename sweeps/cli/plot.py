@@ -148,7 +148,8 @@ def plot_command(
     no_marks: bool = NO_MARKS,
 ) -> None:
     """Draw a picture from the file of each sweep."""
-    from sweeps.plotting.api import check_kind, check_picture, refuse_replacing
+    from sweeps.plotting.api import check_kind
+    from sweeps.plotting.saving import check_picture, refuse_replacing
 
     if kind is not None:
         check_kind(kind)

@@ -55,9 +55,9 @@ def zoom_command(
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
     from sweeps.opened.coordinates import ORDINATES
-    from sweeps.plotting.api import check_picture
     from sweeps.plotting.contents import with_coordinate
     from sweeps.plotting.page import Page
+    from sweeps.plotting.saving import check_picture
     from sweeps.store.paths import check_output
 
     existing = common.existing_output(resume, overwrite)

@@ -1,15 +1,12 @@
-"""`Picture`: the figure, its panels in the asked size, and what of title and legend has room."""
+"""`Picture`: the figure, its panels in the asked size, and room for title and legend."""
 
 from __future__ import annotations
 
 import io
 import math
-from bisect import bisect_left
 from collections.abc import Callable, Container, Mapping, Sequence
-from copy import copy
 from functools import partial
 from itertools import pairwise
-from statistics import median
 from typing import Any, NoReturn
 
 import matplotlib as mpl
@@ -20,7 +17,6 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
@@ -28,10 +24,10 @@ from matplotlib.ticker import MaxNLocator
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import title as title_of
+from sweeps.plotting.legend import SHARE, WIDTH, fit_legend, legend_within
 from sweeps.plotting.page import Page
 from sweeps.plotting.style import user_style
 from sweeps.text import choice_of, near_miss, shortened, suggestion
-from vibroimpact.points.regimes import RESTING
 
 #: Greatest height of a picture unless the page gives it, so that it fits a printed page [inch].
 HIGHEST = 9.0
@@ -344,165 +340,3 @@ def finish(
             lay_out(panel)
             legend_within(panel, handles, legend_title, covered)
     return figure
-
-
-#: Greatest share of the height that a legend takes, if it has one.
-SHARE = 0.2
-#: A legend always has the entries that cover at least this share of a map.
-COMMON = 0.02
-#: Greatest share of the width, since texts are up to a tenth wider at other numbers of pixels per
-#: inch, and most columns.
-WIDTH, _MOST_COLUMNS = 0.9, 8
-#: Length of an entry that is broken into two lines where there is little room.
-_LONG_ENTRY = 24
-#: Sizes of the texts of a legend that has a greatest height.
-_SMALL = {"fontsize": "small", "title_fontsize": "small"}
-
-
-def fit_legend(
-    make: Callable[..., Legend],
-    handles: Sequence[Artist],
-    title: str | None,
-    rooms: Sequence[tuple[float, float]],
-    covered: Mapping[Artist, float] | None = None,
-    named: Callable[[], Container[str]] = tuple,
-    shrinks: bool = False,
-) -> Legend:
-    """Return the legend that `make` makes of as many entries as have room.
-
-    The `rooms` are the usual and the greatest width and height [px]. A title that is wider than the
-    figure is broken. If it is known what each entry has `covered` of a map, those that cover little
-    are left out to fit the usual room. A legend that `shrinks` is small if it is higher than usual,
-    then short entries come first, so that more columns fit, and then long ones have two lines;
-    another is always small. If it is too large for the greatest room, all entries but one can be
-    left out: after the rare ones those with a name in the map, as `named` returns, and of equals
-    the last. So is the title, unless the legend shrinks.
-    """
-    usual, most = rooms
-    widest = usual[0] / WIDTH
-    if title is not None:
-        legend = make(handles=[], title=title, **_SMALL)
-        if legend.get_window_extent().width > widest:
-            title = "\n".join(map(_in_two_lines, title.split("\n")))
-        legend.remove()
-    forms: list[tuple[Sequence[Artist], Mapping[str, str]]] = [(handles, _SMALL)]
-    if shrinks:
-        lengths = [len(str(handle.get_label())) for handle in handles]
-        short = sorted(handles, key=lambda handle: len(str(handle.get_label())) > median(lengths))
-        forms = [(handles, {}), *forms, (short, _SMALL), (_broken(short), _SMALL)]
-
-    def share(handle: Artist) -> float:
-        return 1.0 if covered is None else covered[handle]
-
-    heights = list[float]()
-    for entries, look in forms:
-        rare = [handle for handle in reversed(entries) if share(handle) < COMMON]
-        rare.sort(key=share)
-        legend = _fitted(partial(make, title=title, **look), entries, rare, usual, covered)
-        size, room = legend.get_window_extent(), (widest, usual[1]) if shrinks else most
-        if size.width <= room[0] and size.height <= room[1]:
-            return legend
-        legend.remove()
-        heights.append(size.height if size.width <= widest else math.inf)
-    entries, look = forms[heights.index(min(heights))]
-    seen = named()
-    known = [handle for handle in entries if handle.get_label() in seen]
-
-    def place(handle: Artist) -> tuple[int, float]:
-        return 0 if share(handle) < COMMON else 1 + (handle not in known), share(handle)
-
-    spare = sorted(reversed(entries), key=place)[:-1]
-    make = partial(make, title=title if shrinks else None, **look)
-    return _fitted(make, entries, spare, most, covered, known)
-
-
-def _broken(handles: Sequence[Artist]) -> list[Artist]:
-    """Return entries of which those that are long have two lines."""
-    broken = []
-    for handle in handles:
-        text, entry = str(handle.get_label()), copy(handle)
-        if len(text) > _LONG_ENTRY and "\n" not in text:
-            entry.set_label(_in_two_lines(text))
-        broken.append(entry)
-    return broken
-
-
-def _in_two_lines(text: str) -> str:
-    """Break a text at the space nearest to its middle, if there is one outside of formulas."""
-    spaces = [at for at, one in enumerate(text) if one == " " and text[:at].count("$") % 2 == 0]
-    at = min(spaces, key=lambda place: abs(place - len(text) / 2), default=len(text))
-    return f"{text[:at]}\n{text[at + 1 :]}".strip()
-
-
-def legend_within(
-    panel: Axes,
-    handles: Sequence[Artist],
-    title: str | None,
-    covered: Mapping[Artist, float] | None,
-) -> None:
-    """Put a legend into a panel of any figure, with at most a fifth of the height of the panel."""
-    box = panel.get_window_extent()
-    look = {name: value for name, value in user_style().items() if name.startswith("legend.")}
-    with mpl.rc_context({**look, "legend.frameon": mpl.rcParams["legend.frameon"]}):
-        # Matplotlib would look for the best place of every legend that is tried.
-        make = partial(panel.legend, loc="upper right")
-        room = WIDTH * box.width, SHARE * box.height
-        legend = fit_legend(make, handles, title, [room, room], covered)
-        legend.set_loc(mpl.rcParams["legend.loc"])
-
-
-def _is_class(handle: Artist) -> bool:
-    """Whether an entry is a class m/q, or motions with rest."""
-    text = str(handle.get_label())
-    return text.startswith(RESTING) or (text[0].isdigit() and "/" in text)
-
-
-def _place(handle: Artist) -> int:
-    """Return 0 for a class m/q, else the length of a label."""
-    text = str(handle.get_label())
-    return 0 if _is_class(handle) and not text.startswith(RESTING) else len(text)
-
-
-def _fitted(
-    make: Callable[..., Legend],
-    handles: Sequence[Artist],
-    spare: Sequence[Artist],
-    room: tuple[float, float],
-    covered: Mapping[Artist, float] | None = None,
-    known: Sequence[Artist] = (),
-) -> Legend:
-    """Return a legend with as many columns as its width allows, and as many entries as its height.
-
-    The first of the `spare` entries are left out first; a further entry counts those that are not
-    `known`. If it is known what they have `covered` of a map, the classes come first, and then
-    entries of one length are beside each other, so that more columns fit.
-    """
-    width, height = room
-    if covered is not None:
-        handles = sorted(handles, key=lambda handle: -covered[handle])
-        handles.sort(key=_place)
-
-    def without(count: int) -> Legend:
-        shown = [handle for handle in handles if handle not in spare[:count]]
-        if left_out := [handle for handle in spare[:count] if handle not in known]:
-            text = "rarer classes: " if covered and all(map(_is_class, left_out)) else "+"
-            shown.append(Line2D([], [], linestyle="", label=f"{text}{len(left_out)}"))
-        for columns in range(min(_MOST_COLUMNS, len(shown)), 1, -1):
-            legend = make(handles=shown, ncols=columns)
-            if legend.get_window_extent().width <= width:
-                return legend
-            legend.remove()
-        return make(handles=shown, ncols=1)
-
-    def fits(count: int) -> bool:
-        legend = without(count)
-        fit = legend.get_window_extent().height <= height
-        legend.remove()
-        return bool(fit)
-
-    legend = without(0)
-    if spare and legend.get_window_extent().height > height:
-        legend.remove()
-        legend = without(bisect_left(range(len(spare)), True, lo=1, key=fits))
-    legend.get_title().set_multialignment("center")
-    return legend

@@ -18,10 +18,10 @@ from matplotlib.path import Path
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas, labels
-from sweeps.plotting.canvas import COMMON
 from sweeps.plotting.colours import paint_of
 from sweeps.plotting.contents import Wanted, with_number
 from sweeps.plotting.exact_lines import draw_curves
+from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells
 from sweeps.plotting.names import draw_boundaries, name_regions
 from sweeps.plotting.page import PAGE, Page, styled

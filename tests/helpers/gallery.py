@@ -18,7 +18,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from sweeps import open_sweep
-from sweeps.plotting.api import save as write
+from sweeps.plotting.saving import save as write
 from tests.helpers.commands import accepted
 from tests.helpers.places import CONFIGS
 

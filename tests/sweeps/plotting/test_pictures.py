@@ -15,7 +15,7 @@ from PIL import Image
 from sweeps import branches, open_sweep, plotting, run_sweep
 from sweeps.errors import Refused
 from sweeps.plotting import Page
-from sweeps.plotting.api import save
+from sweeps.plotting.saving import save
 from sweeps.plotting.style import user_style
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import run_in

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 
 from sweeps.errors import Refused
 from sweeps.plotting import Page, plot
-from sweeps.plotting.api import save
+from sweeps.plotting.saving import save
 from tests.helpers.equal_points import equal_points
 
 pytestmark = pytest.mark.usefixtures("with_layout")

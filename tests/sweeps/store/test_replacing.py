@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from sweeps.errors import Failed, StoreError
 from sweeps.opened.tables import write_csv
-from sweeps.plotting.api import save
+from sweeps.plotting.saving import save
 from sweeps.store import replacing as module
 from sweeps.store.replacing import check_target, remove_leftovers, replacing, writing
 from tests.helpers.written_files import fill_blocks
