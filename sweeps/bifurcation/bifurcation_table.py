@@ -1,4 +1,4 @@
-"""`bifurcations`: where the class of the motion changes, and why.
+"""`bifurcations`: the rows: changes of class along an axis, exact bifurcations, crises.
 
 Along a single line of a sweep, crises and the other bifurcations of the exact branches are added.
 """

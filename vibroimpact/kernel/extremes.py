@@ -1,4 +1,4 @@
-"""The extremes of lanes with exact impacts.
+"""Lanes whose steps may widen their extremes, found and evaluated side by side.
 
 See ``turning_points.py``. A lane is watched while it is recorded, until it is proved that nothing
 widens its reach again. Whole steps that may turn are collected over a period, so that even few of

@@ -1,4 +1,4 @@
-"""The integrators of eq. (1) between impacts, each with its map.
+"""The maps of the integrators of eq. (1) between impacts, one step function each.
 
 Eq. (1) is linear, so a step of any of these integrators is an affine map,
 

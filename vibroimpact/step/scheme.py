@@ -1,4 +1,4 @@
-"""`Scheme`, integrators and impact rules by name; `PhaseGrid`, the steps of a period.
+"""`Scheme`: the table `INTEGRATORS`, impact rules, limits of steps; `PhaseGrid`, a period's steps.
 
 A configuration is checked with this file, without the compiler. An integrator has a limit: the
 greatest p T of stable free motion as a function of zeta = h / p, the only parameter of free motion.
