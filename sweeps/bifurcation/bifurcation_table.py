@@ -143,8 +143,11 @@ def find_bifurcations(
     data = sweep.isel(sweep.places(at or {}, kept=[along])).sortby(along)
     sweep.check_diagnostic("period")
     others = [name for name in data.grid if name != along]
+    data = data.transpose(*others, along)
     is_line = {*others} <= {DIRECTION} and data.sizes[along] > 1 and along not in START_AXES
-    changes = keep(explained_changes)(data, along, is_line, report)
+    held = data.data[[name for name in ("poincare_x", "poincare_v") if name in data]]
+    last = held.isel({"section": slice(-MOST_MOTIONS, None)}, missing_dims="ignore")
+    changes = keep(explained_changes)(data, along, last if is_line else None, report)
     columns = {str(name): column.values.tolist() for name, column in changes.items()}
     for side in {"before", "after"} & {*columns}:
         columns[side] = [Label(Regime(regime), m, q) for regime, m, q in columns[side]]
@@ -170,16 +173,15 @@ def find_bifurcations(
 
 
 def explained_changes(
-    data: OpenedSweep, along: str, is_line: bool, report: Callable[[float], object]
-) -> xr.Dataset:
+    data: OpenedSweep, along: str, sections: xr.Dataset | None, report: Callable[[float], object],
+) -> xr.Dataset:  # fmt: skip
     """Return the rows for the changes of class on every line, each class as a triple of integers.
 
     Changes are explained with values of the model, and then converted to the units of the axis.
-    Crises are sought on a single line only. The attribute is the number of unclassified points.
+    Crises are sought if there are `sections`. The attribute is the number of unclassified points.
     """
     others = [name for name in data.grid if name != along]
     spec, seen, parameter = data.spec, data.nomenclature, data.nomenclature.parameter(along)
-    data = data.transpose(*others, along)
     motions, coordinates = data.motions, data.data.coords.to_dataset()
     period, impacts = data.values(("period", "period_impacts")).values()
     rows, unclassified = list[dict[str, Any]](), 0
@@ -193,8 +195,8 @@ def explained_changes(
         for i, change in enumerate(changes):
             report(0.0)
             for part, reason in explain(own, spec.phase, parameter, values, change, down):
-                if is_line and reason.kind == "basin":
-                    chaos = _ending(data, index, parameter, changes, i)
+                if sections is not None and reason.kind == "basin":
+                    chaos = _ending(data, sections, index, parameter, changes, i)
                     if chaos and (saddle := crisis(chaos, report)):
                         reason = Explanation("crisis", orbit=saddle)
                 row = here | vars(part) | {"kind": reason.kind, "value": reason.value}
@@ -217,8 +219,9 @@ def explained_changes(
 
 
 def _ending(
-    data: OpenedSweep, index: tuple[int, ...], parameter: str, changes: Sequence[Change], i: int
-) -> Chaos | None:
+    data: OpenedSweep, sections: xr.Dataset, index: tuple[int, ...], parameter: str,
+    changes: Sequence[Change], i: int,
+) -> Chaos | None:  # fmt: skip
     """Return the chaos that ends at the i-th change, if it is chaos on one side only."""
     points = data.motions[index]["point"]
     values, change = points[parameter], changes[i]
@@ -231,10 +234,9 @@ def _ending(
         last, end = change.high, change.low
         first = changes[i + 1].high if changes[i + 1 :] else values[-1]
     place = int(np.searchsorted(values, last))
-    sections = data.values(("poincare_x", "poincare_v")).values()
-    x, v = (section[index][place, -MOST_MOTIONS:] for section in sections)
-    states = np.repeat(points[place], len(x))
-    states["x0"], states["v0"] = x, v
+    states = np.repeat(points[place], sections.sizes["section"])
+    for name in "xv":
+        states[f"{name}0"] = sections[f"poincare_{name}"].values[index][place]
     return Chaos(data.spec, states, parameter, first, end)
 
 

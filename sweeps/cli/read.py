@@ -52,7 +52,7 @@ def integrity_command(
     def find(part: OpenedSweep) -> xr.Dataset:
         result = integrity(part)
         alone = not result["attractors"].ndim and part.spec.impact == "exact"
-        return with_cache(knocks, notes.append, "least knocks")(part, result) if alone else result
+        return with_cache(knocks, notes.append)(part, result) if alone else result
 
     _show_attractors(file, at, csv, json, "measuring the integrity of attractors", find)
     for note in notes:
@@ -168,7 +168,7 @@ def _show_bifurcations(
         common.say(json_text(listed.attrs | {"bifurcations": rows}))
     else:
         common.say(bifurcation_report(sweep, file, changes))
-    for note in dict.fromkeys(notes):
+    for note in notes:
         common.say(note, error=json)
     if csv is not None:
         write_csv(csv, [listed])

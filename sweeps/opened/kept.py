@@ -24,20 +24,21 @@ _ABOUT = "about"
 #: Most results that are kept; the oldest go first.
 _MOST = 100
 #: The rooms whose code decides, besides the physics, what is found.
-_ROOMS = ("attractor", "bifurcation", "opened")
+_ROOMS = ("attractor", "bifurcation", "config", "opened")
+#: What functions find, other than exact orbits.
+_FINDS = {"knocks": "least knocks", "explained_changes": "changes of class"}
 
 
 def with_cache(
-    find: Callable[..., xr.Dataset],
-    say: Callable[[str], object] = lambda text: None,
-    what: str = "exact orbits",
+    find: Callable[..., xr.Dataset], say: Callable[[str], object] = lambda text: None
 ) -> Callable[..., xr.Dataset]:
     """Return `branches` or another function of a sweep as one that keeps and reuses what it finds.
 
     What was found is used again if all that the sweep says of its motions, the code of the physics
     and of ``_ROOMS``, and the request are the same. `say` is told that, or why what was found is
-    not kept; `what` is its name.
+    not kept.
     """
+    what = _FINDS.get(find.__name__, "exact orbits")
 
     @takes_sweep({})
     def kept(sweep: OpenedSweep, *request: Any, **chosen: Any) -> xr.Dataset:

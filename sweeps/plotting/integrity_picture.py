@@ -263,7 +263,7 @@ def _draw_disturbances(
         row.number: place.replace("\n", " ") for row, (_, place) in zip(rows, names, strict=True)
     }
     if is_exact:
-        result = with_cache(knocks, what="least knocks")(starts, result, list(places))
+        result = with_cache(knocks)(starts, result, list(places))
     handles, discs = list[Artist](), list[bool]()
     for row in attractor_rows(starts, result):
         measures = row.measures

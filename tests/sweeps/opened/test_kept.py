@@ -93,13 +93,14 @@ def test_nothing_is_used_again_after_a_change_of_the_data_or_of_the_code(path, m
     assert find.calls == 2
     changed = []
     monkeypatch.setattr(module, "numerics_of", lambda folder: (folder.name, folder.name in changed))
-    for room, calls in ((None, 3), ("bifurcation", 4), ("opened", 5), ("attractor", 6), (None, 6)):
+    rooms = None, "bifurcation", "opened", "attractor", "config", None
+    for room, calls in zip(rooms, (3, 4, 5, 6, 7, 7), strict=True):
         changed[:] = [room]
         asked(path, find, "omega")
         assert find.calls == calls
     run_in(path.parent, SCENE.replace("h: 0.1", "h: 0.11"), overwrite=True)
     found, _ = asked(path, find, "omega")
-    assert find.calls == 7
+    assert find.calls == 8
     expected = branches(path, "omega")
     np.testing.assert_array_equal(found["omega"], expected["omega"])
 
@@ -237,7 +238,8 @@ def test_plot_and_info_share_what_was_found(path):
     assert FOUND in accepted(*command)
     table = "info", "out.h5", "--bifurcations", "--at", "R=0.7"
     first = accepted(*table).strip()
-    assert FOUND in (again := accepted(*table)) and again.split(FOUND)[0].strip() in first
+    changes = FOUND.replace("exact orbits", "changes of class")
+    assert accepted(*table) == f"{first.removesuffix(FOUND).strip()}\n{changes}\n{FOUND}\n"
 
 
 #: Two motions, the free one and one with an impact in two periods.
@@ -285,3 +287,17 @@ def test_changes_of_class_are_explained_once_and_the_list_stays_the_same(path, m
         again = find_bifurcations(OpenedSweep(dataset), keep=keep)
     assert len(first) > 2 and first.attrs == again.attrs
     pd.testing.assert_frame_equal(first, again)
+
+
+def test_the_states_from_which_crises_are_sought_are_a_part_of_what_is_asked(path):
+    said = []
+    keep = partial(with_cache, say=said.append)
+    changes = FOUND.replace("exact orbits", "changes of class")
+    with open_sweep(path) as dataset:
+        line = dataset.sel(R=0.8)
+        find_bifurcations(OpenedSweep(line), keep=keep, most=1)
+        find_bifurcations(OpenedSweep(line), keep=keep, most=2)
+        assert said == [changes]
+        other = line.assign(poincare_x=line["poincare_x"] + 1e-9)
+        find_bifurcations(OpenedSweep(other), keep=keep, most=2)
+    assert said == [changes, FOUND]
