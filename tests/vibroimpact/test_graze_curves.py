@@ -152,6 +152,27 @@ def test_the_grazes_of_the_free_oscillation_go_from_edge_to_edge(h, m, first, se
     assert len(found.values) < 130
 
 
+@pytest.mark.parametrize(
+    ("kind", "values", "phases", "speeds"),
+    [
+        ("graze", (0.0, 0.1518, 2.945, 1.0, 0.52667), [0.5 * math.pi], [0.0]),
+        ("fold", (0.0, 0.12612, 1.282, 1.0, 1.0, 3.47), [0.46423], [4.07623]),
+        ("flip", (0.0, 0.13015, 5.633, 0.69745, 1.17767, -0.13273), [0.65646], [0.23582]),
+    ],
+)  # fmt: skip
+def test_curves_over_clearance_and_force_end_where_both_vanish(kind, values, phases, speeds):
+    """All motions are in proportion to them: they go straight there, whatever else is singular."""
+    osc = Oscillator(*values)
+    if kind == "graze":
+        osc = replace(osc, clearance=1.0 / (osc.omega**2 - osc.p**2))
+    start = PeriodicOrbit(osc, 1, np.array(phases), np.array(speeds))
+    ranges = ("clearance", -0.3, 6.0), ("f", 0.0, 3.0)
+    for first, second in (ranges, ranges[::-1]):
+        found = bifurcation_curve(start, kind, first, second)
+        (end,) = [point for point in found.special if max(np.abs(point.value)) < 1e-3]
+        assert end.kind == "edge" and not end.value.any() and not end.orbit.speeds.any()
+
+
 def test_a_graze_that_newtons_method_finds_elsewhere_is_not_the_end_of_a_branch(monkeypatch):
     start, ranges = one_impact_orbit(Oscillator(h=0.0, R=0.9, omega=1.2, f=1.0)), (0.9, 1.3)
     (expected,) = [p for p in branch(start, "omega", *ranges).special if p.kind == "graze"]

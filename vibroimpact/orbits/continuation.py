@@ -244,13 +244,13 @@ def ending(step: ArclengthStep) -> End:
     speed zero.
     """
     family, X, reason = step.family, step.end.X, step.inadmissible
+    limit = _without_force(family, X)
+    if limit is not None:
+        return "edge", limit, family.orbit(limit)
     if reason is None and (X_edge := _left(family, step.end)) is not None:
         return "edge", X_edge, family.orbit(X_edge)  # as at R = 0, where two impacts may meet
     kind = "lost" if reason is None or reason.kind == "speed" else "penetration"
     if reason is not None:
-        limit = _without_force(family, X)
-        if limit is not None:
-            return "edge", limit, family.orbit(limit)
         if reason.kind in ("edge", "rest"):
             X = _at_edges(step, reason) if reason.kind == "edge" else X
             return reason.kind, X, family.orbit(X)
@@ -289,15 +289,17 @@ def _without_force(family: OrbitFamily, X: np.ndarray) -> np.ndarray | None:
 
     They vanish if the clearance is 0, since x and v are then proportional to the force.
     """
+    X = X.copy()
+    values, forces = free(X, family.q), False
     for j, parameter in enumerate(family.parameters):
-        near = free(X, family.q)[j] < _VANISHES
-        if parameter.name in ("f", "a") and parameter.low == 0.0 and near:
-            osc = replace(family.oscillator(X), **{parameter.name: 0.0})
-            if osc.clearance == osc.force == 0.0:
-                X = X.copy()
-                speeds(X, family.q)[:] = free(X, family.q)[j] = 0.0
-                return X
-    return None
+        is_force = parameter.name in ("f", "a") and parameter.low == 0.0
+        if abs(values[j]) < _VANISHES and (is_force or parameter.name == "clearance"):
+            values[j], forces = 0.0, forces or is_force
+    osc = family.oscillator(X)
+    if not (forces and osc.clearance == osc.force == 0.0):
+        return None
+    speeds(X, family.q)[:] = 0.0
+    return X
 
 
 def _at_edges(step: ArclengthStep, reason: Inadmissible) -> np.ndarray:

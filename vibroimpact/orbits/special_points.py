@@ -277,7 +277,8 @@ def one_way(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
             end = ending(step)
             lost, points = end[0] == "lost", [X for X, _ in path.points]
             if lost or (family.kind and step.inadmissible is None):
-                end = singular_end(family, points, lost) or end
+                if end[0] != "edge":
+                    end = singular_end(family, points, lost) or end
             else:
                 path.points.pop()
             if end[0] == "graze":
