@@ -48,16 +48,10 @@ def run(path):
 def kernel(path):
     """Compute a configuration without storing results."""
     config = load_config(path)
-    return integrate(
-        config.sweep.grid.points(tuple(slice(0, n) for n in config.sweep.grid.shape)),
-        integrator=config.method.integrator,
-        impact=config.method.impact,
-        steps_per_period=config.method.steps_per_period,
-        transient=config.record.transient,
-        periods=config.record.periods,
-        impacts=config.record.impacts,
-        threads=1,
-    )
+    points = config.sweep.grid.points(tuple(slice(0, n) for n in config.sweep.grid.shape))
+    method = config.method.model_dump(include={"integrator", "impact", "steps_per_period"})
+    record = config.record.model_dump(include={"transient", "periods", "impacts"})
+    return integrate(points, **method, **record, threads=1)
 
 
 def read(path):
@@ -75,13 +69,8 @@ def check(path):
 
 def test_whole_command(race, sweep):
     path = sweep(points=8192, transient=200, periods=100)
-    race.run(
-        "run, from YAML to the closed file / kernel alone",
-        lambda: run(path),
-        lambda: kernel(path),
-        of_reference=1.0,
-        rounds=4,
-    )
+    name, alone = "run, from YAML to the closed file / kernel alone", {"of_reference": 1.0}
+    race.run(name, lambda: run(path), lambda: kernel(path), **alone, rounds=4)
     check(path)
 
 
@@ -108,20 +97,14 @@ def python(*arguments, cwd=ROOT):
     command = [sys.executable, *map(str, arguments)]
     # An image may switch bytecode off; every start would then compile all modules again.
     env = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
-    return subprocess.run(
-        command, cwd=cwd, env=env, check=True, capture_output=True, text=True
-    ).stdout
+    output = {"check": True, "capture_output": True, "text": True}
+    return subprocess.run(command, cwd=cwd, env=env, **output).stdout
 
 
 def test_help(race):
     """The tests of the command line check that it imports neither numba nor matplotlib."""
-    shown = race.run(
-        "--help / the bare interpreter",
-        lambda: python("-m", "sweeps.cli", "--help"),
-        lambda: python("-c", "pass"),
-        of_reference=1.0,
-        rounds=10,
-    )
+    both = (lambda: python("-m", "sweeps.cli", "--help")), (lambda: python("-c", "pass"))
+    shown = race.run("--help / the bare interpreter", *both, of_reference=1.0, rounds=10)
     assert "Usage: vibroimpact" in shown
 
 

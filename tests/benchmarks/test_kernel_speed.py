@@ -10,23 +10,20 @@ import pytest
 
 from sweeps.bench.speed import RANGES, effort_of, points_over
 from tests.benchmarks.limits import cpu_seconds
-from tests.helpers.kernel_cases import EVERY_METHOD
+from tests.helpers.kernel_cases import EVERY_METHOD, integrated
+from tests.vibroimpact.test_destination import spec_of
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.jit import on_threads
 from vibroimpact.kernel import threads as run
 from vibroimpact.points.computation import compute_points
-from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Evidence, Status
-from vibroimpact.step.scheme import default_steps
 
 pytestmark = pytest.mark.benchmark(timer=cpu_seconds)
 
 
 def along_omega(start, stop, count, **values):
     """Return points, and their oscillators, with omega in a range."""
-    oscillators = [
-        Oscillator(omega=omega, f=1.0, **values) for omega in np.linspace(start, stop, count)
-    ]
+    oscillators = [Oscillator(omega=w, f=1.0, **values) for w in np.linspace(start, stop, count)]
     return np.concatenate([one.at() for one in oscillators]), oscillators
 
 
@@ -38,19 +35,10 @@ PERIODS = 100
 @pytest.mark.parametrize(("integrator", "rule"), EVERY_METHOD)
 def test_methods(race, rule, integrator):
     """Every method agrees with ``simulate``, bit for bit in chaos."""
-    steps = 32 if rule == "exact" else 100
+    steps, record = 32 if rule == "exact" else 100, {"periods": 1, "impacts": 1}
 
     def ours():
-        return integrate(
-            POINTS,
-            integrator=integrator,
-            impact=rule,
-            steps_per_period=steps,
-            transient=PERIODS - 1,
-            periods=1,
-            impacts=1,
-            threads=1,
-        )
+        return integrated(POINTS, integrator, rule, steps, PERIODS - 1, **record, threads=1)
 
     found = race.run(f"{rule}, {integrator}", ours, amount=POINTS.size * PERIODS)
     for i in (0, 500, POINTS.size - 1):
@@ -90,9 +78,7 @@ def test_everything_recorded(race):
     """Every impact of the record is counted, and the last of them kept."""
 
     def ours():
-        return integrate(
-            POINTS, integrator="rk4", impact="plain", transient=0, periods=PERIODS, threads=1
-        )
+        return integrated(POINTS, "rk4", "plain", None, periods=PERIODS, threads=1)
 
     found = race.run("plain, rk4, all recorded", ours, amount=POINTS.size * PERIODS)
     orbit = simulate(OSCILLATORS[500], PERIODS, "rk4", "plain", 100)
@@ -120,16 +106,11 @@ def test_lyapunov(race):
     """Their sum is -2h + 2 ln R times the impacts per unit time."""
     points = POINTS[::4]  # short rounds are disturbed less often
 
-    def run(lyapunov):
+    def run(lyapunov=True):
         return integrate(points, transient=0, periods=PERIODS, lyapunov=lyapunov, threads=1)
 
-    found = race.run(
-        "Lyapunov exponents on / off",
-        lambda: run(True),
-        lambda: run(False),
-        of_reference=1.0,
-        rounds=40,
-    )
+    name, how = "Lyapunov exponents on / off", {"of_reference": 1.0, "rounds": 40}
+    found = race.run(name, run, lambda: run(False), **how)
     rate = found["impacts_per_period"] * points["omega"] / (2.0 * math.pi)
     expected = -2.0 * points["h"] + 2.0 * rate * np.log(points["R"])
     moving = np.isfinite(found["lyapunov"][:, 1])  # without a rest
@@ -139,17 +120,12 @@ def test_lyapunov(race):
 
 def race_of_classes(race, name, points, transient, periods):
     """Return the results with classes, after a race against the sweep without them."""
-    steps = default_steps(points, "exact")
-    without = RunSpec(
-        integrator="exact", impact="exact", steps_per_period=steps, transient=transient,
-        longest=None, periods=periods, phase=0.0, impacts=0, lyapunov=False,
-        period=False, every=None, scaled=False, followed=None, directions=(),
-    )  # fmt: skip
+    spec = spec_of(points, "exact", transient, periods)
+    without = dataclasses.replace(spec, period=False)
 
     def sweep(spec):
         return compute_points(spec, points, 1)
 
-    spec = dataclasses.replace(without, period=True)
     return race.run(name, lambda: sweep(spec), lambda: sweep(without), of_reference=1.0)
 
 

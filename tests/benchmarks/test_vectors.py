@@ -55,9 +55,8 @@ def test_the_hot_loops_are_packed_and_fused():
     """Of plain stepping, of the strides of the other rules, and of a step with exact impacts."""
     lanes, added, table = WORKSPACE.lanes, WORKSPACE.added[0], one_period(0.0, 100).table
     stride = lanes, LANES, table, 0, STRIDE
-    assert (
-        packed(time_stepping.plain_lanes, (*stride, False, None)) >= 2 * FUSED
-    )  # also while recording
+    # Also while recording.
+    assert packed(time_stepping.plain_lanes, (*stride, False, None)) >= 2 * FUSED
     assert packed(time_stepping.step_lanes, (*stride, None)) >= FUSED
     assert packed(exact_lanes.propagate_lanes, (lanes, 64, added, 0.1, 0, None)) >= 8
     assert packed(exact_lanes.force_lanes, (lanes, added, 0.0, 1.0)) >= 4

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, Status
+from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, default_steps
@@ -80,6 +80,12 @@ def taken_apart(point):
 def steps_for(points, rule, otherwise=40):
     """Return steps per period: few, but enough for the rule."""
     return default_steps(points, rule) if rule == "exact" else otherwise
+
+
+def integrated(points, integrator, rule, steps, transient=0, **options):
+    """Integrate by a method, which is given in the order of `simulate`."""
+    method = {"integrator": integrator, "impact": rule, "steps_per_period": steps}
+    return integrate(points, **method, transient=transient, **options)
 
 
 def assert_same(ours, others):

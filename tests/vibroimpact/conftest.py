@@ -40,15 +40,9 @@ def _orbit(case):
     given = {name: float(value) for name, value in case["params"].items()}
     x0, v0 = given.pop("x0"), given.pop("v0")
     rests = [(float(r["accumulation_t"]), float(r["release_t"])) for r in case["rests"]]
-    return Orbit(
-        Oscillator(**given),
-        x0,
-        v0,
-        np.array(case["impact_t"], float),
-        np.array(case["impact_v"], float),
-        np.array([(float(s["x"]), float(s["v"])) for s in case["section"]]),
-        np.array(rests).reshape(-1, 2),
-    )
+    impacts = (np.array(case[name], float) for name in ("impact_t", "impact_v"))
+    sections = np.array([(float(s["x"]), float(s["v"])) for s in case["section"]])
+    return Orbit(Oscillator(**given), x0, v0, *impacts, sections, np.array(rests).reshape(-1, 2))
 
 
 @pytest.fixture(scope="session")

@@ -23,9 +23,8 @@ def doubled_branches(seed):
         value = getattr(osc, axis)
         ends = (-0.6, 0.6) if axis == "clearance" else (max(value - 0.3, 0.05), value + 0.3)
         ends = ends[0], min(ends[1], 1.0) if axis == "R" else ends[1]
-        queue = [
-            branch(orbit, axis, *ends) for orbit in one_impact_orbits(osc, n)[-1:] if orbit.exists
-        ]
+        orbits = one_impact_orbits(osc, n)[-1:]
+        queue = [branch(orbit, axis, *ends) for orbit in orbits if orbit.exists]
         while queue:
             single = queue.pop()
             for point in single.special:

@@ -43,9 +43,7 @@ def free_graze(omega):
     ("kind", "omega", "f", "beside", "slower"),
     [("flip", 0.81, 0.35, 0.008, False), ("fold", 0.796, 0.369, -0.0032, True)],
 )
-def test_flips_and_folds_are_tangent_to_the_graze_where_section_5_says(
-    kind, omega, f, beside, slower
-):
+def test_flips_and_folds_are_tangent_to_the_graze(kind, omega, f, beside, slower):
     """The slope at which a curve leaves the curve of grazes, extrapolated to their meeting.
 
     The curve is analytic there, so that a polynomial through its seven slopes to the meeting, each
@@ -127,9 +125,8 @@ def test_the_graze_of_a_doubled_orbit_ends_where_the_orbit_flips_and_grazes():
 
 
 def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_marked():
-    found = bifurcation_curve(
-        one_impact_orbit(SCENE, 2), "graze", ("f", 0.2, 0.6), ("omega", 0.7, 0.9)
-    )
+    start, ranges = one_impact_orbit(SCENE, 2), (("f", 0.2, 0.6), ("omega", 0.7, 0.9))
+    found = bifurcation_curve(start, "graze", *ranges)
     f, omega = found.values.T
     assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
     assert (found.speeds == 0.0).all()
@@ -202,9 +199,7 @@ def test_a_curve_over_narrow_ranges_goes_from_edge_to_edge(width):
         ),
     ],
 )  # fmt: skip
-def test_the_flips_of_an_even_orbit_end_where_its_half_flips_and_grazes(
-    values, m, phases, speeds, first, second
-):
+def test_flips_end_where_the_half_flips_and_grazes(values, m, phases, speeds, first, second):
     """Two impacts graze at once there, from wherever the curve is followed."""
     start, ends = PeriodicOrbit(Oscillator(*values), m, np.array(phases), np.array(speeds)), []
     whole = bifurcation_curve(start, "flip", first, second)
@@ -213,10 +208,8 @@ def test_the_flips_of_an_even_orbit_end_where_its_half_flips_and_grazes(
         (end,) = [p for p in found.special if np.sort(p.orbit.speeds)[1] < 1e-4]
         assert end.kind == "graze" and len(found.values) < 80
         ends.append(end.value)
-        q = start.q // 2
-        half = PeriodicOrbit(
-            end.orbit.oscillator, m // 2, end.orbit.phases[:q], end.orbit.speeds[:q]
-        )
+        orbit, q = end.orbit, start.q // 2
+        half = PeriodicOrbit(orbit.oscillator, m // 2, orbit.phases[:q], orbit.speeds[:q])
         assert half.characteristic == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
     assert np.ptp(ends, axis=0).max() < 1e-6
 
@@ -228,9 +221,8 @@ def test_bad_requests_are_refused():
     with pytest.raises(ValueError, match="not f twice"):
         bifurcation_curve(start, "flip", f, f)
     for low, high in ((0.82, 0.9), (0.7, 0.8)):
-        with pytest.raises(
-            OrbitError, match=f"the flip is at omega = 0.81, outside {low} to {high}"
-        ):
+        said = f"the flip is at omega = 0.81, outside {low} to {high}"
+        with pytest.raises(OrbitError, match=said):
             bifurcation_curve(start, "flip", f, ("omega", low, high))
     steady = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=2.0, f=1.0))
     with pytest.raises(OrbitError, match="no fold"):
@@ -245,10 +237,9 @@ def test_a_curve_over_the_amplitude_of_a_base_is_that_of_the_force_there(kind, o
     """At every point of the curve the orbit of f = a omega^2 has the same bifurcation."""
     osc = Oscillator(h=0.02, R=0.8, omega=omega, clearance=clearance, a=1.0 / omega**2)
     start = one_impact_orbit(osc, n)
-    ends = [p for p in branch(start, "omega", 0.7 * omega, 1.4 * omega).special if p.kind == kind]
-    found = bifurcation_curve(
-        ends[0].orbit, kind, ("omega", 0.7 * omega, 1.4 * omega), ("a", 0.05, 1.2)
-    )
+    axis = "omega", 0.7 * omega, 1.4 * omega
+    ends = [p for p in branch(start, *axis).special if p.kind == kind]
+    found = bifurcation_curve(ends[0].orbit, kind, axis, ("a", 0.05, 1.2))
     assert len(found.values) > 8 and np.ptp(found.values[:, 1]) > 0.02
     for i, (at, a) in enumerate(found.values[1:-1].tolist(), 1):
         force = replace(osc, omega=at, f=a * at * at, a=0.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import naive
+from tests.helpers.kernel_cases import integrated
 from tests.helpers.oscillators import bifurcation
 from vibroimpact import Oscillator, integrate, one_impact_orbit
 from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
@@ -32,11 +33,9 @@ def spec_of(
 def run(points, impact="exact", threads=None, **options):
     """Compute points from their starts; return the specification and the results with classes."""
     spec = spec_of(points, impact, **options)
-    results = integrate(
-        points, integrator=spec.integrator, impact=spec.impact,
-        steps_per_period=spec.steps_per_period, transient=spec.transient, periods=spec.periods,
-        phase=spec.phase, impacts=0, threads=threads,
-    )  # fmt: skip
+    method = spec.integrator, spec.impact, spec.steps_per_period, spec.transient
+    record = {"periods": spec.periods, "phase": spec.phase, "impacts": 0}
+    results = integrated(points, *method, **record, threads=threads)
     return spec, classified_later(spec, points, results, threads)
 
 

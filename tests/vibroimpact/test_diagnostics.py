@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import naive
+from tests.helpers.kernel_cases import integrated
 from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
 
 METHODS = [("exact", "exact"), ("rk4", "cubic"), ("newmark", "reduced-step"), ("newmark", "plain")]
@@ -32,9 +33,7 @@ def test_they_are_summed_over_the_impacts_of_the_record(integrator, impact, R, p
 @pytest.mark.parametrize(("integrator", "impact"), METHODS)
 def test_without_an_impact_nothing_is_lost(integrator, impact):
     osc = Oscillator(h=0.1, R=0.5, omega=2.0, f=1.0, clearance=10.0)
-    results = integrate(
-        osc.at(), integrator=integrator, impact=impact, steps_per_period=100, periods=5
-    )
+    results = integrated(osc.at(), integrator, impact, 100, 1000, periods=5)
     assert np.isnan(results["fastest_impact"][0])
     assert (results["impulse"][0], results["energy_lost"][0]) == (0.0, 0.0)
 
@@ -94,9 +93,6 @@ def test_the_impacts_of_a_chatter_that_are_summed_are_among_them(given, impulse,
 def test_time_stepping_sums_them_too(given, impulse, energy):
     """Without the sum the impulse is off by 1e-3, however short the steps."""
     for steps, near in ((400, 1e-5), (1600, 1e-6)):
-        found = integrate(
-            Oscillator(f=1.0, **given).at(), integrator="rk4", impact="cubic",
-            steps_per_period=steps, transient=0, periods=1,
-        )  # fmt: skip
+        found = integrated(Oscillator(f=1.0, **given).at(), "rk4", "cubic", steps, periods=1)
         assert found["impulse"][0] == pytest.approx(impulse, rel=near)
         assert found["energy_lost"][0] == pytest.approx(energy, rel=near)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.helpers.kernel_cases import integrated
 from tests.vibroimpact.test_destination import on_the_orbit, run, spec_of
 from vibroimpact import Oscillator, integrate, periodic_orbit
 from vibroimpact.oscillator import POINT
@@ -69,9 +70,8 @@ def test_impacts_are_counted_through_rests():
     for m in np.unique(out["period"][rests]).tolist():
         rows = rests & (out["period"] == m)
         once = integrate(points[rows], transient=401, periods=m, impacts=0)
-        np.testing.assert_array_equal(
-            out["period_impacts"][rows], np.rint(m * once["impacts_per_period"])
-        )
+        counted = np.rint(m * once["impacts_per_period"])
+        np.testing.assert_array_equal(out["period_impacts"][rows], counted)
 
 
 def test_a_motion_far_from_its_orbit_has_its_class():
@@ -213,9 +213,8 @@ def test_threads_and_neighbours_change_nothing():
     again = run(points[::-1].copy(), threads=1, transient=30, periods=32)[1]
     for name in ("period", "period_impacts", "orbit_x", "orbit_v", "orbit_distance"):
         np.testing.assert_array_equal(out[name], again[name][::-1])
-    single = integrate(
-        points[5:6], steps_per_period=spec.steps_per_period, transient=30, periods=32, impacts=0
-    )
+    steps = spec.steps_per_period
+    single = integrated(points[5:6], "exact", "exact", steps, 30, periods=32, impacts=0)
     alone = classified_later(spec, points[5:6], single)
     assert alone["class_evidence"][0] == out["class_evidence"][5]
 
@@ -232,11 +231,10 @@ def test_a_rest_at_the_start_of_a_record_decides_nothing():
     """The start from rest is held for a moment; with one period of transient it is left out."""
     phase = 4.0
     points = Oscillator(h=0.02, R=0.7, omega=1.8, f=1.0).at(phase=phase)
-    steps = default_steps(points, "exact")
+    how = {"periods": 100, "phase": phase, "impacts": 0}
+    how["steps_per_period"] = default_steps(points, "exact")
     for transient in (0, 1):
-        results = integrate(
-            points, steps_per_period=steps, transient=transient, periods=100, phase=phase, impacts=0
-        )
+        results = integrate(points, transient=transient, **how)
         assert (results["rest_fraction"] > 0.0) == (transient == 0)
         spec = spec_of(points, transient=transient, phase=phase)
         out = classified_later(spec, points, results)

@@ -179,9 +179,8 @@ def test_a_sleeping_lane_wakes_in_time(h, R, omega, clearance, phase):
 
 def test_without_restitution_and_near_it():
     """R = 0 lands once per rest; R one rounding below 1 still ends, decided."""
-    points = np.concatenate(
-        [Oscillator(0.1, R, w, 1.0).at() for R in (0.0, 1e-300, 1 - 1e-16, 1.0) for w in (0.3, 2.9)]
-    )
+    values = itertools.product((0.0, 1e-300, 1 - 1e-16, 1.0), (0.3, 2.9))
+    points = np.concatenate([Oscillator(0.1, R, omega, 1.0).at() for R, omega in values])
     out = integrate(points, transient=0, periods=30)
     assert np.isfinite(out["poincare_x"]).all()
     assert np.isin(out["status"], (Status.CERTIFIED, Status.CUT_SHORT)).all()
@@ -227,10 +226,8 @@ def test_a_resonance_without_loss_is_called_unbounded(transient):
 
 def test_bounded_motion_without_loss_is_not_called_unbounded():
     """R = 1 and h = 0: off the resonance, beats, a short record, a motion without impacts."""
-    omegas = 1.7, 2.001, 2.01, 2.9, 3.3
-    points = np.concatenate(
-        [Oscillator(0.0, 1.0, w, f).at(-0.5) for w in omegas for f in (0.0, 1.0)]
-    )
+    values = itertools.product((1.7, 2.001, 2.01, 2.9, 3.3), (0.0, 1.0))
+    points = np.concatenate([Oscillator(0.0, 1.0, omega, f).at(-0.5) for omega, f in values])
     for record in ({"transient": 0, "periods": 100}, {"transient": 300, "periods": 300}):
         assert (integrate(points, **record)["status"] != Status.UNBOUNDED).all()
     beat = Oscillator(0.0, 1.0, 2.3, 1.0).at()

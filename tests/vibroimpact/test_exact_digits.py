@@ -34,10 +34,9 @@ def after_one_period(osc, x, v, most=12):
         if beyond[0] == 0:
             return None  # a bounce shorter than the distance of two samples
         bracket = grid[beyond[0] - 1], grid[beyond[0]]
-        t = mp.findroot(
-            lambda q, f=flight: f(q)[0] - parameters["clearance"], bracket, solver="anderson"
-        )
-        x, v = parameters["clearance"], -parameters["R"] * flight(t)[1]
+        x = parameters["clearance"]
+        t = mp.findroot(lambda q, f=flight, x=x: f(q)[0] - x, bracket, solver="anderson")
+        v = -parameters["R"] * flight(t)[1]
     return None
 
 
@@ -91,10 +90,9 @@ def test_the_median_error_after_one_period_is_below_1e_15():
     """Of 200 points; relative to the size of the motion."""
     rng = np.random.default_rng(5)
     points = np.zeros(200, POINT)
-    for name, low, high in (
-        ("h", 0.0, 0.6), ("R", 0.2, 1.0), ("omega", 0.7, 4.0), ("clearance", -0.2, 0.8),
-    ):  # fmt: skip
-        points[name] = rng.uniform(low, high, points.size)
+    ranges = {"h": (0.0, 0.6), "R": (0.2, 1.0), "omega": (0.7, 4.0), "clearance": (-0.2, 0.8)}
+    for name, ends in ranges.items():
+        points[name] = rng.uniform(*ends, points.size)
     points["f"] = points["p"] = 1.0
     points["x0"] = points["clearance"] - rng.uniform(0.1, 2.0, points.size)
     points["v0"] = rng.normal(0.0, 1.0, points.size)

@@ -156,9 +156,8 @@ def test_a_touch_is_seen_and_a_miss_is_none(count):
         points[name] = column
     phase, touches = points["omega"] * top, height > 0.0
     assert 0.3 < touches.mean() < 0.7
-    extent = (points["f"] + points["p"] ** 2 * abs(points["clearance"])) / (
-        points["omega"] ** 2 + 2.0 * points["h"] * points["omega"] + points["p"] ** 2
-    )
+    h, omega, f, p, stop = (points[name] for name in ("h", "omega", "f", "p", "clearance"))
+    extent = (f + p**2 * abs(stop)) / (omega**2 + 2.0 * h * omega + p**2)
     gap = -height / extent
     clear = abs(gap - 1e-9) > 1e-10  # to a tenth, the rounding of the start moves the highest point
     for share in (1, 2, 5, 20):
@@ -193,9 +192,8 @@ def test_every_near_graze_of_the_free_oscillation_is_counted(h, share):
         points = np.concatenate([osc.at(X.imag, omega * X.real) for osc in oscillators])
         for steps in (None, 27, 40, 64, 100, 400):
             begin = 0.5 * math.pi - cmath.phase(X) - (3.0 + share) * PERIOD / (steps or 40)
-            out = integrate(
-                points, steps_per_period=steps, transient=0, periods=10, phase=begin % PERIOD
-            )
+            how = {"steps_per_period": steps, "phase": begin % PERIOD}
+            out = integrate(points, transient=0, periods=10, **how)
             np.testing.assert_array_equal(out["near_grazes"], [10, 10, 10, 0, 0])
             assert (out["impacts_per_period"] == 0.0).all()
 

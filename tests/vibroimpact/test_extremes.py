@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
-from tests.helpers.kernel_cases import METHODS, random_points, steps_for, taken_apart
+from tests.helpers.kernel_cases import METHODS, integrated, random_points, steps_for, taken_apart
 from tests.helpers.naive import ClosedForm
 from tests.vibroimpact.test_repeats import in_pieces, mixed_points
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbits, periodic_orbit, simulate
@@ -78,13 +78,7 @@ def compare_with_walk(points, periods):
     return met, rested
 
 
-@pytest.mark.parametrize(
-    "count",
-    [
-        100,
-        pytest.param(5000, marks=pytest.mark.campaign),
-    ],
-)
+@pytest.mark.parametrize("count", [100, pytest.param(5000, marks=pytest.mark.campaign)])
 def test_exact_motions_turn_where_the_closed_form_does(count):
     met, rested = compare_with_walk(exact_points(count, count), 6)
     assert met > 0.6 * count and rested > 0.1 * count
@@ -138,10 +132,7 @@ def stepped_extremes(osc, tr, rule):
 )
 def test_time_stepping_turns_where_its_cubics_do(rule, integrator):
     points = random_points(20, 8)
-    out = integrate(
-        points, impact=rule, integrator=integrator, steps_per_period=40, transient=0, periods=4,
-        extremes=True,
-    )  # fmt: skip
+    out = integrated(points, integrator, rule, 40, periods=4, extremes=True)
     beyond = 0
     for i, point in enumerate(points):
         osc, x0, v0 = taken_apart(point)

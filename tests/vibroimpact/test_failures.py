@@ -12,7 +12,8 @@ import pytest
 from scipy.optimize import brentq
 
 from tests.helpers import naive
-from vibroimpact import Oscillator, integrate, paper_procedure, simulate
+from tests.helpers.kernel_cases import integrated
+from vibroimpact import Oscillator, paper_procedure, simulate
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import is_stable
 from vibroimpact.step.scheme import least_stable_steps
@@ -80,10 +81,7 @@ def test_a_coarse_rule_ends_on_another_attractor():
 
     def ends(integrator, rule, n):
         """Impacts in two periods, 2 or 3, and the speeds of the last three."""
-        out = integrate(
-            points, integrator=integrator, impact=rule, steps_per_period=n, transient=1500,
-            periods=4, impacts=3,
-        )  # fmt: skip
+        out = integrated(points, integrator, rule, n, transient=1500, periods=4, impacts=3)
         return 2.0 * out["impacts_per_period"], np.sort(out["impact_v"], axis=1)
 
     true, speeds = ends("exact", "exact", None)

@@ -21,9 +21,8 @@ from vibroimpact.step.scheme import default_steps
 def balls(p, R, gamma):
     """Return balls on a table with accelerations `gamma`, in units of gravity."""
     stop = -1.0 / p**2
-    points = (
-        Oscillator(h=0.0, R=R, omega=1.0, f=1.0, p=p, clearance=stop).at(stop).repeat(len(gamma))
-    )
+    osc = Oscillator(h=0.0, R=R, omega=1.0, f=1.0, p=p, clearance=stop)
+    points = osc.at(stop).repeat(len(gamma))
     points["f"], points["x0"] = gamma, stop - np.linspace(0.5, 3.0, len(gamma))
     return points
 
@@ -185,9 +184,8 @@ def test_a_motion_by_time_steps_repeats_only_as_it_does_in_front_of_a_near_stop(
 
 def bound_of(point):
     """Return a bound of a free motion, in numbers that neither underflow nor overflow."""
-    h, omega, f, p, x0, v0 = (
-        Decimal(float(point[name])) for name in ("h", "omega", "f", "p", "x0", "v0")
-    )
+    names = "h", "omega", "f", "p", "x0", "v0"
+    h, omega, f, p, x0, v0 = (Decimal(float(point[name])) for name in names)
     amplitude = f / ((p * p - omega * omega) ** 2 + (2 * h * omega) ** 2).sqrt()
     return abs(x0) + abs(v0) / p + amplitude * (1 + max(1, omega / p))
 

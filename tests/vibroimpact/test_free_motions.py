@@ -6,23 +6,18 @@ import numpy as np
 import pytest
 
 from tests.helpers import naive
+from tests.vibroimpact.test_destination import spec_of
 from vibroimpact import integrate
 from vibroimpact.destination.free_motion import first_within
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.computation import compute_points
-from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Evidence
-from vibroimpact.step.scheme import default_steps
 
 
 def found_of(points, transient, periods, phase=0.0):
     """Return the results of points with their classes, and the steps per period."""
-    steps = default_steps(points, "exact")
-    spec = RunSpec(
-        "exact", "exact", steps, transient, None, periods, phase, 0, False, True, None,
-        False, None, (),
-    )  # fmt: skip
-    return compute_points(spec, points, None), steps
+    spec = spec_of(points, "exact", transient, periods, phase)
+    return compute_points(spec, points, None), spec.steps_per_period
 
 
 def weakly_damped(n, low, high, seed):
@@ -31,9 +26,8 @@ def weakly_damped(n, low, high, seed):
     points["h"], points["R"] = 10.0 ** rng.uniform(low, high, n), rng.uniform(0.0, 1.0, n)
     points["omega"], points["p"] = rng.uniform(0.2, 6.0, n), rng.uniform(0.5, 2.0, n)
     points["f"] = rng.uniform(0.2, 2.0, n)
-    amplitude = points["f"] / np.hypot(
-        points["p"] ** 2 - points["omega"] ** 2, 2.0 * points["h"] * points["omega"]
-    )
+    h, omega, f, p = (points[name] for name in ("h", "omega", "f", "p"))
+    amplitude = f / np.hypot(p**2 - omega**2, 2.0 * h * omega)
     points["clearance"] = amplitude * rng.uniform(1.01, 2.0, n)
     points["x0"] = points["clearance"] - amplitude * rng.uniform(0.0, 2.0, n)
     points["v0"] = rng.normal(size=n) * amplitude * points["omega"]

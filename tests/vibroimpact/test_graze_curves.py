@@ -214,19 +214,16 @@ def test_the_grazes_of_two_periods_end_where_both_halves_graze(values, phases, s
     start, ends = PeriodicOrbit(Oscillator(**values), 2, np.array(phases), np.array(speeds)), []
     whole = bifurcation_curve(start, "graze", *ranges)
     for i in len(whole.values) * np.array([1, 2, 3]) // 4:
-        (end,) = [
-            p for p in bifurcation_curve(whole.orbit(i), "graze", *ranges).special
-            if p.kind == "graze"
-        ]  # fmt: skip
+        special = bifurcation_curve(whole.orbit(i), "graze", *ranges).special
+        (end,) = [point for point in special if point.kind == "graze"]
         ends.append(end.value)
         if start.q == 3:
             single = one_impact_orbit(end.orbit.oscillator)
             assert single.multipliers[0] == pytest.approx(-1.0, abs=1e-6)
             assert peak(single) == pytest.approx(0.0, abs=1e-6)
         else:
-            half = PeriodicOrbit(
-                end.orbit.oscillator, 1, end.orbit.phases[:2], end.orbit.speeds[:2]
-            )
+            orbit = end.orbit
+            half = PeriodicOrbit(orbit.oscillator, 1, orbit.phases[:2], orbit.speeds[:2])
             assert half.exists and half.characteristic == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     assert np.ptp(ends, axis=0).max() < 1e-6
 
@@ -321,9 +318,8 @@ def test_a_curve_of_grazes_ends_in_rest_where_an_impact_without_rebound_is_not_p
     )
     run = simulate(osc, 400)
     start = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]))
-    (graze,) = [
-        p.orbit for p in branch(start, *axis).special if p.kind == "graze" and p.orbit.q == 2
-    ]
+    grazes = [p.orbit for p in branch(start, *axis).special if p.kind == "graze"]
+    (graze,) = [orbit for orbit in grazes if orbit.q == 2]
     found = bifurcation_curve(graze, "graze", ("omega", 0.3, 1.4), ("p", 0.5, 1.8))
     (end,) = [p for p in found.special if p.kind not in ("flip", "fold", "edge")]
     assert end.kind == "rest"

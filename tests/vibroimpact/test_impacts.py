@@ -57,20 +57,18 @@ def run(pt, rule, integrator, x, v, theta, T, resting=False):
     """One step with impacts: state, rest, the rows of its events, time rested and status."""
     scratch, chosen = new_scratch.py_func(), INTEGRATORS[integrator]
     s, c = math.sin(theta), math.cos(theta)
-    end = chosen.step(x, v, s, c, T, pt)
-    x, v, resting, n, rested, status = reduced_step(
-        (rule, chosen.code), (x, v, resting), end, (theta, s, c), T, pt, scratch
-    )
+    method, end = (rule, chosen.code), chosen.step(x, v, s, c, T, pt)
+    step = reduced_step(method, (x, v, resting), end, (theta, s, c), T, pt, scratch)
+    x, v, resting, n, rested, status = step
     return x, v, resting, scratch.events[:n], rested, status
 
 
 def flight(rule, integrator, x, v, theta, span, pt):
     """One flight of at most `span`: time, state, and whether it ended on the stop."""
     chosen, s, c = INTEGRATORS[integrator], math.sin(theta), math.cos(theta)
-    end = chosen.step(x, v, s, c, span, pt)
-    return shortened_flight(
-        (rule, chosen.code), (x, v, s, c), end, span, pt, new_scratch.py_func().coefficients
-    )[:4]
+    method, end = (rule, chosen.code), chosen.step(x, v, s, c, span, pt)
+    room = new_scratch.py_func().coefficients
+    return shortened_flight(method, (x, v, s, c), end, span, pt, room)[:4]
 
 
 def to_rest(v, theta, left, T, pt):
@@ -207,15 +205,13 @@ def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrat
     """
     pressed, T = 0, 0.05
     rng = np.random.default_rng(2)
-    for level, f, p, share in rng.uniform(
-        [-preloads, 0.1, 0.5, 0.1], [preloads, 3, 2, 0.9], (300, 4)
-    ):
+    ends = [-preloads, 0.1, 0.5, 0.1], [preloads, 3, 2, 0.9]
+    for level, f, p, share in rng.uniform(*ends, (300, 4)):
         osc = preload(level, f, p)
-        pt = osc.at(osc.clearance)[0]
+        pt, stop = osc.at(osc.clearance)[0], osc.clearance
         theta = (math.asin(level) - share * T) % (2 * math.pi)
-        x, v, resting, events, _, status = run(
-            pt, rule, integrator, osc.clearance, 0.0, theta, T, resting=True
-        )
+        step = run(pt, rule, integrator, stop, 0.0, theta, T, resting=True)
+        x, v, resting, events, _, status = step
         np.testing.assert_array_equal(events[:, KIND], [RELEASE])
         assert (resting, status) == (False, Status.COMPUTED)
         pressed += pressing(sin_cos(theta + events[0, TIME])[0], pt) > 0.0

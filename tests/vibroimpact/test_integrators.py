@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from tests.helpers import naive
-from vibroimpact import Oscillator, integrate
+from tests.helpers.kernel_cases import integrated
+from vibroimpact import Oscillator
 from vibroimpact.step.elementary import asin, hypot, log, sin_cos
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
 from vibroimpact.step.scheme import IMPACT_RULES
@@ -64,24 +65,13 @@ def test_the_order_on_smooth_motion_is_that_of_the_table(name):
         np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), order, atol=0.2)
 
 
+UNDAMPED = [(0.0, omega) for omega in (1.0, 1.0 + 1e-9, 1.0 - 1e-4, 2.3)]
+NEARLY_CRITICAL = [(1.0, 1.0), (1.0 - 1e-10, 0.7), (1.0 + 1e-10, 0.7)]
+DAMPED = [(0.05, 0.3), (0.5, 1.0), *NEARLY_CRITICAL, (2.0, 0.5), (2.0, 20.0), (10.0, 1.0)]
+
+
 @pytest.mark.parametrize("T", [1e-9, 1e-3, 0.0628, 1.0, 7.0, 30.0])
-@pytest.mark.parametrize(
-    ("h", "omega"),
-    [
-        (0.0, 1.0),
-        (0.0, 1.0 + 1e-9),
-        (0.0, 1.0 - 1e-4),
-        (0.0, 2.3),
-        (0.05, 0.3),
-        (0.5, 1.0),
-        (1.0, 1.0),
-        (1.0 - 1e-10, 0.7),
-        (1.0 + 1e-10, 0.7),
-        (2.0, 0.5),
-        (2.0, 20.0),
-        (10.0, 1.0),
-    ],
-)
+@pytest.mark.parametrize(("h", "omega"), UNDAMPED + DAMPED)
 def test_the_exact_step_is_the_flow(h, omega, T):
     """Under, at and over critical damping, at and near resonance, short and long steps."""
     pt = point(h=h, omega=omega)
@@ -135,9 +125,8 @@ def test_arc_sine_logarithm_and_length_are_right_to_rounding():
     sines = [rng.uniform(-1.0, 1.0, 2000), signs * small, signs * (1.0 - small), [1.0, 0.5, -1.0]]
     assert_right(asin, mpmath.asin, np.concatenate(sines))
     sizes = 10.0 ** rng.uniform(-320.0, 308.0, 300)
-    assert_right(
-        log, mpmath.log, np.concatenate([rng.uniform(0, 4, 2000), sizes, 1 + signs * small])
-    )
+    values = np.concatenate([rng.uniform(0, 4, 2000), sizes, 1 + signs * small])
+    assert_right(log, mpmath.log, values)
     x, y = rng.normal(size=(2, 2000)) * 10.0 ** rng.uniform(-3.0, 3.0, 2000)
     assert_right(hypot, mpmath.hypot, x, y)
     assert hypot(3.0 * 2.0**900, -4.0 * 2.0**900) == 5.0 * 2.0**900
@@ -175,11 +164,6 @@ def spread(n, count=8):
     return np.round(n * np.linspace(1.0, 1.6, count)).astype(int)
 
 
-def rms(errors):
-    """Return the root mean square."""
-    return np.sqrt(np.mean(np.square(errors)))
-
-
 def slope(steps, errors):
     """Return the fitted order."""
     return -np.polyfit(np.log(steps), np.log(errors), 1)[0]
@@ -189,18 +173,11 @@ def error_of_the_state(orbit, integrator, rule, steps):
     """RMS over the given step counts, after ``PERIODS`` periods."""
     errors = []
     for m in steps:
-        out = integrate(
-            orbit.oscillator.at(),
-            integrator=integrator,
-            impact=rule,
-            steps_per_period=int(m),
-            transient=PERIODS - 1,
-            periods=1,
-            impacts=0,
-        )
+        start, transient = orbit.oscillator.at(), PERIODS - 1
+        out = integrated(start, integrator, rule, int(m), transient, periods=1, impacts=0)
         state = out["poincare_x"][0, 0], out["poincare_v"][0, 0]
         errors.append(state - orbit.sections[PERIODS - 1])
-    return rms(errors)
+    return np.sqrt(np.mean(np.square(errors)))
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from tests.helpers.kernel_cases import (
     METHODS,
     PERIOD,
     assert_same,
+    integrated,
     one,
     random_points,
     steps_for,
@@ -27,15 +28,7 @@ from vibroimpact.step.scheme import default_steps, scheme_of
 def assert_as_alone(points, integrator, rule, n):
     """Six periods record what `simulate` finds; return how many points had impacts and rests."""
     periods, met, rested = 6, 0, 0
-    out = integrate(
-        points,
-        integrator=integrator,
-        impact=rule,
-        steps_per_period=n,
-        transient=0,
-        periods=periods,
-        impacts=12,
-    )
+    out = integrated(points, integrator, rule, n, periods=periods, impacts=12)
     for i, point in enumerate(points):
         osc, x0, v0 = taken_apart(point)
         tr = simulate(osc, periods, integrator, rule, n, x0, v0)
@@ -95,15 +88,9 @@ def test_lanes_whose_forces_are_kept_or_computed_step_by_step(n):
 def test_any_company_leaves_a_lane_as_it_is(rule, integrator):
     """Sub-batches of every remainder, another order, one thread or two: the same bits."""
     points = random_points(3 * LANES + 7)
-    arguments = {
-        "integrator": integrator,
-        "impact": rule,
-        "steps_per_period": steps_for(points, rule),
-        "lyapunov": rule == "exact",
-        "transient": 2,
-        "periods": 4,
-        "impacts": 5,
-    }
+    method = {"integrator": integrator, "impact": rule, "lyapunov": rule == "exact"}
+    record = {"transient": 2, "periods": 4, "impacts": 5}
+    arguments = method | record | {"steps_per_period": steps_for(points, rule)}
     whole = integrate(points, **arguments)
     for n in (0, 1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES + 5):
         for lo in (0, 3):
@@ -129,9 +116,8 @@ def test_the_transient_is_the_beginning_of_the_record(rule, integrator):
     for name, k in (("impacts_per_period", 1.0), ("rest_fraction", 1.0)):
         total = (3 * head[name] + 4 * tail[name]) / 7
         np.testing.assert_allclose(k * whole[name], total, rtol=1e-12, atol=1e-15)
-    np.testing.assert_array_equal(
-        whole["max_penetration"], np.maximum(head["max_penetration"], tail["max_penetration"])
-    )
+    deeper = np.maximum(head["max_penetration"], tail["max_penetration"])
+    np.testing.assert_array_equal(whole["max_penetration"], deeper)
 
 
 def test_the_last_impacts_are_kept_in_time_order():
@@ -171,15 +157,7 @@ def test_a_section_on_a_grid_point_is_the_state_there(rule, integrator, k):
     """Phase 2 pi k / 64: the grid states of `simulate`, though the table of sines is another."""
     osc = Oscillator(h=0.1, R=0.7, omega=2.3, f=1.0)
     tr = simulate(osc, 7, integrator, rule, 64)
-    out = integrate(
-        osc.at(),
-        integrator=integrator,
-        impact=rule,
-        steps_per_period=64,
-        transient=1,
-        periods=4,
-        phase=PERIOD * k / 64,
-    )
+    out = integrated(osc.at(), integrator, rule, 64, transient=1, periods=4, phase=PERIOD * k / 64)
     t = (PERIOD * k / 64 + PERIOD * np.arange(2, 6)) / osc.omega
     at = [np.flatnonzero(np.abs(tr.t - q) < 1e-9)[-1] for q in t]
     np.testing.assert_allclose(out["poincare_x"][0], tr.x[at], atol=1e-11)
@@ -199,10 +177,7 @@ def test_the_impact_phase_does_not_depend_on_the_phase_of_the_section():
 def test_the_phase_of_an_impact_at_a_section_is_below_2_pi():
     """With the section just before 2 pi, the phase at the end of a period is 4 pi to rounding."""
     points, phase = wide_points(500, 3), math.nextafter(PERIOD, 0.0)
-    out = integrate(
-        points, integrator="newmark", impact="plain", steps_per_period=40, transient=0, periods=30,
-        phase=phase,
-    )  # fmt: skip
+    out = integrated(points, "newmark", "plain", 40, periods=30, phase=phase)
     found = out["impact_phase"][np.isfinite(out["impact_phase"])]
     assert (found == 0.0).any()
     assert ((found >= 0.0) & (found < PERIOD)).all()

@@ -5,7 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from tests.helpers.kernel_cases import PERIOD, assert_same, one, random_points, wide_points
+from tests.helpers.kernel_cases import (
+    PERIOD,
+    assert_same,
+    integrated,
+    one,
+    random_points,
+    wide_points,
+)
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.step.polynomial import LONGEST_STEP
 from vibroimpact.step.scheme import default_steps
@@ -52,15 +59,8 @@ def test_an_unstable_lane_ends_as_not_a_number_and_leaves_its_neighbours_alone()
 def test_the_impacts_before_an_overflow_are_kept_in_time_order():
     """An unstable step gains speed up to an impact of infinite speed, which is not kept."""
     for omega in (1.2, 1.4, 1.5):
-        out = integrate(
-            Oscillator(h=0.0, R=1.0, omega=omega, f=1e150, p=30.0).at(),
-            integrator="rk4",
-            impact="plain",
-            steps_per_period=40,
-            transient=0,
-            periods=40,
-            impacts=4,
-        )
+        osc = Oscillator(h=0.0, R=1.0, omega=omega, f=1e150, p=30.0)
+        out = integrated(osc.at(), "rk4", "plain", 40, periods=40, impacts=4)
         assert out["status"] == Status.NON_FINITE
         assert (np.diff(out["impact_v"]) > 0.0).all()
 
@@ -68,14 +68,8 @@ def test_the_impacts_before_an_overflow_are_kept_in_time_order():
 def test_an_overflow_in_the_transient_is_seen():
     """The record of a lane that failed before its record began is NaN throughout."""
     for rule in ("plain", "reduced-step", "cubic"):
-        out = integrate(
-            one(1.9, 0.85, 0.06, clearance=0.42, x0=-0.7, v0=0.8),
-            integrator="rk4",
-            impact=rule,
-            steps_per_period=50,
-            transient=400,
-            periods=3,
-        )
+        point = one(1.9, 0.85, 0.06, clearance=0.42, x0=-0.7, v0=0.8)
+        out = integrated(point, "rk4", rule, 50, transient=400, periods=3)
         assert out["status"] == Status.NON_FINITE
         assert np.isnan(out["poincare_x"]).all()
         assert np.isnan(out["impacts_per_period"]).all()
@@ -89,14 +83,8 @@ def test_a_displacement_that_overflows_before_an_impact_without_rebound_spoils_o
     slow = {"h": 0.0, "omega": 1e-160, "f": 0.0, "p": 1e-165}  # a step takes 1.6e160
 
     def out(R, v0, transient):
-        return integrate(
-            Oscillator(R=R, **slow).at(-1.0, v0),
-            integrator="euler",
-            impact="plain",
-            steps_per_period=4,
-            transient=transient,
-            periods=2,
-        )
+        start = Oscillator(R=R, **slow).at(-1.0, v0)
+        return integrated(start, "euler", "plain", 4, transient, periods=2)
 
     recorded, before = out(0.0, 1e150, 0), out(0.0, 1e150, 1)
     assert recorded["status"] == Status.NON_FINITE and np.isnan(recorded["max_penetration"])
@@ -122,9 +110,7 @@ def test_a_chatter_whose_sum_overflows_is_no_result():
 def test_nothing_hangs_anywhere(rule, integrator):
     """2000 points all over the domain, coarse steps: all computed, none beyond the stop."""
     points = wide_points(2000, 5)
-    out = integrate(
-        points, integrator=integrator, impact=rule, steps_per_period=50, transient=0, periods=20
-    )
+    out = integrated(points, integrator, rule, 50, periods=20)
     assert (out["status"] == Status.COMPUTED).all()
     assert np.isfinite(out["poincare_x"]).all()
     assert np.isfinite(out["poincare_v"]).all()
@@ -197,9 +183,8 @@ def test_a_start_on_the_stop_where_the_force_begins_to_pull_is_no_rest(rule, int
 @pytest.mark.parametrize("transient", [1, 2])
 def test_a_record_that_begins_at_the_end_of_a_rest_has_no_rest(transient):
     """A shaken base: the last rest ends at the first section; the motion never rests again."""
-    osc = Oscillator(
-        h=0.016204919189485998, R=0.95, omega=0.31822657272386123, f=0.0, a=3.3237286974954467
-    )
+    h, omega, a = 0.016204919189485998, 0.31822657272386123, 3.3237286974954467
+    osc = Oscillator(h=h, R=0.95, omega=omega, f=0.0, a=a)
     start = osc.at(-0.04209741582165098)
     out = integrate(start, transient=transient, periods=20, lyapunov=True)
     assert (out["chatters"], out["rest_fraction"]) == (0, 0.0)
@@ -222,22 +207,17 @@ def test_a_point_that_is_not_valid_is_named(name, value, allowed):
     points = random_points(5)
     points["clearance"] = points["x0"] = 0.0
     points[name][3] = value
-    with pytest.raises(
-        ValueError, match=rf"^points\[3\]: {name} .* = {value} is not allowed; expected: {allowed}"
-    ):
+    said = rf"^points\[3\]: {name} .* = {value} is not allowed; expected: {allowed}"
+    with pytest.raises(ValueError, match=said):
         integrate(points)
 
 
 def test_what_is_no_array_of_points_is_refused():
     points = random_points(4)
     for wrong in (None, points.tolist(), points["h"], Oscillator(0.1, 0.5, 1.0, 1.0)):
-        with pytest.raises(
-            TypeError, match=r"points = .* is not allowed; expected: an array of the dtype POINT"
-        ):
+        with pytest.raises(TypeError, match=r"points = .*; expected: an array of the dtype POINT"):
             integrate(wrong)
-    with pytest.raises(
-        ValueError, match=r"points of the shape \(2, 2\) is not allowed; expected: the shape \(n,\)"
-    ):
+    with pytest.raises(ValueError, match=r"points of the shape \(2, 2\) .* the shape \(n,\)"):
         integrate(points.reshape(2, 2))
     expected = integrate(points[::2].copy(), transient=0, periods=2)
     assert_same(integrate(points[::2], transient=0, periods=2), expected)
@@ -250,9 +230,7 @@ def test_the_plain_rule_goes_on_from_beyond_the_stop():
     plain = {"integrator": "newmark", "impact": "plain", "transient": 0, "periods": 1}
     assert integrate(points, **plain, at_section=True)["status"] == Status.COMPUTED
     for other in (plain, plain | {"impact": "cubic", "at_section": True}):
-        with pytest.raises(
-            ValueError, match=r"x0 .* = 0\.01 is not allowed; expected: at most the clearance"
-        ):
+        with pytest.raises(ValueError, match=r"x0 .* = 0\.01 .*; expected: at most the clearance"):
             integrate(points, **other)
 
 
@@ -276,9 +254,7 @@ def test_what_the_exact_rule_needs_is_said():
     points = np.concatenate([one(omega=2.3), one(omega=0.3), one(h=0.0, omega=5.0)])
     least = math.ceil(PERIOD * (1.2 / 0.3 + 1) / LONGEST_STEP)
     assert default_steps(points, "exact") == least
-    with pytest.raises(
-        ValueError, match=f"steps_per_period = {least - 1} is not .* from {least} to"
-    ):
+    with pytest.raises(ValueError, match=f"steps_per_period = {least - 1} .* from {least} to"):
         integrate(points, steps_per_period=least - 1)
     out = integrate(points, steps_per_period=least, transient=1, periods=1)
     assert_same(out, integrate(points, transient=1, periods=1))

@@ -56,9 +56,8 @@ def near_grazes(n, seed):
 def products(point, times, speeds, end):
     """Return both exponents from the impacts of a motion, by matrices of 40 digits."""
     with mp.workdps(40):
-        h, R, omega, f, p, stop = (
-            mp.mpf(float(point[name])) for name in ("h", "R", "omega", "f", "p", "clearance")
-        )
+        names = "h", "R", "omega", "f", "p", "clearance"
+        h, R, omega, f, p, stop = (mp.mpf(float(point[name])) for name in names)
         A, tangent = mp.matrix([[0, 1], [-p * p, -2 * h]]), mp.matrix([1, 0])
         det, before = mp.mpf(1), mp.mpf(0)
         for t, v in zip(map(mp.mpf, times), map(mp.mpf, speeds), strict=True):
@@ -128,15 +127,12 @@ def test_a_chaotic_point():
 
     h = 0.1, omega = 2.95: 0.40 per period.
     """
+    how = {"transient": 500, "impacts": 0, "lyapunov": True}
     osc = Oscillator(h=0.0, R=0.8, omega=2.8, f=1.0)
-    (found,) = integrate(osc.at(), transient=500, periods=50_000, impacts=0, lyapunov=True)[
-        "lyapunov"
-    ]
+    (found,) = integrate(osc.at(), periods=50_000, **how)["lyapunov"]
     np.testing.assert_allclose(found, [0.134, -0.345], atol=0.012)
     osc = Oscillator(h=0.1, R=0.8, omega=2.95, f=1.0)
-    (found,) = integrate(osc.at(), transient=500, periods=20_000, impacts=0, lyapunov=True)[
-        "lyapunov"
-    ]
+    (found,) = integrate(osc.at(), periods=20_000, **how)["lyapunov"]
     assert found[0] * osc.forcing_period == pytest.approx(0.40, abs=0.03)
 
 
@@ -199,9 +195,8 @@ def test_without_restitution_one_impact_leaves_a_line_of_neighbours():
         for osc, orbit in zip(oscillators, orbits, strict=True)
     ]
     points = np.concatenate([osc.at() for osc in oscillators])
-    whole, half = (
-        integrate(points, transient=300, periods=periods, lyapunov=True) for periods in (800, 400)
-    )
+    how = {"transient": 300, "lyapunov": True}
+    whole, half = (integrate(points, periods=periods, **how) for periods in (800, 400))
     assert (whole["rest_fraction"] == 0.0).all()
     assert (whole["lyapunov"][:, 1] == -np.inf).all()
     # The first vector starts anywhere, which counts once.

@@ -261,19 +261,9 @@ def test_n_is_an_integer_and_not_too_great(n):
             call(TWO, n)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"h": 1e155},
-        {"omega": 1e-9},
-        {"omega": 1e-310},
-        {"p": 5e-324},
-        {"p": 1e160, "omega": 1e160},
-        {"f": 1e200},
-    ],
-)
-def test_numbers_out_of_scale_are_refused(change):
-    with pytest.raises(
-        ValueError, match=r"would be .* time steps, more than|too large or too small"
-    ):
-        one_impact_orbit(dataclasses.replace(oscillator(0.0, 0.5, 2.3), **change))
+def test_numbers_out_of_scale_are_refused():
+    changes = [{"h": 1e155}, {"omega": 1e-9}, {"omega": 1e-310}, {"p": 5e-324}, {"f": 1e200}]
+    for change in (*changes, {"p": 1e160, "omega": 1e160}):
+        osc = dataclasses.replace(oscillator(0.0, 0.5, 2.3), **change)
+        with pytest.raises(ValueError, match=r"would be .* time steps, more|too large or too sm"):
+            one_impact_orbit(osc)

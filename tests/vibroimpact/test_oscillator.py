@@ -15,38 +15,31 @@ NOT_NUMBERS = [True, np.True_, "0.5", None, [0.5], 1j, np.array([0.5]), np.compl
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "allowed"),
+    ("name", "values", "allowed"),
     [
-        ("h", -1.0, "a finite number >= 0"),
-        ("h", -5e-324, "a finite number >= 0"),
-        ("R", 1.2, "a number from 0 to 1"),
-        ("R", np.nextafter(1.0, 2.0), "a number from 0 to 1"),
-        ("R", -0.1, "a number from 0 to 1"),
-        ("omega", 0.0, "a finite number > 0"),
-        ("omega", -2.0, "a finite number > 0"),
-        ("f", -1.0, "a finite number >= 0"),
-        ("p", 0.0, "a finite number > 0"),
-        ("p", -1.0, "a finite number > 0"),
-        ("h", 10**400, "a finite number >= 0"),
+        ("h", [-1.0, -5e-324, 10**400], "a finite number >= 0"),
+        ("R", [1.2, np.nextafter(1.0, 2.0), -0.1], "a number from 0 to 1"),
+        ("omega", [0.0, -2.0], "a finite number > 0"),
+        ("f", [-1.0], "a finite number >= 0"),
+        ("p", [0.0, -1.0], "a finite number > 0"),
     ],
 )
-def test_out_of_range_is_refused_with_key_value_and_range(name, value, allowed):
+def test_out_of_range_is_refused_with_key_value_and_range(name, values, allowed):
     """The message names the parameter, what was given and what is allowed."""
-    with pytest.raises(ValueError) as refusal:
-        Oscillator(**GOOD | {name: value})
-    message = str(refusal.value)
-    assert message.startswith(f"{name} ({PARAMETERS[name].meaning})")
-    assert allowed in message
-    assert str(value)[:60] in message and len(message) < 200
+    for value in values:
+        with pytest.raises(ValueError) as refusal:
+            Oscillator(**GOOD | {name: value})
+        message = str(refusal.value)
+        assert message.startswith(f"{name} ({PARAMETERS[name].meaning})")
+        assert allowed in message
+        assert str(value)[:60] in message and len(message) < 200
 
 
 @pytest.mark.parametrize("name", GOOD)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_refused(name, value):
     """NaN and the infinities are valid nowhere."""
-    with pytest.raises(
-        ValueError, match=rf"^{name} \(.* = {value} is not allowed; expected: a .*number"
-    ):
+    with pytest.raises(ValueError, match=rf"^{name} \(.* = {value} .*; expected: a .*number"):
         Oscillator(**GOOD | {name: value})
 
 
@@ -152,9 +145,7 @@ def test_a_rig_and_back():
 )  # fmt: skip
 def test_a_rig_that_cannot_be(name, value):
     """The message has the word of the rig, with its unit, and not that of the oscillator."""
-    with pytest.raises(
-        ValueError, match=rf"^{name} [\[(].* = {value} is not allowed; expected: a "
-    ):
+    with pytest.raises(ValueError, match=rf"^{name} [\[(].* = {value} .*; expected: a "):
         Oscillator.from_rig(**RIG | {name: value})
     with pytest.raises(TypeError, match=rf"^{name} "):
         Oscillator.from_rig(**RIG | {name: "1"})
@@ -172,9 +163,7 @@ def test_a_force_or_a_base_is_required():
         Oscillator(**GOOD | {"omega": 1e200, "a": 1e-20})
     rig = {name: value for name, value in RIG.items() if name not in ("force", "base")}
     assert Oscillator.from_rig(**rig, base=0.001).f == 0.0
-    with pytest.raises(
-        TypeError, match=r"^force .* is missing; expected: force, base > 0, or both"
-    ):
+    with pytest.raises(TypeError, match=r"^force .* missing; expected: force, base > 0, or both"):
         Oscillator.from_rig(**rig)
 
 
@@ -183,9 +172,7 @@ def test_many_bases_without_a_force_are_refused_with_a_hint(many):
     with pytest.raises(TypeError, match=r"^a \(.*; for many points at once use vibroimpact\."):
         Oscillator(h=0.1, R=0.8, omega=2.0, a=many)
     rig = {name: value for name, value in RIG.items() if name not in ("force", "base")}
-    with pytest.raises(
-        TypeError, match=r"^base \[m\] .*; for many points at once use vibroimpact\."
-    ):
+    with pytest.raises(TypeError, match=r"^base \[m\] .*; for many points .* use vibroimpact\."):
         Oscillator.from_rig(**rig, base=many)
 
 
@@ -230,7 +217,5 @@ def test_one_force_gives_the_same_trajectory():
     assert len(runs[0].rests) > 2
     for name in ("t", "x", "v", "impact_t", "impact_v", "rests"):
         assert np.array_equal(getattr(runs[0], name), getattr(runs[1], name)), name
-    drawn = [
-        exact_samples(osc, tr.t, tr.x, tr.v) for osc, tr in zip((base, force), runs, strict=True)
-    ]
-    assert np.array_equal(*drawn)
+    both = zip((base, force), runs, strict=True)
+    assert np.array_equal(*(exact_samples(osc, tr.t, tr.x, tr.v) for osc, tr in both))

@@ -129,13 +129,8 @@ def test_what_newtons_method_ends_at_is_an_orbit_or_refused(seed):
     rng = np.random.default_rng(seed)
     refused = accepted = 0
     while refused < 50:
-        osc = Oscillator(
-            h=rng.uniform(0.0, 0.2),
-            R=rng.uniform(0.4, 1.0),
-            omega=rng.uniform(0.4, 4.0),
-            f=1.0,
-            clearance=rng.uniform(-1.0, 1.0),
-        )
+        h, R, omega, stop = rng.uniform([0.0, 0.4, 0.4, -1.0], [0.2, 1.0, 4.0, 1.0]).tolist()
+        osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=stop)
         q = int(rng.integers(1, 4))
         phases = np.sort(rng.uniform(0.0, 2.0 * np.pi, q))
         root, reason = root_near(osc, phases, rng.uniform(0.0, 2.0, q))
@@ -212,9 +207,8 @@ def test_200_one_impact_orbits_are_those_in_closed_form():
             continue
         count += 1
         turn = abs(orbit.phases[0] - closed.phase)
-        off = max(
-            abs(orbit.speeds[0] - closed.v) / max(1.0, closed.v), min(turn, 2 * math.pi - turn)
-        )
+        turn = min(turn, 2 * math.pi - turn)
+        off = max(abs(orbit.speeds[0] - closed.v) / max(1.0, closed.v), turn)
         exponent = complex(-osc.h) + np.sqrt(complex(osc.h**2 - osc.p**2))
         eigenvalue = np.exp(exponent * 2.0 * math.pi * n / osc.omega)
         rounding = 4.0 * np.finfo(float).eps / abs(1.0 - eigenvalue) ** 2
@@ -228,16 +222,14 @@ def test_a_repetition_of_too_many_steps_or_impacts_is_refused():
     """Before it is followed: three periods of a natural frequency 5512 times that of the force."""
     stiff = Oscillator(h=0.1, R=1.0, omega=2.5, f=1.0, p=13781.0)
     steps = 3 * 2.0 * math.pi * ((0.2 + 13781.0) / 2.5 + 1.0) / LONGEST_STEP
+    orbit = PeriodicOrbit(stiff, 3, np.ones(1), np.ones(1))
+    said = f"would be {steps:,.0f} time steps, more than the 32,768"
     for find in (
         lambda: periodic_orbit(stiff, 0.0, 0.0, 3),
-        lambda: branch(PeriodicOrbit(stiff, 3, np.ones(1), np.ones(1)), "f", 0.5, 2.0),
-        lambda: bifurcation_curve(
-            PeriodicOrbit(stiff, 3, np.ones(1), np.ones(1)), "flip", ("f", 0.5, 2), ("h", 0, 1)
-        ),
+        lambda: branch(orbit, "f", 0.5, 2.0),
+        lambda: bifurcation_curve(orbit, "flip", ("f", 0.5, 2), ("h", 0, 1)),
     ):
-        with pytest.raises(
-            OrbitError, match=f"would be {steps:,.0f} time steps, more than the 32,768"
-        ):
+        with pytest.raises(OrbitError, match=said):
             find()
     with pytest.raises(OrbitError, match="5,000 impacts are more than the 4,096"):
         branch(PeriodicOrbit(LIGHT, 1, np.linspace(0, 6, 5000), np.ones(5000)), "f", 0.5, 2.0)

@@ -26,10 +26,9 @@ EXTREMES |= {"x_min": np.minimum, "x_max": np.maximum}  # where they are asked f
 def in_pieces(points, transient, periods, impacts, **method):
     """Return the results of a run period by period, none of which can repeat."""
     points, pieces = points.copy(), []
+    method |= {"transient": 0, "periods": 1, "impacts": 64}
     for k in range(-transient, periods):
-        piece = integrate(
-            points, transient=0, periods=1, impacts=64, at_section=k > -transient, **method
-        )
+        piece = integrate(points, at_section=k > -transient, **method)
         points["x0"], points["v0"] = piece["poincare_x"][:, 0], piece["poincare_v"][:, 0]
         pieces.append(piece)
     recorded = pieces[transient:]
@@ -91,9 +90,8 @@ def test_a_periodic_motion_has_no_long_transient():
     assert far["impact_v"].shape == (1, 7) and np.ptp(far["impact_v"]) < 1e-14
     assert far["impacts_per_period"] == 1.0
     assert far["impulse"] == pytest.approx(near["impulse"], rel=1e-12)
-    np.testing.assert_array_equal(
-        simulate(osc, 3, transient=10**9).section_x, far["poincare_x"][0, :3]
-    )
+    alone = simulate(osc, 3, transient=10**9)
+    np.testing.assert_array_equal(alone.section_x, far["poincare_x"][0, :3])
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.3])
@@ -181,11 +179,9 @@ def test_a_record_of_one_period_that_ends_where_it_began_has_a_class():
 def test_a_record_holds_nothing_of_the_point_before():
     """Whatever the lanes of its thread computed before it."""
     points, none = mixed_points(300, 9), np.zeros(1, np.int64)
-    scheme = scheme_of(points, "exact", "exact", None)
+    how = scheme_of(points, "exact", "exact", None), Length(30, 20, 4), False, 1, none, False
     sums = [
-        np.concatenate(
-            [_record(part, scheme, Length(30, 20, 4), False, 1, none, False).sums for part in parts]
-        )
+        np.concatenate([_record(part, *how).sums for part in parts])
         for parts in ([points], np.split(points, 6))
     ]
     assert (sums[0]["rested"] > 0.0).any() and (sums[0]["cycle"] == 0).any()

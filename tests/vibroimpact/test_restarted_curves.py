@@ -76,9 +76,7 @@ def assert_same_from_its_orbits(kind, whole, ranges, numbers):
                 assert min(away, default=math.inf) < 1e-6, (i, point.kind, point.value, away)
 
 
-@pytest.mark.parametrize(
-    "case", [CUSP, SINGULAR_END, NEAR_RESONANCE, FLIPS], ids=["cusp", "end", "resonance", "flips"]
-)
+@pytest.mark.parametrize("case", [CUSP, SINGULAR_END, NEAR_RESONANCE, FLIPS])
 def test_a_curve_is_the_same_from_each_of_its_orbits(case):
     osc, m, phases, speeds, kind, first, second, expected = case
     start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds))
@@ -102,9 +100,8 @@ def test_each_orbit_of_a_curve_has_the_multipliers_of_its_kind(case, multiplier)
     start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds))
     found = bifurcation_curve(start, kind, first, second)
     orbits = [found.orbit(i) for i in range(len(found.values))]
-    h, R, omega = (
-        np.array([getattr(o.oscillator, n) for o in orbits]) for n in ("h", "R", "omega")
-    )
+    values = [(o.oscillator.h, o.oscillator.R, o.oscillator.omega) for o in orbits]
+    h, R, omega = np.array(values).T
     products = R ** (2 * start.q) * np.exp(-4.0 * math.pi * h * m / omega)
     for multipliers in ([o.multipliers for o in orbits], found.orbits.multipliers):
         assert np.all(np.array(multipliers)[:, 0] == multiplier)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import naive
+from tests.helpers.kernel_cases import integrated
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.status import Status
@@ -28,9 +29,8 @@ def slow_radius(name, step, zeta):
 def test_just_below_the_limit_is_stable_and_just_above_is_not(name):
     """At random damping, by Jury's conditions on the map and by its spectral radius."""
     rng = np.random.default_rng(1)
-    zeta = np.concatenate(
-        [[0.0, 1.0], rng.uniform(0.01, 3.0, 5000), 10.0 ** rng.uniform(-2, 3, 500)]
-    )
+    random = rng.uniform(0.01, 3.0, 5000), 10.0 ** rng.uniform(-2, 3, 500)
+    zeta = np.concatenate([[0.0, 1.0], *random])
     limit = INTEGRATORS[name].limit(zeta)
     below = np.where(np.isfinite(limit), limit, 100.0) * (1.0 - 1e-7)
     assert is_stable(name, below, zeta).all()
@@ -95,9 +95,7 @@ def test_no_step_is_stable():
     """Euler without damping, and ratios that overflow."""
     assert least_stable_steps("euler", 0.0, 1.0, 1.0) == math.inf
     assert least_stable_steps("rk4", 1e308, 1e-300, 1.0) == math.inf
-    np.testing.assert_array_equal(
-        least_stable_steps("euler", [0.0, 0.5], 1.0, 1.0), [math.inf, math.floor(2 * math.pi) + 1]
-    )
+    assert least_stable_steps("euler", [0.0, 0.5], 1.0, 1.0).tolist() == [math.inf, 7]
 
 
 def exploding(name, n, steps):
@@ -124,9 +122,7 @@ def test_an_unstable_run_ends_and_no_overflow_is_called_computed(name, rule):
     The motion then has NaN, or goes so far that its energy overflows.
     """
     points = exploding(name, 256, 8)
-    out = integrate(
-        points, integrator=name, impact=rule, steps_per_period=8, transient=0, periods=400
-    )
+    out = integrated(points, name, rule, 8, periods=400)
     failed = np.isin(out["status"], (Status.UNRESOLVED, Status.NON_FINITE))
     assert 0 < failed.sum() < 256
     assert not (np.abs(out["poincare_x"][failed]).max(axis=1) < 1e100).any()
@@ -154,10 +150,7 @@ def test_a_motion_that_overflows_within_a_step_ends(rule):
 def test_a_displacement_that_overflows_is_no_impact(rule):
     """At R = 0 an impact would put it back to the stop, at rest, as if nothing had been."""
     osc = Oscillator(h=0.0, R=0.0, omega=2.0 * math.pi / 20000, f=0.0, p=1e-3)
-    out = integrate(
-        osc.at(-1.0, 2e305), integrator="euler", impact=rule, steps_per_period=8, transient=0,
-        periods=2,
-    )  # fmt: skip
+    out = integrated(osc.at(-1.0, 2e305), "euler", rule, 8, periods=2)
     assert out["status"][0] == Status.NON_FINITE
     assert simulate(osc, 2, "euler", rule, 8, -1.0, 2e305).status is Status.NON_FINITE
 
@@ -168,9 +161,8 @@ def test_where_no_steps_are_asked_for_they_are_stable():
     points = np.concatenate([slow, Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0).at()])
     assert default_steps(points, "plain", "rk4") == least_stable_steps("rk4", 0.1, 1.0, 0.02) > 100
     assert default_steps(points[1:], "plain", "rk4") == 100
-    assert (
-        default_steps(points, "plain", "newmark") == default_steps(points, "cubic", "exact") == 100
-    )
+    assert default_steps(points, "plain", "newmark") == 100
+    assert default_steps(points, "cubic", "exact") == 100
     undamped = Oscillator(h=0.0, R=0.5, omega=1.0, f=1.0)
     assert default_steps(undamped.at(), "plain", "euler") == 100
     assert least_stable_steps("euler", 1e-7, 1.0, 1.0) > MOST_STEPS

@@ -121,19 +121,13 @@ def test_an_approach_on_the_stop_at_the_start_is_an_impact_at_once(truth, rule):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (
-            {"periods": True},
-            "periods = True is not allowed; expected: an integer from 1 to 1,000,000",
-        ),
+        ({"periods": True}, "periods = True is not .* expected: an integer from 1 to 1,000,000"),
         ({"steps_per_period": "9"}, "steps_per_period = '9' is not allowed; expected: an integer"),
         ({"integrator": "newmrk"}, r"'newmrk' is not allowed; .* \(did you mean newmark\?\)$"),
         ({"impact": "reduced_step"}, r"allowed; .* \(did you mean reduced-step\?\)$"),
         ({"integrator": "backward"}, "'backward' is not allowed; .* exact$"),
         ({"integrator": "rk4"}, "impact 'exact' needs the integrator 'exact', not 'rk4'"),
-        (
-            {"steps_per_period": 14},
-            "= 14 is not allowed; expected: an integer from 15 to 1,000,000 for exact",
-        ),
+        ({"steps_per_period": 14}, "= 14 is not .* an integer from 15 to 1,000,000 for exact"),
         ({"phase": 7.0}, "phase = 7.0 is not allowed; expected: a number >= 0 and < 2 pi"),
         ({"transient": 1.5}, "transient = 1.5 is not allowed; expected: an integer from 0 to .*"),
         ({"x0": 0.1}, "x0 = 0.1 lies beyond the stop"),

@@ -27,10 +27,8 @@ from vibroimpact.step.scheme import scheme_of
 def run(points, integrator, rule):
     """Return all results, with those of the destination beside them."""
     scheme = scheme_of(points, integrator, rule, None, phase=0.3)
-    length, flag = Length(20, 64, 8), np.zeros(1, np.int64)
-    results = run_points(
-        points, scheme, length, rule == "exact", None, flag, classes=True, extremes=True
-    )
+    how = Length(20, 64, 8), rule == "exact", None, np.zeros(1, np.int64)
+    results = run_points(points, scheme, *how, classes=True, extremes=True)
     del results["begun"]
     found = results.pop("destination")
     return results | {name: found[name] for name in found.dtype.names}
@@ -121,9 +119,8 @@ def oscillator_out_of(units, osc):
 def orbit_out_of(units, orbit):
     """Return an orbit in the units of the user."""
     osc, speeds = oscillator_out_of(units, orbit.oscillator), orbit.speeds
-    return PeriodicOrbit(
-        osc, orbit.m, orbit.phases, units.out_of("length/time", speeds), orbit.kind
-    )
+    speeds = units.out_of("length/time", speeds)
+    return PeriodicOrbit(osc, orbit.m, orbit.phases, speeds, orbit.kind)
 
 
 def range_out_of(units, axis):
@@ -180,6 +177,9 @@ def random_range(rng, osc, name):
     return name, low, min(high, 1.0) if name == "R" else high
 
 
+CURVES = ("flip", "fold", "graze")
+
+
 def random_curves(count, seed):
     """Yield random orbits, two ranges, the branch over the first, and the bifurcations on it."""
     rng = np.random.default_rng(seed)
@@ -190,11 +190,7 @@ def random_curves(count, seed):
             if not orbit.exists:
                 continue
             found = branch(orbit, *first)
-            kinds = [
-                (point.kind, point.orbit)
-                for point in found.special
-                if point.kind in ("flip", "fold", "graze")
-            ]
+            kinds = [(p.kind, p.orbit) for p in found.special if p.kind in CURVES]
             yield orbit, first, second, found, kinds
 
 
@@ -269,7 +265,5 @@ def test_the_ends_of_a_branch_do_not_depend_on_the_units():
         for exponents in ((-30, 0), (-12, 0), (30, 0)):
             units = NaturalUnits(*exponents)
             scaled = branch(orbit_out_of(units, orbit), *range_out_of(units, axis))
-            message = f"{axis} {exponents}"
-            assert_same(
-                branch_numbers(NaturalUnits(0, 0), found), branch_numbers(units, scaled), message
-            )
+            both = branch_numbers(NaturalUnits(0, 0), found), branch_numbers(units, scaled)
+            assert_same(*both, f"{axis} {exponents}")
