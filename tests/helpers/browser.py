@@ -186,9 +186,8 @@ class Window:
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         """Drag the mouse between two points of the diagram, as fractions of its size."""
         box, mouse = self.box(), self.tab.mouse
-        places = [
-            (box["x"] + u * box["width"], box["y"] + v * box["height"]) for u, v in (start, end)
-        ]
+        x, y, width, height = (box[name] for name in ("x", "y", "width", "height"))
+        places = [(x + u * width, y + v * height) for u, v in (start, end)]
         mouse.move(*places[0])
         mouse.down()
         mouse.move(*places[1], steps=5)

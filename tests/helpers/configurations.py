@@ -47,24 +47,13 @@ start: {x0: {start: -2.4, stop: 0.0, num: 9}, v0: {start: -2.0, stop: 2.0, num: 
 record: {transient: 400, periods: 32, impacts: 12, diagnostics: [period, lyapunov]}
 """
 
-#: Followed up and down.
-FOLLOWED = {
-    "oscillator": {
-        "h": 0.05,
-        "R": [0.8, 0.5, 0.6],
-        "omega": [2.7, 0.6, 2.4, 2.65, 1.3],
-        "f": 1.0,
-        "clearance": [0.0, 0.4],
-    },
-    "follow": {"axis": "omega", "direction": "both"},
-    "record": {
-        "transient": 7,
-        "periods": 6,
-        "impacts": 5,
-        "trajectory": {"every": 6},
-        "diagnostics": ["period", "lyapunov"],
-    },
-}
+FOLLOWED = """\
+oscillator: {h: 0.05, R: [0.8, 0.5, 0.6], omega: [2.7, 0.6, 2.4, 2.65, 1.3], f: 1.0,
+             clearance: [0.0, 0.4]}
+follow: {axis: omega, direction: both}
+record: {transient: 7, periods: 6, impacts: 5, trajectory: {every: 6},
+         diagnostics: [period, lyapunov]}
+"""
 
 
 def configured(*changes, sweep=FOLLOWED):

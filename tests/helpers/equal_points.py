@@ -19,23 +19,11 @@ CONFIGURATION = {
     "record": {"transient": 10, "periods": 50, "phase": 0.0},
 }
 #: Values of a point of period 1 with one impact.
-PLAIN = {
-    "status": Status.CERTIFIED,
-    "period": 1,
-    "period_impacts": 1,
-    "orbit_x": 0.0,
-    "orbit_v": 0.0,
-    "orbit_distance": 0.0,
-    "class_evidence": Evidence.REPEATS,
-    "rest_fraction": 0.0,
-    "impacts_per_period": 1.0,
-    "slowest_impact": 0.5,
-    "fastest_impact": 0.5,
-    "impulse": 0.9,
-    "energy_lost": 0.045,
-    "max_penetration": 0.0,
-    "lyapunov": -0.3,
-}
+PLAIN = {"status": Status.CERTIFIED, "period": 1, "period_impacts": 1}
+PLAIN |= {"orbit_x": 0.0, "orbit_v": 0.0, "orbit_distance": 0.0}
+PLAIN |= {"class_evidence": Evidence.REPEATS, "rest_fraction": 0.0, "impacts_per_period": 1.0}
+PLAIN |= {"slowest_impact": 0.5, "fastest_impact": 0.5, "impulse": 0.9, "energy_lost": 0.045}
+PLAIN |= {"max_penetration": 0.0, "lyapunov": -0.3}
 
 
 def equal_points(omit=(), axes=None, **changed):
@@ -43,9 +31,8 @@ def equal_points(omit=(), axes=None, **changed):
     axes = {"R": R, "omega": OMEGA} if axes is None else axes
     shape = tuple(len(values) for values in axes.values())
     config = load_config(CONFIGURATION)
-    data = xr.Dataset(
-        coords={**config.sweep.grid.fixed, **axes}, attrs={"configuration": config.to_yaml()}
-    )
+    coords = {**config.sweep.grid.fixed, **axes}
+    data = xr.Dataset(coords=coords, attrs={"configuration": config.to_yaml()})
     for name, value in PLAIN.items():
         if name not in omit:
             values = np.full(shape, value, np.dtype(VARIABLES[name].dtype))

@@ -106,14 +106,9 @@ class Forks:
         #: The duration of a run of each of ``KINDS`` [s], from `prepare`.
         self.seconds: list[float] = []
         self._streams = [str(root / name) for name in ("stdout.txt", "stderr.txt")]
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", _FORKS],
-            env=environment(),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            preexec_fn=hear,
-        )
+        how = {"env": environment(), "text": True, "preexec_fn": hear}
+        how |= {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        self._process = subprocess.Popen([sys.executable, "-c", _FORKS], **how)
 
     def __enter__(self) -> Forks:
         return self
@@ -194,14 +189,9 @@ def signalled(forks: Forks, number: int, moment: str, draw: random.Random) -> No
     folder, changes = forks.emptied(), draw.choice(KINDS)
     process = None
     if moment == "start":
-        process = subprocess.Popen(
-            [sys.executable, "-m", "sweeps.cli", *command(changes)],
-            env=environment(),
-            cwd=folder,
-            stderr=subprocess.PIPE,
-            text=True,
-            preexec_fn=hear,
-        )
+        how = {"env": environment(), "cwd": folder, "text": True, "preexec_fn": hear}
+        words = [sys.executable, "-m", "sweeps.cli", *command(changes)]
+        process = subprocess.Popen(words, stderr=subprocess.PIPE, **how)
         pid = process.pid
     else:
         pid = forks.start(*command(changes))
@@ -230,12 +220,8 @@ def at_call(forks: Forks, number: int, draw: random.Random) -> str:
         time.sleep(0.001)
     inject = f"inject={call}:signal={number}:when={which}"
     options = ["-f", "-o", "trace.txt", "-e", f"trace={call}", "-e", inject]
-    tracer = subprocess.Popen(
-        [shutil.which("strace"), *options, "-p", str(pid)],
-        cwd=folder,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    trace = [shutil.which("strace"), *options, "-p", str(pid)]
+    tracer = subprocess.Popen(trace, cwd=folder, stderr=subprocess.PIPE, text=True)
     assert "attached" in tracer.stderr.readline()
     os.kill(pid, signal.SIGCONT)
     code, text = forks.ended()

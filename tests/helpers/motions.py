@@ -27,9 +27,8 @@ def given_sections(sections, periods, axes=("x0",), **changed):
     for i, name in enumerate(("poincare_x", "poincare_v")):
         data[name] = ((*axes, "section"), sections[..., i])
     coords = {name: np.arange(n) / 10.0 for name, n in zip(axes, shape, strict=True)}
-    return xr.Dataset(
-        data, {**config.sweep.grid.fixed, **coords}, {"configuration": config.to_yaml()}
-    )
+    coords = {**config.sweep.grid.fixed, **coords}
+    return xr.Dataset(data, coords, {"configuration": config.to_yaml()})
 
 
 def partition(labels):

@@ -34,9 +34,8 @@ def flow(osc, x, v, s, c, T):
 
     One Taylor series over the whole step, with as many digits as its cancellation requires.
     """
-    h, p, w, f, x, v, s, c, T = (
-        Decimal(float(q)) for q in (osc.h, osc.p, osc.omega, force_of(osc), x, v, s, c, T)
-    )
+    given = osc.h, osc.p, osc.omega, force_of(osc), x, v, s, c, T
+    h, p, w, f, x, v, s, c, T = (Decimal(float(q)) for q in given)
     size = abs(float((2 * h + p + w) * T))
     with localcontext() as context:
         context.prec = 60 + int(2.0 * size / math.log(10.0))
@@ -150,9 +149,8 @@ def on_the_chord(osc, step, t, x, v, x_T, v_T, rest):
 
 def on_the_cubic(osc, step, t, x, v, x_T, v_T, rest):
     """Return the fraction at which the Hermite interpolant meets the stop, and the speed there."""
-    roots = CubicHermiteSpline([0.0, 1.0], [x, x_T], [rest * v, rest * v_T]).solve(
-        osc.clearance, extrapolate=False
-    )
+    spline = CubicHermiteSpline([0.0, 1.0], [x, x_T], [rest * v, rest * v_T])
+    roots = spline.solve(osc.clearance, extrapolate=False)
     share = min(roots[roots > 1e-9])
     return share, step(osc, t, x, v, share * rest)[1]
 
@@ -216,9 +214,8 @@ class ClosedForm:
         x_h, v_h = x - steady.imag, v - (force * steady).imag
         one, two = -osc.h + root, -osc.h - root
         self.rates = np.array([one, two, force])
-        self.weights = np.array(
-            [(v_h - two * x_h) / (2 * root), -(v_h - one * x_h) / (2 * root), 0]
-        )
+        weights = (v_h - two * x_h) / (2 * root), -(v_h - one * x_h) / (2 * root), 0
+        self.weights = np.array(weights)
         self.weights[2] = -1j * steady
 
     def __call__(self, t):
@@ -289,9 +286,8 @@ class ExactOrbit:
 
     def push(self, t):
         """Return the acceleration that presses the resting mass onto the stop."""
-        return (
-            -force_of(self.osc) * math.sin(self.osc.omega * t) - self.osc.p**2 * self.osc.clearance
-        )
+        osc = self.osc
+        return -force_of(osc) * math.sin(osc.omega * t) - osc.p**2 * osc.clearance
 
     def pass_sections(self, t0, t, state):
         """Record the sections in (t0, t]."""

@@ -29,15 +29,8 @@ def random_oscillators(count, seed, clearance=1.0):
     for k in range(count):
         p = rng.uniform(0.5, 2.0)
         h = (0.0, p, p * rng.uniform(1.0, 2.0), p * rng.uniform())[k % 4]
-        osc = oscillator(
-            h,
-            rng.uniform(),
-            p * rng.uniform(0.3, 7.0),
-            rng.uniform(-clearance, clearance),
-            rng.uniform(0.5, 2.0),
-            p,
-        )
-        yield osc, int(rng.integers(1, 4))
+        R, omega, stop, f = rng.uniform([0, 0.3, -clearance, 0.5], [1, 7, clearance, 2]).tolist()
+        yield oscillator(h, R, p * omega, stop, f, p), int(rng.integers(1, 4))
 
 
 def peak(orbit):
@@ -202,9 +195,8 @@ class Flight:
 
     def __call__(self, t):
         """Return x and x'."""
-        waves = [
-            c * mp.exp(r * (t - self.t)) for c, r in zip(self.weights, self.rates, strict=True)
-        ]
+        both = zip(self.weights, self.rates, strict=True)
+        waves = [c * mp.exp(r * (t - self.t)) for c, r in both]
         rates = [wave * r for wave, r in zip(waves, self.rates, strict=True)]
         forced = self.steady * mp.expj(self.omega * t)
         return sum(waves).real + forced.imag, sum(rates).real + self.omega * forced.real

@@ -42,15 +42,8 @@ def spec_of(widths=WIDTHS, diagnostics=DIAGNOSTICS):
     )
 
 
-def schema(
-    grid=GRID,
-    *,
-    block_size=2,
-    widths=WIDTHS,
-    diagnostics=DIAGNOSTICS,
-    configuration=CONFIGURATION,
-    numerics="1",
-):
+def schema(grid=GRID, *, block_size=2, widths=WIDTHS, diagnostics=DIAGNOSTICS,
+           configuration=CONFIGURATION, numerics="1"):  # fmt: skip
     sweep = Sweep(grid, spec_of(widths, diagnostics))
     plan = Schema.of(sweep, block_size, "a test", configuration, {}, {})
     plan.attributes["numerics"] = numerics
@@ -166,18 +159,8 @@ def random_sweeps(folder):
     """Yield a function that writes a sweep of random numbers and opens it."""
     opened = []
 
-    def make(
-        axes,
-        *,
-        sections=5,
-        impacts=3,
-        with_trajectory=True,
-        name="a test",
-        fixed=FIXED,
-        diagnostics=(),
-        phase=0.5,
-        **changed,
-    ):
+    def make(axes, *, sections=5, impacts=3, with_trajectory=True, fixed=FIXED, diagnostics=(),
+             name="a test", phase=0.5, **changed):  # fmt: skip
         fixed = {key: value for key, value in fixed.items() if key not in axes}
         grid = Grid({key: np.asarray(values, float) for key, values in axes.items()}, fixed)
         values = {**fixed, **axes}
@@ -194,10 +177,8 @@ def random_sweeps(folder):
         text = load_config(configuration).to_yaml()
         schema = Schema.of(sweep, grid.size, name, text, {}, {})
         with begun(path, schema) as (store, _):
-            store.write(
-                tuple(slice(0, n) for n in grid.shape),
-                {**picture_results(grid.size, widths), **changed},
-            )
+            results = {**picture_results(grid.size, widths), **changed}
+            store.write(tuple(slice(0, n) for n in grid.shape), results)
             store.finish()
         opened.append(open_sweep(path))
         return opened[-1]
