@@ -33,9 +33,8 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
     else:
         result = attractors(whole, extensions=0)
         found = result["attractor"].values
-        cells = basin_cells(
-            attractor_rows(OpenedSweep(whole), result), found, Looks.of(result), OpenedSweep(whole)
-        )
+        sweep = OpenedSweep(whole)
+        cells = basin_cells(attractor_rows(sweep, result), found, Looks.of(result), sweep)
     assert len(cells) == len(tiles.kinds) > 1
     for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
         label, *seen = kind
@@ -77,13 +76,9 @@ def test_the_shares_of_a_part_of_a_map_are_those_of_the_whole(view):
 def test_more_basins_than_colours_share_one():
     """Without force and losses, every start is an attractor. A pixel has 256 values."""
     x0, v0 = {"start": -5.0, "stop": 4.0, "num": 20}, {"start": 0.1, "stop": 5.0, "num": 15}
-    config = load_config(
-        {
-            "oscillator": {"h": 0, "R": 1, "omega": 1, "f": 0, "clearance": 10},
-            "start": {"x0": x0, "v0": v0},
-            "record": {"transient": 0, "periods": 4},
-        }
-    )
+    free = {"h": 0, "R": 1, "omega": 1, "f": 0, "clearance": 10}
+    record, start = {"transient": 0, "periods": 4}, {"x0": x0, "v0": v0}
+    config = load_config({"oscillator": free, "start": start, "record": record})
     tiles = Filling(config, "x0", basins=True).advance(300)
     *six, (label, _, share) = tiles.kinds
     assert len(six) == len(tiles.discs) == 6 and all("disc" in label for label, *_ in six)

@@ -5,6 +5,7 @@ import threading
 from contextlib import closing
 from dataclasses import replace
 from itertools import cycle
+from unittest.mock import Mock
 from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
@@ -74,9 +75,7 @@ def expected(page):
     return density(values, view.ylim or fitted(values), rows)
 
 
-def test_opens_with_the_diagram_of_the_configuration_and_asks_nothing_of_the_network(
-    window, explorer
-):
+def test_opens_with_the_diagram_of_the_configuration_and_asks_no_other_server(window, explorer):
     page = window.page
     assert page.view.xlim == (2.4, 3.5)
     columns, rows = page.diagram.size
@@ -245,9 +244,7 @@ def test_exact_branches_lie_over_the_points_come_and_go(before_chaos):
         window.settle(lambda on=on: window.model("flip marks", seen) is on)
 
 
-def test_a_diagram_of_earlier_values_is_dimmed_and_says_what_it_waits_for(
-    before_chaos, monkeypatch
-):
+def test_a_diagram_of_earlier_values_is_dimmed_and_says_what_it_awaits(before_chaos, monkeypatch):
     """The first exact branches are not cancelled by a new view, because they compile."""
     window, page, compiled = before_chaos, before_chaos.page, threading.Event()
     page.worker._done.pop("exact branches", None)
@@ -300,10 +297,9 @@ def test_basins_at_the_mark_and_a_start_out_of_them(window):
     orbit = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=1.3, f=1.0))
     assert f"1/1: {orbit.v:.4g};" in page.basins.legend.text
     assert "2/3: 0.703, 1.114, 2.254;" in page.basins.legend.text
-    radii = [
-        float(text) for text in re.findall(r"; disc (?:&gt;= )?([\d.]+)<", page.basins.legend.text)
-    ]
-    np.testing.assert_allclose(page.basins.discs.data["width"], 2.0 * np.array(radii), rtol=5e-3)
+    radii = re.findall(r"; disc (?:&gt;= )?([\d.]+)<", page.basins.legend.text)
+    radii = np.array(radii, float)
+    np.testing.assert_allclose(page.basins.discs.data["width"], 2.0 * radii, rtol=5e-3)
     assert len(radii) == 2 and min(radii) > 0.1
     window.click(0.4, 0.6, "basins")
     window.settle(window.shows_motion)
@@ -325,9 +321,7 @@ def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
         computed[m, q] = 100.0 * (same & (results["rest_fraction"] == 0.0)).mean()
     shown = {(int(m), int(q)): float(share) for m, q, share in shares}
     assert len(shown) > 6
-    assert shown == pytest.approx(
-        {one: share for one, share in computed.items() if share}, rel=5e-3
-    )
+    assert shown == pytest.approx({one: n for one, n in computed.items() if n}, rel=5e-3)
     window.click(0.5, 0.25, "map")
     window.settle(lambda: page.view.tab == 0)
     assert page.view.values["R"] == pytest.approx(0.75, abs=0.01)
@@ -364,16 +358,9 @@ def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(b
 
 
 def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_path):
-    config = {
-        "name": ODD,
-        "oscillator": {
-            "h": {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"},
-            "R": 0.8,
-            "omega": 2.9,
-            "f": 1.0,
-        },
-        "record": {"transient": 60, "periods": 5},
-    }
+    damping = {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"}
+    oscillator = {"h": damping, "R": 0.8, "omega": 2.9, "f": 1.0}
+    config = {"name": ODD, "oscillator": oscillator, "record": {"transient": 60, "periods": 5}}
     explorer = sweeps.explore(load_config(config), folder=tmp_path)
     window = Window(browser, explorer)
     page = window.page
@@ -399,9 +386,7 @@ def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_pat
     window.tab.close()
 
 
-def test_lengths_of_a_rig_have_the_prefix_of_the_pictures_and_the_browser_writes_it(
-    browser, tmp_path
-):
+def test_lengths_of_a_rig_have_the_prefix_of_the_pictures_in_the_browser(browser, tmp_path):
     """At the sections, the mass of this rig is at most 0.2 mm away."""
     config = load_config(CONFIGS / "shaker.yaml")
     with closing(sweeps.explore(config, folder=tmp_path)) as explorer:
@@ -437,19 +422,14 @@ def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
 
 def test_thirty_gestures_in_a_burst_end_with_the_last(window, monkeypatch):
     page = window.page
-    shown = []
-    paint = page.diagram._paint
-    monkeypatch.setattr(
-        page.diagram,
-        "_paint",
-        lambda drawn, seconds: (shown.append(drawn.view), paint(drawn, seconds)),
-    )
+    painted = Mock(wraps=page.diagram._paint)
+    monkeypatch.setattr(page.diagram, "_paint", painted)
     # At once: between gestures that a busy machine sends one by one, pictures are completed.
     window.model("R slider", "{for (let i = 0; i < 30; i++) m.value = 0.5 + 0.01 * i}")
     window.settle(lambda: page.view.values["R"] == pytest.approx(0.79))
     np.testing.assert_array_equal(window.pixels(), expected(page))
-    assert shown[-1].diagram(9) == page.view.diagram(9)
-    assert len(shown) < 60, "stale pictures were computed to their end"
+    assert painted.call_args.args[0].view.diagram(9) == page.view.diagram(9)
+    assert painted.call_count < 60, "stale pictures were computed to their end"
 
 
 # Untrusted texts
@@ -472,10 +452,8 @@ def ask(window, query):
 
 def shown(window, name):
     """Return the visible text of a message, and the number of its elements."""
-    code = (
-        "{const e = Bokeh.index.find_one(m).markup_el; return [e.textContent, e.children.length]}"
-    )
-    return window.model(name, code)
+    js = "{let e = Bokeh.index.find_one(m).markup_el; return [e.textContent, e.children.length]}"
+    return window.model(name, js)
 
 
 def test_markup_in_files_addresses_and_fields_is_shown_as_text(window):

@@ -17,6 +17,7 @@ from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, window_bounds
 from sweeps.plotting.style import PARTIAL
 from tests.helpers.commands import refused
+from tests.helpers.configurations import load
 from tests.helpers.places import CONFIGS
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import PARAMETERS, Oscillator
@@ -183,20 +184,14 @@ def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
     page.worker.shutdown()
 
 
-LOGARITHMIC = {
-    "oscillator": {
-        "h": {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"},
-        "R": 0.8,
-        "omega": {"start": 0.3, "stop": 6.0, "num": 40, "spacing": "log"},
-        "f": 1.0,
-    },
-    "record": {"transient": 20, "periods": 10},
-}
-
-
 @pytest.mark.slow
 def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
-    page = LivePage(Document(), View.of(load_config(LOGARITHMIC)), tmp_path)
+    config = load(
+        "oscillator: {h: {start: 1e-3, stop: 1.0, num: 50, spacing: log}, R: 0.8, f: 1.0,\n"
+        "             omega: {start: 0.3, stop: 6.0, num: 40, spacing: log}}\n"
+        "record: {transient: 20, periods: 10}\n"
+    )
+    page = LivePage(Document(), View.of(config), tmp_path)
     h, omega = np.geomspace(1e-3, 1.0, 16), np.geomspace(0.3, 6.0, 10)
     # An axis rounds the exact series once; geomspace has errors of its own.
     np.testing.assert_allclose(page.view.diagram(16).sweep.grid.axes["h"], h, rtol=1e-15)
@@ -221,9 +216,7 @@ def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
 def test_pixels_are_the_shares_of_their_columns():
     values = np.array([[0.0, 0.0, 0.0, 0.9], [np.nan, np.nan, 0.5, 0.5], [2.0, 2.0, 2.0, 2.0]])
     pixels = density(values, (0.0, 1.0), 10)
-    shade = {
-        share: 1 + round((1 - np.log(share) / np.log(1e-3)) * 254) for share in (0.25, 0.75, 1.0)
-    }
+    shade = {share: 1 + round((1 - np.log(share) / np.log(1e-3)) * 254) for share in (0.25, 0.75)}
     assert pixels[0, 0] == shade[0.75]
     assert pixels[9, 0] == shade[0.25]
     assert pixels[5, 1] == 255
@@ -246,17 +239,10 @@ def test_the_colours_are_those_of_the_files_pictures():
 
 @pytest.mark.slow
 def test_failed_points_are_marked_and_named(tmp_path):
-    config = load_config(
-        {
-            "oscillator": {"h": 0.0, "R": 0.8, "omega": [0.5, 3.0], "f": 1.0},
-            "method": {
-                "integrator": "rk4",
-                "impact": "plain",
-                "steps_per_period": 4,
-                "allow_unstable": True,
-            },
-            "record": {"transient": 2000, "periods": 10},
-        }
+    config = load(
+        "oscillator: {h: 0.0, R: 0.8, omega: [0.5, 3.0], f: 1.0}\n"
+        "method: {integrator: rk4, impact: plain, steps_per_period: 4, allow_unstable: true}\n"
+        "record: {transient: 2000, periods: 10}\n"
     )
     page = LivePage(Document(), View.of(config), tmp_path)
     diagram, columns = page.diagram, 60

@@ -57,9 +57,7 @@ def further(points):
         ([[(0, 1, 1), (1, 0, 0), (2, 0, 0)]], {}),
     ],
 )
-def test_the_first_attractor_of_a_class_has_its_colour_and_those_beside_it_one_of_no_class(
-    points, expected
-):
+def test_only_the_first_attractor_of_a_class_has_the_colour_of_the_class(points, expected):
     assert further(points) == expected
 
 

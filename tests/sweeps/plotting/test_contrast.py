@@ -57,9 +57,8 @@ def test_every_dot_has_a_contrast_of_three(grey, color):
     panel = figure.axes[0]
     drawn = {to_hex(rgba) for dots in panel.collections for rgba in dots.get_facecolors()}
     drawn |= {line.get_color() for line in panel.lines if line.get_marker() not in ("|", "None")}
-    shown = {
-        to_hex(patch.get_facecolor()) for each in figure.legends for patch in each.get_patches()
-    }
+    patches = (patch for legend in figure.legends for patch in legend.get_patches())
+    shown = {to_hex(patch.get_facecolor()) for patch in patches}
     assert len(drawn) >= (3 if color != "status" else 1)
     assert min(map(contrast, drawn | shown)) >= 2.995
 
@@ -111,9 +110,8 @@ def test_marks_cover_the_share_of_the_axis_that_motions_on_their_way_have(count)
     figure = bifurcation(dataset)
     (marks,) = (line for line in figure.axes[0].lines if line.get_marker() == "|")
     places = np.unique(marks.get_xdata())
-    assert figure.legends[0].get_texts()[-1].get_text() == (
-        f"on its way to m/q ({away.sum():,} of {count:,})"
-    )
+    last = figure.legends[0].get_texts()[-1].get_text()
+    assert last == f"on its way to m/q ({away.sum():,} of {count:,})"
     if count == 200:
         np.testing.assert_array_equal(places, omega[away])
         return

@@ -147,9 +147,7 @@ def test_points_that_failed_are_marked_and_not_drawn(random_sweep, with_layout):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("values", [np.linspace(1.0, 2.0, 3000), np.geomspace(0.5, 8.0, 3000)])
-def test_very_many_points_become_a_density_at_the_resolution_of_the_picture(
-    random_sweep, monkeypatch, with_layout, values
-):
+def test_very_many_points_become_a_density(random_sweep, monkeypatch, with_layout, values):
     """Against NumPy's histogram, with a failed point and missing impacts."""
     monkeypatch.setattr(diagram, "DENSITY_FROM", 100)
     monkeypatch.setattr(pixels, "_PART_SIZE", 500)
@@ -244,9 +242,8 @@ def test_a_trajectory_has_the_papers_three_panels(random_sweep):
 
 
 def test_a_trajectory_within_the_stop_has_no_depth(random_sweep):
-    inside = -np.abs(
-        picture_results(1, {"section": 5, "impact": 3, "sample": SAMPLES})["trajectory_x"]
-    )
+    widths = {"section": 5, "impact": 3, "sample": SAMPLES}
+    inside = -np.abs(picture_results(1, widths)["trajectory_x"])
     figure = trajectory(random_sweep({}, trajectory_x=inside))
     assert [panel.get_title() for panel in figure.axes] == [""] * 3
     assert all(drawn(panel) == [] for panel in figure.axes)

@@ -11,14 +11,7 @@ from sweeps import load_config, open_sweep, run_sweep
 from sweeps.bifurcation.exact_branches import branches
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.plotting import (
-    attractor_diagram,
-    bifurcation,
-    diagram,
-    impacts,
-    section,
-    trajectory,
-)
+from sweeps.plotting import attractor_diagram, bifurcation, diagram, impacts, section, trajectory
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_LOOKS
 from tests.helpers.commands import call

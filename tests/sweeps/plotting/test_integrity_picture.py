@@ -33,9 +33,8 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
         assert low <= np.nanmin(y) and np.nanmax(y) < high
     assert np.isfinite(profile[1].lines[2].get_ydata()).any()
     legend = figure.legends[0]
-    handles = dict(
-        zip((t.get_text() for t in legend.get_texts()), legend.legend_handles, strict=True)
-    )
+    names = [text.get_text() for text in legend.get_texts()]
+    handles = dict(zip(names, legend.legend_handles, strict=True))
     assert same_color(handles["lower bound"].get_markerfacecolor(), panel.get_facecolor())
     arrows = {to_hex(handle.get_color()) for text, handle in handles.items() if "knock" in text}
     knocks_drawn = [text.arrow_patch for text in panel.texts if hasattr(text, "arrow_patch")]

@@ -13,16 +13,14 @@ from vibroimpact.status import Status
 
 
 def test_every_class_has_its_colour_and_its_label():
-    growth = 100.0
-    figure = parameter_map(
-        equal_points(
-            period={(0, 1): 2, (0, 2): 2, (1, 0): 0, (1, 1): 0, (1, 2): 0},
-            period_impacts={(0, 2): 3, (2, 3): 0},
-            lyapunov={(1, 0): growth, (1, 1): 0.0, (1, 2): -0.3},
-            rest_fraction={(1, 3): 0.2},
-            status={(2, 0): Status.UNBOUNDED, (2, 1): Status.NON_FINITE, (2, 2): Status.PENDING},
-        )
+    dataset = equal_points(
+        period={(0, 1): 2, (0, 2): 2, (1, 0): 0, (1, 1): 0, (1, 2): 0},
+        period_impacts={(0, 2): 3, (2, 3): 0},
+        lyapunov={(1, 0): 100.0, (1, 1): 0.0, (1, 2): -0.3},
+        rest_fraction={(1, 3): 0.2},
+        status={(2, 0): Status.UNBOUNDED, (2, 1): Status.NON_FINITE, (2, 2): Status.PENDING},
     )
+    figure = parameter_map(dataset)
     assert texts(figure)[:2].tolist() == [
         ["1/1", "2/1", "2/3", "1/1"],
         ["chaotic (10 %)", "unknown (20 %)", "unknown (20 %)", "rest, 1 period"],
@@ -102,14 +100,9 @@ def test_without_an_exponent_the_legend_says_what_is_not_known():
 
 @pytest.mark.parametrize("quantity", sorted(PLAIN))
 def test_every_quantity_draws_failed_and_missing_points(quantity):
-    dataset = equal_points(
-        status={(0, 0): Status.PENDING, (1, 1): Status.UNRESOLVED},
-        **{
-            name: {(0, 0): np.nan, (1, 1): np.nan}
-            for name, value in PLAIN.items()
-            if isinstance(value, float)
-        },
-    )
+    numbers = [name for name, value in PLAIN.items() if isinstance(value, float)]
+    nothing = {name: {(0, 0): np.nan, (1, 1): np.nan} for name in numbers}
+    dataset = equal_points(status={(0, 0): Status.PENDING, (1, 1): Status.UNRESOLVED}, **nothing)
     figure = parameter_map(dataset, quantity=quantity)
     found = colours(figure)
     assert found[0, 0] is None

@@ -100,14 +100,10 @@ def test_a_legend_names_only_what_is_within_the_limits(draw, limits, names, grey
     assert shown == (names or set())
 
 
-@pytest.mark.parametrize(
-    "draw",
-    [
-        attractor_diagram,
-        bifurcation,
-        *(partial(each, color="period") for each in (bifurcation, section)),
-    ],
-)
+COLOURED = [partial(each, color="period") for each in (bifurcation, section)]
+
+
+@pytest.mark.parametrize("draw", [attractor_diagram, bifurcation, *COLOURED])
 def test_a_legend_is_that_of_axes_in_the_other_order(draw):
     plain, inverted = Figure().subplots(2)
     inverted.invert_xaxis()
@@ -156,9 +152,8 @@ def test_only_motions_name_directions(dataset):
     assert [text.get_text() for text in panel.get_legend().get_texts()] == ["both"]
     numbers = dataset["impacts_per_period"].expand_dims(exponent=2, axis=-1)
     lyapunov = numbers.assign_attrs(long_name="exponent", units="1").rename("lyapunov")
-    apart = bifurcation(
-        dataset.assign(lyapunov=lyapunov), below=["lyapunov"], page=Page(xlim=(1.35, 1.6))
-    )
+    data = dataset.assign(lyapunov=lyapunov)
+    apart = bifurcation(data, below=["lyapunov"], page=Page(xlim=(1.35, 1.6)))
     assert texts(apart)[:2] == [UP, DOWN] and "both" not in texts(apart)
 
 

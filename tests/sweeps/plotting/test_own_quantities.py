@@ -31,9 +31,9 @@ record: {transient: 200, periods: 8, impacts: 4, diagnostics: [period, lyapunov]
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """Return the sweep with 500 samples of each period, in mm and s."""
-    text = "units: {length: mm, time: s}\nmethod: {steps_per_period: 500}" + SWEEP.replace(
-        "impacts", "trajectory: {every: 1}, impacts"
-    ).replace("lyapunov", "extremes")
+    text = SWEEP.replace("impacts: 4", "trajectory: {every: 1}, impacts: 4")
+    text = text.replace("lyapunov", "extremes") + "method: {steps_per_period: 500}\n"
+    text += "units: {length: mm, time: s}\n"
     with open_sweep(run_in(tmp_path_factory.mktemp("recorded"), text)) as opened:
         yield opened.load()
 
@@ -72,9 +72,8 @@ def test_the_mean_force_is_what_holds_the_spring(recorded):
     """A periodic motion has no mean acceleration or speed: the stop takes -p^2 times the mean x."""
     figure = parameter_map(recorded, quantity="mean_force")
     drawn = figure.axes[0].collections[0].get_array()
-    assert figure.axes[1].get_xlabel() == (
-        r"mean force on the stop per mass $\overline{F}$ [mm/s$^2$]"
-    )
+    label = r"mean force on the stop per mass $\overline{F}$ [mm/s$^2$]"
+    assert figure.axes[1].get_xlabel() == label
     settled = (recorded["orbit_distance"] < 1e-9) & recorded["period"].isin([1, 2, 4, 8])
     settled &= recorded["rest_fraction"] == 0.0
     t, x = recorded["trajectory_t"].values, recorded["trajectory_x"].values
@@ -196,9 +195,8 @@ def test_sections_of_all_points_or_of_those_left_have_the_colours(dataset):
 
 def test_a_few_values_of_an_axis_are_named_in_the_legend(dataset):
     """The colours of the file: each section has that of its value."""
-    figure = section(
-        OpenedSweep(dataset).several({"omega": [3.4, 2.2]}), color="omega", at={"R": 0.8}
-    )
+    sweep = OpenedSweep(dataset).several({"omega": [3.4, 2.2]})
+    figure = section(sweep, color="omega", at={"R": 0.8})
     shown = legend(figure)
     assert list(shown) == [r"$\omega=2.2$", r"$\omega=3.4$"]
     offsets, colours = points_of(figure)

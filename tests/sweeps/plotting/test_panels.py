@@ -69,14 +69,11 @@ def test_a_table_has_the_panels_in_the_order_typed(table):
 
 
 def test_other_panels_are_refused_with_the_nearest_name(path, table):
-    wrong = refused(
-        "plot", path, "--kind", "integrity", "--panels", "basins,fractoin", "-o", "a.png"
-    )
+    wrong = refused("plot", path, "--kind", "integrity", "--panels", "basins,fractoin")
     assert "there is no panel fractoin (did you mean fraction?)" in wrong
     assert "integrity_factor" in wrong and "basins" in wrong
-    assert "there is no panel h; choose from: R, omega, f" in refused(
-        "plot", table, "--panels", "h", "-o", "a.png"
-    )
+    said = refused("plot", table, "--panels", "h")
+    assert "there is no panel h; choose from: R, omega, f" in said
     assert "the panel R is asked for twice" in refused("plot", table, "--panels", "R, R")
     assert "panels can be chosen for integrity or table only" in refused(
         "plot", path, "--kind", "basins", "--panels", "basins", "-o", "a.png"
@@ -140,7 +137,6 @@ def test_several_values_of_basins_are_drawn_and_limited(path):
     given = ("plot", path, "--kind", "basins", "--dpi", "40", "-o", "a.png")
     assert accepted(*given, "--at", "omega=2.6,2.7") == "a.png\n"
     many = ",".join(f"{2.6 + 0.01 * i:.2f}" for i in range(7))
-    assert "7 values beside each other; expected: at most 6" in refused(
-        *given, "--at", f"omega={many}"
-    )
+    said = refused(*given, "--at", f"omega={many}")
+    assert "7 values beside each other; expected: at most 6" in said
     assert "the same nearest grid value" in refused(*given, "--at", "omega=2.6,2.601")

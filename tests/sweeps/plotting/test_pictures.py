@@ -113,9 +113,8 @@ def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, opti
         assert any("least knock, 2/1" in text.get_text() for text, _ in texts)
     page = figure.bbox
     for text, box in texts:
-        size = text.get_fontsize() * (
-            0.7 if "_" in text.get_text() or "^" in text.get_text() else 1
-        )
+        small = "_" in text.get_text() or "^" in text.get_text()
+        size = text.get_fontsize() * (0.7 if small else 1)
         assert size >= 6.0, text
         assert box.x0 >= page.x0 - 1 and box.x1 <= page.x1 + 1, text
         assert box.y0 >= page.y0 - 1 and box.y1 <= page.y1 + 1, text

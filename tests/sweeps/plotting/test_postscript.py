@@ -22,9 +22,8 @@ BLUE = "#0072B2"
 
 def images(path):
     """Return the images in an EPS file, shape (rows, columns, 3)."""
-    found = re.findall(
-        r"(\d+) (\d+) 8 \[[^\]]*\]\n\{\n.*?colorimage\n([0-9a-f\n]+)", path.read_text(), re.DOTALL
-    )
+    image = r"(\d+) (\d+) 8 \[[^\]]*\]\n\{\n.*?colorimage\n([0-9a-f\n]+)"
+    found = re.findall(image, path.read_text(), re.DOTALL)
     return [
         np.frombuffer(bytes.fromhex(digits), np.uint8).reshape(int(rows), int(columns), 3)
         for columns, rows, digits in found

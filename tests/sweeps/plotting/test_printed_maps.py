@@ -218,12 +218,8 @@ def test_every_class_above_two_per_cent_has_a_name(width, height, grey, exact):
 
 def test_entries_of_one_width_are_beside_each_other_in_a_legend_within_the_figure():
     """So that more columns fit, and fewer classes are left out."""
-    changed = {
-        "orbit_distance": {(0, 0): 0.1},
-        "period": {(1, 1): 0},
-        "rest_fraction": {(0, 3): 0.5},
-    }
-    dataset = equal_points(axes=AXES, **changed)
+    changed = {"orbit_distance": {(0, 0): 0.1}, "rest_fraction": {(0, 3): 0.5}}
+    dataset = equal_points(axes=AXES, period={(1, 1): 0}, **changed)
     for column, (m, q) in enumerate(list(CLASSES)[1:7]):
         dataset["period"].values[2:, 8 * column :] = m
         dataset["period_impacts"].values[2:, 8 * column :] = q
