@@ -36,6 +36,12 @@ def test_version():
     assert accepted("--version").startswith("vibroimpact")
 
 
+def python(code):
+    """Run a text in another process, to its end."""
+    options = {"env": {"PYTHONPATH": str(ROOT)}, "capture_output": True, "text": True}
+    return subprocess.run([sys.executable, "-c", code], **options, timeout=300)
+
+
 def imported(*commands):
     """Return what commands print, one after the other in a process, and the modules it imports."""
     code = (
@@ -49,10 +55,7 @@ def imported(*commands):
         "        assert end.code in (None, 0, 2), end.code\n"
         "print(*(name for name, module in sys.modules.items() if module), file=sys.stderr)\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True, text=True, env={"PYTHONPATH": str(ROOT)}, timeout=300,
-    )  # fmt: skip
+    result = python(code)
     assert result.returncode == 0, result.stderr
     return result.stdout, set(result.stderr.split())
 
@@ -166,9 +169,7 @@ def test_odd_settings_of_matplotlib_are_refused(small_file):
 
 
 @pytest.mark.slow
-def test_a_bad_line_of_matplotlib_is_told_once_and_settings_it_cannot_draw_with_are_refused(
-    small_file,
-):
+def test_a_bad_line_of_matplotlib_is_told_once_and_unusable_settings_are_refused(small_file):
     Path("matplotlibrc").write_text("font.size: large")
     result = process("plot", "small.h5", "-o", "b.svg")
     assert result.returncode == 0 and Path("b.svg").stat().st_size
@@ -237,13 +238,8 @@ def test_a_warning_is_one_line():
         "warnings.warn('the cache\\x1b[31m is full')\n"
         "warnings.showwarning(message='so is the disk')\n"
     )
-    command = [sys.executable, "-c", code]
-    result = subprocess.run(
-        command, capture_output=True, text=True, env={"PYTHONPATH": str(ROOT)}, timeout=300
-    )
-    assert result.stderr == "vibroimpact: warning: the cache\\x1b[31m is full\n" + (
-        "vibroimpact: warning: so is the disk\n"
-    )
+    warned = ["the cache\\x1b[31m is full", "so is the disk"]
+    assert python(code).stderr == "".join(f"vibroimpact: warning: {text}\n" for text in warned)
 
 
 def test_an_error_of_a_file_without_a_name_does_not_blame_the_standard_output():

@@ -69,10 +69,7 @@ def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_plann
         (["omega=2:3", "--set", "record.transiet=9"], "did you mean transient?"),
         (["omega=2:3", "--set", "oscillator.omega=2.0"], "omega is not a swept axis"),
         (["omega=2:3", "--set", "oscillator.omega.stop=4"], "the piece chooses oscillator.omega"),
-        (
-            ["omega=2:3", "--set", "record.impacts=0", "--coordinate", "impact_v"],
-            "the piece has no impact_v to draw: record.impacts is 0",
-        ),
+        (["omega=2:3", "--set", "record.impacts=0", "--coordinate", "impact_v"], "impacts is 0"),
     ],
 )
 def test_a_zoom_that_cannot_be(small_file, pieces, reason):
@@ -153,9 +150,8 @@ def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_f
     accepted("zoom", "small.h5", "omega=0.05:0.1", "-o", "beyond.h5")
     with sweeps.open_sweep("beyond.h5") as beyond, sweeps.open_sweep("small.h5") as small:
         assert (beyond["status"] == Status.CERTIFIED).all()
-        needed, had = (
-            OpenedSweep(dataset).config.method.steps_per_period for dataset in (beyond, small)
-        )
+        methods = (OpenedSweep(dataset).config.method for dataset in (beyond, small))
+        needed, had = (method.steps_per_period for method in methods)
     assert needed > had
 
 

@@ -113,9 +113,8 @@ def test_the_defaults_are_the_documented_ones():
 def test_the_axes_are_in_the_order_of_the_file(text, axes):
     config = load(text)
     assert list(config.sweep.grid.axes) == axes
-    assert config.sweep.grid.shape == tuple(
-        len(values) for values in config.sweep.grid.axes.values()
-    )
+    lengths = (len(values) for values in config.sweep.grid.axes.values())
+    assert config.sweep.grid.shape == tuple(lengths)
 
 
 def test_configurations_are_equal_whatever_was_computed_of_them():
@@ -123,9 +122,8 @@ def test_configurations_are_equal_whatever_was_computed_of_them():
     assert one.size == 4096 and one == other == load(EXAMPLE, "record.phase=0")
     assert one != load(EXAMPLE, "record.periods=99")
     start = "start: {v0: [1, 2], x0: [-1, -2]}\n"
-    assert load(oscillator_yaml() + start) != load(
-        start + oscillator_yaml()
-    )  # another order of the axes
+    # Another order of the axes.
+    assert load(oscillator_yaml() + start) != load(start + oscillator_yaml())
     with pytest.raises(ValueError, match="frozen"):
         one.record.periods = 3
 
@@ -185,14 +183,9 @@ def test_the_schema_accepts_the_example_and_refuses_a_wrong_one():
     texts = [EXAMPLE, *(path.read_text() for path in CONFIGS.glob("**/*.yaml"))]
     for text in texts:
         validator.validate(yaml.safe_load(text))
-    for wrong in (
-        "record: {periods: 0}\n",
-        "record: {diagnostics: [speed]}\n",
-        "method: {integrator: euclid}\n",
-        "method: {steps_per_period: 3}\n",
-        "hh: 1\n",
-    ):
-        assert not validator.is_valid(yaml.safe_load(oscillator_yaml() + wrong))
+    wrong = ["hh: 1", "record: {periods: 0}", "record: {diagnostics: [speed]}"]
+    for text in (*wrong, "method: {integrator: euclid}", "method: {steps_per_period: 3}"):
+        assert not validator.is_valid(yaml.safe_load(oscillator_yaml() + text))
     assert not validator.is_valid(yaml.safe_load("oscillator: {h: 1}\n"))
 
 

@@ -23,7 +23,11 @@ def is_loaded(document):
     return True
 
 
-def compare(seed, count):
+MANY = [pytest.param(seed, 2000, marks=pytest.mark.campaign) for seed in range(2, 12)]
+
+
+@pytest.mark.parametrize(("seed", "count"), [(1, 400), *MANY])
+def test_the_schema_accepts_what_the_loader_accepts(seed, count):
     jsonschema = pytest.importorskip("jsonschema")
     validator = jsonschema.Draft202012Validator(json_schema())
     rng, marked, refused = random.Random(seed), 0, 0
@@ -34,13 +38,3 @@ def compare(seed, count):
         refused += not loaded
         marked += bool(errors)
     assert 0.5 * count < refused < 0.9 * count and marked > 0.5 * refused
-
-
-def test_the_schema_accepts_what_the_loader_accepts():
-    compare(seed=1, count=400)
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("seed", range(2, 12))
-def test_the_schema_accepts_what_the_loader_accepts_of_thousands(seed):
-    compare(seed, 2000)

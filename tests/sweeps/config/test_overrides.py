@@ -8,14 +8,8 @@ from tests.helpers.configurations import EXAMPLE, load, refusal
 
 
 def test_overrides_replace_and_add_in_order():
-    overrides = [
-        "oscillator.h=0.2",
-        "oscillator.omega.num=7",
-        "start.v0=[1, 2]",
-        "record.trajectory={every: 2}",
-        "name=renamed",
-    ]
-    config = load(EXAMPLE, *overrides)
+    numbers = "oscillator.h=0.2", "oscillator.omega.num=7", "start.v0=[1, 2]"
+    config = load(EXAMPLE, *numbers, "record.trajectory={every: 2}", "name=renamed")
     assert config.oscillator.h == 0.2
     assert config.sweep.grid.shape == (7, 2)
     assert config.record.trajectory and config.record.trajectory.every == 2

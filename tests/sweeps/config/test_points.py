@@ -206,9 +206,8 @@ def test_texts_in_quotes_and_leading_zeros_are_kept():
 
 def test_a_table_that_is_too_wide_is_refused():
     """HDF5 has no room for more columns of one dimension."""
-    assert "a cell with a quote has more than 131,072 c" in refused_table(
-        f'R,note\n0.5,"{"x" * 140_000}"\n'
-    )
+    table = f'R,note\n0.5,"{"x" * 140_000}"\n'
+    assert "a cell with a quote has more than 131,072 c" in refused_table(table)
     assert "table.csv: 5,002 columns are too many; expected: at most 4,000" in refused_table(
         "R,omega" + "".join(f",c{i}" for i in range(5_000)) + "\n0.5,2\n"
     )

@@ -119,27 +119,21 @@ def test_a_nested_list_is_reported_once_per_item(values, errors):
 
 
 @pytest.mark.parametrize(
-    ("place", "name", "key"),
+    ("place", "keys"),
     [
-        ("oscillator", "gap", "clearance"),
-        ("oscillator", "r", "R"),
-        ("oscillator", "coefficient-of-restitution", "R"),
-        ("oscillator", "omega_0", "p"),
-        ("oscillator", "x0", "start.x0"),
-        ("oscillator.f", "points", "num"),
-        ("method", "solver", "integrator"),
-        ("record", "skip", "transient"),
-        (None, "omega", "oscillator.omega"),
-        (None, "gap", "oscillator.clearance"),
-        (None, "integrator", "method.integrator"),
-        (None, "filename", "output"),
+        ("oscillator.", {"gap": "clearance", "r": "R", "omega_0": "p", "x0": "start.x0"}),
+        ("oscillator.", {"coefficient-of-restitution": "R", "f.points": "num"}),
+        ("", {"method.solver": "integrator", "record.skip": "transient", "filename": "output"}),
+        ("", {"omega": "oscillator.omega", "gap": "oscillator.clearance"}),
+        ("", {"integrator": "method.integrator"}),
     ],
 )
-def test_a_name_of_other_programs_leads_to_the_key(place, name, key):
-    dotted = f"{place}.{name}" if place else name
+def test_a_name_of_other_programs_leads_to_the_key(place, keys):
     text = oscillator_yaml(f="{start: 1, stop: 2, num: 2}") + "method: {}\nrecord: {}\n"
-    message = refusal(text, [f"{dotted}=1"])
-    assert f"unknown key {dotted} (did you mean {key}?)" in message and message.count("\n") == 0
+    for name, key in keys.items():
+        message = refusal(text, [f"{place}{name}=1"])
+        assert f"unknown key {place}{name} (did you mean {key}?)" in message
+        assert message.count("\n") == 0
 
 
 def test_a_key_under_another_name_is_not_reported_missing_as_well():
@@ -154,24 +148,13 @@ def test_of_many_errors_the_first_are_said_and_the_number_of_all():
     assert lines[8].endswith("sweep.yaml: and 5,992 errors more") and len(lines) == 9
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        r'name: "\U00110000"',
-        r'name: "\UFFFFFFFF"',
-        r'name: "\uD800"',
-        r'output: "\uDFFF.h5"',
-        r'"\uD800": 1',
-        r'name: "\ude00\ud83d"',
-        r'oscillator: {h: "\UFFFFFFFF"}',
-    ],
-)
-def test_an_escape_that_is_no_character_is_refused(text):
-    assert "sweep.yaml" in refusal(text + "\n")
-    if text.startswith("osc"):
-        assert "override oscillator.h=" in refusal(
-            oscillator_yaml(), [r'oscillator.h="\UFFFFFFFF"']
-        )
+def test_an_escape_that_is_no_character_is_refused():
+    for name in (r"\U00110000", r"\UFFFFFFFF", r"\uD800", r"\ude00\ud83d"):
+        assert "sweep.yaml" in refusal(f'name: "{name}"\n')
+    others = r'output: "\uDFFF.h5"', r'"\uD800": 1', r'oscillator: {h: "\UFFFFFFFF"}'
+    assert all("sweep.yaml" in refusal(text + "\n") for text in others)
+    message = refusal(oscillator_yaml(), [r'oscillator.h="\UFFFFFFFF"'])
+    assert "override oscillator.h=" in message
 
 
 def test_two_escapes_of_16_bits_are_the_character_that_json_means():
@@ -185,14 +168,10 @@ def test_digits_of_other_scripts_are_no_numbers():
 
 
 def test_a_long_key_is_cut_and_an_empty_one_named():
-    long = "k" * 900
-    for message in (
-        refusal(f"{oscillator_yaml()}{long}: 1\n"),
-        refusal(oscillator_yaml(), [f"{long}=1"]),
-        refusal(oscillator_yaml(), [f"oscillator.{long}=1"]),
-        refusal(oscillator_yaml(), [f"oscillator.h.{long}=1"]),
-        refusal(oscillator_yaml(), ["k." * 400 + "k=1"]),
-    ):
+    long, text = "k" * 900, oscillator_yaml()
+    keys = long, f"oscillator.{long}", f"oscillator.h.{long}", "k." * 400 + "k"
+    messages = [refusal(text, [f"{key}=1"]) for key in keys]
+    for message in (refusal(f"{text}{long}: 1\n"), *messages):
         assert "k..." in message and len(message) < 500
     assert "unknown key (nothing);" in refusal(f'{oscillator_yaml()}"": 1\n')
 

@@ -132,9 +132,8 @@ def test_typed_columns_of_a_rig_are_kept_with_their_units_and_run_again(unpainte
         assert one["poincare_x"].values.tobytes() == other["poincare_x"].values.tobytes()
         assert other["stiffness"].values.tolist() == stiffness
     assert "stiffness" in accepted("info", path) and "N/m" in accepted("info", path)
-    assert "stiffness = 7999.3 .. 8100.7 [N/m], 3 values" in accepted(
-        "run", path, "-o", "dry.h5", "--dry-run"
-    )
+    planned = accepted("run", path, "-o", "dry.h5", "--dry-run")
+    assert "stiffness = 7999.3 .. 8100.7 [N/m], 3 values" in planned
     accepted("plot", path, "--axis", "stiffness", "--quantity", "impulse", "-o", "typed.png")
 
 
@@ -146,9 +145,8 @@ def test_results_are_those_of_the_mass_of_their_row(unpainted):
     )
     path = run_sweep(load(f"rig: {{gap: {GAP}, R: {R}, frequency: 36}}\n" + table), "mass.h5")
     accepted("export", path, "-o", "mass.csv")
-    mass, k, force, impulse, energy = columns_of(
-        "mass.csv", "mass", "stiffness", "force", "impulse", "energy_lost"
-    )
+    names = "mass", "stiffness", "force", "impulse", "energy_lost"
+    mass, k, force, impulse, energy = columns_of("mass.csv", *names)
     assert (mass.tolist(), k.tolist()) == ([0.5, 1.0], [8000.0, 16000.0])
     assert force.tolist() == [8.0, 16.0]
     assert impulse[0] > 0.0 and impulse[1] == 2.0 * impulse[0] and energy[1] == 2.0 * energy[0]

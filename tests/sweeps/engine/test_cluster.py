@@ -91,9 +91,7 @@ def stop():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("begins_here", [True, False])
-def test_what_one_machine_began_a_cluster_ends_and_the_other_way_round(
-    monkeypatch, client, small_blocks, begins_here
-):
+def test_a_cluster_ends_what_one_machine_began(monkeypatch, client, small_blocks, begins_here):
     first, second = (None, client) if begins_here else (client, None)
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         on_write(patch, 4, stop)
@@ -240,9 +238,8 @@ def test_a_worker_with_other_numerics_is_refused(client, stranger):
     assert not isinstance(caught.value, Failed)
     for part in (address, "0123456789abcdef", NUMERICS):
         assert part in str(caught.value)
-    assert refused_run("--dask", client.scheduler.address, "--quiet") == (
-        f"vibroimpact: error: {caught.value}\n"
-    )
+    said = refused_run("--dask", client.scheduler.address, "--quiet")
+    assert said == f"vibroimpact: error: {caught.value}\n"
 
 
 @pytest.mark.slow

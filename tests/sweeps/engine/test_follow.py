@@ -21,34 +21,21 @@ from vibroimpact.step.scheme import scheme_of
 def by_hand(config, point, axis, values):
     """Yield the results along one chain, each from a separate call."""
     record, method = config.record, config.method
-    common = {
-        "integrator": method.integrator,
-        "impact": method.impact,
-        "steps_per_period": method.steps_per_period,
-        "transient": record.transient,
-        "periods": record.periods,
-        "phase": record.phase,
-    }
-    state = None
+    how = method.model_dump(include={"integrator", "impact", "steps_per_period"})
+    how["phase"], state = record.phase, None
     for value in values:
         here = point.copy()
         here[axis] = value
         if state is not None:
             here["x0"], here["v0"] = min(state[0], float(here["clearance"][0])), state[1]
-        at_section = state is not None
-        found = integrate(
-            here, impacts=record.impacts, lyapunov=True, at_section=at_section, **common
-        )
+        whole = record.model_dump(include={"transient", "periods", "impacts"})
+        found = integrate(here, lyapunov=True, at_section=state is not None, **whole, **how)
         if record.trajectory:
-            before = integrate(
-                here,
-                at_section=at_section,
-                **common | {"transient": record.transient - 1, "periods": 1},
-            )
+            short = {"transient": record.transient - 1, "periods": 1}
+            before = integrate(here, at_section=state is not None, **short, **how)
             here["x0"], here["v0"] = before["poincare_x"][0], before["poincare_v"][0]
             here["phase"] = record.phase
-            own = {"integrator", "impact", "steps_per_period", "phase"}
-            scheme = scheme_of(here, **{name: common[name] for name in own})
+            scheme = scheme_of(here, **how)
             every = record.trajectory.every
             found |= trajectories(here, scheme, record.periods, record.transient, every)
         state = found["poincare_x"][0, -1], found["poincare_v"][0, -1]

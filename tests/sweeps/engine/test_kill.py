@@ -58,14 +58,9 @@ def forks(tmp_path_factory):
 
 
 def run(*arguments, program=(sys.executable, "-m", "sweeps.cli")):
-    return subprocess.Popen(
-        [*program, "run", "sweep.yaml", *arguments],
-        env=environment(),
-        preexec_fn=hear,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    command = [*program, "run", "sweep.yaml", *arguments]
+    return subprocess.Popen(command, env=environment(), preexec_fn=hear, **streams)
 
 
 def ended(process):
@@ -266,13 +261,10 @@ def test_a_full_standard_output_is_told_from_a_file_whatever_its_buffer_is(unbuf
     """Also if the text is longer than the buffer."""
     for arguments in (["--help"], ["schema"]):
         with open("/dev/full", "w") as full:
-            done = subprocess.run(
-                [sys.executable, "-m", "sweeps.cli", *arguments],
-                env={**environment(), "PYTHONUNBUFFERED": unbuffered},
-                stdout=full,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
+            command = [sys.executable, "-m", "sweeps.cli", *arguments]
+            streams = {"stdout": full, "stderr": subprocess.PIPE, "text": True}
+            env = {**environment(), "PYTHONUNBUFFERED": unbuffered}
+            done = subprocess.run(command, env=env, **streams)
         said = "the standard output cannot be written: No space left on device\n"
         assert (done.returncode, done.stderr) == (1, f"vibroimpact: error: {said}")
 

@@ -133,9 +133,7 @@ FOLLOWED = ["follow={axis: omega, direction: both}", "oscillator.omega.num=50"]
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("changes", "threads"), [([], None), ([], 16), (FOLLOWED, None)])
-def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_file(
-    changes, threads
-):
+def test_the_memory_and_size_that_are_told_are_those_of_blocks_and_file(changes, threads):
     config = load(CONFIG, *changes)
     told = cost_of(config.sweep, threads)
     with begun("blocks.h5", planned(config, told.block)) as (_, pending):

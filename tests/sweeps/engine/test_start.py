@@ -108,21 +108,9 @@ record: {transient: 0, periods: 6, phase: 1.0}
         assert np.array_equal(rows["poincare_x"][row], corner["poincare_x"])
     if transient != "auto":
         text = CONFIG + "follow: {axis: omega, direction: down}\n"
-        chain = run_and_read(
-            load(
-                text,
-                *change,
-                "oscillator.omega=[1.2, 1.3]",
-                f"method.steps_per_period={load(CONFIG).method.steps_per_period + 3}",
-            )
-        )
-        grid = run_and_read(
-            load(
-                CONFIG,
-                *change,
-                f"method.steps_per_period={load(CONFIG).method.steps_per_period + 3}",
-            )
-        )
+        steps = f"method.steps_per_period={load(CONFIG).method.steps_per_period + 3}"
+        chain = run_and_read(load(text, *change, "oscillator.omega=[1.2, 1.3]", steps))
+        grid = run_and_read(load(CONFIG, *change, steps))
         assert np.array_equal(chain["poincare_x"].sel(omega=1.3), grid["poincare_x"])
 
 
@@ -150,9 +138,8 @@ def test_basins_at_another_phase(tmp_path):
         assert "at omega t = 1.1" in accepted("integrity", path)
         plotting.basins(dataset)
         figure = plotting.integrity(dataset)
-        arrows = [
-            arrow for panel in figure.axes for arrow in panel.texts if hasattr(arrow, "arrowprops")
-        ]
+        texts = [text for panel in figure.axes for text in panel.texts]
+        arrows = [text for text in texts if hasattr(text, "arrowprops")]
         assert len(arrows) == 2
         for arrow in arrows:  # from a state of its orbit at the section
             x, v = arrow.xyann
@@ -163,9 +150,8 @@ def test_basins_at_another_phase(tmp_path):
     with open_sweep(there) as dataset:
         assert attractors(dataset).sizes["coexisting"] == 2
         other = knocks(dataset)
-    assert np.sort(np.abs(here["knock_harmful"])) == pytest.approx(
-        np.sort(np.abs(other["knock_harmful"])), rel=1e-6
-    )
+    harmful = [np.sort(np.abs(table["knock_harmful"])) for table in (here, other)]
+    assert harmful[0] == pytest.approx(harmful[1], rel=1e-6)
 
 
 @pytest.mark.slow
@@ -192,13 +178,9 @@ def test_the_phase_is_kept_and_shown(tmp_path):
 def test_the_times_of_a_followed_sweep(tmp_path):
     """Only the first point of a chain starts before the section, at the phase of the start."""
     omega, ways = [2.6, 2.7], ("up", "down")
-    path = run_in(
-        tmp_path,
-        f"oscillator: {{h: 0.1, R: 0.8, omega: {omega}, f: 1.0}}",
-        "start.phase=1.0",
-        "record={transient: 10, periods: 5, phase: 0.5, trajectory: {every: 1}}",
-        "follow={axis: omega, direction: both}",
-    )
+    text = f"oscillator: {{h: 0.1, R: 0.8, omega: {omega}, f: 1.0}}"
+    record = "record={transient: 10, periods: 5, phase: 0.5, trajectory: {every: 1}}"
+    path = run_in(tmp_path, text, "start.phase=1", record, "follow={axis: omega, direction: both}")
     with open_sweep(path) as dataset:
         for way, value in product(ways, omega):
             at = {"direction": way, "omega": value}
@@ -255,9 +237,8 @@ def test_phases_are_scaled_with_f_as_other_results():
     assert config.sweep.spec.scaled
     swept = run_and_read(config)
     for f in (0.3, 1.0, 7.0):
-        expected = integrate(
-            load(text, f"oscillator.f={f}").sweep.grid.points(), transient=0, periods=6, phase=1.0
-        )
+        points = load(text, f"oscillator.f={f}").sweep.grid.points()
+        expected = integrate(points, transient=0, periods=6, phase=1.0)
         found = swept["poincare_x"].sel(f=f)
         np.testing.assert_allclose(found, expected["poincare_x"], rtol=1e-10, atol=1e-12)
     assert np.ptp(swept["poincare_x"].sel(f=1.0, section=1).values) > 0.1

@@ -168,13 +168,11 @@ FORMS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("form", "blocks"),
-    [
-        *((form, None) for form in FORMS),
-        *((form, 2) for form in [*FORMS][::3] if form[:8] != "duration"),
-    ],
-)
+WHOLE = [(form, None) for form in FORMS]
+PARTLY = [(form, 2) for form in [*FORMS][::3] if form[:8] != "duration"]
+
+
+@pytest.mark.parametrize(("form", "blocks"), WHOLE + PARTLY)
 def test_an_hdf5_file_of_another_form_is_refused(finished_file, form, blocks):
     """Complete, or for a third of the forms the schema of blocks; also by a run that resumes it."""
     path = SCHEMA if blocks else Path("out.h5")

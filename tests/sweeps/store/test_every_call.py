@@ -245,20 +245,13 @@ def intruded(which, late, place, link, **options):
     return len(made) > which
 
 
-@pytest.mark.parametrize(
-    ("step", "cases"),
-    [
-        pytest.param(397, slice(None, None, 5), marks=pytest.mark.slow, id="some"),
-        *(
-            pytest.param(1, slice(n, n + 1), marks=pytest.mark.campaign, id=f"case-{n}")
-            for n in range(30)
-        ),
-    ],
-)
+SOME = pytest.param(397, slice(None, None, 5), marks=pytest.mark.slow)
+ALL = [pytest.param(1, slice(n, n + 1), marks=pytest.mark.campaign) for n in range(30)]
+
+
+@pytest.mark.parametrize(("step", "cases"), [SOME, *ALL])
 @pytest.mark.parametrize("old", [None, 2, 4])
-def test_what_another_program_puts_there_at_any_call_stays_and_is_no_result(
-    tmp_path, step, cases, old
-):
+def test_what_another_program_puts_there_stays_and_is_no_result(tmp_path, step, cases, old):
     """In the place of the output, the lock, a draft, the schema or a block, old or new."""
     (tmp_path / "old").mkdir()
     if old is not None:
@@ -378,9 +371,7 @@ def moments(monkeypatch, tmp_path):
 
 
 @at_every(4)
-def test_a_loss_of_power_at_any_moment_costs_no_block_of_more_than_a_second_ago(
-    moments, tmp_path, step
-):
+def test_a_loss_of_power_costs_no_block_of_more_than_a_second_ago(moments, tmp_path, step):
     fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")
     tried, computed = set(), []

@@ -182,9 +182,7 @@ FAULTS = [
     # The disk is full.
     Fault("schema", fill_disk, "out.h5 cannot be created: File too large", NOTHING),
     Fault("block 2", fill_disk, "out.h5 cannot be written: File too large", ONE),
-    Fault(
-        "block 4", lambda: fill_disk(FIRST.stat().st_size - 100), "written: File too large", THREE
-    ),
+    Fault("block 4", lambda: fill_disk(FIRST.stat().st_size - 100), "n: File too large", THREE),
 ]
 
 

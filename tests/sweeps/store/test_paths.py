@@ -136,10 +136,10 @@ def test_an_empty_or_damaged_file_of_a_sweep_can_be_replaced(kept):
 def test_the_ending_of_another_kind_of_file_is_refused():
     """Of pictures, films, tables, texts, arrays and archives; all others may be meant."""
     pictures = (f".{ending}" for ending in FigureCanvasBase.get_supported_filetypes())
-    others = (
+    rest = (
         ".PDF .csv .JSON .yaml .yml .txt .npz .npy .mat .parquet .xlsx .tsv .mp4 .md .py .zip .gz"
     )
-    for ending in (*pictures, *others.split()):
+    for ending in (*pictures, *rest.split()):
         with pytest.raises(StoreError, match=rf"does not end in {ending}; did you mean .*z\.h5\?"):
             check_output(f"z{ending}", overwrite=True)
     with pytest.raises(StoreError, match=r"did you mean z-0\.8\.h5\?"):
