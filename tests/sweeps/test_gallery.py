@@ -232,9 +232,8 @@ def test_impacts_are_added_one_by_one_down_to_rest(scene):
     assert classes(dataset)[:4] == ["1/2", "1/3", "1/4", "1/5"]
     assert (dataset["rest_fraction"].values > 0.0).tolist() == [False] * 5 + [True]
     speeds = np.sort(dataset["impact_v"].values[2, -4:])
-    assert_allclose(
-        speeds, [0.036454221377120, 0.115762561014269, 0.321900878724339, 0.907496491171004]
-    )
+    expected = [0.036454221377120, 0.115762561014269, 0.321900878724339, 0.907496491171004]
+    assert_allclose(speeds, expected)
 
 
 @pytest.mark.slow
@@ -297,9 +296,8 @@ def test_integrity(scene):
     figure = KINDS["integrity"].draw(dataset, at={"omega": 2.75})
     *profile, basins = figure.axes
     share = found["fraction"].values
-    for panel, measure, end in zip(
-        profile, (share, factor, local), (1.0, np.nan, np.nan), strict=True
-    ):
+    measures = (share, 1.0), (factor, np.nan), (local, np.nan)
+    for panel, (measure, end) in zip(profile, measures, strict=True):
         free, _, bounds, other, *_, here = panel.lines
         assert_allclose(free.get_ydata(), [*measure[:2, 0], end])
         assert_allclose(other.get_ydata(), [*measure[:2, 1], np.nan])

@@ -98,9 +98,8 @@ def dux_bifurcation(kind, count=80):
     differences = []
     for i, (value, d) in enumerate(zip(values.tolist(), room.tolist(), strict=True)):
         osc, n = dux.oscillator(i, 0.0), int(dux.n[i])
-        found = brentq(
-            partial(bifurcates, kind, osc, n), value - d, value + d, xtol=1e-300, rtol=1e-15
-        )
+        bracket = value - d, value + d
+        found = brentq(partial(bifurcates, kind, osc, n), *bracket, xtol=1e-300, rtol=1e-15)
         differences.append((found - value) / fold[i])
     return np.max(np.abs(differences))
 
@@ -148,9 +147,8 @@ def speed(osc, n=1):
 def coco_grazes():
     """The graze of the orbit of COCO's example over A, and the curve of grazes over (omega, A)."""
     coco = Oscillator(h=0.05, R=0.8, omega=1.0, f=1.0, clearance=1.0)
-    (graze,) = (
-        at for at in branch(one_impact_orbit(coco), "f", 0.01, 1.0).special if at.kind == "graze"
-    )
+    special = branch(one_impact_orbit(coco), "f", 0.01, 1.0).special
+    (graze,) = (point for point in special if point.kind == "graze")
     curve = bifurcation_curve(graze.orbit, "graze", ("omega", 0.5, 1.5), ("f", 0.0, 1.0))
     omega, amplitude = curve.values.T
     assert omega.min() == 0.5 and omega.max() > 1.4

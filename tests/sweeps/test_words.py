@@ -98,9 +98,8 @@ def test_the_words_of_the_legends(files):
             plotting.integrity(starts),
         ]
         texts = [text for figure in figures for text in legends(figure)]
-    assert {"chaotic", "rest", "m/q", "on its way to m/q"} <= {
-        phrase for text in texts for phrase in phrases(text)
-    }
+    shown = {phrase for text in texts for phrase in phrases(text)}
+    assert {"chaotic", "rest", "m/q", "on its way to m/q"} <= shown
     assert not unexplained(texts)
 
 

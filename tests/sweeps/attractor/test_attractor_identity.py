@@ -163,15 +163,9 @@ def test_what_is_on_no_attractor_or_does_not_repeat():
     sections[6] = np.nan
     status = np.full(8, Status.CERTIFIED)
     status[5:] = Status.PENDING, Status.UNRESOLVED, Status.UNBOUNDED
-    found = attractors(
-        given_sections(
-            sections,
-            [1, 1, 3, 0, 0, 1, 0, 0],
-            status=status,
-            rest_fraction=[0, 0.2, 0.1, 0, 0, 0, np.nan, 0],
-        ),
-        extensions=0,
-    )
+    others = {"status": status, "rest_fraction": [0, 0.2, 0.1, 0, 0, 0, np.nan, 0]}
+    dataset = given_sections(sections, [1, 1, 3, 0, 0, 1, 0, 0], **others)
+    found = attractors(dataset, extensions=0)
     assert found["attractor"].values.tolist() == [0, 2, 2, 3, 3, -1, -1, 1]
     assert found["attractors"].item() == 2  # periodic, and with rest
     table = {int(n): (Regime(int(k)), float(f)) for n, k, f in zip(

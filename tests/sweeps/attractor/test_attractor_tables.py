@@ -55,9 +55,8 @@ def test_the_table_says_where_attractors_are_too_many_to_be_tracked(count):
     states = [[cycle((-1.0 - 0.01 * i, 0.0)) for i in range(count)]] * 2
     dataset = given_sections(states, 1, axes=("h", "x0"))
     found = attractors(dataset)
-    text = attractor_report(
-        OpenedSweep(dataset), found, attractor_rows(OpenedSweep(dataset), found)
-    )
+    sweep = OpenedSweep(dataset)
+    text = attractor_report(sweep, found, attractor_rows(sweep, found))
     note = "at 2 parameter points more than 50 attractors are periodic: none of these has"
     assert (note in text) == (count > 50) and f"{count} attractors at 2 of 2" in text
     assert found["number"].values.max() + 1 == (count if count == 50 else 2 * count)

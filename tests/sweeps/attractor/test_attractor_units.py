@@ -36,9 +36,8 @@ def found_in(scene, rate, length, phase, path):
         knocked = knocks(starts, found.isel(omega=0))
         results = {name: found[name].values for name in found}
         results |= {name: knocked[name].values for name in knocked if "knock" in name}
-        results["speeds"] = np.concatenate(
-            [row.speeds for row in attractor_rows(OpenedSweep(dataset), found)]
-        )
+        rows = attractor_rows(OpenedSweep(dataset), found)
+        results["speeds"] = np.concatenate([row.speeds for row in rows])
     return results
 
 

@@ -13,6 +13,13 @@ from vibroimpact import Oscillator, one_impact_orbit
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
 
+PAPER = "method={integrator: newmark, impact: reduced-step}"
+LONG = "record={transient: 400, periods: 130, diagnostics: [period]}"
+
+
+def rows_of(dataset):
+    return attractor_rows(OpenedSweep(dataset), attractors(dataset))
+
 
 def pair_by_pair(dataset, tolerance=1e-3):
     """Label the motions on an orbit that the record shows, -1 for others; (n,), in C order.
@@ -94,9 +101,7 @@ def test_the_known_coexisting_attractors(computed_starts, h, R, single, three):
 def test_speeds_are_shown_whatever_room_the_record_has(computed_starts, record):
     """In 32 periods the orbits have 32 and 48 impacts, the rest is padding; in two none settles."""
     dataset = computed_starts(*record)
-    by_class = {
-        row.name: row.speeds for row in attractor_rows(OpenedSweep(dataset), attractors(dataset))
-    }
+    by_class = {row.name: row.speeds for row in rows_of(dataset)}
     np.testing.assert_allclose(by_class["1/1"], [1.4225], atol=1e-4)
     np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
 
@@ -129,9 +134,7 @@ def test_starts_that_settle_slowly_are_on_the_attractor_they_go_to(computed_star
 
 
 @pytest.mark.parametrize(("transient", "starts"), [(340, (9, 7, 3)), (300, (10, 6, 0))])
-def test_an_attractor_is_represented_by_a_start_whose_record_shows_it(
-    computed_starts, transient, starts
-):
+def test_an_attractor_has_a_start_whose_record_shows_it(computed_starts, transient, starts):
     """Tables and pictures show the record of the representative."""
     x0, *v0 = starts
     slow = computed_starts(*SLOW, f"record.transient={transient}")
@@ -182,9 +185,7 @@ def test_chaos_that_is_a_transient_at_every_start_is_followed_to_its_end(compute
         "record={transient: 50, periods: 32, diagnostics: [period, lyapunov]}",
     )
     assert (attractors(dataset, extensions=0)["motion"] == Regime.CHAOTIC).any()
-    assert [row.name for row in attractor_rows(OpenedSweep(dataset), attractors(dataset))] == [
-        "1/1"
-    ]
+    assert [row.name for row in rows_of(dataset)] == ["1/1"]
 
 
 @pytest.mark.slow
@@ -196,12 +197,9 @@ def test_weak_chaos_is_not_the_orbit_that_it_is_near(computed_starts):
         "start={x0: {start: -2.5, stop: 0.0, num: 20}, v0: {start: -2.0, stop: 2.0, num: 20}}",
         "record={transient: 200, periods: 100, diagnostics: [period, lyapunov]}",
     )
-    shares = {
-        row.name: row.fraction for row in attractor_rows(OpenedSweep(dataset), attractors(dataset))
-    }
-    assert shares == pytest.approx(
-        {"3/3": 306 / 400, "1/1": 64 / 400, "48/48": 2 / 400, "chaotic": 28 / 400}
-    )
+    shares = {row.name: row.fraction for row in rows_of(dataset)}
+    counts = {"3/3": 306, "1/1": 64, "48/48": 2, "chaotic": 28}
+    assert {name: 400 * share for name, share in shares.items()} == pytest.approx(counts)
 
 
 @pytest.mark.slow
@@ -266,44 +264,20 @@ def long_run_shares(dataset):
     return [kinds.count(kind) / 400.0 for kind in set(kinds)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("overrides", "least"),
+    ("oscillator", "others", "least"),
     [
-        ((), 2),
-        pytest.param(
-            ("oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 40}, f: 1.0}",),
-            40,
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            (
-                "oscillator.clearance=0.4",
-                "method={integrator: newmark, impact: reduced-step}",
-                "record={transient: 400, periods: 130, diagnostics: [period]}",
-            ),
-            1,
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            (
-                "oscillator={h: 0, R: 1, omega: 1, f: 0, clearance: 10}",
-                "record={transient: 0, periods: 4}",
-            ),
-            72,
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            (
-                "oscillator={h: 0, R: [0.8, 0.9], omega: {start: 0.5, stop: 3.5, num: 20}, f: 1.0}",
-                "record={transient: 400, periods: 130, phase: 1.0, diagnostics: [period]}",
-            ),
-            40,
-            marks=pytest.mark.slow,
-        ),
+        ("{h: 0.0, R: 0.8, omega: 1.3, f: 1.0}", [], 2),
+        ("{h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 40}, f: 1.0}", [], 40),
+        ("{h: 0.0, R: 0.8, omega: 1.3, f: 1.0, clearance: 0.4}", [PAPER, LONG], 1),
+        ("{h: 0, R: 1, omega: 1, f: 0, clearance: 10}", ["record={transient: 0, periods: 4}"], 72),
+        ("{h: 0, R: [0.8, 0.9], omega: {start: 0.5, stop: 3.5, num: 20}, f: 1.0}",
+         [LONG, "record.phase=1.0"], 40),
     ],
-)
-def test_the_same_partition_pair_by_pair(computed_starts, overrides, least):
-    dataset = computed_starts(*overrides)
+)  # fmt: skip
+def test_the_same_partition_pair_by_pair(computed_starts, oscillator, others, least):
+    dataset = computed_starts(f"oscillator={oscillator}", *others)
     expected = pair_by_pair(dataset)
     found = attractors(dataset, extensions=0)["attractor"]
     _, point = np.unique(  # one number along the axes is one attractor at each point
@@ -319,9 +293,8 @@ def test_the_same_partition_pair_by_pair(computed_starts, overrides, least):
 @pytest.mark.slow
 def test_one_of_two_attractors_is_the_free_oscillation(computed_starts):
     """Clearance 0.6: x = Im(-exp(i omega t) / (p^2 - omega^2 + 2 i h omega)), without an impact."""
-    dataset = computed_starts(
-        "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}", "record.transient=300"
-    )
+    osc = "{h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}"
+    dataset = computed_starts(f"oscillator={osc}", "record.transient=300")
     found = attractors(dataset)
     by_class = {row.name: i for i, row in enumerate(attractor_rows(OpenedSweep(dataset), found))}
     assert set(by_class) == {"1/0", "2/1"}
@@ -357,9 +330,8 @@ def test_the_order_of_the_starts_changes_names_only(computed_starts):
     order = {name: random.permutation(dataset.sizes[name]) for name in ("x0", "v0")}
     turned = dataset.isel(order).transpose("v0", "x0", ...)
     found, other = attractors(dataset), attractors(turned)
-    np.testing.assert_array_equal(
-        other["attractor"].transpose("x0", "v0"), found["attractor"].isel(order)
-    )
+    turned = other["attractor"].transpose("x0", "v0")
+    np.testing.assert_array_equal(turned, found["attractor"].isel(order))
     np.testing.assert_allclose(other["fraction"], found["fraction"])
     np.testing.assert_allclose(other["m"], found["m"])
 

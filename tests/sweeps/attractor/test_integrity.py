@@ -156,9 +156,8 @@ def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(datase
     assert found["knock_ends"].values.tolist() == [1, 0]
     assert found["knock_certified"].all() and not found["knock_fractal"].any()
     for k in range(2):
-        phase, x, v, harmless, harmful = (
-            found[f"knock_{name}"].values[k] for name in ("phase", "x", "v", "harmless", "harmful")
-        )
+        names = "phase", "x", "v", "harmless", "harmful"
+        phase, x, v, harmless, harmful = (found[f"knock_{name}"].values[k] for name in names)
         assert 0.0 < (harmful - harmless) / harmful <= 1e-9
         both = impacts_per_period(dataset, phase, x, v + np.array([harmless, harmful]))
         assert both.tolist() == [home[k], home[1 - k]]

@@ -167,9 +167,8 @@ def test_no_two_attractors_of_a_point_have_one_number(computed_starts):
     shared = np.unique(names[periodic.values.reshape(names.shape)], return_counts=True)[1]
     assert shared.max() > 30  # names are shared in both directions
     turned = attractors(dataset.transpose("omega", "R", ...))
-    assert partition(turned["attractor"].transpose(*found["attractor"].dims)) == partition(
-        found["attractor"]
-    )
+    found, turned = found["attractor"], turned["attractor"]
+    assert partition(turned.transpose(*found.dims)) == partition(found)
 
 
 @pytest.mark.slow

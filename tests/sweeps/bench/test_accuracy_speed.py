@@ -209,9 +209,8 @@ def test_a_failed_method_is_run_once(monkeypatch):
     calls = []
     failed = {STATE: math.nan}
     monkeypatch.setattr(accuracy.Scene, "errors", lambda *_: calls.append(1) or failed)
-    found = measure_methods(
-        Plan(ladder=(50,), rounds=3, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=())
-    )
+    plan = Plan(ladder=(50,), rounds=3, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=())
+    found = measure_methods(plan)
     assert math.isnan(found["error"].item()) and len(calls) == 1
 
 

@@ -120,9 +120,8 @@ def test_the_command_shows_the_speeds_and_writes_them_as_json_and_is_a_gate(monk
 
 
 def test_one_core_has_no_speed_up():
-    text = speed.speed_text(
-        RECORD | {"works": {"plain": RECORD["works"]["plain"] | {"periods": {1: 30e6}}}}
-    )
+    plain = RECORD["works"]["plain"] | {"periods": {1: 30e6}}
+    text = speed.speed_text(RECORD | {"works": {"plain": plain}})
     (header,) = [line for line in text.splitlines() if line.startswith("impact rule")]
     shown = ["impact rule", "steps", "one thread", "computed", "impacts", "alone", "of peak"]
     assert header.split("  ") == shown
@@ -173,9 +172,8 @@ def test_the_stall_is_before_the_end_of_the_chatter(measured):
 
 def test_an_impact_that_never_comes_is_an_infinite_error():
     """To the letter the chatter stalls after two impacts."""
-    errors = paper_cases._errors(
-        "to the letter", paper_cases.CHATTER, (100,), 1, paper_cases.simulate(paper_cases.CHATTER)
-    )
+    chatter = paper_cases.CHATTER, (100,), 1, paper_cases.simulate(paper_cases.CHATTER)
+    errors = paper_cases._errors("to the letter", *chatter)
     assert errors[0] == np.inf
 
 

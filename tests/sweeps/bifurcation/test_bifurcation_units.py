@@ -48,9 +48,8 @@ def table(tmp_path, given, rate=1.0, length=1.0, transient=100, most=8):
     found[PLACES] = in_units(axis, found[PLACES], 1.0 / rate, 1.0 / length)
     found["x"] /= length
     found["v"] /= length * rate
-    speeds = [
-        [float(speed) / float(length * rate) for speed in row.split()] for row in found["impact_v"]
-    ]
+    unit = float(length * rate)
+    speeds = [[float(speed) / unit for speed in row.split()] for row in found["impact_v"]]
     return found.assign(impact_v=list(map(str, speeds)))
 
 
@@ -155,9 +154,8 @@ def test_the_order_of_a_rig_is_that_of_its_model(tmp_path):
             special = np.isin(found["kind"], ["flip", "fold", "graze"])
             return found.assign_coords({axis: found[axis].where(~special, place)})
 
-        return find_bifurcations(sweep, axis, keep=in_place_of_branches(moved), most=2)[
-            "kind"
-        ].tolist()
+        keep = in_place_of_branches(moved)
+        return find_bifurcations(sweep, axis, keep=keep, most=2)["kind"].tolist()
 
     with sweeps.open_sweep(path) as dataset:
         for p, expected in ((0.79, ["fold", "basin"]), (0.85, ["basin", "fold"])):

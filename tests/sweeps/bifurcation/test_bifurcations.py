@@ -112,9 +112,8 @@ def test_an_orbit_starts_from_every_row_with_a_value(sweep, tmp_path):
     for row in rows:
         m, q = map(int, row["orbit"].split("/"))
         osc = Oscillator(h=h, R=R, f=1.0, omega=float(row["value"]))
-        x, v, first, second = (
-            float(row[name]) for name in ("x", "v", "multiplier_1", "multiplier_2")
-        )
+        names = "x", "v", "multiplier_1", "multiplier_2"
+        x, v, first, second = (float(row[name]) for name in names)
         speeds = [float(speed) for speed in row["impact_v"].split()]
         assert len(speeds) == q
         if row["kind"] == "graze":
@@ -233,9 +232,7 @@ def test_the_arrow_points_where_a_line_was_followed(sweep):
 
 
 def test_along_a_start_the_basin_changes(sweep):
-    path = sweep(
-        "h: 0.02, R: 0.8, f: 1.0, omega: 1.3", "start: {x0: {start: -2, stop: 0, num: 21}}"
-    )
+    path = sweep("h: 0.02, R: 0.8, f: 1, omega: 1.3", "start: {x0: {start: -2, stop: 0, num: 21}}")
     changes = bifurcations(path)
     assert changes and {change.kind for change in changes} == {"basin"}
 

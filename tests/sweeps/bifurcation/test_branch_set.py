@@ -1,6 +1,7 @@
 """Sets of branches, and their points for a picture, against closed forms and simulation."""
 
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -20,7 +21,9 @@ def test_orbits_between_a_fold_and_a_flip_of_one_step_are_stable():
     inside = periodic_orbit(osc, -0.502280357078872, -0.03054864829772489, 4)
     assert (inside.m, inside.q) == (4, 11) and inside.stable
     start = branch(inside, "h", 0.005, 0.6).orbit(5)
-    found = with_short_chords(branch(start, "h", 0.005, 0.6), 0.005, 0.6, speeds_of, 1e-4)
+    found = with_short_chords(
+        branch(start, "h", 0.005, 0.6), 0.005, 0.6, attrgetter("speeds"), 1e-4
+    )
     largest = np.array([abs(found.orbit(i).multipliers[0]) for i in range(len(found.values))])
     clear = np.abs(largest - 1.0) > 1e-6
     assert found.stable[clear].any()
@@ -32,13 +35,8 @@ def test_ordinates_that_are_rounding_only_end_the_search_for_a_picture():
     osc = Oscillator(h=0.1, R=0.8, omega=2.5, f=1.0)
     noise = np.random.default_rng(1)
     start = branch(one_impact_orbit(osc), "omega", 2.45, 2.55)
-    found = with_short_chords(
-        start,
-        2.45,
-        2.55,
-        lambda orbits: 0.03 * noise.integers(2, size=(len(orbits.phases), 1)),
-        0.02,
-    )
+    drawn = (lambda orbits: 0.03 * noise.integers(2, size=(len(orbits.phases), 1))), 0.02
+    found = with_short_chords(start, 2.45, 2.55, *drawn)
     assert len(start.values) < len(found.values) < 2000
 
 
@@ -46,18 +44,10 @@ def test_a_branch_between_whose_points_no_orbit_is_found_stays_as_it_is():
     """Its points are far apart, as on both sides of a gap: halfway Newton's method fails."""
     osc = Oscillator(h=0.1, R=0.8, omega=2.5, f=1.0)
     whole = branch(one_impact_orbit(osc), "omega", 2.45, 2.55)
-    two = np.array([0, -1])
-    phases = np.array([[1.0], [60.0]])
-    apart = replace(
-        whole, values=whole.values[two], stable=whole.stable[two], phases=phases,
-        speeds=whole.speeds[two],
-    )  # fmt: skip
+    ends = {name: getattr(whole, name)[[0, -1]] for name in ("values", "stable", "speeds")}
+    apart = replace(whole, phases=np.array([[1.0], [60.0]]), **ends)
     found = with_short_chords(apart, 2.45, 2.55, lambda orbits: orbits.sections(0.0)[:, 0], 1e-4)
     assert found.values.tolist() == apart.values.tolist()
-
-
-def speeds_of(orbits):
-    return orbits.speeds
 
 
 def test_a_tree_joins_all_motions_of_the_hysteresis_scene():
@@ -82,9 +72,8 @@ def test_a_tree_has_no_branch_twice_and_every_stable_orbit_attracts():
     assert tree.add(one_impact_orbit(osc))
     tree.grow()
     assert sum((one.m, one.q) == (1, 1) for one in tree.branches) == 1
-    assert {(1, 1), (2, 2), (2, 1), (4, 4), (4, 2), (4, 3)} <= {
-        (one.m, one.q) for one in tree.branches
-    }
+    classes = {(one.m, one.q) for one in tree.branches}
+    assert {(1, 1), (2, 2), (2, 1), (4, 4), (4, 2), (4, 3)} <= classes
     for one in tree.branches:
         for i in np.flatnonzero(one.stable)[1:-1:7].tolist():
             orbit = one.orbit(i)

@@ -49,9 +49,7 @@ def states_at(sweep, place, number=50):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("orbit", "start", "stop", "num"), SEEN)
-def test_chaos_that_ends_as_it_touches_an_unstable_orbit_is_a_crisis_on_any_grid(
-    path, orbit, start, stop, num
-):
+def test_chaos_that_touches_an_unstable_orbit_ends_in_a_crisis(path, orbit, start, stop, num):
     file, (alive, dead) = path(start, stop, num), ENDS[orbit]
     found = sweeps.bifurcations(file)
     named = found[found["kind"] == "crisis"]

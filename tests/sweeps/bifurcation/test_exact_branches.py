@@ -85,9 +85,8 @@ def test_any_parameter_of_the_oscillator_can_be_the_axis(exact, tmp_path):
 def curves(figure, dashed):
     """Return the points of the exact branches in a diagram."""
     lines = [line for line in figure.axes[0].lines if line.get_zorder() == 4]
-    return np.concatenate(
-        [line.get_xydata() for line in lines if (line.get_linestyle() == "--") == dashed]
-    )
+    chosen = [line for line in lines if (line.get_linestyle() == "--") == dashed]
+    return np.concatenate([line.get_xydata() for line in chosen])
 
 
 @pytest.mark.slow
@@ -206,13 +205,9 @@ def test_the_line_is_exact_between_its_points(later):
 def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
     assert found.sizes["impact"] == found["q"].max()
     one = found.isel(point=(found["branch"].values == 0) & (found["kind"].values == ""))
-    for omega, v, phase, stable in zip(
-        one["omega"].values,
-        one["impact_v"].values[:, 0],
-        one["impact_phase"].values[:, 0],
-        one["stable"].values,
-        strict=True,
-    ):
+    first = one.isel(impact=0)
+    columns = (first[name].values for name in ("omega", "impact_v", "impact_phase", "stable"))
+    for omega, v, phase, stable in zip(*columns, strict=True):
         closed = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=omega, f=1.0))
         assert v == pytest.approx(closed.v, abs=1e-13)
         assert np.cos(phase - closed.phase) == pytest.approx(1.0)
@@ -226,9 +221,8 @@ def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
         rows = pd.read_csv(path)
         assert len(rows) == np.isfinite(found[coordinate]).sum()
         on_one = rows[(rows["branch"] == 0) & rows["kind"].isna()]
-        assert (
-            on_one[record].eq(1).all() and on_one["omega"].tolist() == one["omega"].values.tolist()
-        )
+        assert on_one[record].eq(1).all()
+        assert on_one["omega"].tolist() == one["omega"].values.tolist()
         assert on_one[coordinate].tolist() == one[coordinate].values[:, 0].tolist()
         if record == "impact":
             assert rows["impact_phase"].between(0.0, 2.0 * np.pi, inclusive="left").all()

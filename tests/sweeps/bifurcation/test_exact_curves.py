@@ -196,23 +196,12 @@ OF_MODEL = {"configuration": load_config({"oscillator": MODEL}).to_yaml()}
 
 
 @pytest.mark.parametrize(
-    ("cut", "place"),
-    [
-        (
-            OpenedSweep(xr.Dataset(coords={"R": [0.2], "omega": [1.0]}, attrs=OF_MODEL)),
-            "R = 0.25, omega = 2: ",
-        ),
-        (
-            OpenedSweep(
-                xr.Dataset(coords={"R": [0.2], "omega": ("frequency", [1.0])}, attrs=OF_RIG),
-                in_rig=True,
-            ),
-            "R = 0.25, frequency = 0.31831: ",
-        ),
-    ],
-    ids=["model", "rig"],
+    ("attributes", "axis", "place"),
+    [(OF_MODEL, "omega", "omega = 2"), (OF_RIG, "frequency", "frequency = 0.31831")],
 )
-def test_a_curve_that_is_lost_says_where_and_why(cut, place):
+def test_a_curve_that_is_lost_says_where_and_why(attributes, axis, place):
+    cut = xr.Dataset(coords={"R": [0.2], "omega": (axis, [1.0])}, attrs=attributes)
+    cut = OpenedSweep(cut, in_rig=attributes is OF_RIG)
     osc = Oscillator(h=0.02, R=0.9, omega=2.0, f=1.0)
     for points, speeds_there, reason, slowest in (
         (MOST_POINTS, [4.0, 1.0], "not at its end after 2,000 points", "2e-01"),
@@ -225,7 +214,7 @@ def test_a_curve_that_is_lost_says_where_and_why(cut, place):
         rows = values, speeds[:, 0] < 0.0, speeds, speeds
         curve = Branch("flip", ("R", "omega"), 1, 2, *rows, [end], orbit.oscillator)
         (_, _, line) = exact_curves.curves_summary(cut, [curve], (), 0, 0, {}).split("\n")
-        assert line.startswith(f"a curve of flips of 1/2 is lost at {place}{reason}")
+        assert line.startswith(f"a curve of flips of 1/2 is lost at R = 0.25, {place}: {reason}")
         assert line.endswith(f"the slowest impact has {slowest} of the speed of the fastest")
 
 
@@ -250,12 +239,10 @@ def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
         assert (strong_lines(upright)[0].get_data()[::-1] == np.array([omega, R])).all()
         middle = len(omega) // 2
         for share in (1e-2, 1e-4):  # of the axes: less than the distance of two points
-            ends = [
-                (z[middle] - share * np.ptp(z), z[middle] + share * np.ptp(z)) for z in (omega, R)
-            ]
-            (part,) = strong_lines(
-                parameter_map(dataset, exact=found, page=Page(xlim=ends[0], ylim=ends[1]))
-            )
+            away = [share * np.ptp(z) for z in (omega, R)]
+            ends = [(z[middle] - d, z[middle] + d) for z, d in zip((omega, R), away, strict=True)]
+            page = Page(xlim=ends[0], ylim=ends[1])
+            (part,) = strong_lines(parameter_map(dataset, exact=found, page=page))
             assert (part.get_data() == np.array([omega, R])).all()
         assert not strong_lines(thin) and thin.axes[0].lines
         assert "1 further curve" in legend_of(thin)

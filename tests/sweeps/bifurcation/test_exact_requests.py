@@ -14,15 +14,13 @@ from vibroimpact.status import Status
 
 RECORD = "record: {transient: 200, periods: 32, impacts: 8, diagnostics: [period]}"
 MAP = "oscillator: {h: 0.02, R: [0.5, 0.7, 0.9], omega: {start: 2.6, stop: 2.8, num: 9}, f: 1.0}"
+LINE = "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 5}, f: 1}"
+BOTH = "follow: {axis: omega, direction: both}"
 FILES = {
     "map": [MAP, RECORD],
-    "line": ["oscillator: {h: 0.05, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 5}, f: 1}", RECORD],
-    "both": [
-        "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 5}, f: 1}",
-        "follow: {axis: omega, direction: both}",
-        RECORD,
-    ],
-    "map both": [MAP, "follow: {axis: omega, direction: both}", RECORD],
+    "line": [LINE, RECORD],
+    "both": [LINE, BOTH, RECORD],
+    "map both": [MAP, BOTH, RECORD],
     "no period": [MAP, RECORD.replace("[period]", "[]")],
     "failed": [
         "oscillator: {h: 0, R: 1, omega: [1.99999, 2, 2.00001], f: [1.0e+307, 2.0e+307]}",
@@ -91,9 +89,8 @@ def test_where_nothing_is_periodic_there_is_nothing(file, name):
     empty = dict.fromkeys(("point", "impact", "section"), 0)
     assert dict(lines.sizes) == {**empty, "multiplier": 2}
     assert borders.sizes["point"] == borders.attrs["changes"] == 0
-    assert borders.attrs["summary"] == (
-        "0 exact curves: none\nthere is no change between periodic classes"
-    )
+    said = "0 exact curves: none\nthere is no change between periodic classes"
+    assert borders.attrs["summary"] == said
 
 
 @pytest.mark.slow
@@ -111,9 +108,8 @@ def test_where_nothing_is_periodic_there_is_nothing(file, name):
 def test_a_picture_of_nothing_is_drawn_or_refused(file, name, kind, message, tmp_path):
     axes = ["--axis", "omega"] if kind == "bifurcation" else []
     table, picture = tmp_path / "a.csv", tmp_path / "a.png"
-    result = call(
-        "plot", file(name), "-o", picture, "--kind", kind, "--exact", "--csv", table, *axes
-    )
+    files = "-o", picture, "--csv", table
+    result = call("plot", file(name), "--kind", kind, "--exact", *files, *axes)
     assert message in result.output
     drawn = result.exit_code == 0
     assert drawn == (message.endswith(("none", "found")))
@@ -144,9 +140,8 @@ def test_the_flips_of_both_directions_are_listed_and_drawn(file, name, tmp_path)
     assert all(len(same) == 2 and np.ptp(same) < 1e-13 for same in values.values())
     if name == "both":
         assert values[None] == pytest.approx([FLIP, FLIP], rel=1e-13)
-        drawn = accepted(
-            "plot", file(name), "-o", "a.png", "--exact", "--at", "direction=down", "--csv", table
-        )
+        way = "--exact", "--at", "direction=down"
+        drawn = accepted("plot", file(name), "-o", "a.png", *way, "--csv", table)
         assert "exact branches of 1/1, 2/2\n" in drawn
 
 

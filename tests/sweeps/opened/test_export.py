@@ -87,9 +87,8 @@ def test_every_record_comes_back_to_the_last_bit(path, monkeypatch, rows, dimens
         frame = dataset[names].to_dataframe(dim_order=["R", "omega", dimension])[names].dropna()
     assert said.startswith(f"rows.csv: {len(frame)} rows") and 0 < len(frame) <= 14 * 8
     assert list(table[0]) == ["R", "omega", dimension, *names]
-    expected = [
-        [*map(float, at), *values] for at, values in zip(frame.index, frame.values, strict=True)
-    ]
+    held = zip(frame.index, frame.values, strict=True)
+    expected = [[*map(float, at), *values] for at, values in held]
     assert [[float(cell) for cell in row.values()] for row in table] == expected
     monkeypatch.setattr("sweeps.opened.tables._PART", 30)
     exported(path, "parts.csv", "--rows", rows)

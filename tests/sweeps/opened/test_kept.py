@@ -57,9 +57,7 @@ def asked(path, find, *args, **chosen):
         return with_cache(find, said.append)(dataset, *args, **chosen), said
 
 
-@pytest.mark.parametrize(
-    ("find", "axes"), [(branches, "omega"), (curves, ["omega", "R"])], ids=["branches", "curves"]
-)
+@pytest.mark.parametrize(("find", "axes"), [(branches, "omega"), (curves, ["omega", "R"])])
 def test_what_was_found_is_used_again_to_the_last_bit(path, find, axes):
     find = Counted(find)
     first, said = asked(path, find, axes)

@@ -31,22 +31,13 @@ def given_points(status, period, rest=0.0, growth=None):
 def test_the_status_decides_first():
     """Even if the remaining numbers suggest another regime."""
     dataset = given_points(list(Status), period=1, rest=0.5)
-    assert OpenedSweep(dataset).regimes.tolist() == [
-        Regime.PENDING,
-        Regime.REST,
-        Regime.REST,
-        Regime.REST,
-        Regime.UNBOUNDED,
-        Regime.FAILED,
-        Regime.FAILED,
-    ]
+    expected = [Regime.PENDING, *3 * [Regime.REST], Regime.UNBOUNDED, *2 * [Regime.FAILED]]
+    assert OpenedSweep(dataset).regimes.tolist() == expected
 
 
 def test_a_repetition_decides_before_the_exponent():
-    assert OpenedSweep(given_points([1, 1], [3, 0], growth=[50.0, 50.0])).regimes.tolist() == [
-        Regime.PERIODIC,
-        Regime.CHAOTIC,
-    ]
+    sweep = OpenedSweep(given_points([1, 1], [3, 0], growth=[50.0, 50.0]))
+    assert sweep.regimes.tolist() == [Regime.PERIODIC, Regime.CHAOTIC]
 
 
 def test_the_exponent_decides_by_the_growth_that_a_torus_allows():
