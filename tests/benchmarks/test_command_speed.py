@@ -112,12 +112,8 @@ def test_second_run(race, sweep):
     """Nothing is compiled again."""
     path = sweep(points=8, transient=10, periods=10)
     libraries = "import numba, h5py, psutil, pydantic, yaml, typer, rich.progress"
-    told = race.run(
-        "a second run / importing what it needs",
-        lambda: python("-m", "sweeps.cli", "run", path, "--overwrite"),
-        lambda: python("-c", libraries),
-        of_reference=1.0,
-        rounds=3,
-    )
+    words = "run", path, "--overwrite"
+    second = "a second run / importing what it needs", lambda: python("-m", "sweeps.cli", *words)
+    told = race.run(*second, lambda: python("-c", libraries), of_reference=1.0, rounds=3)
     assert "8 points, every impact found and certified" in told
     check(path)

@@ -122,12 +122,9 @@ class Forks:
         self, *arguments: str, folder: Path | None = None, stopped: bool = False, stdout: str = ""
     ) -> int:
         """Start a command; return its process id."""
-        request = {
-            "folder": str(folder or self.folder),
-            "streams": [stdout or self._streams[0], self._streams[1]],
-            "arguments": arguments,
-            "stopped": stopped,
-        }
+        streams = [stdout or self._streams[0], self._streams[1]]
+        request = {"folder": str(folder or self.folder), "streams": streams}
+        request |= {"arguments": arguments, "stopped": stopped}
         self._process.stdin.write(json.dumps(request) + "\n")
         self._process.stdin.flush()
         self._pid = int(self._process.stdout.readline())

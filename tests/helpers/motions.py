@@ -12,12 +12,8 @@ def given_sections(sections, periods, axes=("x0",), **changed):
     sections = np.asarray(sections, float)
     shape = sections.shape[: len(axes)]
     periods = np.broadcast_to(periods, shape)
-    config = load_config(
-        {
-            "oscillator": {"h": 0.1, "R": 0.8, "omega": 1.0, "f": 1.0},
-            "method": {"integrator": "rk4", "impact": "cubic"},
-        }
-    )
+    scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": 1.0, "f": 1.0}}
+    config = load_config(scene | {"method": {"integrator": "rk4", "impact": "cubic"}})
     values = {"status": np.full(shape, Status.CERTIFIED), "rest_fraction": np.zeros(shape)}
     values["chatters"] = np.zeros(shape, int)
     values |= {"period": periods, "period_impacts": periods, "orbit_distance": np.zeros(shape)}

@@ -42,10 +42,8 @@ def peak(orbit):
     flight = naive.ClosedForm(osc, orbit.phase / osc.omega, osc.clearance, -osc.R * orbit.v)
     t = flight.t0 + np.linspace(0.0, orbit.m * osc.forcing_period, 4001)
     v = flight(t)[1]
-    tops = [
-        brentq(lambda t: flight(t)[1], t[i], t[i + 1], xtol=1e-300, rtol=1e-15)
-        for i in np.flatnonzero((v[:-1] > 0.0) & (v[1:] <= 0.0))
-    ]
+    tops = np.flatnonzero((v[:-1] > 0.0) & (v[1:] <= 0.0))
+    tops = [brentq(lambda t: flight(t)[1], t[i], t[i + 1], xtol=1e-300, rtol=1e-15) for i in tops]
     return max((float(flight(top)[0]) for top in tops), default=-np.inf) - osc.clearance
 
 

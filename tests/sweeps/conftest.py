@@ -104,6 +104,15 @@ def path(request, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def files(request, tmp_path_factory):
+    """Run the ``FILES`` of the test file, and return their folder."""
+    folder = tmp_path_factory.mktemp("files")
+    for name, text in request.module.FILES.items():
+        run_in(folder, text, name=f"{name}.h5")
+    return folder
+
+
+@pytest.fixture(scope="module")
 def dataset(path):
     """Return the data of `path`, which tests only read."""
     with open_sweep(path) as opened:

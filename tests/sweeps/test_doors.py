@@ -27,10 +27,8 @@ SCENE = {"oscillator": {"h": 0.1, "R": 0.8, "omega": [2.5, 2.6], "f": 1.0}}
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
-    return {
-        name: run_in(folder, text, name=f"{name}.h5")
-        for name, text in (("map", MAP), ("starts", STARTS))
-    }
+    texts = {"map": MAP, "starts": STARTS}
+    return {name: run_in(folder, text, name=f"{name}.h5") for name, text in texts.items()}
 
 
 @pytest.fixture(scope="module")

@@ -302,10 +302,8 @@ def test_integrity(scene):
         assert_allclose(free.get_ydata(), [*measure[:2, 0], end])
         assert_allclose(other.get_ydata(), [*measure[:2, 1], np.nan])
         marks = np.isfinite(bounds.get_ydata())
-        assert (
-            marks[2] == np.isnan(end)
-            and bounds.get_ydata()[marks].max(initial=0.0) < panel.get_ylim()[1]
-        )
+        assert marks[2] == np.isnan(end)
+        assert bounds.get_ydata()[marks].max(initial=0.0) < panel.get_ylim()[1]
         assert same_color(bounds.get_markerfacecolor(), panel.get_facecolor())  # hollow
         assert set(here.get_xdata()) == {2.75}
     assert basins.get_title("left") == r"basins at $\omega=2.75$"

@@ -45,10 +45,8 @@ def test_no_impact_depends_on_how_many_share_a_step():
     points["omega"] = np.geomspace(0.3, 6.0, points.size)
     for part in np.array_split(points, 20):
         most = default_steps(part, "exact")
-        few, many = (
-            integrate(part, transient=0, periods=4, steps_per_period=n)
-            for n in (most, 4 * most + 1)
-        )
+        how = {"transient": 0, "periods": 4}
+        few, many = (integrate(part, steps_per_period=n, **how) for n in (most, 4 * most + 1))
         np.testing.assert_array_equal(few["status"], many["status"])
         same = (few["chatters"] == 0) & (part["R"] < 0.99) & (few["slowest_impact"] > 1e-4)
         np.testing.assert_array_equal(few["chatters"][same], many["chatters"][same])

@@ -238,10 +238,8 @@ def test_a_class_does_not_depend_on_how_a_run_is_divided(integrator, impact):
 def resting_points(n, seed, low, high):
     """Return points on preloaded stops between 10^low and 10^high away, which the force leaves."""
     rng, points = np.random.default_rng(seed), random_points(n, seed)
-    points["R"], points["clearance"] = (
-        rng.uniform(0.0, 0.7, n),
-        -(10.0 ** rng.uniform(low, high, n)),
-    )
+    points["R"] = rng.uniform(0.0, 0.7, n)
+    points["clearance"] = -(10.0 ** rng.uniform(low, high, n))
     points["p"] = np.sqrt(points["f"] * rng.uniform(0.05, 0.98, n) / -points["clearance"])
     points["x0"] = points["clearance"] - rng.uniform(0.0, 1.0, n)
     return points

@@ -72,10 +72,8 @@ def test_motions_damped_over_a_hundred_thousand_periods():
     out, steps = found_of(points, transient, 33, phase)
     for name in "xv":
         points[f"{name}0"] = out[f"poincare_{name}"][:, -1]
-    later = integrate(
-        points, transient=0, periods=20_000, phase=phase, at_section=True, impacts=0,
-        steps_per_period=steps,
-    )  # fmt: skip
+    how = {"steps_per_period": steps, "phase": phase, "at_section": True, "impacts": 0}
+    later = integrate(points, transient=0, periods=20_000, **how)
     free = (out["period"] == 1) & (out["period_impacts"] == 0)
     assert free.sum() > 30 and (out["class_evidence"][free] == Evidence.FREE).all()
     assert not later["impacts_per_period"][free].any()

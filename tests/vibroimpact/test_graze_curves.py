@@ -89,12 +89,9 @@ def test_a_graze_of_all_impacts_is_that_of_the_free_oscillation():
     osc = Oscillator(0.1602367594878764, 0.16773159910106636, 7.351284129173936, 1.1977359445134217)
     stiffness = complex(1.0 - osc.omega**2, 2.0 * osc.h * osc.omega)
     phase = 0.5 * math.pi + np.angle(-stiffness)
-    orbit = PeriodicOrbit(
-        replace(osc, clearance=osc.f / abs(stiffness)),
-        9,
-        phase + 2.0 * math.pi * np.array([0.0, 5.0]),
-        np.zeros(2),
-    )
+    at_graze = replace(osc, clearance=osc.f / abs(stiffness))
+    phases = phase + 2.0 * math.pi * np.array([0.0, 5.0])
+    orbit = PeriodicOrbit(at_graze, 9, phases, np.zeros(2))
     found = bifurcation_curve(orbit, "graze", ("clearance", -0.6, 0.6), ("f", 0.33, 1.76))
     assert [point.kind for point in found.special] == ["edge", "edge"]
     clearance, f = found.values.T

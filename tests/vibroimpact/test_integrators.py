@@ -195,10 +195,8 @@ def test_the_order_through_impacts_is_the_lower_of_the_two(truth, case, rule, in
     order = min(parts)
     first = INTEGRATORS[integrator].order == 1
     ladder = LADDER_OF_THE_FIRST_ORDER if first else LADDER[order]
-    errors = [
-        error_of_the_state(truth[case], integrator, rule, spread(n, 4 if first else 8))
-        for n in ladder
-    ]
+    count = 4 if first else 8
+    errors = [error_of_the_state(truth[case], integrator, rule, spread(n, count)) for n in ladder]
     low, high = FITTED[order]
     assert low < slope(ladder, errors) < high
     assert errors[-1] < parts.count(order) * LEFT[order]

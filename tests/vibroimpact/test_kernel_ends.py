@@ -36,13 +36,8 @@ def test_an_unstable_lane_ends_as_not_a_number_and_leaves_its_neighbours_alone()
     bad[[0, 7, 35]] = True
     mixed = points.copy()
     mixed[bad] = one(50.0, 0.8, 2.0)
-    arguments = {
-        "integrator": "rk4",
-        "impact": "plain",
-        "steps_per_period": 20,
-        "transient": 0,
-        "periods": 40,
-    }
+    method = {"integrator": "rk4", "impact": "plain", "steps_per_period": 20}
+    arguments = method | {"transient": 0, "periods": 40}
     clean = integrate(points[~bad], **arguments)
     out = integrate(mixed, **arguments)
     assert_same({name: values[~bad] for name, values in out.items()}, clean)

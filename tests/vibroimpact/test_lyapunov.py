@@ -161,10 +161,8 @@ def test_a_stable_orbit_has_the_logarithms_of_its_multipliers(h, omega, R, n):
     assert turning == (omega in (2.3, 4.1))
     known = np.log(np.abs(orbit.multipliers)) / (n * osc.forcing_period)
     arguments = {"transient": 4000 * n, "impacts": 0, "lyapunov": True}
-    whole, half = (
-        integrate(osc.at(), periods=periods * n, **arguments)["lyapunov"][0]
-        for periods in (4000, 2000)
-    )
+    lengths = 4000 * n, 2000 * n
+    whole, half = (integrate(osc.at(), periods=p, **arguments)["lyapunov"][0] for p in lengths)
     found = 2.0 * whole - half
     np.testing.assert_allclose(found.mean(), known.mean(), atol=1e-10)
     np.testing.assert_allclose(found, known, atol=2e-3 if turning else 1e-8)
@@ -190,10 +188,8 @@ def test_without_restitution_one_impact_leaves_a_line_of_neighbours():
     """
     oscillators = [Oscillator(h=0.05, R=0.0, omega=w, f=1.0) for w in np.linspace(2.2, 2.6, 20)]
     orbits = [one_impact_orbit(osc) for osc in oscillators]
-    known = [
-        math.log(abs(sum(orbit.multipliers))) / osc.forcing_period
-        for osc, orbit in zip(oscillators, orbits, strict=True)
-    ]
+    sums = [math.log(abs(sum(orbit.multipliers))) for orbit in orbits]
+    known = np.divide(sums, [osc.forcing_period for osc in oscillators])
     points = np.concatenate([osc.at() for osc in oscillators])
     how = {"transient": 300, "lyapunov": True}
     whole, half = (integrate(points, periods=periods, **how) for periods in (800, 400))

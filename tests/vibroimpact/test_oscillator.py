@@ -96,11 +96,8 @@ def test_a_point_holds_every_parameter_under_its_name():
     given = {name: 0.1 + 0.1 * k for k, name in enumerate(GOOD)}
     (point,) = Oscillator(**given).at(x0=-3.0, v0=7.0, phase=1.5)
     assert point.dtype == POINT
-    assert {name: point[name] for name in POINT.names} == given | {
-        "x0": -3.0,
-        "v0": 7.0,
-        "phase": 1.5,
-    }
+    start = {"x0": -3.0, "v0": 7.0, "phase": 1.5}
+    assert {name: point[name] for name in POINT.names} == given | start
 
 
 @pytest.mark.parametrize("name", GOOD)

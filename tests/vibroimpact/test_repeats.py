@@ -32,10 +32,8 @@ def in_pieces(points, transient, periods, impacts, **method):
         points["x0"], points["v0"] = piece["poincare_x"][:, 0], piece["poincare_v"][:, 0]
         pieces.append(piece)
     recorded = pieces[transient:]
-    out = {
-        name: np.concatenate([piece[name] for piece in recorded], axis=1)
-        for name in ("poincare_x", "poincare_v")
-    }
+    states = "poincare_x", "poincare_v"
+    out = {name: np.concatenate([one[name] for one in recorded], axis=1) for name in states}
     for name in SUMS + COUNTS:
         out[name] = np.sum([piece[name] for piece in recorded], axis=0)
     for name in SUMS + COUNTS[:1]:
@@ -180,10 +178,8 @@ def test_a_record_holds_nothing_of_the_point_before():
     """Whatever the lanes of its thread computed before it."""
     points, none = mixed_points(300, 9), np.zeros(1, np.int64)
     how = scheme_of(points, "exact", "exact", None), Length(30, 20, 4), False, 1, none, False
-    sums = [
-        np.concatenate([_record(part, *how).sums for part in parts])
-        for parts in ([points], np.split(points, 6))
-    ]
+    both = [points], np.split(points, 6)
+    sums = [np.concatenate([_record(part, *how).sums for part in parts]) for parts in both]
     assert (sums[0]["rested"] > 0.0).any() and (sums[0]["cycle"] == 0).any()
     for name in sums[0].dtype.names:
         np.testing.assert_array_equal(sums[1][name], sums[0][name], err_msg=name)

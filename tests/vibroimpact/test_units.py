@@ -143,10 +143,8 @@ def orbit_numbers(units, orbit):
 def branch_numbers(units, found):
     """Return all that is said of a branch or a curve, its quantities in the given units."""
     columns = found.values.reshape(len(found.values), -1).T
-    numbers = [
-        units.into(PARAMETERS[name].unit, column)
-        for name, column in zip(found.parameters, columns, strict=True)
-    ]
+    both = zip(found.parameters, columns, strict=True)
+    numbers = [units.into(PARAMETERS[name].unit, column) for name, column in both]
     numbers += [found.stable, found.phases, units.into("length/time", found.speeds)]
     for point in found.special:
         numbers += [point.kind, *orbit_numbers(units, point.orbit)]

@@ -87,11 +87,8 @@ def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
     assert partition(drawn) == partition(own)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     share = 100.0 * attractors(dataset)["fraction"].values
-    assert labels == [
-        f"2/3: 0.703, 1.114, 2.254; {share[0]:.1f} %",
-        f"1/1: 1.423; {share[1]:.1f} %",
-        "attractors at the section",
-    ]
+    first, second = f"2/3: 0.703, 1.114, 2.254; {share[0]:.1f} %", f"1/1: 1.423; {share[1]:.1f} %"
+    assert labels == [first, second, "attractors at the section"]
 
 
 @pytest.mark.slow

@@ -83,10 +83,8 @@ def test_tables_are_the_same_in_all_units(tmp_path, axes, seeds):
     rows = 0
     for axis, seed in itertools.product(axes, seeds):
         given, random = one_axis(axis, seed), np.random.default_rng(seed)
-        scaled = {
-            "length": 2.0 ** random.integers(-40, 40),
-            "rate": 2.0 ** random.integers(-20, 20),
-        }
+        length, rate = 2.0 ** random.integers(-40, 40), 2.0 ** random.integers(-20, 20)
+        scaled = {"length": length, "rate": rate}
         ours, theirs = table(tmp_path, given, most=3), table(tmp_path, given, most=3, **scaled)
         pd.testing.assert_frame_equal(ours, theirs, check_exact=True)
         rows += len(ours)
@@ -178,10 +176,8 @@ def test_a_bifurcation_at_an_end_of_the_axis_lies_on_it(tmp_path, end):
     with sweeps.open_sweep(sweeps.run_sweep(scene, tmp_path / "flip.h5")) as dataset:
         found = find_bifurcations(OpenedSweep(dataset), keep=in_place_of_branches(moved), most=2)
     (row,) = found[found["value"] == omega[end]].itertuples()
-    assert (row.kind, row.low, row.high) == (
-        "flip",
-        *(omega[[0, 1]] if end == 0 else omega[[4, 5]]),
-    )
+    ends = omega[[0, 1]] if end == 0 else omega[[4, 5]]
+    assert (row.kind, row.low, row.high) == ("flip", *ends)
 
 
 def test_every_value_lies_between_its_neighbours(tmp_path):

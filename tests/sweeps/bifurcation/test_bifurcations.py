@@ -184,11 +184,8 @@ def test_every_bifurcation_is_listed_once_with_both_sides(sweep, tmp_path):
     assert (found["value"].fillna(found["high"]) <= found["high"]).all()
     accepted("info", path, "--bifurcations", "--csv", tmp_path / "b.csv")
     empty = {name: [""] for name in ("value", "x", "v", "multiplier_1", "multiplier_2")}
-    text = {
-        "keep_default_na": False,
-        "na_values": empty,
-        "dtype": dict.fromkeys(("impact_v", "criticality"), str),
-    }
+    texts = dict.fromkeys(("impact_v", "criticality"), str)
+    text = {"keep_default_na": False, "na_values": empty, "dtype": texts}
     written = pd.read_csv(tmp_path / "b.csv", **text)
     pd.testing.assert_frame_equal(written, found, rtol=1e-14)
 
@@ -207,10 +204,8 @@ def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
 @pytest.mark.slow
 def test_a_window_behind_chaos_is_no_part_of_the_flip_before_it(sweep):
     """A row for 1/1, which flips at its certified value, and one for the 3/3 window behind."""
-    path = sweep(
-        "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 3.23, 3.235, 3.32]",
-        changes=["record.diagnostics=[period]"],
-    )
+    changes = ["record.diagnostics=[period]"]
+    path = sweep("h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 3.23, 3.235, 3.32]", changes=changes)
     rows = bifurcations(path)
     (flip,) = (row for row in rows if row.orbit == "1/1")
     (other,) = (row for row in rows if row.high == 3.32 and str(row.after) == "4/3")
@@ -358,9 +353,6 @@ def test_at_a_subcritical_flip_the_arrow_leads_away_from_the_orbit(sweep):
     assert flip["value"] == pytest.approx(0.624320457334, rel=1e-11)
     assert (flip["before"], flip["after"], flip["criticality"]) == ("?", "2/3", "subcritical")
     assert (found.loc[found["kind"] != "flip", "criticality"] == "").all()
-    (line,) = (
-        row
-        for row in accepted("info", path, "--bifurcations").split("\n")
-        if "2/3" in row and "flip" in row
-    )
+    rows = accepted("info", path, "--bifurcations").split("\n")
+    (line,) = (row for row in rows if "2/3" in row and "flip" in row)
     assert "? <- 2/3" in line and line.endswith("subcritical")

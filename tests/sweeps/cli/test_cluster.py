@@ -81,12 +81,9 @@ def test_no_other_user_reaches_the_processes_of_this_machine():
 def listening():
     """Return host and port of every server of this process and its children."""
     me = psutil.Process()
-    return {
-        connection.laddr[:2]
-        for process in [me, *me.children(recursive=True)]
-        for connection in process.net_connections("tcp")
-        if connection.status == psutil.CONN_LISTEN
-    }
+    processes = [me, *me.children(recursive=True)]
+    places = [one for process in processes for one in process.net_connections("tcp")]
+    return {one.laddr[:2] for one in places if one.status == psutil.CONN_LISTEN}
 
 
 def answers_http(host, port):

@@ -81,10 +81,8 @@ def answer_mutated(seed):
             path.unlink()
 
 
-MANY = [
-    pytest.param(range(start, start + 500), marks=pytest.mark.campaign)
-    for start in range(0, 10_000, 500)
-]
+STARTS = range(0, 10_000, 500)
+MANY = [pytest.param(range(n, n + 500), marks=pytest.mark.campaign) for n in STARTS]
 
 
 @pytest.mark.slow

@@ -138,13 +138,9 @@ def test_a_name_of_odd_characters_comes_back_from_every_command(folder):
     again, first = load_config("again.yaml"), load_config("odd.yaml")
     assert again.name == ODD_NAME and again.points.tolist() == first.points.tolist()
     for encoding, option in (("ascii", "--json"), ("utf-16", "--config")):
-        done = subprocess.run(
-            [sys.executable, "-m", "sweeps.cli", "info", "odd.h5", option],
-            env={**environment(), "PYTHONIOENCODING": encoding},
-            capture_output=True,
-            check=True,
-            timeout=300,
-        )
+        command = [sys.executable, "-m", "sweeps.cli", "info", "odd.h5", option]
+        env = {**environment(), "PYTHONIOENCODING": encoding}
+        done = subprocess.run(command, env=env, capture_output=True, check=True, timeout=300)
         text = done.stdout.decode(encoding)
         assert (strict(text) if option == "--json" else yaml.safe_load(text))["name"] == ODD_NAME
 

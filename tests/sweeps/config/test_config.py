@@ -82,10 +82,8 @@ def test_the_example_is_read_as_written():
     assert config.record.trajectory is False
     assert list(config.sweep.grid.axes) == ["omega"]
     np.testing.assert_array_equal(config.sweep.grid.axes["omega"], linear_values(0.8, 4.0, 4096))
-    assert config.sweep.grid.fixed == {
-        "h": 0.1, "R": 0.8, "f": 1.0, "p": 1.0, "clearance": 0.0, "a": 0.0, "x0": 0.0, "v0": 0.0,
-        "phase": 0.0,
-    }  # fmt: skip
+    zero = dict.fromkeys(("clearance", "a", "x0", "v0", "phase"), 0.0)
+    assert config.sweep.grid.fixed == {"h": 0.1, "R": 0.8, "f": 1.0, "p": 1.0, **zero}
 
 
 def test_the_defaults_are_the_documented_ones():
@@ -166,10 +164,8 @@ def test_to_yaml_is_complete_and_keeps_the_order():
     plain = yaml.safe_load(load("start: {v0: 1}\n" + oscillator_yaml()).to_yaml())
     assert list(plain) == ["name", "start", "oscillator", "method", "record", "compression"]
     assert list(plain["start"]) == ["v0", "x0", "phase"]
-    assert plain["record"] == {
-        "transient": 1000, "periods": 100, "phase": 0.0, "impacts": 64, "trajectory": False,
-        "diagnostics": ["period"],
-    }  # fmt: skip
+    record = {"transient": 1000, "periods": 100, "phase": 0.0, "impacts": 64}
+    assert plain["record"] == record | {"trajectory": False, "diagnostics": ["period"]}
 
 
 # The JSON schema
@@ -210,10 +206,8 @@ def test_the_schema_has_the_bounds_of_every_parameter(name, form):
 
 def test_the_schema_describes_every_parameter():
     definitions = json_schema()["$defs"]
-    properties = {
-        **definitions["OscillatorConfig"]["properties"],
-        **definitions["StartConfig"]["properties"],
-    }
+    groups = "OscillatorConfig", "StartConfig"
+    properties = {k: v for group in groups for k, v in definitions[group]["properties"].items()}
     for name, parameter in PARAMETERS.items():
         description = properties[name]["description"]
         assert parameter.meaning in description

@@ -303,10 +303,6 @@ def test_attractors_of_a_table_are_those_of_the_grid_of_its_starts(omega):
     for name in ("grid.h5", "table.h5"):
         with open_sweep(name) as dataset:
             listed = attractor_rows(OpenedSweep(dataset), attractors(dataset))
-        found.append(
-            sorted(
-                (row.parameters["omega"], row.name, row.fraction, *row.speeds.round(9))
-                for row in listed
-            )
-        )
+        rows = ((row.parameters["omega"], row.name, row.fraction, row.speeds) for row in listed)
+        found.append(sorted((*row, *speeds.round(9)) for *row, speeds in rows))
     assert found[0] == found[1] and len(found[0]) == 1 + len(omega)

@@ -44,10 +44,8 @@ def test_the_columns_of_a_table_may_be_those_of_the_rig(tmp_path):
                "serial": [1, 2, 3]}  # fmt: skip
     left = "rig: {mass: 2.0}\n"
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-    made = [
-        Oscillator.from_rig(mass=2.0, **{k: v for k, v in row.items() if k != "serial"})
-        for row in rows
-    ]
+    bare = [{k: v for k, v in row.items() if k != "serial"} for row in rows]
+    made = [Oscillator.from_rig(mass=2.0, **row) for row in bare]
     lines = [",".join(columns), *(",".join(map(repr, row.values())) for row in rows)]
     (tmp_path / "table.csv").write_text("\n".join(lines) + "\n")
     for given in (yaml.safe_dump(columns, default_flow_style=True), f"{tmp_path / 'table.csv'}\n"):
@@ -68,10 +66,8 @@ def test_the_mass_may_be_a_column_with_numbers_and_columns_of_the_rig():
     config = load(text + f"points: {{mass: {masses}, stiffness: {stiffness}}}\n")
     points = points_of(config)
     fixed = {"damping": 1.2, "force": 10.3, "base": 1e-5, "frequency": 3.3, "gap": 5e-4, "R": 0.8}
-    made = [
-        Oscillator.from_rig(mass=mass, stiffness=k, **fixed)
-        for mass, k in zip(masses, stiffness, strict=True)
-    ]
+    both = zip(masses, stiffness, strict=True)
+    made = [Oscillator.from_rig(mass=mass, stiffness=k, **fixed) for mass, k in both]
     for name in ("h", "p", "f", "omega", "clearance", "a", "R"):
         assert points[name].tolist() == [getattr(osc, name) for osc in made], name
     assert points_of(load(config.to_yaml())).tobytes() == points.tobytes()

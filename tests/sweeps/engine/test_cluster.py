@@ -162,12 +162,9 @@ def scheduler(tmp_path_factory):
 
     def dask(*arguments):
         with log.open("a") as file:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "dask", *arguments, "--no-dashboard"],
-                env={**os.environ, "PYTHONPATH": str(ROOT)},
-                stdout=file,
-                stderr=file,
-            )
+            command = [sys.executable, "-m", "dask", *arguments, "--no-dashboard"]
+            env = {**os.environ, "PYTHONPATH": str(ROOT)}
+            process = subprocess.Popen(command, env=env, stdout=file, stderr=file)
         processes.append(process)
         return process
 

@@ -16,6 +16,7 @@ from sweeps.plotting.api import default_kind
 from tests.helpers import naive
 from tests.helpers.commands import accepted, refused
 from tests.helpers.configurations import load
+from tests.helpers.kernel_cases import integrated
 from tests.helpers.sweep_files import data, run_and_read, run_in
 from vibroimpact import INTEGRATORS, Oscillator, integrate, one_impact_orbit, simulate
 
@@ -34,10 +35,8 @@ def test_a_free_motion_from_any_phase_is_the_closed_form(integrator):
     for start in (0.0, 0.9, 2.5, 6.1):
         points = Oscillator(**vars(free)).at(-0.7, 0.4, start)
         flight = naive.ClosedForm(free, start / 1.3, -0.7, 0.4)
-        run = integrate(
-            points, integrator=integrator, impact="exact" if integrator == "exact" else "plain",
-            steps_per_period=1000, transient=0, periods=2, phase=1.7,
-        )  # fmt: skip
+        rule = "exact" if integrator == "exact" else "plain"
+        run = integrated(points, integrator, rule, 1000, periods=2, phase=1.7)
         turns = np.arange(1, 3) + (start > 1.7)
         x, v = flight((1.7 + 2.0 * math.pi * turns) / 1.3)
         error += [run["poincare_x"][0] - x, run["poincare_v"][0] - v]

@@ -96,10 +96,8 @@ def test_the_status_is_the_worst_of_all_stages():
     assert len(np.unique(found["status"])) > 1
     for transient in np.unique(found["transient"]).tolist():
         rows = found["transient"] == transient
-        run = integrate(
-            points[rows], transient=transient, periods=20, impacts=4,
-            steps_per_period=spec.steps_per_period,
-        )  # fmt: skip
+        how = {"impacts": 4, "steps_per_period": spec.steps_per_period}
+        run = integrate(points[rows], transient=transient, periods=20, **how)
         for name in ("status", "poincare_x", "impact_v"):
             np.testing.assert_array_equal(found[name][rows], run[name], err_msg=name)
 

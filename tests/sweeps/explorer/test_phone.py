@@ -72,11 +72,8 @@ def test_the_tab_key_comes_to_tabs_plot_and_controls_and_each_says_what_it_is(wi
     while (stop := window.tab.evaluate(FOCUS))[0] != "BODY":
         stops.append(stop)
         key("Tab")
-    assert stops[:3] == [
-        ["tab", "diagram", "true"],
-        ["tab", "map of classes", "false"],
-        ["tab", "basins", "false"],
-    ]
+    names = ("diagram", "true"), ("map of classes", "false"), ("basins", "false")
+    assert stops[:3] == [["tab", *name] for name in names]
     assert stops[3][:2] == ["application", "diagram"]
     kinds = [kind for kind, *_ in stops]
     assert set(kinds[4 : kinds.index("SELECT")]) == {"button"}  # the tools of the plot

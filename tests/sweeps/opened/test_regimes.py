@@ -122,10 +122,8 @@ REST, CHAOS = Label(Regime.REST), Label(Regime.CHAOTIC)
 
 def test_points_of_no_known_class_are_passed_over():
     given = [ONE, None, None, ONE, None, TWO, CHAOS]
-    assert list(changes_of_class(np.arange(7.0), given)) == [
-        Change(3.0, 5.0, ONE, TWO, between=1),
-        Change(5.0, 6.0, TWO, CHAOS),
-    ]
+    changes = [Change(3.0, 5.0, ONE, TWO, between=1), Change(5.0, 6.0, TWO, CHAOS)]
+    assert list(changes_of_class(np.arange(7.0), given)) == changes
 
 
 @pytest.mark.parametrize(

@@ -11,15 +11,8 @@ from tests.helpers.equal_points import equal_points
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.plotting.test_overlay import RIG, TABLE, points
 
+FILES = {"rig": RIG, "table": TABLE}
 PAGE = Page(xlabel="across", ylabel="up $y$")
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("files")
-    for name, text in (("rig", RIG), ("table", TABLE)):
-        run_in(folder, text, name=f"{name}.h5")
-    return folder
 
 
 @pytest.mark.parametrize("kind", ["bifurcation", "section", "impacts", "trajectory"])

@@ -143,11 +143,8 @@ def test_dashes_do_not_close_over_several_periods(orbit_both_ways):
     """In the phase plane, a dashed orbit is drawn once."""
     figure = trajectory(orbit_both_ways, color="direction", periods=4, page=Page(grey=True))
     over_time, phase_plane, velocity = figure.axes
-    dashed = [
-        line
-        for line in phase_plane.lines
-        if line.get_linestyle() == "--" and len(line.get_xdata()) > 2
-    ]
+    dashed = [line for line in phase_plane.lines if line.get_linestyle() == "--"]
+    dashed = [line for line in dashed if len(line.get_xdata()) > 2]
     solid = [line for line in phase_plane.lines if len(line.get_xdata()) > 100]
     assert len(dashed) == 1 and len(solid) == 2
     lengths = sorted(len(line.get_xdata()) for line in solid)

@@ -72,10 +72,8 @@ def test_classes_differ_by_their_markers_and_motions_by_their_dashes(path):
     with open_sweep(path) as dataset:
         figure = bifurcation(dataset, color="period", page=PAGE)
         curves = KINDS["trajectory"].draw(dataset, color="direction", page=PAGE).legends[0]
-    looks = {
-        line.get_label(): (line.get_marker(), line.get_color())
-        for line in figure.legends[0].get_lines()
-    }
+    lines = figure.legends[0].get_lines()
+    looks = {line.get_label(): (line.get_marker(), line.get_color()) for line in lines}
     assert {"1/0, no impact", "1/1"} <= looks.keys() and len({*looks.values()}) == len(looks)
     drawn = {(line.get_marker(), line.get_color()) for line in figure.axes[0].lines}
     assert {looks["1/1"], looks["1/0, no impact"]} <= drawn

@@ -60,12 +60,9 @@ def test_the_legend_has_only_what_there_is():
 @pytest.mark.slow
 def test_lines_mark_the_motions_that_have_not_settled():
     """Those of either neighbour in a row, and of the last column; 3 of the 11 with a result."""
-    figure = parameter_map(
-        equal_points(
-            orbit_distance={(0, 1): 2e-6, (0, 2): 1.0, (1, 0): 1e-6, (1, 1): np.nan, (2, 3): 0.1},
-            status={(2, 0): Status.PENDING},
-        )
-    )
+    near = {(0, 1): 2e-6, (0, 2): 1.0, (1, 0): 1e-6, (1, 1): np.nan, (2, 3): 0.1}
+    dataset = equal_points(orbit_distance=near, status={(2, 0): Status.PENDING})
+    figure = parameter_map(dataset)
     (marks,) = (patch for patch in figure.axes[0].patches if patch.get_hatch())
     centres = [[marks.get_path().contains_point((x, y)) for x in OMEGA] for y in R]
     assert np.argwhere(centres).tolist() == [[0, 1], [0, 2], [2, 3]]
@@ -86,10 +83,8 @@ def test_a_class_has_one_colour_in_every_map_and_rare_classes_share_one():
 
 def test_a_part_of_a_map_names_the_classes_without_a_colour_that_are_in_it():
     points = equal_points(period={(..., 0): 7, (..., 3): 9})
-    names = [
-        legend(parameter_map(points, page=Page(xlim=(low, high), height=5.0)))
-        for low, high in ((0.5, 1.4), (1.6, 3.4), (3.6, 4.4))
-    ]
+    pages = [Page(xlim=ends, height=5.0) for ends in ((0.5, 1.4), (1.6, 3.4), (3.6, 4.4))]
+    names = [legend(parameter_map(points, page=page)) for page in pages]
     assert [[*each] for each in names] == [["other m/q: 7/1"], ["1/1"], ["other m/q: 9/1"]]
 
 

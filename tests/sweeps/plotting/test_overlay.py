@@ -14,7 +14,6 @@ from sweeps.opened import kept
 from sweeps.plotting import Page, bifurcation, parameter_map, plot, table_panels
 from tests.helpers.commands import SMALL, accepted, refused
 from tests.helpers.equal_points import equal_points
-from tests.helpers.sweep_files import run_in
 
 RIG = """\
 rig: {mass: 0.5, stiffness: 8000, damping: 4, force: 8, gap: 0.0005, R: 0.7,
@@ -27,16 +26,9 @@ oscillator: {h: 0.1, f: 1.0}
 points: {R: [0.8, 0.7, 0.75], omega: [2.4, 2.6, 2.9]}
 record: {transient: 20, periods: 4, impacts: 2, diagnostics: [period]}
 """
+FILES = {"rig": RIG, "table": TABLE, "small": SMALL}
 #: Places within the map of `equal_points`.
 PLACES = {"omega": [1.5, 2.0, 3.5], "R": [0.4, 0.6, 0.8]}
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("files")
-    for name, text in (("rig", RIG), ("table", TABLE), ("small", SMALL)):
-        run_in(folder, text, name=f"{name}.h5")
-    return folder
 
 
 @pytest.fixture

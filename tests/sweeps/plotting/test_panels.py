@@ -61,10 +61,8 @@ def test_a_table_has_the_panels_in_the_order_typed(table):
     with open_sweep(table) as dataset:
         figure = table_panels(dataset, panels=["omega", "R"])
     labels = [panel.get_xlabel() for panel in figure.axes if panel.get_xlabel()]
-    assert [label.split(" $")[0] for label in labels] == [
-        "forcing frequency",
-        "coefficient of restitution",
-    ]
+    meanings = ["forcing frequency", "coefficient of restitution"]
+    assert [label.split(" $")[0] for label in labels] == meanings
     assert "further" not in "".join(text.get_text() for text in figure.legends[0].get_texts())
 
 
@@ -121,10 +119,8 @@ def test_basins_of_several_values_have_one_legend_with_all_shares(path, page):
     assert titles(figure) == [r"$\omega=2.6$", r"$\omega=2.7$"]
     for panel, one in zip(figure.axes, alone, strict=True):
         cells = [axes.collections[0].get_array() for axes in (panel, one.axes[0])]
-        colours = [
-            axes.collections[0].to_rgba(array)
-            for axes, array in zip((panel, one.axes[0]), cells, strict=True)
-        ]
+        both = zip((panel, one.axes[0]), cells, strict=True)
+        colours = [axes.collections[0].to_rgba(array) for axes, array in both]
         np.testing.assert_array_equal(*colours)
     shown = [text.get_text() for text in figure.legends[0].get_texts()]
     assert len(figure.legends) == 1 and len(shown) == len({*shown})

@@ -37,14 +37,7 @@ TABLE = """\
 points: {h: [0.1, 0.02, 0.05], R: [0.8, 0.7, 0.75], omega: [2.4, 2.6, 2.9], p: [1.0, 1.1, 1.2]}
 oscillator: {f: 1.0}
 """
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("files")
-    for name, text in (("map", MAP), ("starts", STARTS), ("table", TABLE), ("rig", RIG)):
-        run_in(folder, text, name=f"{name}.h5")
-    return folder
+FILES = {"map": MAP, "starts": STARTS, "table": TABLE, "rig": RIG}
 
 
 @pytest.fixture

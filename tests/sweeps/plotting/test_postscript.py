@@ -24,10 +24,9 @@ def images(path):
     """Return the images in an EPS file, shape (rows, columns, 3)."""
     image = r"(\d+) (\d+) 8 \[[^\]]*\]\n\{\n.*?colorimage\n([0-9a-f\n]+)"
     found = re.findall(image, path.read_text(), re.DOTALL)
-    return [
-        np.frombuffer(bytes.fromhex(digits), np.uint8).reshape(int(rows), int(columns), 3)
-        for columns, rows, digits in found
-    ]
+    pixels = [np.frombuffer(bytes.fromhex(digits), np.uint8) for *_, digits in found]
+    sizes = [(int(rows), int(columns), 3) for columns, rows, _ in found]
+    return [*map(np.reshape, pixels, sizes)]
 
 
 def panel_with(*artists):

@@ -88,11 +88,8 @@ def test_a_title_of_too_many_levels_is_refused():
 
 def test_a_title_names_the_method_unless_it_is_exact():
     named = method_text(load_config(NEWMARK).sweep.spec)
-    assert [part.replace("\N{NO-BREAK SPACE}", " ") for part in named] == [
-        "newmark",
-        "impact rule reduced-step",
-        "120 steps per period",
-    ]
+    parts = ["newmark", "impact rule reduced-step", "120 steps per period"]
+    assert [part.replace("\N{NO-BREAK SPACE}", " ") for part in named] == parts
     assert method_text(load_config({**NEWMARK, "method": {}}).sweep.spec) == []
 
 

@@ -33,11 +33,8 @@ class Base:
     def __init__(self, folder, blocks, name="out.h5", compressed=False):
         fill_blocks(folder / "out.h5", blocks, compressed)
         self.name, self.complete = name, name == "out.h5"
-        self.files = {
-            path.relative_to(folder): path.read_bytes()
-            for path in folder.rglob("*")
-            if path.is_file()
-        }
+        files = [path for path in folder.rglob("*") if path.is_file()]
+        self.files = {path.relative_to(folder): path.read_bytes() for path in files}
         self.content = self.files[Path(name)]
         self.data = data(folder / "out.h5")
         end = len(self.content)
