@@ -57,6 +57,20 @@ def test_a_period_after_which_the_rest_is_of_another_length_with_the_next_p_is_n
     assert (out["destination"]["m"] == 0).all()
 
 
+@pytest.mark.parametrize("phase", [0.0, 0.1])
+def test_a_period_that_ends_with_the_next_greater_p_is_none_at_any_section(phase):
+    """With p smaller by 4e-15 of it, the rest is 0.7 % shorter; with p greater, 26 % or more."""
+    osc = Oscillator(
+        h=0.007942204086095528, R=0.02510991126878176, omega=8.050883564373642, f=1.0,
+        p=1.2767860897684729, clearance=-0.040431850150681126,
+    )  # fmt: skip
+    points, none = osc.at(osc.clearance), np.zeros(1, np.int64)
+    scheme = scheme_of(points, "exact", "exact", 600, phase=phase)
+    out = run_points(points, scheme, Length(200, 128, 0), False, None, none, classes=True)
+    assert (out["poincare_x"][0, 54:] == out["poincare_x"][0, :-54]).all()
+    assert out["destination"]["m"] == 0 and out["destination"]["evidence"] == Evidence.UNSTABLE
+
+
 def points_with_rest(n, seed, **method):
     """Return points whose motions rest, at random."""
     rng, points = np.random.default_rng(seed), np.zeros(5 * n, POINT)

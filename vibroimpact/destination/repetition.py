@@ -172,9 +172,9 @@ def near_repetitions(sections, size, found):
 _BESIDE = 2.0**-48
 #: Most periods in which rounding has never been seen to grow enough to decide a rest.
 _SURE = 12
-#: Rests are about as long as each other if they differ by less than the first share. Below the
-#: second their length changes in proportion to p, so that on the other side it differs as little.
-_ALIKE, _EQUAL = 0.5, 1e-2
+#: Rests are about as long as each other if they differ by less than the first share, and as long as
+#: each other if they differ by less than the second.
+_ALIKE, _EQUAL = 0.5, 1e-3
 
 
 @specialised
