@@ -33,10 +33,8 @@ def imported():
 def test_the_declared_packages_are_those_imported():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    required = [
-        *project["dependencies"],
-        *(one for key in extras if key not in ("test", "docs") for one in extras[key]),
-    ]
+    used = [key for key in extras if key not in ("test", "docs")]
+    required = [*project["dependencies"], *(one for key in used for one in extras[key])]
     names = {re.match(r"[\w-]+", requirement)[0] for requirement in required}
     declared = {IMPORTED_AS.get(name, name) for name in names}
     assert {OF_OTHERS.get(name, name) for name in imported()} == declared - FOR_OTHERS

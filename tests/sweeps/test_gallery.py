@@ -200,11 +200,9 @@ def test_the_free_oscillation_ends_at_its_graze(scene):
     """Started on itself: f / sqrt(D) = 1.89079 at omega = 0.7, h = 0.1."""
     state = -1.0 / (1.0 - 0.7**2 + 2j * 0.1 * 0.7)
     assert abs(state) == pytest.approx(1.8908, abs=5e-5)
-    dataset = scene(
-        "grazing",
-        f"oscillator.clearance={values(abs(state) - 1e-4, abs(state) + 1e-4)}",
-        f"start={{x0: {state.imag}, v0: {(0.7j * state).imag}}}",
-    )
+    stops = values(abs(state) - 1e-4, abs(state) + 1e-4)
+    start = f"start={{x0: {state.imag}, v0: {(0.7j * state).imag}}}"
+    dataset = scene("grazing", f"oscillator.clearance={stops}", start)
     assert dataset["impacts_per_period"].values[0] > 0.3
     assert dataset["impacts_per_period"].values[1] == 0.0
 
@@ -274,11 +272,8 @@ def test_chatter(scene):
 @pytest.mark.slow
 def test_period_map(scene):
     """The tongues of one impact in one, two and three periods, at R = 0.8 (windows at h = 0)."""
-    dataset = scene(
-        "period-map",
-        f"oscillator.R={values(0.79, 0.8)}",
-        f"oscillator.omega={values(2.0, 2.64, 2.68, 4.0, 6.0)}",
-    )
+    R, omega = values(0.79, 0.8), values(2.0, 2.64, 2.68, 4.0, 6.0)
+    dataset = scene("period-map", f"oscillator.R={R}", f"oscillator.omega={omega}")
     assert classes(dataset)[5:] == ["1/1", "1/1", "2/2", "2/1", "3/1"]
 
 

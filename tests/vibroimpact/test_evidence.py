@@ -170,11 +170,9 @@ def wrong_classes(points, further, **options):
             starts[rows], steps_per_period=spec.steps_per_period, phase=spec.phase, impacts=0,
             at_section=True, transient=-(-further // m) * m - m, periods=m,
         )  # fmt: skip
-        off = [
-            np.abs(later[f"poincare_{name}"][:, -1] - out[f"orbit_{name}"][at])
-            / np.maximum(np.abs(out[f"poincare_{name}"][at]).max(axis=1), 1e-12)
-            for name in "xv"
-        ]
+        away = [np.abs(later[f"poincare_{n}"][:, -1] - out[f"orbit_{n}"][at]) for n in "xv"]
+        sizes = [np.abs(out[f"poincare_{n}"][at]).max(axis=1) for n in "xv"]
+        off = [d / np.maximum(size, 1e-12) for d, size in zip(away, sizes, strict=True)]
         lost = ~(np.max(off, axis=0) <= np.maximum(1e-5, 1.01 * out["orbit_distance"][at]))
         lost |= np.rint(later["impacts_per_period"] * m) != out["period_impacts"][at]
         wrong += at[lost].tolist()

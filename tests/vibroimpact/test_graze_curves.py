@@ -306,13 +306,8 @@ def test_the_meeting_of_fold_and_flip_is_found_from_all_along_a_curve_that_ends_
 @pytest.mark.parametrize("axis", [("omega", 0.3, 1.4), ("p", 0.5, 1.8)])
 def test_a_curve_of_grazes_ends_in_rest_where_an_impact_without_rebound_is_not_pushed_back(axis):
     """At R = 0 the mass rests after an impact unless f > p^2 clearance: there the curve ends."""
-    osc = Oscillator(
-        h=0.0011414497049191338,
-        R=0.0,
-        omega=0.7277327531658645,
-        f=1.0,
-        clearance=1.3551098325624247,
-    )
+    h, omega, stop = 0.0011414497049191338, 0.7277327531658645, 1.3551098325624247
+    osc = Oscillator(h=h, R=0.0, omega=omega, f=1.0, clearance=stop)
     run = simulate(osc, 400)
     start = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]))
     grazes = [p.orbit for p in branch(start, *axis).special if p.kind == "graze"]

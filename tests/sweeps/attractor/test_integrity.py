@@ -276,10 +276,9 @@ def test_a_sweep_without_a_window_is_refused(override, message, tmp_path):
 def test_one_phase_of_several_is_chosen_as_the_refusal_says(tmp_path):
     few = "record={transient: 9, periods: 2, phase: 2}", "start.x0=[-2, -1, 0]"
     few = *few, "start.v0=[-1, 0, 1]", "oscillator.omega=2.6"
-    both, one = (
-        run_in(tmp_path, CONFIG, *few, f"start.phase={phase}", name=f"{name}.h5")
-        for name, phase in (("both", "[0, 2]"), ("one", "2"))
-    )
+    phases = {"both": "[0, 2]", "one": "2"}
+    files = [(f"start.phase={phase}", f"{name}.h5") for name, phase in phases.items()]
+    both, one = (run_in(tmp_path, CONFIG, *few, phase, name=name) for phase, name in files)
     assert "fix phase at that of the section, 2" in refused("integrity", both)
     assert accepted("integrity", both, "--at", "phase=2") == accepted("integrity", one)
 

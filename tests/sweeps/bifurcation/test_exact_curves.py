@@ -129,10 +129,9 @@ def test_a_motion_ends_at_the_fold_of_its_orbit_not_at_the_graze_beyond(tmp_path
         found = curves(dataset, kinds=["fold"])
     assert set(found["kind"].values) == {"fold"} and set(found["m"].values) == {1}
     for omega, f in zip(found["omega"].values, found["f"].values, strict=True):
-        sides = [
-            one_impact_orbits(Oscillator(h=0.05, R=0.7, omega=omega, f=f * share, clearance=0.5))
-            for share in (1.0 - 1e-9, 1.0 + 1e-9)
-        ]
+        at = {"h": 0.05, "R": 0.7, "omega": omega, "clearance": 0.5}
+        shares = 1.0 - 1e-9, 1.0 + 1e-9
+        sides = [one_impact_orbits(Oscillator(f=f * share, **at)) for share in shares]
         assert [len(orbits) for orbits in sides] == [0, 2]
 
 

@@ -111,11 +111,8 @@ def answers_tls(host, port, context):
 def certificates(tmp_path_factory):
     """Return Dask's settings for a certificate in files, as for a cluster of a group."""
     temporary = Security.temporary()
-    files = {
-        "ca-file": temporary.tls_ca_file,
-        "cert": temporary.tls_scheduler_cert,
-        "key": temporary.tls_scheduler_key,
-    }
+    files = {"ca-file": temporary.tls_ca_file, "cert": temporary.tls_scheduler_cert}
+    files["key"] = temporary.tls_scheduler_key
     folder = tmp_path_factory.mktemp("certificates")
     for name, text in files.items():
         (folder / name).write_text(text)

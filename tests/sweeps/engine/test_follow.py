@@ -154,11 +154,9 @@ def test_only_the_chain_that_failed_begins_anew(status):
         calls.append(points[["R", "omega", "x0", "v0", "phase"]].tolist())
         fails = (points["R"] == 0.5) & (points["omega"] == 1.3)
         x = np.where(fails & (status == Status.COMPUTED), math.nan, -points["omega"])
-        return {
-            "poincare_x": np.stack([x + 9.0, x], axis=1),
-            "poincare_v": np.stack([x, points["R"]], axis=1),
-            "status": np.where(fails, status, Status.COMPUTED).astype(np.int8),
-        }
+        outcome = np.where(fails, status, Status.COMPUTED).astype(np.int8)
+        v = np.stack([x, points["R"]], axis=1)
+        return {"poincare_x": np.stack([x + 9.0, x], axis=1), "poincare_v": v, "status": outcome}
 
     counted = []
     box = config.sweep.grid.points(full_block(config)[-2:]).reshape(config.sweep.grid.shape)

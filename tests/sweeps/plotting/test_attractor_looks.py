@@ -106,16 +106,10 @@ def test_the_colours_are_the_same_in_all_three_pictures_of_a_file(drawn):
     assert len(by_state) == 2
     by_state = {text: INKS[colour.upper()].lower() for text, colour in by_state.items()}
     (panel,) = drawn("attractors").axes
-    named = {
-        line.get_label(): to_hex(line.get_color())
-        for line in panel.lines
-        if not line.get_label().startswith("_")
-    }
-    diagram = {
-        re.search(r"at (.*), \$\\omega", text)[0][:-9]: c
-        for text, c in named.items()
-        if "at" in text
-    }
+    lines = [line for line in panel.lines if not line.get_label().startswith("_")]
+    named = {line.get_label(): to_hex(line.get_color()) for line in lines}
+    at = {text: colour for text, colour in named.items() if "at" in text}
+    diagram = {re.search(r"at (.*), \$\\omega", text)[0][:-9]: c for text, c in at.items()}
     assert {text.removesuffix(","): colour for text, colour in diagram.items()} == by_state
     profile = drawn("integrity").axes[0]
     assert {to_hex(line.get_color()) for line in profile.lines[:-1]} >= set(by_state.values())
@@ -160,11 +154,8 @@ def test_two_orbits_of_a_class_have_their_own_markers_and_dashes_in_grey(drawn):
         assert sorted(np.concatenate(marks)) == [0.9462, 0.9576]
     profile = drawn("integrity", grey=True)
     (legend,) = profile.legends
-    of_lines = [
-        handle
-        for handle in legend.legend_handles
-        if getattr(handle, "get_marker", str)() in markers
-    ]
+    of_lines = [each for each in legend.legend_handles if hasattr(each, "get_marker")]
+    of_lines = [each for each in of_lines if each.get_marker() in markers]
     assert len(of_lines) == 2
     dashes = {line._unscaled_dash_pattern[1] for line in of_lines}
     assert len(dashes) == 2 and None not in dashes

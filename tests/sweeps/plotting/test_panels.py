@@ -10,11 +10,8 @@ from sweeps.plotting import Page, basins, integrity, table_panels
 from tests.helpers.commands import accepted, refused
 
 STARTS = {"x0": {"start": -3, "stop": 0, "num": 6}, "v0": {"start": -2, "stop": 2, "num": 6}}
-SWEEP = {
-    "oscillator": {"h": 0.05, "R": 0.8, "omega": [2.6, 2.65, 2.7], "f": 1.0},
-    "start": STARTS,
-    "record": {"transient": 200},
-}
+SWEEP = {"oscillator": {"h": 0.05, "R": 0.8, "omega": [2.6, 2.65, 2.7], "f": 1.0}}
+SWEEP |= {"start": STARTS, "record": {"transient": 200}}
 
 
 @pytest.fixture(scope="module")
