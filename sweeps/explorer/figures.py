@@ -101,11 +101,9 @@ def _formatter(log: bool, factor: float) -> models.TickFormatter:
     if factor != 1.0:
         args = {"factor": factor, "log": log}
         return models.CustomJSTickFormatter(args=args, code=_TICK_WITH_PREFIX, tags=tags)
-    return (
-        models.PrintfTickFormatter(format="%g", tags=tags)
-        if log
-        else models.BasicTickFormatter(tags=tags)
-    )
+    if log:
+        return models.PrintfTickFormatter(format="%g", tags=tags)
+    return models.BasicTickFormatter(tags=tags)
 
 
 class PixelFigure:

@@ -172,10 +172,8 @@ class Diagram(PixelFigure):
         """Return the marks of failed points, and of parts of repetitions, in a strip below."""
         self.figure.extra_y_ranges = {"strip": models.Range1d(0.0, 1.0)}
         strips, items = {}, []
-        for kind, colour in (
-            *style.STATUS_COLOURS.items(),
-            (style.PARTIAL, style.MARKS[style.PARTIAL][0]),
-        ):
+        of_part = style.MARKS[style.PARTIAL][0]
+        for kind, colour in (*style.STATUS_COLOURS.items(), (style.PARTIAL, of_part)):
             source = models.ColumnDataSource({"x": [], "y": []}, name=getattr(kind, "name", kind))
             marks = self.figure.scatter(
                 "x", "y", source=source, marker="dash", angle=np.pi / 2.0, size=10,

@@ -65,9 +65,8 @@ class LivePage:
         self._pictures = (self.diagram, self.map, self.basins)
         self.motion = MotionPanel(self._close)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
-        self._across = controls.selector(
-            "across", "ordinate", controls.parameter_choices(home.seen)
-        )
+        parameters = controls.parameter_choices(home.seen)
+        self._across = controls.selector("across", "ordinate", parameters)
         self._tabs = self._new_tabs()
         self.worker = Worker(document.add_next_tick_callback, self._refuse)
         self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")

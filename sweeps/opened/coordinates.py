@@ -27,13 +27,17 @@ _STATES_READ = 500_000
 _Values = TypeVar("_Values", xr.DataArray, np.ndarray)
 
 
+def refuse_missing(sweep: OpenedSweep, names: tuple[str, ...]) -> None:
+    """Refuse a file that lacks a variable."""
+    if missing := [name for name in names if name not in sweep]:
+        raise Refused(f"the file has no {listed(missing)}: record it and run the sweep again")
+
+
 def recorded(
     sweep: OpenedSweep, names: tuple[str, ...], at: Selection | None
 ) -> tuple[OpenedSweep, list[np.ndarray]]:
     """Read variables at one point, without padding; refuse a point that has no values."""
-    missing = [name for name in names if name not in sweep]
-    if missing:
-        raise Refused(f"the file has no {listed(missing)}: record it and run the sweep again")
+    refuse_missing(sweep, names)
     point = sweep.cut(at)
     columns = np.array([point[name].values for name in names])
     columns = columns[:, np.isfinite(columns).all(axis=0)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import warnings
 from collections.abc import Callable, Container, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
@@ -68,7 +69,7 @@ class Picture(Figure):
         """
         engine = self.get_layout_engine()
         if isinstance(engine, ConstrainedLayoutEngine):
-            engine.execute(self)
+            self._lay_out()
             for panel in self.axes:
                 panel.apply_aspect()  # a bar beside a panel fills only a part of its place
             boxes = [
@@ -81,13 +82,20 @@ class Picture(Figure):
             if beyond.any():
                 room = beyond / self.bbox.width
                 room[beyond > 0.0] += engine.get()["w_pad"] / self.get_figwidth()
-                if room.sum() >= 1.0:
-                    self._refuse_width("labels leave")
-                engine.set(rect=(room[0], 0.0, 1.0 - room.sum(), 1.0))
+                engine.set(rect=(room[0], 0.0, max(0.0, 1.0 - room.sum()), 1.0))
             if self.canvas.is_saving():  # draws twice, the first time for the layout only
-                engine.execute(self)
+                self._lay_out()
                 return
         super().draw(renderer)
+
+    def _lay_out(self) -> None:
+        """Set the places of the panels; refuse a width in which labels leave no room for them."""
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "constrained_layout not applied")
+            try:
+                lay_out(self.axes[0])
+            except UserWarning:
+                self._refuse_width("labels leave")
 
     def _repr_png_(self) -> bytes:
         """Draw the figure for Jupyter."""

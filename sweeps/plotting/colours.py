@@ -151,9 +151,8 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
     if name == "period":
         cells, title = period_cells(*cut.classes, grey=grey, hatched=not dots), labels.CLASSES_TITLE
     elif name == DIRECTION:
-        ways = zip(
-            ("up", "down"), labels.direction_names(cut), style.DIRECTION_LOOKS[grey], strict=True
-        )
+        looks = style.DIRECTION_LOOKS[grey]
+        ways = zip(("up", "down"), labels.direction_names(cut), looks, strict=True)
         cells = [
             Cells(text, look, has_value & (variable == way).values) for way, text, look in ways
         ]

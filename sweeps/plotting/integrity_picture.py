@@ -104,17 +104,16 @@ def integrity(
     if profile:
         table = attractor_rows(line, line_result)
         of_basins = regions.table if basins is not None else []
-        handles += _handles_of_profile(table, of_basins, looks, line, along[0])
-        marks, lines = _draw_profile(profile, line_result, along[0], table, looks)
-        handles += marks
+        lines = _draw_profile(profile, line_result, along[0], table, looks)
         labels.label_axis([*profile.values()][-1].xaxis, line[along[0]])
+        if basins is None:
+            page.set_limits(by_name[names[0]])
+        handles += _handles_of_profile(profile.values(), table, of_basins, looks, line, along[0])
     if basins is not None:
         if along:
             handles += _mark_place(profile.values(), basins, line[along[0]], starts)
         handles += _draw_disturbances(basins, starts, point_result, regions)
     panel = by_name[names[0]] if basins is None else basins
-    if basins is None:
-        page.set_limits(panel)
     title = labels.CLASSES_TITLE if basins is None else labels.basins_title(line)
     figure = canvas.finish(panel, page, line, handles, title)
     if basins is not None:
@@ -151,17 +150,20 @@ def _mark_place(
 
 
 def _handles_of_profile(
+    panels: Iterable[Axes],
     table: Sequence[AttractorRow],
     of_regions: Sequence[AttractorRow],
     looks: Looks,
     line: OpenedSweep,
     axis: str,
 ) -> list[Artist]:
-    """Return the entries of the legend for the looks that are in the profile, not in the basins.
+    """Return the entries of the legend for what is seen in the profile and not in the basins.
 
     In grey, these are all: lines have dashes and markers, not the hatches of basins. So are those
     that are darker than their basins.
     """
+    parts = [part for panel in panels for part in panel.lines if canvas.is_seen(part)]
+    seen = {(part.get_color(), looks.grey and part.get_marker()) for part in parts}
     of_basins = {looks.look(row) for row in of_regions}
     of_basins = set() if looks.grey else {look for look in of_basins if look.ink == look.colour}
     series = [[table[i] for i in places] for places in looks.series(table)]
@@ -169,12 +171,16 @@ def _handles_of_profile(
     named = names_of(series, line, line[axis])
     for rows, names in zip(series, named, strict=True):
         look = looks.look(rows[0])
-        if look not in of_basins:
+        if look not in of_basins and (look.ink, looks.grey and look.marker) in seen:
             text = "".join(names) if looks.has_own(rows[0]) else "other periodic attractors"
             dashes: dict[str, Any] = {"linestyle": look.dash, "linewidth": 1.0}
-            line_result = Line2D([], [], label=text, **dashes, **_of_points(look, looks.grey))
+            dashed = Line2D([], [], label=text, **dashes, **_of_points(look, looks.grey))
             patch = Cells(text, look, np.empty(0)).handle()
-            handles.append(line_result if looks.grey or look.ink != look.colour else patch)
+            handles.append(dashed if looks.grey or look.ink != look.colour else patch)
+    if any(part.get_markerfacecolor() == ground() for part in parts):
+        text, marker = ("hollow: ", "o") if looks.grey else ("", _BOUND_MARKER)
+        shape: dict[str, Any] = {"marker": marker, "ls": "", "markersize": 4.0, "mfc": ground()}
+        handles.append(Line2D([], [], color=ink(), label=f"{text}lower bound", **shape))
     return handles
 
 
@@ -189,12 +195,12 @@ def _draw_profile(
     axis: str,
     table: Sequence[AttractorRow],
     looks: Looks,
-) -> tuple[list[Artist], list[list[tuple[str, np.ndarray]]]]:
+) -> list[list[tuple[str, np.ndarray]]]:
     """Draw the measures of each attractor over the axis, in the colours of its classes.
 
-    Return a handle, and for each panel the classes and the points of each line, shape (n, 2).
+    Return for each panel the classes and the points of each line, shape (n, 2).
     """
-    bounded, lines = False, list[list[tuple[str, np.ndarray]]]()
+    lines = list[list[tuple[str, np.ndarray]]]()
     for name, panel in panels.items():
         at_edge, title = _MEASURES[name]
         panel.set_title(title, loc="left", wrap=True)
@@ -212,12 +218,8 @@ def _draw_profile(
             rows = [row for row in table if row.number == number]
             of_number = y, bound, top
             lines[-1] += _draw_lines(panel, line_result[axis].values, of_number, rows, axis, looks)
-            bounded |= bool(bound.any())
         labels.set_ends(panel.yaxis, 0.0, top)
-    text, marker = ("hollow: lower bound", "o") if looks.grey else ("lower bound", _BOUND_MARKER)
-    handle = Line2D([], [], linestyle="", color=ink(), label=text, marker=marker)
-    handle.set(markersize=4.0, markerfacecolor=ground())
-    return [handle] if bounded else [], lines
+    return lines
 
 
 def _draw_lines(

@@ -90,12 +90,11 @@ def fit_legend(
 
 def _broken(handles: Sequence[Artist]) -> list[Artist]:
     """Return entries of which those that are long have two lines."""
-    broken = []
-    for handle in handles:
-        text, entry = str(handle.get_label()), copy(handle)
+    broken = [*map(copy, handles)]
+    for entry in broken:
+        text = str(entry.get_label())
         if len(text) > _LONG_ENTRY and "\n" not in text:
             entry.set_label(_in_two_lines(text))
-        broken.append(entry)
     return broken
 
 

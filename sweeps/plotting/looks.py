@@ -108,14 +108,11 @@ def _rest_cells(rest: np.ndarray, m: np.ndarray, grey: bool, hatched: bool) -> l
     look = look_of(Regime.REST, grey)
     if not hatched:
         return [Cells(_name_of_rests(m[rest]), look, rest)]
-    others = rest & ~np.isin(m, [*style.RESTS])
-    groups = [
-        *((hatch, rest & (m == n)) for n, hatch in style.RESTS.items()),
-        (style.OTHER_RESTS, others),
-    ]
+    groups = {hatch: rest & (m == n) for n, hatch in style.RESTS.items()}
+    groups[style.OTHER_RESTS] = rest & ~np.isin(m, [*style.RESTS])
     return [
         Cells(_name_of_rests(m[where]), look._replace(hatch=hatch), where)
-        for hatch, where in groups
+        for hatch, where in groups.items()
     ]
 
 

@@ -100,13 +100,9 @@ def _ramps(colours: Sequence[str]) -> list[LinearSegmentedColormap]:
     """
     both_ways = len(colours) > 0
     own = [*colours, style.visible(style.BOTH_COLOUR)] if both_ways else [style.data_colour()]
-    ends = [
-        style.shades(colour, style.ground(), style.ink())[: 2 if both_ways else 3] for colour in own
-    ]
-    return [
-        LinearSegmentedColormap.from_list("density", [*map(style.visible, colours)])
-        for colours in ends
-    ]
+    kept, ramp = 2 if both_ways else 3, LinearSegmentedColormap.from_list
+    ends = (style.shades(colour, style.ground(), style.ink())[:kept] for colour in own)
+    return [ramp("density", [*map(style.visible, colours)]) for colours in ends]
 
 
 def draw_density(

@@ -287,13 +287,12 @@ def table_panels(
     across = min(math.ceil(math.sqrt(len(abscissas))), beside)
     grid = [ax] if ax is not None else canvas.panel_grid(page, len(abscissas), across, 0.75)
     y = number_at(sweep, ordinate)
+    heading = labels.label_axis(grid[0].yaxis, y, heading=ax is None)
     if ax is None:  # the panels share the ordinate, whose label may not fit beside one of them
-        heading = labels.label_axis(grid[0].yaxis, y, heading=True)
         if page.ylabel is not None:
             heading.set_text(page.ylabel)
         canvas.refuse_undrawable("ylabel", heading)
-    else:
-        labels.label_axis(ax.yaxis, y)
+        page = replace(page, ylabel=None)
     numbers = [number_at(sweep, name) for name in abscissas]
     places = list(zip(grid, abscissas, numbers, strict=True))
     for panel, _, x in places:
@@ -302,8 +301,9 @@ def table_panels(
         size = max(size, float(np.clip(4e3 / math.sqrt(x.size), 0.3, 4.0))) / across
         panel.scatter(x, y, size, paint.colours(), linewidths=0, rasterized=True)
         panel.update_datalim(np.stack([x, x], axis=1), updatey=False)  # also of failed points
-        panel.locator_params(axis="x", nbins=5 - across)
-    page = (page if ax is not None else replace(page, ylabel=None)).set_limits(grid[0])
+        if panel.get_xscale() == "linear":
+            panel.locator_params(axis="x", nbins=5 - across)
+    page = page.set_limits(grid[0])
     for panel, _, x in places:
         mark_status(panel, x.values, sweep["status"].values)
     page.set_limits(grid[0])  # again: the marks widen the ordinate

@@ -44,6 +44,22 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "limits, classes",
+    [
+        ({"xlim": (0.3, 0.7)}, {"1/0, no impact", "2/1"}),
+        ({"xlim": (-0.1, 0.1)}, {"1/1"}),
+        ({"ylim": (0.7, 1.1)}, {"1/1", "2/1"}),
+    ],
+)
+@pytest.mark.parametrize("grey", [False, True])
+def test_the_legend_of_a_profile_names_what_is_within_the_limits(ranked, limits, classes, grey):
+    page = Page(grey=grey, **limits)
+    (legend,) = draw_integrity(ranked, panels=["fraction"], page=page).legends
+    assert {text.get_text() for text in legend.get_texts()} == classes
+
+
+@pytest.mark.slow
 def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_knocks, monkeypatch):
     monkeypatch.setattr("sweeps.plotting.style.CLASSES", {(2, 1): CLASSES[2, 1]})
     monkeypatch.setattr("sweeps.plotting.style.FURTHER", ())

@@ -91,10 +91,11 @@ def test_branches_to_which_no_motion_goes_are_counted_and_drawn_on_request(folde
 
 
 @pytest.mark.filterwarnings("ignore:constrained_layout not applied")
-def test_a_width_without_room_for_the_labels_is_refused(tmp_path):
-    """Instead of a traceback of matplotlib's solver, in the last step of saving."""
-    with pytest.raises(Refused, match="the labels leave no room in a width of 1 in"):
-        plot(equal_points(), tmp_path / "a.png", "bifurcation", page=Page(width=1.0))
+@pytest.mark.parametrize("width", [1.0, 1.3])
+def test_a_width_without_room_for_the_labels_is_refused(tmp_path, width):
+    """Instead of a traceback of matplotlib's solver, or texts upon each other, when it is saved."""
+    with pytest.raises(Refused, match=f"the labels leave no room in a width of {width:g} in"):
+        plot(equal_points(), tmp_path / "a.png", "bifurcation", page=Page(width=width))
     assert not [*tmp_path.iterdir()]
 
 

@@ -52,6 +52,8 @@ def test_a_panel_of_another_figure_takes_no_second_abscissa(table, choice):
         with pytest.raises(Refused, match="ax is one panel, and R, omega take 2: choose one"):
             table_panels(dataset, ax=own, **{choice: ["R", "omega"]})
         assert table_panels(dataset, ax=own, **{choice: ["omega"]}) is own.figure
+        own.set_xscale("log")
+        assert table_panels(dataset, ax=own, **{choice: ["omega"]}) is own.figure
 
 
 def test_a_table_has_the_panels_in_the_order_typed(table):
