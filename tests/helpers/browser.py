@@ -97,9 +97,8 @@ class Window:
             if self.idle() and condition() and self.painted():
                 return
             self.tab.wait_for_timeout(20)
-        raise AssertionError(
-            f"the page did not come to rest: {self.page.view}, {self.page.motion.text.text}"
-        )
+        place = f"{self.page.view}, {self.page.motion.text.text}"
+        raise AssertionError(f"the page did not come to rest: {place}")
 
     def tiles(self, name: str) -> Tiles:
         """Wait until a complete map is in the browser; return it."""

@@ -33,9 +33,8 @@ def scene(tmp_path):
 
     def run(name, *overrides):
         path = tmp_path / f"{name}.h5"
-        run_sweep(
-            load_config(CONFIGS / f"{name}.yaml", overrides), path, progress=False, overwrite=True
-        )
+        config = load_config(CONFIGS / f"{name}.yaml", overrides)
+        run_sweep(config, path, progress=False, overwrite=True)
         with open_sweep(path) as dataset:
             return dataset.load()
 
@@ -130,9 +129,8 @@ def test_joint_clearance(scene):
 @pytest.mark.slow
 def test_basins(scene):
     """Another grid confirms the fractions of the full one, and slow steps single starts."""
-    grid = (
-        "start={x0: {start: -2.98, stop: -0.03, num: 61}, v0: {start: -2.97, stop: 2.95, num: 67}}"
-    )
+    x0, v0 = "{start: -2.98, stop: -0.03, num: 61}", "{start: -2.97, stop: 2.95, num: 67}"
+    grid = f"start={{x0: {x0}, v0: {v0}}}"
     dataset = scene("basins", grid)
     found = attractors(dataset)
     table = {row.name: row for row in attractor_rows(OpenedSweep(dataset), found)}
@@ -171,9 +169,8 @@ def test_basins_on_the_stop(scene):
 
 @pytest.mark.slow
 def test_basins_with_a_clearance(scene):
-    grid = (
-        "start={x0: {start: -2.98, stop: 0.57, num: 61}, v0: {start: -2.97, stop: 2.95, num: 67}}"
-    )
+    x0, v0 = "{start: -2.98, stop: 0.57, num: 61}", "{start: -2.97, stop: 2.95, num: 67}"
+    grid = f"start={{x0: {x0}, v0: {v0}}}"
     dataset = scene("basins-clearance", grid)
     table = {row.name: row for row in attractor_rows(OpenedSweep(dataset), attractors(dataset))}
     assert set(table) == {"1/0", "2/1"}
@@ -258,9 +255,8 @@ def test_quickstart(scene):
 @pytest.mark.slow
 def test_chatter(scene):
     """Rest up to about 0.361; at h = 0.05, omega = 0.3 for as long as by slow steps."""
-    dataset = scene(
-        "chatter", f"oscillator.omega={values(0.2, 0.3, 0.35, 0.37)}", "oscillator.h=0.03"
-    )
+    omega = values(0.2, 0.3, 0.35, 0.37)
+    dataset = scene("chatter", f"oscillator.omega={omega}", "oscillator.h=0.03")
     assert (dataset["rest_fraction"].values > 0.0).tolist() == [True, True, True, False]
     dataset = scene("chatter", f"oscillator.omega={values(0.3, 0.31)}", "oscillator.h=0.05")
     slow = naive.ExactOrbit(naive.oscillator(0.05, 0.8, 0.3), 4)

@@ -79,9 +79,8 @@ def kernel_difference(dux, sigma, V, periods=40):
     x, v = dux.state((TAU - dux.phase(sigma, V)) / dux.omega, sigma, V)
     points["x0"], points["v0"] = np.minimum(x, sigma), v
     run = integrate(points, transient=0, periods=periods)
-    np.testing.assert_array_equal(
-        np.rint(periods / dux.n), np.isfinite(run["impact_v"]).sum(axis=1)
-    )
+    impacts = np.isfinite(run["impact_v"]).sum(axis=1)
+    np.testing.assert_array_equal(np.rint(periods / dux.n), impacts)
     return np.nanmax(np.abs(run["impact_v"] / V[:, None] - 1.0))
 
 

@@ -340,6 +340,5 @@ def test_the_attractors_scale_with_the_force(computed_starts):
     """At clearance 0 by f = 1000, with the starts."""
     start = "{x0: {start: -2400, stop: 0, num: 9}, v0: {start: -2000, stop: 2000, num: 9}}"
     scaled = computed_starts("oscillator.f=1000", f"start={start}")
-    assert partition(attractors(scaled)["attractor"]) == partition(
-        attractors(computed_starts())["attractor"]
-    )
+    own, others = (attractors(one)["attractor"] for one in (computed_starts(), scaled))
+    assert partition(own) == partition(others)

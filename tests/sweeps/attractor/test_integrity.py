@@ -115,9 +115,8 @@ def test_the_measures_of_each_attractor_along_an_axis(dataset):
         nearest = np.sqrt(((points[:, None] - others) ** 2).sum(axis=2)).min()
         assert one["local_integrity"] == pytest.approx(nearest, rel=1e-12)
         assert one["local_integrity"] <= one["integrity_factor"] + 0.1
-        assert inside[
-            np.abs(x - one["disc_x"].item()).argmin(), np.abs(v - one["disc_v"].item()).argmin()
-        ]
+        row, column = np.abs(x - one["disc_x"].item()), np.abs(v - one["disc_v"].item())
+        assert inside[row.argmin(), column.argmin()]
 
 
 @pytest.mark.slow

@@ -152,9 +152,8 @@ def test_results_are_those_of_the_mass_of_their_row(unpainted):
         assert one["poincare_x"].values.tobytes() == other["poincare_x"].values.tobytes()
         assert other["mass"].values.tolist() == [0.5, 1.0] and other["mass"].units == "kg"
         panel = plotting.table_panels(one, axes=["mass"], quantity="impulse").axes[0]
-    assert panel.get_xlabel().endswith("[kg]") and panel.get_title(loc="left").endswith(
-        "[N\N{NO-BREAK SPACE}s]"
-    )
+    assert panel.get_xlabel().endswith("[kg]")
+    assert panel.get_title(loc="left").endswith("[N\N{NO-BREAK SPACE}s]")
     fixed = run_sweep(load(f"rig: {{stiffness: 8000, damping: 4, force: 8, gap: {GAP}, R: {R}, "
                            "frequency: 36}\npoints: {mass: [0.5, 0.6]}\n"), "fixed.h5")  # fmt: skip
     accepted("export", fixed, "-o", "fixed.csv")

@@ -133,9 +133,8 @@ def test_a_cut_that_the_sweep_has_not_is_refused(path, cut, reason):
 
 def test_the_rows_of_a_table_have_its_columns():
     points = "points: {omega: [2.0, 2.5], serial: [A1, A2]}"
-    text = CONFIG.replace("omega: {start: 1.0, stop: 3.0, num: 7}, ", "").replace(
-        "[0.5, 0.8]", "0.5"
-    )
+    text = CONFIG.replace("omega: {start: 1.0, stop: 3.0, num: 7}, ", "")
+    text = text.replace("[0.5, 0.8]", "0.5")
     path = run_sweep(load_config(yaml.safe_load(text + points)), "table.h5")
     _, table = exported(path, "rows.csv", "--rows", "sections")
     assert list(table[0].values())[:4] == ["1", "2.0", "A1", "21"]

@@ -197,9 +197,8 @@ def test_names_of_lines_are_beside_all_points():
         for _, points in lines:
             places = panel.transData.transform(points)
             assert not box.count_contains(places), name
-        away = np.abs(
-            panel.transData.transform(own) - [box.x0 + box.width / 2, box.y0 + box.height / 2]
-        )
+        middle = box.x0 + box.width / 2, box.y0 + box.height / 2
+        away = np.abs(panel.transData.transform(own) - middle)
         assert np.hypot(*away.T).min() < 2.0 * box.height + box.width / 2
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 

@@ -148,9 +148,8 @@ def test_colours_tell_the_directions_apart(dataset):
     assert [to_hex(line.get_color()).upper() for line in figures[1].axes[2].lines[:2]] == [UP, DOWN]
     for figure in figures:
         assert texts(figure)[:2] == [r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"]
-    (points, _), (usual, _) = (
-        markers(bifurcation(dataset, color=color).axes[0]) for color in ("direction", None)
-    )
+    both = [bifurcation(dataset, color=color) for color in ("direction", None)]
+    (points, _), (usual, _) = (markers(one.axes[0]) for one in both)
     assert points.keys() == usual.keys()
     with pytest.raises(Refused, match="color = direction shows both directions"):
         section(dataset, at=at, color="period")
