@@ -62,7 +62,7 @@ def pytest_collection_modifyitems(config, items):
 
 
 def pytest_collection_finish():
-    """Look for garbage less often, and not among the modules, which took a tenth of the time."""
+    """Look for garbage less often, and not among the modules."""
     gc.freeze()
     gc.enable()
     gc.set_threshold(200_000)

@@ -54,8 +54,8 @@ def _exit_code() -> int:
     import sweeps.interrupts as interrupts
 
     try:
+        from sweeps.cli.common import prepare_streams
         from sweeps.cli.main import app
-        from sweeps.cli.options import prepare_streams
 
         prepare_streams()
         interrupts.check()
@@ -76,7 +76,7 @@ def _exit_code() -> int:
         elif isinstance(error, OSError):
             _report(_reason(error))
         elif hasattr(error, "format_message"):  # a usage error, whose class typer does not export
-            from sweeps.cli.options import unreadable
+            from sweeps.cli.common import unreadable
 
             _report(unreadable(error))
             return 2

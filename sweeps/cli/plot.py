@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sweeps.cli import options as common
+from sweeps.cli import common
 from sweeps.errors import Refused
 from sweeps.text import command, fewest_digits
 from vibroimpact.inputs import integer

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sweeps.cli import options as common
+from sweeps.cli import common
 from sweeps.errors import Refused
 from sweeps.text import shown_count
 from vibroimpact.inputs import number

@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sweeps.cli import options as common
+from sweeps.cli import common
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, check, raised_at_once, signal_came
 from sweeps.text import command

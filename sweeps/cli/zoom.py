@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
-from sweeps.cli import options as common
-from sweeps.cli import plot, run
+from sweeps.cli import common, plot, run
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import fewest_digits, near_miss, suggestion

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import sweeps
-from sweeps.cli import options
+from sweeps.cli import common
 from sweeps.errors import Refused
 from sweeps.plotting import Page
 from tests.helpers.configurations import refusal
@@ -92,18 +92,18 @@ def test_the_words_of_a_configuration_and_of_an_option_are_the_same():
     text = "oscillator: {h: 0.1, R: 0.8, omega: 2, f: 1}\nrecord: {periods: 0}\n"
     assert refusal(text).endswith(allowed)
     with pytest.raises(Refused, match=f"^--most 0 is not allowed; expected: {allowed}$"):
-        options.number_option("--most", inputs.integer(1, 1_000_000))("0")
+        common.number_option("--most", inputs.integer(1, 1_000_000))("0")
     with pytest.raises(ValueError, match=f"^periods = 0 is not allowed; expected: {allowed}$"):
         simulate(OSC, periods=0)
-    assert options.number_option("--most", inputs.integer(1))("1e3") == 1000
+    assert common.number_option("--most", inputs.integer(1))("1e3") == 1000
 
 
 @pytest.mark.parametrize("text", ["omega=1_0", "omega=nan", "omega=1e999", "omega=١", "omega="])
 def test_a_value_of_an_option_is_a_finite_number(text):
     with pytest.raises(Refused, match="is not allowed; expected: NAME=VALUE"):
-        options.selection_of([text])
+        common.selection_of([text])
     with pytest.raises(Refused, match="is not allowed; expected: NAME=VALUE"):
-        options.several_of([f"{text},2"])
+        common.several_of([f"{text},2"])
 
 
 @pytest.mark.parametrize("flag", ["at_section", "lyapunov"])

@@ -211,8 +211,8 @@ def named_results(points: np.ndarray, record: Record) -> dict[str, np.ndarray]:
         "max_penetration": sums["max_penetration"],
         "rest_fraction": share,
     }
-    sums_of_speeds = ("impulse", "energy_lost", "max_penetration", "rest_fraction")
-    finite = np.logical_and.reduce([np.isfinite(numbers[name]) for name in sums_of_speeds])
+    always_finite = ("impulse", "energy_lost", "max_penetration", "rest_fraction")
+    finite = np.logical_and.reduce([np.isfinite(numbers[name]) for name in always_finite])
     sums["status"][~finite & ~pending & (sums["status"] < Status.UNRESOLVED)] = Status.NON_FINITE
     failed = (sums["status"] >= Status.UNRESOLVED) | pending
     return {

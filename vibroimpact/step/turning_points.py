@@ -79,7 +79,7 @@ def reach_of_x(reach, first, last, clearance, exactly):
 def bounds(y_0, w_0, y_1, w_1, t, bound):
     """Return bounds of a flight in the time `t`, apart from its start; E is `bound`."""
     P, Q = fma(w_0, t * (1.0 / 3.0), y_0), fma(-w_1, t * (1.0 / 3.0), y_1)
-    return (fma(-0.5, bound, min(min(P, Q), y_1)), fma(0.5, bound, max(max(P, Q), y_1)))
+    return fma(-0.5, bound, min(min(P, Q), y_1)), fma(0.5, bound, max(max(P, Q), y_1))
 
 
 @inlined

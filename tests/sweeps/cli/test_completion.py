@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sweeps import ConfigError, load_config, plotting
-from sweeps.cli.options import opened_in_si
+from sweeps.cli.common import opened_in_si
 from sweeps.plotting.contents import numbers_of
 from tests.helpers.commands import SMALL, accepted
 from tests.helpers.places import ROOT

@@ -233,7 +233,7 @@ def test_a_configuration_is_printed_in_utf_8_whatever_the_console_has():
 def test_a_warning_is_one_line():
     code = (
         "import warnings\n"
-        "from sweeps.cli.options import prepare_streams\n"
+        "from sweeps.cli.common import prepare_streams\n"
         "prepare_streams()\n"
         "warnings.warn('the cache\\x1b[31m is full')\n"
         "warnings.showwarning(message='so is the disk')\n"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sweeps import ConfigError, load_config
-from sweeps.cli.options import resuming
+from sweeps.cli.common import resuming
 from sweeps.text import command, shown_count
 from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.configurations import load

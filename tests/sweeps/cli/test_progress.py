@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from sweeps.cli import options
+from sweeps.cli import common
 from tests.helpers.commands import call
 
 WORKING = {
@@ -39,7 +39,7 @@ def starts(folder):
 
 @pytest.fixture
 def impatient(monkeypatch):
-    monkeypatch.setattr(options, "_PATIENCE", 0.05)
+    monkeypatch.setattr(common, "_PATIENCE", 0.05)
 
 
 @pytest.mark.slow
@@ -47,9 +47,9 @@ def impatient(monkeypatch):
 def test_a_command_says_in_one_line_what_takes_long(starts, impatient, monkeypatch, work):
     """In a file or a pipe."""
     module, name = work.rsplit(".", 1)
-    original, say = getattr(__import__(module, fromlist=[name]), name), options.say
+    original, say = getattr(__import__(module, fromlist=[name]), name), common.say
     told = threading.Event()
-    monkeypatch.setattr(options, "say", lambda *text, **to: say(*text, **to) or told.set())
+    monkeypatch.setattr(common, "say", lambda *text, **to: say(*text, **to) or told.set())
 
     def slow(*arguments, **named):
         assert told.wait(300)
@@ -66,7 +66,7 @@ def test_progress_never_says_more_than_everything(impatient, monkeypatch):
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    with options.progress_shown("counting") as report:
+    with common.progress_shown("counting") as report:
         for share in (0.5, 1.0, 1.04):
             report(share)
             time.sleep(0.3)
@@ -76,8 +76,8 @@ def test_progress_never_says_more_than_everything(impatient, monkeypatch):
 
 
 def test_quick_work_says_nothing(capsys, monkeypatch):
-    monkeypatch.setattr(options, "_PATIENCE", 60.0)
-    with options.progress_shown("counting"):
+    monkeypatch.setattr(common, "_PATIENCE", 60.0)
+    with common.progress_shown("counting"):
         pass
     assert capsys.readouterr() == ("", "")
 
@@ -86,7 +86,7 @@ def test_a_terminal_shows_work_that_reports_nothing(impatient, monkeypatch):
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    with options.progress_shown("measuring"):
+    with common.progress_shown("measuring"):
         until = time.monotonic() + 300
         while "measuring" not in screen.getvalue():
             assert time.monotonic() < until
