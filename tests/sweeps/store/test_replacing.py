@@ -17,7 +17,7 @@ from sweeps.errors import Failed, StoreError
 from sweeps.opened.tables import write_csv
 from sweeps.plotting.saving import save
 from sweeps.store import replacing as module
-from sweeps.store.replacing import check_target, remove_leftovers, replacing, writing
+from sweeps.store.replacing import check_target, identity, remove_leftovers, replacing, writing
 from tests.helpers.written_files import fill_blocks
 
 
@@ -110,12 +110,12 @@ def unix_socket():
 )
 def test_what_is_no_file_is_refused_and_stays(make, said):
     make()
-    before = os.lstat("a")
+    before = identity(Path("a"))
     for attempt in (check_target, writing):
         with pytest.raises(StoreError, match=said):
             with attempt(Path("a"), "picture"):
                 pass
-    assert os.lstat("a") == before and os.listdir() == ["a"]
+    assert identity(Path("a")) == before and os.listdir() == ["a"]
 
 
 @pytest.mark.parametrize("name", ["no/a", "file/a", "x" * 256, "a\0b", ""])
