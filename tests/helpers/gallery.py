@@ -47,7 +47,7 @@ ARGUMENTS = {
     "restitution": "--dpi 220",
     "shaker": "--exact --below impulse",
     "two-periods-near-resonance": "--kind map --exact",
-    "unstable-skeleton": "--exact --most=61",
+    "unstable-skeleton": "--exact --most 61",
     "vibrating-table": "--kind map --exact",
 }
 #: Pictures of benches, which take no sweep, and that of a script.

@@ -18,6 +18,7 @@ from typer.main import get_command
 from sweeps import load_config
 from sweeps.cli.main import app
 from tests.helpers.commands import accepted
+from tests.helpers.gallery import ARGUMENTS
 from tests.helpers.places import CONFIGS, ROOT
 from tests.sweeps.test_pages import tracked
 
@@ -137,4 +138,11 @@ def test_every_command_on_a_page_exists_with_its_options():
             given = re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", " ".join(words))
             assert {*given} <= options, f"{page}: {shown}"
             checked += 1
-    assert checked > 50
+    assert checked > 40
+
+
+def test_the_gallery_shows_the_options_that_drew_its_pictures():
+    text = (ROOT / "configs/README.md").read_text(encoding="utf-8")
+    shown = dict(re.findall(r"^`([\w-]+)`(?:, `([^`]+)`)?", text, re.MULTILINE))
+    drawn = {name: re.sub(r" ?--dpi \d+", "", given) for name, given in ARGUMENTS.items()}
+    assert {name: shown[name] for name in drawn} == drawn
