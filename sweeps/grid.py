@@ -1,4 +1,4 @@
-"""A sweep: its axes, points and blocks, and what is computed of each point."""
+"""`Sweep`: a `Grid` of axes, points and blocks, and what is computed of its points; its `Cost`."""
 
 from __future__ import annotations
 

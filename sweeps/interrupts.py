@@ -1,4 +1,4 @@
-"""Cancelling work, at places where it can stop safely.
+"""`Cancelled` work: signals, and the places where it can stop safely.
 
 A signal handler that raises an exception may raise it between any two instructions of Python:
 inside a lock of h5py, whose exit then fails, or in a callback of LLVM, which swallows the

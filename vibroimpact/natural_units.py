@@ -1,4 +1,4 @@
-"""Natural units: powers of two near the length and time of a motion.
+"""`NaturalUnits`: powers of two near the length and time of a motion.
 
 Eq. (1) contains one length and one time. A number divided by a power of two keeps its mantissa, so
 the conversion into natural units and back is exact. What is computed between does not depend on the

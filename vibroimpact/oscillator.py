@@ -1,4 +1,4 @@
-"""The oscillator of eq. (1): its parameters, their defaults and valid ranges.
+"""`Oscillator` of eq. (1): each `Parameter`, its default and valid range.
 
 The system is one mass, one stop and one harmonic force::
 

@@ -1,4 +1,4 @@
-"""The paper's procedure taken literally, eqs (1)-(10).
+"""`PaperRun`: the paper's procedure taken literally, eqs (1)-(10).
 
 This file shares no code with the kernel, and shows what the kernel corrects. After an impact the
 next step starts at t_0 + T_r, so the grid is no longer uniform. That step starts with the

@@ -1,4 +1,4 @@
-"""The outcome of a point, and the evidence for its class."""
+"""`Status`: the outcome of a point; `Evidence` for its class."""
 
 from enum import IntEnum
 

@@ -1,4 +1,4 @@
-"""`simulate`: every step and every impact of one oscillator."""
+"""`simulate`, a `Trajectory`: every step and impact of one oscillator, a far stop put in reach."""
 
 from __future__ import annotations
 

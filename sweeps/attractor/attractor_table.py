@@ -1,4 +1,4 @@
-"""The attractors of a sweep as rows and as text, with the measures of their integrity."""
+"""`AttractorRow`: the attractors of a sweep as rows and text; the measures of their integrity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The integrity of basins: discs, distances to the edge, the least knock.
+"""The integrity of basins: discs, distances to the edge, the least `Knock`, by bisection.
 
 The measures refer to the starts x0 and v0 of one parameter point. The global integrity measure is
 the share of the starts in the basin. The integrity factor is the radius of the largest disc in the

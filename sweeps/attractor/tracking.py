@@ -1,4 +1,4 @@
-"""Motions continued: until they reach an attractor, and from one value of an axis to the next.
+"""Motions continued: they `settle` on an attractor, and lead from one value of an axis to the next.
 
 **Settling.** The class of a motion is that of its destination (`vibroimpact.destination`). A motion
 without a class is continued, unless it rests twice, with the method of the file.

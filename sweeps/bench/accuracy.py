@@ -1,4 +1,4 @@
-"""Accuracy against speed, measured: scenes; error and cost of every method on them.
+"""Accuracy against speed, measured: `Scene`; error and cost of every `Method`.
 
 A scene is not a single point but 64 neighbours of it: this fills whole blocks of lanes, as in a
 sweep, and impacts fall on different places within a step. A scene may also be 64 points of a sweep.

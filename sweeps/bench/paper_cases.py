@@ -1,4 +1,4 @@
-"""The paper's three cases: without its procedure, with it, to the letter.
+"""The paper's three cases, measured and drawn: without its procedure, with it, to the letter.
 
 The procedure suppresses the penetration, and is of order 2 instead of 1. Taken literally it is of
 order 1 where h > 0, because eq. (10) carries the acceleration across the impact, and it stalls in a

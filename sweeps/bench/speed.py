@@ -1,4 +1,4 @@
-"""Forcing periods per second, and their share of this machine's peak.
+"""Forcing periods per second on scenes of its own, and their share of this machine's peak.
 
 The peak is the measured rate of fused multiply-adds in a loop that does nothing else. A step of the
 affine map takes eight of them; the share counts only these. All runs are

@@ -1,4 +1,4 @@
-"""Crises: chaos ends as it touches an unstable orbit.
+"""`crisis`: `Chaos` ends as it touches an unstable orbit.
 
 Beyond a crisis (Grebogi, Ott & Yorke 1983, Physica D 7, 181-200) motions leave the chaos through a
 gap that the attractor has torn into the border, the stable manifold of an unstable orbit. The gap

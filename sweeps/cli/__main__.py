@@ -1,4 +1,4 @@
-"""The process of a command: its signals, and its exit code.
+"""The process of a command: its signals, its exit code, an output that cannot be written.
 
 It notes signals before it imports any module but those that Python has loaded when it starts:
 ``signal`` would import ten others, and a signal that arrives meanwhile would end the process with a

@@ -1,4 +1,4 @@
-"""The command ``plot``: its options, and a picture of each file.
+"""The command ``plot``: its options, and `draw_picture` of each file.
 
 As in ``main.py``, modules are imported inside the command.
 """

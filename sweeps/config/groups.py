@@ -1,4 +1,4 @@
-"""The groups of a configuration: keys, defaults, what they may be, units of the numbers.
+"""The groups of a configuration as dataclasses: keys, defaults, what they may be, units.
 
 The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.PARAMETERS``.
 """

@@ -1,4 +1,4 @@
-"""A rig in SI units, and what a reader sees of parameters: names, units.
+"""`RigConfig` in SI units; `Nomenclature`: the names and units of parameters that a reader sees.
 
 ``QUANTITIES`` is the only place that converts; it agrees bit for bit with `Oscillator.from_rig`. A
 file holds the names and numbers of the model; the configuration stored in it holds the rig. All

@@ -1,4 +1,4 @@
-"""The forms of values: numbers, lists, groups of keys, exact ranges; a key of another group.
+"""The forms of values: numbers, lists, `Group`, exact ranges (`Axis`); a key of another group.
 
 The values of a range are the numbers nearest to those of the decimal numbers that were typed.
 

@@ -1,4 +1,4 @@
-"""A Dask cluster: a client for a typed address, and the blocks of a sweep on its workers.
+"""`ClusterComputer`: a Dask client for a typed address, blocks on its workers, quiet loggers.
 
 Only the submitting process writes, and its folder is the only record of the finished blocks. So
 commit, resume, interrupt, lock and checksums are the same code as on one machine, and a block that

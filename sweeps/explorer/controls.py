@@ -1,4 +1,4 @@
-"""Sliders, fields and lists beside the picture; keys and screen readers."""
+"""`Controls`: sliders, fields and lists beside the picture; keys and screen readers."""
 
 from __future__ import annotations
 

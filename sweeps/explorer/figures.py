@@ -1,4 +1,4 @@
-"""What the live pictures share: a figure of pixels, and the thread that computes their steps."""
+"""What the live pictures share: `PixelFigure`, and the `Worker` that computes their `Step`s."""
 
 from __future__ import annotations
 

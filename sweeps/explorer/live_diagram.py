@@ -1,4 +1,4 @@
-"""The bifurcation diagram, the steps that fill it, exact branches."""
+"""The bifurcation diagram, the steps that fill it, exact branches of its configuration."""
 
 from __future__ import annotations
 

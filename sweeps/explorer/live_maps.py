@@ -1,4 +1,4 @@
-"""The maps, filled in tiles: classes over two parameters, and basins."""
+"""Each `Map` filled in `Tiles`: classes over two parameters, and basins with discs."""
 
 from __future__ import annotations
 

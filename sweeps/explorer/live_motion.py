@@ -1,4 +1,4 @@
-"""The motion at the mark: time history, phase plane, class."""
+"""`MotionPanel`: the motion at the mark in time and phase plane, its class, numbers in words."""
 
 from __future__ import annotations
 

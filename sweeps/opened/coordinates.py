@@ -1,4 +1,4 @@
-"""The coordinates of motions, recorded or continued: at sections and impacts, and in time."""
+"""The coordinates of a `PointMotion`, recorded or continued: at sections, at impacts, in time."""
 
 from __future__ import annotations
 

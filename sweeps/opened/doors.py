@@ -1,4 +1,4 @@
-"""The door of every public function: a path, unfit arguments, a rig in SI units.
+"""`takes_sweep`, the door of every public function: a path, unfit arguments, a rig in SI units.
 
 A file has the names and units of the model. `in_si` gives those of a rig, once, where a command
 opens a file or a picture is drawn; the parameters of the model, which computations need, stay

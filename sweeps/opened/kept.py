@@ -1,4 +1,4 @@
-"""`with_cache`: exact orbits, crises and least knocks, kept on disk for this user."""
+"""`with_cache`: exact orbits, crises and least knocks, kept on disk by a digest of the request."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion of every point as a row: regime, class, orbit.
+"""The motion of every point as a row: regime, class, orbit, `Cycles`; whether two are the same.
 
 Orbits are compared as cycles. A cycle consists of the states of a motion at m passages of the
 section, in time order. It may begin at any of the m states, because a motion of m forcing periods

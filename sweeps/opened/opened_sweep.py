@@ -1,4 +1,4 @@
-"""`OpenedSweep`: data, configuration, names, cuts, motions."""
+"""`OpenedSweep`: data, configuration, names, motions; the cut of a `Selection`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A motion that moves: the mass at its stop, beside it growing curves."""
+"""A motion that moves: the mass at its stop, beside it growing curves; GIF or MP4."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`plot`: the kinds of pictures by name, written to a file."""
+"""`plot`: each `Kind` of picture or animation by name, written to a file."""
 
 from __future__ import annotations
 

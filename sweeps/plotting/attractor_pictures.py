@@ -1,4 +1,4 @@
-"""Basins, and the diagram of attractors along a parameter."""
+"""`Basins` over starts, and the diagram of attractors along a parameter."""
 
 from __future__ import annotations
 

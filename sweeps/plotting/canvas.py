@@ -1,4 +1,4 @@
-"""`Picture`: the figure, its panels in the asked size, and room for title and legend."""
+"""`Picture`: figure and panels of the asked size, room for title and legend; what is in view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers per point as colours: classes with a legend, others with a bar."""
+"""`Paint`, a colour for each number per point: classes with a legend, others with a bar."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exact branches over a diagram, and curves over a map."""
+"""Exact branches as lines over a diagram; curves and their special points over a map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The colour, the hatch and the name of each class, regime, status and attractor."""
+"""The `Looks` (colour, hatch, name) of each class, regime, status and attractor; their `Cells`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps over two swept axes: the class or another quantity."""
+"""Maps over two swept axes: cells of the class or another quantity."""
 
 from __future__ import annotations
 

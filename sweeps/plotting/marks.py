@@ -1,4 +1,4 @@
-"""Dots and marks in a panel: of motions, of points that failed, of jumps."""
+"""Dots and marks in a panel: of motions, of points that failed, of jumps; the stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cells and pixels, and the density of very many points."""
+"""Cells and pixels, and the density of very many points, also of two directions."""
 
 from __future__ import annotations
 

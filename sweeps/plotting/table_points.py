@@ -1,4 +1,4 @@
-"""Points of tables: the picture of a sweep over one, and measured points over any picture."""
+"""Points of tables: the picture of a sweep over one; an `Overlay` of measured points."""
 
 from __future__ import annotations
 

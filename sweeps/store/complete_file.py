@@ -1,4 +1,4 @@
-"""The complete file: written in one pass, verified before HDF5 opens it.
+"""The complete file: written in one pass, verified by its checksums before HDF5 opens it.
 
 HDF5 hangs or crashes on some damaged files: in a small sweep, a flipped bit did so in about one of
 a thousand bytes. Therefore a trailer follows the data of HDF5, which ignores it. The trailer lists

@@ -1,4 +1,4 @@
-"""The schema of a sweep file, without the data.
+"""`Schema`: the attributes and axes of a sweep file without the data; which keys differ.
 
 `write_schema` writes it and `schema_in` reads it, both in a complete file and in the ``schema.h5``
 of an incomplete sweep, which has no data.

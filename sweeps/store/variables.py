@@ -1,4 +1,4 @@
-"""The variables that a file can hold: dimensions, units, types."""
+"""Each `Variable` that a file can hold: dimensions, units, types, bytes."""
 
 from __future__ import annotations
 

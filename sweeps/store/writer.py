@@ -1,4 +1,4 @@
-"""The only writer of a sweep: lock, blocks, complete file."""
+"""`SweepWriter`, the only writer of a sweep: lock, resumption, blocks, complete file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The destination of every point, from its record.
+"""The destination of every point, judged from its record, its `Memory`; the search by passages.
 
 With exact impacts, the first of these that applies decides:
 

@@ -1,4 +1,4 @@
-"""The free oscillation (without impacts), and the proof that a motion goes there."""
+"""The free (steady) oscillation without impacts, and the proof that a motion goes there."""
 
 from __future__ import annotations
 

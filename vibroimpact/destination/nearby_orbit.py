@@ -1,4 +1,4 @@
-"""The periodic orbit near a section, by Newton's method, and the evidence that a motion goes there.
+"""The periodic `Orbit` near a section by Newton's method; evidence that a motion goes there.
 
 A chaotic motion may pass a stable orbit, or stay beside it for a whole record. So a motion near a
 stable orbit must show that it approaches it. Its distance from the orbit is measured in a norm in

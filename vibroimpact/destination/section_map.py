@@ -1,4 +1,4 @@
-"""The map from a section to a later one, and its derivative."""
+"""The map from a section to a later one (`Flow`, `Passage`), and its derivative."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exact impacts of many columns: the stages of ``meet_stop``.
+"""Exact impacts in columns: the stages of ``meet_stop`` on the rows of many flights.
 
 A column is a flight: what happens in a lane from the start of a step, or from a rebound in it, to
 the next impact or to the end of the step. At first the columns hold the lanes that may have met the

@@ -1,4 +1,4 @@
-"""`integrate`: arrays of points in, named results out."""
+"""`integrate`: arrays of points in, named results out; `Length`, what is recorded; `Effort`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Impacts of the rule ``reduced-step`` of many columns.
+"""Impacts of the rule ``reduced-step`` in columns, a loop for each integrator.
 
 A column is a lane that meets its stop in a stride. Nearly every such lane has one impact there and
 a rebound that lasts to the end of the stride. The arithmetic is that of ``reduced_step``, without

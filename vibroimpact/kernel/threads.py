@@ -1,4 +1,4 @@
-"""The run of the kernel: points over the threads and their lanes.
+"""`KernelJob`: points over the threads and their lanes; the `Search` for destinations.
 
 All lanes take a step as if there were no stop, and lanes that may have met it are corrected. A lane
 whose record is complete takes the next point. Each thread does so until there are no more points,

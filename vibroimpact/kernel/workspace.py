@@ -1,4 +1,4 @@
-"""The memory of a thread: points in lanes, impacts in columns, lists of both.
+"""`Workspace`, the memory of a thread: points in lanes, impacts in columns of named rows, lists.
 
 A lane is one parameter point. Lanes lie side by side and so fill SIMD vectors.
 The steps per period are an integer, so one table of omega t_n mod 2 pi serves every lane, even if

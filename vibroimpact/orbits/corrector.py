@@ -1,4 +1,4 @@
-"""Newton's method onto an orbit, or a point of a branch or curve.
+"""Damped Newton's method on a `System`, onto an orbit, or a point of a branch or curve.
 
 With k free parameters the orbits are a manifold of k dimensions in the space of the unknowns
 (``unknowns.py``): k = 0 is an orbit, k = 1 a branch, k = 2 a surface on which each kind of

@@ -1,4 +1,4 @@
-"""`OrbitFamily`: orbits over free parameters, admissible or not; a step between two.
+"""`OrbitFamily`: orbits over free parameters, or why `Inadmissible`; an `ArclengthStep`.
 
 A point is a vector of unknowns (``unknowns.py``).
 """

@@ -1,4 +1,4 @@
-"""The flights of an orbit between impacts: equations, derivatives, a proof.
+"""The flights of an orbit between impacts: residuals, derivatives, a proof of no other impact.
 
 An orbit of m forcing periods with q impacts is given by the phases theta_i and the speeds before
 impact v_i, i = 1..q. Flight i leaves the stop at theta_i with the speed -R v_i and ends after

@@ -1,4 +1,4 @@
-"""A periodic orbit given by its impacts: multipliers, states at a section.
+"""`PeriodicOrbit`, given by its impacts: multipliers, states at a section; the free orbit.
 
 The sum of the multipliers is -c1 / c2, with det J(mu) = c0 + c1 mu + c2 mu^2
 (``unknowns.py``). Their product is known: R^(2q) exp(-4 pi h m / omega). So the smaller multiplier

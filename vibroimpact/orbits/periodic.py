@@ -1,4 +1,4 @@
-"""`periodic_orbit`: from a motion or a guess to an orbit, or why there is none.
+"""`periodic_orbit`: from a motion or a guess to an orbit, or an `OrbitError`.
 
 The unknowns are the phases and speeds of the impacts; the equations are those of ``flights.py``.
 """

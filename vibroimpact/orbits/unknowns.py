@@ -1,4 +1,4 @@
-"""The unknowns X of an orbit, and its cyclic linear equations: solutions, Floquet multipliers.
+"""The unknowns X of an orbit; cyclic linear `Equations`, solved by planes; Floquet multipliers.
 
 X holds the phases and scaled speeds of q impacts, alternating, z_1 .. z_q, and then k free
 parameters in units of their spans. Compiled functions use the indices of single elements; the views

@@ -1,4 +1,4 @@
-"""Points by the kernel, and the class of each from its record.
+"""`compute_points`, by the kernel or in chains, and the class of each from its record.
 
 Points are scaled, followed, have transients of their own, or start plainly.
 

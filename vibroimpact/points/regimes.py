@@ -1,4 +1,4 @@
-"""What a record shows: where the motion goes, or that this is unknown.
+"""`Regime`: what a record shows: where the motion goes, or that this is unknown; `Label`s.
 
 The record of a point determines its regime. The first of these rules that applies decides:
 

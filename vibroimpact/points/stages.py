@@ -1,4 +1,4 @@
-"""What is computed of every point, and motions continued until they have a class or an orbit.
+"""`RunSpec`, what is computed of each point; motions continued until they have a class or orbit.
 
 A run that starts from a section continues the run before it to the last bit.
 

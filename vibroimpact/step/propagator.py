@@ -1,4 +1,4 @@
-"""The exact map of a step without impacts, in closed form, and bounds on its flight.
+"""`Propagator`, the exact map of a step without impacts, in closed form; bounds on its flight.
 
 With the phase theta = omega t as time, every point of a sweep has the same step 2 pi / N. The state
 is y = x - clearance, which keeps the digits of short bounces at any clearance, and

@@ -1,4 +1,4 @@
-"""The motion of one orbit step by step, to the bits of the kernel."""
+"""`TraceJob`: the motions of points step by step, to the bits of the kernel."""
 
 from __future__ import annotations
 

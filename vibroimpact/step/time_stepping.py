@@ -1,4 +1,4 @@
-"""The impact rules ``plain``, ``reduced-step`` and ``cubic``.
+"""The impact rules ``plain``, ``reduced-step`` and ``cubic``: one impact by each.
 
 ``plain`` is the rule (2)-(5) at the end of the step. ``reduced-step`` is the paper's procedure,
 eqs (6)-(9): linear interpolation finds the impact, the step is shortened to it, and the rule is
