@@ -46,8 +46,8 @@ from sweeps.store.variables import DIRECTION
 from sweeps.text import choice_of, fewest_digits, listed, shown_count
 from vibroimpact.points.regimes import NO_CLASS, Regime
 
-#: Most basins beside each other, and the width from which three are [inch].
-_MOST_BESIDE, _WIDE = 6, 5.0
+#: Most basins beside each other, and the least width of each, for its labels [inch].
+_MOST_BESIDE, _LEAST_WIDTH = 6, 5.0 / 3.0
 #: Height of the labels of each row of these [inch], and of the panel as a share of its width.
 _LABELS, _SHAPE = 0.5, 0.75
 
@@ -177,7 +177,7 @@ def _basins_beside(
             f" beside each other; expected: at most {_MOST_BESIDE}"
         )
     line = sweep.several({name: values}).cut(at, free=[name, *plane])
-    across = min(len(values), 3 if canvas.width_of(page) >= _WIDE else 2)
+    across = min(len(values), 3, max(1, int(canvas.width_of(page) / _LEAST_WIDTH)))
     row = _LABELS + _SHAPE * canvas.width_of(page) / across
     row /= mpl.rcParams["figure.figsize"][1]
     panels = canvas.panel_grid(page, len(values), across, row, sharex=True)

@@ -16,6 +16,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
@@ -26,9 +27,9 @@ from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.legend import SHARE, WIDTH, fit_legend, legend_within
-from sweeps.plotting.page import Page
+from sweeps.plotting.page import Page, points_in
 from sweeps.plotting.style import user_style
-from sweeps.text import choice_of, near_miss, shortened, suggestion
+from sweeps.text import choice_of, listed, near_miss, shortened, suggestion, told_apart
 
 #: Greatest height of a picture unless the page gives it, so that it fits a printed page [inch].
 HIGHEST = 9.0
@@ -284,6 +285,37 @@ def is_seen(artist: Artist) -> bool:
     return bool(path.intersects_bbox(view, filled=False))
 
 
+def _shows_data(panel: Axes) -> bool:
+    """Whether cells, lines, dots or marks of failed points are within the limits of a panel."""
+    cells = [each.get_array() for each in panel.collections if isinstance(each, QuadMesh)]
+    points, data = points_in(panel), panel.transData
+    if not (cells or len(points)):
+        return True  # of a density, which is drawn last
+    if any(np.ma.count(array) for array in cells if array is not None):
+        return True
+    if in_view(panel, *points.T).any():
+        return True
+    lines = [each for each in panel.lines if len(each.get_path()) and is_seen(each)]
+    return any(each.get_linestyle() == "None" or each.get_transform() == data for each in lines)
+
+
+def refuse_gap(panel: Axes, page: Page) -> None:
+    """Refuse limits of a page that show nothing of the data; name the values beside one range."""
+    limits = {"xlim": page.xlim, "ylim": page.ylim}
+    panels = [panel] if page.ylim else panel.get_shared_x_axes().get_siblings(panel)
+    if not any(limits.values()) or any(map(_shows_data, panels)):
+        return
+    ranges, points = list[str](), points_in(panel)
+    values = np.unique(points[np.isfinite(points).all(axis=1)][:, int(page.xlim is None)])
+    for name, ends in limits.items():
+        if ends is not None:
+            after = int(values.searchsorted(ends[0]))
+            low, high, *beside = told_apart(*ends, *values[max(0, after - 1) : after + 1])
+            ranges.append(f"{name} = {low}:{high}")
+    nearest = f"; the nearest values are {listed(beside)}" if beside and len(ranges) == 1 else ""
+    raise Refused(f"there is nothing to draw with {' and '.join(ranges)}{nearest}")
+
+
 def lay_out(panel: Axes) -> None:
     """Set the final place and size of a panel."""
     figure = figure_of(panel)
@@ -330,6 +362,7 @@ def finish(
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
     handles = [handle for handle in handles if is_seen(handle)] if page.legend else []
+    refuse_gap(panel, page)
     _set_labels(panel, page)
     if isinstance(figure, Picture):
         text = title_of(part, record) if page.title is None else page.title

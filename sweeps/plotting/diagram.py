@@ -128,6 +128,7 @@ def bifurcation(
     if motions.dense:
         parts = motions.values, motions.ways, coordinate, motions.colours, motions.rgba
         draw_density(panel, *parts)
+        canvas.refuse_gap(panel, page)
     return figure
 
 
@@ -298,9 +299,10 @@ class _Motions:
 
     def ranges_within(self, limits: tuple[float, float] | None) -> list[tuple[float, float]]:
         """Return the range of the ordinates within limits of the axis that a density has."""
-        if not self.dense or limits is None:
+        low, high = limits or (np.inf, -np.inf)
+        seen = (low <= self.values) & (self.values <= high)
+        if not (self.dense and seen.any()):
             return []
-        seen = (limits[0] <= self.values) & (self.values <= limits[1])
         ways = [way.isel({self.axis: seen}) for way in self.ways]
         return [value_range(ways, self.coordinate)]
 

@@ -132,19 +132,22 @@ class Page:
         """Fit the ordinate to lines, dots and further ranges, within the abscissa of the page."""
         if self.xlim is None:
             return
-        low, high = self.xlim
-        data = panel.transData  # an `axhline` has another transform
-        lines = [line for line in panel.lines if line.get_transform() == data]
-        points = [np.asarray(line.get_xydata()) for line in lines]
-        dots = (each for each in panel.collections if isinstance(each, PathCollection))
-        points += [np.ma.filled(each.get_offsets(), np.nan) for each in dots]
-        seen = [y[(low <= x) & (x <= high)] for x, y in (each.T for each in points)]
-        values = np.concatenate([*seen, *ranges, ()])
+        (low, high), (x, y) = self.xlim, points_in(panel).T
+        values = np.concatenate([y[(low <= x) & (x <= high)], *ranges])
         values = values[np.isfinite(values)]
         if values.size:
             bottom, top = widened(float(values.min()), float(values.max()))
             margin = mpl.rcParams["axes.ymargin"] * (top - bottom) if bottom < top else 0.05
             set_ends(panel.yaxis, bottom - margin, top + margin)
+
+
+def points_in(panel: Axes) -> np.ndarray:
+    """Return the points of the lines and the dots of a panel, shape (n, 2)."""
+    data = panel.transData  # an `axhline` has another transform
+    points = [line.get_xydata() for line in panel.lines if line.get_transform() == data]
+    dots = (each for each in panel.collections if isinstance(each, PathCollection))
+    points += [np.ma.filled(each.get_offsets(), np.nan) for each in dots]
+    return np.concatenate([np.empty((0, 2)), *points])
 
 
 #: Least and greatest width and height of a picture [inch].
@@ -223,10 +226,9 @@ def _is_beside(value: object) -> bool:
 
 
 def _are_panels(value: object, panels: Collection[int]) -> bool:
-    if isinstance(value, Axes):
-        return 1 in panels
-    several = [*value] if isinstance(value, Sequence | np.ndarray) else []
-    return len(several) in panels and all(isinstance(one, Axes) for one in several)
+    several = [*value] if isinstance(value, Sequence | np.ndarray) else [value]
+    straight = (isinstance(one, Axes) and one.name == "rectilinear" for one in several)
+    return len(several) in panels and all(straight)
 
 
 #: What the arguments of pictures may be, besides those of all functions of a sweep.
@@ -260,7 +262,9 @@ def styled(
     `panels`. Only with `marks` has the picture marks that can be left out.
     """
     panel = "a panel" if max(panels) == 1 else f"{' or '.join(map(str, panels))} panels"
-    of_panels = Allowed(lambda value: _are_panels(value, panels), f"{panel} of matplotlib")
+    of_panels = Allowed(
+        lambda value: _are_panels(value, panels), f"{panel} of matplotlib with two straight axes"
+    )
 
     @takes_sweep({**PICTURE_ARGUMENTS, "ax": of_panels})
     @functools.wraps(draw)

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from sweeps import open_sweep, run_sweep
 from sweeps.errors import Refused
-from sweeps.plotting import Page, basins, integrity, table_panels
+from sweeps.plotting import Page, attractor_diagram, basins, integrity, table_panels
 from tests.helpers.commands import accepted, refused
 
 STARTS = {"x0": {"start": -3, "stop": 0, "num": 6}, "v0": {"start": -2, "stop": 2, "num": 6}}
@@ -101,12 +101,18 @@ def test_a_table_fits_a_page_and_counts_the_columns_left_out(tmp_path, width, pa
     assert ("2 further columns" in words) == (panels < 8)
 
 
+@pytest.mark.parametrize(("width", "across"), [(2.0, 1), (3.0, 1), (3.4, 2), (5.0, 3)])
 @pytest.mark.parametrize("grey", [False, True])
-def test_basins_of_several_values_fit_a_column(path, grey, with_layout):
-    """A layout that has no room is a warning, which fails."""
+def test_basins_of_several_values_fit_a_column(path, grey, width, across, with_layout):
+    """A layout that has no room is a warning, which fails; those of a narrow one are below."""
     with open_sweep(path) as dataset:
-        page = Page(width=3.4, grey=grey)
-        basins(dataset, beside={"omega": [2.6, 2.7]}, page=page).draw_without_rendering()
+        page = Page(width=width, grey=grey)
+        figure = basins(dataset, beside={"omega": [2.6, 2.65, 2.7]}, page=page)
+    figure.draw_without_rendering()
+    boxes = [panel.get_window_extent() for panel in figure.axes]
+    assert len({round(box.x0) for box in boxes}) == across
+    for box in boxes:
+        assert min(box.width, box.height) > 0.8 * figure.dpi and box.width < 2.0 * box.height
 
 
 @pytest.mark.parametrize("page", [Page(), Page(xlim=(-2.0, -1.0), ylim=(-1.0, 1.0))])
@@ -134,3 +140,8 @@ def test_several_values_of_basins_are_drawn_and_limited(path):
     said = refused(*given, "--at", f"omega={many}")
     assert "7 values beside each other; expected: at most 6" in said
     assert "the same nearest grid value" in refused(*given, "--at", "omega=2.6,2.601")
+
+
+def test_attractors_between_values_of_the_axis_are_refused(path):
+    with open_sweep(path) as dataset, pytest.raises(Refused, match=r"xlim .* 2.6, 2.65$"):
+        attractor_diagram(dataset, page=Page(xlim=(2.61, 2.63)))

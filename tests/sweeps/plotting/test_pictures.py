@@ -272,6 +272,49 @@ def test_limits_without_data_are_refused(dataset, name, ends):
         plotting.bifurcation(dataset, page=Page(**{name: ends}))
 
 
+BETWEEN = [
+    ("map", "bifurcation", {"below": "impulse"}, {"xlim": (2.31, 2.39)}, "xlim .* 2.3, 2.4"),
+    ("map", "bifurcation", {"color": "period"}, {"xlim": (2.31, 2.39)}, "xlim .* 2.3, 2.4"),
+    ("map", "section", {"color": "R"}, {"xlim": (-0.5101, -0.51)}, "xlim = -0.5101:-0.51; .*"),
+    (
+        "map",
+        "bifurcation",
+        {},
+        {"xlim": (2.15, 2.25), "ylim": (-0.4, 0.0)},
+        "xlim = 2.15:2.25 and ylim = -0.4:0",
+    ),
+    (
+        "map",
+        "impacts",
+        {"color": "period"},
+        {"xlim": (2.3, 3.1)},
+        "xlim = 2.3:3.1; .* 2.22227, 3.19355",
+    ),
+    ("table", "table", {"axes": ["h"]}, {"xlim": (0.06, 0.09)}, "xlim = 0.06:0.09; .* 0.05, 0.1"),
+]
+
+
+@pytest.mark.parametrize(("file", "kind", "options", "limits", "message"), BETWEEN)
+def test_limits_between_data_are_refused(files, file, kind, options, limits, message):
+    said = f"nothing to draw with {message}$"
+    with open_sweep(files / f"{file}.h5") as dataset, pytest.raises(Refused, match=said):
+        plotting.KINDS[kind].draw(dataset, page=Page(**limits), **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("most", [10, 10**9])
+def test_what_lies_between_values_of_an_axis_is_drawn(dataset, monkeypatch, most):
+    """The cell of a map, an exact branch, a measured point, the column of a density."""
+    monkeypatch.setattr("sweeps.plotting.diagram.DENSITY_FROM", most)
+    page, at = Page(xlim=(2.31, 2.39)), {"R": 0.8}
+    exact = branches(dataset, "omega", at, classes=[(1, 1)])
+    measured = {"omega": [2.35], "poincare_x": [-0.5]}
+    plotting.parameter_map(dataset, page=page)
+    for options in [{"exact": exact}, {"overlay": measured}, *([{}] if most == 10 else [])]:
+        figure = plotting.bifurcation(dataset, at=at, page=page, **options)
+        assert figure.axes[0].get_xlim() == page.xlim
+
+
 def test_the_attractors_are_marked_in_their_basins(files):
     """The free oscillation, at its closed form, and one impact in a period, at its own."""
     with open_sweep(files / "starts.h5") as dataset:
@@ -342,6 +385,17 @@ def test_a_panel_of_another_figure_is_drawn_into(dataset):
     assert plotting.trajectory(dataset, ax=three) is three[0].figure
     with pytest.raises(Refused, match="leave out ax or below"):
         plotting.bifurcation(dataset, ax=left, below=["lyapunov"])
+
+
+@pytest.mark.parametrize("projection", ["polar", "3d", "mollweide"])
+@pytest.mark.parametrize("kind", ["bifurcation", "map", "section", "trajectory"])
+def test_a_panel_whose_axes_are_not_straight_is_refused(dataset, kind, projection):
+    panels = Figure().subplots(1, 3, subplot_kw={"projection": projection})
+    ax = panels if kind == "trajectory" else panels[0]
+    with pytest.raises(
+        Refused, match=r"ax = .* is not allowed; expected: .*with two straight axes"
+    ):
+        plotting.KINDS[kind].draw(dataset, at={}, ax=ax)
 
 
 def test_a_height_that_leaves_nothing_of_the_panels_is_refused(dataset):
