@@ -1,5 +1,6 @@
 """Files with random results in place of computed ones, written block by block or for pictures."""
 
+import resource
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -57,7 +58,7 @@ def planned(config, size):
 
 
 #: Four blocks of few variables, for tests in which any of the calls for each file fails.
-FOUR_BLOCKS = schema(block_size=3, diagnostics=())
+FOUR_BLOCKS = schema(block_size=3, diagnostics=(), widths={"section": 20, "impact": 0, "sample": 0})
 
 
 def random_results(points, widths, seed=0, scale=100.0):
@@ -105,6 +106,22 @@ def fill_blocks(
         if blocks is None or blocks >= len(pending):
             store.finish(compressed=compressed)
         return store.damaged
+
+
+def fill_disk(size=0):
+    """Limit the size of files, until the end of `room_again`."""
+    resource.setrlimit(
+        resource.RLIMIT_FSIZE, (int(size), resource.getrlimit(resource.RLIMIT_FSIZE)[1])
+    )
+
+
+@contextmanager
+def room_again():
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def contents(folder=Path("out.h5.parts")):

@@ -1,5 +1,6 @@
 """Wrong arguments at every public function: one refusal, in the words of the command line."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -74,8 +75,10 @@ NO_SWEEP = {
 }
 
 
-@pytest.mark.parametrize("wrong", NO_SWEEP)
-@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize(
+    ("door", "wrong"),
+    [*product(DOORS, ("a number", "renamed")), *product(("curves", "basins"), NO_SWEEP)],
+)
 def test_only_an_opened_sweep_is_taken(opened, door, wrong):
     function, name = DOORS[door]
     with pytest.raises(Refused, match=r"(; expected: an opened sweep|has no value of)"):

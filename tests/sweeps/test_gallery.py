@@ -142,7 +142,7 @@ def test_basins(scene):
     osc = naive.oscillator(0.0, 0.8, 1.3)
     for row in table.values():
         places = np.argwhere(inner(own) & (own == row.number))
-        for i, j in places[:: len(places) // 2][:2]:
+        for i, j in places[:1]:
             start = {"x": dataset["x0"].values[i], "v": dataset["v0"].values[j]}
             assert_allclose(slow_speeds(osc, row.q, **start), row.speeds, atol=1e-3)
 
@@ -204,19 +204,34 @@ def test_the_free_oscillation_ends_at_its_graze(scene):
     assert dataset["impacts_per_period"].values[1] == 0.0
 
 
-@pytest.mark.slow
-def test_restitution(scene):
-    dataset = scene("restitution", f"oscillator.R={values(0.35, 0.45, 0.545, 0.5585, 0.58)}")
-    assert classes(dataset) == ["2/2", "4/4", "8/8", "16/16", "chaotic"]
+#: Scenes at a few values, and the classes there. The first flip of the cascade is at 4.6437, and
+#: 3/1 begins at 5.303; that of the quickstart is at 2.65888454668484, and 2/1 begins at 3.338. In
+#: the map lie the tongues of one impact in one, two and three periods (windows at h = 0).
+CLASSES = {
+    "restitution": (
+        ["oscillator.R=[0.35, 0.45, 0.545, 0.5585, 0.58]"],
+        ["2/2", "4/4", "8/8", "16/16", "chaotic"],
+    ),
+    "cascade": (
+        ["oscillator.omega=[4.63, 4.66, 4.715, 4.76, 5.29, 5.32]"],
+        ["2/1", "4/2", "8/4", "chaotic", "6/3", "3/1"],
+    ),
+    "quickstart": (
+        ["oscillator.omega=[2.5, 2.65, 2.67, 2.95, 3.4]", "record.diagnostics=[period, lyapunov]"],
+        ["1/1", "1/1", "2/2", "chaotic", "2/1"],
+    ),
+    "period-map": (
+        ["oscillator.R=0.8", "oscillator.omega=[2.0, 2.64, 2.68, 4.0, 6.0]"],
+        ["1/1", "1/1", "2/2", "2/1", "3/1"],
+    ),
+}
 
 
 @pytest.mark.slow
-def test_cascade(scene):
-    """The first flip is at 4.6437, and 3/1 begins at 5.303."""
-    omega = values(4.63, 4.66, 4.715, 4.76, 5.29, 5.32)
-    found = classes(scene("cascade", f"oscillator.omega={omega}"))
-    assert found[:4] == ["2/1", "4/2", "8/4", "chaotic"]
-    assert found[4] != "3/1" and found[5] == "3/1"
+@pytest.mark.parametrize("name", CLASSES)
+def test_a_scene_has_the_classes_of_its_comment(scene, name):
+    overrides, expected = CLASSES[name]
+    assert classes(scene(name, *overrides)) == expected
 
 
 @pytest.mark.slow
@@ -242,17 +257,6 @@ def test_damping(scene):
 
 
 @pytest.mark.slow
-def test_quickstart(scene):
-    """The flip of 1/1 is at 2.65888454668484; 2/1 from 3.338 on."""
-    overrides = (
-        f"oscillator.omega={values(2.5, 2.65, 2.67, 2.95, 3.4)}",
-        "record.diagnostics=[period, lyapunov]",
-    )
-    found = classes(scene("quickstart", *overrides))
-    assert found == ["1/1", "1/1", "2/2", "chaotic", "2/1"]
-
-
-@pytest.mark.slow
 def test_chatter(scene):
     """Rest up to about 0.361; at h = 0.05, omega = 0.3 for as long as by slow steps."""
     omega = values(0.2, 0.3, 0.35, 0.37)
@@ -263,14 +267,6 @@ def test_chatter(scene):
     begin, end = slow.rests[-1]
     fraction = (end - begin) * 0.3 / (2.0 * np.pi)
     assert_allclose(dataset["rest_fraction"].values[0], fraction, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_period_map(scene):
-    """The tongues of one impact in one, two and three periods, at R = 0.8 (windows at h = 0)."""
-    R, omega = values(0.79, 0.8), values(2.0, 2.64, 2.68, 4.0, 6.0)
-    dataset = scene("period-map", f"oscillator.R={R}", f"oscillator.omega={omega}")
-    assert classes(dataset)[5:] == ["1/1", "1/1", "2/2", "2/1", "3/1"]
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting import plot
 from tests.helpers.commands import accepted, refused
 from tests.helpers.sweep_files import run_in
-from vibroimpact import Oscillator, integrate, periodic_orbit
+from vibroimpact import Oscillator, integrate, periodic_orbit, simulate
 from vibroimpact.oscillator import POINT
 
 #: The free oscillation (1/0) and a motion with an impact in two periods (2/1).
@@ -163,7 +163,7 @@ def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(datase
         smaller = np.linspace(-1.0, 1.0, 201) * abs(harmless)
         assert (impacts_per_period(dataset, phase, x, v + smaller) == home[k]).all()
         start = found["section_x"].values[k], found["section_v"].values[k]
-        for x, v, phase in motion(dataset, *start):
+        for x, v, phase in [*motion(dataset, *start)][::4]:
             ends = impacts_per_period(dataset, phase, x, v + 0.999 * smaller[::5])
             assert (ends == home[k]).all()
 
@@ -175,7 +175,7 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_kno
     file = run_in(
         tmp_path,
         "oscillator: {h: 0.0605, R: 0.8748, omega: 1.79, f: 1.0, clearance: 0.4613}",
-        "start={x0: {start: -2.5387, stop: 0.4613, num: 40}, v0: {start: -3, stop: 3, num: 40}}",
+        "start={x0: {start: -2.5387, stop: 0.4613, num: 16}, v0: {start: -3, stop: 3, num: 16}}",
         "record={transient: 300, periods: 32, diagnostics: [period]}",
     )
     with open_sweep(file) as starts:
@@ -210,7 +210,7 @@ def test_a_boundary_that_rounding_decides_is_fractal(dataset, all_knocks, monkey
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("moment", "middle"),
-    [(0.0, 0.8), (0.0, 1.07), (0.0, 1.34), (0.0, 1.61), (3.4, 0.8), (4.6, 1.07), (5.95, 1.34)],
+    [(0.0, 0.8), (0.0, 1.61), (4.6, 1.07), (5.95, 1.34)],
 )
 def test_an_island_of_the_promised_size_is_found(dataset, all_knocks, monkeypatch, moment, middle):
     """It takes 1/64 of the period, and 1/128 of the knock that there would be without it."""
@@ -246,8 +246,6 @@ def test_a_knock_is_tried_just_after_the_impact(dataset, monkeypatch):
 
 def motion(dataset, x, v):
     """Yield states of a motion of at most two periods, and their phases."""
-    from vibroimpact import simulate
-
     names = ("h", "R", "f", "p", "clearance")
     osc = Oscillator(**{name: dataset[name].item() for name in names}, omega=2.6)
     run = simulate(osc, 2, x0=x, v0=v)
@@ -272,12 +270,11 @@ def test_a_sweep_without_a_window_is_refused(override, message, tmp_path):
     assert message in refused("integrity", path)
 
 
-def test_one_phase_of_several_is_chosen_as_the_refusal_says(tmp_path):
+def test_one_phase_of_several_is_chosen_as_the_refusal_says(tmp_path, no_knocks):
     few = "record={transient: 9, periods: 2, phase: 2}", "start.x0=[-2, -1, 0]"
     few = *few, "start.v0=[-1, 0, 1]", "oscillator.omega=2.6"
-    phases = {"both": "[0, 2]", "one": "2"}
-    files = [(f"start.phase={phase}", f"{name}.h5") for name, phase in phases.items()]
-    both, one = (run_in(tmp_path, CONFIG, *few, phase, name=name) for phase, name in files)
+    both = run_in(tmp_path, CONFIG, *few, "start.phase=[0, 2]", name="both.h5")
+    one = run_in(tmp_path, CONFIG, *few, "start.phase=2", name="one.h5")
     assert "fix phase at that of the section, 2" in refused("integrity", both)
     assert accepted("integrity", both, "--at", "phase=2") == accepted("integrity", one)
 

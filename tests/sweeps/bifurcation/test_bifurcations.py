@@ -302,7 +302,6 @@ def test_requests_that_do_not_fit_are_refused(sweep, arguments, text):
 
 #: Oscillators, and how many bifurcations of at most 4 periods and 5 impacts each has on its axis.
 SCENES = {
-    "light damping": ("h: 0.05, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.72, num: 13}", 1),
     "no damping": ("h: 0, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.74, num: 15}", 3),
     "impact adding": ("h: 0.5, omega: 1, f: 1, R: {start: 0.5, stop: 0.7, num: 21}", 4),
     "hysteresis": (

@@ -275,9 +275,8 @@ def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
 
 
 @pytest.mark.slow
-def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact):
+def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact, found):
     """Also those that begin at bifurcations of other classes."""
-    found = branches(exact, at={"R": 0.8})
 
     def bifurcations(dataset, mq):
         own = np.array([each == mq for each in classes_of(dataset)])
@@ -285,7 +284,7 @@ def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact)
         special = own[dataset["branch"].values] & (dataset["kind"].values != "")
         return {*dataset["omega"].values[special].tolist()}
 
-    classes = [(2, 3), (8, 6)]
+    classes = [(2, 3), (4, 3)]
     chosen = branches(exact, at={"R": 0.8}, classes=classes)
     assert {*classes_of(chosen)} == {*classes}
     for mq in classes:

@@ -151,8 +151,8 @@ def test_a_map_of_starts_has_no_curves(tmp_path):
 
 
 MAP = """
-oscillator: {h: 0.02, R: 0.9, clearance: 1.0, f: {start: 0.345, stop: 0.385, num: 21},
-             omega: {start: 0.782, stop: 0.80, num: 21}}
+oscillator: {h: 0.02, R: 0.9, clearance: 1.0, f: {start: 0.345, stop: 0.385, num: 16},
+             omega: {start: 0.782, stop: 0.80, num: 16}}
 record: {transient: 600, periods: 32, diagnostics: [period, lyapunov]}
 """
 

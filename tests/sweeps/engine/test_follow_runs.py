@@ -27,16 +27,14 @@ from vibroimpact import Status
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("size", "direction"), [(5, "both"), (15, "down")])
-def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, direction):
-    config = configured(f"follow.direction={direction}")
-    expected = run_and_read(config)
+@pytest.mark.parametrize(
+    ("size", "threads", "changes"), [(5, 2, []), (15, 1, ["compression=gzip"])]
+)
+def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, threads, changes):
+    expected = run_and_read(configured())
     monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: size)
-    for threads in (1, 2):
-        run_sweep(config, "blocks.h5", threads=threads, overwrite=True)
-        xr.testing.assert_identical(data("blocks.h5"), expected)
-    packed = configured(f"follow.direction={direction}", "compression=gzip")
-    xr.testing.assert_identical(run_and_read(packed, "packed.h5"), expected)
+    run_sweep(configured(*changes), "blocks.h5", threads=threads)
+    xr.testing.assert_identical(data("blocks.h5"), expected)
 
 
 @pytest.mark.slow

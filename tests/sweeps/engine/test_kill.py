@@ -102,14 +102,13 @@ def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(forks, chan
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(forks, number):
+def test_a_signal_ends_a_run_in_the_middle_of_a_long_block(forks):
     pid = forks.start("run", "sweep.yaml", "-o", "long one.h5", *LONG, folder=Path.cwd())
     deadline = time.monotonic() + 300
     while not Path("long one.h5.parts/schema.h5").exists() and time.monotonic() < deadline:
         time.sleep(0.05)
     time.sleep(0.2)
-    os.kill(pid, number)
+    os.kill(pid, signal.SIGTERM)
     code, stderr = forks.ended()
     assert code == 1
     options = " ".join(LONG)
@@ -137,8 +136,7 @@ def test_an_interrupted_run_goes_on_with_the_command_it_names(forks):
     while not done and time.monotonic() < deadline:
         time.sleep(0.02)
         done = share_written(Path("sweep.h5"))
-    picture = call("plot", "sweep.h5")  # while it is being written
-    assert picture.exit_code == 0, picture.output
+    assert call("info", "sweep.h5").exit_code == 0  # while it is being written
     os.kill(pid, signal.SIGINT)
     code, stderr = forks.ended()
     assert code == 1 and "; to go on: " in stderr, stderr
@@ -184,9 +182,7 @@ main()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("imports", "number"), [*zip((1, 2, 5, 10, 30, 31), ANSWERED, strict=False)]
-)
+@pytest.mark.parametrize(("imports", "number"), [*zip((1, 5, 30), ANSWERED, strict=False)])
 def test_a_signal_while_a_command_imports_ends_it_with_one_line(imports, number):
     program = [sys.executable, "-c", _IMPORTING, str(number.value), str(imports)]
     process = run("--quiet", program=program)
@@ -195,7 +191,7 @@ def test_a_signal_while_a_command_imports_ends_it_with_one_line(imports, number)
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_signal_in_a_system_call_ends_a_run_with_one_line(forks, number):
     at_call(forks, number, random.Random(number))
 
@@ -256,17 +252,16 @@ def test_an_ignored_interrupt_stays_ignored():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_full_standard_output_is_told_from_a_file_whatever_its_buffer_is(unbuffered):
+@pytest.mark.parametrize(("unbuffered", "word"), [("", "--help"), ("", "schema"), ("1", "schema")])
+def test_a_full_standard_output_is_told_from_a_file_whatever_its_buffer_is(unbuffered, word):
     """Also if the text is longer than the buffer."""
-    for arguments in (["--help"], ["schema"]):
-        with open("/dev/full", "w") as full:
-            command = [sys.executable, "-m", "sweeps.cli", *arguments]
-            streams = {"stdout": full, "stderr": subprocess.PIPE, "text": True}
-            env = {**environment(), "PYTHONUNBUFFERED": unbuffered}
-            done = subprocess.run(command, env=env, **streams)
-        said = "the standard output cannot be written: No space left on device\n"
-        assert (done.returncode, done.stderr) == (1, f"vibroimpact: error: {said}")
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "sweeps.cli", word]
+        streams = {"stdout": full, "stderr": subprocess.PIPE, "text": True}
+        env = {**environment(), "PYTHONUNBUFFERED": unbuffered}
+        done = subprocess.run(command, env=env, **streams)
+    said = "the standard output cannot be written: No space left on device\n"
+    assert (done.returncode, done.stderr) == (1, f"vibroimpact: error: {said}")
 
 
 def test_a_run_that_is_complete_is_not_interrupted_any_more(monkeypatch):

@@ -35,7 +35,7 @@ record: {transient: 100, periods: 100}
 """
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def usual_trials(monkeypatch):
     monkeypatch.setattr(limits, "_TRIAL", 0.1)
 
@@ -218,7 +218,7 @@ def test_the_size_that_is_told_counts_the_samples_at_impacts(every, monkeypatch)
         ["oscillator.omega.num=3", "record.periods=20000", "record.impacts=20000"],
     ],
 )
-def test_the_expected_time_is_about_the_time(changes):
+def test_the_expected_time_is_about_the_time(usual_trials, changes):
     """Within a factor of five of the processor time of the kernel."""
     sweep = load(CONFIG, *changes).sweep
     trial(sweep, 1)  # compiles
@@ -230,14 +230,14 @@ def test_the_expected_time_is_about_the_time(changes):
 
 
 @pytest.mark.slow
-def test_an_hour_is_told_without_taking_one():
+def test_an_hour_is_told_without_taking_one(usual_trials):
     sweep = load(CONFIG, "record.transient=1e9", "oscillator.omega.num=1e6").sweep
     began = time.process_time()
     assert trial(sweep, None)[0] > 1e5 * (time.process_time() - began)
 
 
 @pytest.mark.slow
-def test_the_expected_time_is_not_that_of_other_processes(monkeypatch):
+def test_the_expected_time_is_not_that_of_other_processes(usual_trials, monkeypatch):
     """A trial of one period that waits for a processor is not multiplied by a million."""
     sweep = load(CONFIG, "record.transient=1e6", "oscillator.omega.num=60").sweep
     alone, _ = trial(sweep, None)
@@ -282,7 +282,7 @@ def test_a_run_takes_one_block_beside_the_one_that_is_written():
     assert len(taken) > 10
 
 
-def test_one_chain_of_followed_points_is_expected_to_take_a_call_for_each():
+def test_one_chain_of_followed_points_is_expected_to_take_a_call_for_each(usual_trials):
     """Side by side the same points take a hundredth of the time."""
     alone = load(CONFIG, "follow={axis: omega, direction: both}").sweep
     assert trial(alone, 1)[0] > 15.0 * trial(load(CONFIG).sweep, 1)[0]

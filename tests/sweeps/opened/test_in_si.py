@@ -266,7 +266,7 @@ def test_a_map_of_a_rig_and_its_curves_are_in_si_units(unpainted):
 
 
 @pytest.mark.slow
-def test_attractors_and_their_measures_have_units():
+def test_attractors_and_their_measures_have_units(no_knocks):
     """At 36 Hz the motions 1/1 and 1/0 coexist."""
     x0, v0 = "{start: -0.0015, stop: 0.0005, num: 6}", "{start: -0.4, stop: 0.4, num: 6}"
     few = "record={transient: 200, periods: 8}", "rig.frequency=[36, 37]"

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from sweeps import attractors, branches, curves, knocks, open_sweep
-from sweeps.attractor.integrity import _Motions
+from sweeps.attractor.integrity import Knock, _Motions
 from sweeps.bifurcation import bifurcation_table
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
 from sweeps.opened import kept as module
@@ -107,7 +107,7 @@ def kept_files(cache):
     return sorted((cache / "exact").iterdir())
 
 
-@pytest.mark.parametrize("damage", ["cut", "byte", "empty", "other content", "of others"])
+@pytest.mark.parametrize("damage", ["cut", "byte", "other content", "of others"])
 def test_what_is_damaged_or_may_be_of_another_user_is_not_used_but_found_again(path, cache, damage):
     find = Counted(branches)
     first, _ = asked(path, find, "omega")
@@ -120,7 +120,7 @@ def test_what_is_damaged_or_may_be_of_another_user_is_not_used_but_found_again(p
         file.chmod(0o666)
     else:
         changed = whole[:half] + bytes([whole[half] ^ 255]) + whole[half + 1 :]
-        file.write_bytes({"cut": whole[:half], "byte": changed, "empty": b""}[damage])
+        file.write_bytes({"cut": whole[:half], "byte": changed}[damage])
     again, said = asked(path, find, "omega")
     assert (find.calls, said) == (2, [])
     xr.testing.assert_identical(again, first)
@@ -262,8 +262,10 @@ def test_knocks_are_computed_once_for_all_pictures_and_tables(tmp_path, no_knock
 
 @pytest.mark.slow
 def test_knocks_are_not_taken_for_those_of_others(tmp_path, monkeypatch):
-    sought, worst = [], _Motions.worst  # the attractors whose knocks were computed
-    monkeypatch.setattr(_Motions, "worst", lambda *of: sought.append(of[1]) or worst(*of))
+    sought = []  # the attractors whose knocks were computed
+    monkeypatch.setattr(
+        _Motions, "worst", lambda _, home, limit: sought.append(home) or Knock(harmful=1.0 + home)
+    )
     with open_sweep(run_in(tmp_path, BASINS)) as starts:
         find, found = with_cache(knocks), attractors(starts)
         both = find(starts, found)

@@ -113,7 +113,7 @@ def one_failing(which, error):
         yield made
 
 
-@at_every(3)
+@at_every(7)
 def test_whichever_call_fails_a_resumed_run_loses_nothing(step):
     fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")
@@ -140,10 +140,10 @@ def test_whichever_call_fails_a_resumed_run_loses_nothing(step):
             (PARTS / name).write_bytes(content)
         computed.clear()
         which += step
-    assert refused > 10
+    assert refused > 4
 
 
-@at_every(2)
+@at_every(3)
 @pytest.mark.parametrize("blocks", [2, None])
 def test_whichever_call_fails_a_reader_sees_all_that_is_there_or_is_refused(blocks, step):
     fill_blocks("out.h5", blocks, plan=FOUR_BLOCKS)
@@ -245,7 +245,7 @@ def intruded(which, late, place, link, **options):
     return len(made) > which
 
 
-SOME = pytest.param(397, slice(None, None, 5), marks=pytest.mark.slow)
+SOME = pytest.param(797, slice(None, None, 5), marks=pytest.mark.slow)
 ALL = [pytest.param(1, slice(n, n + 1), marks=pytest.mark.campaign) for n in range(30)]
 
 
@@ -370,7 +370,7 @@ def moments(monkeypatch, tmp_path):
     return disk.moments
 
 
-@at_every(4)
+@at_every(9)
 def test_a_loss_of_power_costs_no_block_of_more_than_a_second_ago(moments, tmp_path, step):
     fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")
@@ -393,4 +393,4 @@ def test_a_loss_of_power_costs_no_block_of_more_than_a_second_ago(moments, tmp_p
             fill_blocks(out, plan=FOUR_BLOCKS, results=counting(computed), resume=True)
             assert 4 - len(computed) >= moment[0], (number, how)
             xr.testing.assert_identical(data(out), whole)
-    assert len(tried) > 20
+    assert len(tried) > 12

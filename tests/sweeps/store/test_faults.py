@@ -9,7 +9,6 @@ old sweep and the files of other programs stay, and the run that goes on ends wi
 import errno
 import io
 import os
-import resource
 import shutil
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -29,7 +28,15 @@ from sweeps.store.paths import check_output
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import call
 from tests.helpers.sweep_files import data
-from tests.helpers.written_files import begun, block_results, contents, fill_blocks, schema
+from tests.helpers.written_files import (
+    begun,
+    block_results,
+    contents,
+    fill_blocks,
+    fill_disk,
+    room_again,
+    schema,
+)
 from vibroimpact.status import Status
 
 #: Forty points, which the tests compute in four blocks; any blocks give the same bits.
@@ -100,6 +107,11 @@ def put_file():
     Path("out.h5").write_bytes(b"precious")
 
 
+def put_sweep():
+    fill_blocks("other.h5")
+    os.replace("other.h5", "out.h5")
+
+
 def end_by(error):
     """Return a fault that raises an error."""
 
@@ -107,21 +119,6 @@ def end_by(error):
         raise error
 
     return ends
-
-
-def fill_disk(size=0):
-    """Limit the size of files, until the end of `room_again`."""
-    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), hard))
-
-
-@contextmanager
-def room_again():
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 interrupt, fail = end_by(KeyboardInterrupt), end_by(OSError(errno.ENOSPC, "No space left"))
@@ -151,25 +148,16 @@ def unchanged(file):
 
 
 FAULTS = [
-    # Another program takes away what is written, between two blocks and before the last.
-    *(
-        Fault(f"block {block}", *row)
-        for block in (2, 4)
-        for row in (
-            (partial(shutil.rmtree, PARTS), GONE, NOTHING),
-            (replace, "was replaced by another program", f"{10 * block - 10} of 40 points kept"),
-            (FIRST.unlink, "block-000000.npz was removed by another program", THREE),
-        )
-    ),
+    # Another program takes away what is written.
+    Fault("block 4", partial(shutil.rmtree, PARTS), GONE, NOTHING),
     Fault("block 2", move_folder, GONE, NOTHING),
+    Fault("block 2", replace, "was replaced by another program", ONE),
+    Fault("block 2", FIRST.unlink, "block-000000.npz was removed by another program", THREE),
     Fault("block 4", partial(os.truncate, FIRST, 1000), "block-000000.npz is damaged", THREE),
     Fault("block 2", empty_and_restore, "block-000000.npz is damaged", THREE),
     Fault("end", Path("out.h5").unlink, "the output is gone: out.h5 does not exist", ""),
     # It puts something in the place of the output, also the complete file of another sweep.
-    *(
-        Fault("planned", put, FOREIGN, "0 of 40 points kept")
-        for put in (put_file, partial(shutil.copy, "../other.h5", "out.h5"))
-    ),
+    Fault("planned", put_sweep, FOREIGN, "0 of 40 points kept"),
     *(Fault(moment, put_file, FOREIGN, ALL) for moment in ("completed", "fsync")),
     # The run is refused, fails or is interrupted: an old sweep stays until the new one is there.
     Fault("planned", end_by(StoreError("too large")), "too large", ""),
@@ -190,7 +178,6 @@ FAULTS = [
 @pytest.mark.parametrize("row", FAULTS, ids=lambda row: row.moment)
 def test_a_fault_is_said_and_loses_nothing_else(monkeypatch, path, row):
     monkeypatch.setattr(estimate, "block_size", lambda *_, **__: 10)
-    fill_blocks("../other.h5", overwrite=True)
     if row.blocks:
         fill_blocks("out.h5", row.blocks)
     there, after = {path: contents(path) for path in Path().glob("out.h5*")}, []
@@ -223,7 +210,7 @@ def test_a_fault_is_said_and_loses_nothing_else(monkeypatch, path, row):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "sizes", [5, pytest.param(400, marks=pytest.mark.campaign)], ids=["some", "many"]
+    "sizes", [3, pytest.param(400, marks=pytest.mark.campaign)], ids=["some", "many"]
 )
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_disk_that_is_full_anywhere_in_the_complete_file_loses_nothing(whole, compressed, sizes):
@@ -324,8 +311,7 @@ def test_the_commands_read_a_sweep_that_is_not_complete(stop_after):
     with stop_after(1, size=10):
         assert call("run", "sweep.yaml", "--quiet").exit_code == 1
     assert "40 points, of which 30 PENDING" in call("info", "out.h5").stdout
-    for arguments in (["plot", "out.h5"], ["export", "out.h5", "-o", "out.csv"]):
-        assert call(*arguments).exit_code == 0
+    assert call("export", "out.h5", "-o", "out.csv").exit_code == 0
     Path("sweep.yaml").unlink()
     assert call("run", "out.h5", "--quiet", "--resume").exit_code == 0
     assert "40 points" in call("info", "out.h5").stdout and not PARTS.exists()
