@@ -100,11 +100,15 @@ def _reason(error: OSError) -> str:
 
 
 def _report(error: str) -> None:
-    """Print an error on stderr, unless that is closed."""
+    """Print an error on stderr, unless that is closed, with long paths shortened, save commands."""
+    import re
+
     from sweeps.text import printable
 
     if sys.stderr is not None:
-        print(printable(f"vibroimpact: error: {error}"), file=sys.stderr)
+        told, *commands = re.split("(?=vibroimpact )", error, maxsplit=1)
+        told = re.sub(r"(\S{60})\S{120,}(\S{100})", r"\1...\2", told)
+        print(printable("".join(["vibroimpact: error: ", told, *commands])), file=sys.stderr)
 
 
 if __name__ == "__main__":

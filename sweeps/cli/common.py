@@ -14,11 +14,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zlib import crc32
 
 import typer
 
 from sweeps.errors import Refused
-from sweeps.text import command, printable, shortened, suggestion, told_apart
+from sweeps.text import command, near_miss, printable, shortened, suggestion, told_apart
 from vibroimpact.inputs import Allowed, integer, is_number, number_meant, refusal
 
 if TYPE_CHECKING:
@@ -112,6 +113,8 @@ JSON = flag("--json", "Write JSON, for other programs, instead of text.")
 
 #: The limits of an axis, in words.
 LIMITS = "LOW:HIGH, two numbers of which the first is smaller"
+#: Most characters in the name of a file of what is asked for.
+_MOST_CHARACTERS = 100
 _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
 
 
@@ -203,6 +206,14 @@ def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Pat
     return targets
 
 
+def name_after(stem: str, words: Iterable[str], ending: str) -> str:
+    """Name a file after what is asked for, valid on every system; if that is long, in short."""
+    asked = re.sub(r"[^\w.+-]+", "_", "-".join(words)).rstrip("._")
+    if len(asked) > _MOST_CHARACTERS:
+        asked = f"{asked[:40]}-{crc32(asked.encode()):08x}"
+    return f"{stem}{'-' * bool(asked)}{asked}{ending}"
+
+
 def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
     """Read the values of ``--at``, at most one for each axis."""
     return several_of(texts, 1, "NAME=VALUE, for example omega=2.5")[0]
@@ -262,7 +273,7 @@ def _written_instead(file: Path) -> str:
     from sweeps.store.paths import is_sweep
 
     for config in (file.with_suffix(ending) for ending in (".yaml", ".yml")):
-        if config.is_file():
+        if os.path.isfile(config):  # False also for too long a name
             with suppress(ConfigError):
                 output = load_config(config).output
                 if is_sweep(output):
@@ -291,9 +302,11 @@ def say_moved(sweep: OpenedSweep, requested: Selection, verb: str) -> None:
 
 def unreadable(error: Any) -> str:
     """Return the message of arguments that typer cannot read, with the command that explains."""
-    if hasattr(error, "possibilities"):
-        meant = suggestion(next(iter(error.possibilities or ()), None))
-        text = f"there is no option {error.option_name}{meant}"
+    if hasattr(error, "possibilities"):  # by their names, as all begin alike
+        options = [name for each in error.ctx.command.get_params(error.ctx) for name in each.opts]
+        names = {name.lstrip("-"): name for name in options if name.startswith("-")}
+        meant = names.get(near_miss(error.option_name.lstrip("-"), names) or "")
+        text = f"there is no option {error.option_name}{suggestion(meant)}"
     else:
         text = error.format_message().rstrip(".")
         text = text[0].lower() + text[1:]

@@ -5,7 +5,6 @@ As in ``main.py``, modules are imported inside the command.
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -238,8 +237,7 @@ def _name(file: Path, kind: str | None, cuts: Selection, options: Mapping[str, A
             words += [value] if isinstance(value, str) else value
     for name, value in cuts.items():
         words += [name, value if isinstance(value, str) else fewest_digits(value)]
-    asked = re.sub(r"[^\w.+-]", "_", "-".join(words))  # valid in a name on every system
-    return file.parent / (f"{file.stem}-{asked}.png" if asked else f"{file.stem}.png")
+    return file.parent / common.name_after(file.stem, words, ".png")
 
 
 def draw_picture(

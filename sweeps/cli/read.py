@@ -168,7 +168,7 @@ def _show_bifurcations(
         common.say(json_text(listed.attrs | {"bifurcations": rows}))
     else:
         common.say(bifurcation_report(sweep, file, changes))
-    for note in notes:
+    for note in dict.fromkeys(notes):  # of changes of class and of exact orbits
         common.say(note, error=json)
     if csv is not None:
         write_csv(csv, [listed])

@@ -5,8 +5,9 @@ As in ``main.py``, modules are imported inside the command.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +38,13 @@ OVERRIDES = common.option(
     "--set",
     autocompletion=_completed_keys,
 )
+DASK = common.option(
+    "ADDRESS",
+    "Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N for N processes of "
+    "this machine.",
+)
 DRY_RUN = common.flag("--dry-run", "Show the plan of the sweep, and compute nothing.")
+QUIET = common.flag("--quiet", "Print nothing but errors.")
 
 
 def run_command(
@@ -52,15 +59,11 @@ def run_command(
     ),
     overrides: list[str] | None = OVERRIDES,
     threads: int | None = common.THREADS,
-    dask: str | None = common.option(
-        "ADDRESS",
-        "Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N for N processes "
-        "of this machine.",
-    ),
+    dask: str | None = DASK,
     dry_run: bool = DRY_RUN,
     resume: bool = common.RESUME,
     overwrite: bool = common.OVERWRITE,
-    quiet: bool = common.flag("--quiet", "Print nothing but errors."),
+    quiet: bool = QUIET,
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
     from sweeps.store.paths import check_output
@@ -78,7 +81,7 @@ def run_command(
     for path in paths:
         check()
         check_output(path, **existing)
-    with nullcontext() if dask is None else _client(dask, threads, quiet) as client:
+    with client_of(dask, threads, quiet) as client:
         if dry_run:
             texts = [
                 planned_text(config, path, threads, client, resume)
@@ -103,7 +106,7 @@ def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = Fal
     from sweeps.store.variables import columns_of
 
     if not is_sweep(path):
-        if path.suffix == ".h5" and path.is_file():
+        if path.suffix == ".h5" and os.path.isfile(path):
             raise Refused(
                 f"{path} is no file of a sweep; a configuration must not have the ending .h5"
             )
@@ -120,8 +123,11 @@ def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = Fal
 
 
 @contextmanager
-def _client(address: str, threads: int | None, quiet: bool) -> Iterator[Client]:
-    """Yield a client of the cluster at an address, and show the link of its dashboard."""
+def client_of(address: str | None, threads: int | None, quiet: bool) -> Iterator[Client | None]:
+    """Yield a client of the cluster at an address, if any, and show the link of its dashboard."""
+    if address is None:
+        yield None
+        return
     from sweeps.engine.cluster import check_address, connected, dashboard
 
     with common.named(f"--dask {address}"):
@@ -181,6 +187,7 @@ def explore_command(
     source: Path | None = common.argument(
         "[CONFIG|OUT.h5]", "A configuration or a sweep file; the quickstart if not given.", None
     ),
+    overrides: list[str] | None = OVERRIDES,
     port: int = common.numeric(
         "--port", integer(0, 65535), "Port on this machine; a free one if not given.", default=0
     ),
@@ -196,9 +203,9 @@ def explore_command(
     from sweeps.config.loading import parse_config
 
     config = (
-        parse_config(scenes()["quickstart"], "quickstart", "quickstart")
+        parse_config(scenes()["quickstart"], "quickstart", "quickstart", overrides or ())
         if source is None
-        else read_config(source, verify=True)
+        else read_config(source, overrides or (), verify=True)
     )
     logging.getLogger("bokeh").setLevel(logging.ERROR)  # do not report refused requests
     explorer = open_page(config, port)

@@ -6,10 +6,12 @@ As in ``main.py``, modules are imported inside the command.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zlib import crc32
 
 from sweeps.cli import common, plot, run
 from sweeps.errors import Refused
@@ -23,8 +25,6 @@ if TYPE_CHECKING:
     from sweeps.plotting.page import Page
 
 _NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
-#: Most characters of overrides in the name of a file.
-_MOST_CHARACTERS = 100
 
 
 def zoom_command(
@@ -48,9 +48,11 @@ def zoom_command(
     no_marks: bool = plot.NO_MARKS,
     exact: bool = plot.DRAW_EXACT,
     threads: int | None = common.THREADS,
+    dask: str | None = run.DASK,
     dry_run: bool = run.DRY_RUN,
     resume: bool = common.RESUME,
     overwrite: bool = common.OVERWRITE,
+    quiet: bool = run.QUIET,
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
     from sweeps.opened.coordinates import ORDINATES
@@ -100,16 +102,18 @@ def zoom_command(
     figure = path.with_suffix(".png")
     check_output(path, **existing)
     check_picture(figure)
-    for line in outside:
+    for line in outside * (not quiet):
         common.say(line, error=True)
-    if dry_run:
-        common.say(run.planned_text(config, path, threads, None, resume))
-        return
-    run.run_and_report(config, path, quiet=False, threads=threads, **existing)
+    with run.client_of(dask, threads, quiet) as client:
+        if dry_run:
+            common.say(run.planned_text(config, path, threads, client, resume))
+            return
+        run.run_and_report(config, path, quiet, threads=threads, client=client, **existing)
+    silence = StringIO() if quiet else None
     with common.opened_in_si(path, verify=False) as sweep, raised_at_once():
-        plot.draw_picture(
-            sweep, figure, None, {}, page, coordinate=coordinate, exact={} if exact else None
-        )
+        with redirect_stdout(silence or sys.stdout), redirect_stderr(silence or sys.stderr):
+            chosen: dict[str, Any] = {"coordinate": coordinate, "exact": {} if exact else None}
+            plot.draw_picture(sweep, figure, None, {}, page, **chosen)
 
 
 def _check_picture(sweep: OpenedSweep, page: Page, coordinate: str | None, exact: bool) -> None:
@@ -198,8 +202,7 @@ def _piece(text: str) -> tuple[str, tuple[float, float]]:
 def _named_after(file: Path, axes: dict[str, tuple[float, float]], overrides: Sequence[str]) -> str:
     """Name a file after its pieces and overrides.
 
-    They replace those of the same names in the name of a file that was zoomed. Long overrides are
-    named by their checksum.
+    They replace those of the same names in the name of a file that was zoomed.
     """
     stem, chosen = file.stem, {}
     for name in axes:
@@ -211,8 +214,5 @@ def _named_after(file: Path, axes: dict[str, tuple[float, float]], overrides: Se
         key, _, value = text.partition("=")
         stem = re.sub(rf"-{re.escape(key.strip())}-.+?(?=-[A-Za-z]|$)", "", stem)
         chosen[key.strip()] = value.strip()
-    told = "-".join(f"{key}-{value}" for key, value in chosen.items())
-    if len(told) > _MOST_CHARACTERS:
-        told = f"set-{crc32(told.encode()):08x}"
-    valid = re.sub(r"[^\w.+-]+", "_", "-".join([*words, *[told] * bool(told)]))
-    return f"{stem}-{valid.rstrip('._')}.h5"  # a name on every system
+    words += [f"{key}-{value}" for key, value in chosen.items()]
+    return common.name_after(stem, words, ".h5")

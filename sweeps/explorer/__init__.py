@@ -5,6 +5,7 @@ This is the only room that imports Bokeh. `sweeps.explore(config)` opens the pag
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,7 +57,7 @@ def explore(
 
     integer(0, 65535).checked("port", port, Refused)
     existing = Allowed(
-        lambda value: isinstance(value, str | Path) and Path(value).is_dir(), "an existing folder"
+        lambda value: isinstance(value, str | Path) and os.path.isdir(value), "an existing folder"
     )
     existing.checked("folder", Path() if folder is None else folder, Refused)
     if not isinstance(config, SweepConfig):

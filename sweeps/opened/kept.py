@@ -16,7 +16,7 @@ import xarray as xr
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
 from vibroimpact.jit import NUMERICS, numerics_of
-from vibroimpact.jit.cache import read, root, write
+from vibroimpact.jit.cache import read, root, warn_once, write
 from vibroimpact.status import Status
 
 #: The array that says for what a result was found, and what it is, as JSON.
@@ -54,12 +54,13 @@ def with_cache(
             return before
         result = find(sweep, *request, **chosen)
         if (sweep["status"] == Status.PENDING).any():
-            say(f"the {what} are not kept: the sweep is not complete")
+            say("what was found is not kept: the sweep is not complete")
             return result
         try:
             write(path, _packed(result, key), _MOST)
         except OSError as error:
-            say(f"the {what} are not kept in {path.parent}: {error.strerror or error}")
+            if not warn_once.cache_info().currsize:  # a warning says that nothing can be kept
+                say(f"what was found is not kept in {path.parent}: {error.strerror or error}")
         return result
 
     return kept

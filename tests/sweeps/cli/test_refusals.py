@@ -112,12 +112,45 @@ def test_a_cut_off_the_grid_is_told(small_file, unpainted):
         ("fly", "there is no command fly; expected: init, run, "),
         ("bench speeed", "no command speeed (did you mean speed?); expected: accuracy-speed, "),
         ("bench speed --quik", "(did you mean --quick?); vibroimpact bench speed --help shows"),
+        ("bench speed --quiet", "there is no option --quiet; vibroimpact bench speed --help"),
+        ("info a.h5 --color red", "there is no option --color; vibroimpact info --help"),
+        ("plot a.h5 --jobs 2", "there is no option --jobs; vibroimpact plot --help"),
+        ("plot a.h5 --quant period", "no option --quant (did you mean --quantity?)"),
+        ("list", "there is no command list; expected: init, run, "),
+        ("attr a.h5", "there is no command attr (did you mean attractors?); expected: init, "),
         ("--foo run", "there is no option --foo; vibroimpact --help shows what is allowed"),
     ],
 )
 def test_bad_arguments(request_, told):
     message = refused(*request_.split())
     assert told in message and message.count("\n") == 1
+
+
+LONG = "/".join(["folder" * 8] * 6)
+
+
+@pytest.mark.parametrize("start", [f"{LONG}/", "name" * 75, f"{LONG}/{'name' * 75}"])
+def test_an_error_with_a_long_path_is_readable(small_file, start):
+    """Its beginning and its end are shown; a command that is named has it whole."""
+    Path(LONG).mkdir(parents=True)
+    calls = [
+        [command, f"{start}z.h5", *others]
+        for command, others in (
+            ("info", []), ("plot", []), ("zoom", ["omega=2:3"]), ("run", []),
+            ("explore", ["--no-browser"]), ("export", ["-o", "a.csv"]), ("init", []),
+        )
+    ]  # fmt: skip
+    calls += [["run", "sweep.yaml", "small.h5", "-o", f"{start}z.h5"], ["run", f"{start}.yaml"]]
+    calls += [["run", "sweep.yaml", "-o", f"{start}z.txt"], ["plot", "small.h5", "--kind", start]]
+    calls += [["run", "sweep.yaml", "--set", f"points={start}.csv"], [start]]
+    for words in calls:
+        message = refused(*words)
+        assert len(message.partition("; expected")[0]) < 500, message
+        assert "Errno" not in message and start[:30] in message
+    if start == f"{LONG}/":
+        Path("small.h5").rename(f"{LONG}/other.h5")
+        Path(f"{LONG}/z.yaml").write_text(SMALL)
+        assert refused("info", f"{LONG}/z.h5").endswith(f": vibroimpact run {LONG}/z.yaml\n")
 
 
 @pytest.mark.parametrize("group", [[], ["bench"]])

@@ -18,6 +18,8 @@ def test_zoom_computes_and_draws_a_piece(small_file, unpainted):
     printed = accepted("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
     assert printed.splitlines()[-1] == "small-omega-2.25-2.5.png"
     assert Path("small-omega-2.25-2.5.png").read_bytes() == b"painted"
+    said = call("zoom", "small.h5", "omega=2:9", "--dask", "local:1", "--quiet", "--exact")
+    assert (said.exit_code, said.output) == (0, "") and Path("small-omega-2-9.png").exists()
     accepted("zoom", "small.h5", "clearance=0.1:0.2", "omega=2:3", "-o", "two.h5")
     whole, piece, two = map(sweeps.open_sweep, ("small.h5", "small-omega-2.25-2.5.h5", "two.h5"))
     np.testing.assert_array_equal(piece["omega"], np.linspace(2.25, 2.5, 5))
@@ -65,6 +67,7 @@ def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_plann
         (["omega=2:3", "--coordinate", "x_max"], "extremes is no diagnostic of it"),
         (["omega=2:3", "--gray"], "did you mean --grey?"),
         (["omega=2:3", "-o", "no/folder.h5"], "does not exist"),
+        (["omega=2:3", "--dask", "host:1"], "did you mean tcp://host:1?"),
         (["omega=2:3", "-o", "small.h5"], "small.h5 exists"),
         (["omega=2:3", "--set", "record.transiet=9"], "did you mean transient?"),
         (["omega=2:3", "--set", "oscillator.omega=2.0"], "omega is not a swept axis"),

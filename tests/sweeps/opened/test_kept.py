@@ -17,7 +17,7 @@ from sweeps.opened.kept import with_cache
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted
 from tests.helpers.sweep_files import run_in
-from vibroimpact.jit.cache import write
+from vibroimpact.jit.cache import CacheWarning, warn_once, write
 
 FOUND = "the exact orbits were found before, and are used again"
 
@@ -35,6 +35,7 @@ def path(tmp_path):
 @pytest.fixture(autouse=True)
 def cache(tmp_path_factory, monkeypatch):
     folder = tmp_path_factory.mktemp("cache") / "of the user"
+    warn_once.cache_clear()
     monkeypatch.setattr(module, "root", lambda: folder)
     return folder
 
@@ -210,7 +211,12 @@ def test_a_folder_that_cannot_be_used_is_said(path, cache):
     (cache / "exact").touch()
     found, said = asked(path, branches, "omega")
     assert found.sizes["point"]
-    assert said == [f"the exact orbits are not kept in {cache / 'exact'}: it is not a folder"]
+    told = f"what was found is not kept in {cache / 'exact'}: it is not a folder"
+    assert said == [told]
+    assert accepted("info", path, "--bifurcations", "--at", "R=0.7").count("not kept") == 1
+    with pytest.warns(CacheWarning):
+        warn_once(cache, "kept", "File exists")
+    assert asked(path, branches, "omega")[1] == []  # that nothing can be kept is said once
 
 
 def test_nothing_is_written_or_read_beside_the_file(path):
@@ -226,7 +232,7 @@ def test_an_incomplete_sweep_keeps_nothing(tmp_path, stop_after):
     with stop_after(1, size=9), pytest.raises(KeyboardInterrupt):
         run_in(tmp_path, SCENE)
     _, said = asked(tmp_path / "out.h5", branches, "omega")
-    assert said == ["the exact orbits are not kept: the sweep is not complete"]
+    assert said == ["what was found is not kept: the sweep is not complete"]
 
 
 @pytest.mark.slow
