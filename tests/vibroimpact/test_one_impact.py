@@ -20,38 +20,29 @@ from tests.helpers.oscillators import (
 )
 from vibroimpact import OrbitError, Oscillator, one_impact_orbit, one_impact_orbits
 
-# h, R, n, omega
-FLIPS = [
-    (0.05, 0.8, 1, 1.22973534658679),
-    (0.05, 0.8, 1, 2.65888454668484),
-    (0.05, 0.8, 2, 3.33809052026845),
-    (0.05, 0.8, 2, 4.64512198413259),
-    (0.1, 0.5, 1, 2.69176208595193),
-    (0.1, 0.5, 2, 3.27476229637949),
-    (0.1, 0.5, 2, 4.66788325419651),
-    (0.5, 1.0, 1, 2.63675987555693),
-    (0.5, 1.0, 2, 4.42911415342189),
-]
-GRAZES = [(0.05, 0.8, 1.01658832780028), (0.1, 0.5, 1.11292970401963), (0.5, 1.0, 1.11561617993669)]
 TWO = Oscillator(h=0.1, R=0.8, omega=1.6, f=1.0, clearance=0.7)
 
 
 @pytest.mark.slow
-def test_orbits_of_another_formulation():
-    """400 points, under-, critically and over-damped, any clearance: all orbits, 1e-10."""
-    numbers = [0, 0, 0]
-    for osc, n in random_oscillators(400, seed=5):
+def test_random_orbits_are_all_that_another_formulation_has_and_close():
+    """400 points, under-, critically and over-damped, any clearance.
+
+    Every orbit returns to the stop with its speed and phase; the slower alone is a saddle, as the
+    docstring of the module proves.
+    """
+    numbers, worst = [0, 0, 0], 0.0
+    for k, (osc, n) in enumerate(random_oscillators(400, seed=5)):
         ours = one_impact_orbits(osc, n)
         with mp.workdps(40):
             true = one_impact_motions(in_digits(osc), n)
         assert len(ours) == len(true), osc
         numbers[len(ours)] += 1
-        for orbit, (v, phase) in zip(ours, true, strict=True):
+        for orbit, (v, _), sign in zip(ours, true, (-1, 1)[2 - len(ours) :], strict=True):
             assert orbit.v == pytest.approx(float(v), rel=1e-10, abs=1e-12)
-            turn = abs(orbit.phase - float(phase))
-            assert 0.0 <= orbit.phase < 2 * math.pi
-            assert min(turn, 2 * math.pi - turn) < 1e-9
-    assert min(numbers) > 15
+            assert 0.0 <= orbit.phase < 2 * math.pi and sign * at_fold(orbit) > 0.0
+            if k % 3 == 0:
+                worst = max(worst, closing_error(osc, orbit) / (osc.p * n * osc.forcing_period))
+    assert min(numbers) > 15 and 0.0 < worst < 1e-14
 
 
 @pytest.mark.parametrize("R", [0.0, 0.3, 0.8, 0.99])
@@ -81,37 +72,6 @@ def closing_error(osc, orbit):
     s, c = math.sin(orbit.phase), math.cos(orbit.phase)
     x, v = naive.flow(osc, osc.clearance, -osc.R * orbit.v, s, c, T)
     return max(abs(x - osc.clearance), abs(v - orbit.v)) / max(1.0, orbit.v)
-
-
-def test_orbits_close():
-    """Every orbit of 120 points returns to the stop with its speed and phase."""
-    worst = 0.0
-    for osc, n in random_oscillators(120, seed=8):
-        for orbit in one_impact_orbits(osc, n):
-            worst = max(worst, closing_error(osc, orbit) / (osc.p * orbit.m * osc.forcing_period))
-    assert 0.0 < worst < 1e-14
-
-
-@pytest.mark.parametrize(("h", "R", "n", "omega"), FLIPS)
-def test_the_printed_flips(h, R, n, omega):
-    """Each to 1e-14, and one side of it is stable."""
-    osc = oscillator(h, R, 2.0)
-    found = bifurcation(osc, "flip", "omega", omega - 0.02, omega + 0.03, n)
-    assert found == pytest.approx(omega, rel=1e-14)
-    orbit = one_impact_orbit(oscillator(h, R, found), n)
-    assert min(orbit.multipliers.real) == pytest.approx(-1.0, abs=1e-11)
-    sides = [one_impact_orbit(oscillator(h, R, omega + d), n).stable for d in (-1e-6, 1e-6)]
-    assert sides[0] != sides[1]
-
-
-@pytest.mark.parametrize(("h", "R", "omega"), GRAZES)
-def test_the_printed_grazes(h, R, omega):
-    """Each to 1e-14; the orbit exists above it and not below."""
-    found = bifurcation(oscillator(h, R, 2.0), "graze", "omega", omega - 0.02, omega + 0.03)
-    assert found == pytest.approx(omega, rel=1e-14)
-    for side in (1e-3, 1e-6, 1e-12):
-        assert not one_impact_orbit(oscillator(h, R, omega - side)).exists
-        assert one_impact_orbit(oscillator(h, R, omega + side)).exists
 
 
 # --- existence ---
@@ -220,17 +180,6 @@ def test_two_orbits_and_the_fold_where_they_meet():
         value = bifurcation(TWO, "fold", name, *bracket)
         counts = [len(one_impact_orbits(at(**{name: value + d}))) for d in (-1e-9, 1e-9)]
         assert counts == [2, 0]
-
-
-def test_the_faster_is_never_a_saddle_and_the_slower_always():
-    """1 - trace + det has the sign the module's docstring proves."""
-    pairs = 0
-    for osc, n in random_oscillators(600, seed=21):
-        orbits = one_impact_orbits(osc, n)
-        for orbit, sign in zip(reversed(orbits), (1, -1), strict=False):
-            assert sign * at_fold(orbit) > 0.0
-        pairs += len(orbits) == 2
-    assert pairs > 20
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tests.helpers import naive
-from tests.helpers.kernel_cases import ALL, DONE, PERIOD, SECOND_ORDER
+from tests.helpers.kernel_cases import ALL, DONE
 from tests.helpers.oscillators import oscillator
 from vibroimpact import Oscillator, Status, one_impact_orbit, simulate
 from vibroimpact.oscillator import POINT
@@ -18,7 +18,6 @@ from vibroimpact.step.scheme import IMPACT_RULES, scheme_of
 from vibroimpact.trajectory import exact_samples
 
 RULES = pytest.mark.parametrize("rule", IMPACT_RULES)
-SHORTENING = pytest.mark.parametrize("rule", ["reduced-step", "cubic"])
 SLOW = {"plain": naive.plain, "reduced-step": naive.shortened}
 SLOW["cubic"] = partial(naive.shortened, locate=naive.on_the_cubic)
 
@@ -54,25 +53,6 @@ def test_the_motion_is_that_of_the_slow_implementation(osc, x0, v0, rule, integr
     assert_allclose(tr.impact_t, impacts[:, 0], atol=1e-11)
     assert_allclose(tr.impact_v, impacts[:, 1], atol=1e-11)
     assert tr.status is DONE[rule]
-
-
-# --- the paper's three cases ---
-
-
-@SECOND_ORDER
-def test_the_third_case_has_four_impacts_per_period_and_the_plain_step_finds_three(integrator):
-    """h = R = 0.5, 20 periods at the paper's step: 60 without the procedure, 80 with it."""
-    plain = simulate(oscillator(0.5, 0.5), 20, integrator, "plain", 100)
-    shortened = simulate(oscillator(0.5, 0.5), 20, integrator, "reduced-step", 100)
-    assert (len(plain.impact_t), len(shortened.impact_t)) == (60, 80)
-    assert len(simulate(oscillator(0.5, 0.5), 20, integrator, "plain", 2000).impact_t) == 80
-
-
-@SHORTENING
-def test_no_rule_mends_a_first_order_integrator(rule):
-    """The third case with Euler: three impacts per period at the paper's step, four at a finer."""
-    for n, impacts in ((100, 60), (3200, 80)):
-        assert len(simulate(oscillator(0.5, 0.5), 20, "euler", rule, n).impact_t) == impacts
 
 
 # --- what a trajectory holds ---
@@ -189,36 +169,6 @@ def test_a_motion_that_overflows_ends_in_rows_with_a_time_only():
     assert not failed[:8].any() and failed[-7:].all()
     np.testing.assert_array_equal(np.isnan(v[0]), failed)
     assert t[0][failed][0] < t[0][-1] == t[1][-1]
-
-
-# --- energy ---
-
-
-def energy_after_a_hundred(rule, integrator, n):
-    """Free motion at R = 1, x0 = -1: v^2 at the 100th impact, T = 2 pi / (1.0137 n)."""
-    osc = oscillator(0.0, 1.0, 1.0137, f=0.0)
-    return simulate(osc, 52, integrator, rule, n, x0=-1.0).impact_v[99] ** 2
-
-
-@pytest.mark.parametrize("integrator", ["rk4", "exact"])
-def test_the_plain_step_loses_energy_without_any_loss_at_impacts(integrator):
-    """0.961 of it is left after 100 impacts at T = 2 pi / 101.37, as a simple program found."""
-    assert energy_after_a_hundred("plain", integrator, 100) == pytest.approx(0.961, abs=6e-4)
-
-
-@pytest.mark.parametrize("n", [100, 400, 1600])
-@pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
-def test_euler_gains_energy_through_impacts_without_loss(rule, n):
-    """(1 + (p T)^2) of it in every step, and no rule takes that away: 10^8 times at 100 steps."""
-    osc, T = oscillator(0.0, 1.0, 1.0137, f=0.0), PERIOD / 1.0137 / n
-    tr = simulate(osc, 52, "euler", rule, n, x0=-1.0)
-    steps = tr.impact_t[99] / T
-    assert math.log(tr.impact_v[99] ** 2) == pytest.approx(steps * math.log1p(T**2), rel=0.02)
-
-
-def test_the_exact_rule_keeps_the_energy():
-    """After 100 impacts without loss, the speed of the first to rounding."""
-    assert energy_after_a_hundred("exact", "exact", None) == pytest.approx(1.0, abs=1e-13)
 
 
 # --- the start, and states between the steps ---

@@ -164,14 +164,6 @@ def test_a_long_chatter_that_is_never_complete_holds_no_rest(R, omega, impacts, 
     assert len(tr.impact_t) == 4 * impacts
 
 
-@pytest.mark.parametrize(("R", "omega", "fine"), [(0.8, 0.6, 1600), (0.95, 0.4, 2000)])
-def test_a_coarse_step_invents_a_rest_where_nothing_rests(R, omega, fine):
-    """Flights of a few steps lose speed: at the paper's 100 steps the reduced step must fail."""
-    coarse = simulate(oscillator(0.5, R, omega), 4, "rk4", "reduced-step", 100)
-    assert len(coarse.rests) > 0
-    assert len(simulate(oscillator(0.5, R, omega), 4, "rk4", "reduced-step", fine).rests) == 0
-
-
 @ALL
 def test_a_release_at_the_end_of_a_tiny_step_ends(integrator):
     """20 000 and 51 200 steps per period: the phase of the release is known to a rounding only."""
@@ -179,16 +171,3 @@ def test_a_release_at_the_end_of_a_tiny_step_ends(integrator):
         tr = simulate(oscillator(0.0, 0.3, 0.5), 2, integrator, "reduced-step", n)
         assert tr.status is Status.COMPUTED
         assert len(tr.rests) == 2
-
-
-@pytest.mark.parametrize(
-    ("integrator", "blind", "sees"), [("newmark", 200, 1600), ("rk4", 40, 400), ("exact", 40, 400)]
-)
-def test_the_graze_of_the_first_flight_is_seen_once_the_step_allows_it(integrator, blind, sees):
-    """omega = 3.0383: a touch at t = 2.8308, v = .0039; where it is missed the next is at 3.64."""
-    osc = oscillator(0.1, 0.8, 3.0383)
-    first = simulate(osc, 3, integrator, "reduced-step", sees)
-    assert first.impact_t[0] == pytest.approx(2.8308, abs=2e-3)
-    assert first.impact_v[0] == pytest.approx(0.0039, abs=1e-3)
-    missed = simulate(osc, 3, integrator, "reduced-step", blind)
-    assert missed.impact_t[0] == pytest.approx(3.64, abs=0.02)
