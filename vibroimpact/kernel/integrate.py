@@ -207,7 +207,7 @@ def _record(
     sums = np.zeros(n, dtype=SUMS)
     sums["slowest_impact"], sums["status"] = np.inf, Status.PENDING
     begun = np.full((n, 2), np.nan)
-    reach = np.full((n if extremes else 0, 2), np.nan)
+    reach = np.full((n, 2 if extremes else 0), np.nan)
     record = Record(np.empty((n, periods, 2)), np.empty((n, impacts, 2)), begun, sums, reach)
     lanes, claimed = lanes_per_thread(n, threads), np.zeros(1, np.int64)
     job = KernelJob(points, scheme, transient, periods, lyapunov, lanes, record, claimed, interrupt)
