@@ -46,7 +46,6 @@ def compiled(tmp_path_factory):
 
 @pytest.fixture
 def folder(compiled, tmp_path):
-    """Return a folder that holds the compiled function."""
     return shutil.copytree(compiled, tmp_path / "compiled")
 
 

@@ -43,7 +43,6 @@ def doubled_branches(seed):
     ],
 )
 def test_a_branch_has_the_same_special_points_from_wherever_it_is_followed(seed, count):
-    """Five starts on each branch of orbits of twice the period."""
     rng, followed = np.random.default_rng(8), 0
     for found, ends in islice(doubled_branches(seed), count):
         # At a resonance without damping, a branch may be at a single value.
@@ -100,21 +99,16 @@ def feigenbaum(count):
     return flips
 
 
-def test_the_cascade_of_flips():
-    values = [flip.value for flip in feigenbaum(4)]
-    assert values[1] == pytest.approx(2.715987251, abs=5e-10)
-    assert values[2] == pytest.approx(2.7291177, abs=5e-7)
-
-
 def test_the_orbits_just_beyond_a_flip_are_those_of_twice_the_period():
     """The halves differ by the square root of the distance; nearer, they were taken for one."""
     (flip,) = feigenbaum(0)
+    assert flip.orbit.criticality == "supercritical"
     found, sizes = doubled_branch(flip.orbit, "omega", 2.4, 2.9), []
     for away in (1e-6, 1e-7, 1e-8, 1e-9):
         shares = []
         for further in away * np.linspace(0.8, 1.2, 9):  # each with an error of its own
             (orbit,) = found.at(flip.value + further)
-            assert (orbit.m, orbit.q) == (2, 2)
+            assert (orbit.m, orbit.q, orbit.stable) == (2, 2, True)
             shares.append(abs(np.diff(orbit.speeds)[0]) / math.sqrt(further))
         sizes.append(np.median(shares))
         again = branch(orbit, "omega", 2.4, 2.9)
@@ -143,7 +137,10 @@ def test_a_weak_spring_hides_no_flip_in_a_narrow_range(width):
 def test_feigenbaums_ratio_after_seven_further_flips():
     """4.6692; the last orbit has 256 impacts, and returns to itself in simulation."""
     flips = feigenbaum(8)
-    distances = np.diff([flip.value for flip in flips])
+    values = [flip.value for flip in flips]
+    assert values[1] == pytest.approx(2.715987251, abs=5e-10)
+    assert values[2] == pytest.approx(2.7291177, abs=5e-7)
+    distances = np.diff(values)
     assert distances[-2] / distances[-1] == pytest.approx(4.6692, abs=5e-4)
     orbit = flips[-1].orbit
     assert orbit.m == 256

@@ -51,7 +51,6 @@ def record_class(points, x, v, impacts_per_period):
 
 
 def cycle(m, periods, seed=0):
-    """Return sections of a motion of period m."""
     values = np.random.default_rng(seed).normal(size=(2, m))
     return np.array([[np.resize(q, periods)] for q in values])
 
@@ -183,7 +182,6 @@ def test_known_cycles():
     assert computed(Oscillator(h=0.1, R=0.3, omega=3.1, f=1.0))[0] == 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("h", "R", "n", "low", "high"),
     [(0.05, 0.8, 1, 2.64, 2.68), (0.1, 0.5, 1, 2.68, 2.70), (0.1, 0.5, 2, 4.65, 4.68)],

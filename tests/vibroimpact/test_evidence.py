@@ -7,7 +7,7 @@ import pytest
 
 from tests.helpers.kernel_cases import integrated
 from tests.vibroimpact.test_destination import on_the_orbit, run, spec_of
-from vibroimpact import Oscillator, integrate, periodic_orbit
+from vibroimpact import Oscillator, integrate
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.computation import classified_later, compute_points
 from vibroimpact.points.regimes import Regime, regimes_of
@@ -117,24 +117,6 @@ def test_without_dissipation_only_the_record_shows_a_class():
     assert np.isnan(out["orbit_distance"][0]) and np.isnan(out["orbit_x"][0])
 
 
-def test_chaos_has_no_class():
-    """h = 0, R = .8, omega = 2.8: exponent + .142."""
-    osc = Oscillator(h=0.0, R=0.8, omega=2.8, f=1.0)
-    points = osc.at(-0.3).repeat(200)
-    points["v0"] = np.linspace(-1.0, 1.0, 200)
-    _, out = run(points, transient=1000, periods=32)
-    assert (out["period"] == 0).all()
-
-
-@pytest.mark.parametrize(("impact", "evidence"), [("plain", 3), ("reduced-step", 3), ("exact", 3)])
-def test_every_impact_rule_has_classes(impact, evidence):
-    """The paper's first case: two impacts in a period, whatever the length of the record."""
-    points = Oscillator(h=0.5, R=1.0, omega=1.0, f=1.0).at()
-    for periods in (2, 7, 32):
-        _, out = run(points, impact=impact, periods=periods)
-        assert (out["period"], out["period_impacts"], out["class_evidence"]) == (1, 2, evidence)
-
-
 def random_points(seed, n):
     """Return points over all parameters, with preload, R = 0 and 1, and h = 0 among them."""
     g = np.random.default_rng(seed)
@@ -189,7 +171,6 @@ def wrong_classes(points, further, **options):
     ],
 )
 def test_motions_go_where_their_class_says(seed, options):
-    """Random points, continued by 5,000 periods."""
     classes, wrong = wrong_classes(random_points(seed, 600), 5000, **options)
     assert classes > 300 and wrong == []
 
@@ -197,7 +178,6 @@ def test_motions_go_where_their_class_says(seed, options):
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(100, 120))
 def test_many_motions_go_where_their_class_says(seed):
-    """Random points, continued by 20,000 periods and more."""
     options = [(20, 16, 0.0), (50, 32, 1.3), (200, 32, 4.0), (200, 100, 0.0)][seed % 4]
     record = dict(zip(("transient", "periods", "phase"), options, strict=True))
     classes, wrong = wrong_classes(random_points(seed, 10_000), 20_000, **record)
@@ -205,7 +185,6 @@ def test_many_motions_go_where_their_class_says(seed):
 
 
 def test_threads_and_neighbours_change_nothing():
-    """Each destination depends on the record of its own point alone."""
     points = random_points(7, 300)
     spec, out = run(points, threads=2, transient=30, periods=32)
     again = run(points[::-1].copy(), threads=1, transient=30, periods=32)[1]
@@ -215,14 +194,6 @@ def test_threads_and_neighbours_change_nothing():
     single = integrated(points[5:6], "exact", "exact", steps, 30, periods=32, impacts=0)
     alone = classified_later(spec, points[5:6], single)
     assert alone["class_evidence"][0] == out["class_evidence"][5]
-
-
-def test_a_doubled_orbit_is_found_from_beside_its_half():
-    """The stable 2/2 orbit just beyond the flip of 1/1 differs little from it."""
-    osc = Oscillator(h=0.0, R=0.8, omega=2.656, f=1.0)
-    assert not periodic_orbit(osc, *on_the_orbit(osc, 1), m=1).stable
-    _, out = run(osc.at(*on_the_orbit(osc, 1, 1e-4)), transient=3000, periods=32)
-    assert (out["period"], out["period_impacts"]) == (2, 2)
 
 
 def test_a_rest_at_the_start_of_a_record_decides_nothing():

@@ -20,7 +20,6 @@ PLAIN_CASES = [
 
 
 def run(orbit, periods=20, n=None):
-    """Return the orbit of a certified case, by the exact rule."""
     periods = min(periods, len(orbit.sections))
     return simulate(orbit.oscillator, periods, steps_per_period=n, x0=orbit.x0, v0=orbit.v0)
 
@@ -127,7 +126,6 @@ def test_the_slow_solver_has_the_same_thresholds(h):
 @pytest.mark.parametrize(("h", "threshold"), THRESHOLDS.items())
 @pytest.mark.parametrize("n", [None, 64])
 def test_the_chatter_is_complete_below_the_threshold_and_not_above(h, threshold, n):
-    """1e-9 below it the mass rests in every period, 1e-9 above it never does."""
     for R, rests in ((threshold - 1e-9, True), (threshold + 1e-9, False)):
         osc = Oscillator(h=h, R=R, omega=1.0, f=1.0)
         out = integrate(osc.at(), transient=200, periods=20, steps_per_period=n)

@@ -131,7 +131,7 @@ def stepped_extremes(osc, tr, rule):
     ("rule", "integrator"), [("plain", "rk4"), ("reduced-step", "newmark"), ("cubic", "rk4")]
 )
 def test_time_stepping_turns_where_its_cubics_do(rule, integrator):
-    points = random_points(20, 8)
+    points = random_points(10, 8)
     out = integrated(points, integrator, rule, 40, periods=4, extremes=True)
     beyond = 0
     for i, point in enumerate(points):
@@ -145,7 +145,7 @@ def test_time_stepping_turns_where_its_cubics_do(rule, integrator):
         if tr.max_penetration > 0.0:
             beyond += 1
             assert tr.x_max - osc.clearance == tr.max_penetration
-    assert (beyond > 8) == (rule == "plain")
+    assert (beyond > 3) == (rule == "plain")
 
 
 def test_a_step_across_the_stop_is_seen_although_the_bounds_of_its_cubic_are_before_it():
@@ -158,22 +158,6 @@ def test_a_step_across_the_stop_is_seen_although_the_bounds_of_its_cubic_are_bef
     greatest = (points["clearance"] + out["max_penetration"])[beyond]
     assert beyond.sum() > 500
     np.testing.assert_allclose(out["x_max"][beyond], greatest, rtol=1e-12, atol=1e-12)
-
-
-@METHODS
-@pytest.mark.parametrize("transient", [0, 60])
-def test_copied_periods_have_the_extremes_of_computed_ones(rule, integrator, transient):
-    """Runs of one period, each from the last section of the one before, cannot copy any."""
-    points, periods = mixed_points(60, 4), 30
-    method = {"impact": rule, "integrator": integrator, "steps_per_period": steps_for(points, rule)}
-    whole = integrate(points, transient=transient, periods=periods, extremes=True, **method)
-    pieces = in_pieces(points, transient, periods, 0, extremes=True, **method)
-    ok = whole["status"] < Status.UNBOUNDED
-    assert ok.mean() > 0.9
-    for name in NAMES:
-        np.testing.assert_array_equal(whole[name][ok], pieces[name][ok], err_msg=name)
-    assert (whole["x_min"] <= whole["poincare_x"].min(axis=1))[ok].all()
-    assert (whole["x_max"] >= whole["poincare_x"].max(axis=1))[ok].all()
 
 
 @pytest.mark.parametrize("h", [0.003, 0.03, 1.5])
@@ -191,19 +175,6 @@ def test_a_free_motion_is_watched_until_nothing_can_widen_its_reach(h):
     pieces = in_pieces(points, 0, periods, 0, extremes=True, steps_per_period=n)
     for name in NAMES:
         np.testing.assert_array_equal(whole[name], pieces[name], err_msg=name)
-
-
-@METHODS
-def test_blocks_and_threads_change_no_bit(rule, integrator):
-    points = mixed_points(70, 9)
-    method = {"impact": rule, "integrator": integrator, "steps_per_period": steps_for(points, rule)}
-    points["phase"] = np.linspace(0.0, 6.2, points.size)
-    record = {"transient": 40, "periods": 20, "phase": 0.7, "extremes": True}
-    whole = integrate(points, threads=2, **method, **record)
-    for lo in range(0, 70, 23):
-        part = integrate(points[lo : lo + 23], threads=1, **method, **record)
-        for name in NAMES:
-            np.testing.assert_array_equal(part[name], whole[name][lo : lo + 23])
 
 
 @METHODS

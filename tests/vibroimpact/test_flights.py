@@ -244,7 +244,6 @@ def test_what_is_proved_of_a_flight_holds():
 
 
 def test_no_impact_is_proved_from_what_is_no_number():
-    """Infinite states, and none."""
     eq = coefficients_of(Oscillator(0.1, 0.8, 2.0, 1.0).at()[0])
     for start in ((-math.inf, 1.0), (math.nan, 1.0), (0.0, 0.0), (-1.0, math.inf), (-1e308, 1e308)):
         for end in ((1.0, 1.0), (math.inf, 1.0), (math.nan, 0.0)):

@@ -63,20 +63,10 @@ def test_a_smooth_turn_of_the_folds_is_no_cusp():
 #: Folds of even orbits: h, R, omega, clearance, m, phases, speeds, and two parameters.
 EVEN_FOLDS = [
     (
-        (0.014345535313060494, 0.822844248768931, 3.1076863628103895, -0.043165483779260154), 4,
-        (3.369118, 5.63253, 14.746635, 19.133391), (0.354232, 0.340147, 0.320452, 0.468441),
-        "R", "clearance", ["flip", "graze"],
-    ),
-    (
         (0.021473102103706, 0.9353643039006074, 2.9663304973371893, -0.0635302791139786), 6,
         (3.024822, 5.734295, 14.217375, 22.612327, 24.050315, 32.387493),
         (0.337564, 0.423413, 0.620606, 0.240073, 0.248158, 0.567443),
         "omega", "R", ["flip", "flip"],
-    ),
-    (
-        (0.0, 0.9025906780569497, 6.99709425588623, -6.465816007914199e-05), 8,
-        (3.763774, 5.415243, 27.379638, 32.064715), (0.111962, 0.108496, 0.100899, 0.126564),
-        "clearance", "omega", ["flip", "graze"],
     ),
     (
         (0.004682655998969588, 0.8831028166777297, 1.0001129968124862, 0.2161704764396184), 6,
@@ -178,10 +168,9 @@ def test_the_folds_of_an_even_orbit_end_at_the_degenerate_flip_of_its_half(case)
         at_degenerate_flip(end, ranges, found, off=1e-9)
 
 
-@pytest.mark.parametrize("case", [0, 3])
-def test_a_curve_of_folds_ends_at_an_edge_that_comes_before_its_degenerate_flip(case):
+def test_a_curve_of_folds_ends_at_an_edge_that_comes_before_its_degenerate_flip():
     """The halves differ by less than a twentieth there, and the flip is beyond the range."""
-    start, (first, (second, low, high)) = even_fold(case)
+    start, (first, (second, low, high)) = even_fold(1)
     found = bifurcation_curve(start, "fold", first, (second, low, high))
     at = [point.kind for point in found.special].index("flip")
     flip, beside = found.special[at].value[1], found.values[(1, -2)[at], 1]
@@ -226,12 +215,6 @@ RESONANT_FOLDS = [
         ("clearance", 0.8314, 5.332), ("f", 1.0102, 4.6627), ["edge", "edge"],
     ),
     (
-        (0.009648847885009706, 0.7833535831970844, 1.3573919789029458, 2.9641915887581125,
-         1.3677821652269693, 3.731868390412312),
-        (4.823666020966798, 10.982749280277007), (2.3184803230137843, 5.116010847311451),
-        ("p", 0.40623, 1.59377), ("R", 0.51627, 1.0), ["flip", "edge"],
-    ),
-    (
         (0.0005665172892851622, 0.5942893006996819, 0.4286026678593357, 1.531011005217444,
          1.1314116535635579, 1.1552798542610252),
         (4.076597043608686, 5.266260401540656, 10.327846298259349, 11.522536935873312),
@@ -244,32 +227,12 @@ RESONANT_FOLDS = [
         (4.760499839324295, 10.985201203714293), (5.39811938233415, 9.457266523539156),
         ("omega", 0.67905, 1.22553), ("clearance", 7.71157, 13.368), ["flip", "edge"],
     ),
-    (
-        (0.001323363952787437, 0.24314165313611752, 2.4888813031584, 1.0, 2.506656358598918,
-         3.174244174808011),
-        (4.728975956433519, 11.001734877020061), (0.6266560763480521, 0.835524330764009),
-        ("p", 1.83874, 2.99112), ("clearance", 1.87532, 4.47317), ["flip", "edge"],
-    ),
-    (
-        (0.001589843647971795, 0.9478511307019399, 1.0804674567054975, 1.0,
-         1.0811109412827986, 1.566385912292227),
-        (4.74602023970686, 10.986473102518408), (0.9543481819117794, 2.0256200504350677),
-        ("p", 0.14955086693616904, 1.3048996635493246), ("R", 0.5184744805967156, 1.0),
-        ["flip", "edge"],
-    ),
-    (
-        (0.001589843647971795, 0.9478511307019399, 1.0804674567054975, 1.0,
-         1.0811109412827988, 1.566385912292227),
-        (4.7460202395979305, 10.986473102536252), (0.954348183500645, 2.025620048843531),
-        ("p", 0.2874834263792252, 1.1669671041062686), ("R", 0.40977898994415185, 1.0),
-        ["flip", "edge"],
-    ),
 ]  # fmt: skip
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("values", "phases", "speeds", "first", "second", "kinds"), RESONANT_FOLDS, ids=range(7)
+    ("values", "phases", "speeds", "first", "second", "kinds"), RESONANT_FOLDS, ids=range(3)
 )
 def test_folds_near_a_resonance_are_whole(values, phases, speeds, first, second, kinds):
     start = PeriodicOrbit(Oscillator(*values), 2, np.array(phases), np.array(speeds))

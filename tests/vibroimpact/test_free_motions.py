@@ -45,7 +45,8 @@ def greatest_x(point, phase, x, v):
         t += 20_000 * spacing
         k = int(now.argmax())  # a parabola about the highest sample
         bend = np.gradient(speed, spacing)[k]
-        greatest = max(greatest, now[k] - 0.5 * min(speed[k] ** 2 / bend, 0.0))
+        rate = speed[k] if k else max(speed[k], 0.0)  # a turn before the flight is none of it
+        greatest = max(greatest, now[k] - 0.5 * min(rate**2 / bend, 0.0))
         if greatest > point["clearance"]:
             break
     return greatest
@@ -53,14 +54,14 @@ def greatest_x(point, phase, x, v):
 
 @pytest.mark.parametrize(("transient", "phase"), [(0, 0.0), (40, 2.0), (1000, 5.0)])
 def test_a_class_without_impacts_is_given_where_no_impact_follows(transient, phase):
-    points = weakly_damped(150, -3.3, -1.0, transient)
+    points = weakly_damped(80, -3.3, -1.0, transient)
     points["h"][:10] = 1.5 * points["p"][:10]  # does not oscillate
     out, _ = found_of(points, transient, 33, phase)
     last = [out[f"poincare_{name}"][:, -1] for name in "xv"]
-    highest = np.array([greatest_x(*row) for row in zip(points, [phase] * 150, *last, strict=True)])
+    highest = np.array([greatest_x(*row) for row in zip(points, [phase] * 80, *last, strict=True)])
     stays = highest < points["clearance"]
     assert np.abs(highest / points["clearance"] - 1.0).min() > 1e-7  # else sampling may be wrong
-    assert 30 < stays.sum() < 120
+    assert 16 < stays.sum() < 64
     free = (out["period"] == 1) & (out["period_impacts"] == 0)
     np.testing.assert_array_equal(free, stays)
     assert (out["class_evidence"][free] == Evidence.FREE).all()
@@ -92,7 +93,6 @@ def test_a_motion_that_keeps_meeting_the_stop_is_not_free():
 
 
 def test_the_first_multiple_within_an_interval():
-    """Against counting, for steps near fractions and intervals of all sizes."""
     rng, stack = np.random.default_rng(2), np.zeros((64, 4))
     for _ in range(2000):
         step = rng.random() if rng.random() < 0.5 else rng.integers(1, 9) / rng.integers(1, 9)

@@ -290,7 +290,7 @@ def test_the_meeting_of_fold_and_flip_is_found_from_all_along_a_curve_that_ends_
     (graze,) = [p.orbit for p in branch(start, *ranges[0]).special if p.kind == "graze"]
     whole = bifurcation_curve(graze, "graze", *ranges)
     assert (whole.m, whole.q) == (4, 15)
-    middle = range(len(whole.values) // 4, 3 * len(whole.values) // 4, 8)
+    middle = range(len(whole.values) // 4, 3 * len(whole.values) // 4, 32)
     for orbit in [whole.orbit(i) for i in middle]:
         found = bifurcation_curve(orbit, "graze", *ranges)
         meetings = [p.value for p in found.special if p.kind == "flip"]

@@ -43,7 +43,6 @@ CREST = 1.5 * math.pi
 
 
 def point(x0=0.0, v0=0.0, **parameters):
-    """Return a parameter point."""
     return Oscillator(**{"h": 0.1, "R": 0.5, "omega": 1.0, "f": 1.0} | parameters).at(x0, v0)[0]
 
 
@@ -72,7 +71,6 @@ def flight(rule, integrator, x, v, theta, span, pt):
 
 
 def to_rest(v, theta, left, T, pt):
-    """Return the time until the chatter is complete."""
     return geometric_time_to_rest(v, theta, math.sin(theta), left, T, pt)
 
 
@@ -225,7 +223,6 @@ def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrat
     assert pressed > 20
 
 
-@pytest.mark.slow
 def test_many_preloads_released_on_a_grid_point():
     """At a grid point equal to the release to rounding, the wait is zero or rounding."""
     rng = np.random.default_rng(3)

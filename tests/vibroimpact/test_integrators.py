@@ -22,7 +22,6 @@ ALL = pytest.mark.parametrize("name", INTEGRATORS)
 
 
 def point(h=0.1, omega=1.3, p=1.0, f=1.0):
-    """Return a parameter point."""
     return Oscillator(h=h, R=0.5, omega=omega, f=f, p=p).at()[0]
 
 
@@ -39,7 +38,6 @@ def true_map(pt, T):
 
 @ALL
 def test_the_docstring_of_an_integrator_names_its_source(name):
-    """Authors and the year in parentheses."""
     assert re.search(r"[A-Z][a-z]+ \((1[7-9]|20)\d\d\),\s", INTEGRATORS[name].step.__doc__)
 
 
@@ -117,7 +115,6 @@ def test_sine_and_cosine_are_right_to_rounding():
     assert_right(sin_cos, lambda angle: (mpmath.sin(angle), mpmath.cos(angle)), angles)
 
 
-@pytest.mark.slow
 def test_arc_sine_logarithm_and_length_are_right_to_rounding():
     """Also where they are small, and at the ends of their ranges."""
     rng = np.random.default_rng(2)
@@ -159,13 +156,12 @@ def orders(integrator, rule):
     return [order for order in parts if order is not None]
 
 
-def spread(n, count=8):
+def spread(n, count):
     """Return step counts from n to 1.6 n."""
     return np.round(n * np.linspace(1.0, 1.6, count)).astype(int)
 
 
 def slope(steps, errors):
-    """Return the fitted order."""
     return -np.polyfit(np.log(steps), np.log(errors), 1)[0]
 
 
@@ -190,13 +186,12 @@ def test_the_order_through_impacts_is_the_lower_of_the_two(truth, case, rule, in
     """
     parts = orders(integrator, rule)
     if not parts:
-        assert error_of_the_state(truth[case], integrator, rule, spread(100)) < 1e-14
+        assert error_of_the_state(truth[case], integrator, rule, spread(100, 4)) < 1e-14
         return
     order = min(parts)
     first = INTEGRATORS[integrator].order == 1
     ladder = LADDER_OF_THE_FIRST_ORDER if first else LADDER[order]
-    count = 4 if first else 8
-    errors = [error_of_the_state(truth[case], integrator, rule, spread(n, count)) for n in ladder]
+    errors = [error_of_the_state(truth[case], integrator, rule, spread(n, 4)) for n in ladder]
     low, high = FITTED[order]
     assert low < slope(ladder, errors) < high
     assert errors[-1] < parts.count(order) * LEFT[order]

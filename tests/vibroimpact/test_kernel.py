@@ -54,11 +54,10 @@ def assert_as_alone(points, integrator, rule, n):
 
 
 def test_a_lane_is_the_single_orbit_bit_for_bit(rule, integrator):
-    """At random points."""
-    points = random_points(110)
+    points = random_points(60)
     met, rested = assert_as_alone(points, integrator, rule, steps_for(points, rule))
-    assert met > 75
-    assert (rested > 15) == (rule != "plain")  # Euler, which keeps bouncing, at 19
+    assert met > 40
+    assert (rested > 8) == (rule != "plain")  # Euler, which keeps bouncing, at 19
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -89,7 +88,7 @@ def test_any_company_leaves_a_lane_as_it_is(rule, integrator):
     """Sub-batches of every remainder, another order, one thread or two: the same bits."""
     points = random_points(3 * LANES + 7)
     method = {"integrator": integrator, "impact": rule, "lyapunov": rule == "exact"}
-    record = {"transient": 2, "periods": 4, "impacts": 5}
+    record = {"transient": 2, "periods": 4, "impacts": 5, "extremes": True}
     arguments = method | record | {"steps_per_period": steps_for(points, rule)}
     whole = integrate(points, **arguments)
     for n in (0, 1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES + 5):
@@ -103,25 +102,7 @@ def test_any_company_leaves_a_lane_as_it_is(rule, integrator):
         assert_same(integrate(points, threads=threads, **arguments), whole)
 
 
-def test_the_transient_is_the_beginning_of_the_record(rule, integrator):
-    """Three periods left out and four recorded: the tail of seven recorded."""
-    points = random_points(70)
-    n = steps_for(points, rule)
-    arguments = {"integrator": integrator, "impact": rule, "steps_per_period": n, "impacts": 6}
-    whole = integrate(points, transient=0, periods=7, **arguments)
-    tail = integrate(points, transient=3, periods=4, **arguments)
-    for name in ("poincare_x", "poincare_v"):
-        np.testing.assert_array_equal(tail[name], whole[name][:, 3:])
-    head = integrate(points, transient=0, periods=3, **arguments)
-    for name, k in (("impacts_per_period", 1.0), ("rest_fraction", 1.0)):
-        total = (3 * head[name] + 4 * tail[name]) / 7
-        np.testing.assert_allclose(k * whole[name], total, rtol=1e-12, atol=1e-15)
-    deeper = np.maximum(head["max_penetration"], tail["max_penetration"])
-    np.testing.assert_array_equal(whole["max_penetration"], deeper)
-
-
 def test_the_last_impacts_are_kept_in_time_order():
-    """A ring of 1, 3, 7 or 64: the end of the list of all, NaN after it where there are fewer."""
     point = one(0.5, 0.5, 1.0)
     tr = simulate(Oscillator(h=0.5, R=0.5, omega=1.0, f=1.0), 5)
     total = len(tr.impact_t)

@@ -86,19 +86,6 @@ def test_exponents_near_grazes_are_those_of_the_matrices():
     assert met >= 10
 
 
-def test_the_sum_keeps_its_digits_near_grazes():
-    """An area between two tangent vectors loses its digits there, all of them with R = 1e-9."""
-    n = 1000
-    points = near_grazes(n, 5)
-    out = integrate(points, transient=30, periods=60, lyapunov=True)
-    rate = out["impacts_per_period"] * points["omega"] / (2 * math.pi)
-    loss = 2 * np.log(points["R"]) * rate - 2 * points["h"]
-    flies = (out["chatters"] == 0) & (rate > 0.0)
-    assert flies.sum() >= 0.5 * n
-    total = out["lyapunov"].sum(axis=1)
-    np.testing.assert_allclose(total[flies], loss[flies], rtol=1e-6, atol=1e-6)
-
-
 def test_the_exponents_have_the_same_bits_on_every_processor(monkeypatch):
     """The logarithm of NumPy has not: it depends on the vectors of the processor."""
     points = Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0).at().repeat(100)
@@ -121,7 +108,6 @@ def test_the_larger_comes_first():
     assert (first >= second).all()
 
 
-@pytest.mark.slow
 def test_a_chaotic_point():
     """h = 0, omega = 2.8: about (+0.134, -0.345), over 50 000 periods (.142, -.352).
 

@@ -25,7 +25,6 @@ NOT_NUMBERS = [True, np.True_, "0.5", None, [0.5], 1j, np.array([0.5]), np.compl
     ],
 )
 def test_out_of_range_is_refused_with_key_value_and_range(name, values, allowed):
-    """The message names the parameter, what was given and what is allowed."""
     for value in values:
         with pytest.raises(ValueError) as refusal:
             Oscillator(**GOOD | {name: value})
@@ -38,7 +37,6 @@ def test_out_of_range_is_refused_with_key_value_and_range(name, values, allowed)
 @pytest.mark.parametrize("name", GOOD)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_refused(name, value):
-    """NaN and the infinities are valid nowhere."""
     with pytest.raises(ValueError, match=rf"^{name} \(.* = {value} .*; expected: a .*number"):
         Oscillator(**GOOD | {name: value})
 
@@ -46,14 +44,12 @@ def test_what_is_not_finite_is_refused(name, value):
 @pytest.mark.parametrize("name", GOOD)
 @pytest.mark.parametrize("value", NOT_NUMBERS, ids=lambda value: type(value).__name__)
 def test_what_is_no_number_is_refused(name, value):
-    """A bool, a string and a list are not numbers."""
     with pytest.raises(TypeError, match=rf"^{name} \("):
         Oscillator(**GOOD | {"a": 0.0, name: value})
 
 
 @pytest.mark.parametrize("name", ["x0", "v0"])
 def test_the_start_is_checked_like_the_rest(name):
-    """A start is a finite number."""
     for value in (math.nan, -math.inf):
         with pytest.raises(ValueError, match=rf"^{name} \("):
             Oscillator(**GOOD).at(**{name: value})
@@ -64,7 +60,6 @@ def test_the_start_is_checked_like_the_rest(name):
 
 @pytest.mark.parametrize("clearance", [-0.5, 0.0, 0.25])
 def test_a_start_beyond_the_stop_is_refused(clearance):
-    """On the stop is valid, the next number beyond it is not."""
     osc = Oscillator(**GOOD | {"clearance": clearance})
     assert osc.at(x0=clearance)["x0"] == clearance
     with pytest.raises(ValueError, match=rf"clearance = {clearance:g}") as refusal:
@@ -75,7 +70,6 @@ def test_a_start_beyond_the_stop_is_refused(clearance):
 
 
 def test_an_oscillator_cannot_be_changed():
-    """A set value would go unchecked."""
     osc = Oscillator(**GOOD)
     with pytest.raises(dataclasses.FrozenInstanceError):
         osc.R = 0.5
@@ -84,7 +78,6 @@ def test_an_oscillator_cannot_be_changed():
 
 
 def test_values_become_floats():
-    """Integers and NumPy scalars are numbers, and are stored as Python's floats."""
     osc = Oscillator(h=0, R=1, omega=np.int64(2), f=np.float32(0.5))
     assert [type(getattr(osc, name)) for name in GOOD] == [float] * len(GOOD)
     assert (osc.omega, osc.f, osc.p, osc.clearance, osc.a) == (2.0, 0.5, 1.0, 0.0, 0.0)
@@ -103,7 +96,6 @@ def test_a_point_holds_every_parameter_under_its_name():
 @pytest.mark.parametrize("name", GOOD)
 @pytest.mark.parametrize("values", [np.linspace(1.0, 2.0, 5), [0.1, 0.2], (1.0,)])
 def test_many_values_are_told_where_to_go(name, values):
-    """An array is no number, and the message says what takes one; it stays one line."""
     with pytest.raises(TypeError, match=r"for many points.*vibroimpact\.integrate") as refusal:
         Oscillator(**GOOD | {name: values})
     assert "\n" not in str(refusal.value)
@@ -128,7 +120,6 @@ def test_a_rig_moves_as_its_own_equation():
 
 
 def test_a_rig_and_back():
-    """Both ways, to rounding, and with the names of the arguments."""
     osc = Oscillator.from_rig(**RIG)
     assert osc.to_rig(RIG["mass"]) == pytest.approx(RIG, rel=1e-15)
     again = Oscillator.from_rig(**osc.to_rig(mass=2.0))
@@ -141,7 +132,6 @@ def test_a_rig_and_back():
      ("gap", math.inf), ("R", 1.2), ("base", -1.0)],
 )  # fmt: skip
 def test_a_rig_that_cannot_be(name, value):
-    """The message has the word of the rig, with its unit, and not that of the oscillator."""
     with pytest.raises(ValueError, match=rf"^{name} [\[(].* = {value} .*; expected: a "):
         Oscillator.from_rig(**RIG | {name: value})
     with pytest.raises(TypeError, match=rf"^{name} "):
@@ -174,7 +164,6 @@ def test_many_bases_without_a_force_are_refused_with_a_hint(many):
 
 
 def test_points_whose_force_is_not_finite_are_refused():
-    """As those of an oscillator."""
     points = Oscillator(**GOOD).at().repeat(3)
     points["omega"][1], points["a"][1] = 1e200, 1e-20
     with pytest.raises(ValueError, match=r"points\[1\]: the force f \+ a omega\^2 must be"):
@@ -182,7 +171,6 @@ def test_points_whose_force_is_not_finite_are_refused():
 
 
 def motions(points, **how):
-    """Return the results of points, each a single array of bits."""
     results = integrate(points, transient=20, periods=8, **how)
     return {name: values.tobytes() for name, values in results.items()}
 
@@ -194,7 +182,6 @@ def motions(points, **how):
     ids=lambda how: how.get("impact", "exact"),
 )  # fmt: skip
 def test_one_force_gives_the_same_bits_however_it_is_made(how):
-    """A force from a base, from f, or from both, with every impact rule."""
     osc = Oscillator(h=0.02, R=0.8, omega=1.0, f=0.0, clearance=0.1, a=0.25)
     base, both, force = (osc.at().repeat(40) for _ in range(3))
     omega = np.linspace(0.5, 4.0, 40)

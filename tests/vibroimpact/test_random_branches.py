@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from itertools import islice, pairwise
+from itertools import islice
 
 import mpmath as mp
 import numpy as np
@@ -14,7 +14,6 @@ from tests.helpers.oscillators import (
     fold_of_one_impact,
     in_digits,
     random_oscillators,
-    special,
 )
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
@@ -53,7 +52,7 @@ def random_folds(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("axis", "count"),
-    [("clearance", 50), ("h", 15), ("R", 15), ("omega", 15), ("f", 15), ("p", 15)],
+    [("clearance", 20), ("h", 6), ("R", 6), ("omega", 6), ("f", 6), ("p", 6)],
 )
 def test_random_folds_are_at_their_closed_form(axis, count):
     """As many as the closed form has on the branch; undamped, critical and over-damped too.
@@ -120,7 +119,7 @@ def test_an_undamped_branch_loses_its_speed_where_every_vibration_repeats(osc, n
 
 @pytest.mark.parametrize(
     "count",
-    [pytest.param(12, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.campaign)],
+    [pytest.param(8, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.campaign)],
 )
 @pytest.mark.parametrize("shaken", [False, True])
 def test_random_flips_and_grazes_are_those_of_the_section_map(count, shaken):
@@ -153,71 +152,6 @@ def test_random_flips_and_grazes_are_those_of_the_section_map(count, shaken):
             assert nearest.v == pytest.approx(found.speeds[i, 0], rel=1e-9)
             assert nearest.stable == found.stable[i]
     assert sum(compared.values()) >= count and min(compared.values()) > count // 4
-
-
-def at_fixed_force(osc, omega, n):
-    """Return the n/1 orbits at a value of omega, the slower first, by the force there."""
-    force = osc.f + osc.a * omega**2
-    return one_impact_orbits(replace(osc, omega=float(omega), f=force, a=0.0), n)
-
-
-def flipped(orbit):
-    return np.real(np.prod(1.0 + orbit.multipliers)) < 0.0
-
-
-@pytest.mark.parametrize(
-    ("seed", "count", "steps"),
-    [
-        pytest.param(3, 12, 100, marks=pytest.mark.slow),
-        pytest.param(2, 200, 400, marks=pytest.mark.campaign),
-    ],
-)
-def test_a_branch_over_the_frequency_of_a_base_misses_nothing_of_a_dense_walk(seed, count, steps):
-    """Between its folds a branch is the faster or the slower orbit of the force at every omega.
-
-    Each such part is walked in many steps: all orbits exist, and they flip where the branch says.
-    Beyond a graze at an end of the branch the orbit passes the stop or has no impact; undamped, it
-    may go on from a speed of zero.
-    """
-    rng, seen = np.random.default_rng(seed), {"flip": 0, "fold": 0, "graze": 0}
-    cases, done = random_oscillators(10**6, seed, clearance=0.7), 0
-    while done < count:
-        osc, n = next(cases)
-        osc = on_a_base(osc, rng.choice([0.5, 1.0]))
-        orbits = one_impact_orbits(osc, n)
-        if osc.h == osc.p or not orbits or not orbits[-1].exists:
-            continue
-        found = branch(orbits[-1], "omega", 0.5 * osc.omega, 1.6 * osc.omega)
-        if special(found, "lost") or np.ptp(found.values) < 1e-3:
-            continue
-        done += 1
-        for kind in seen:
-            seen[kind] += len(special(found, kind))
-        values, flips = found.values, special(found, "flip")
-        turns = np.flatnonzero(np.isin(values, special(found, "fold"))).tolist()
-        for begin, end in pairwise([0, *turns, len(values) - 1]):
-            part = slice(begin, end + 1)
-            middle = (begin + end) // 2
-            there = at_fixed_force(osc, values[middle], n)
-            which = int(np.argmin([abs(o.v - found.speeds[middle, 0]) for o in there]))
-            which -= len(there)  # -1 is the faster, also where the other has no speed > 0
-            for omega, v in zip(values[part][1:-1], found.speeds[part][1:-1, 0], strict=True):
-                assert v == pytest.approx(at_fixed_force(osc, omega, n)[which].v, rel=1e-9)
-            walk = np.linspace(values[begin], values[end], steps + 2)[1:-1]
-            orbits = [at_fixed_force(osc, omega, n)[which] for omega in walk]
-            assert all(orbit.exists for orbit in orbits)
-            expected = np.abs(np.diff([flipped(orbit) for orbit in orbits]))
-            ours = [omega for omega in values[part] if omega in flips]
-            assert (
-                np.histogram(ours, np.sort(walk))[0].tolist()
-                == (expected if walk[0] < walk[-1] else expected[::-1]).astype(int).tolist()
-            )
-        for at, inwards in ((0, 1), (-1, -2)):
-            if values[at] in special(found, "graze") and osc.h > 0.0:
-                beyond = values[at] + 1e-6 * (values[at] - values[inwards])
-                there = at_fixed_force(osc, beyond, n)
-                assert len(there) < 2 or not all(orbit.exists for orbit in there)
-    assert min(seen.values()) > count // 20, seen
 
 
 @pytest.mark.parametrize(

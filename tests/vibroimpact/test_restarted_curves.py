@@ -87,7 +87,7 @@ def test_a_curve_is_the_same_from_each_of_its_orbits(case):
         away = np.array([np.abs((other - value) / spans).max() for other in found])
         assert away.min() < 1e-6
     last = len(whole.values) - 2
-    numbers = sorted({1, 2, 10, last // 2, last})
+    numbers = sorted({1, 10, last})
     assert_same_from_its_orbits(kind, whole, (first, second), numbers)
     swapped = bifurcation_curve(start, kind, second, first)
     assert sorted(p.kind for p in swapped.special) == sorted(p.kind for p in whole.special)
@@ -165,7 +165,7 @@ def test_a_curve_is_the_same_on_both_sides_of_where_another_passes_or_crosses_it
     at the edge R = 1.
     """
     whole, ranges = random_curve(seed)
-    numbers = np.linspace(1, len(whole.values) - 2, 10).astype(int).tolist()
+    numbers = np.linspace(1, len(whole.values) - 2, 4).astype(int).tolist()
     assert_same_from_its_orbits(whole.kind, whole, ranges, numbers)
 
 
@@ -202,7 +202,6 @@ def test_undamped_grazes_meet_no_flips_and_folds_where_every_vibration_repeats()
     ],
 )
 def test_random_curves_are_the_same_from_ten_of_their_orbits(first, count):
-    """Also its multipliers are those of its kind at every point."""
     seen, seed = 0, first
     while seen < count:
         found, seed = random_curve(seed), seed + 1

@@ -46,7 +46,6 @@ def test_just_below_the_limit_is_stable_and_just_above_is_not(name):
 
 @ALL
 def test_the_spectral_radius_is_that_of_the_slow_implementation(name):
-    """Another code's step, and NumPy's eigenvalues."""
     rng = np.random.default_rng(2)
     steps, zetas = rng.uniform(0.01, 4.0, 40), rng.uniform(0.0, 2.5, 40)
     expected = [slow_radius(name, *point) for point in zip(steps, zetas, strict=True)]
@@ -92,7 +91,6 @@ def test_the_least_steps_are_stable_and_one_fewer_is_not(name):
 
 
 def test_no_step_is_stable():
-    """Euler without damping, and ratios that overflow."""
     assert least_stable_steps("euler", 0.0, 1.0, 1.0) == math.inf
     assert least_stable_steps("rk4", 1e308, 1e-300, 1.0) == math.inf
     assert least_stable_steps("euler", [0.0, 0.5], 1.0, 1.0).tolist() == [math.inf, 7]

@@ -58,7 +58,6 @@ def test_every_step_ends(seed, steps):
      pytest.param(2, 10_000, marks=pytest.mark.campaign)],
 )  # fmt: skip
 def test_every_call_ends_as_it_is_documented(seed, calls):
-    """Of the public functions; see ``hostile_calls.py``."""
     in_time(HOSTILE, seed, calls, seconds=300 if seed == 1 else 3600)
 
 

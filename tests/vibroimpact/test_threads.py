@@ -44,7 +44,6 @@ for pool in (multiprocessing.get_context("fork").Pool(2), ThreadPoolExecutor(3))
 
 @pytest.mark.slow
 def test_calls_in_forked_processes_and_in_threads():
-    """After a call on two threads: the same numbers, in time."""
     environment = os.environ | {"NUMBA_NUM_THREADS": "2"}
     command = [sys.executable, "-c", PROGRAM]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
@@ -56,7 +55,6 @@ FEWEST = 64
 
 
 def points(n):
-    """`n` points along omega."""
     oscillators = [Oscillator(h=0.1, R=0.8, omega=w, f=1.0) for w in np.linspace(2.0, 2.5, n)]
     return np.concatenate([osc.at() for osc in oscillators])
 
@@ -90,7 +88,6 @@ def test_where_no_thread_can_be_started_the_caller_does_the_work(monkeypatch):
 
 
 def test_an_error_in_any_thread_is_raised(monkeypatch):
-    """Not lost with the thread."""
     caller = threading.get_ident()
 
     def fail(*arguments):
@@ -200,7 +197,6 @@ for run in (simulate, lambda osc, **many: integrate(osc.at(), **many)):
 
 @pytest.mark.slow
 def test_ctrl_c_ends_a_run_of_hours():
-    """Of one orbit, and of many points."""
     command = [sys.executable, "-c", INTERRUPTED]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.stdout.split() == ["interrupted"] * 2, done.stderr

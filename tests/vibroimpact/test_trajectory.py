@@ -85,7 +85,6 @@ def test_a_trajectory_holds_every_step_and_both_sides_of_every_impact(rule, inte
 
 @RULES
 def test_an_approach_on_the_stop_at_the_start_is_an_impact_at_once(truth, rule):
-    """x0 on the stop, v0 = 1, R = 0.8: at t = 0 the speed is 1 before and -0.8 after."""
     orbit = truth["v0_p1"]
     tr = simulate(orbit.oscillator, 3, "exact", rule, 2000, x0=0.0, v0=1.0)
     assert (tr.impact_t[0], tr.impact_v[0]) == (0.0, 1.0)
@@ -112,7 +111,6 @@ def test_an_approach_on_the_stop_at_the_start_is_an_impact_at_once(truth, rule):
     ],
 )
 def test_a_wrong_argument_is_refused_with_its_name(change, words):
-    """The message says what was given and what is allowed."""
     with pytest.raises(ValueError, match=words):
         simulate(oscillator(0.5, 0.5), **change)
 

@@ -193,7 +193,7 @@ def random_curves(count, seed):
 
 
 @pytest.mark.parametrize(
-    ("count", "seed"), [(400, 5), pytest.param(6000, 6, marks=pytest.mark.campaign)]
+    ("count", "seed"), [(150, 5), pytest.param(6000, 6, marks=pytest.mark.campaign)]
 )
 def test_units_change_no_bit_of_branches_and_curves(count, seed):
     own, seen = NaturalUnits(0, 0), {"": 0, "flip": 0, "fold": 0, "graze": 0}
