@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.backends import backend_agg
+from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
 
@@ -163,15 +164,12 @@ def with_layout(without_layout, monkeypatch):
 @pytest.fixture
 def unpainted(monkeypatch):
     """Save figures without painting them, where only names and messages matter."""
-    from matplotlib.figure import Figure
-
     monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"painted"))
 
 
 @pytest.fixture
 def laid_out(with_layout, monkeypatch):
     """Save figures with their layout, ticks and formulas made, but without painting them."""
-    from matplotlib.figure import Figure
 
     def save(self, file, **_):
         self.draw_without_rendering()

@@ -103,7 +103,6 @@ AT = ("R=0.8", 3, ["R"], {"R": None}, {"R": [0.7]}, {"R": "0.7"}, {3: 0.7}, {"R"
 CLASSES = (["1/1"], "1/1", (1, 1), [(1,)], [(0, 1)], [(1, -1)], [(1.5, 1)], 3, [None])
 ITS_OWN = object()  # stands for the sweep itself
 PAGES = (None, "3.4in", 3.4, {"width": 3.4})
-NAMES = (3, [3], None)
 
 
 def calls():

@@ -114,11 +114,6 @@ def test_pictures_that_do_not_fit_are_refused(computed_starts, draw, options, te
         draw(computed_starts(), **options)
 
 
-def test_basins_need_both_starts():
-    with pytest.raises(Refused, match="basins need two of x0, v0, phase as axes; the file has x0"):
-        basins(given_sections([cycle((-1, 0))] * 2, 1))
-
-
 def test_up_and_down_are_starts():
     """Two branches along h, one of them reached both ways at the ends only."""
     points = np.empty((6, 2, 16, 2))

@@ -58,19 +58,6 @@ def test_measures_equal_an_exhaustive_search(gap, weight):
     assert measures_of(inside, x, v, weight, 0.5, leaves)[-2:] == (0.0, True)
 
 
-@pytest.mark.parametrize("share", [0.9, 0.99, 1.0])
-def test_the_local_measure_is_the_distance_from_the_state_itself(share):
-    """Not from the start nearest to it, whose nearest start outside may be another one."""
-    rng, unit = np.random.default_rng(5), [1.0, 0.7]
-    x, v = np.linspace(-2.0, 0.5, 16), np.linspace(-1.0, 3.0, 21)
-    inside = rng.random((16, 21)) < share
-    others = outside(inside, x, v, at_stop=False)
-    for state in rng.uniform([-2.0, -1.0], [0.5, 3.0], (100, 2)):
-        expected = np.sqrt((((state - others) * unit) ** 2).sum(axis=1)).min()
-        local = measures_of(inside, x, v, 0.7, 0.8, state[None])[4]
-        assert local == pytest.approx(expected, rel=1e-12)
-
-
 @pytest.mark.parametrize("cells", [24, 25])
 def test_starts_in_the_middle_of_cells_reach_the_stop_in_every_unit(cells):
     """Half a spacing before the stop, as it is rounded in this unit."""
@@ -117,17 +104,6 @@ def test_the_measures_of_each_attractor_along_an_axis(dataset):
         assert one["local_integrity"] <= one["integrity_factor"] + 0.1
         row, column = np.abs(x - one["disc_x"].item()), np.abs(v - one["disc_v"].item())
         assert inside[row.argmin(), column.argmin()]
-
-
-@pytest.mark.slow
-def test_velocities_count_by_the_eigenfrequency(dataset, tmp_path):
-    """A rig of twice the frequencies moves as this one, twice as fast: the same distances."""
-    faster = "oscillator={h: 0.2, R: 0.8, omega: [5.2, 5.4], f: 4.0, p: 2.0, clearance: 0.6}"
-    with open_sweep(
-        run_in(tmp_path, CONFIG, faster, "start.v0={start: -6, stop: 6, num: 41}")
-    ) as ds:
-        for name in ("integrity_factor", "local_integrity"):
-            np.testing.assert_allclose(integrity(ds)[name], integrity(dataset)[name], rtol=1e-9)
 
 
 def impacts_per_period(dataset, phase, x, velocities):
@@ -317,7 +293,7 @@ def test_motions_that_have_not_settled_are_rows_without_measures(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):
+def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path, unpainted):
     few = "start={x0: {start: -2, stop: 0, num: 5}, v0: {start: -2, stop: 2, num: 5}}"
     method = "method={integrator: rk4, impact: cubic}", "oscillator.omega=2.6"
     file = run_in(tmp_path, CONFIG, few, *method)

@@ -33,18 +33,14 @@ def test_identities_follow_the_branches_whatever_their_share():
     assert found[9, 2] == found[0, 0] and found[10, 2] == found[0, 1]
 
 
-def nobody(a, b):
-    """Link no pair of attractors."""
-    return np.zeros(len(a), bool)
-
-
 def test_an_identity_is_kept_through_a_flip_and_lost_in_a_jump():
     split = 0.05 * np.sqrt(np.maximum(np.arange(30) - 9.5, 0.0))
     states = np.zeros((30, 2, 2))
     states[:, 0, 0], states[:, 1, 0] = -1.0 - split, -1.0 + split
     states[20:] += [0.9, 0.0]
     cycles = Cycles(states, np.repeat([1, 2], [10, 20]), np.ones(30))
-    found = track((30,), np.arange(30), partial(mutually_nearest, cycles), nobody)
+    links = partial(mutually_nearest, cycles), lambda a, b: np.zeros(len(a), bool)
+    found = track((30,), np.arange(30), *links)
     assert len(set(found[:20])) == 1 and len(set(found[20:])) == 1
     assert found[0] != found[-1]
 

@@ -3,7 +3,6 @@
 All its digits are compared with those of Newton's method on the section map.
 """
 
-import csv
 import re
 import shlex
 from dataclasses import fields
@@ -13,7 +12,6 @@ import mpmath as mp
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.optimize import brentq
 
 import sweeps
 from sweeps import branches, open_sweep
@@ -73,56 +71,26 @@ def test_a_flip_beyond_the_branches_stands_beside_no_line_that_denies_it(sweep):
     assert not any("16/16" in line for line in denied), denied
 
 
-@pytest.mark.slow
-def test_a_fold_and_a_graze_are_told_apart(sweep):
-    """Swept up, the motion with impacts ends in a fold; swept down, the free one in a graze."""
-    h, clearance = 0.05, 1.5
-    common = f"h: {h}, R: 0.8, clearance: {clearance}, f: 1.0, omega: "
-
-    def amplitude(w):
-        return 1.0 / np.hypot(1.0 - w * w, 2.0 * h * w)
-
-    def exists(w):
-        osc = Oscillator(h=h, R=0.8, omega=w, f=1.0, clearance=clearance)
-        return any(orbit.exists for orbit in one_impact_orbits(osc))
-
-    up = "follow: {axis: omega, direction: up}"
-    (fold,) = bifurcations(sweep(common + "{start: 1.3, stop: 1.8, num: 51}", up))
-    assert (fold.kind, str(fold.before), str(fold.after)) == ("fold", "1/1", "1/0")
-    assert exists(fold.value - 1e-7) and not exists(fold.value + 1e-7)
-    # The last steps are short, so that they do not kick the free motion out of its basin.
-    down = "follow: {axis: omega, direction: down}"
-    graze = brentq(lambda w: amplitude(w) - clearance, 1.1, 1.5, xtol=1e-14)
-    axis = str([graze - 1e-4, *(graze + np.geomspace(1e-7, 0.5, 60)).tolist()])
-    rows = bifurcations(sweep(common + axis, down))
-    (end,) = (row for row in rows if (str(row.before), str(row.after)) == ("1/1", "1/0"))
-    assert (end.kind, str(end.after)) == ("graze", "1/0")
-    assert end.value == pytest.approx(graze, rel=1e-12)
-
-
-def test_an_orbit_starts_from_every_row_with_a_value(sweep, tmp_path):
+def test_an_orbit_starts_from_every_row_with_a_value(sweep):
     """At a flip -1 is a multiplier, at a fold 1; both together are known from the damping."""
     h, R, phase = 0.1, 0.8, 0.7
     scene = f"h: {h}, R: {R}, f: 1, omega: {{start: 2.6, stop: 2.76, num: 33}}"
     path = sweep(scene, changes=[f"record.phase={phase}"])
-    accepted("info", path, "--bifurcations", "--csv", tmp_path / "rows.csv")
-    with (tmp_path / "rows.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if row["value"]]
-    assert {(row["kind"], row["orbit"]) for row in rows} >= {("flip", "1/1"), ("flip", "2/2")}
+    rows = [*sweeps.bifurcations(path).dropna(subset="value").itertuples()]
+    assert {(row.kind, row.orbit) for row in rows} >= {("flip", "1/1"), ("flip", "2/2")}
     for row in rows:
-        m, q = map(int, row["orbit"].split("/"))
-        osc = Oscillator(h=h, R=R, f=1.0, omega=float(row["value"]))
-        names = "x", "v", "multiplier_1", "multiplier_2"
-        x, v, first, second = (float(row[name]) for name in names)
-        speeds = [float(speed) for speed in row["impact_v"].split()]
+        m, q = map(int, row.orbit.split("/"))
+        osc = Oscillator(h=h, R=R, f=1.0, omega=row.value)
+        first, second = row.multiplier_1, row.multiplier_2
+        speeds = [float(speed) for speed in row.impact_v.split()]
         assert len(speeds) == q
-        if row["kind"] == "graze":
+        if row.kind == "graze":
             assert (first, second) == (np.inf, 0.0) and min(speeds) == 0.0
             continue
-        orbit = periodic_orbit(osc, x, v, m, phase)
-        assert orbit.sections(phase)[0] == pytest.approx((x, v), abs=1e-7)
+        orbit = periodic_orbit(osc, row.x, row.v, m, phase)
+        assert orbit.sections(phase)[0] == pytest.approx((row.x, row.v), abs=1e-7)
         assert sorted(orbit.speeds) == pytest.approx(sorted(speeds), abs=1e-7)
-        assert first == pytest.approx({"flip": -1.0, "fold": 1.0}[row["kind"]], abs=1e-9)
+        assert first == pytest.approx({"flip": -1.0, "fold": 1.0}[row.kind], abs=1e-9)
         product = R ** (2 * q) * np.exp(-4.0 * np.pi * h * m / osc.omega)
         assert first * second == pytest.approx(product, rel=1e-9)
 

@@ -17,8 +17,7 @@ from vibroimpact.oscillator import POINT
 ENDS = {"5/5": (0.6241489, 0.6242), "12/12": (0.57391491, 0.57392)}
 #: Ranges and numbers of values in which they are seen, the first with the fold of 5/5 before it.
 SEEN = [
-    ("5/5", 0.622, 0.6249, 30), ("5/5", 0.6232, 0.6246, 23), ("12/12", 0.5736, 0.574, 29),
-    ("12/12", 0.5738, 0.57405, 14),
+    ("5/5", 0.622, 0.6249, 30), ("5/5", 0.6232, 0.6246, 23), ("12/12", 0.5738, 0.57405, 14),
 ]  # fmt: skip
 
 

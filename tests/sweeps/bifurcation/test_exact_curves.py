@@ -1,6 +1,5 @@
 """The curves over a map, against the closed form, and the shares that they explain."""
 
-import csv
 import math
 import re
 
@@ -50,20 +49,6 @@ def test_the_flips_of_the_map_are_on_the_closed_form(path):
     with open_sweep(path) as dataset:
         panel = parameter_map(dataset, exact=found).axes[0]
     assert {"1/1", "2/2"} <= {text.get_text() for text in panel.texts}
-
-
-@pytest.mark.slow
-def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
-    picture, table = tmp_path / "map.png", tmp_path / "curves.csv"
-    said = accepted("plot", path, "--kind", "map", "--exact", "-o", picture, "--csv", table)
-    assert "exact curve" in said and "(100.0 %)" in said
-    assert picture.stat().st_size > 1000
-    with table.open() as file:
-        rows = list(csv.DictReader(file))
-    with open_sweep(path) as dataset:
-        found = curves(dataset)
-    assert len(rows) == found.sizes["point"]
-    assert float(rows[0]["omega"]) == found["omega"].values[0]
 
 
 def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(path, monkeypatch):

@@ -141,33 +141,26 @@ def refused_table(text):
     ("text", "part"),
     [
         ("R,omega\n0.5,2\nabc,2\n", "table.csv: row 2, column R = abc is not allowed; expected"),
-        ("R,omega\n0.5,nan\n", "row 1, column omega = nan is not allowed; expected: a finite"),
         ("R,omega\n0.5,2\n1.5,2\n", "row 2, column R = 1.5 is not allowed; expected: a number"),
         ("R,omega\n0.5,2\n,\n", "row 2, column R = (nothing) is not allowed"),
-        ("R,omega\n1_0,2\n", "row 1, column R = 1_0 is not allowed"),
         ("R,omega\n1,1e400\n", "row 1, column omega = 1e400 is not allowed"),
-        ("R,omega\nTrue,2\n", "row 1, column R = True is not allowed"),
         ('R,omega\n"0,5",2\n', "R = 0,5 is not allowed; expected: a number from 0 to 1, with a de"),
         ("R,omega\n0,5,2\n", "row 1 has 3 cells, and the header 2"),
         (pd.DataFrame({"omega": [2.5], "R": [0.8]}).to_csv(), "index=False"),
-        ("omega,R,\n2.5,0.8,\n", "no comma at the end of a line"),
         ("omega;R\n2,5;0.8\n", "and commas between the columns"),
         ("R,omega,label\n0.5,2,a\n0.5,2\n", "row 2 has 2 cells, and the header 3"),
         ("", "the table is empty; expected: a header with one of h, R"),
         ("R;omega\n0,5;2\n", "no column of R;omega is a parameter; expected: a header"),
         ("R,omga\n0.5,2\n", "unknown column omga (did you mean omega?)"),
         ("omga\n2\n", "no column of omga is a parameter (did you mean omega?); expected: a h"),
-        ("a b,clearence\n1,2\n", "no column of a b, clearence is a parameter (did you mean cl"),
         ("R,omega,H\n0.5,2,1\n", "unknown column H (did you mean h?)"),
         ("R,omega,a/b\n0.5,2,1\n", "unknown column a/b; expected"),
-        ("R,omega,\n0.5,2,1\n", "column 3 has no name; expected"),
         ("R,R\n0.5,2\n", "column R is given twice; expected: once"),
         ('R,note\n0.5,a\n0.6,"b\n0.7,c\n', "row 2, column note: a quote is not closed; expected:"),
         ('R,omega\n\n"0.5,2\n0.6,2\n', "row 1, column R: a quote is not closed"),
         ('R,"omega\n0.5,2\n', "a quote in the header is not closed"),
         ("R,note\n0.5,a\n0.5,b\0c\n", r"row 2, column note = b\x00c is not allowed"),
         ("R,omega\n", "the table has no row"),
-        ("R\n0.5\n", "oscillator.omega is missing; expected"),
         ("R,omega,h\n0.5,2,1\n", "oscillator.h: conflicts with points; expected: one number here"),
         ("R,omega,x0,clearance\n0.5,2,1,1\n0.5,2,2,1\n", "row 2 of points: x0 = 2 lies beyond"),
     ],
@@ -273,8 +266,6 @@ def test_what_needs_an_axis_is_refused():
     write_csv({"R": [0.5], "omega": [2.0]})
     with pytest.raises(ConfigError, match="follow: needs an axis, but points has none"):
         load_config("sweep.yaml", ["follow.axis=omega"])
-    with pytest.raises(ConfigError, match=r"oscillator\.h: conflicts with points"):
-        load_config("sweep.yaml", ["oscillator.h=[0.1, 0.2]"])
 
 
 @pytest.mark.parametrize("name", ["status", "blocks", "point", "section"])

@@ -10,11 +10,6 @@ from sweeps.config.values import Range
 from tests.helpers.configurations import load, oscillator_yaml, refusal
 
 
-def test_one_value_in_a_list_or_range_is_an_axis():
-    axes = load(oscillator_yaml(h="[0.3]", f="{start: 2, stop: 2, num: 1}")).sweep.grid.axes
-    assert {name: list(values) for name, values in axes.items()} == {"h": [0.3], "f": [2.0]}
-
-
 def test_decades_of_a_log_axis_are_as_typed():
     decades = [float(f"1e{power}") for power in range(-300, 301)]
     for one in (decades, decades[::-1]):

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-import yaml
 
 from sweeps import open_sweep, run_sweep
 from sweeps.engine import estimate as limits
@@ -53,19 +52,6 @@ def test_an_interrupted_run_goes_on_to_the_same_data(stop_after):
         run_sweep(configured("follow.direction=up"), "stopped.h5", resume=True)
     with pytest.raises(StoreError, match=r"follow\.axis was omega and is not given"):
         run_sweep(configured("follow=null"), "stopped.h5", resume=True)
-
-
-@pytest.mark.slow
-def test_any_reader_finds_a_direction_by_its_name():
-    run_and_read(configured())
-    with xr.open_dataset("out.h5", engine="h5netcdf") as dataset, open_sweep("out.h5") as ours:
-        xr.testing.assert_identical(dataset, ours)
-        assert dataset["direction"].values.tolist() == ["up", "down"]
-        assert dataset.sel(direction="down")["status"].shape == (3, 5, 2)
-        assert "followed" in dataset["direction"].attrs["long_name"]
-    again = yaml.safe_load(dataset.attrs["configuration"])
-    assert again["follow"] == {"axis": "omega", "direction": "both"}
-    assert "follow" not in yaml.safe_load(configured("follow=null").to_yaml())
 
 
 @pytest.mark.slow

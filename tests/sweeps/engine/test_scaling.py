@@ -81,7 +81,7 @@ def test_the_scaled_results_are_the_computed_ones(counted, method):
 def test_what_breaks_the_symmetry_is_computed():
     changes = [f"oscillator.f={value}" for value in ("1", "[0, 1]", "[1, 1e200]")]
     changes += ["oscillator.clearance=0.1", "oscillator.clearance=[0, 0.1]"]
-    for change in (*changes, "start.x0=-0.1", "start.v0=1"):
+    for change in (*changes, "start.x0=-0.1", "start.v0=1", "follow={axis: omega}"):
         assert not scaled_sweep(change).sweep.spec.scaled, change
 
 

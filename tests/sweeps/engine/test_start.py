@@ -276,10 +276,10 @@ def test_the_three_starts_as_axes(tmp_path, unpainted):
     change = "start={x0: [-1, 0, 0.6], v0: [-1, 0, 1], phase: [0, 2, 4]}"
     path = run_in(tmp_path, BASINS_OVER_PHASE, change)
     assert "one of them must be fixed" in refused("plot", path, "--kind", "basins")
-    for fixed, axes in (("x0=0.6", "phase v0"), ("v0=1", "phase x0"), ("phase=2", "x0 v0")):
-        picture = tmp_path / "basins.svg"
+    for fixed in ("x0=0.6", "v0=1", "phase=2"):
+        picture = tmp_path / f"{fixed}.svg"
         accepted("plot", path, "--at", fixed, "-o", picture)
-        assert len(axes.split()) == 2 and picture.exists()
+        assert picture.exists()
     assert "fix phase at that of the section, 0" in refused("integrity", path)
     zoomed = tmp_path / "zoomed.h5"
     accepted("zoom", path, "phase=1:3", "-o", zoomed, "--set", "start.v0=1", "--set", "start.x0=0")

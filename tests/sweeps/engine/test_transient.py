@@ -119,17 +119,9 @@ def test_blocks_and_threads_change_nothing(dataset):
         ("{transient: auto, diagnostics: []}", "auto needs the classes of motions"),
         ("{transient: auto, trajectory: {every: 1}}", "auto cannot be used with trajectory"),
         ("{transient: aut}", "is not an integer"),
-        ("{transient: auto, longest: 0}", "an integer from 1"),
+        ("{transient: auto}\nfollow: {axis: omega, direction: up}", "record.transient"),
     ],
 )
 def test_what_does_not_go_together_is_refused(record, said):
-    text = "oscillator: {h: 0.1, R: 0.8, omega: 2.0, f: 1.0}\n"
+    text = "oscillator: {h: 0.1, R: 0.8, omega: [1.0, 2.0], f: 1.0}\n"
     assert said in refusal(f"{text}record: {record}\n")
-
-
-def test_neighbours_have_no_transient_of_their_own():
-    text = "oscillator: {h: 0.1, R: 0.8, omega: [1.0, 2.0], f: 1.0}\nrecord: {transient: auto}\n"
-    group = "follow: {axis: omega, direction: up}"
-    said = refusal(f"{text}{group}\n")
-    assert "record.transient" in said and "follow" in said
-    assert refusal(f"{group}\n{text}") == said.replace("line 2", "line 3")

@@ -44,7 +44,7 @@ def exported(path, name="points.csv", *options):
 
 
 @pytest.mark.slow
-def test_every_scalar_comes_back_to_the_last_bit(path):
+def test_every_scalar_comes_back_to_the_last_bit(path, monkeypatch):
     said, rows = exported(path)
     assert said == "points.csv: 14 rows\n"
     with open_sweep(path) as dataset:
@@ -62,11 +62,6 @@ def test_every_scalar_comes_back_to_the_last_bit(path):
             for k in (0, 1):
                 assert float(row[f"lyapunov_{k + 1}"]) == point["lyapunov"][k]
     assert not {"poincare_x", "impact_v"} & set(rows[0])
-
-
-@pytest.mark.slow
-def test_parts_give_the_same_file(path, monkeypatch):
-    exported(path)
     monkeypatch.setattr("sweeps.opened.tables._PART", 3)
     exported(path, "parts.csv")
     assert Path("parts.csv").read_bytes() == Path("points.csv").read_bytes()

@@ -60,36 +60,31 @@ def test_a_table_of_another_form_is_refused(finished_file, table):
             open_sweep("out.h5", verify=verify)
 
 
-def group(file):
-    del file["h"]
-    file.create_group("h")
+def in_place_of_h(make):
+    """Return a change of a file that makes something else of the name h."""
 
+    def change(file):
+        del file["h"]
+        make(file)
 
-def outside(file):
-    del file["h"]
-    file["h"] = h5py.ExternalLink("other.h5", "h")
-
-
-def soft(file):
-    del file["h"]
-    file["h"] = h5py.SoftLink("/f")
-
-
-def stored_outside(file):
-    del file["h"]
-    file.create_dataset("h", (1,), "f8", external=[("other.h5", 0, 8)])
+    return change
 
 
 def virtual(file):
-    del file["h"]
     layout = h5py.VirtualLayout((1,), "f8")
     layout[:] = h5py.VirtualSource("other.h5", "h", (1,))
     file.create_virtual_dataset("h", layout)
 
 
-def large(file):
-    del file["h"]
-    file.create_dataset("h", (1 << 50,), "f8", chunks=(1,))
+OUTSIDE = {"dtype": "f8", "external": [("other.h5", 0, 8)]}
+IN_PLACE = {
+    "group": lambda file: file.create_group("h"),
+    "outside": lambda file: file.update({"h": h5py.ExternalLink("other.h5", "h")}),
+    "soft": lambda file: file.update({"h": h5py.SoftLink("/f")}),
+    "stored outside": lambda file: file.create_dataset("h", (1,), **OUTSIDE),
+    "virtual": virtual,
+    "large": lambda file: file.create_dataset("h", (1 << 50,), "f8", chunks=(1,)),
+}
 
 
 def without_scales(file):
@@ -121,10 +116,6 @@ def without(name):
     return change
 
 
-def renamed(file):
-    file.move("omega", "frequency")
-
-
 def attribute(name, value):
     def change(file):
         del file.attrs[name]
@@ -146,15 +137,15 @@ ALIASES = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     for a, b in zip("abcdefgh", "bcdefghi", strict=True)
 )
 FORMS = {
-    "group": group, "outside": outside, "soft": soft, "stored outside": stored_outside,
-    "virtual": virtual, "large": large, "without scales": without_scales,
-    "another shape": another_shape, "texts": typed("chatters", "S4"),
+    **{name: in_place_of_h(make) for name, make in IN_PLACE.items()},
+    "without scales": without_scales, "another shape": another_shape,
+    "texts": typed("chatters", "S4"),
     **{f"{name} of {dtype}": typed(name, dtype) for name, dtype in (
         ("poincare_x", "f2"), ("impact_v", "f4"), ("orbit_x", "i4"), ("period", "i1"),
         ("period_impacts", "?"), ("status", "?"))},
     **{f"without {name}": without(name) for name in
        ("poincare_x", "trajectory_t", "impacts_per_period", "period", "x_max")},
-    "renamed": renamed,
+    "renamed": lambda file: file.move("omega", "frequency"),
     **{f"{name} = {value}": parameter(name, value) for name, values in {
         "omega": (np.nan, 0.0, 2.0), "h": (np.inf, -0.1), "R": (2.0,), "section": (-1,),
         "impact": (7,),

@@ -98,15 +98,6 @@ def empty_and_restore():
     os.truncate(FIRST, size)
 
 
-def move_folder():
-    Path("elsewhere").mkdir()
-    PARTS.rename("elsewhere/out.h5.parts")
-
-
-def put_file():
-    Path("out.h5").write_bytes(b"precious")
-
-
 def put_sweep():
     fill_blocks("other.h5")
     os.replace("other.h5", "out.h5")
@@ -150,7 +141,7 @@ def unchanged(file):
 FAULTS = [
     # Another program takes away what is written.
     Fault("block 4", partial(shutil.rmtree, PARTS), GONE, NOTHING),
-    Fault("block 2", move_folder, GONE, NOTHING),
+    Fault("block 2", lambda: PARTS.rename("../elsewhere"), GONE, NOTHING),
     Fault("block 2", replace, "was replaced by another program", ONE),
     Fault("block 2", FIRST.unlink, "block-000000.npz was removed by another program", THREE),
     Fault("block 4", partial(os.truncate, FIRST, 1000), "block-000000.npz is damaged", THREE),
@@ -158,7 +149,10 @@ FAULTS = [
     Fault("end", Path("out.h5").unlink, "the output is gone: out.h5 does not exist", ""),
     # It puts something in the place of the output, also the complete file of another sweep.
     Fault("planned", put_sweep, FOREIGN, "0 of 40 points kept"),
-    *(Fault(moment, put_file, FOREIGN, ALL) for moment in ("completed", "fsync")),
+    *(
+        Fault(moment, lambda: Path("out.h5").write_bytes(b"precious"), FOREIGN, ALL)
+        for moment in ("completed", "fsync")
+    ),
     # The run is refused, fails or is interrupted: an old sweep stays until the new one is there.
     Fault("planned", end_by(StoreError("too large")), "too large", ""),
     Fault("planned", fail, "", unchanged("out.h5.parts"), 2),

@@ -143,13 +143,16 @@ def test_the_ending_of_another_kind_of_file_is_refused():
 
 
 @pytest.mark.parametrize("ending", [".parts", ".lock", ".PARTS"])
-def test_the_endings_of_the_files_beside_an_output_are_refused(ending):
+def test_the_endings_of_the_files_beside_an_output_are_refused(monkeypatch, ending):
     with pytest.raises(StoreError, match=rf"must not end in {ending}, .* did you mean z\.h5\?"):
         check_output(f"z.h5{ending}")
     fill_blocks("out.h5", 1)
     for name in ("schema.h5", "new.h5"):
         with pytest.raises(StoreError, match=r"that is not complete; give out\.h5$"):
             check_output(f"out.h5.parts/{name}", overwrite=True)
+    monkeypatch.chdir("out.h5.parts")
+    with pytest.raises(StoreError, match=r"in\.h5 belongs to a sweep .* give /.*out\.h5$"):
+        check_output("in.h5")
 
 
 def test_outputs_that_are_refused(tmp_path):
@@ -302,10 +305,11 @@ def test_a_lock_that_lost_its_text_with_the_power_is_a_leftover(text):
 def test_on_a_disk_without_locks_the_file_itself_is_the_lock(monkeypatch, error):
     """A dead process of this machine loses it; a living or a distant one is named."""
     monkeypatch.setattr("fcntl.flock", partial(refuse_lock, error=error))
+    monkeypatch.setattr("socket.gethostname", lambda: "n" * 64)  # the longest on Linux
     fill_blocks("out.h5", 2)
     with sweep_writer(Path("out.h5"), resume=True):
         mine = Path("out.h5.lock").read_text()
-        with pytest.raises(StoreError, match=rf"by process {os.getpid()} on .*, remove .*out\.h5"):
+        with pytest.raises(StoreError, match=rf"process {os.getpid()} on n{{64}}.*, remove"):
             fill_blocks("out.h5", resume=True)
     with subprocess.Popen(["true"]) as ended:
         pass
@@ -340,15 +344,6 @@ def test_a_lock_of_another_container_is_not_taken_over(monkeypatch):
                 pass
 
 
-def test_the_lock_of_a_host_with_a_long_name_is_known(monkeypatch):
-    monkeypatch.setattr("fcntl.flock", refuse_lock)
-    monkeypatch.setattr("socket.gethostname", lambda: "n" * 64)  # the longest on Linux
-    with sweep_writer(Path("out.h5")):
-        assert Path("out.h5.lock").stat().st_size > 100
-        with pytest.raises(StoreError, match=f"by process {os.getpid()} on n{{64}}"):
-            fill_blocks("out.h5")
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 def test_a_complete_file_is_read_where_no_file_can_be_locked():
@@ -364,10 +359,3 @@ def test_a_complete_file_is_read_where_no_file_can_be_locked():
     reading = [shutil.which("strace"), *without, "-o", "/dev/null", sys.executable, "-c", code]
     done = subprocess.run(reading, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_a_relative_path_in_the_folder_of_blocks_is_refused_too(monkeypatch):
-    fill_blocks("out.h5", 2)
-    monkeypatch.chdir("out.h5.parts")
-    with pytest.raises(StoreError, match=r"in\.h5 belongs to a sweep .* give /.*out\.h5$"):
-        check_output("in.h5")

@@ -1,6 +1,5 @@
 """Written data can be read back by this package and xarray, from complete and partial files."""
 
-import itertools
 import os
 import pickle
 from functools import partial
@@ -159,30 +158,6 @@ def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected)
             assert ("exponent" in dataset.sizes) == ("lyapunov" in diagnostics)
     needed = {variable.diagnostic for variable in VARIABLES.values()}
     assert needed == {None, "longest", *DIAGNOSTICS}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("order", [(1, 2, 0), (2, 0, 1)])
-def test_trajectories_are_as_wide_as_the_widest_and_padded(tmp_path, order):
-    path = tmp_path / "out.h5"
-    grid = Grid({"omega": np.array([1.0, 2.0, 3.0])}, {})
-    widths = (3, 300, 102)
-    blocks = [(slice(i, i + 1),) for i in range(3)]
-    with begun(path, schema(grid, block_size=1)) as (store, _):
-        for i in order:
-            store.write(blocks[i], block_results(blocks[i], widths[i]))
-        with open_sweep(tmp_path / "out.h5") as dataset:
-            partial = dataset.load()
-        store.finish(compressed=order[0] == 1)
-    with open_sweep(path) as dataset:
-        assert dataset.drop_attrs().identical(partial.drop_attrs())
-        assert dataset["sample"].values.tolist() == list(range(300))
-        for name, i in itertools.product(VARIABLES, range(3)):
-            row, given = dataset[name][i].values, block_results(blocks[i], widths[i])[name][0]
-            if VARIABLES[name].dimension == "sample":
-                assert np.isnan(row[widths[i] :]).all()
-                row = row[: widths[i]]
-            np.testing.assert_array_equal(row, given)
 
 
 # Incomplete sweeps

@@ -224,9 +224,11 @@ def test_a_block_of_another_sweep_or_of_another_number_is_not_used(whole):
     xr.testing.assert_identical(data("out.h5"), whole)
 
 
-@pytest.mark.parametrize("blocks", [2, None])
-@pytest.mark.parametrize("piece", [0, 1000, 1 << 26])
-def test_trajectories_have_lengths_of_their_own(monkeypatch, blocks, piece):
+@pytest.mark.parametrize(
+    ("blocks", "piece", "compressed"),
+    [(2, 1000, False), (None, 0, True), (None, 1000, False), (None, 1 << 26, False)],
+)
+def test_trajectories_have_lengths_of_their_own(monkeypatch, blocks, piece, compressed):
     """In a block and in the complete file, whatever part of a block is in memory at a time."""
     monkeypatch.setattr("sweeps.store.parts._PIECE", piece)
     given, random = {}, np.random.default_rng(1)
@@ -240,8 +242,9 @@ def test_trajectories_have_lengths_of_their_own(monkeypatch, blocks, piece):
             given[name, block[0].start, block[1].start] = results[name]
         return results
 
-    fill_blocks("out.h5", blocks, plan=schema(block_size=3), results=ragged)
+    fill_blocks("out.h5", blocks, compressed, plan=schema(block_size=3), results=ragged)
     with open_sweep("out.h5") as dataset:
+        assert dataset.sizes["sample"] == max(len(row) for rows in given.values() for row in rows)
         for (name, row, column), rows in given.items():
             for at, samples in enumerate(rows, column):
                 found = dataset[name].values[row, at]
