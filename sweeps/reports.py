@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -100,7 +101,7 @@ def run_summary(path: Path, sweep: Sweep) -> str:
 
 def identities(path: Path) -> tuple[object, object]:
     """Return the `identity` of the file of a sweep and of the schema of its blocks."""
-    return identity(path.resolve()), identity(parts_path(path) / SCHEMA)
+    return identity(Path(os.path.realpath(path))), identity(parts_path(path) / SCHEMA)
 
 
 def kept_text(path: Path, command: str, old: tuple[object, object] = (None, None)) -> str:

@@ -24,7 +24,8 @@ def missing_text(path: Path) -> str:
     except OSError:
         names = set()
     kinds = (".csv",) if path.suffix == ".csv" else (".h5", ".yaml", ".yml")
-    near = near_miss(path.name, [name for name in sorted(names) if name.endswith(kinds)], 0.8)
+    others = [name for name in sorted(names - {path.name}) if name.endswith(kinds)]
+    near = near_miss(path.name, others, 0.8)
     meant = suggestion(near and str(path.with_name(near)))
     return f"{path} does not exist{meant}{of_shell(path)}".replace("\n", r"\n")  # one line
 

@@ -106,7 +106,7 @@ def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = Fal
     from sweeps.store.variables import columns_of
 
     if not is_sweep(path):
-        if path.suffix == ".h5" and os.path.isfile(path):
+        if path.suffix == ".h5" and os.path.exists(path):
             raise Refused(
                 f"{path} is no file of a sweep; a configuration must not have the ending .h5"
             )

@@ -210,13 +210,14 @@ def open_file(path: Path, digest: str, *, mode: str = "r") -> h5py.File:
     both with and without a lock. A manager of xarray gives the `mode`.
     """
     try:
+        open_regular(path).close()  # HDF5 would wait for the writer of a FIFO
         try:
             file = h5py.File(path, mode)
         except OSError as error:
             if error_number(error) not in NO_LOCKS:
                 raise
             file = h5py.File(path, mode, locking=False)
-        with path.open("rb") as now:  # after it was opened, or it could still be replaced
+        with open_regular(path) as now:  # after it was opened, or it could still be replaced
             if _table(now)[1] == digest:
                 return file
         file.close()

@@ -66,7 +66,7 @@ def parts_path(path: Path) -> Path:
         if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
             output = str(as_typed if as_typed.name else folder).removesuffix(PARTS)
             raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
-    path = path.resolve() if os.path.islink(path) else path
+    path = Path(os.path.realpath(path)) if os.path.islink(path) else path  # also of a loop
     return path.parent / f"{path.name}{PARTS}"  # `with_name` fails for . and /
 
 

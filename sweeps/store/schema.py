@@ -144,7 +144,7 @@ class Schema:
             problems.append("the code that computes is another version")
         # The computation follows from these two, and other code may name its parts differently.
         if not problems:
-            problems = differing_keys(*(str(each.get("computation", "{}")) for each in (was, now)))
+            problems = differing_keys(*(each["computation"] for each in (was, now)))
         same = list(old.axes) == list(self.axes) and all(
             _same(old.axes[axis], self.axes[axis]) for axis in self.axes
         )
@@ -233,7 +233,8 @@ def _values(file: h5py.File, name: str) -> np.ndarray:
 
 def _check_form(file: h5py.File, schema: Schema) -> None:
     """Raise an error unless attributes, variables and blocks are as the axes require."""
-    if {type(schema.attributes[key]) for key in ("name", "configuration", "numerics")} != {str}:
+    texts = "name", "configuration", "computation", "numerics"
+    if {type(schema.attributes[key]) for key in texts} != {str}:
         raise TypeError("an attribute is no text")
     held = [VARIABLES[name] for name in ("poincare_x", *schema.variables)]
     kinds = {(variable.dimension, variable.diagnostic) for variable in held}
@@ -249,8 +250,9 @@ def _check_form(file: h5py.File, schema: Schema) -> None:
     rows = schema.axes.get(TABLE, np.empty(0))
     columns = {name: rows[name] for name in rows.dtype.names or () if name in PARAMETERS}
     parameters: dict[str, Any] = {**columns, **schema.fixed, **schema.axes}
-    for name in sorted(parameters.keys() - {TABLE, DIRECTION}):
-        bounds, values = PARAMETERS.get(name), np.ravel(parameters[name])
+    required = {name for name, each in PARAMETERS.items() if each.default is None}
+    for name in sorted((parameters.keys() | required) - {TABLE, DIRECTION}):
+        bounds, values = PARAMETERS.get(name), np.ravel(parameters.get(name, np.nan))
         once = name not in schema.axes or len({*values.tolist()}) == values.size
         if not bounds or not bounds.accepts(values).all() or not once:
             raise ValueError(f"{name} is no parameter, or has other values than a parameter")

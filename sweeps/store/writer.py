@@ -68,7 +68,7 @@ def sweep_writer(
     cannot be created, or as `check_output` does, and Failed if the folder cannot be made.
     """
     check_place(path, "output")
-    real = path.resolve()  # everything works on the file that is checked, also if a link changes
+    real = Path(os.path.realpath(path))  # the file that is checked, also if a link changes
     lock_file, folder = real.with_name(f"{real.name}{LOCK}"), parts_path(real)
     try:
         lock, mine = _acquired(lock_file)

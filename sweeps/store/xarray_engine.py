@@ -199,7 +199,7 @@ def _lazy(
     # A file of an earlier version lacks the parameters that came later.
     coordinates: dict[str, Any] = {name: ((), each.default) for name, each in PARAMETERS.items()}
     coordinates |= schema.coordinates()
-    yaml_mapping(schema.attributes.get("computation", "{}"), "the computation")  # or refused
+    yaml_mapping(schema.attributes["computation"], "the computation")  # or refused
     dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})
     for called, variable in dataset.variables.items():
         variable.attrs = attributes_of(schema, str(called))

@@ -51,10 +51,10 @@ def accepted(*arguments):
 
 def refused(*arguments):
     """Run a command that must be refused without changing a file, and return the message."""
-    before = {path: path.stat().st_mtime_ns for path in Path().rglob("*")}
+    before = {path: path.lstat().st_mtime_ns for path in Path().rglob("*")}
     result = call(*arguments)
     assert result.exit_code == 2, result.output
     assert result.stdout == ""
-    assert {path: path.stat().st_mtime_ns for path in Path().rglob("*")} == before
+    assert {path: path.lstat().st_mtime_ns for path in Path().rglob("*")} == before
     assert result.stderr.startswith("vibroimpact: error: ")
     return result.stderr

@@ -48,12 +48,20 @@ def test_threads_that_numba_does_not_have(threads):
     assert f"--threads {threads} " in message and "an integer from 1 to " in message
 
 
-@pytest.mark.parametrize("place", [".", "..", "/", ""])
-def test_a_folder_is_no_file_of_a_sweep(small_file, place):
+@pytest.mark.parametrize("place", [".", "..", "/", "", "loop", "fifo.h5", "old.h5"])
+def test_what_is_no_file_of_a_sweep(small_file, place):
+    """A folder, a link to itself, a FIFO without a writer, a file with the name of its blocks."""
+    Path("loop").symlink_to("loop")
+    Path("old.h5.parts").touch()
+    os.mkfifo("fifo.h5")
+    said = {"loop": "Too many levels of symbolic links", "fifo.h5": "is a FIFO, not a regular file"}
+    said["old.h5"] = "error: old.h5 does not exist\n"
     options = {"compare": ["small.h5"], "zoom": ["omega=2:3"], "export": ["-o", "a.csv"]}
     for command in ("info", "plot", "attractors", "integrity", *options):
         message = refused(command, place, *options.get(command, ()))
-        assert "is a directory, not a regular file" in message, (command, message)
+        assert said.get(place, "is a directory, not a regular file") in message, (command, message)
+    run = refused("run", place, "-o", "new.h5")
+    assert "fifo.h5 is no file of a sweep" in run if place == "fifo.h5" else "Errno" not in run
 
 
 def test_a_text_is_no_file_of_a_sweep():

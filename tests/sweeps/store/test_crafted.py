@@ -151,8 +151,8 @@ FORMS = {
         "impact": (7,),
     }.items() for value in values},
     **{f"{name} {i}": attribute(name, value) for name, values in {
-        "computation": ("", "!!python/name:os.system x", "[1]", "- a", "{", "fixed", ALIASES),
-        "configuration": (7, None), "coordinates": ("a/b", None, 7, "x" * 70),
+        "computation": ("", "!!python/name:os.system x", "[1]", "- a", "{", "fixed", ALIASES, None),
+        "configuration": (7, None), "coordinates": ("a/b", None, 7, "x" * 70, ""),
         "duration": ("long", None), "numerics": (None,),
     }.items() for i, value in enumerate(values)},
 }  # fmt: skip

@@ -323,6 +323,10 @@ def test_an_opened_file_that_was_replaced_is_not_read_as_if_it_were_the_old_one(
         Path("out.h5").unlink()
         with pytest.raises(StoreError, match=r"out\.h5 was removed by another program"):
             dataset["poincare_x"].load()
+        os.mkfifo("out.h5")
+        with pytest.raises(StoreError, match=r"out\.h5 is a FIFO, not a regular file"):
+            dataset["poincare_x"].load()
+        Path("out.h5").unlink()
     for then, event in (
         ({"overwrite": True, "blocks": 2}, "replaced"),
         ({"resume": True}, "removed"),

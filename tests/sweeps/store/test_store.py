@@ -67,7 +67,7 @@ def test_every_variable_comes_back(tmp_path, monkeypatch, size, compressed, each
 def test_blocks_of_many_shapes_and_large_records_come_back(tmp_path, followed, size):
     """Of followed chains, and of more than fits into a chunk of the file."""
     axes = {"h": np.arange(3.0), "R": np.linspace(0.0, 1.0, 4), "f": np.arange(5.0)}
-    grid, widths = Grid(axes, {}), {"section": 12_007, "impact": 0, "sample": 0}
+    grid, widths = Grid(axes, {"omega": 1.0}), {"section": 12_007, "impact": 0, "sample": 0}
     path, plan = tmp_path / "out.h5", schema(grid, widths=widths, diagnostics=())
     object.__setattr__(plan, "blocks", tuple(grid.blocks(size, followed)))
     results = partial(block_results, widths=widths)
