@@ -252,18 +252,6 @@ def test_the_last_rows_of_a_branch_are_as_stable_as_their_multipliers_say(found)
     assert stable[ends].any() and not stable[ends].all()
 
 
-def test_the_free_oscillation_is_stable_up_to_its_graze(tmp_path):
-    """Its multipliers are exp(-2 pi h / omega) in modulus."""
-    scene = "{h: 0.05, R: 0.8, clearance: 1.5, f: 1, omega: {start: 1.2, stop: 1.7, num: 6}}"
-    path = run_in(tmp_path, f"oscillator: {scene}\nrecord: {{transient: 400, periods: 16}}\n")
-    found = branches(path, classes=[(1, 0)], most=2)
-    assert found["kind"].values[found["kind"].values != ""].tolist() == ["graze", "edge"]
-    free = found["q"].values == 0
-    assert found["stable"].values.tolist() == free.tolist()
-    moduli = np.exp(-2.0 * np.pi * 0.05 / found["omega"].values[free])
-    np.testing.assert_allclose(np.abs(found["multipliers"].values[free, 0]), moduli, rtol=1e-13)
-
-
 @pytest.mark.slow
 def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
     with computed(tmp_path, "start.x0=[-1.0, -0.5]", "oscillator.omega=2.5") as dataset:

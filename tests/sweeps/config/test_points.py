@@ -143,6 +143,7 @@ def refused_table(text):
         ("R,omega\n0.5,2\nabc,2\n", "table.csv: row 2, column R = abc is not allowed; expected"),
         ("R,omega\n0.5,2\n1.5,2\n", "row 2, column R = 1.5 is not allowed; expected: a number"),
         ("R,omega\n0.5,2\n,\n", "row 2, column R = (nothing) is not allowed"),
+        ("R,omega\n1_0,2\n", "row 1, column R = 1_0 is not allowed"),
         ("R,omega\n1,1e400\n", "row 1, column omega = 1e400 is not allowed"),
         ('R,omega\n"0,5",2\n', "R = 0,5 is not allowed; expected: a number from 0 to 1, with a de"),
         ("R,omega\n0,5,2\n", "row 1 has 3 cells, and the header 2"),

@@ -25,6 +25,7 @@ from vibroimpact.step.scheme import IMPACT_RULES
         ({"h": "[1, -2]"}, "oscillator.h", "contains -2,", ">= 0"),
         ({"R": "{start: 0, stop: 1.2, num: 3}"}, "oscillator.R", "contains 1.2,", "from 0 to 1"),
         ({"f": "{start: 0, stop: 1, num: 0}"}, "oscillator.f.num", "0", "an integer from 1"),
+        ({"f": "{start: 0, stop: 1, num: 1.5}"}, "oscillator.f.num", "1.5", "an integer from 1"),
         ({"f": "{start: x, stop: 1, num: 2}"}, "oscillator.f.start", "x", "finite number"),
         ({"f": "{start: 0, stop: 1, num: 1}"}, "oscillator.f", "num: 1", "to be equal"),
         ({"f": "{start: 1, stop: 1, num: 9}"}, "oscillator.f", "num: 9", "to differ"),
@@ -50,6 +51,7 @@ def test_refused_values(values, key, given, allowed):
         ("method: {impact: reduced}", "method.impact", "reduced", ", ".join(IMPACT_RULES)),
         ("method: {steps_per_period: 3}", "method.steps_per_period", "3", "from 4 to 1,000,000"),
         ("record: {periods: 0}", "record.periods", "0", "an integer from 1"),
+        ("record: {transient: -1}", "record.transient", "-1", "an integer from 0"),
         ("record: {phase: 6.2832}", "record.phase", "6.2832", "< 2 pi"),
         ("record: {periods: 1e7}", "record.periods", "1e7", "from 1 to 1,000,000"),
         ("start: {phase: [0, 7]}", "start.phase", "[0, 7]", "a number >= 0 and < 2 pi"),
@@ -205,6 +207,7 @@ def test_start_beyond_the_stop(x0, clearance):
         ("[" * 5000, ["not valid YAML"]),
         ("", ["is empty", "expected: a mapping with keys among name, points, rig, oscillator"]),
         ("- h\n- R\n", ["[h, R]", "expected: a mapping"]),
+        ("points: {omega: [1]}\noscillator: 3\n", ["oscillator = 3", "a mapping with keys among"]),
     ],
 )  # fmt: skip
 def test_what_is_not_a_mapping_in_yaml(text, parts):

@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
 
 from sweeps import open_sweep, plotting, run_sweep
@@ -12,8 +11,8 @@ from tests.helpers.commands import accepted
 from tests.helpers.configurations import load
 from tests.helpers.rigs import (
     DAMPING,
+    FORCE,
     GAP,
-    JOINT,
     MASS,
     STIFFNESS,
     VALUES,
@@ -97,78 +96,65 @@ def test_only_columns_of_the_rig_have_units(scene, units, stop_after):
     assert "length = 4 .. 5, 2 values" in [line.removeprefix("column").strip() for line in lines]
 
 
+#: A rig with a table of what is left out of it, and columns of the tables and pictures.
+SHORT = f"rig: {{mass: {MASS}, R: {R}, gap: {GAP}"
+CASES = {
+    # 2 * 0.5 * (c / (2 * 0.5)) and sqrt(k / m)^2 m do not give every number back.
+    "typed": (
+        f"{SHORT}, damping: {DAMPING}, force: {FORCE}}}\n",
+        {
+            "stiffness": [8000.1, 7999.3, 8100.7],
+            "frequency": [35.3, 36.7, 15.0],
+            "serial": [7, 8, 9],
+        },
+        {},
+    ),
+    "model": (
+        f"{SHORT}, stiffness: {STIFFNESS}, force: {FORCE}}}\n",
+        {"omega": [100.0, 200.0, 250.0], "h": [4.0, 4.0, 3.0], "serial": [7, 8, 9]},
+        {"frequency": [w / (2.0 * math.pi) for w in (100, 200, 250)], "damping": [4.0, 4.0, 3.0]},
+    ),
+    "mass": (
+        f"rig: {{gap: {GAP}, R: {R}, frequency: 36}}\n",
+        {"mass": [0.5, 1.0], "stiffness": [8e3, 16e3], "damping": [4.0, 8.0], "force": [8.0, 16.0]},
+        {},
+    ),
+    "mass alone": (
+        f"rig: {{gap: {GAP}, R: {R}, frequency: 36, stiffness: 8000, damping: 4, force: 8}}\n",
+        {"mass": [0.5, 0.6]},
+        {"stiffness": [8e3] * 2, "damping": [4.0] * 2, "force": [8.0] * 2},
+    ),
+}
+
+
 @pytest.mark.slow
-def test_typed_columns_of_a_rig_are_kept_with_their_units_and_run_again(unpainted):
-    """2 * 0.5 * (c / (2 * 0.5)) and sqrt(k / m)^2 m do not give every number back."""
-    stiffness, frequency = [8000.1, 7999.3, 8100.7], [35.3, 36.7, 15.0]
-    table = f"points: {{stiffness: {stiffness}, frequency: {frequency}, serial: [7, 8, 9]}}\n"
-    text = JOINT.replace(f"stiffness: {STIFFNESS}, ", "").replace(
-        ", frequency: {start: 22, stop: 41, num: 39}", ""
-    )
-    path = run_sweep(load(text + table), "typed.h5")
-    with open_sweep(path) as ds:
-        assert ds["stiffness"].values.tolist() == stiffness and ds["stiffness"].units == "N/m"
-        assert ds["p"].values.tolist() == [math.sqrt(k / MASS) for k in stiffness]
-    accepted("export", path, "-o", "typed.csv")
-    k, nu = columns_of("typed.csv", "stiffness", "frequency")
-    assert (k.tolist(), nu.tolist()) == (stiffness, frequency)
-    assert Path("typed.csv").read_text().splitlines()[0].count("stiffness") == 1
+@pytest.mark.parametrize("case", CASES)
+def test_a_table_beside_a_rig_is_kept_with_its_units_and_run_again(case, unpainted):
+    rig_alone, columns, others = CASES[case]
+    path = run_sweep(load(f"{rig_alone}points: {columns}\n"), "table.h5")
+    accepted("export", path, "-o", "table.csv")
+    head = Path("table.csv").read_text().splitlines()[0].split(",")
+    assert len(set(head)) == len(head) and not {"omega", "h", "f", "p", "clearance"} & {*head}
+    for name, values in {**columns, **others}.items():
+        if name not in ("omega", "h"):
+            assert columns_of("table.csv", name)[0].tolist() == values
     accepted("run", path, "-o", "again.h5", "--quiet")
     with open_sweep(path) as one, open_sweep("again.h5") as other:
         assert one["poincare_x"].values.tobytes() == other["poincare_x"].values.tobytes()
-        assert other["stiffness"].values.tolist() == stiffness
-    assert "stiffness" in accepted("info", path) and "N/m" in accepted("info", path)
-    planned = accepted("run", path, "-o", "dry.h5", "--dry-run")
-    assert "stiffness = 7999.3 .. 8100.7 [N/m], 3 values" in planned
-    accepted("plot", path, "--axis", "stiffness", "--quantity", "impulse", "-o", "typed.png")
-
-
-@pytest.mark.slow
-def test_results_are_those_of_the_mass_of_their_row(unpainted):
-    """A mass twice as large at the same h, p and f of the model has twice the impulse."""
-    table = (
-        "points: {mass: [0.5, 1.0], stiffness: [8000, 16000], damping: [4, 8], force: [8, 16]}\n"
-    )
-    path = run_sweep(load(f"rig: {{gap: {GAP}, R: {R}, frequency: 36}}\n" + table), "mass.h5")
-    accepted("export", path, "-o", "mass.csv")
-    names = "mass", "stiffness", "force", "impulse", "energy_lost"
-    mass, k, force, impulse, energy = columns_of("mass.csv", *names)
-    assert (mass.tolist(), k.tolist()) == ([0.5, 1.0], [8000.0, 16000.0])
-    assert force.tolist() == [8.0, 16.0]
-    assert impulse[0] > 0.0 and impulse[1] == 2.0 * impulse[0] and energy[1] == 2.0 * energy[0]
-    accepted("plot", path, "--axis", "mass", "--quantity", "impulse", "-o", "mass.png")
-    accepted("run", path, "-o", "mass2.h5", "--quiet")
-    with open_sweep(path) as one, open_sweep("mass2.h5") as other:
-        assert one["poincare_x"].values.tobytes() == other["poincare_x"].values.tobytes()
-        assert other["mass"].values.tolist() == [0.5, 1.0] and other["mass"].units == "kg"
-        panel = plotting.table_panels(one, axes=["mass"], quantity="impulse").axes[0]
-    assert panel.get_xlabel().endswith("[kg]")
-    assert panel.get_title(loc="left").endswith("[N\N{NO-BREAK SPACE}s]")
-    fixed = run_sweep(load(f"rig: {{stiffness: 8000, damping: 4, force: 8, gap: {GAP}, R: {R}, "
-                           "frequency: 36}\npoints: {mass: [0.5, 0.6]}\n"), "fixed.h5")  # fmt: skip
-    accepted("export", fixed, "-o", "fixed.csv")
-    k, c, force = columns_of("fixed.csv", "stiffness", "damping", "force")
-    assert (k.tolist(), c.tolist(), force.tolist()) == ([8000.0] * 2, [4.0] * 2, [8.0] * 2)
-    assert "mass = 0.5 .. 0.6 [kg], 2 values" in accepted("info", fixed)
-
-
-@pytest.mark.slow
-def test_a_table_beside_a_rig_is_read_in_si_units():
-    table = "points: {omega: [100, 200, 250], h: [4, 4, 3], serial: [7, 8, 9]}\n"
-    text = JOINT.replace(f"damping: {DAMPING}, ", "").replace(
-        ", frequency: {start: 22, stop: 41, num: 39}", ""
-    )
-    path = run_sweep(load(text + table), "table.h5")
-    accepted("export", path, "-o", "table.csv")
-    head = "point,mass,damping,R,frequency,force,stiffness,gap,base,x0,v0,phase,serial,"
-    assert Path("table.csv").read_text().startswith(head + "impacts_per_period,")
-    nu, c, serial, x0 = columns_of("table.csv", "frequency", "damping", "serial", "x0")
-    assert nu.tolist() == [omega / (2.0 * math.pi) for omega in (100, 200, 250)]
-    assert (c.tolist(), serial.tolist(), x0.tolist()) == ([4, 4, 3], [7, 8, 9], [0, 0, 0])
-    with open_sweep(path) as ds:
-        figure = plotting.table_panels(ds, quantity="impulse")
-        assert ds["omega"].values.tolist() == [100, 200, 250]
-    assert figure.axes[0].get_xlabel().endswith("[Hz]")
+        for name, values in columns.items():
+            assert one[name].values.tolist() == other[name].values.tolist() == values
+        figure = plotting.table_panels(one, quantity="impulse")
     assert figure.axes[0].get_title(loc="left").endswith("[N\N{NO-BREAK SPACE}s]")
-    offsets = figure.axes[0].collections[0].get_offsets()
-    assert np.asarray(offsets)[:, 0] == pytest.approx(nu)
+    if case == "mass":  # twice as large at the same h, p and f of the model: twice the impulse
+        assert figure.axes[0].get_xlabel().endswith("[kg]")
+        impulse, energy = columns_of("table.csv", "impulse", "energy_lost")
+        assert impulse[1] == 2.0 * impulse[0] > 0.0 and energy[1] == 2.0 * energy[0]
+    if case == "typed":
+        with open_sweep(path) as dataset:
+            assert dataset["p"].values.tolist() == [
+                math.sqrt(k / MASS) for k in columns["stiffness"]
+            ]
+        planned = accepted("run", path, "-o", "dry.h5", "--dry-run")
+        assert "stiffness = 7999.3 .. 8100.7 [N/m], 3 values" in planned
+        assert "stiffness = 7999.3 .. 8100.7 [N/m], 3 values" in accepted("info", path)
+        accepted("plot", path, "--axis", "stiffness", "--quantity", "impulse", "-o", "typed.png")
