@@ -136,6 +136,14 @@ def put_repetition(found, sections, m, off, multiplier, q):
 
 
 @jit
+def put_free(found, pt, x, v, steady, size):
+    """Write that a motion goes from a section to the free oscillation."""
+    off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
+    found.m, found.q, found.x, found.v = 1, 0, steady[0], steady[1]
+    found.multiplier, found.distance, found.evidence = free_multiplier(pt), off, _FREE
+
+
+@jit
 def judge(flow, y, w, m, size, found):
     """Judge the orbit of m periods near a motion; return whether the motion goes there.
 
@@ -268,20 +276,21 @@ def find_exact(pt, sections, sums, scheme, memory, found):
     last = sections.shape[0] - 1
     x, v = sections[last, 0], sections[last, 1]
     steady = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
-    free = pt.h > 0.0 and excess(pt, x, v, steady) < 0.0
+    bounded = pt.h > 0.0 and steady[2] < pt.clearance
+    free = bounded and excess(pt, x, v, steady) < 0.0
     if not free and put_cycle(found, sections, sums, scheme, memory, pt):
         return
     size = size_of(sections, pt, False)
+    if free:
+        put_free(found, pt, x, v, steady, size)
+        return
     near_repetitions(sections, size, memory.tried)
-    bounded = pt.h > 0.0 and steady[2] < pt.clearance
     cycle = sums.cycle if sums.cycle > 0 else last_return(sections)
     if not bounded and cycle == 0 and memory.tried[MOST_REPETITIONS - 1] == 0:
         return
     flow = flow_of(pt, grid, memory.scratch, memory.passed)
-    if bounded and (free or stays_free(flow, x, v, steady)):
-        off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
-        found.m, found.q, found.x, found.v = 1, 0, steady[0], steady[1]
-        found.multiplier, found.distance, found.evidence = free_multiplier(pt), off, _FREE
+    if bounded and stays_free(flow, x, v, steady):
+        put_free(found, pt, x, v, steady, size)
         return
     y, w = section_state(pt, sections, last)
     if cycle > sums.cycle:

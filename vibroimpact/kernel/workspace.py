@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import inlined, jit, lowest_bit, not_negative, specialised
+from vibroimpact.jit import inlined, jit, lowest_bit, not_negative, specialised, widest_vectors
 from vibroimpact.kernel.record import Record
 from vibroimpact.step.contact import Scratch, time_to_release
 from vibroimpact.step.propagator import Propagator
@@ -175,10 +175,11 @@ def any_is_recorded(lanes, size):
 @jit
 def any_is_watched(lanes, size):
     """Whether the reach of any of the first lanes is watched."""
-    for i in range(size):
-        if lanes[LEAST + i] > -math.inf:
-            return True
-    return False
+    widest_vectors()
+    watched = False
+    for i in range(min(size, LANES)):  # to the end: so LLVM vectorises it
+        watched |= lanes[LEAST + i] > -math.inf
+    return watched
 
 
 @jit
