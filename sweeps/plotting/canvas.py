@@ -113,7 +113,7 @@ class Picture(Figure):
     def add_title(self, text: str) -> None:
         """Put a title above the panels, for which the figure becomes higher."""
         title = self.suptitle(text, wrap=True)
-        refuse_undrawable("title", title)
+        fit_text("title", title)
         self.set_figheight(self.get_figheight() + title.get_window_extent().height / self.dpi)
 
     def set_height(self) -> None:
@@ -176,10 +176,12 @@ class Picture(Figure):
         self.set_figheight(max(self.get_figheight() + taken, least))
 
 
-def refuse_undrawable(name: str, text: Text) -> None:
-    """Refuse a text that matplotlib cannot draw."""
+def fit_text(name: str, text: Text) -> None:
+    """Refuse a text that matplotlib cannot draw; write one with too long a word smaller."""
     try:
-        text.get_window_extent()
+        box, page = text.get_window_extent(), figure_of(text).bbox
+        if (excess := max(box.width / page.width, box.height / page.height)) > 1.0:
+            text.set_fontsize(0.8 * float(text.get_fontsize()) / excess)
     except (TypeError, ValueError, RecursionError):
         raise Refused(
             f"{name} = {shortened(repr(text.get_text()))} is not allowed; expected: a text with "
@@ -199,7 +201,7 @@ def _set_labels(panel: Axes, page: Page) -> None:
         for each in panels or [panel]:
             axis = each.xaxis if name == "xlabel" else each.yaxis
             axis.set_label_text(text, wrap=True)
-            refuse_undrawable(name, axis.label)
+            fit_text(name, axis.label)
 
 
 def width_of(page: Page) -> float:
@@ -300,11 +302,13 @@ def _shows_data(panel: Axes) -> bool:
 
 
 def refuse_gap(panel: Axes, page: Page) -> None:
-    """Refuse limits of a page that show nothing of the data; name the values beside one range."""
+    """Refuse limits that show nothing of the data; name the values beside one range of a page."""
     limits = {"xlim": page.xlim, "ylim": page.ylim}
     panels = [panel] if page.ylim else panel.get_shared_x_axes().get_siblings(panel)
-    if not any(limits.values()) or any(map(_shows_data, panels)):
+    if any(map(_shows_data, panels)):
         return
+    if not any(limits.values()):
+        raise Refused("there is nothing to draw within the limits of ax")
     ranges, points = list[str](), points_in(panel)
     values = np.unique(points[np.isfinite(points).all(axis=1)][:, int(page.xlim is None)])
     for name, ends in limits.items():
@@ -362,7 +366,8 @@ def finish(
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
     handles = [handle for handle in handles if is_seen(handle)] if page.legend else []
-    refuse_gap(panel, page)
+    if page.xlim or page.ylim or not isinstance(figure, Picture):
+        refuse_gap(panel, page)
     _set_labels(panel, page)
     if isinstance(figure, Picture):
         text = title_of(part, record) if page.title is None else page.title

@@ -182,7 +182,8 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
         elif norm(0.0) == 0.5 and not grey:
             ramp = _SIGNED_DOTS if dots else _SIGNED
         if not any(cell.where.any() for cell in cells[1:]) and cells[0].where.all():
-            raise Refused(f"there is nothing to draw: {name} is 0 at every point")
+            none = " or has no value" if np.isnan(numbers).any() else ""
+            raise Refused(f"there is nothing to draw: {name} is 0{none} at every point")
         values = np.ma.masked_where(~has_value, numbers)
     if dots:
         cells = [

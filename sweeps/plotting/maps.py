@@ -189,8 +189,11 @@ def draw_cells(panel: Axes, cut: OpenedSweep, cells: Iterable[Cells]) -> None:
 
     The dimensions of ``status`` in the cut must be the ordinate and the abscissa, both increasing.
     """
-    for axis, name in zip((panel.yaxis, panel.xaxis), cut.grid, strict=True):
+    x, y = _edges_of(cut)
+    for axis, name, edges in zip((panel.yaxis, panel.xaxis), cut.grid, (y, x), strict=True):
         labels.label_axis(axis, cut[name])
+        labels.set_ends(axis, edges[0], edges[-1])
+    panel.update_datalim([(x[0], y[0]), (x[-1], y[-1])])  # also without a cell
     status = cut["status"].values
     cells = [cell for cell in cells if cell.where.any()]
     index = np.full(status.shape, -1)
@@ -244,7 +247,4 @@ def _draw_mesh(
     colours: str | Colormap,
 ) -> None:
     """Draw one cell per point of a cut, except where `values` are masked."""
-    edges = _edges_of(cut)
-    panel.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=True)
-    for axis, ends in zip((panel.xaxis, panel.yaxis), edges, strict=True):
-        labels.set_ends(axis, ends[0], ends[-1])
+    panel.pcolormesh(*_edges_of(cut), values, norm=norm, cmap=colours, rasterized=True)

@@ -227,8 +227,13 @@ def _is_beside(value: object) -> bool:
 
 def _are_panels(value: object, panels: Collection[int]) -> bool:
     several = [*value] if isinstance(value, Sequence | np.ndarray) else [value]
-    straight = (isinstance(one, Axes) and one.name == "rectilinear" for one in several)
-    return len(several) in panels and all(straight)
+    return len(several) in panels and all(map(_is_panel, several))
+
+
+def _is_panel(value: object) -> bool:
+    if not isinstance(value, Axes) or value.figure is None:  # None if it was removed
+        return False
+    return value.name == "rectilinear" and value.bbox.width * value.bbox.height > 0.0
 
 
 #: What the arguments of pictures may be, besides those of all functions of a sweep.
@@ -263,7 +268,7 @@ def styled(
     """
     panel = "a panel" if max(panels) == 1 else f"{' or '.join(map(str, panels))} panels"
     of_panels = Allowed(
-        lambda value: _are_panels(value, panels), f"{panel} of matplotlib with two straight axes"
+        lambda value: _are_panels(value, panels), f"{panel} of a figure, with two straight axes"
     )
 
     @takes_sweep({**PICTURE_ARGUMENTS, "ax": of_panels})

@@ -291,7 +291,7 @@ def table_panels(
     if ax is None:  # the panels share the ordinate, whose label may not fit beside one of them
         if page.ylabel is not None:
             heading.set_text(page.ylabel)
-        canvas.refuse_undrawable("ylabel", heading)
+        canvas.fit_text("ylabel", heading)
         page = replace(page, ylabel=None)
     numbers = [number_at(sweep, name) for name in abscissas]
     places = list(zip(grid, abscissas, numbers, strict=True))

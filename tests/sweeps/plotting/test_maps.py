@@ -242,10 +242,22 @@ def test_requests_that_do_not_fit_are_refused(tmp_path, options, message):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_quantity_that_is_zero_everywhere_is_no_picture():
-    dataset = equal_points(max_penetration={...: 0.0})
-    with pytest.raises(Refused, match="max_penetration is 0 at every point"):
-        parameter_map(dataset, quantity="max_penetration")
+def test_a_quantity_without_values_is_no_picture():
+    dataset = equal_points(max_penetration={...: 0.0}, slowest_impact={...: np.nan})
+    for name, words in {"max_penetration": "0", "slowest_impact": "0 or has no value"}.items():
+        with pytest.raises(Refused, match=f"{name} is {words} at every point"):
+            parameter_map(dataset, quantity=name)
+    with pytest.raises(Refused, match="no point has a value of slowest_impact"):
+        bifurcation(dataset, below=["max_penetration", "slowest_impact"])
+    bifurcation(dataset, below="max_penetration")
+
+
+def test_a_map_of_nothing_yet_has_the_axes_of_the_sweep():
+    computed, pending = equal_points(), equal_points(status={...: Status.PENDING})
+    for page in (Page(), Page(xlim=(2.0, 2.6))):
+        panels = [parameter_map(points, page=page).axes[0] for points in (computed, pending)]
+        ends = [(panel.get_xlim(), panel.get_ylim()) for panel in panels]
+        assert ends[0] == ends[1] != ((0.0, 1.0), (0.0, 1.0))
 
 
 def test_a_partial_sweep_is_drawn(tmp_path, stop_after):

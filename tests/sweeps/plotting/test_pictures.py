@@ -393,9 +393,24 @@ def test_a_panel_whose_axes_are_not_straight_is_refused(dataset, kind, projectio
     panels = Figure().subplots(1, 3, subplot_kw={"projection": projection})
     ax = panels if kind == "trajectory" else panels[0]
     with pytest.raises(
-        Refused, match=r"ax = .* is not allowed; expected: .*with two straight axes"
+        Refused, match=r"ax = .* is not allowed; expected: .*, with two straight axes"
     ):
-        plotting.KINDS[kind].draw(dataset, at={}, ax=ax)
+        plotting.KINDS[kind].draw(dataset, ax=ax)
+
+
+@pytest.mark.filterwarnings("ignore:Data has no positive values")
+def test_a_panel_that_would_show_nothing_is_refused(dataset):
+    removed, log, elsewhere = Figure().subplots(3)
+    flat = removed.figure.add_axes((0.1, 0.1, 0.0, 0.5))
+    removed.remove()
+    log.set_yscale("log")  # of displacements in front of the stop
+    elsewhere.set_xlim(5.0, 6.0)
+    for panel in (removed, flat):
+        with pytest.raises(Refused, match=r"ax = .* is not allowed; expected: a panel of a figure"):
+            plotting.parameter_map(dataset, ax=panel)
+    for panel in (log, elsewhere):
+        with pytest.raises(Refused, match="nothing to draw within the limits of ax"):
+            plotting.bifurcation(dataset, ax=panel, page=Page(marks=False))
 
 
 def test_a_height_that_leaves_nothing_of_the_panels_is_refused(dataset):

@@ -9,7 +9,7 @@ from matplotlib.mathtext import MathTextParser
 
 from sweeps import load_config
 from sweeps.errors import Refused
-from sweeps.plotting import Page
+from sweeps.plotting import Page, bifurcation
 from sweeps.plotting.canvas import Picture
 from sweeps.plotting.labels import method_text
 from tests.helpers.commands import call
@@ -91,6 +91,17 @@ def test_a_title_names_the_method_unless_it_is_exact():
     parts = ["newmark", "impact rule reduced-step", "120 steps per period"]
     assert [part.replace("\N{NO-BREAK SPACE}", " ") for part in named] == parts
     assert method_text(load_config({**NEWMARK, "method": {}}).sweep.spec) == []
+
+
+def test_a_word_that_is_too_long_for_a_picture_is_small(random_sweep, with_layout):
+    dataset, word = random_sweep({"omega": OMEGA}, name="x" * 200), "w" * 99
+    figure = bifurcation(dataset, page=Page(xlabel=word, ylabel=f"a {word}"))
+    figure.draw_without_rendering()
+    (panel,) = figure.axes
+    for text in (figure._suptitle, panel.xaxis.label, panel.yaxis.label):
+        box = text.get_window_extent()
+        assert (box.min >= 0.0).all() and (box.max <= figure.bbox.max).all()
+    assert figure.get_suptitle().startswith("x" * 200)
 
 
 @pytest.mark.slow
