@@ -247,7 +247,7 @@ def test_a_quantity_without_values_is_no_picture():
     for name, words in {"max_penetration": "0", "slowest_impact": "0 or has no value"}.items():
         with pytest.raises(Refused, match=f"{name} is {words} at every point"):
             parameter_map(dataset, quantity=name)
-    with pytest.raises(Refused, match="no point has a value of slowest_impact"):
+    with pytest.raises(Refused, match="no point has a finite value of slowest_impact"):
         bifurcation(dataset, below=["max_penetration", "slowest_impact"])
     bifurcation(dataset, below="max_penetration")
 
