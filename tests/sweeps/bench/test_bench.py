@@ -119,14 +119,6 @@ def test_the_command_shows_the_speeds_and_writes_them_as_json_and_is_a_gate(monk
     assert "multiply-adds" in below.stdout and "Traceback" not in below.stderr
 
 
-def test_one_core_has_no_speed_up():
-    plain = RECORD["works"]["plain"] | {"periods": {1: 30e6}}
-    text = speed.speed_text(RECORD | {"works": {"plain": plain}})
-    (header,) = [line for line in text.splitlines() if line.startswith("impact rule")]
-    shown = ["impact rule", "steps", "one thread", "computed", "impacts", "alone", "of peak"]
-    assert header.split("  ") == shown
-
-
 # The paper
 
 # Known of the three cases: impacts per period, their speeds, and the order to the letter, which
@@ -156,18 +148,6 @@ def test_the_claim_and_the_orders(measured, name):
     assert case.order["without"] == pytest.approx(1, abs=0.25)
     assert case.order["with"] == pytest.approx(2, abs=0.25)
     assert case.order["to the letter"] == pytest.approx(order, abs=0.25)
-
-
-def test_an_impact_is_lost_without_the_procedure_and_to_the_letter(measured):
-    counts = measured.cases.loc["fully dissipative"].impacts
-    assert counts.to_dict() == {"without": 60, "with": 80, "to the letter": 60, "exact": 80}
-
-
-def test_the_stall_is_before_the_end_of_the_chatter(measured):
-    end = measured.chatter.rests[0, 0]
-    assert end == pytest.approx(12.41264, abs=5e-6)
-    assert measured.stalls[100].stalled_at == pytest.approx(12.114, abs=5e-4)
-    assert measured.stalls[10_000].stalled_at == pytest.approx(12.4103, abs=5e-5)
 
 
 def test_an_impact_that_never_comes_is_an_infinite_error():

@@ -128,13 +128,6 @@ def test_every_large_region_of_a_class_has_a_start():
     assert found == [(6, 5, 0), (2, 7, 1), (25, 20, 0), (20, 29, 1)]
 
 
-def test_a_map_of_starts_has_no_curves(tmp_path):
-    changes = "oscillator.R=0.8", "oscillator.omega.num=2", "start.x0=[-1.0, -0.5]", "follow=null"
-    with open_sweep(run_in(tmp_path, CONFIG, *changes)) as dataset:
-        with pytest.raises(Refused, match="do not depend on x0"):
-            curves(dataset, ["omega", "x0"])
-
-
 MAP = """
 oscillator: {h: 0.02, R: 0.9, clearance: 1.0, f: {start: 0.345, stop: 0.385, num: 16},
              omega: {start: 0.782, stop: 0.80, num: 16}}

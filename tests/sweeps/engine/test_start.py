@@ -18,7 +18,7 @@ from tests.helpers.commands import accepted, refused
 from tests.helpers.configurations import load
 from tests.helpers.kernel_cases import integrated
 from tests.helpers.sweep_files import data, run_and_read, run_in
-from vibroimpact import INTEGRATORS, Oscillator, integrate, one_impact_orbit, simulate
+from vibroimpact import INTEGRATORS, Oscillator, integrate, simulate
 
 OSC = Oscillator(h=0.05, R=0.8, omega=1.3, f=0.4, clearance=0.3, a=0.2)
 CONFIG = """
@@ -200,18 +200,6 @@ oscillator: {h: 0.05, R: 0.8, omega: 2.6, f: 1.0}
 start: {x0: 0.0, v0: [-0.5, 0.3], phase: [0.0, 1.0, 2.5, 6.283185307179585]}
 record: {transient: 0, periods: 6, phase: 1.0, trajectory: {every: 1}}
 """
-
-
-def test_known_orbits_go_on_from_their_states_at_every_phase():
-    """One call has starts before, at and beyond the section; all reach its closed-form state."""
-    orbit = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=2.5, f=1.0))
-    phases = np.linspace(0.0, 6.28, 40)
-    points = np.concatenate([orbit.oscillator.at(*orbit.sections(p)[0], p) for p in phases])
-    found = integrate(points, transient=0, periods=2, phase=2.0)
-    x, v = orbit.sections(2.0)[0]
-    np.testing.assert_allclose(found["poincare_x"], x, atol=1e-12)
-    np.testing.assert_allclose(found["poincare_v"], v, atol=1e-12)
-    np.testing.assert_allclose(found["impact_v"][:, :2], orbit.speeds[0], atol=1e-12)
 
 
 @pytest.mark.parametrize("method", ["{}", "{integrator: rk4, impact: cubic}"])
