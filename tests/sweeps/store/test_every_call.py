@@ -113,7 +113,7 @@ def one_failing(which, error):
         yield made
 
 
-@at_every(7)
+@at_every(3)
 def test_whichever_call_fails_a_resumed_run_loses_nothing(step):
     fill_blocks("whole.h5", plan=FOUR_BLOCKS)
     whole = data("whole.h5")
