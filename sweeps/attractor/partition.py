@@ -178,11 +178,7 @@ def attractors(
     (2, array([0.806, 0.194]))
     """
     for name in ("period", "poincare_x", "poincare_v"):
-        if name not in sweep:
-            raise Refused(
-                f"the file has no {name}, by which attractors are told apart: run the sweep again "
-                f"with {sweep.diagnostics_with('period')}"
-            )
+        sweep.check(name)
     spec = sweep.spec
     index, motions = GridIndex.of(sweep), sweep.motions.ravel()
     followed = on_its_way(motions["regime"], sweep["orbit_distance"].values.ravel())

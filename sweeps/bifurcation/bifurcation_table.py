@@ -141,13 +141,16 @@ def find_bifurcations(
 
     (along,) = sweep.chosen_axes([axis] if axis else [], at, 1, "list of bifurcations")
     data = sweep.isel(sweep.places(at or {}, kept=[along])).sortby(along)
-    sweep.check_diagnostic("period")
+    sweep.check("period")
     others = [name for name in data.grid if name != along]
     data = data.transpose(*others, along)
     is_line = {*others} <= {DIRECTION} and data.sizes[along] > 1 and along not in START_AXES
-    held = data.data[[name for name in ("poincare_x", "poincare_v") if name in data]]
-    last = held.isel({"section": slice(-MOST_MOTIONS, None)}, missing_dims="ignore")
-    changes = keep(explained_changes)(data, along, last if is_line else None, report)
+    sections = None
+    if is_line:
+        for name in ("poincare_x", "poincare_v"):
+            sweep.check(name)
+        sections = data.data[["poincare_x", "poincare_v"]].isel(section=slice(-MOST_MOTIONS, None))
+    changes = keep(explained_changes)(data, along, sections, report)
     columns = {str(name): column.values.tolist() for name, column in changes.items()}
     for side in {"before", "after"} & {*columns}:
         columns[side] = [Label(Regime(regime), m, q) for regime, m, q in columns[side]]

@@ -305,7 +305,7 @@ def curves(
         raise Refused(f"curves are over two swept axes, not {across} alone")
     for axis in (across, up):
         check_axis(axis, sweep[axis].values, "the map")
-    sweep.check_diagnostic("period")
+    sweep.check("period")
     cut = sweep.cut(at, free=[across, up]).sortby([across, up]).transpose(across, up)
     phase = cut.spec.phase
     names = [cut.nomenclature.parameter(axis) for axis in (across, up)]

@@ -13,7 +13,7 @@ from sweeps.errors import Refused
 from sweeps.grid import Grid, block_points
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.store.variables import DIRECTION, VARIABLES, Variable
-from sweeps.text import listed, shown_count
+from sweeps.text import shown_count
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Status
@@ -27,17 +27,10 @@ _STATES_READ = 500_000
 _Values = TypeVar("_Values", xr.DataArray, np.ndarray)
 
 
-def refuse_missing(sweep: OpenedSweep, names: tuple[str, ...]) -> None:
-    """Refuse a file that lacks a variable."""
-    if missing := [name for name in names if name not in sweep]:
-        raise Refused(f"the file has no {listed(missing)}: record it and run the sweep again")
-
-
 def recorded(
     sweep: OpenedSweep, names: tuple[str, ...], at: Selection | None
 ) -> tuple[OpenedSweep, list[np.ndarray]]:
     """Read variables at one point, without padding; refuse a point that has no values."""
-    refuse_missing(sweep, names)
     point = sweep.cut(at)
     columns = np.array([point[name].values for name in names])
     columns = columns[:, np.isfinite(columns).all(axis=0)]
@@ -60,8 +53,8 @@ COORDINATES: Mapping[str, Variable] = {
     "impact_v": VARIABLES["impact_v"],
     "impact_phase": VARIABLES["impact_phase"],
 }
-
-
+#: The results from which coordinates are computed that are not in a file.
+SOURCES = {"poincare_height": "poincare_x"}
 #: What a diagram can have as ordinate: also the extremes of a motion, with one value each.
 ORDINATES: Mapping[str, Variable] = {
     **COORDINATES,

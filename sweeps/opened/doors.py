@@ -59,7 +59,8 @@ def _is_collection(value: object) -> bool:
 
 
 def _are_attractors(value: object) -> bool:
-    return isinstance(value, xr.Dataset) and {"number", "motion", "attractor"} <= set(value)
+    needed = {"attractor", "number", "motion", "m", "q", "section_x", "section_v"}
+    return isinstance(value, xr.Dataset) and needed <= set(value)
 
 
 #: What the arguments of functions of an opened sweep may be, by their names.

@@ -46,6 +46,7 @@ class OpenedSweep:
     in_rig: bool = False  # whether the axes, names and units are those of a rig
 
     def __getitem__(self, name: str) -> xr.DataArray:
+        self.check(name)
         return self.data[name]
 
     def __contains__(self, name: object) -> bool:
@@ -118,13 +119,14 @@ class OpenedSweep:
         axis = self.spec.followed
         return "" if axis is None else self.config.nomenclature.about(axis).symbol
 
-    def values(self, names: Iterable[str]) -> dict[str, np.ndarray]:
-        """Return parameters, swept or not, and those results that are recorded, at every point.
+    def values(self, names: Iterable[str], if_held: Iterable[str] = ()) -> dict[str, np.ndarray]:
+        """Return parameters, swept or not, and results at every point, some only if they are held.
 
         The arrays have the shape of the grid, followed by that of a record.
         """
         points = self.data["status"].sizes
-        held = {name: self.data[name].variable for name in names if name in self.data}
+        names = (*names, *(name for name in if_held if name in self))
+        held = {name: self[name].variable for name in names}
         return {name: each.set_dims({**points, **each.sizes}).values for name, each in held.items()}
 
     @cached_property
@@ -141,8 +143,9 @@ class OpenedSweep:
     @cached_property
     def regimes(self) -> np.ndarray:
         """The `Regime` at every point of a sweep with ``period``."""
-        values = self.values((*OF_REGIMES, "omega"))
-        return regimes_of(values, values["omega"], self.sizes["section"])
+        values = self.values((*OF_REGIMES, "omega"), ["lyapunov"])
+        periods = self.sizes["section"] if "section" in self.sizes else self.spec.periods
+        return regimes_of(values, values["omega"], periods)
 
     @property
     def on_its_way(self) -> np.ndarray:
@@ -165,7 +168,8 @@ class OpenedSweep:
     @property
     def shows_part(self) -> np.ndarray:
         """The mask of the points of which less than a repetition of impacts was kept."""
-        results = self.values(("impacts_per_period", "period", "period_impacts"))
+        classes = ["period", "period_impacts"] if "period" in self else []
+        results = self.values(["impacts_per_period", *classes])
         return shown_in_part(results, self.spec.periods, self.sizes["impact"])
 
     @property
@@ -181,8 +185,8 @@ class OpenedSweep:
         """The results from which the motions are made."""
         from vibroimpact.points.computation import RECORD
 
-        recorded = ("period_impacts", "orbit_x", "orbit_v") if "period" in self else RECORD
-        return self.values(sorted({*OF_REGIMES, *recorded}))
+        classes = (*OF_REGIMES, "period_impacts", "orbit_x", "orbit_v")
+        return self.values(classes if "period" in self else RECORD, ["lyapunov"])
 
     @cached_property
     def motions(self) -> np.ndarray:
@@ -317,21 +321,32 @@ class OpenedSweep:
 
     # What is recorded
 
-    def check_diagnostic(self, name: str, asked: str = "") -> None:
-        """Refuse a file without the diagnostic of a variable from which what is `asked` follows."""
-        diagnostic = VARIABLES[name].diagnostic
-        if name not in self and diagnostic is not None:
-            again = f"run the sweep again with {self.diagnostics_with(diagnostic)}"
+    def check(self, name: str, asked: str = "") -> None:
+        """Refuse a file without a variable from which what is `asked` follows; say how to have it.
+
+        Other names are not checked.
+        """
+        if name not in self and name in VARIABLES:
             follows = f"{asked} follows from {name}, and " if asked not in ("", name) else ""
-            raise Refused(f"{follows}the file has no {name}: {again}")
+            raise Refused(f"{follows}the file has no {name}: {self.to_have(name)}")
 
-    def diagnostics_with(self, diagnostic: str) -> str:
-        """Return the key of a configuration that adds a diagnostic to those of the file."""
-        held = {VARIABLES[str(name)].diagnostic for name in self.data if name in VARIABLES}
-        chosen = ", ".join(name for name in DIAGNOSTICS if name in held | {diagnostic})
-        return f"record.diagnostics: [{chosen}]"
+    def to_have(self, name: str) -> str:
+        """Return how a sweep is run so that its file has a variable."""
+        diagnostic, dimension = VARIABLES[name].diagnostic, VARIABLES[name].dimension
+        key = _KEYS.get(diagnostic) or _KEYS.get(dimension)
+        if diagnostic in DIAGNOSTICS:
+            held = {VARIABLES[str(each)].diagnostic for each in self.data if each in VARIABLES}
+            chosen = [each for each in DIAGNOSTICS if each in held | {diagnostic}]
+            key = f"diagnostics: [{', '.join(chosen)}]"
+        return "run the sweep again" + (f" with record.{key}" if key else "; every run has it")
 
 
+#: The key of ``record`` without which a file lacks variables, by their diagnostic or dimension.
+_KEYS: Mapping[str | None, str] = {
+    "longest": "transient: auto",
+    "impact": "impacts: 64",
+    "sample": "trajectory: {every: 1}",
+}
 #: What messages call the configuration of a file, and its name if it has none.
 _SOURCE = ("its configuration", "sweep")
 

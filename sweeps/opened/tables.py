@@ -165,7 +165,7 @@ def contents(sweep: OpenedSweep) -> str:
     configuration = attributes.pop("configuration")
     impact = str(yaml_mapping(attributes.pop("computation"), "the computation").get("impact"))
     attributes.pop("columns", None)  # shown in another form
-    results = sweep.values((*RESULTS, "omega"))
+    results = sweep.values(["omega"], RESULTS)
     classes = destinations_text(results, results["omega"], sweep.sizes["section"])
     axes = {axis: sweep[axis].values for axis in sweep.grid}
     rig = [name for name in RigConfig.model_fields if name in sweep and not sweep[name].dims]

@@ -11,11 +11,10 @@ from typing import NoReturn
 import numpy as np
 import xarray as xr
 
-from sweeps.config.groups import DIAGNOSTICS
 from sweeps.errors import Refused
-from sweeps.opened.coordinates import COORDINATES, ORDINATES
+from sweeps.opened.coordinates import COORDINATES, ORDINATES, SOURCES
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.store.variables import DIRECTION, VARIABLES, description_in
+from sweeps.store.variables import DIRECTION, description_in
 from sweeps.text import choice_of, listed, near_miss, suggestion
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import has_result
@@ -41,7 +40,7 @@ def numbers_of(sweep: OpenedSweep) -> list[str]:
         and sweep[name].dtype.kind in "biuf"
         and _is_of_points(sweep, sweep[name], "exponent")
     ]
-    follow = [name for name, (sources, _) in _FOLLOWING.items() if sources <= set(held)]
+    follow = [name for name, (sources, _) in _FOLLOWING.items() if set(sources) <= set(held)]
     return list(dict.fromkeys([*held, *follow]))
 
 
@@ -66,8 +65,8 @@ def _peak_to_peak(sweep: OpenedSweep) -> xr.DataArray:
 
 # What follows from variables of the file: from which, and how.
 _FOLLOWING = {
-    MEAN_FORCE: ({"impulse", "rest_fraction"}, _mean_force),
-    PEAK_TO_PEAK: ({"x_min", "x_max"}, _peak_to_peak),
+    MEAN_FORCE: (("impulse", "rest_fraction"), _mean_force),
+    PEAK_TO_PEAK: (("x_min", "x_max"), _peak_to_peak),
 }
 
 
@@ -87,9 +86,8 @@ def with_number(
     further = [DIRECTION] if for_colour and sweep.directions else []
     if name in further:
         return sweep, name
-    needed = "x_min" if name == PEAK_TO_PEAK else name
-    if needed in VARIABLES and VARIABLES[needed].diagnostic in DIAGNOSTICS:
-        sweep.check_diagnostic(needed, name)
+    for needed in _FOLLOWING[name][0] if name in _FOLLOWING else [name]:
+        sweep.check(needed, name)
     available = numbers_of(sweep) + further
     if name not in available:
         problem = f"there is no {name or repr(name)}{suggestion(near_miss(name, available))}"
@@ -150,7 +148,7 @@ def select_line(
 
 def with_coordinate(sweep: OpenedSweep, coordinate: str | None) -> tuple[OpenedSweep, str]:
     """Return the dataset with the requested coordinate, by default the first in the file."""
-    available = [name for name, about in COORDINATES.items() if about.dimension in sweep.data.dims]
+    available = [name for name in COORDINATES if SOURCES.get(name, name) in sweep]
     if coordinate is None:
         coordinate = next(iter([*available, *COORDINATES]))
     if coordinate in available:
@@ -163,6 +161,8 @@ def with_coordinate(sweep: OpenedSweep, coordinate: str | None) -> tuple[OpenedS
         return sweep.over(sweep.data.assign({name: values})), name
     if coordinate not in sweep:
         meant = suggestion(near_miss(coordinate, available))
+        if coordinate in COORDINATES:
+            meant, choice = "", f"{choice}; {sweep.to_have(SOURCES.get(coordinate, coordinate))}"
         raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw{meant}; {choice}")
     if coordinate in numbers_of(sweep):
         choice += f"; {coordinate} can be drawn in a panel below the diagram"
@@ -174,6 +174,17 @@ def refuse_without_branches(coordinate: str) -> None:
     if coordinate not in COORDINATES:
         choice = choice_of([*COORDINATES], "coordinate")
         raise Refused(f"exact branches have no {coordinate}; {choice}")
+
+
+def refuse_other_orbits(
+    exact: xr.Dataset, noun: str, axes: Sequence[str], needed: set[str]
+) -> None:
+    """Refuse exact branches or curves that are over other axes, or of which a part is missing."""
+    if {*exact.coords} != {*axes}:
+        over = listed(map(str, exact.coords))
+        raise Refused(f"the exact {noun} are over {over}, not {listed(axes)}")
+    if missing := sorted(needed - {*exact, *exact.attrs}):
+        raise Refused(f"the exact {noun} have no {listed(missing)}: find them again")
 
 
 def refuse_empty(line: OpenedSweep, coordinate: str) -> NoReturn:

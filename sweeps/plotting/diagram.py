@@ -24,7 +24,6 @@ from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import draw_density, value_range
 from sweeps.plotting.table_points import draw_overlay, read_overlay
 from sweeps.store.variables import DIRECTION, FLAGS
-from sweeps.text import listed
 from vibroimpact.points.regimes import NO_CLASS, has_result
 
 #: More points than this are drawn as a density, because single markers would merge.
@@ -132,14 +131,17 @@ def bifurcation(
     return figure
 
 
+#: What a diagram needs of exact branches, besides the coordinate.
+_OF_BRANCHES = {"branch", "m", "q", "stable", "impact_phase", "range"}
+
+
 def _check_branches(exact: xr.Dataset | None, axis: str, coordinate: str) -> None:
     """Refuse exact branches that a diagram of a coordinate over an axis cannot show."""
     if exact is None:
         return
     contents.refuse_without_branches(coordinate)
-    if {*exact.coords} != {axis}:
-        noun = "branches" if "branch" in exact else "curves, which a map shows,"
-        raise Refused(f"the exact {noun} are over {listed(map(str, exact.coords))}, not {axis}")
+    noun = "branches" if "branch" in exact else "curves, which a map shows,"
+    contents.refuse_other_orbits(exact, noun, [axis], _OF_BRANCHES | {coordinate})
 
 
 def _with_numbers(

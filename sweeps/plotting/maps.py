@@ -15,11 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
-from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas, labels
 from sweeps.plotting.colours import paint_of
-from sweeps.plotting.contents import Wanted, with_number
+from sweeps.plotting.contents import Wanted, refuse_other_orbits, with_number
 from sweeps.plotting.exact_lines import draw_curves
 from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells
@@ -28,7 +27,6 @@ from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.pixels import cell_edges
 from sweeps.plotting.style import CLASSES, ground, hatch_on
 from sweeps.plotting.table_points import draw_overlay, read_overlay
-from sweeps.text import listed
 from vibroimpact.points.regimes import ON_ITS_WAY, RESTING, has_result
 from vibroimpact.status import Status
 
@@ -75,9 +73,8 @@ def parameter_map(
     >>> sweeps.plotting.parameter_map(ds, exact=sweeps.curves(ds)).savefig("map.png")
     """
     abscissa, ordinate = chosen = sweep.map_axes(axes, at)
-    if exact is not None and set(exact.coords) != set(chosen):
-        over = listed(map(str, exact.coords))
-        raise Refused(f"the exact curves are over {over}, not {listed(chosen)}")
+    if exact is not None:
+        refuse_other_orbits(exact, "curves", chosen, {"curve", "m", "q", "special"})
     sweep, name = with_number(sweep, shown_quantity(sweep, quantity))
     points = read_overlay(overlay, sweep, [[abscissa], [ordinate]], name)
     cut = sweep.cut(at, free=chosen).sortby(chosen).transpose(ordinate, abscissa)

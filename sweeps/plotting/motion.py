@@ -42,7 +42,8 @@ def _draw_records(
 
     `set_view` gets the panel, the points drawn and both columns, and sets the ends of the axes.
     """
-    coordinates.refuse_missing(sweep, names)
+    for name in names:
+        sweep.check(name)
     paint, rgba, handles = None, None, list[Artist]()
     if color is None:
         points, columns = coordinates.recorded(sweep, names, at)

@@ -1,5 +1,6 @@
-"""Wrong arguments at every public function: one refusal, in the words of the command line."""
+"""Wrong arguments and partial files at every public function: one refusal, in common words."""
 
+import re
 from itertools import product
 from pathlib import Path
 
@@ -97,6 +98,43 @@ def test_a_path_is_opened(files, opened, door):
             assert found.equals(expected)
     with pytest.raises(sweeps.StoreError, match=r"missing\.h5 does not exist"):
         function("missing.h5")
+
+
+def _refusal(door, dataset):
+    """Return what a function says of a Dataset that lacks something; empty if it takes it."""
+    try:
+        DOORS[door][0](dataset)
+    except Refused as refusal:
+        return str(refusal)
+    return ""
+
+
+#: Functions that take no part of the files, or only begin to draw.
+_OTHER_FILES = ("table_panels", "animate")
+
+
+@pytest.mark.parametrize("door", [door for door in DOORS if door not in _OTHER_FILES])
+def test_what_a_dataset_lacks_is_named_until_it_has_it(opened, door):
+    """Each refusal names a variable; with those that were named the function does its work."""
+    whole = opened[DOORS[door][1]]
+    has = {"status"}
+    while text := _refusal(door, whole[[*has]]):
+        named = re.search(r"the file has no (\w+).*run the sweep again", text)
+        assert named, text
+        assert named[1] not in has
+        has.add(named[1])
+    for name in has - {"status"}:  # also where all others are there
+        text = _refusal(door, whole.drop_vars(name))
+        assert not text or f"no {name}" in text, text
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("door", [door for door in DOORS if door not in _OTHER_FILES])
+def test_any_variable_may_be_left_out(opened, door):
+    whole = opened[DOORS[door][1]]
+    for name in whole.data_vars:
+        text = "" if name == "status" else _refusal(door, whole.drop_vars(name))
+        assert not text or f"no {name}" in text, text
 
 
 AT = ("R=0.8", 3, ["R"], {"R": None}, {"R": [0.7]}, {"R": "0.7"}, {3: 0.7}, {"R": np.nan})

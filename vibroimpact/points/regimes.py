@@ -52,7 +52,7 @@ UNKNOWN, RESTING = Regime.UNKNOWN.word, Regime.REST.word
 #: Regimes of motions that go to no known attractor but chaos.
 NO_CLASS = (Regime.CHAOTIC, Regime.UNKNOWN)
 #: The results that determine a regime.
-OF_REGIMES = ("status", "rest_fraction", "period", "class_evidence", "lyapunov")
+OF_REGIMES = ("status", "rest_fraction", "period", "class_evidence")
 #: What shows that a motion goes to an orbit without rest.
 _WITHOUT_REST = (Evidence.FREE, Evidence.CAPTURED, Evidence.FALLING, Evidence.RELEASED)
 #: Regimes that are classes; of the others the attractor is not known.
@@ -125,8 +125,8 @@ def is_chaotic(lyapunov: np.ndarray, omega: np.ndarray, periods: int) -> np.ndar
 def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:
     """Return the `Regime` of results of any shape (...), from records of `periods` forcing periods.
 
-    The results are those of ``OF_REGIMES``, as in a file: ``lyapunov``, which may be missing, has
-    the shape (..., 2). `omega` is broadcast against them.
+    The results are those of ``OF_REGIMES``, as in a file, and ``lyapunov``, which may be missing,
+    of shape (..., 2). `omega` is broadcast against them.
     """
     status = results["status"]
     rules = [

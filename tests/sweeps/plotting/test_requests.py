@@ -156,7 +156,10 @@ def without_impacts(random_sweep):
         ({"kind": "section", "axes": ["R"]}, "for bifurcation or attractors or map or table only"),
         ({"kind": "section", "exact": True}, "exact = True is not allowed; expected: the result"),
         ({"kind": "section", "quantity": "period"}, "quantity can be chosen for map or table"),
-        ({"kind": "impacts", "color": "period"}, "has no impact_phase, impact_v: record it"),
+        (
+            {"kind": "impacts", "color": "period"},
+            "has no impact_phase: run the sweep again with record.impacts: 64",
+        ),
         ({"kind": "bifurcation", "quantity": "period"}, "a diagram shows it as color or below"),
         ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
         ({"coordinate": "max_penetration"}, "is not a coordinate .*; max_penetration can be drawn"),
