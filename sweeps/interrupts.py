@@ -6,8 +6,6 @@ exception. Therefore, while a sweep runs, the handlers of signals only set a fla
 `check` raises `Cancelled` at known places: between two blocks, while a file is written or verified,
 and while waiting for a result. Work in another thread has a flag of its own, which the kernel reads
 as well.
-
-The command line notes signals even before it imports this file, and `listen` takes them over.
 """
 
 from __future__ import annotations

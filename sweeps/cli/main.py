@@ -1,6 +1,7 @@
 """The command line: its commands, with ``init``, ``schema`` and ``bench``.
 
-Each command imports its modules inside its function, so that ``--help`` answers at once.
+In all files of this room, a command imports its modules inside its function, so that ``--help``
+answers at once.
 """
 
 from __future__ import annotations

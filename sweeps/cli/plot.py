@@ -1,7 +1,4 @@
-"""The command ``plot``: its options, and `draw_picture` of each file.
-
-As in ``main.py``, modules are imported inside the command.
-"""
+"""The command ``plot``: its options, and `draw_picture` of each file."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The commands that read files: ``info``, ``compare``, ``attractors``, ``integrity``, ``export``.
-
-As in ``main.py``, modules are imported inside the commands.
-"""
+"""Commands that read files: ``info``, ``compare``, ``attractors``, ``integrity``, ``export``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The commands ``run`` and ``explore``: a plan, a run, its report; the browser that opens the page.
-
-As in ``main.py``, modules are imported inside the command.
-"""
+"""The commands ``run`` and ``explore``: plan, run and report; the browser that opens the page."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The command ``zoom``: a piece of an axis, computed and drawn.
-
-As in ``main.py``, modules are imported inside the command.
-"""
+"""The command ``zoom``: a piece of an axis, computed and drawn."""
 
 from __future__ import annotations
 

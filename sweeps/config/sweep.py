@@ -1,7 +1,5 @@
 """`SweepConfig`: the groups, the sweep that they describe, and their JSON schema.
 
-The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.PARAMETERS``.
-
 The schema accepts all that the loader accepts. What several keys decide together, only the loader
 refuses. The schema also refuses a number in quotes, which the loader does not see.
 """

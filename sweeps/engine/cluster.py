@@ -408,10 +408,7 @@ def _difference(address: str, there: str, here: str) -> str:
 
 
 def _compute(sweep: Sweep, block: Block, numerics: str) -> Results:
-    """Compute a block on a worker, with all threads of the worker.
-
-    Only one task of a worker computes at a time; its other threads wait and leave it their cores.
-    """
+    """Compute a block on a worker, with all its threads, while no other task of it computes."""
     from distributed import get_worker
 
     from sweeps.engine.executors import compute_block

@@ -42,14 +42,13 @@ def _is_selection(value: object) -> bool:
 
 
 def _are_names(value: object) -> bool:
-    several = isinstance(value, Sequence) and all(isinstance(name, str) for name in value)
-    return isinstance(value, str) or several
+    return isinstance(value, Sequence) and all(isinstance(name, str) for name in value)
 
 
 def _are_classes(value: object) -> bool:
     def is_pair(item: object) -> bool:
-        pair = [*item] if isinstance(item, Sequence) and not isinstance(item, str) else []
-        return len(pair) == 2 and integer(1).fits(pair[0]) and integer(0).fits(pair[1])
+        several = isinstance(item, Sequence) and len(item) == 2
+        return several and integer(1).fits(item[0]) and integer(0).fits(item[1])  # type: ignore[index]
 
     return _is_collection(value) and all(map(is_pair, value))  # type: ignore[call-overload]
 
