@@ -168,20 +168,6 @@ def test_the_folds_of_an_even_orbit_end_at_the_degenerate_flip_of_its_half(case)
         at_degenerate_flip(end, ranges, found, off=1e-9)
 
 
-def test_a_curve_of_folds_ends_at_an_edge_that_comes_before_its_degenerate_flip():
-    """The halves differ by less than a twentieth there, and the flip is beyond the range."""
-    start, (first, (second, low, high)) = even_fold(1)
-    found = bifurcation_curve(start, "fold", first, (second, low, high))
-    at = [point.kind for point in found.special].index("flip")
-    flip, beside = found.special[at].value[1], found.values[(1, -2)[at], 1]
-    edge = flip + 0.01 * (beside - flip)
-    cut = (second, edge, high) if flip < edge else (second, low, edge)
-    short = bifurcation_curve(found.orbit(len(found.values) // 2), "fold", first, cut)
-    assert sorted(point.kind for point in short.special) == ["edge", "graze"]
-    (end,) = [point for point in short.special if point.kind == "edge"]
-    assert end.value[1] == pytest.approx(edge, rel=1e-9)
-
-
 def orbit_of_6_4():
     """Return an orbit whose folds end where its two halves become equal."""
     osc = Oscillator(
@@ -189,21 +175,6 @@ def orbit_of_6_4():
         clearance=-0.027911269810741077,
     )  # fmt: skip
     return periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
-
-
-@pytest.mark.slow
-def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind():
-    """A 6/4 orbit, from which both ends were once the same graze, with the halves swapped."""
-    start = orbit_of_6_4()
-    ranges = ("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)
-    found = bifurcation_curve(start, "fold", *ranges)
-    assert [point.kind for point in found.special] == ["flip", "graze"]
-    assert found.special[0].value == pytest.approx([-0.03049523, 0.90218745], abs=1e-8)
-    assert not orbits_twice(found)
-    for i in range(1, len(found.values) - 1):
-        again = bifurcation_curve(found.orbit(i), "fold", *ranges)
-        assert sorted(point.kind for point in again.special) == ["flip", "graze"]
-        assert not orbits_twice(again)
 
 
 #: Folds of orbits of two periods near a resonance, where the equations of the flights are almost

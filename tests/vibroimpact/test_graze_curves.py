@@ -71,19 +71,6 @@ def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high,
         assert places == pytest.approx(expected, abs=near)
 
 
-def test_the_graze_of_the_free_oscillation_goes_on_as_an_orbit_of_three_periods():
-    """It touches the stop twice between its impacts, to rounding, which is no end."""
-    osc = Oscillator(h=0.02, R=0.8, omega=2.25, f=1.0)
-    stiffness = complex(1.0 - osc.omega**2, 2.0 * osc.h * osc.omega)
-    osc = replace(osc, clearance=1.0 / abs(stiffness))
-    touch = PeriodicOrbit(osc, 3, 0.5 * math.pi + np.angle([-stiffness]), np.zeros(1))
-    found = bifurcation_curve(touch, "graze", ("clearance", 0.01, 40.0), ("omega", 0.4, 4.7))
-    assert [p.kind for p in found.special if p.kind not in ("flip", "fold")] == ["edge", "edge"]
-    clearance, omega = found.values.T
-    product = clearance * np.hypot(1.0 - omega**2, 2.0 * osc.h * omega)
-    np.testing.assert_allclose(product, 1.0, rtol=0, atol=1e-11)
-
-
 def test_a_graze_of_all_impacts_is_that_of_the_free_oscillation():
     """Where 9/2 ends, both its impacts are touches of one oscillation, of amplitude f / |D|."""
     osc = Oscillator(0.1602367594878764, 0.16773159910106636, 7.351284129173936, 1.1977359445134217)
@@ -115,7 +102,7 @@ def test_a_graze_does_not_end_where_its_own_landing_is_left_by_rounding(last, f)
     assert max(ends, key=lambda end: end[0]) == pytest.approx([last, f], abs=1e-12)
 
 
-@pytest.mark.parametrize("m", [1, 2])
+@pytest.mark.parametrize("m", [1, 3])
 @pytest.mark.parametrize("h", [0.0, 0.05])
 @pytest.mark.parametrize(
     ("first", "second"),
@@ -184,44 +171,27 @@ def test_a_graze_that_newtons_method_finds_elsewhere_is_not_the_end_of_a_branch(
     assert graze.value == pytest.approx(expected.value, abs=1e-7)
 
 
-@pytest.mark.parametrize(
-    ("values", "phases", "speeds", "ranges"),
-    [
-        (
-            {"h": 0.09397136038870241, "R": 0.897225519910674, "omega": 1.0679112274635831,
-             "f": 1.0, "clearance": -0.046805682666813675},
-            (1.2411141224550395, 4.7112263048390695, 10.979057750127623),
-            (0.0, 1.4689443321344122, 1.4359842278728046),
-            (("omega", 0.61, 1.77), ("R", 0.69, 1.0)),
-        ),
-        (
-            {"h": 0.07336322554555809, "R": 0.8760726697180561, "omega": 0.7374774926087023,
-             "f": 1.0, "p": 1.1425151123961863, "clearance": 0.7630138730968545},
-            (3.824677972367527, 6.280338273292941, 10.079123596335206, 12.209133830654347),
-            (0.7990778812042152, 0.0, 1.6287415230203897, 0.9667611108875604),
-            (("p", 0.515, 1.485), ("f", 0.69, 1.31)),
-        ),
-    ],
-)  # fmt: skip
-def test_the_grazes_of_two_periods_end_where_both_halves_graze(values, phases, speeds, ranges):
+def test_the_grazes_of_two_periods_end_where_both_halves_graze():
     """From wherever the curve is followed, also if only one half has the touch as an impact.
 
     Without its touch the orbit of 2/3 is 1/1 there, and has its flip in closed form and its graze.
     """
-    start, ends = PeriodicOrbit(Oscillator(**values), 2, np.array(phases), np.array(speeds)), []
+    osc = Oscillator(
+        h=0.09397136038870241, R=0.897225519910674, omega=1.0679112274635831, f=1.0,
+        clearance=-0.046805682666813675,
+    )  # fmt: skip
+    phases = np.array([1.2411141224550395, 4.7112263048390695, 10.979057750127623])
+    speeds = np.array([0.0, 1.4689443321344122, 1.4359842278728046])
+    start, ends = PeriodicOrbit(osc, 2, phases, speeds), []
+    ranges = ("omega", 0.61, 1.77), ("R", 0.69, 1.0)
     whole = bifurcation_curve(start, "graze", *ranges)
     for i in len(whole.values) * np.array([1, 2, 3]) // 4:
         special = bifurcation_curve(whole.orbit(i), "graze", *ranges).special
         (end,) = [point for point in special if point.kind == "graze"]
         ends.append(end.value)
-        if start.q == 3:
-            single = one_impact_orbit(end.orbit.oscillator)
-            assert single.multipliers[0] == pytest.approx(-1.0, abs=1e-6)
-            assert peak(single) == pytest.approx(0.0, abs=1e-6)
-        else:
-            orbit = end.orbit
-            half = PeriodicOrbit(orbit.oscillator, 1, orbit.phases[:2], orbit.speeds[:2])
-            assert half.exists and half.characteristic == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+        single = one_impact_orbit(end.orbit.oscillator)
+        assert single.multipliers[0] == pytest.approx(-1.0, abs=1e-6)
+        assert peak(single) == pytest.approx(0.0, abs=1e-6)
     assert np.ptp(ends, axis=0).max() < 1e-6
 
 

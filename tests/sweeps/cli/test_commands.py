@@ -64,7 +64,6 @@ def test_the_configuration_of_a_file_runs_again(small_file):
 
 @pytest.mark.slow
 def test_units_are_names_only(small_file):
-    """Units change every label and attribute but no number."""
     units = ("--set", "units={length: mm, time: s}", "-o", "named.h5")
     assert "omega = 1.5 .. 3 [rad/s], 5 v" in accepted("run", "sweep.yaml", *units, "--dry-run")
     accepted("run", "sweep.yaml", *units, "--quiet")
@@ -129,7 +128,6 @@ def test_several_values_of_an_axis_in_one_picture(small_file, unpainted):
     accepted("plot", "small.h5", "--kind", "section", *both, "--color", "impulse")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
@@ -205,7 +203,6 @@ def test_several_configurations_are_run_and_drawn_one_after_the_other(folder, un
     assert [plan.split()[1] for plan in plans] == ["small", "other"]
 
 
-@pytest.mark.slow
 def test_several_are_refused_before_any_is_run_or_drawn():
     Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other"))
     Path("wrong.yaml").write_text(CONFIG.replace("h: 0.1", "h: -1"))

@@ -16,8 +16,6 @@ from tests.helpers.commands import SMALL, accepted, call
 from tests.helpers.odd_inputs import BASES, FOLLOWED, FULL, TABLES, damaged, document
 from vibroimpact.status import Status
 
-#: Characters with a meaning in YAML.
-SIGNS = "{}[]:,#&*!|>-'\" \n\th1e"
 #: Parts of the messages about damaged texts.
 DAMAGES = ("not valid YAML: expected", "special characters", "can't decode", "is given twice")
 
@@ -112,15 +110,6 @@ def test_an_odd_environment_is_answered(monkeypatch):
     Path("sweep.yaml").write_text(SMALL)
     accepted("run", "sweep.yaml")
     accepted("plot", "small.h5")
-
-
-@pytest.mark.slow
-def test_any_text_is_answered():
-    for seed in range(20):
-        draw = random.Random(seed)
-        letters = SIGNS if seed % 2 else [chr(draw.randrange(0x110000)) for _ in range(20)]
-        text = "".join(draw.choices(letters, k=draw.randrange(200)))
-        assert answered(text) == 2, repr(text)
 
 
 @pytest.mark.parametrize("base", BASES)

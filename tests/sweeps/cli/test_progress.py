@@ -25,8 +25,6 @@ record: {transient: 20, periods: 4, diagnostics: [period]}
 
 
 class Terminal(io.StringIO):
-    """A stream that says that it is a terminal."""
-
     def isatty(self):
         return True
 
@@ -45,7 +43,6 @@ def impatient(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("work", WORKING)
 def test_a_command_says_in_one_line_what_takes_long(starts, impatient, monkeypatch, work):
-    """In a file or a pipe."""
     module, name = work.rsplit(".", 1)
     original, say = getattr(__import__(module, fromlist=[name]), name), common.say
     told = threading.Event()

@@ -90,7 +90,6 @@ def test_a_picture_that_cannot_be_drawn(small_file, arguments, parts):
         assert part in message
 
 
-@pytest.mark.slow
 def test_a_cut_off_the_grid_is_told(small_file, unpainted):
     result = call("plot", "small.h5", "--at", "clearance=0.06")
     assert (result.exit_code, result.stdout) == (0, "small-clearance-0.06.png\n")

@@ -46,7 +46,6 @@ def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_plann
     np.testing.assert_array_equal(drawn, same)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pieces", "reason"),
     [
@@ -119,7 +118,6 @@ def test_a_zoom_takes_overrides_as_a_run_does(small_file, unpainted):
 
 
 def test_every_zoom_has_a_name_of_its_own(small_file):
-    """By the whole keys; a later override of a key replaces the earlier one."""
 
     def named(file, *overrides):
         chosen = [word for text in overrides for word in ("--set", text)]
@@ -148,7 +146,6 @@ def test_a_piece_of_a_logarithmic_axis_is_logarithmic(small_file, unpainted):
         np.testing.assert_allclose(piece["omega"], np.geomspace(2.0, 4.0, 5), rtol=1e-15)
 
 
-@pytest.mark.slow
 def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_file, unpainted):
     accepted("zoom", "small.h5", "omega=0.05:0.1", "-o", "beyond.h5")
     with sweeps.open_sweep("beyond.h5") as beyond, sweeps.open_sweep("small.h5") as small:

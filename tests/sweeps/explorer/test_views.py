@@ -158,7 +158,6 @@ def test_the_numbers_are_those_of_a_run(view, tmp_path):
             np.testing.assert_array_equal(results[name], dataset[name].values)
 
 
-@pytest.mark.slow
 def test_a_change_of_size_labels_the_axes_and_keeps_the_messages(view, tmp_path):
     """Axis labels change the size of a picture, so a finer picture may change it."""
     page = LivePage(Document(), view, tmp_path)

@@ -47,7 +47,7 @@ def every_class(R=(0.8,)):
 
 
 @pytest.mark.parametrize("grey", [False, True])
-@pytest.mark.parametrize("color", ["period", "class_evidence", "status", "lyapunov", "omega"])
+@pytest.mark.parametrize("color", ["period", "class_evidence", "status", "lyapunov"])
 def test_every_dot_has_a_contrast_of_three(grey, color):
     dataset = every_class()
     for i, evidence in enumerate(Evidence):

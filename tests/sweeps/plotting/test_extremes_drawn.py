@@ -85,13 +85,12 @@ def test_the_start_of_a_motion_is_said_where_its_time_stands(rig):
     )
 
 
-@pytest.mark.parametrize("ending", ["tiff", "tif"])
-def test_a_tiff_has_the_pixels_of_the_png_and_its_description(rig, ending):
+def test_a_tiff_has_the_pixels_of_the_png_and_its_description(rig):
     from PIL import Image
 
-    for name in ("a.png", f"a.{ending}"):
+    for name in ("a.png", "a.tiff"):
         accepted("plot", "rig.h5", "--dpi", "60", "--width", "3.4in", "-o", name)
-    with Image.open(f"a.{ending}") as image:
+    with Image.open("a.tiff") as image:
         assert image.mode == "RGB" and image.info["compression"] == "tiff_lzw"
         assert image.info["dpi"] == pytest.approx((60, 60), abs=0.01)
         assert "configuration:" in image.tag_v2[270] and "vibroimpact" in image.tag_v2[305]

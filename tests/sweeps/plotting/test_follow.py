@@ -61,7 +61,6 @@ def test_neither_direction_hides_the_other(dataset):
     assert "followed" not in figure.get_suptitle()
 
 
-@pytest.mark.slow
 def test_an_arrow_leads_from_the_end_of_each_motion_to_the_next(dataset):
     """Up beyond the fold at 1.6504, down below the graze at 1.2861."""
     omega, x = dataset["omega"].values, dataset["poincare_x"].isel(h=0, section=-1)
@@ -159,7 +158,6 @@ def test_colours_tell_the_directions_apart(dataset):
         assert {to_hex(rgba).upper() for rgba in dots.get_facecolors()} == {colour}
 
 
-@pytest.mark.slow
 def test_a_diagram_of_attractors_says_that_both_directions_lead_to_them(dataset):
     title = attractor_diagram(dataset).legends[0].get_title().get_text()
     assert "starts" not in title and title.endswith(r"followed up and down along $\omega$")
@@ -182,7 +180,6 @@ def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
     assert len([m for m in one.axes[0].collections if isinstance(m, QuadMesh)]) == 1
 
 
-@pytest.mark.slow
 def test_exact_branches_over_both_directions_have_a_legend(dataset):
     exact = branches(dataset, classes=[(1, 1)])
     assert bifurcation(dataset, exact=exact, coordinate="impact_v").legends
@@ -210,10 +207,8 @@ def test_the_command_line(path, unpainted):
     told = drawn(*exact).stdout.splitlines()
     assert "1/1" in told[0] and told[-1] == "picture.png"
     several = ("--at", "omega=1.4,1.5")
-    coloured = [(kind, *several) for kind in ("section", "impacts", "trajectory")]
-    coloured += [("bifurcation", "--color", "period")]
-    plain = [(kind,) for kind in ("map", "section", "impacts", "trajectory")]
-    for kind in (*plain, *coloured):  # of one direction, which is said
+    one_way = ("map",), ("section",), ("trajectory", *several), ("bifurcation", "--color", "period")
+    for kind in one_way:  # of one direction, which is said
         assert "direction = up" in drawn("--kind", *kind).stderr, kind
     for kind in (("section", "--color", "direction", "--at", "omega=1.4"), ("attractors",)):
         assert "direction" not in drawn("--kind", *kind).stderr, kind

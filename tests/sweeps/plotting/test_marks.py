@@ -13,7 +13,6 @@ from sweeps.plotting import (
     attractor_diagram,
     basins,
     bifurcation,
-    parameter_map,
     plot,
     section,
     table_panels,
@@ -115,14 +114,6 @@ def test_a_legend_is_that_of_axes_in_the_other_order(draw):
     assert names[0] == names[1]
 
 
-def test_a_map_names_only_what_is_within_the_limits():
-    every = parameter_map(FOUR)
-    assert [text[:3] for text in texts(every)] == ["1/1", "2/1", "unr", "on "]
-    assert texts(parameter_map(FOUR, page=Page(xlim=(1.6, 3.4)))) == ["1/1"]
-    assert texts(parameter_map(FOUR, page=Page(xlim=(3.6, 4.4))))[0] == "2/1"
-    assert texts(parameter_map(FOUR, quantity="lyapunov", page=Page(xlim=(2.0, 4.0)))) == []
-
-
 def test_the_stop_is_named_where_it_is_seen():
     line = FOUR.isel(R=[0])
     figures = [section(line, at={"omega": 2}, page=Page(xlim=ends)) for ends in ((0, 3), (1, 3))]
@@ -189,16 +180,7 @@ def test_the_panels_of_a_table_keep_the_limits(failed):
     assert figure.axes[0].get_xlim() == (2.2, 3)
 
 
-def test_basins_are_named_where_they_are_seen(computed_starts):
-    made = computed_starts()
-    one = Page(xlim=(-2.45, -2.35), ylim=(-2.05, -1.95))  # within a cell
-    (name,), whole = texts(basins(made, page=one)), texts(basins(made))
-    assert len(whole) == 3 and name.endswith("100.0 %")
-    assert name.rpartition(" ")[0].rpartition(" ")[0] in {text.rsplit(" ", 2)[0] for text in whole}
-
-
 def test_basins_have_their_shares_of_the_starts_that_are_seen(computed_starts):
-    """As those of a file with these starts only."""
     made = computed_starts()
     few = made.isel(x0=slice(0, len(made["x0"]) // 2))
     page = Page(xlim=tuple(few["x0"].values[[0, -1]].tolist()))

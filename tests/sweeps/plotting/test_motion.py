@@ -16,7 +16,6 @@ def dataset(tmp_path):
         yield opened
 
 
-@pytest.mark.slow
 def test_a_motion_goes_on_from_the_stored_state(dataset):
     """On the closed-form orbit at omega = 2.3: one impact per period, at its speed."""
     figure = plotting.trajectory(dataset, at={"omega": 2.3, "R": 0.8}, periods=3)

@@ -45,7 +45,6 @@ def own(dataset, **about):
 
 
 def points_of(figure):
-    """Return the points of the first panel and their colours."""
     (marks,) = (c for c in figure.axes[0].collections if len(c.get_offsets()))
     return np.asarray(marks.get_offsets()), marks.get_facecolors()
 
@@ -55,7 +54,6 @@ def legend(figure):
     return {t.get_text(): to_hex(p.get_facecolor()) for t, p in zip(one.texts, one.get_patches())}  # noqa: B905
 
 
-@pytest.mark.slow
 def test_a_quantity_of_ones_own_is_mapped_with_its_label_and_units(dataset):
     figure = parameter_map(dataset, quantity=own(dataset, long_name="thrust", units="kN"))
     mesh = figure.axes[0].collections[0]
@@ -87,7 +85,6 @@ def test_the_mean_force_is_what_holds_the_spring(recorded):
     np.testing.assert_array_equal(below.get_ydata(), drawn[1])
 
 
-@pytest.mark.slow
 def test_the_mean_force_has_no_value_where_the_mass_rests(tmp_path):
     resting = SWEEP.replace("[0.6, 0.8]", "[0.1, 0.8]").replace("start: 2.2", "start: 0.5")
     with open_sweep(run_in(tmp_path, resting)) as points:
@@ -106,7 +103,6 @@ def test_any_variable_of_the_dataset_is_mapped(dataset):
     assert "repeats" in legend(parameter_map(dataset, quantity="class_evidence"))
 
 
-@pytest.mark.slow
 def test_a_variable_given_as_a_dataarray_is_that_of_its_name(dataset):
     one, other = (parameter_map(dataset, quantity=q) for q in ("period", dataset["period"]))
     assert legend(one) == legend(other) and "1/1" in legend(one)
@@ -179,7 +175,6 @@ def test_an_exponent_colours_by_a_bar_and_the_panel_below_alike(dataset):
     assert bright.max() < 2.6  # visible on white paper
 
 
-@pytest.mark.slow
 def test_sections_of_all_points_or_of_those_left_have_the_colours(dataset):
     for draw, names in ((section, ("poincare_x", "poincare_v")),
                         (impacts, ("impact_phase", "impact_v"))):  # fmt: skip
@@ -253,7 +248,6 @@ def test_a_motion_that_failed_is_left_out(dataset):
     assert len(trajectory(broken, color="omega", periods=1).axes[2].lines) == 12
 
 
-@pytest.mark.slow
 def test_recorded_trajectories_are_coloured(recorded):
     figure = trajectory(recorded, color="impulse", at={"R": 0.8})
     first = recorded["trajectory_t"].values[1, 0, 0]

@@ -81,7 +81,6 @@ NARROW = [
     ("map.h5", "bifurcation", {"exact": [(1, 1), (2, 1)], "coordinate": "impact_phase"}),
     ("map.h5", "map", {}),
     ("map.h5", "map", {"quantity": "lyapunov"}),
-    ("map.h5", "trajectory", {"at": {"omega": 2.8}}),
     ("map.h5", "bifurcation", {"color": "impacts_per_period", "below": "lyapunov"}),
     ("map.h5", "section", {"color": "period"}),
     ("starts.h5", "trajectory", {"color": "x0", "at": {"v0": 0.6}}),
@@ -222,7 +221,6 @@ def test_impacts_that_were_not_kept_are_said(tmp_path):
         assert call("export", path, "-o", "a.csv", "--rows", rows).stdout.endswith(f" rows{text}\n")
 
 
-@pytest.mark.slow
 def test_width_title_and_limits_by_the_command(draw):
     arguments = ["--kind", "bifurcation", "--width", "86.36mm", "--title", "A title"]
     assert draw(*arguments, "--xlim", "2.5:3", "--ylim", "-0.5:0").exit_code == 0

@@ -94,7 +94,6 @@ def test_transparent_lines_are_lighter_and_matplotlib_warns_of_nothing(tmp_path,
     assert re.search(r"^0\.6 setgray", (tmp_path / "a.eps").read_text(), re.MULTILINE)
 
 
-@pytest.mark.slow
 def test_the_file_has_a_title_and_its_source_and_no_date(tmp_path, monkeypatch):
     """The same picture gives the same bytes at any time: `time.ctime` is not in it."""
     files = [tmp_path / f"{number}.eps" for number in range(2)]

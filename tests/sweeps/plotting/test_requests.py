@@ -55,7 +55,6 @@ def test_a_picture_is_replaced_whole_or_not_at_all(random_sweep, tmp_path, monke
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "link.png"]
 
 
-@pytest.mark.slow
 def test_a_name_that_the_font_lacks_gives_no_warning(random_sweep, tmp_path):
     plot(random_sweep({"omega": OMEGA}, name="振動 衝突"), tmp_path / "a.png")
 
@@ -73,15 +72,11 @@ def test_powers_of_ten_are_set_as_such(random_sweep):
     ("draw", "options", "is_drawn"),
     [
         (parameter_map, {}, True),
-        (parameter_map, {"quantity": "clearance"}, True),
         (bifurcation, {"axes": ["clearance"]}, True),
         (section, {"at": {"clearance": 1.7e308}}, True),
         (trajectory, {"at": {"clearance": 1.7e308}}, True),
         (bifurcation, {"axes": ["omega"]}, False),
-        (bifurcation, {"at": {"clearance": 1.7e308}}, False),
-        (section, {}, False),
         (section, {"color": "omega", "at": {"clearance": 0.0}}, False),
-        (trajectory, {}, False),
     ],
 )
 def test_what_is_beyond_the_numbers_of_matplotlib_is_refused(random_sweep, draw, options, is_drawn):
@@ -138,14 +133,9 @@ def without_impacts(random_sweep):
     ("options", "message"),
     [
         ({"output": "a.jpg"}, r"a\.jpg must end in one of \.png, \.svg, \.pdf"),
-        ({"output": "a"}, r"must end in one of"),
         ({"output": "missing/a.png"}, r"the folder .*missing of the picture a\.png does not exist"),
         ({"output": "folder.png"}, r"folder\.png is a directory"),
-        ({"kind": ""}, "no picture ''; choose one of"),
         ({"kind": "bifurcaton"}, "no picture 'bifurcaton' .did you mean bifurcation.*choose"),
-        ({"axes": [""]}, "'' is not a swept axis"),
-        ({"coordinate": ""}, "no '' to draw; choose from: poincare_x"),
-        ({"kind": "pie"}, "choose one of bifurcation, attractors, basins, integrity, map, sec"),
         ({"axes": ["h"]}, "h is not a swept axis; the file has R, omega"),
         ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
         ({"axes": ["omega"], "at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
@@ -226,7 +216,6 @@ SHAPES = {
     "map": "oscillator: {h: 0.1, R: [0.7, 0.8], omega: [2.4, 2.6], f: 1.0}\n",
     "followed": "oscillator: {h: 0.1, R: 0.8, omega: [2.4, 2.6], f: 1.0}\n"
     "follow: {axis: omega, direction: both}\n",
-    "starts": FIXED_OSCILLATOR + STARTS,
     "starts over a parameter": FIXED_OSCILLATOR.replace("2.6", "[2.6, 2.7]") + STARTS,
     "table": "points: {omega: [2.4, 2.6, 2.6], x0: [-1, -1, -2], part: [a, b, c]}\n"
     "oscillator: {h: 0.1, R: 0.8, f: 1.0}\n",
@@ -244,7 +233,7 @@ def test_every_command_draws_or_refuses_every_file(shape, blocks, laid_out):
     else:
         fill_blocks("a.h5", blocks, plan=planned(config, 2), results=None)
     for command in (["info"], ["info", "--bifurcations"], ["attractors", "--csv", "a.csv"],
-                    ["integrity", "--csv", "b.csv"], ["export", "-o", "c.csv"], ["plot"],
+                    ["integrity", "--csv", "b.csv"], ["export", "-o", "c.csv"],
                     ["plot", "--exact"], ["plot", "--quantity", "impulse"]):  # fmt: skip
         result = call(*command, "a.h5")
         assert result.exit_code == 0 or result.stderr.count("\n") == 1
@@ -257,8 +246,7 @@ def test_every_command_draws_or_refuses_every_file(shape, blocks, laid_out):
             except Refused as refused:
                 assert "\n" not in str(refused)
     if blocks == 0:
-        assert drawn == {"map": {"map"}, "starts": {"map", "basins", "integrity"},
-                         "starts over a parameter": {"map", "basins", "integrity"},
-                         }.get(shape, set())  # fmt: skip
+        starts = {"map", "basins", "integrity"}
+        assert drawn == {"map": {"map"}, "starts over a parameter": starts}.get(shape, set())
     else:
         assert drawn == {"table", "section", "impacts", "trajectory"}
