@@ -61,32 +61,6 @@ def test_a_branch_has_the_same_special_points_from_wherever_it_is_followed(seed,
     assert followed > count // 2
 
 
-@pytest.mark.slow
-def test_from_any_of_its_points_a_branch_has_its_points_in_order_and_no_orbit_twice():
-    """A located flip may be the point from which the branch is followed, to rounding.
-
-    At the flip in which a branch begins, its orbit is that of half the period.
-    """
-    osc = Oscillator(h=0.042061313697905986, R=0.7280397579828685, omega=6.5, f=1.0)
-    found, checked = branch(one_impact_orbit(osc, 3), "omega", 5.5, 7.5), 0
-    while found.m < 40:
-        flips = [point.orbit for point in found.special if point.kind == "flip"]
-        found = doubled_branch(max(flips, key=lambda orbit: orbit.m), "omega", 5.5, 7.5)
-        for i in range(len(found.values)):
-            again = branch(found.orbit(i), "omega", 5.5, 7.5)
-            if again.m < found.m:
-                assert i == 0
-                continue
-            z = np.column_stack([again.phases, again.speeds, again.values])
-            chords = np.diff(z, axis=0)
-            chords /= np.linalg.norm(chords, axis=1)[:, None]
-            assert np.sum(chords[1:] * chords[:-1], axis=1).min() > 0.9
-            kinds = sorted(point.kind for point in again.special)
-            assert kinds == sorted(["flip"] + [point.kind for point in found.special])
-            checked += 1
-    assert checked > 50
-
-
 def feigenbaum(count):
     found = branch(one_impact_orbit(Oscillator(0.0, 0.8, 2.6, 1.0)), "omega", 2.4, 3.0)
     flip = max((p for p in found.special if p.kind == "flip"), key=lambda point: point.value)

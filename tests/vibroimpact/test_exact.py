@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from tests.helpers import naive
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.step.scheme import default_steps
 
@@ -115,12 +114,6 @@ def test_in_chaos_the_error_grows_with_the_lyapunov_exponent(truth, n):
 
 #: R above which the chatter of omega = 1 is not complete, by h.
 THRESHOLDS = {0.5: 0.4693426554, 0.1: 0.2977071082, 0.0: 0.2495468963}
-
-
-@pytest.mark.parametrize("h", [0.5, 0.1])  # the slow solver has no resonance
-def test_the_slow_solver_has_the_same_thresholds(h):
-    for R, rests in ((THRESHOLDS[h] - 1e-6, True), (THRESHOLDS[h] + 1e-6, False)):
-        assert bool(naive.ExactOrbit(naive.oscillator(h, R, 1.0), 4).rests) == rests
 
 
 @pytest.mark.parametrize(("h", "threshold"), THRESHOLDS.items())

@@ -120,19 +120,6 @@ def test_the_free_motion_in_front_of_a_stop_that_is_switched_off():
     assert (tr.status, tr.x_max, tr.max_penetration) == (Status.CERTIFIED, out["x_max"][0], 0.0)
 
 
-def test_every_way_to_a_free_motion_gives_the_same_bits():
-    """Point after point, in a sweep, and with a transient of its own."""
-    points = random_points(40, 5)
-    record = {"periods": 20, "phase": 0.5}
-    spec = spec_of(points, transient=0, longest=700, impacts=4, **record)
-    swept = compute_points(spec, points, None)
-    for i, point in enumerate(points):
-        way = {"transient": int(swept["transient"][i]), **record}
-        alone = integrate(point[None], **way, steps_per_period=spec.steps_per_period)
-        np.testing.assert_array_equal(alone["poincare_x"][0], swept["poincare_x"][i])
-        np.testing.assert_array_equal(alone["poincare_v"][0], swept["poincare_v"][i])
-
-
 @pytest.mark.parametrize(
     ("changed", "start"),
     [

@@ -99,25 +99,6 @@ def test_a_root_at_the_end():
     assert crossing([-1.0, 1.0 + 1e-15])[0] == pytest.approx(1.0, abs=2e-15)
 
 
-@pytest.mark.parametrize("at", [0.1, 1 / 3, 0.5, 0.77, 0.998])
-@pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-7])
-def test_two_close_roots(at, gap):
-    """-(u - at)^2 + gap^2 / 4 rises through the first; lowered by twice that, it has none."""
-    top = (gap / 2) ** 2
-    with mp.workdps(50):
-        shape = [mp.mpf(-at) * at, 2 * mp.mpf(at), mp.mpf(-1), mp.mpf(0)]
-        for lift in (top, -top):
-            c = np.array([float(q + (lift if k == 0 else 0)) for k, q in enumerate(shape)])
-            u, turn = crossing(c)
-            exact = mp.mpf(c[0]) + mp.mpf(c[1]) ** 2 / (-4 * mp.mpf(c[2]))
-            if exact > 1e-15:
-                root = mp.mpf(c[1]) / 2 - mp.sqrt(exact)
-                assert abs(u - root) <= 1e-16 / math.sqrt(exact) + 2e-16
-            elif exact < -1e-15:
-                assert u == NONE
-                assert turn == pytest.approx(float(exact), abs=3e-16)
-
-
 def test_roots_a_billionth_apart_are_not_jumped():
     """Roots r and r + 1e-9, where coefficients of one allow it: divided by their size, near 0."""
     for r in (1e-6, 1e-5, 1e-4):

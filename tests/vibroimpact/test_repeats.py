@@ -10,9 +10,6 @@ import pytest
 from tests.helpers.kernel_cases import METHODS, one, random_points
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.kernel.integrate import Length, _record, run_points
-from vibroimpact.kernel.lane import move_lane
-from vibroimpact.kernel.threads import new_workspace
-from vibroimpact.kernel.workspace import COEFFICIENTS, ROW
 from vibroimpact.status import Evidence
 from vibroimpact.step.scheme import default_steps, scheme_of
 
@@ -193,25 +190,3 @@ def test_chaos_does_not_come_back():
     assert chaotic.mean() > 0.5
     found = classes_of(points[chaotic], 500, 1500)
     assert (found["m"] == 0).all()
-
-
-def test_a_lane_takes_its_place_with_all_it_has():
-    """It leaves zeros: numbers of a lane without a point would become subnormal and slow."""
-    workspace = new_workspace(0)
-    workspace.lanes[:] = np.arange(workspace.lanes.size)
-    workspace.added[:] = np.arange(workspace.added.size).reshape(workspace.added.shape)
-    for array in (workspace.rows, workspace.points, workspace.sums, workspace.sums_at_mark):
-        array[:] = np.arange(array.size)
-    lanes, rows = workspace.lanes.copy(), workspace.lanes[:COEFFICIENTS].reshape(-1, ROW)
-    added = workspace.added.copy()
-    move_lane.py_func(workspace, 5, 2, True)
-    before = lanes[:COEFFICIENTS].reshape(-1, ROW)
-    np.testing.assert_array_equal(rows[:, 2], before[:, 5])
-    assert not rows[:, 5].any() and not workspace.added[:, :, 5].any()
-    np.testing.assert_array_equal(np.delete(rows, (2, 5), 1), np.delete(before, (2, 5), 1))
-    np.testing.assert_array_equal(workspace.added[:, :, 2], added[:, :, 5])
-    coefficients = workspace.lanes[COEFFICIENTS:].reshape(-1, 8)
-    np.testing.assert_array_equal(coefficients[2], lanes[COEFFICIENTS:].reshape(-1, 8)[5])
-    assert workspace.rows[2] == 5
-    for array in (workspace.points, workspace.sums, workspace.sums_at_mark):
-        assert array[2] == array[5]

@@ -53,24 +53,6 @@ def test_the_spectral_radius_is_that_of_the_slow_implementation(name):
 
 
 @ALL
-def test_a_free_run_grows_beyond_the_limit_alone(name):
-    """From x = -1, far below the stop; so many steps that what grows, grows by far."""
-    zeta = np.array([0.0, 0.1, 0.5, 1.0, 2.0])
-    limit = INTEGRATORS[name].limit(zeta)
-    for share in (0.95, 1.05):
-        points = np.zeros(5, POINT)
-        points["h"], points["p"], points["x0"] = zeta, 1.0, -1.0
-        points["clearance"] = np.finfo(float).max
-        steps = share * np.clip(limit, 0.1, 10.0)
-        points["omega"] = 2.0 * np.pi / (100 * steps)
-        record = {"transient": 0, "periods": 100, "impacts": 0}
-        out = integrate(points, integrator=name, impact="plain", steps_per_period=100, **record)
-        x, v = np.abs(out["poincare_x"]), np.abs(out["poincare_v"])
-        grows = ~(np.maximum(x, v)[:, -1] < 10.0)
-        assert grows.tolist() == ((limit == 0.0) | (np.isfinite(limit) & (share > 1.0))).tolist()
-
-
-@ALL
 def test_the_least_steps_are_stable_and_one_fewer_is_not(name):
     """T = 2 pi / (omega N) where one step a period will do, or thousands."""
     rng = np.random.default_rng(3)

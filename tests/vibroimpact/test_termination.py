@@ -25,20 +25,6 @@ def in_time(*arguments, seconds):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _nothing_hangs():
-    """The decay that once hung ends in a process of its own, before any runs in this one."""
-    in_time("-c", DECAY, seconds=300)
-
-
-DECAY = """
-from vibroimpact import Oscillator
-from vibroimpact import integrate
-for R in (0.8, 0.5):
-    integrate(Oscillator(h=0.5, R=R, omega=1.0, f=0.0).at(-1.0))
-"""
-
-
 # --- steps from states, and calls with arguments, of every magnitude ---
 
 

@@ -41,22 +41,6 @@ def test_a_chatter_ends_in_rest(truth, case, rests, steps, most, better, integra
     assert errors[-1] < errors[0] / better
 
 
-@SHORTENING
-@pytest.mark.parametrize("n", [200, 3200])
-def test_euler_never_comes_to_rest(truth, rule, n):
-    """R = 0.7, over-damped. Euler leaves the stop on a straight line, however slowly.
-
-    So it comes back a step later at about a T, and the sum of the flights to come, 2 R a T /
-    (a (1 - R)) = 4.7 T, is always longer than the step.
-    """
-    orbit = truth["over_h2_stick"]
-    tr = simulate(orbit.oscillator, 4, "euler", rule, n)
-    assert len(tr.rests) == 0
-    for begin, end in orbit.rests:
-        middle = (tr.impact_t > begin) & (tr.impact_t < 0.5 * (begin + end))
-        assert middle.sum() > 0.1 * n * (end - begin) / (2 * orbit.oscillator.forcing_period)
-
-
 THREE = [("rk4", "reduced-step"), ("rk4", "cubic"), ("exact", "exact")]
 
 

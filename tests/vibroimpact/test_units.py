@@ -247,21 +247,3 @@ def test_units_change_no_bit_of_orbits_and_motions(exponents):
         assert_same(orbit_numbers(own, orbit), orbit_numbers(units, other), str(osc))
         any_orbit += 1
     assert one_impact > 0 and any_orbit > 0
-
-
-def test_the_ends_of_a_branch_do_not_depend_on_the_units():
-    """Where a length was compared with a number, the branch ended at an edge for a graze."""
-    osc = Oscillator(
-        h=0.0585364897853838, R=0.09057845515584784, omega=3.4816631286505797, f=1.0,
-        p=1.0378376730974077, clearance=0.05998106233290541,
-    )  # fmt: skip
-    run = simulate(osc, 500)
-    orbit = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), 2)
-    first, second = ("p", 0.5, 1.6), ("p", 0.9, 1.1)
-    for axis in (first, second):
-        found = branch(orbit, *axis)
-        for exponents in ((-30, 0), (-12, 0), (30, 0)):
-            units = NaturalUnits(*exponents)
-            scaled = branch(orbit_out_of(units, orbit), *range_out_of(units, axis))
-            both = branch_numbers(NaturalUnits(0, 0), found), branch_numbers(units, scaled)
-            assert_same(*both, f"{axis} {exponents}")

@@ -2,7 +2,6 @@
 
 import asyncio
 import gc
-import logging
 import os
 import queue
 import signal
@@ -219,17 +218,6 @@ def test_the_missing_extra_is_named(monkeypatch):
     message = refused_run("--dask", "local:1")
     assert "pip install 'vibroimpact[distributed]'" in message
     assert "pip install '.[distributed]'" in message
-
-
-def test_only_the_loggers_of_dask_are_silent():
-    def heard(name):
-        return logging.getLogger(name).isEnabledFor(logging.ERROR)
-
-    before = heard("distributed.client"), heard("distributed.new_module")
-    with clusters._quiet():
-        assert heard("another.package")
-        assert not any(map(heard, ("distributed.client", "distributed.new_module", "asyncio")))
-    assert before == (heard("distributed.client"), heard("distributed.new_module")) == (True, True)
 
 
 @pytest.mark.slow

@@ -85,22 +85,6 @@ def test_opens_with_the_diagram_of_the_configuration_and_asks_no_other_server(wi
     assert window.tab.get_by_text("million periods/s").is_visible()
 
 
-def test_undo_and_redo_of_the_first_zoom(window):
-    page = window.page
-    home = page.view
-    window.wheel(-400.0)
-    window.settle(lambda: page.view.ylim is not None)
-    zoomed, late = page.view, page.diagram.kept
-    window.tool("undo")
-    window.settle(lambda: page.view == home)
-    np.testing.assert_array_equal(window.pixels(), expected(page))
-    # A late picture of the zoom does not fit all points.
-    page.document.add_next_tick_callback(lambda: page.diagram._paint(late, 0.0))
-    window.tool("redo")
-    window.settle(lambda: page.view == zoomed)
-    np.testing.assert_array_equal(window.pixels(), expected(page))
-
-
 def test_wheel_pan_box_back_forward_and_reset(window, caplog):
     page = window.page
     home = page.view

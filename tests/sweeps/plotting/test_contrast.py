@@ -13,7 +13,6 @@ from sweeps.plotting.colours import paint_of
 from sweeps.plotting.exact_lines import without_gaps
 from sweeps.plotting.looks import look_of
 from tests.helpers.equal_points import equal_points
-from tests.sweeps.plotting.test_palette import VISIONS, difference, seen
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Evidence
 
@@ -61,14 +60,6 @@ def test_every_dot_has_a_contrast_of_three(grey, color):
     shown = {to_hex(patch.get_facecolor()) for patch in patches}
     assert len(drawn) >= (3 if color != "status" else 1)
     assert min(map(contrast, drawn | shown)) >= 2.995
-
-
-@pytest.mark.parametrize("vision", VISIONS)
-def test_every_class_has_a_dot_of_its_own(vision):
-    cells = paint_of(OpenedSweep(every_class()), "period", dots=True).cells
-    assert len(cells) == len(KINDS)
-    lab = seen([cell.colour for cell in cells], VISIONS[vision])
-    assert min(difference(*pair) for pair in itertools.combinations(lab, 2)) > 9.9
 
 
 def test_lines_and_dots_in_grey_can_be_seen_on_paper():
