@@ -137,15 +137,7 @@ def _clocked(call):
 
 
 class Race:
-    """Runs one benchmark interleaved with its reference.
-
-    Parameters
-    ----------
-    benchmark : fixture
-        Of pytest-benchmark, with ``cpu_seconds`` as its timer.
-    ratios : list of (str, float, float)
-        Receives the name, the ratio and its limit.
-    """
+    """Runs one benchmark interleaved with its reference, and lists its name, ratio and limit."""
 
     def __init__(self, benchmark, ratios):
         self._benchmark, self._ratios = benchmark, ratios
@@ -153,20 +145,9 @@ class Race:
     def run(self, name, ours, reference=yardstick, *, amount=1.0, of_reference=STEPS, rounds=15):
         """Warm both up, time both in turn, and compare the ratio of the best rounds with the limit.
 
+        `amount` and `of_reference` are the work of a call of each, in forcing periods and steps.
         Other work on the processor can slow down vectors for seconds but not the reference, so a
-        ratio above the limit is measured again, for at most a minute.
-
-        Parameters
-        ----------
-        name : str
-            In ``LIMITS``.
-        ours, reference : callable
-        amount, of_reference : float
-            The work of one call of each, in forcing periods and steps.
-
-        Returns
-        -------
-        The result of `ours`.
+        ratio above the limit is measured again, for at most a minute. Returns the result of `ours`.
         """
         spent = []
 

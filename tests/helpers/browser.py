@@ -48,16 +48,8 @@ def chromium() -> Iterator[Any]:
 class Window:
     """A page in the browser beside the `LivePage` of the server in this process.
 
-    Parameters
-    ----------
-    browser
-        From `chromium`.
-    explorer : Explorer
-    address : str, optional
-        By default the address of the explorer.
-    size : (int, int), optional
-        Small by default, since every pixel is computed, painted and compared, but wide enough for
-        the controls beside the picture.
+    It is small, since every pixel is computed, painted and compared, but wide enough for the
+    controls beside the picture.
     """
 
     def __init__(

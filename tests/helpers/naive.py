@@ -246,17 +246,10 @@ def first_touch(value, slope, grid):
 
 
 class ExactOrbit:
-    """All impacts, rests and sections from t = 0, with estimates of their errors.
+    """All `sections` (x, v, error), `impacts` (t, v, error) and `rests` (start, end) from t = 0.
 
-    Attributes
-    ----------
-    sections : list of (x, v, error)
-    impacts : list of (t, v, error)
-    rests : list of [start, end]
-    graze : float
-        Time at which the orbit first came within `margin` of a graze; inf if it never did.
-    reached : float
-        The final time: the end of the periods, or the time of impact number `most`.
+    ``graze`` is the time at which the orbit first came within `margin` of a graze, inf if it never
+    did; ``reached`` is the end of the periods, or the time of impact number `most`.
     """
 
     def __init__(self, osc, periods, x=0.0, v=0.0, margin=1e-6, shortest=1e-13, most=10**6):

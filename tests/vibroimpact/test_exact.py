@@ -52,9 +52,6 @@ def errors(tr, orbit):
     return sections, impacts, relative(ours, np.minimum(rests, end)).ravel()
 
 
-# --- certified orbits ---
-
-
 @pytest.mark.parametrize("case", PLAIN_CASES)
 @pytest.mark.parametrize("more", [0, 7, 250])
 def test_certified_orbits_to_rounding(truth, case, more):
@@ -107,9 +104,6 @@ def test_in_chaos_the_error_grows_with_the_lyapunov_exponent(truth, n):
     rounding = 1e-15 * max(1.0, (n or 0) / 32)
     assert (found <= 10 * rounding * np.exp(0.40 * np.arange(1, 51))).all()
     assert found[-10:].max() > 1e-10
-
-
-# --- closed forms and tables ---
 
 
 #: R above which the chatter of omega = 1 is not complete, by h.

@@ -17,8 +17,6 @@ from vibroimpact.oscillator import POINT
 from vibroimpact.step.chatter import Launch, short_bounce
 from vibroimpact.step.propagator import coefficients_of
 
-# --- one period in mpmath ---
-
 
 def after_one_period(osc, x, v, most=12):
     """Return the state one forcing period after (x, v) at t = 0; None if impacts are too fast."""
@@ -90,9 +88,6 @@ def test_the_median_error_after_one_period_is_below_1e_15():
     assert np.quantile(errors, 0.9) < 3e-15
 
 
-# --- rests ---
-
-
 @pytest.mark.parametrize("R", [0.1, 0.3, 0.6, 0.8, 0.9])
 @pytest.mark.parametrize(("clearance", "f"), [(-1.5, 1.0), (0.3, 1.0), (40.0, 100.0)])
 def test_the_time_of_rest_does_not_depend_on_the_steps(R, clearance, f):
@@ -106,8 +101,6 @@ def test_the_time_of_rest_does_not_depend_on_the_steps(R, clearance, f):
     for other in rests[1:]:
         np.testing.assert_allclose(other, rests[0], rtol=0.0, atol=1e-13)
 
-
-# --- processors and libraries ---
 
 PROGRAM = """\
 import hashlib

@@ -12,8 +12,6 @@ from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.scheme import default_steps
 
-# --- random points ---
-
 
 @pytest.mark.slow
 def test_random_points_end_decided():
@@ -101,9 +99,6 @@ def test_random_points_are_those_of_the_slow_solver(every, shaken):
         rested += len(rests)
     assert 10 * (grazed + lost) < len(points)
     assert sections > 5 * len(points) and impacts > 10 * len(points) and rested > len(points)
-
-
-# --- constructed grazes ---
 
 
 def graze(rng):
@@ -194,9 +189,6 @@ def test_every_near_graze_of_the_free_oscillation_is_counted(h, share):
             out = integrate(points, transient=0, periods=10, **how)
             np.testing.assert_array_equal(out["near_grazes"], [10, 10, 10, 0, 0])
             assert (out["impacts_per_period"] == 0.0).all()
-
-
-# --- growth ---
 
 
 def test_growth_without_bound_is_the_closed_form():

@@ -58,9 +58,6 @@ def test_orbits_keep_their_class(p, status):
     assert (out["period"], out["period_impacts"]) != (1, 1)
 
 
-# --- in front of a far stop ---
-
-
 def random_points(n, seed):
     """Return points of random oscillators at p = 1 that start near the rest position."""
     rng, points = np.random.default_rng(seed), np.zeros(n, POINT)
@@ -216,9 +213,6 @@ def test_a_class_does_not_depend_on_how_a_run_is_divided(integrator, impact):
         for name in names:
             np.testing.assert_array_equal(once[name], swept[name][rows], err_msg=name)
             np.testing.assert_array_equal(later[name], once[name], err_msg=name)
-
-
-# --- rests on a far stop ---
 
 
 def resting_points(n, seed, low, high):

@@ -25,9 +25,6 @@ from vibroimpact.step.scheme import default_steps
 NONE = -1.0
 
 
-# --- the first root ---
-
-
 def padded(c):
     """Return coefficients from the constant term on, padded with zeros."""
     out = np.zeros(TERMS)
@@ -120,9 +117,6 @@ def test_inflections():
         assert u == pytest.approx(at + 5e-7 ** (1 / 3), abs=1e-10)
     wave = np.polynomial.Chebyshev.basis(11).convert(kind=np.polynomial.Polynomial).coef
     assert crossing(wave - padded([1.01])[: wave.size])[0] == NONE
-
-
-# --- proofs ---
 
 
 def random_step(rng):

@@ -92,9 +92,6 @@ def test_an_absurd_step_is_nan_and_ends():
     assert all(math.isnan(q) for q in exact_map(point(omega=1e200), 1e200).ravel())
 
 
-# --- elementary functions of the compiled code ---
-
-
 def assert_right(function, true, *arguments):
     """Compare with mpmath, to 2^-52 of the size of each result."""
     with mpmath.workdps(40):
@@ -138,8 +135,6 @@ def test_what_is_no_angle_is_no_number():
         assert np.isnan(sin_cos(angle)).all()
 
 
-# --- through impacts, against certified orbits ---
-
 PERIODS = 20
 # The steps at which a method is in its asymptotic range.
 LADDER = {1: (400, 800, 1600, 3200), 2: (100, 200, 400, 800), 4: (100, 200, 400, 800)}
@@ -159,10 +154,6 @@ def orders(integrator, rule):
 def spread(n, count):
     """Return step counts from n to 1.6 n."""
     return np.round(n * np.linspace(1.0, 1.6, count)).astype(int)
-
-
-def slope(steps, errors):
-    return -np.polyfit(np.log(steps), np.log(errors), 1)[0]
 
 
 def error_of_the_state(orbit, integrator, rule, steps):
@@ -193,5 +184,5 @@ def test_the_order_through_impacts_is_the_lower_of_the_two(truth, case, rule, in
     ladder = LADDER_OF_THE_FIRST_ORDER if first else LADDER[order]
     errors = [error_of_the_state(truth[case], integrator, rule, spread(n, 4)) for n in ladder]
     low, high = FITTED[order]
-    assert low < slope(ladder, errors) < high
+    assert low < -np.polyfit(np.log(ladder), np.log(errors), 1)[0] < high
     assert errors[-1] < parts.count(order) * LEFT[order]

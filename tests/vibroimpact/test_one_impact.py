@@ -74,9 +74,6 @@ def closing_error(osc, orbit):
     return max(abs(x - osc.clearance), abs(v - orbit.v)) / max(1.0, orbit.v)
 
 
-# --- existence ---
-
-
 def flight_of(osc, orbit, count=20001):
     """Return x - clearance on samples of the flight between two impacts; not for h = p."""
     flight = naive.ClosedForm(osc, orbit.phase / osc.omega, osc.clearance, -osc.R * orbit.v)

@@ -26,11 +26,6 @@ LIGHT = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)
 FLIP = 2.65888454668484
 
 
-def attractor(osc, periods=300, **start):
-    run = simulate(osc, periods, **start)
-    return float(run.section_x[-1]), float(run.section_v[-1])
-
-
 def beside(osc, n=1, phase=0.0):
     """Return the closed-form one-impact orbit, and a state a little off its section."""
     orbit = one_impact_orbit(osc, n)

@@ -25,9 +25,6 @@ def in_time(*arguments, seconds):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-# --- steps from states, and calls with arguments, of every magnitude ---
-
-
 @pytest.mark.parametrize(
     ("seed", "steps"),
     [pytest.param(1, 2_000, marks=pytest.mark.slow),
@@ -47,25 +44,12 @@ def test_every_call_ends_as_it_is_documented(seed, calls):
     in_time(HOSTILE, seed, calls, seconds=300 if seed == 1 else 3600)
 
 
-# --- free decay ---
-
-
 def bouncing(osc, x0):
     """A free mass with the stop at its equilibrium, h < p, from rest at x0 < 0; by mpmath.
 
     x = x0 e^(-ht) (cos w t + h/w sin w t) up to the first impact; then each flight is
-    -R v e^(-ht)/w sin w t, half a period of the damped motion long.
-
-    Returns
-    -------
-    first : mpf
-        Time of the first impact.
-    speed : mpf
-        Speed before it.
-    half : mpf
-        Time from impact to impact.
-    ratio : mpf
-        Speed of an impact over that of the one before it.
+    -R v e^(-ht)/w sin w t, half a period of the damped motion long. Returns time and speed of the
+    first impact, the time from impact to impact, and the ratio of the speeds of two.
     """
     h, p, R = mp.mpf(osc.h), mp.mpf(osc.p), mp.mpf(osc.R)
     w = mp.sqrt(p * p - h * h)

@@ -100,9 +100,6 @@ def test_an_error_in_any_thread_is_raised(monkeypatch):
         integrate(points(256), transient=5, periods=5, threads=2)
 
 
-# --- interrupts ---
-
-
 @pytest.mark.slow
 @METHODS
 def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator):

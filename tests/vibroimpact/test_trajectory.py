@@ -55,9 +55,6 @@ def test_the_motion_is_that_of_the_slow_implementation(osc, x0, v0, rule, integr
     assert tr.status is DONE[rule]
 
 
-# --- what a trajectory holds ---
-
-
 def test_a_trajectory_holds_every_step_and_both_sides_of_every_impact(rule, integrator):
     """Times never fall; two rows at an impact; sections at the ends of periods."""
     osc = oscillator(0.1, 0.7, 2.3, clearance=0.1)
@@ -168,8 +165,6 @@ def test_a_motion_that_overflows_ends_in_rows_with_a_time_only():
     np.testing.assert_array_equal(np.isnan(v[0]), failed)
     assert t[0][failed][0] < t[0][-1] == t[1][-1]
 
-
-# --- the start, and states between the steps ---
 
 OSC = Oscillator(h=0.05, R=0.7, omega=2.3, f=1.0)
 

@@ -12,9 +12,6 @@ from vibroimpact import Status, simulate
 SHORTENING = pytest.mark.parametrize("rule", ["reduced-step", "cubic"])
 
 
-# --- rest and release ---
-
-
 @SECOND_ORDER
 @pytest.mark.parametrize(
     ("case", "rests", "steps", "most", "better"),
@@ -110,9 +107,6 @@ def test_without_restitution_every_impact_is_rest_while_the_force_presses():
     turns = tr.rests[:, 1] / osc.forcing_period
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-12)
     assert (np.diff(tr.rests.ravel()) > 0.0).all()
-
-
-# --- no stall ---
 
 
 @pytest.mark.parametrize("integrator", ["newmark", "rk4"])

@@ -34,9 +34,6 @@ from tests.helpers.places import ROOT
 pytestmark = [pytest.mark.cluster, pytest.mark.slow]
 
 
-# The command line
-
-
 def command(*arguments):
     """Start the command line like a terminal, in a separate process group."""
     words = [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", "-o", "out.h5", *arguments]

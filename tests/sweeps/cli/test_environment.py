@@ -29,9 +29,6 @@ def process(*arguments, **variables):
     return subprocess.run(command, capture_output=True, text=True, env=variables, timeout=300)
 
 
-# The rest
-
-
 def test_version():
     assert accepted("--version").startswith("vibroimpact")
 
@@ -92,9 +89,6 @@ RUN = "run sweep.yaml -o a.h5"
 def test_a_command_imports_nothing_heavy_that_it_does_not_need(small_file, commands):
     for command, (_, modules) in zip(commands, imported(commands), strict=True):
         assert commands[command] & modules == set(), command
-
-
-# Obstacles from other programs and users
 
 
 def test_what_a_file_says_reaches_the_terminal_escaped():

@@ -22,9 +22,6 @@ from tests.helpers.places import ROOT
 CONFIG = SMALL
 
 
-# Requests that are refused
-
-
 def test_options_that_exclude_each_other_are_told_before_anything_is_read():
     both, told = ("--resume", "--overwrite"), "--resume and --overwrite exclude each other"
     assert told in refused("run", "missing.yaml", *both)
@@ -166,9 +163,6 @@ def test_without_a_command_the_list_of_all_is_shown_whole(group):
     assert (result.exit_code, result.stderr) == (2, accepted(*group, "--help"))
     commands = result.stderr.partition("Commands:\n")[2]
     assert commands.count("\n") >= 4 and "..." not in commands
-
-
-# Commands that are interrupted or fail: exit code 1
 
 
 @pytest.mark.parametrize(

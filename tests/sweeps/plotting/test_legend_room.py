@@ -24,10 +24,6 @@ record: {transient: 300, periods: 64, diagnostics: [period]}
 """
 
 
-def columns(legend):
-    return len({round(text.get_window_extent().x0) for text in legend.get_texts()})
-
-
 def with_legend(labels, title=None, width=3.4):
     figure = Picture(Page(width=width))
     figure.add_subplot()
@@ -41,7 +37,7 @@ def test_a_legend_higher_than_a_fifth_has_two_columns_also_with_long_entries():
     figure = with_legend([*"abcdefgh", *long, *long])
     legend = figure.legends[0]
     box = legend.get_window_extent()
-    assert columns(legend) >= 2
+    assert len({round(text.get_window_extent().x0) for text in legend.get_texts()}) >= 2
     assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1
     words = " ".join(text.get_text().replace("\n", " ") for text in legend.get_texts())
     assert all(one in words for one in long)
