@@ -76,16 +76,14 @@ def drawn(name, *overrides, exact=True):
     sets = [word for override in overrides for word in ("--set", override)]
     file, kept = f"{name}.h5", []
     accepted("run", CONFIGS / f"{name}.yaml", *sets, "-o", file, "--quiet", "--overwrite")
-    arguments = ARGUMENTS[name].split()
-    if not exact:
-        arguments = [word for word in arguments if not word.startswith(("--exact", "--most"))]
+    arguments = ARGUMENTS[name] if exact else re.sub(r"--exact|--most \d+", "", ARGUMENTS[name])
 
     def save(figure, *about):
         kept.append(figure)
         write(figure, *about)
 
     with patch("sweeps.plotting.api.save", save):
-        accepted("plot", file, *arguments, "-o", f"{name}.png")
+        accepted("plot", file, *arguments.split(), "-o", f"{name}.png")
     return words_of(kept[0])
 
 
