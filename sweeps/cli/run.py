@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -78,7 +78,7 @@ def run_command(
     for path in paths:
         check()
         check_output(path, **existing)
-    with client_of(dask, threads, quiet) as client:
+    with client_of(dask, threads) as client:
         if dry_run:
             texts = [
                 planned_text(config, path, threads, client, resume)
@@ -119,13 +119,11 @@ def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = Fal
     return config.model_copy(update={"output": path})
 
 
-@contextmanager
-def client_of(address: str | None, threads: int | None, quiet: bool) -> Iterator[Client | None]:
-    """Yield a client of the cluster at an address, if any, and show the link of its dashboard."""
+def client_of(address: str | None, threads: int | None) -> AbstractContextManager[Client | None]:
+    """Return a context with a client of the cluster at an address, if one is given."""
     if address is None:
-        yield None
-        return
-    from sweeps.engine.cluster import check_address, connected, dashboard
+        return nullcontext()
+    from sweeps.engine.cluster import check_address, connected
 
     with common.named(f"--dask {address}"):
         check_address(address)
@@ -134,10 +132,7 @@ def client_of(address: str | None, threads: int | None, quiet: bool) -> Iterator
             f"--threads {threads} is not allowed with --dask, whose workers use the threads that "
             "they were started with; for N processes of this machine give --dask local:N"
         )
-    with connected(address) as client:
-        if not quiet:
-            common.say(dashboard(client), error=True)
-        yield client
+    return connected(address)
 
 
 def planned_text(

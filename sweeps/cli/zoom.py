@@ -101,7 +101,7 @@ def zoom_command(
     check_picture(figure)
     for line in outside * (not quiet):
         common.say(line, error=True)
-    with run.client_of(dask, threads, quiet) as client:
+    with run.client_of(dask, threads) as client:
         if dry_run:
             common.say(run.planned_text(config, path, threads, client, resume))
             return

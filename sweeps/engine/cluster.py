@@ -26,7 +26,6 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
 from copy import copy
-from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -150,16 +149,6 @@ def _refuse_silence(address: str) -> None:
         if address.startswith("tls:"):
             advice += "; the certificates are those of distributed.comm.tls in Dask's configuration"
         raise Refused(f"no Dask scheduler answers at {address} ({why}); {advice}")
-
-
-def dashboard(client: Client) -> str:
-    """Return the link of the dashboard, or the address of the scheduler if there is no dashboard.
-
-    A scheduler serves a dashboard if bokeh is installed; the scheduler of ``local:N`` serves none.
-    """
-    if client.cluster is None and find_spec("bokeh"):
-        return f"dashboard: {client.dashboard_link}"
-    return f"scheduler: {client.scheduler.address}"
 
 
 @contextmanager
