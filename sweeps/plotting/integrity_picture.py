@@ -313,6 +313,8 @@ def _draw_knock(
     text = f"least knock, {row.name}{place}:" + ("\n" if place else " ")
     text += rf"${size:+.4g}${unit and f' {unit}'} at $\omega t={phase:.4g}$"
     text += ", fractal" if row.measures["knock_fractal"] else ""
+    # matplotlib draws no arrow to a state beyond the limits.
+    text += "" if panel.viewLim.contains(*end) else ", beyond the limits"
     marker = r"$\rightarrow$" if number is None else f"${number}$"
     return Line2D([], [], marker=marker, linestyle="", label=text, **look)
 

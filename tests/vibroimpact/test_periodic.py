@@ -127,6 +127,18 @@ def test_what_newtons_method_ends_at_is_an_orbit_or_refused(seed):
     assert accepted > 5
 
 
+@pytest.mark.parametrize("R", [0.0, 0.5, 1.0])
+def test_impacts_that_meet_at_a_rest_are_those_of_an_orbit(R):
+    """It is x = (3 cos t - cos(t)^3) / 2, which the stop at 1 touches without acceleration."""
+    osc = Oscillator(h=0.0, R=R, omega=3.0, f=1.0, clearance=1.0)
+    for q in (1, 2, 3):
+        orbit = PeriodicOrbit(osc, 3, np.full(q, 1.5 * math.pi), np.zeros(q))
+        assert why_inadmissible(orbit) == "" and orbit.exists
+        assert orbit.x_min == pytest.approx(-1.0, abs=1e-14)
+    parted = PeriodicOrbit(osc, 3, np.full(2, 1.5 * math.pi), np.array([0.0, 0.1]))
+    assert why_inadmissible(parted).startswith("its impacts miss the stop by")
+
+
 def root_near(osc, phases, speeds):
     """Return the root of the impact equations near a guess, and why it is no orbit."""
     family = OrbitFamily(PeriodicOrbit(osc, 1, phases, speeds), ())

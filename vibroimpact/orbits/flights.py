@@ -87,10 +87,12 @@ def _advance(flight, phase, y, u, pt, c):
 @jit
 def _land(flight, theta, v, pt, coefficients, M):
     """Follow a flight from an impact; return x - clearance and x' at its end, and set M."""
+    M[0, 0], M[0, 1], M[1, 0], M[1, 1] = 1.0, 0.0, 0.0, 1.0
     y, u, eq = 0.0, -pt.R * v, flight.eq
+    if not flight.T > 0.0:  # impacts meet at a rest
+        return y, u
     of_y, vv = impulse(eq.of_w, eq.of_y, flight.phase_step)
     xx, xv, vx = vv - eq.of_w * of_y, of_y / pt.omega, eq.of_y * of_y * pt.omega
-    M[0, 0], M[0, 1], M[1, 0], M[1, 1] = 1.0, 0.0, 0.0, 1.0
     for k in range(flight.n):
         y, u = _advance(flight, theta + pt.omega * flight.T * k, y, u, pt, coefficients)
         for j in range(2):
@@ -110,7 +112,7 @@ def residuals(pt, m, X, q):
 
     `pt` are the ``Parameters``, X the unknowns (``unknowns.py``), of which free parameters are
     ignored. F, shape (q, 2), is inf
-    if an impact does not come after the previous one, or if the repetition has more time steps than
+    if an impact comes before the previous one, or if the repetition has more time steps than
     ``MOST_ORBIT_STEPS``. A and B, shape (q, 2, 2), are the derivatives with respect to the impact
     before the flight and the impact after it.
     """
@@ -118,7 +120,7 @@ def residuals(pt, m, X, q):
     coefficients, M = filled(TERMS, 0.0), zero_rows(2, 2)
     in_order = time_steps(pt, m, 0) <= MOST_ORBIT_STEPS
     for i in range(q):
-        in_order = in_order and X[phase_at(i)] < phase_of_landing(m, X, q, i)
+        in_order = in_order and X[phase_at(i)] <= phase_of_landing(m, X, q, i)
     if not in_order:
         for i in range(q):
             for row in range(2):
@@ -239,10 +241,8 @@ def find_penetration(pt, m, X, q):
 @jit
 def _state_at(pt, theta, v, phase):
     """Return x - clearance and x' at a phase after the impact at phase theta with speed v."""
-    tau = (phase - theta) / pt.omega
-    if not tau > 0.0:
-        return 0.0, -pt.R * v
-    return _land(_divide(tau, pt, 1), theta, v, pt, filled(TERMS, 0.0), zero_rows(2, 2))
+    flight = _divide((phase - theta) / pt.omega, pt, 1)
+    return _land(flight, theta, v, pt, filled(TERMS, 0.0), zero_rows(2, 2))
 
 
 @jit

@@ -6,6 +6,7 @@ from matplotlib.colors import same_color, to_hex
 from matplotlib.text import Text
 
 from sweeps import open_sweep
+from sweeps.attractor.integrity import Knock
 from sweeps.plotting import Page
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting.style import CLASSES, INKS
@@ -66,6 +67,22 @@ def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_kno
     assert no_knocks == [0] and len(figure.axes[-1].patches) == 1
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "no disc and no knock for 1 other attractor" in texts
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("grey", [False, True])
+def test_a_knock_that_ends_beyond_the_limits_is_said_to_do_so(ranked, no_knocks, monkeypatch, grey):
+    def named(**limits):
+        options = {"panels": ["basins"], "page": Page(grey=grey, **limits)}
+        figure = draw_integrity(ranked, at={"clearance": 0.6}, **options)
+        texts = [text.get_text() for text in figure.legends[0].get_texts()]
+        return ["beyond the limits" in text for text in texts if "least knock" in text]
+
+    knock = Knock(0.0, -1.0, 0.0, 0.5, 1.0, 0)
+    worst = "sweeps.attractor.integrity._Motions.worst"
+    monkeypatch.setattr(worst, lambda motions, home, limit: knock._replace(x=-1.0 - home))
+    assert named() == [False, True]  # at x = -0.38 and 0.40, where no start is
+    assert named(xlim=(-3.0, -1.0)) == [True, True]
 
 
 @pytest.mark.slow
