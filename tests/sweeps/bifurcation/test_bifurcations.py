@@ -188,10 +188,13 @@ def test_a_window_behind_chaos_is_no_part_of_the_flip_before_it(sweep):
 
 @pytest.mark.slow
 def test_the_arrow_points_where_a_line_was_followed(sweep):
-    oscillator = "h: 0.05, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.7, num: 5}"
+    oscillator = "h: 0, R: 0.8, f: 1, omega: {start: 2.64, stop: 2.73, num: 19}"
     for way, arrow in (("up", "->"), ("down", "<-")):
         path = sweep(oscillator, f"follow: {{axis: omega, direction: {way}}}")
-        assert f"1/1 {arrow} 2/2" in accepted("info", path, "--bifurcations")
+        assert f"1/1 {arrow} 2/2" in (said := accepted("info", path, "--bifurcations"))
+        if way == "up":
+            flips = "2.65334773, 2.71598725, 2.72911792"
+            assert f"cascade: omega = {flips}; ratios of the distances 4.77\n" in said
 
 
 def test_along_a_start_the_basin_changes(sweep):
