@@ -275,9 +275,6 @@ def test_requests_that_do_not_fit_are_refused(sweep, arguments, text):
 SCENES = {
     "no damping": ("h: 0, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.74, num: 15}", 3),
     "impact adding": ("h: 0.5, omega: 1, f: 1, R: {start: 0.5, stop: 0.7, num: 21}", 4),
-    "hysteresis": (
-        "h: 0.05, R: 0.8, f: 1, clearance: 1.5, omega: {start: 1.2, stop: 1.7, num: 26}", 2
-    ),
     "two periods": (
         "h: 0.02, R: 0.9, omega: 0.81, clearance: 1, f: {start: 0.343, stop: 0.37, num: 10}", 8
     ),

@@ -166,10 +166,16 @@ def test_to_yaml_is_complete_and_keeps_the_order():
 # The JSON schema
 
 
-def test_the_schema_accepts_the_example_and_refuses_a_wrong_one():
+@pytest.fixture(scope="module")
+def validator():
+    """Return what an editor asks about a document."""
     schema = json_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
-    validator = jsonschema.Draft202012Validator(schema)
+    assert {"$schema", "$id"} < {*schema}
+    return jsonschema.Draft202012Validator(schema)
+
+
+def test_the_schema_accepts_the_example_and_refuses_a_wrong_one(validator):
     texts = [EXAMPLE, *(path.read_text() for path in CONFIGS.glob("**/*.yaml"))]
     for text in texts:
         validator.validate(yaml.safe_load(text))
@@ -187,11 +193,8 @@ EDGES = (-1.0, -5e-324, 0.0, 5e-324, 0.5, 1.0, 1.0000000000000002, 1.2, 1e300)
 @pytest.mark.parametrize("form", ["{v}", "[0.25, {v}]", "{{start: 0.5, stop: {v}, num: 2}}",
                                   "{{start: {v}, stop: 0.5, num: 2}}"])  # fmt: skip
 @pytest.mark.parametrize("name", [*OscillatorConfig.model_fields, *STARTS])
-def test_the_schema_has_the_bounds_of_every_parameter(name, form):
+def test_the_schema_has_the_bounds_of_every_parameter(validator, name, form):
     """An editor marks a number exactly where the parameter does not allow it."""
-    schema = json_schema()
-    assert {"$schema", "$id"} < {*schema}
-    validator = jsonschema.Draft202012Validator(schema)
     for value in EDGES:
         given = form.format(v=f"{value:.17e}")
         text = oscillator_yaml(**{name: given} if name in OscillatorConfig.model_fields else {})
@@ -226,8 +229,7 @@ MANY = [pytest.param(seed, 2000, marks=pytest.mark.campaign) for seed in range(2
 
 
 @pytest.mark.parametrize(("seed", "count"), [(1, 200), *MANY])
-def test_the_schema_accepts_what_the_loader_accepts(seed, count):
-    validator = jsonschema.Draft202012Validator(json_schema())
+def test_the_schema_accepts_what_the_loader_accepts(validator, seed, count):
     rng, marked, refused = random.Random(seed), 0, 0
     for _ in range(count):
         tree = document(rng, DOCUMENTS)
