@@ -15,8 +15,6 @@ from tests.helpers.commands import accepted, call
 from tests.helpers.motions import cycle, given_sections, partition
 from vibroimpact.status import Status
 
-# The command and the pictures
-
 
 @pytest.mark.slow
 def test_the_table_and_its_file(computed_starts, tmp_path):

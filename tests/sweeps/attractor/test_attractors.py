@@ -18,9 +18,6 @@ def rows_of(dataset):
     return attractor_rows(OpenedSweep(dataset), attractors(dataset))
 
 
-# Comparison with independent numbers
-
-
 def test_the_rest_position_is_the_attractor_where_there_is_no_force():
     """The free oscillation, 1/0, shrinks to this state with the force."""
     record = {"transient": 50, "periods": 32, "diagnostics": ["period"]}
@@ -74,9 +71,6 @@ def test_speeds_are_shown_whatever_room_the_record_has(computed_starts, record):
     by_class = {row.name: row.speeds for row in rows_of(dataset)}
     np.testing.assert_allclose(by_class["1/1"], [1.4225], atol=1e-4)
     np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
-
-
-# Starts that have not settled
 
 
 SLOW = (
@@ -246,9 +240,6 @@ record: {transient: 100, periods: 500}
         assert (dataset["status"] == Status.COMPUTED).all() and (dataset["period"] == 0).all()
         found = attractors(dataset, extensions=1)
     assert found["followed"].all() and (found["attractor"] == -1).all()
-
-
-# Invariance
 
 
 def test_the_order_of_the_starts_changes_names_only(computed_starts):

@@ -47,9 +47,6 @@ def in_a_table(rows):
     return pd.DataFrame(rows, columns=MEASURED_COLUMNS).astype(accuracy._TYPES)
 
 
-# The evaluation of measurements
-
-
 @pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
 def test_the_order_of_a_power_law(order):
     steps = np.array([25, 50, 100, 200, 400, 800])
@@ -103,9 +100,6 @@ def test_means_are_geometric_and_of_all_regular_scenes():
     assert mean.error == pytest.approx(1e-2) and mean.seconds_per_period == pytest.approx(4.0)
     failed = [made(math.nan, 1.0, scene=names[0]), *all_[1:]]
     assert math.isnan(results.means(in_a_table(failed))["error"].item())
-
-
-# Scenes
 
 
 @pytest.mark.parametrize("scene", [*REGULAR, CHATTER_SCENE, GRAZING], ids=lambda scene: scene.name)
@@ -192,9 +186,6 @@ def test_the_points_are_spread_over_the_grid():
     assert len(Grid({}, fixed | {"h": 0.0, "R": 0.0, "omega": 1.0}).spread(64)) == 1
 
 
-# Measurements
-
-
 def test_a_failed_method_is_run_once(monkeypatch):
     """Such a measurement might never end."""
     calls = []
@@ -203,9 +194,6 @@ def test_a_failed_method_is_run_once(monkeypatch):
     plan = Plan(ladder=(50,), rounds=3, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=())
     found = measure_methods(plan)
     assert math.isnan(found["error"].item()) and len(calls) == 1
-
-
-# Peers
 
 
 @pytest.mark.slow
@@ -227,9 +215,6 @@ def test_a_peer_that_is_not_installed_is_left_out(monkeypatch):
     monkeypatch.setitem(PEERS, "absent", ("not_there", None))
     plan = Plan(ladder=(50,), rounds=1, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=("absent",))
     assert set(measure_methods(plan)["impact"]) == {"plain"}
-
-
-# The command
 
 
 @pytest.mark.slow

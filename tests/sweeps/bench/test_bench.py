@@ -14,8 +14,6 @@ from sweeps.bench.paper_cases import paper_picture
 from tests.helpers.commands import call
 from vibroimpact.step.integrators import INTEGRATORS, spectral_radius
 
-# Requests to all benches
-
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
@@ -45,8 +43,6 @@ def test_a_wrong_request_is_refused_before_anything_is_measured(monkeypatch, arg
         assert part in result.stderr
     assert not list(Path().iterdir())
 
-
-# Speed
 
 _KEYS = ("steps", "periods", "computed", "impacts", "share", "alone", "spread")
 RECORD = speed.speed_record(
@@ -119,8 +115,6 @@ def test_the_command_shows_the_speeds_and_writes_them_as_json_and_is_a_gate(monk
     assert "multiply-adds" in below.stdout and "Traceback" not in below.stderr
 
 
-# The paper
-
 # Known of the three cases: impacts per period, their speeds, and the order to the letter, which
 # the acceleration of eq. (10) costs where h > 0.
 KNOWN = {
@@ -183,9 +177,6 @@ def test_the_command_draws_the_papers_cases(measured, monkeypatch):
     assert done.exit_code == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "paper.png" and "12.41264" in done.stdout
     assert Path("paper.png").read_bytes().startswith(b"\x89PNG")
-
-
-# Stability and failures
 
 
 @pytest.fixture(scope="module")

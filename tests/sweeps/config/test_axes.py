@@ -144,9 +144,6 @@ def test_a_wrong_step_is_refused(given, part):
     assert part in message and "oscillator.omega" in message and "expected: " in message
 
 
-# The values of ranges
-
-
 def test_decades_of_a_log_axis_are_as_typed():
     decades = [float(f"1e{power}") for power in range(-300, 301)]
     for one in (decades, decades[::-1]):

@@ -1,4 +1,4 @@
-"""The configuration: reading and writing it, its JSON schema, and a shaken base."""
+"""The configuration: reading and writing it, overrides, its JSON schema, and a shaken base."""
 
 import json
 import random
@@ -18,8 +18,6 @@ from tests.helpers.odd_inputs import BASES, TABLES, document
 from tests.helpers.places import CONFIGS
 from tests.helpers.rigs import rig
 from vibroimpact.oscillator import PARAMETERS
-
-# Reading
 
 
 def test_a_mapping_is_read_as_its_yaml():
@@ -126,9 +124,6 @@ def test_numbers_are_read_however_they_are_written(text):
     assert load(oscillator_yaml(h=text)).oscillator.h == 1e-3
 
 
-# to_yaml
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -161,9 +156,6 @@ def test_to_yaml_is_complete_and_keeps_the_order():
     assert list(plain["start"]) == ["v0", "x0", "phase"]
     record = {"transient": 1000, "periods": 100, "phase": 0.0, "impacts": 64}
     assert plain["record"] == record | {"trajectory": False, "diagnostics": ["period"]}
-
-
-# The JSON schema
 
 
 @pytest.fixture(scope="module")
@@ -240,9 +232,6 @@ def test_the_schema_accepts_what_the_loader_accepts(validator, seed, count):
     assert 0.5 * count < refused < 0.9 * count and marked > 0.5 * refused
 
 
-# --set
-
-
 def test_overrides_replace_and_add_in_order():
     numbers = "oscillator.h=0.2", "oscillator.omega.num=7", "start.v0=[1, 2]"
     config = load(EXAMPLE, *numbers, "record.trajectory={every: 2}", "name=renamed")
@@ -279,9 +268,6 @@ def test_a_wrong_override_is_reported_as_one(override, parts):
         assert line.startswith(f"override {override}")
     for part in parts:
         assert part in message
-
-
-# A shaken base or an unbalance
 
 
 def test_a_base_takes_the_place_of_the_force_or_adds_to_it():

@@ -44,9 +44,6 @@ def write_csv(columns, path="table.csv"):
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-# The same numbers as a grid
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", GRIDS)
 def test_a_table_of_a_grid_has_its_bits_in_any_order(name):
@@ -124,9 +121,6 @@ def test_every_form_of_a_table_is_the_same_sweep():
     exported = pd.read_csv("rows.csv", keep_default_na=False, dtype={"label": str})
     assert_array_equal(exported["omega"], columns["omega"])
     assert list(exported["label"]) == columns["label"] and list(exported["point"]) == [1, 2, 3]
-
-
-# Bad tables
 
 
 def refused_table(text):
@@ -277,9 +271,6 @@ def test_a_column_with_the_name_of_a_result_is_refused(name):
         assert f"sweep.yaml: points: the column {name} has the name of a result" in said
     with pytest.raises(StoreError, match=f"the column {name} has the name of a result"):
         run_sweep("sweep.yaml", "nowhere/out.h5")  # before the output is looked at
-
-
-# Attractors
 
 
 @pytest.mark.slow

@@ -9,8 +9,6 @@ from tests.helpers.configurations import load, oscillator_yaml, refusal
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES
 
-# Every message has the file, the line, the key, the given value and the allowed values
-
 
 @pytest.mark.parametrize(
     ("values", "key", "given", "allowed"),

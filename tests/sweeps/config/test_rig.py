@@ -13,7 +13,6 @@ from vibroimpact import Oscillator
 from vibroimpact.oscillator import PARAMETERS
 
 SWEPT = ["stiffness", "damping", "force", "frequency", "gap", "base"]
-# The numbers of the model
 
 
 @pytest.mark.parametrize("name", [*SWEPT, "R"])
@@ -98,9 +97,6 @@ def test_one_number_of_a_range_of_a_rig_is_replaced():
     grid = config.sweep.grid
     assert grid.axes["omega"].tolist() == (2.0 * math.pi * linear_values(2, 12, 500)).tolist()
     assert grid.fixed["R"] == 0.5
-
-
-# Refused configurations
 
 
 @pytest.mark.parametrize(

@@ -59,9 +59,6 @@ def on_write(monkeypatch, number, action):
     return written
 
 
-# The same sweep
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "overrides",
@@ -107,9 +104,6 @@ def test_a_long_axis_travels_without_a_warning(client):
     blocks = [(slice(i, i + 1),) for i in (0, 777_777)]
     for block, results in ClusterComputer(client).computed(sweep, blocks):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
-
-
-# Lost workers and schedulers
 
 
 @pytest.mark.slow
@@ -177,9 +171,6 @@ def test_an_error_on_a_worker_ends_the_run_with_its_text(client):
         list(ClusterComputer(client).computed(load(CONFIG).sweep, without_an_axis))
 
 
-# Workers with another version
-
-
 @pytest.fixture
 def stranger(client):
     """Let one worker take on other numerics; yield what does so, and its address."""
@@ -243,9 +234,6 @@ def test_a_worker_without_this_package_is_refused(client):
         client.run(show)
 
 
-# Many threads, much work
-
-
 def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
     """The worker runs in this process, so that the test can observe it."""
     inside, most, given = 0, 0, set()
@@ -300,9 +288,6 @@ def test_a_block_is_worth_sending(client):
         assert limits["least"] / size * seconds * WORKERS == pytest.approx(0.5, rel=0.01)
         assert block_size(sweep, **limits) >= limits["least"] - 128  # whole sets of lanes
     assert computer.block_limits(0.01, size)["least"] == size
-
-
-# The command line
 
 
 @pytest.mark.slow

@@ -42,9 +42,6 @@ def by_hand(config, point, axis, values):
         yield value, found
 
 
-# Chains
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("axis", "phase"), [("omega", 1.3), ("R", 0), ("clearance", 1.3)])
 def test_a_chain_is_what_calls_by_hand_give(axis, phase):
@@ -122,8 +119,6 @@ def test_a_stop_that_moves_past_the_mass_takes_it_along():
         assert here["rest_fraction"] == 1.0 and here["max_penetration"] == 0.0
 
 
-# Failing neighbours
-
 # Unstable at p = 12 and 15, where the state overflows.
 UNSTABLE = (
     "oscillator={h: 0.5, R: 0.8, omega: 1, f: 1, p: [1, 1.5, 12, 1.2, 15]}",
@@ -170,9 +165,6 @@ def test_only_the_chain_that_failed_begins_anew(status):
     np.testing.assert_array_equal(found, np.broadcast_to([[0.5], [0.6], [0.8]], (3, 5)))
 
 
-# Refused requests
-
-
 @pytest.mark.parametrize(
     ("follow", "message"),
     [
@@ -205,9 +197,6 @@ def test_a_single_point_cannot_be_followed(tmp_path):
     path.write_text("oscillator: {h: 0.1, R: 0.8, omega: 1, f: 1}\nfollow: {axis: omega}\n")
     with pytest.raises(ConfigError, match="expected: an axis that is swept"):
         load_config(path)
-
-
-# Physics
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,6 @@ from tests.helpers.configurations import configured, full_block
 from tests.helpers.sweep_files import data, run_and_read
 from vibroimpact import Status
 
-# Blocks, threads, files
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
@@ -106,9 +104,6 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
     with pytest.raises(Failed, match="full"):
         run_sweep(configured(), "out.h5")
     assert not begun.acquire(blocking=False)
-
-
-# Memory
 
 
 def test_a_block_holds_whole_chains(monkeypatch):

@@ -149,9 +149,6 @@ def test_an_interrupted_run_goes_on_with_the_command_it_names(forks):
     assert code == 2 and "record.transient was 500000000 and is 100" in stderr
 
 
-# Signals at any moment
-
-
 def test_a_process_notes_from_its_start_the_signals_that_end_work():
     assert NOTED == interrupts.SIGNAL_NAMES and len(interrupts.SIGNALS) >= 3
 
@@ -213,9 +210,6 @@ def test_300_signals_at_system_calls(forks, seed):
         at_call(forks, draw.choice((*ANSWERED, signal.SIGKILL)), draw)
 
 
-# Interrupts during compilation, and ignored ones
-
-
 @pytest.mark.slow
 def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path, forks):
     """It ends before numba's next pass over a function: the kernel is never complete."""
@@ -246,9 +240,6 @@ def test_an_ignored_interrupt_stays_ignored():
         process.send_signal(signal.SIGINT)
         time.sleep(0.05)
     assert process.returncode == 0
-
-
-# The standard output, and the end
 
 
 @pytest.mark.slow

@@ -37,9 +37,6 @@ SWEEPS = {
 }
 
 
-# The engine passes values on
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "compression"), [("plain", "none"), ("scaled", "gzip"), ("followed", "none")]
@@ -90,9 +87,6 @@ def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, nam
                     np.testing.assert_array_equal(stored, array)
         computed = sum(results["status"].size for *_, results in calls)
         assert computed == dataset["status"].size
-
-
-# The code
 
 
 @pytest.mark.slow

@@ -64,8 +64,6 @@ def test_the_shape_is_that_of_the_grid_in_any_order():
     assert OpenedSweep(turned).regimes.tolist() == np.transpose([expected, expected]).tolist()
 
 
-# Motions with rest
-
 #: A preload, with which rests repeat after 1, 3 and 6 periods.
 PRELOADED = {"h": 0.0, "R": 0.5, "omega": [0.5, 3.9, 4.5], "f": 1.0, "clearance": -0.2}
 
@@ -113,8 +111,6 @@ def test_a_rest_before_the_motion_repeats_is_not_in_its_name(tmp_path, impact):
         assert (dataset["class_evidence"] == Evidence.RELEASED).all()
         assert [*map(str, OpenedSweep(dataset).labels)] == ["1/1"] * 3
 
-
-# Changes of the class: their kinds and cascades
 
 ONE, TWO, FOUR, EIGHT = (Label(Regime.PERIODIC, m, m) for m in (1, 2, 4, 8))
 REST, CHAOS = Label(Regime.REST), Label(Regime.CHAOTIC)

@@ -196,9 +196,6 @@ def test_every_part_of_the_table_of_checksums_is_covered(bases):
         content[at] ^= 1
 
 
-# Messages
-
-
 @pytest.mark.parametrize("base", ["complete", "packed"])
 def test_the_damaged_variables_are_named(bases, base):
     content = bytearray(bases[base].content)

@@ -49,8 +49,6 @@ PARTS = Path("out.h5.parts")
 FIRST = PARTS / "block-000000.npz"
 
 
-# The table: moments
-
 #: What is called at each moment of a run; whether it is now, from the number of calls made before.
 MOMENTS = {
     "planned": (estimate, "trial", lambda made: True),
@@ -80,9 +78,6 @@ def happening(fault, moment):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(owner, name, disturbed)
         yield happened
-
-
-# The table: faults
 
 
 def replace():
@@ -225,9 +220,6 @@ def test_a_disk_that_is_full_anywhere_in_the_complete_file_loses_nothing(whole, 
     xr.testing.assert_identical(data("out.h5"), whole)
 
 
-# Names that change their meaning, and folders of others
-
-
 def turn_the_link():
     Path("link.h5").unlink()
     Path("link.h5").symlink_to("other.h5")
@@ -294,9 +286,6 @@ def test_a_folder_of_blocks_without_a_schema_is_kept_unless_overwritten(finished
     fill_blocks("out.h5", overwrite=True)
     open_sweep("out.h5").close()
     assert not PARTS.exists()
-
-
-# Readers
 
 
 @pytest.mark.slow

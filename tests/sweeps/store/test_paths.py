@@ -35,9 +35,6 @@ output: out.h5
 """
 
 
-# Paths that are not replaced
-
-
 @pytest.mark.parametrize("blocks", [2, None])
 def test_an_existing_sweep_is_kept_unless_told(blocks):
     fill_blocks("out.h5", blocks)
@@ -187,9 +184,6 @@ def test_a_sweep_larger_than_the_disk_is_refused(monkeypatch):
         check_room(Path("old.h5"), 100_001 + part, resume=True)
 
 
-# Paths that are not read
-
-
 def test_files_that_are_not_ours_are_refused(tmp_path):
     with pytest.raises(StoreError, match="does not exist"):
         open_sweep("out.h5")
@@ -232,9 +226,6 @@ def test_files_of_other_versions_are_refused(ending):
         with pytest.raises(StoreError, match=message):
             use("out.h5")
     fill_blocks("out.h5", overwrite=True)
-
-
-# The lock and the new files beside the output
 
 
 def refuse_lock(*_, error=errno.ENOLCK):

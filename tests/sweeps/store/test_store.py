@@ -160,9 +160,6 @@ def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected)
     assert needed == {None, "longest", *DIAGNOSTICS}
 
 
-# Incomplete sweeps
-
-
 def test_a_partial_sweep_says_what_is_pending(tmp_path):
     path = tmp_path / "out.h5"
     expected = grid_results()

@@ -41,9 +41,6 @@ def resumed(whole, **options):
     assert os.listdir() == ["out.h5"]
 
 
-# Resuming
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_resumed_sweep_ends_with_the_same_data(whole, compressed):
@@ -174,9 +171,6 @@ def test_a_folder_with_the_name_of_a_block_is_refused_and_of_a_draft_left(whole,
     fill_blocks("out.h5", **options)
     xr.testing.assert_identical(data("out.h5"), whole)
     assert draft.is_dir()
-
-
-# A kill, or a loss of power
 
 
 def last_block():
