@@ -158,8 +158,7 @@ def init_command(
     files = {f"{scene}{ending}": scenes(ending).get(scene) for ending in (".csv", ".yaml")}
     new_texts = {Path(name): text for name, text in files.items() if text is not None}
     for path in new_texts:
-        if check_target(path, "configuration").exists():
-            raise Refused(f"{path} exists, and is not replaced; remove it, or rename it")
+        check_target(path, "configuration", only_new=True)
     for path, text in new_texts.items():
         with writing(path, "configuration", only_new=True) as new:
             new.write(text.encode())

@@ -14,6 +14,7 @@ import time
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from io import BufferedRandom
 from pathlib import Path
 
@@ -72,9 +73,11 @@ def error_number(error: Exception) -> int | None:
     return getattr(error, "errno", None) or (int(match[1]) if match else None)
 
 
-def check_target(path: Path, what: str) -> Path:
-    """Do the same as `check_place`, and refuse to replace the complete file of a sweep."""
+def check_target(path: Path, what: str, *, only_new: bool = False) -> Path:
+    """Do as `check_place`, and refuse to replace a complete sweep, or with `only_new` any file."""
     target, end = check_place(path, what), b""
+    if only_new and target.exists():
+        raise StoreError(f"{path} exists, and is not replaced; remove it, or rename it")
     with suppress(OSError), target.open("rb") as file:
         file.seek(max(0, os.fstat(file.fileno()).st_size - len(TRAILER)))
         end = file.read()
@@ -183,13 +186,7 @@ def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[Buffer
     Failed
         If the ``with`` block or the replacement raises OSError.
     """
-
-    def checked() -> Path:
-        target = check_target(path, what)
-        if only_new and target.exists():
-            raise StoreError(f"{path} exists, and is not replaced; remove it, or rename it")
-        return target
-
+    checked = partial(check_target, path, what, only_new=only_new)
     target = checked()
     try:
         remove_leftovers(target, _DAY)
