@@ -46,6 +46,9 @@ def test_an_interrupted_run_goes_on_to_the_same_data(stop_after):
         assert (missing == missing[:1, :, :1]).all()  # no partial chain
     run_sweep(config, "stopped.h5", resume=True)
     xr.testing.assert_identical(data("stopped.h5"), expected)
+    with xr.open_dataset("stopped.h5", engine="h5netcdf") as dataset:  # as in another program
+        assert dataset["direction"].values.tolist() == ["up", "down"]
+        xr.testing.assert_equal(dataset.load(), expected)
     with pytest.raises(StoreError, match=r"follow\.direction was both and is up"):
         run_sweep(configured("follow.direction=up"), "stopped.h5", resume=True)
     with pytest.raises(StoreError, match=r"follow\.axis was omega and is not given"):
