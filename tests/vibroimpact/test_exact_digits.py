@@ -14,7 +14,8 @@ from tests.helpers.kernel_cases import taken_apart
 from tests.helpers.oscillators import Flight, in_digits
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.chatter import Launch, short_bounce
+from vibroimpact.step.chatter import short_bounce
+from vibroimpact.step.impact import Flight as Launch
 from vibroimpact.step.propagator import coefficients_of
 
 
@@ -44,7 +45,7 @@ def test_a_bounce_is_short_only_where_its_series_is_exact():
         osc = Oscillator(h=0.0, R=1.0, omega=1.0, f=1.0, p=0.1, clearance=(1.0 - press) / 0.01)
         eq = coefficients_of(osc.at(osc.clearance)[0])
         for length in np.geomspace(1e-4, 10.0, 200):
-            t, _ = short_bounce(eq, Launch(0.0, -0.5 * length * abs(press), -1.0, 0.0))
+            t, _ = short_bounce(eq, Launch(0.0, -0.5 * length * abs(press), -1.0, 0.0, 0.0))
             taken += t > 0.0
             if t != -1.0:
                 assert press > 0.0

@@ -60,7 +60,7 @@ from vibroimpact.destination.section_map import (
     replay,
     section_state,
 )
-from vibroimpact.jit import inlined, jit, specialised
+from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.contact import Scratch
 from vibroimpact.step.propagator import from_dimensionless
@@ -312,8 +312,8 @@ def find_exact(pt, sections, sums, scheme, memory, found):
                 return
 
 
-@specialised
-def find_repetition(pt, sections, sums, scheme, memory, found, plain):
+@jit
+def find_repetition(pt, sections, sums, scheme, memory, found):
     """Find after how many periods a record repeats, which is all that other rules show."""
     kind = kind_of(sums)
     cycle, impacts = sums.cycle, sums.cycle_impacts
@@ -328,22 +328,10 @@ def find_repetition(pt, sections, sums, scheme, memory, found, plain):
     if m == 0:
         return
     released = q >= 0 and kind == _RESTS and not sums.cycle_rests
-    if not plain and kind == _RESTS and not released:
+    if kind == _RESTS and not released:
         if not rests_alike(pt, scheme, m, sums, memory, False):
             found.evidence = _UNSTABLE
             return
     put_repetition(found, sections, m, off, math.nan, q)
     if released:
         found.evidence = _RELEASED
-
-
-@jit
-def find_plain(pt, sections, sums, scheme, memory, found):
-    """Do what ``find_repetition`` does, with the rule ``plain``, which has no rests."""
-    find_repetition(pt, sections, sums, scheme, memory, found, True)
-
-
-@jit
-def find_shortened(pt, sections, sums, scheme, memory, found):
-    """Do what ``find_repetition`` does, with the rules ``reduced-step`` and ``cubic``."""
-    find_repetition(pt, sections, sums, scheme, memory, found, False)

@@ -17,9 +17,8 @@ from vibroimpact.jit import jit, specialised
 from vibroimpact.status import TOLERANCE
 from vibroimpact.step.contact import KIND, RELEASE, REST, TIME, is_held
 from vibroimpact.step.elementary import asin
-from vibroimpact.step.propagator import coefficients_of, propagator_of
 from vibroimpact.step.scheme import THETA
-from vibroimpact.step.stepper import prepare, take_grid_step, take_next_step
+from vibroimpact.step.stepper import prepare, prepare_exact, take_grid_step, take_next_step
 
 #: It does so after m periods only if its deviation from that is less than this share of its
 #: deviation from every divisor of m.
@@ -185,11 +184,9 @@ def rest_after(pt, scheme, m, scratch, exactly):
     """
     (method, grid), events = scheme, scratch.events
     if exactly:
-        eq = coefficients_of(pt)
-        prepared = eq, propagator_of(eq, grid.phase_step, scratch.coefficients)
-        state = 0.0, 0.0, True
+        prepared, state = prepare_exact(0, grid, pt, scratch), (0.0, 0.0, True)
     else:
-        prepared, state = prepare(method, grid, pt), (pt.clearance, 0.0, True)
+        prepared, state = prepare(method, grid, pt, scratch), (pt.clearance, 0.0, True)
     release = -asin(pt.p * pt.p * pt.clearance / pt.f) - grid.table[THETA, 0]
     first, begun = int(release % (2.0 * math.pi) / grid.phase_step), 0.0
     for k in range(m * grid.size + 2):

@@ -12,13 +12,11 @@ from vibroimpact.step.propagator import (
     Coefficients,
     Forcing,
     Propagator,
-    coefficients_of,
     from_dimensionless,
-    propagator_of,
     to_dimensionless,
 )
 from vibroimpact.step.scheme import SIN, THETA, PhaseGrid
-from vibroimpact.step.stepper import take_next_step
+from vibroimpact.step.stepper import prepare_exact, take_next_step
 from vibroimpact.step.variational import carry_tangents, propagate_tangent
 
 #: Rows of the memory for the states at the sections of a motion.
@@ -51,10 +49,8 @@ class Passage(NamedTuple):
 @specialised
 def flow_of(pt, grid, scratch, passed):
     """Return the ``Flow`` of a point."""
-    eq = coefficients_of(pt)
-    return Flow(
-        pt, eq, propagator_of(eq, grid.phase_step, scratch.coefficients), grid, scratch, passed
-    )
+    eq, propagators = prepare_exact(0, grid, pt, scratch)
+    return Flow(pt, eq, propagators, grid, scratch, passed)
 
 
 @jit

@@ -50,7 +50,6 @@ _CREATING = (
     "vibroimpact.jit.trial._take",
     "vibroimpact.step.contact.",
     "vibroimpact.step.recorder.",
-    "vibroimpact.step.stepper.",
 )
 
 

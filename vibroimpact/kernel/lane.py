@@ -50,8 +50,7 @@ from vibroimpact.kernel.workspace import (
     VELOCITY,
     WAKE,
     Batch,
-    any_is_recorded,
-    any_is_watched,
+    any_exceeds,
     list_lanes,
     put_tangent,
     whole_vectors,
@@ -282,9 +281,9 @@ def run_lanes(workspace, job, fill, exactly, plain, exponents, turning):
         if exactly:
             carrying = watching = None
             if exponents:
-                carrying = job.lyapunov and any_is_recorded(lanes, size)
+                carrying = job.lyapunov and any_exceeds(lanes, PERIOD, -1.0, size)
             if turning is not None:
-                watching = any_is_watched(lanes, size)
+                watching = any_exceeds(lanes, LEAST, -math.inf, size)
             take_exact_steps(batch, grid, carrying, watching)
             round_states(lanes, size)
         else:

@@ -52,7 +52,7 @@ from vibroimpact.kernel.workspace import (
     SPEEDS,
     THIRD,
     VELOCITY,
-    any_is_recorded,
+    any_exceeds,
     list_lanes,
     set_rest,
     sleeps_until,
@@ -173,16 +173,10 @@ def _plain_span(lanes, size, table, n, span, recording, watching):
         x, v = lanes[POSITION + i], lanes[VELOCITY + i]
         if recording:
             lanes[GUARD + i] = -1.0
-        now, end = plain_step(lanes, i, x, v, table, n, i + SPEEDS, recording)
-        third, reach = lanes[THIRD + i], (math.inf, -math.inf)
-        reach = _bounded(reach, (x, v), end, third)
-        if span == STRIDE:
-            start = now
-            now, end = plain_step(lanes, i, *start, table, n + 1, i + SPEEDS + ROW, recording)
-            reach, start = _bounded(reach, start, end, third), now
-            now, end = plain_step(lanes, i, *start, table, n + 2, i + SPEEDS + 2 * ROW, recording)
-            reach, start = _bounded(reach, start, end, third), now
-            now, end = plain_step(lanes, i, *start, table, n + 3, i + SPEEDS + 3 * ROW, recording)
+        now, third, reach = (x, v), lanes[THIRD + i], (math.inf, -math.inf)
+        for q in range(span):
+            start, place = now, i + SPEEDS + q * ROW
+            now, end = plain_step(lanes, i, *start, table, n + q, place, recording)
             reach = _bounded(reach, start, end, third)
         if watching:
             within = _is_within(lanes, i, reach)
@@ -339,7 +333,7 @@ def take_strides(batch, method, plain, grid, turning):
     lanes, met = workspace.lanes, workspace.met
     rule, integrator = method
     strides = grid.size // STRIDE
-    recording = any_is_recorded(lanes, size)
+    recording = any_exceeds(lanes, PERIOD, -1.0, size)
     for k in range(strides + grid.size % STRIDE):
         n = k + min(k, strides) * (STRIDE - 1)
         span = STRIDE if k < strides else 1

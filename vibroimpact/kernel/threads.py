@@ -24,8 +24,7 @@ from vibroimpact.destination.find import (
     NO_DESTINATION,
     Memory,
     find_exact,
-    find_plain,
-    find_shortened,
+    find_repetition,
     is_resolved,
 )
 from vibroimpact.destination.repetition import MOST_REPETITIONS, rests_alike_exactly
@@ -157,15 +156,9 @@ def find_all_exact(search, memory):
 
 
 @jit
-def find_all_plain(search, memory):
-    """Find destinations for the rule ``plain``."""
-    find_all(search, memory, find_plain)
-
-
-@jit
-def find_all_shortened(search, memory):
-    """Find destinations for the rules ``reduced-step`` and ``cubic``."""
-    find_all(search, memory, find_shortened)
+def find_all_repetitions(search, memory):
+    """Find destinations for a rule of time stepping."""
+    find_all(search, memory, find_repetition)
 
 
 def find_on_threads(
@@ -179,9 +172,8 @@ def find_on_threads(
     """Find where every motion of a record goes; returns dtype ``DESTINATION``, (n,)."""
     found, claimed = np.full(points.size, NO_DESTINATION), np.zeros(1, np.int64)
     search = Search(points, sections, sums, scheme, found, claimed, interrupt)
-
-    finds = {PLAIN: find_all_plain, EXACT: find_all_exact}
-    work = compiled(finds.get(scheme.method[0], find_all_shortened), search, _new_memory())
+    find = find_all_exact if scheme.method[0] == EXACT else find_all_repetitions
+    work = compiled(find, search, _new_memory())
     threads = min(threads, max(1, -(-points.size // FEWEST_LANES)))
     on_threads(threads, interrupt, lambda: work(search, _new_memory()))
     return found

@@ -164,22 +164,13 @@ def sleeps_until(lanes, i, theta):
 
 
 @jit
-def any_is_recorded(lanes, size):
-    """Whether any of the first lanes is in its record."""
-    for i in range(size):
-        if lanes[PERIOD + i] >= 0.0:
-            return True
-    return False
-
-
-@jit
-def any_is_watched(lanes, size):
-    """Whether the reach of any of the first lanes is watched."""
+def any_exceeds(lanes, row, limit, size):
+    """Whether the number in `row` of any of the first lanes exceeds a limit."""
     widest_vectors()
-    watched = False
+    exceeds = False
     for i in range(min(size, LANES)):  # to the end: so LLVM vectorises it
-        watched |= lanes[LEAST + i] > -math.inf
-    return watched
+        exceeds |= lanes[row + i] > limit
+    return exceeds
 
 
 @jit

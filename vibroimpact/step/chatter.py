@@ -19,7 +19,6 @@ R near 1 this takes more bounces than can be followed, and at R = 1 the bounces 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from vibroimpact.jit import fma, inlined, jit
 from vibroimpact.status import Status
@@ -40,15 +39,6 @@ _SHORTEST_BOUNCE = 1e-3
 _SHORT, _SHORTEST = 0.03, 1e-3
 
 _CERTIFIED, _CUT_SHORT = int(Status.CERTIFIED), int(Status.CUT_SHORT)
-
-
-class Launch(NamedTuple):
-    """The start of a flight: its state, and the sine and cosine of the phase there."""
-
-    y: float
-    w: float
-    s: float
-    c: float
 
 
 @inlined

@@ -25,7 +25,6 @@ import math
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Status
 from vibroimpact.step.chatter import (
-    Launch,
     bounce,
     is_first,
     phase_to_rest,
@@ -43,6 +42,7 @@ from vibroimpact.step.contact import (
     time_to_release,
 )
 from vibroimpact.step.elementary import sin_cos
+from vibroimpact.step.impact import Flight
 from vibroimpact.step.polynomial import (
     SMALLEST_NORMAL,
     TERMS,
@@ -179,7 +179,7 @@ def exact_step(eq, pt, flight, resting, bound, phase, phase_step, scratch, n):
     for _ in range(MAX_FLIGHTS):  # limits the loop even where `passed` does not rise
         left = phase_step - passed
         if rebounds:
-            wait, outcome = phase_to_rest(eq, Launch(y, w, s, c), phase + passed, left, pt)
+            wait, outcome = phase_to_rest(eq, Flight(y, w, s, c, passed), phase + passed, left, pt)
             status = max(status, outcome)
             if wait < math.inf:
                 speeds = speeds_until_rest(-w * pt.omega, wait * per_time, s, c, pt)
@@ -198,7 +198,7 @@ def exact_step(eq, pt, flight, resting, bound, phase, phase_step, scratch, n):
             y, w, resting = 0.0, 0.0, False
         left = phase_step - passed
         dtheta, w_i, m, turn = exact_flight(
-            eq, Launch(y, w, s, c), released, bound, left, phase_step, coefficients
+            eq, Flight(y, w, s, c, passed), released, bound, left, phase_step, coefficients
         )
         grazes += is_near_graze(eq, turn)
         if dtheta == 0.0 and m > 1:  # the flight starts on the stop and is pressed against it

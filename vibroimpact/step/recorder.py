@@ -120,8 +120,8 @@ def _trace(job, i, prepare, take, exactly):
     state, status = first_section(method, grid, pt, scratch, first > 0, exactly)
     size, T = grid.size, grid.phase_step / pt.omega
     t = (2.0 * math.pi * first + grid.table[THETA, 0]) / pt.omega
-    rows, prepared = _put_first(log, t, pt, rule, state, first, led), prepare(method, grid, pt)
-    start, reach = state, (state[0], state[0])
+    rows = _put_first(log, t, pt, rule, state, first, led)
+    prepared, start, reach = prepare(method, grid, pt, scratch), state, (state[0], state[0])
     for k in range(periods):
         if is_set(job.interrupt):
             return 0, _PENDING

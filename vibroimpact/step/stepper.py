@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from vibroimpact.jit import jit, specialised, widest_vectors
 from vibroimpact.status import Status
 from vibroimpact.step.chatter import may_rest
@@ -19,7 +17,6 @@ from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.exact_step import exact_step
 from vibroimpact.step.impact import FIRST, NOTHING, ONLY, Flight, FreeEnd, launch_after, meet_stop
 from vibroimpact.step.integrators import affine_map, apply_map
-from vibroimpact.step.polynomial import TERMS
 from vibroimpact.step.propagator import (
     coefficients_of,
     forced,
@@ -42,17 +39,17 @@ _CERTIFIED, _COMPUTED = int(Status.CERTIFIED), int(Status.COMPUTED)
 
 
 @jit
-def prepare(method, grid, pt):
+def prepare(method, grid, pt, _):
     """Return the rows of the affine map of a point for the steps of a grid."""
     m = affine_map(method[1], grid.phase_step / pt.omega, pt)
     return m[:4], m[4:]
 
 
 @jit
-def prepare_exact(_, grid, pt):
+def prepare_exact(_, grid, pt, scratch):
     """Return the coefficients of a point, and its propagator for the steps of a grid."""
     eq = coefficients_of(pt)
-    return eq, propagator_of(eq, grid.phase_step, np.empty(TERMS))
+    return eq, propagator_of(eq, grid.phase_step, scratch.coefficients)
 
 
 @specialised
@@ -203,10 +200,9 @@ def first_section(method, grid, pt, scratch, continued, exactly):
     if count > 0:
         lead = PhaseGrid(table, span / count, 1)
         if exactly:
-            eq = coefficients_of(pt)
-            prepared = eq, propagator_of(eq, lead.phase_step, scratch.coefficients)
+            prepared = prepare_exact(0, lead, pt, scratch)
         else:
-            prepared = prepare((rule, integrator), lead, pt)
+            prepared = prepare((rule, integrator), lead, pt, scratch)
         for n in range(1, count + 1):
             for row in range(3):
                 table[row, 0] = table[row, 1]
