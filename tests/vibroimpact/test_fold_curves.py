@@ -18,18 +18,6 @@ from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 
 
-def test_a_curve_of_folds_that_ends_where_no_energy_is_lost_has_no_cusp_there():
-    """It touches R = 1 at f = 0, where the parameters change by less than rounding."""
-    osc = Oscillator(
-        h=0.0, R=0.762018830994887, omega=9.061092841253766, f=0.255390283887717,
-        p=1.4670466634746546, clearance=-0.26200537754160713,
-    )  # fmt: skip
-    start = PeriodicOrbit(osc, 1, np.array([6.270993163818162]), np.array([0.2432289187730071]))
-    found = bifurcation_curve(start, "fold", ("f", 0.0, 3.0), ("R", 0.05, 1.0))
-    assert [point.kind for point in found.special] == ["edge", "edge"]
-    assert found.special[0].value.tolist() == [0.0, 1.0]
-
-
 def test_two_folds_meet_in_a_cusp():
     """Beside it a branch has two folds on one side of its clearance, and none on the other."""
     osc = Oscillator(h=0.1, R=0.6, omega=0.65, f=1.0)

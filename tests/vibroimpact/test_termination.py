@@ -14,34 +14,20 @@ from vibroimpact import Oscillator, Status, integrate, simulate
 SMALLEST_NORMAL = sys.float_info.min
 
 
-FUZZ = ROOT / "tests/helpers/fuzz_steps.py"
-HOSTILE = ROOT / "tests/helpers/hostile_calls.py"
-
-
-def in_time(*arguments, seconds):
-    """Run Python in a process of its own, so that a hang is a failure and not a hung suite."""
-    command = [sys.executable, "-W", "error", *map(str, arguments)]
+@pytest.mark.parametrize(
+    ("program", "few", "many"),
+    [("fuzz_steps.py", 2_000, 1_000_000), ("hostile_calls.py", 25, 10_000)],
+)
+@pytest.mark.parametrize(
+    "seed", [pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.campaign)]
+)
+def test_every_step_and_every_call_ends(program, few, many, seed):
+    """In a process of their own, so that a hang is a failure and not a hung suite."""
+    words = ROOT / "tests/helpers" / program, seed, few if seed == 1 else many
+    command = [sys.executable, "-W", "error", *map(str, words)]
+    seconds = 300 if seed == 1 else 3600
     done = subprocess.run(command, capture_output=True, text=True, timeout=seconds)
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.mark.parametrize(
-    ("seed", "steps"),
-    [pytest.param(1, 2_000, marks=pytest.mark.slow),
-     pytest.param(2, 1_000_000, marks=pytest.mark.campaign)],
-)  # fmt: skip
-def test_every_step_ends(seed, steps):
-    """So many with every rule, from valid points at and between their bounds."""
-    in_time(FUZZ, seed, steps, seconds=300 if seed == 1 else 3600)
-
-
-@pytest.mark.parametrize(
-    ("seed", "calls"),
-    [pytest.param(1, 25, marks=pytest.mark.slow),
-     pytest.param(2, 10_000, marks=pytest.mark.campaign)],
-)  # fmt: skip
-def test_every_call_ends_as_it_is_documented(seed, calls):
-    in_time(HOSTILE, seed, calls, seconds=300 if seed == 1 else 3600)
 
 
 def bouncing(osc, x0):

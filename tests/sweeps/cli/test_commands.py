@@ -86,13 +86,10 @@ def test_units_are_names_only(small_file):
     assert "velocity at the section [mm/s]" in shown
     assert "units: {length: mm, time: s}" in accepted("info", "named.h5", "--config")
     assert "units" not in accepted("info", "small.h5", "--config")
-    for kind in ("bifurcation", "trajectory"):
-        at = ("--at", "omega=3", "--at", "clearance=0", "--periods", 1)
-        accepted("plot", "named.h5", "-o", f"{kind}.svg", *(at if kind == "trajectory" else ()))
-        text = Path(f"{kind}.svg").read_text()
-        assert "mm" in text
-        assert "length]" not in text
-    for value in ("{length: 1mm}", "{length: ''}", "{length: $x$}", "{mass: kg}"):
+    accepted("plot", "named.h5", "-o", "a.svg")
+    text = Path("a.svg").read_text()
+    assert "mm" in text and "length]" not in text
+    for value in ("{length: 1mm}", "{mass: kg}"):
         assert "units" in refused("run", "sweep.yaml", "--set", f"units={value}")
 
 
@@ -134,7 +131,6 @@ def test_several_values_of_an_axis_in_one_picture(small_file, unpainted):
         (["omega=2,3"], "expected: with --kind section or impacts or trajectory"),
         (["omega=2,3", "--kind", "map"], "--at omega=2,3 is not allowed here; expected: with"),
         (["omega=2,x", "--kind", "section"], "expected: NAME=VALUE,VALUE, as omega=2.5,2.7"),
-        (["omega=2,", "--kind", "section"], "expected: NAME=VALUE,VALUE"),
         (["omega=2,9", "--kind", "section"], "omega = 9 is outside the sweep: 1.5 to 3"),
         (["omgea=2,3", "--kind", "section"], "did you mean omega?"),
         (["omega=2.2,2.3", "--kind", "section"], "omega = 2.2, 2.3: two of these have the same"),

@@ -50,7 +50,6 @@ def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_plann
     ("pieces", "reason"),
     [
         (["omega=2:1"], "expected: NAME=LOW:HIGH"),
-        (["omega=2"], "expected: NAME=LOW:HIGH"),
         (["omega=2:nan"], "expected: NAME=LOW:HIGH"),
         (["omgea=2:3"], "did you mean omega?"),
         (["h=0:1"], "expected: omega or clearance"),

@@ -149,9 +149,7 @@ FORM = "Content-Type: application/x-www-form-urlencoded\r\nContent-Encoding: \x1
     "line",
     [
         f"GET /static/..%2f{ESCAPE} HTTP/1.1\r\n",
-        f"GET /static/{ESCAPE} HTTP/1.1\r\n",
         "GET /static/%00 HTTP/1.1\r\n",
-        "GET /static/js HTTP/1.1\r\n",
         "GET /static/../x HTTP/1.1\r\n",
         "GET /static/js/bokeh.min.js HTTP/1.1\r\nRange: bytes=\x1b[2J\r\n",
         "GET /static/js/bokeh.min.js HTTP/1.1\r\nIf-Modified-Since: \x1b[2J\r\n",
