@@ -155,6 +155,22 @@ def test_a_branch_without_an_end_is_lost():
     assert found.speeds[0] > 1000.0
 
 
+def test_a_branch_that_closes_has_no_end():
+    """Between its two folds there are two orbits at every omega."""
+    osc = Oscillator(h=0.0, R=0.7535526427554777, omega=1.0716640181997115, f=1.0)
+    phases = 4.477878866046633, 7.268149957874303, 10.980842686046275
+    phases += 17.177215957284613, 18.836564298029877
+    speeds = 2.190592119244807, 0.6116403898842333, 2.335019063111631
+    speeds += 1.0542007104607902, 0.5170690104877236
+    found = branch(solved(osc, 3, np.array(phases), np.array(speeds)), "omega", 0.87, 1.27)
+    assert sorted(point.kind for point in found.special) == ["flip", "flip", "fold", "fold"]
+    assert found.values[0] == found.values[-1]
+    low, high = special(found, "fold")
+    assert (found.values.min(), found.values.max()) == (low, high)
+    assert all(len(found.at(omega)) == 2 for omega in np.linspace(low, high, 9)[1:-1].tolist())
+    assert found.at(low - 1e-3) == found.at(high + 1e-3) == []
+
+
 def test_two_flips_in_one_step_are_found():
     """Between them a multiplier is -1.0111; both ends of a step of the longest length are stable.
 

@@ -71,6 +71,20 @@ def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high,
         assert places == pytest.approx(expected, abs=near)
 
 
+def test_a_graze_of_all_impacts_is_that_of_the_free_oscillation():
+    """Where 9/2 ends, both its impacts are touches of one oscillation, of amplitude f / |D|."""
+    osc = Oscillator(0.1602367594878764, 0.16773159910106636, 7.351284129173936, 1.1977359445134217)
+    stiffness = complex(1.0 - osc.omega**2, 2.0 * osc.h * osc.omega)
+    phase = 0.5 * math.pi + np.angle(-stiffness)
+    at_graze = replace(osc, clearance=osc.f / abs(stiffness))
+    phases = phase + 2.0 * math.pi * np.array([0.0, 5.0])
+    orbit = PeriodicOrbit(at_graze, 9, phases, np.zeros(2))
+    found = bifurcation_curve(orbit, "graze", ("clearance", -0.6, 0.6), ("f", 0.33, 1.76))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    clearance, f = found.values.T
+    np.testing.assert_allclose(clearance * abs(stiffness), f, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("last", "f"), [(0.59, 0.960733250477590), (0.60, 0.888910272130863), (0.62, 0.776919993099989)]
 )
@@ -88,7 +102,7 @@ def test_a_graze_does_not_end_where_its_own_landing_is_left_by_rounding(last, f)
     assert max(ends, key=lambda end: end[0]) == pytest.approx([last, f], abs=1e-12)
 
 
-@pytest.mark.parametrize("m", [1, 3])
+@pytest.mark.parametrize("m", [1, 2, 3])
 @pytest.mark.parametrize("h", [0.0, 0.05])
 @pytest.mark.parametrize(
     ("first", "second"),

@@ -317,6 +317,10 @@ def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
     window.settle(lambda: page.view.tab == 0)
     assert (page.view.axis, page.view.across) == ("R", "omega")
     assert page.view.values["omega"] == pytest.approx(2.4 + 1.1 / 4, abs=0.01)
+    window.tab.set_viewport_size({"width": 600, "height": 700})
+    window.tab.get_by_text("map of classes").click()
+    code = "{const {el} = Bokeh.index.find_one(m); return el.clientHeight - el.scrollHeight}"
+    window.settle(lambda: window.model("map legend", code) == 0)  # all of it is visible
 
 
 def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(browser, explorer):
