@@ -1,4 +1,4 @@
-"""Rebounds (`Launch`) that return soon, and the sum of a chatter.
+"""Rebounds that return soon, and the sum of a chatter.
 
 - A rebound that returns within half a step: its series is divided by the root at its start,
   Halley's method finds the next root, and the Bernstein coefficients of ``propagator.py`` prove
