@@ -156,9 +156,11 @@ def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End |
     """Return the ``rest`` in which impacts of a curve meet without speed, as above."""
     flight = int(family.flights(points[-1]).argmin())
     X, error = _limit(points, lambda X: family.flights(X)[flight], _SHORT)
+    if not error < _KNOWN:
+        return None
     values = zip(family.parameters, family.kept(onto_edges(family, X)).tolist(), strict=True)
     inside = all(axis.low < value < axis.high for axis, value in values)  # at R = 0 it is an edge
-    if not (error < _KNOWN and inside and cannot_leave(family, X)):
+    if not (inside and cannot_leave(family, X)):
         return None
     phases(X, family.q)[:] = np.maximum.accumulate(phases(X, family.q))
     v = speeds(X, family.q)
@@ -204,11 +206,13 @@ def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
         return 1.0 / max(family.fastest(X), 1e-300)
 
     limit, error = _limit(points, inverse, 1.0 / slow, lambda X: free(X, family.q))
+    if not error < _PRECISE:
+        return None
     X = points[-1].copy()
     free(X, family.q)[:] = limit
     X = onto_edges(family, X)
     values = list(zip(family.parameters, family.kept(X).tolist(), strict=True))
-    inside = error < _PRECISE and all(axis.holds(value) for axis, value in values)
+    inside = all(axis.holds(value) for axis, value in values)
     at_edge = any(value in (axis.low, axis.high) for axis, value in values)
     return ("edge", X, family.orbit(X)) if inside and at_edge else None
 
