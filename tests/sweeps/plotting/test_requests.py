@@ -72,6 +72,7 @@ def test_powers_of_ten_are_set_as_such(random_sweep):
     ("draw", "options", "is_drawn"),
     [
         (parameter_map, {}, True),
+        (parameter_map, {"quantity": "clearance"}, True),
         (bifurcation, {"axes": ["clearance"]}, True),
         (section, {"at": {"clearance": 1.7e308}}, True),
         (trajectory, {"at": {"clearance": 1.7e308}}, True),
@@ -136,6 +137,7 @@ def without_impacts(random_sweep):
         ({"output": "missing/a.png"}, r"the folder .*missing of the picture a\.png does not exist"),
         ({"output": "folder.png"}, r"folder\.png is a directory"),
         ({"kind": "bifurcaton"}, "no picture 'bifurcaton' .did you mean bifurcation.*choose"),
+        ({"coordinate": ""}, "no '' to draw; choose from: poincare_x"),
         ({"axes": ["h"]}, "h is not a swept axis; the file has R, omega"),
         ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
         ({"axes": ["omega"], "at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
@@ -216,6 +218,7 @@ SHAPES = {
     "map": "oscillator: {h: 0.1, R: [0.7, 0.8], omega: [2.4, 2.6], f: 1.0}\n",
     "followed": "oscillator: {h: 0.1, R: 0.8, omega: [2.4, 2.6], f: 1.0}\n"
     "follow: {axis: omega, direction: both}\n",
+    "starts": FIXED_OSCILLATOR + STARTS,
     "starts over a parameter": FIXED_OSCILLATOR.replace("2.6", "[2.6, 2.7]") + STARTS,
     "table": "points: {omega: [2.4, 2.6, 2.6], x0: [-1, -1, -2], part: [a, b, c]}\n"
     "oscillator: {h: 0.1, R: 0.8, f: 1.0}\n",
@@ -233,7 +236,7 @@ def test_every_command_draws_or_refuses_every_file(shape, blocks, laid_out):
     else:
         fill_blocks("a.h5", blocks, plan=planned(config, 2), results=None)
     for command in (["info"], ["info", "--bifurcations"], ["attractors", "--csv", "a.csv"],
-                    ["integrity", "--csv", "b.csv"], ["export", "-o", "c.csv"],
+                    ["integrity", "--csv", "b.csv"], ["export", "-o", "c.csv"], ["plot"],
                     ["plot", "--exact"], ["plot", "--quantity", "impulse"]):  # fmt: skip
         result = call(*command, "a.h5")
         assert result.exit_code == 0 or result.stderr.count("\n") == 1
@@ -247,6 +250,6 @@ def test_every_command_draws_or_refuses_every_file(shape, blocks, laid_out):
                 assert "\n" not in str(refused)
     if blocks == 0:
         starts = {"map", "basins", "integrity"}
-        assert drawn == {"map": {"map"}, "starts over a parameter": starts}.get(shape, set())
+        assert drawn == (starts if shape.startswith("starts") else {shape} & {"map"})
     else:
         assert drawn == {"table", "section", "impacts", "trajectory"}
