@@ -128,6 +128,26 @@ def test_what_a_dataset_lacks_is_named_until_it_has_it(opened, door):
         assert not text or f"no {name}" in text, text
 
 
+def test_bifurcations_of_a_line_need_its_sections(opened):
+    line = opened["map"].isel(R=0).drop_vars(["poincare_x", "poincare_v"])
+    with pytest.raises(Refused, match="no poincare_x: run the sweep again; every run has it"):
+        sweeps.bifurcations(line)
+
+
+def test_what_exact_orbits_and_attractors_lack_is_named(opened):
+    over_map, starts = opened["map"], opened["starts"]
+    branches, curves = sweeps.branches(over_map, "omega"), sweeps.curves(over_map)
+    for name in ("branch", "m", "q", "stable", "poincare_x"):
+        with pytest.raises(Refused, match=f"have no {name}: find them again"):
+            plotting.bifurcation(over_map, exact=branches.drop_vars(name))
+    for name in ("curve", "m", "q", "special"):
+        with pytest.raises(Refused, match=f"exact curves have no {name}: find them again"):
+            plotting.parameter_map(over_map, exact=curves.drop_vars(name))
+    for name in ("m", "q", "section_x", "section_v"):
+        with pytest.raises(Refused, match=r"found = .*expected: the result of sweeps\.attractors"):
+            sweeps.knocks(starts, sweeps.attractors(starts).drop_vars(name))
+
+
 @pytest.mark.campaign
 @pytest.mark.parametrize("door", [door for door in DOORS if door not in _OTHER_FILES])
 def test_any_variable_may_be_left_out(opened, door):
