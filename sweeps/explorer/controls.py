@@ -50,8 +50,10 @@ class Controls:
         save: Callable[[], None],  # writes the configuration of the picture shown
     ) -> None:
         self._bind = bind
-        self.axis = selector("abscissa", "abscissa", parameter_choices(view.seen))
-        names = [(name, as_variable(name, view.seen).attrs["long_name"]) for name in COORDINATES]
+        self.axis = selector("abscissa", "abscissa", parameter_choices(view.nomenclature))
+        names = [
+            (name, as_variable(name, view.nomenclature).attrs["long_name"]) for name in COORDINATES
+        ]
         self.ordinate = selector("ordinate", "ordinate", names)
         bind(self.axis, "value", View.with_axis)
         bind(self.ordinate, "value", lambda view, name: replace(view, ordinate=name, ylim=None))
@@ -80,15 +82,15 @@ class Controls:
 
     def _parameter(self, name: str, view: View) -> LayoutDOM:
         """Return the symbol, the field and the slider of a parameter."""
-        parameter = view.seen.about(name)
-        named = named_unit(as_variable(name, view.seen))
+        parameter = view.nomenclature.about(name)
+        named = named_unit(as_variable(name, view.nomenclature))
         unit = f" [{named}]" if named else ""
-        tip = f"{_meaning(name, view.seen)}{unit}, {parameter.allowed}"
+        tip = f"{_meaning(name, view.nomenclature)}{unit}, {parameter.allowed}"
         # Room for the longest unit, N s/m, beside the symbol, or for ω t₀.
-        beside, typed = (64, 74) if view.seen.in_si else (30, 86)
+        beside, typed = (64, 74) if view.nomenclature.in_si else (30, 86)
         field = self._field(
-            name, view.seen.name(name), height=22, width=beside + typed, margin=0,
-            title=symbol(name, view.seen) + (unit if view.seen.in_si else ""),
+            name, view.nomenclature.name(name), height=22, width=beside + typed, margin=0,
+            title=symbol(name, view.nomenclature) + (unit if view.nomenclature.in_si else ""),
             html_attributes={"title": tip},
         )  # fmt: skip
         field.stylesheets = [_COMPACT, _TITLE_BESIDE % (beside, "right")]
@@ -124,7 +126,7 @@ class Controls:
 
 def _span(name: str, view: View) -> dict[str, float]:
     """Return the ends and the step of the slider of a parameter."""
-    low, high = window_around(name, view.values, view.seen)
+    low, high = window_around(name, view.values, view.nomenclature)
     return {"start": low, "end": high, "step": (high - low) / 400.0}
 
 
@@ -142,14 +144,14 @@ def selector(name: str, title: str, options: list[tuple[str, str]]) -> Select:
     )  # fmt: skip
 
 
-def parameter_choices(seen: Nomenclature) -> list[tuple[str, str]]:
+def parameter_choices(nomenclature: Nomenclature) -> list[tuple[str, str]]:
     """Return the options of a drop-down list of parameters."""
-    return [(name, _meaning(name, seen)) for name in PARAMETERS]
+    return [(name, _meaning(name, nomenclature)) for name in PARAMETERS]
 
 
-def _meaning(name: str, seen: Nomenclature) -> str:
+def _meaning(name: str, nomenclature: Nomenclature) -> str:
     """Return the symbol and the meaning of a parameter."""
-    return f"{symbol(name, seen)}: {seen.about(name).meaning}"
+    return f"{symbol(name, nomenclature)}: {nomenclature.about(name).meaning}"
 
 
 #: Effect of a key on the window: shifts as fractions of its width and height, and scale factor.

@@ -65,14 +65,14 @@ def without_tex(text: str) -> str:
     return text
 
 
-def symbol(name: str, seen: Nomenclature) -> str:
+def symbol(name: str, nomenclature: Nomenclature) -> str:
     """Return the symbol of a parameter or of a result as Unicode text."""
-    return without_tex(as_variable(name, seen).attrs["symbol"])
+    return without_tex(as_variable(name, nomenclature).attrs["symbol"])
 
 
 def value_text(name: str, view: View) -> str:
     """Return the symbol of a parameter with its value and, if the unit has a name, its unit."""
-    variable, value = as_variable(name, view.seen), view.values[name]
+    variable, value = as_variable(name, view.nomenclature), view.values[name]
     prefix, factor = prefix_of(variable, value)
     unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
     return without_tex(f"{variable.symbol} = {value / factor:.6g}{unit}")
@@ -85,7 +85,7 @@ def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math
     symbol and the unit of a parameter or of a result. If it needs more than `pixels`, the meaning
     is left out.
     """
-    variable = as_variable(name, view.seen)
+    variable = as_variable(name, view.nomenclature)
     prefix, factor = prefix_of(variable, size)
     log = isinstance(axis.ticker, models.LogTicker)
     if (axis.formatter.tags or _UNTAGGED) != [log, factor]:

@@ -127,8 +127,8 @@ class Snapshot:
     @property
     def values(self) -> np.ndarray:
         """The values of the axis, in the units of the page."""
-        axis, seen = self.view.axis, self.config.nomenclature
-        values: np.ndarray = seen.value(axis, self.config.sweep.grid.axes[axis])
+        axis, config = self.view.axis, self.config
+        values: np.ndarray = config.nomenclature.value(axis, config.sweep.grid.axes[axis])
         return values
 
     def has(self, kind: Status | str) -> np.ndarray:
@@ -213,9 +213,9 @@ class Diagram(PixelFigure):
             configs = configs[configs.index(kept) :]
         else:
             configs = [view.diagram(max(LEAST_PIXELS, columns // _COARSER)), *configs]
-        seen = view.axis, view.ordinate, view.ylim, rows
+        shown = view.axis, view.ordinate, view.ylim, rows
         return [
-            Step("diagram", (config, *seen), partial(self._draw, view, config, rows), self._paint)
+            Step("diagram", (config, *shown), partial(self._draw, view, config, rows), self._paint)
             for config in configs
         ]
 

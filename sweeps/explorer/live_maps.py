@@ -283,8 +283,8 @@ class Map(PixelFigure):
 
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
         """Show a map and its legend."""
-        axes, seen = tiles.config.sweep.grid.axes, tiles.config.nomenclature
-        sides = [(name, seen.value(name, axes[name])) for name, _ in view.plane(self._tab)]
+        axes, nomenclature = tiles.config.sweep.grid.axes, tiles.config.nomenclature
+        sides = [(name, nomenclature.value(name, axes[name])) for name, _ in view.plane(self._tab)]
         x, y = (outer_edges(values, name in view.log) for name, values in sides)
         self.names.data = {
             "x": [sides[0][1][column] for _, column, _, _ in tiles.names],

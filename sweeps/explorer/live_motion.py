@@ -215,6 +215,6 @@ class MotionPanel:
         length = 0.1 * size
         self._scene.x_range.update(start=low - 2.0 * length, end=max(x) + length)
         self._stop.left = clearance
-        period = 2.0 * math.pi / float(view.seen.in_model("omega", view.values["omega"]))
+        period = 2.0 * math.pi / float(view.nomenclature.in_model("omega", view.values["omega"]))
         self.line.tags = [period / _SLOW, length]
         self._mass.data = {**start, "back": [at - length for at in start["x"]]}

@@ -65,7 +65,7 @@ class LivePage:
         self._pictures = (self.diagram, self.map, self.basins)
         self.motion = MotionPanel(self._close)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
-        parameters = controls.parameter_choices(home.seen)
+        parameters = controls.parameter_choices(home.nomenclature)
         self._across = controls.selector("across", "ordinate", parameters)
         self._tabs = self._new_tabs()
         self.worker = Worker(document.add_next_tick_callback, self._refuse)

@@ -44,9 +44,9 @@ _CHOSEN = ("axis", "ordinate", "across")
 _FLAGS = ("marked", "exact")
 
 
-def window_around(name: str, values: Mapping[str, float], seen: Nomenclature) -> Window:
+def window_around(name: str, values: Mapping[str, float], nomenclature: Nomenclature) -> Window:
     """Return a default window of a parameter around its value at the point `values`."""
-    model = _model_values(values, seen)
+    model = _model_values(values, nomenclature)
     value, (length, rate) = model[name], _scales(model)
     if name in ("omega", "p"):
         ends = 0.5 * value, 2.0 * value
@@ -60,13 +60,13 @@ def window_around(name: str, values: Mapping[str, float], seen: Nomenclature) ->
         around = max(abs(value), 2.0 * length * (rate if name == "v0" else 1.0))
         least = model["x0"] if name == "clearance" else -math.inf
         ends = max(value - around, least), value + around
-    low, high = (float(seen.value(name, end)) for end in ends)
+    low, high = (float(nomenclature.value(name, end)) for end in ends)
     return low, high
 
 
-def _model_values(values: Mapping[str, float], seen: Nomenclature) -> dict[str, float]:
+def _model_values(values: Mapping[str, float], nomenclature: Nomenclature) -> dict[str, float]:
     """Return the values of a point in the units of the model."""
-    return {name: float(seen.in_model(name, value)) for name, value in values.items()}
+    return {name: float(nomenclature.in_model(name, value)) for name, value in values.items()}
 
 
 def _scales(values: Mapping[str, float]) -> tuple[float, float]:
@@ -90,7 +90,7 @@ class View:
     name: str  # of the configuration that opened the page
     method: Mapping[str, Any]  # the group of a configuration, like `record`
     record: Mapping[str, Any]
-    seen: Nomenclature  # what a reader sees: names, and the units of values and windows
+    nomenclature: Nomenclature  # the names, and the units of values and windows
     values: Mapping[str, float]  # the point of the mark, through which the windows pass
     axis: str  # the abscissa
     across: str  # the ordinate of the map
@@ -108,8 +108,8 @@ class View:
     @classmethod
     def of(cls, config: SweepConfig) -> Self:
         """Return the view of a configuration: its longest axes, other axes at their first value."""
-        axes, seen = config.parameters(), config.nomenclature
-        values = {name: float(seen.value(name, axes[name].first)) for name in PARAMETERS}
+        axes, nomenclature = config.parameters(), config.nomenclature
+        values = {name: float(nomenclature.value(name, axes[name].first)) for name in PARAMETERS}
         axis, across = sorted(axes, key=lambda name: -axes[name].size)[:2]
         axis = axis if axes[axis].size > 1 else "omega"
         across = across if axes[across].size > 1 else "R" if axis != "R" else "omega"
@@ -118,8 +118,8 @@ class View:
         def window(name: str) -> Window:
             """Return the range of an axis, or a default window for a fixed parameter."""
             ends = axes[name].low, axes[name].high
-            low, high = (float(seen.value(name, end)) for end in ends)
-            return (low, high) if low < high else window_around(name, values, seen)
+            low, high = (float(nomenclature.value(name, end)) for end in ends)
+            return (low, high) if low < high else window_around(name, values, nomenclature)
 
         record = config.record.model_dump(include=set(RECORD_FIELDS))
         if record["transient"] == "auto":  # what is found for each point has no field
@@ -131,7 +131,7 @@ class View:
             name=config.name,
             method=method,
             record=record,
-            seen=seen,
+            nomenclature=nomenclature,
             values=values,
             axis=axis,
             across=across,
@@ -176,7 +176,7 @@ class View:
             return 0.1 * middle, min(10.0 * middle, PARAMETERS[name].high)
         axis, (low, high) = other  # every start must be in front of every stop
         ends = {"x0": {"x0": high}, "clearance": {"clearance": low}}.get(axis, {})
-        return window_around(name, {**self.values, **ends}, self.seen)
+        return window_around(name, {**self.values, **ends}, self.nomenclature)
 
     def diagram(self, columns: int, diagnostics: tuple[str, ...] = ()) -> SweepConfig:
         """Return the sweep of the diagram with `columns` values of the axis."""
@@ -210,26 +210,28 @@ class View:
             entries[axis] = {"start": low, "stop": high, "num": num}
             if axis in self.log:
                 entries[axis]["spacing"] = "log"
-        group = {self.seen.name(key): entries.pop(key) for key in OscillatorConfig.model_fields}
-        if self.seen.rig is not None:
-            group = {"mass": self.seen.rig.mass, **group}
+        group = {
+            self.nomenclature.name(key): entries.pop(key) for key in OscillatorConfig.model_fields
+        }
+        if self.nomenclature.rig is not None:
+            group = {"mass": self.nomenclature.rig.mass, **group}
         data = {
             "name": self.name,
-            self.seen.group: group,
+            self.nomenclature.group: group,
             "start": entries,
             "method": dict(self.method),
             "record": {**self.record, "diagnostics": diagnostics},
-            "units": dict(self.seen.units),
+            "units": dict(self.nomenclature.units),
         }
         return load_config(data)
 
     def query(self) -> str:
         """Return the view as the query of an address."""
         items: dict[str, Any] = {
-            self.seen.name(name): repr(value) for name, value in self.values.items()
+            self.nomenclature.name(name): repr(value) for name, value in self.values.items()
         }
         items |= {called: self.record[name] for name, called in RECORD_FIELDS.items()}
-        items |= {name: self.seen.name(getattr(self, name)) for name in _CHOSEN}
+        items |= {name: self.nomenclature.name(getattr(self, name)) for name in _CHOSEN}
         items |= {name: int(getattr(self, name)) for name in ("tab", *_FLAGS)}
         for name in _WINDOWS:
             if (window := getattr(self, name)) is not None:
@@ -239,7 +241,7 @@ class View:
     def with_query(self, query: str) -> Self:
         """Return the view that an address describes; entries it lacks keep their values."""
         entries = dict(parse_qsl(query.removeprefix("?"), keep_blank_values=True))
-        named = {self.seen.name(name): name for name in PARAMETERS}
+        named = {self.nomenclature.name(name): name for name in PARAMETERS}
         changes: dict[str, Any] = {
             name: named.get(entries[name], entries[name]) for name in _CHOSEN if name in entries
         }
@@ -247,7 +249,7 @@ class View:
             **self.record, **{n: entries[c] for n, c in RECORD_FIELDS.items() if c in entries}
         }  # fmt: skip
         numbers = {
-            parameter: _typed_number(name, entries[name], self.seen.about(parameter))
+            parameter: _typed_number(name, entries[name], self.nomenclature.about(parameter))
             for name, parameter in named.items()
             if name in entries
         }
@@ -269,21 +271,23 @@ class View:
         """Raise ConfigError if a name is unknown, a window is empty, or a value is not allowed."""
         for name in (self.axis, self.across):
             if name not in PARAMETERS:
-                expected = ", ".join(map(self.seen.name, PARAMETERS))
+                expected = ", ".join(map(self.nomenclature.name, PARAMETERS))
                 raise ConfigError(f"{name} is not a parameter; expected: {expected}")
         if self.ordinate not in COORDINATES:
             raise ConfigError(
                 f"{self.ordinate} is not an ordinate; expected: {', '.join(COORDINATES)}"
             )
         if self.axis == self.across:
-            raise ConfigError(f"{self.seen.name(self.axis)} is asked for as both axes of the map")
+            raise ConfigError(
+                f"{self.nomenclature.name(self.axis)} is asked for as both axes of the map"
+            )
         for name in _WINDOWS:
             window = getattr(self, name)
             if window is not None and not (math.isfinite(sum(window)) and window[0] < window[1]):
                 raise ConfigError(f"the window {name} = {window} is empty")
         for name, value in self.values.items():
-            if not (parameter := self.seen.about(name)).accepts(value):
-                said = f"{self.seen.name(name)} = {value:g} is not allowed"
+            if not (parameter := self.nomenclature.about(name)).accepts(value):
+                said = f"{self.nomenclature.name(name)} = {value:g} is not allowed"
                 raise ConfigError(f"{said}; expected: {parameter.allowed}")
         self.point()
         self.diagram(2)
@@ -307,8 +311,8 @@ def window_bounds(
     parameter = PARAMETERS[name]
     low = parameter.low
     if parameter.low_open:
-        _, rate = _scales(_model_values(view.values, view.seen))
-        low = min(float(view.seen.value(name, 1e-3 * rate)), window[0])
+        _, rate = _scales(_model_values(view.values, view.nomenclature))
+        low = min(float(view.nomenclature.value(name, 1e-3 * rate)), window[0])
     low = view.values["x0"] if name == "clearance" else low
     high = view.values["clearance"] if name == "x0" else parameter.high
     ends = (low if math.isfinite(low) else None, high if math.isfinite(high) else None)
@@ -334,7 +338,7 @@ def _commands(view: View, name: str) -> str:
         options += f" --coordinate {view.ordinate}"
         for option, (ends, name) in limits.items():
             if ends is not None:
-                unit = as_variable(name, view.seen).attrs["units"]
+                unit = as_variable(name, view.nomenclature).attrs["units"]
                 unit = unit if unit in ("m", "m/s") else ""  # the ticks may have a prefix
                 options += f" --{option}={ends[0]!r}:{ends[1]!r}{unit}"
     run, plot = command("run", Path(f"{name}.yaml")), command("plot", Path(f"{name}.h5"))

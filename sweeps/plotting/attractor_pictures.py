@@ -290,7 +290,7 @@ def attractor_diagram(
     page.set_limits(panel, fit=True)
     for each in series:
         if canvas.is_seen(each.dots):
-            (handle,) = panel.plot([], [], each.look.marker, color=each.look.ink, label=each.name)
+            (handle,) = panel.plot([], [], each.look.marker, color=each.look.dots, label=each.name)
             handle.set(markersize=4.0, markeredgewidth=edge_of(each.look.marker))
     masks = {}
     if page.marks and ORDINATES[coordinate].dimension == "impact":
@@ -303,7 +303,7 @@ def attractor_diagram(
         alone = [each for each in series if looks.has_own(each.rows[0])]
         for each in alone:
             if each.rows[0].regime not in NO_CLASS:
-                mark_some(panel, each.points, each.look.marker, each.look.ink)
+                mark_some(panel, each.points, each.look.marker, each.look.dots)
         periodic = [each for each in alone if each.rows[0].regime is Regime.PERIODIC]
         name_lines(panel, [(classes_text(each.rows), each.points) for each in periodic])
     return figure
@@ -359,7 +359,7 @@ def _draw_rows(
         y = y[np.isfinite(y)]
         first = table[places[0]]
         look = looks.look(first)
-        (dots,) = panel.plot(x, y, "o", color=look.ink, rasterized=True)
+        (dots,) = panel.plot(x, y, "o", color=look.dots, rasterized=True)
         scattered = first.regime is not Regime.PERIODIC
         least, most, zorder = (0.8, 1.2, 2.0) if scattered else (1.5, 2.0, 3.0)
         size = marker_size(x, y, least, most)

@@ -139,35 +139,35 @@ class Picture(Figure):
         self,
         handles: Sequence[Artist],
         title: str | None,
-        covered: Mapping[Artist, float] | None = None,
-        named: Callable[[], Container[str]] = tuple,
+        shares: Mapping[Artist, float] | None = None,
+        names_in_map: Callable[[], Container[str]] = tuple,
     ) -> None:
         """Put a legend below the panels, and increase the height of the figure.
 
-        It shrinks to fit a page, but that of a map, of which it is known what share each entry has
-        `covered`, takes a fifth of the height. If what covers much needs more, the panels become
-        higher, too, but by at most a half; `named` returns the names in the map.
+        It shrinks to fit a page, but that of a map, whose entries have `shares` of it, takes a
+        fifth of the height. If what covers much needs more, the panels become higher, too, but by
+        at most a half; `names_in_map` returns the names that the regions have room for.
         """
         room = SHARE / (1.0 - SHARE)
         heights = [room * (self.get_figheight() + more * self._usual) for more in (0.0, 0.5)]
-        if covered is None:
+        if shares is None:
             beside = self.get_figheight() - (1.0 - _LEAST_PANELS) * self._usual
             heights[1] = (self._height or HIGHEST) - beside
         elif self._height is not None:
             heights = [SHARE * self._height] * 2
 
-        def named_beside() -> Container[str]:
-            """Return what is named in the map beside a legend of a fifth of the height."""
+        def names_beside() -> Container[str]:
+            """Return the names in the map beside a legend of a fifth of the height."""
             usual = self.get_figheight()
             self.set_figheight(usual if self._height is None else (1.0 - SHARE) * self._height)
-            names = named()
+            names = names_in_map()
             self.set_figheight(usual)
             return names
 
         rooms = [(WIDTH * self.bbox.width, self.dpi * each) for each in heights]
         make = partial(self.legend, loc="outside lower center")
-        whole = covered is None
-        legend = fit_legend(make, handles, title, rooms, covered, named_beside, whole)
+        whole = shares is None
+        legend = fit_legend(make, handles, title, rooms, shares, names_beside, whole)
         box = legend.get_window_extent()
         if box.width > self.bbox.width:
             self._refuse_width("legend has")
@@ -352,16 +352,15 @@ def finish(
     handles: Sequence[Artist] | None = None,
     legend_title: str | None = None,
     record: str | None = None,
-    covered: Mapping[Artist, float] | None = None,
-    named: Callable[[], Container[str]] = tuple,
+    shares: Mapping[Artist, float] | None = None,
+    names_in_map: Callable[[], Container[str]] = tuple,
 ) -> Figure:
     """Put the title above a `Picture` and the legend below it, and return the figure.
 
     In another figure, the panel gets the legend, and a title only if the page has one. `handles`
     are labelled artists for the legend, by default those of the panel. `part` is the part of the
-    sweep that is shown. `record` replaces the record of the configuration in the title. Of a map,
-    `covered` is the share that each entry of the legend covers, and `named` returns the names that
-    the regions have room for: `Picture.add_legend`.
+    sweep that is shown. `record` replaces the record of the configuration in the title. A map has
+    `shares` and `names_in_map` for `Picture.add_legend`.
     """
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
@@ -374,7 +373,7 @@ def finish(
         if text:
             figure.add_title(text)
         if handles:
-            figure.add_legend(handles, legend_title, covered, named)
+            figure.add_legend(handles, legend_title, shares, names_in_map)
         figure.set_height()
         lay_out(panel)
         for each in figure.axes:
@@ -384,5 +383,5 @@ def finish(
             panel.set_title(page.title)
         if handles:
             lay_out(panel)
-            legend_within(panel, handles, legend_title, covered)
+            legend_within(panel, handles, legend_title, shares)
     return figure

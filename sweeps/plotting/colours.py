@@ -187,7 +187,9 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
         values = np.ma.masked_where(~has_value, numbers)
     if dots:
         cells = [
-            cell._replace(look=cell.look._replace(colour=style.visible(cell.look.ink), hatch=""))
+            cell._replace(
+                look=cell.look._replace(colour=style.dot_colour(cell.look.dots), hatch="")
+            )
             for cell in cells
         ]
     return Paint(variable, cells, values, norm, ramp, title, dots, grey)

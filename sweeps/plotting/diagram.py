@@ -191,7 +191,7 @@ class _Motions:
         self.line, self.axis, self.coordinate, self.grey = line, axis, coordinate, grey
         self.values, self.ways, self.rgba = line[axis].values, line.each_direction, rgba
         self.dots = list[Line2D]()
-        up, down = (style.visible(look.colour) for look in style.DIRECTION_LOOKS[grey])
+        up, down = (style.dot_colour(look.colour) for look in style.DIRECTION_LOOKS[grey])
         self.colours = up, down
         computed = int(has_result(line["status"].values).sum())
         self.dense = computed * line.sizes[ORDINATES[coordinate].dimension] > DENSITY_FROM
@@ -226,7 +226,7 @@ class _Motions:
             colours = [style.data_colour() if self.rgba is None else self.rgba]
         parts = [(y, np.isfinite(y), tint) for y, tint in zip(records, colours, strict=False)]
         if len(parts) == 2:
-            dark = style.visible(style.BOTH_COLOUR)
+            dark = style.dot_colour(style.BOTH_COLOUR)
             look = {"most": 1.6} | look  # thin, so that both directions are seen
             both = agreeing(*records)
             apart = [(y, fine & ~b, tint) for (y, fine, tint), b in zip(parts, both, strict=True)]
@@ -274,7 +274,7 @@ class _Motions:
             return
         seen = {dots.get_color() for dots in self.dots if canvas.is_seen(dots)}
         texts = *labels.direction_names(self.line), "both"
-        colours = *self.colours, style.visible(style.BOTH_COLOUR)
+        colours = *self.colours, style.dot_colour(style.BOTH_COLOUR)
         shapes = (*_MARKERS, "o") if self.grey and not self.dense else 3 * ("o",)
         for text, colour, shape in zip(texts, colours, shapes, strict=True):
             if self.dense or colour in seen:
@@ -323,6 +323,6 @@ class _Motions:
         if name == "lyapunov":
             panel.axhline(0.0, color=style.ink(), linewidth=0.6, zorder=1)
             is_plain = len(self.ways) == 1 and self.rgba is None
-            colour = style.data_colour() if is_plain else style.visible(style.BOTH_COLOUR)
+            colour = style.data_colour() if is_plain else style.dot_colour(style.BOTH_COLOUR)
             for text, alpha in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
                 panel.plot([], [], "o", color=colour, alpha=alpha, markersize=4, label=text)

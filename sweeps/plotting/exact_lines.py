@@ -273,18 +273,18 @@ def draw_curves(
         look = {"path_effects": edge, "zorder": 4, **bold} if piece.bounds else _THIN_CURVES
         panel.plot(*piece.points.T, ls=_CURVES[kinds[piece.number]], **look)
     panel.set(xlim=limits[0], ylim=limits[1])
-    covered = dict[Artist, float]()
+    shares = dict[Artist, float]()
     for kind, dashes in _CURVES.items():
         if of_kind := [piece.points for piece in pieces if kinds[piece.number] == kind]:
             line = Line2D([], [], ls=dashes, label=kind, **bold)
-            covered[line] = _covered(panel, of_kind, _EDGE)
-    covered |= _mark_special(panel, curves, cut, strong) if marks else {}
+            shares[line] = _share_of(panel, of_kind, _EDGE)
+    shares |= _mark_special(panel, curves, cut, strong) if marks else {}
     if further:
         text = f"{shown_count(len(further), 'further curve')}{' not shown' if is_many else ''}"
         line = Line2D([], [], ls="" if is_many else "-", label=text, **_THIN_CURVES)
         thin = [piece.points for piece in pieces if piece.number in further]
-        covered[line] = _covered(panel, thin, line.get_linewidth())
-    return covered
+        shares[line] = _share_of(panel, thin, line.get_linewidth())
+    return shares
 
 
 def _is_in_view(panel: Axes, line: np.ndarray) -> bool:
@@ -292,7 +292,7 @@ def _is_in_view(panel: Axes, line: np.ndarray) -> bool:
     return Path(canvas.in_panel(panel, line)).intersects_bbox(Bbox.unit(), filled=False)
 
 
-def _covered(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
+def _share_of(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
     """Return the share of a panel that lines of a width [pt] cover within its limits."""
     box = panel.get_window_extent()
     size, point = np.array([box.width, box.height]), canvas.figure_of(panel).dpi / 72.0

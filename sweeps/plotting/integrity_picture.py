@@ -165,18 +165,18 @@ def _handles_of_profile(
     parts = [part for panel in panels for part in panel.lines if canvas.is_seen(part)]
     seen = {(part.get_color(), looks.grey and part.get_marker()) for part in parts}
     of_basins = {looks.look(row) for row in of_regions}
-    of_basins = set() if looks.grey else {look for look in of_basins if look.ink == look.colour}
+    of_basins = set() if looks.grey else {look for look in of_basins if look.dots == look.colour}
     series = [[table[i] for i in places] for places in looks.series(table)]
     handles: list[Artist] = []
     named = names_of(series, line, line[axis])
     for rows, names in zip(series, named, strict=True):
         look = looks.look(rows[0])
-        if look not in of_basins and (look.ink, looks.grey and look.marker) in seen:
+        if look not in of_basins and (look.dots, looks.grey and look.marker) in seen:
             text = "".join(names) if looks.has_own(rows[0]) else "other periodic attractors"
             dashes: dict[str, Any] = {"linestyle": look.dash, "linewidth": 1.0}
             dashed = Line2D([], [], label=text, **dashes, **_of_points(look, looks.grey))
             patch = Cells(text, look, np.empty(0)).handle()
-            handles.append(dashed if looks.grey or look.ink != look.colour else patch)
+            handles.append(dashed if looks.grey or look.dots != look.colour else patch)
     if any(part.get_markerfacecolor() == ground() for part in parts):
         text, marker = ("hollow: ", "o") if looks.grey else ("", _BOUND_MARKER)
         shape: dict[str, Any] = {"marker": marker, "ls": "", "markersize": 4.0, "mfc": ground()}
@@ -186,7 +186,7 @@ def _handles_of_profile(
 
 def _of_points(look: Look, grey: bool) -> dict[str, Any]:
     """Return the settings of matplotlib for the marks of a line; in grey, they have a shape."""
-    return {"color": look.ink, "marker": look.marker, "markersize": 3.0 if grey else 2.5}
+    return {"color": look.dots, "marker": look.marker, "markersize": 3.0 if grey else 2.5}
 
 
 def _draw_profile(
@@ -242,7 +242,7 @@ def _draw_lines(
         look = looks.look(rows[places[0]])
         marks = _of_points(look, looks.grey)
         joined = np.where(to_next & (y <= top), y, np.nan)
-        panel.plot(x, joined, linewidth=1.0, linestyle=look.dash, color=look.ink)
+        panel.plot(x, joined, linewidth=1.0, linestyle=look.dash, color=look.dots)
         panel.plot(x, np.where(here & ~bound, y, np.nan), linestyle="", **marks)
         marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER}
         marks |= {"markersize": 4.0, "markerfacecolor": ground()}
@@ -279,7 +279,7 @@ def _draw_disturbances(
         )
         if is_exact and math.isfinite(measures["knock_harmful"]):
             number = len(handles) + 1 if looks.grey else None
-            colour = looks.look(row).ink
+            colour = looks.look(row).dots
             handles.append(_draw_knock(panel, starts, row, places[row.number], colour, number))
     if any(discs):
         disc_handle = Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)

@@ -36,19 +36,19 @@ def fit_legend(
     handles: Sequence[Artist],
     title: str | None,
     rooms: Sequence[tuple[float, float]],
-    covered: Mapping[Artist, float] | None = None,
-    named: Callable[[], Container[str]] = tuple,
+    shares: Mapping[Artist, float] | None = None,
+    names_in_map: Callable[[], Container[str]] = tuple,
     shrinks: bool = False,
 ) -> Legend:
     """Return the legend that `make` makes of as many entries as have room.
 
     The `rooms` are the usual and the greatest width and height [px]. A title that is wider than the
-    figure is broken. If it is known what each entry has `covered` of a map, those that cover little
-    are left out to fit the usual room. A legend that `shrinks` is small if it is higher than usual,
-    then short entries come first, so that more columns fit, and then long ones have two lines;
-    another is always small. If it is too large for the greatest room, all entries but one can be
-    left out: after the rare ones those with a name in the map, as `named` returns, and of equals
-    the last. So is the title, unless the legend shrinks.
+    figure is broken. Given the `shares` of a map that the entries explain, those that explain
+    little are left out to fit the usual room. A legend that `shrinks` is small if it is higher than
+    usual, then short entries come first, so that more columns fit, and then long ones have two
+    lines; another is always small. If it is too large for the greatest room, all entries but one
+    can be left out: after the rare ones those with one of the `names_in_map`, and of equals the
+    last. So is the title, unless the legend shrinks.
     """
     usual, most = rooms
     widest = usual[0] / WIDTH
@@ -64,20 +64,20 @@ def fit_legend(
         forms = [(handles, {}), *forms, (short, _SMALL), (_broken(short), _SMALL)]
 
     def share(handle: Artist) -> float:
-        return 1.0 if covered is None else covered[handle]
+        return 1.0 if shares is None else shares[handle]
 
     heights = list[float]()
     for entries, look in forms:
         rare = [handle for handle in reversed(entries) if share(handle) < COMMON]
         rare.sort(key=share)
-        legend = _fitted(partial(make, title=title, **look), entries, rare, usual, covered)
+        legend = _fitted(partial(make, title=title, **look), entries, rare, usual, shares)
         size, room = legend.get_window_extent(), (widest, usual[1]) if shrinks else most
         if size.width <= room[0] and size.height <= room[1]:
             return legend
         legend.remove()
         heights.append(size.height if size.width <= widest else math.inf)
     entries, look = forms[heights.index(min(heights))]
-    seen = named()
+    seen = names_in_map()
     known = [handle for handle in entries if handle.get_label() in seen]
 
     def place(handle: Artist) -> tuple[int, float]:
@@ -85,7 +85,7 @@ def fit_legend(
 
     spare = sorted(reversed(entries), key=place)[:-1]
     make = partial(make, title=title if shrinks else None, **look)
-    return _fitted(make, entries, spare, most, covered, known)
+    return _fitted(make, entries, spare, most, shares, known)
 
 
 def _broken(handles: Sequence[Artist]) -> list[Artist]:
@@ -109,7 +109,7 @@ def legend_within(
     panel: Axes,
     handles: Sequence[Artist],
     title: str | None,
-    covered: Mapping[Artist, float] | None,
+    shares: Mapping[Artist, float] | None,
 ) -> None:
     """Put a legend into a panel of any figure, with at most a fifth of the height of the panel."""
     box = panel.get_window_extent()
@@ -118,7 +118,7 @@ def legend_within(
         # Matplotlib would look for the best place of every legend that is tried.
         make = partial(panel.legend, loc="upper right")
         room = WIDTH * box.width, SHARE * box.height
-        legend = fit_legend(make, handles, title, [room, room], covered)
+        legend = fit_legend(make, handles, title, [room, room], shares)
         legend.set_loc(mpl.rcParams["legend.loc"])
 
 
@@ -139,24 +139,24 @@ def _fitted(
     handles: Sequence[Artist],
     spare: Sequence[Artist],
     room: tuple[float, float],
-    covered: Mapping[Artist, float] | None = None,
+    shares: Mapping[Artist, float] | None = None,
     known: Sequence[Artist] = (),
 ) -> Legend:
     """Return a legend with as many columns as its width allows, and as many entries as its height.
 
     The first of the `spare` entries are left out first; a further entry counts those that are not
-    `known`. If it is known what they have `covered` of a map, the classes come first, and then
-    entries of one length are beside each other, so that more columns fit.
+    `known`. With their `shares` of a map, the classes come first, and then entries of one length
+    are beside each other, so that more columns fit.
     """
     width, height = room
-    if covered is not None:
-        handles = sorted(handles, key=lambda handle: -covered[handle])
+    if shares is not None:
+        handles = sorted(handles, key=lambda handle: -shares[handle])
         handles.sort(key=_place)
 
     def without(count: int) -> Legend:
         shown = [handle for handle in handles if handle not in spare[:count]]
         if left_out := [handle for handle in spare[:count] if handle not in known]:
-            text = "rarer classes: " if covered and all(map(_is_class, left_out)) else "+"
+            text = "rarer classes: " if shares and all(map(_is_class, left_out)) else "+"
             shown.append(Line2D([], [], linestyle="", label=f"{text}{len(left_out)}"))
         for columns in range(min(_MOST_COLUMNS, len(shown)), 1, -1):
             legend = make(handles=shown, ncols=columns)

@@ -25,7 +25,7 @@ OTHERS = "other m/q"
 def look_of(key: style.LookKey, grey: bool = False) -> style.Look:
     """Return the look of a class, or of all other classes, of a regime or a further attractor."""
     look = style.LOOKS.get(key, style.LOOKS[None])[grey]
-    return look._replace(ink=style.visible(look.ink))
+    return look._replace(dots=style.dot_colour(look.dots))
 
 
 class Cells(NamedTuple):

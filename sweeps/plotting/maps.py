@@ -92,29 +92,31 @@ def parameter_map(
         _draw_hatch(panel, cut, approaching, **_APPROACHING)
     page = page.set_limits(panel)
     view = view_of(panel, cut)
-    covered = entries_of(cut, cells, view)
+    shares = entries_of(cut, cells, view)
     if (seen := approaching[view]).any():
         share = 100.0 * seen.sum() / has_result(status[view]).sum()
         text = f"{ON_ITS_WAY} ({share:.3g} %)"
-        covered[Patch(facecolor="#888888", label=text, **_APPROACHING)] = float(seen.mean())
+        shares[Patch(facecolor="#888888", label=text, **_APPROACHING)] = float(seen.mean())
     if exact is not None:
-        covered |= draw_curves(panel, exact, cut, CLASSES, page.marks)
+        shares |= draw_curves(panel, exact, cut, CLASSES, page.marks)
     scale = (name, paint.ramp, paint.norm)
     measured = draw_overlay(points, [(panel, abscissa, ordinate)], page, scale)
-    covered |= dict.fromkeys(measured, 1.0)
+    shares |= dict.fromkeys(measured, 1.0)
     if name != "period":
-        return canvas.finish(panel, page, cut, [*covered], paint.title)
+        return canvas.finish(panel, page, cut, [*shares], paint.title)
     numbers, names = class_numbers(*cut.classes)
 
-    def named() -> set[str]:
+    def names_in_map() -> set[str]:
         """Return the names for which the regions have room."""
         texts = name_regions(panel, _edges_of(cut), numbers, names)
         for text in texts:
             text.remove()
         return {text.get_text() for text in texts}
 
-    _name_others(covered, numbers[view], names, set if page.height else named)
-    figure = canvas.finish(panel, page, cut, [*covered], paint.title, covered=covered, named=named)
+    _name_others(shares, numbers[view], names, set if page.height else names_in_map)
+    figure = canvas.finish(
+        panel, page, cut, [*shares], paint.title, shares=shares, names_in_map=names_in_map
+    )
     name_and_bound(panel, page, cut, numbers, names)
     return figure
 
@@ -158,14 +160,14 @@ def _name_others(
     patches: Iterable[Artist],
     numbers: np.ndarray,
     names: Mapping[int, str],
-    named: Callable[[], Container[str]],
+    names_in_map: Callable[[], Container[str]],
 ) -> None:
-    """Name, in the entry of other classes, those that cover much and are not `named` in the map."""
+    """Name, in the entry of other classes, those that cover much without a name in the map."""
     every, counts = np.unique(numbers, return_counts=True)
     common = every[np.argsort(-counts)][: np.count_nonzero(counts >= COMMON * numbers.size)]
     classes = [name for number in common.tolist() if (name := names.get(number, ""))[:1].isdigit()]
     if others := [name for name in classes if name not in {f"{m}/{q}" for m, q in CLASSES}]:
-        seen = named()
+        seen = names_in_map()
         listed = ", ".join(name for name in others if name not in seen)
         (patch,) = (patch for patch in patches if patch.get_label() == OTHERS)
         patch.set_label(f"{OTHERS}: {listed}" if listed else OTHERS)

@@ -18,7 +18,7 @@ from matplotlib.patheffects import withStroke
 from sweeps.plotting.canvas import figure_of, in_panel, in_view
 from sweeps.plotting.labels import equation, refuse_too_large, set_ends, status_name
 from sweeps.plotting.pixels import runs, widened
-from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, ground, ink, visible
+from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, dot_colour, ground, ink
 
 #: Height of the middle of the strip of marks, as a share of the panel.
 _HEIGHT = 0.015
@@ -74,7 +74,7 @@ def edge_of(marker: str) -> float:
 
 
 def marker_size(x: np.ndarray, y: np.ndarray, least: float, most: float) -> float:
-    """Return the size [pt] of markers that leave parts of the panel around them visible."""
+    """Return the size [pt] of markers that leave parts of the panel around them dot_colour."""
     counts, *_ = np.histogram2d(x, y, bins=(600, 300))
     return float(np.clip(70.0 / math.sqrt(max(1, int(np.count_nonzero(counts)))), least, most))
 
@@ -113,7 +113,7 @@ def mark_status(
     """
     kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
     kinds += [(name, MARKS[name][grey], where) for name, where in (masks or {}).items()]
-    kinds = [(name, visible(colour), where) for name, colour, where in kinds if where.any()]
+    kinds = [(name, dot_colour(colour), where) for name, colour, where in kinds if where.any()]
     if np.isin(status, list(STATUS_COLOURS)).any():
         low, high = panel.get_ylim()
         panel.set_ylim(low - 0.04 * (high - low), high)

@@ -23,7 +23,7 @@ from sweeps.plotting.contents import Wanted
 from sweeps.plotting.looks import Cells
 from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
-from sweeps.plotting.style import BOTH_COLOUR, VERMILION, Look, data_colour, ink, visible
+from sweeps.plotting.style import BOTH_COLOUR, VERMILION, Look, data_colour, dot_colour, ink
 from sweeps.store.variables import DIRECTION
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Label, Regime, has_result
@@ -56,7 +56,7 @@ def _draw_records(
         both = np.zeros(finite.shape, bool)
         if paint.variable.name == DIRECTION and DIRECTION in points.grid:
             both = in_both(by_point, points.grid.index(DIRECTION))
-        rgba[both] = to_rgba(visible(BOTH_COLOUR))
+        rgba[both] = to_rgba(dot_colour(BOTH_COLOUR))
         rgba = rgba[finite]
     panel = new_panel(ax, page)
     draw_points(panel, columns[0], columns[1], rgba)
@@ -67,7 +67,7 @@ def _draw_records(
     if paint is not None:
         seen = in_view(panel, *by_point)
         if (both & seen).any():
-            handles = [Cells("both", Look.plain(visible(BOTH_COLOUR)), both).handle()]
+            handles = [Cells("both", Look.plain(dot_colour(BOTH_COLOUR)), both).handle()]
         by_point[:, both & page.grey] = np.nan  # without the marker of a direction
         paint.mark(panel, *by_point)
         paint = paint.within((seen & ~both).any(axis=-1) | ~finite.any(axis=-1))

@@ -99,10 +99,10 @@ def _ramps(colours: Sequence[str]) -> list[LinearSegmentedColormap]:
     motion is periodic.
     """
     both_ways = len(colours) > 0
-    own = [*colours, style.visible(style.BOTH_COLOUR)] if both_ways else [style.data_colour()]
+    own = [*colours, style.dot_colour(style.BOTH_COLOUR)] if both_ways else [style.data_colour()]
     kept, ramp = 2 if both_ways else 3, LinearSegmentedColormap.from_list
     ends = (style.shades(colour, style.ground(), style.ink())[:kept] for colour in own)
-    return [ramp("density", [*map(style.visible, colours)]) for colours in ends]
+    return [ramp("density", [*map(style.dot_colour, colours)]) for colours in ends]
 
 
 def draw_density(

@@ -38,10 +38,10 @@ LookKey = tuple[int, int] | None | Regime | str
 
 
 class Look(NamedTuple):
-    """The look of an attractor, a class or a regime: its cells, and its lines and dots in ink."""
+    """The look of an attractor, a class or a regime: of its cells, and of its lines and dots."""
 
-    colour: str
-    ink: str
+    colour: str  # of the cells
+    dots: str  # colour of the lines and dots
     hatch: str = ""
     marker: str = "o"
     dash: Dash = "-"
@@ -132,7 +132,7 @@ CLASSES = {key: row[0] for key, row in _ROWS.items() if isinstance(key, tuple)}
 REGIMES = {key: row[0] for key, row in _ROWS.items() if isinstance(key, Regime)}
 FURTHER = tuple(key for key in _ROWS if isinstance(key, str))
 #: The colours of dots and lines on paper, by that of the cells.
-INKS = {colour: dots for colour, dots, _ in _ROWS.values()} | {
+DOT_COLOURS = {colour: dots for colour, dots, _ in _ROWS.values()} | {
     STATUS_COLOURS[Status.PENDING]: "#8C8596",
     "#56B4E9": "#169ED8",  # evidence and outcomes
     "#F0E442": "#85754C",
@@ -239,15 +239,15 @@ def grey_style() -> dict[Any, Any]:
 def grey_ramp(least: float) -> LinearSegmentedColormap:
     """Return the greys of numbers, each darker than those of less, or lighter on a dark ground.
 
-    The first has a `least` share of the ink.
+    The first has a `least` share of the colour of texts.
     """
     return LinearSegmentedColormap.from_list("grey", [mix(ink(), ground(), least), ink()])
 
 
-def visible(colour: str) -> str:
-    """Return the colour of dots or lines: of ``INKS``, or on a dark ground mixed with the ink."""
+def dot_colour(colour: str) -> str:
+    """Return the colour of dots and lines whose cells have a colour, lighter on a dark ground."""
     if _luminance(ink()) <= 0.5:
-        return INKS.get(colour, colour)
+        return DOT_COLOURS.get(colour, colour)
     mixed, share = colour, 0.0
     while share < 1.0 and _contrast(mixed, ground()) < _LEGIBLE:
         share += 0.1

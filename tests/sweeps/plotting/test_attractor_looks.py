@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex, to_rgb
 from PIL import Image
 
 from sweeps.plotting import KINDS, Page
-from sweeps.plotting.style import CLASSES, FURTHER, INKS, LOOKS
+from sweeps.plotting.style import CLASSES, DOT_COLOURS, FURTHER, LOOKS
 
 #: Two orbits of the class 1/3 at each frequency.
 SWEEP = """\
@@ -104,7 +104,7 @@ def test_the_colours_are_the_same_in_all_three_pictures_of_a_file(drawn):
     of_basins = legend(drawn("basins", 0.9462))
     by_state = {re.search(r"at .*", text)[0]: look[0] for text, look in of_basins.items()}
     assert len(by_state) == 2
-    by_state = {text: INKS[colour.upper()].lower() for text, colour in by_state.items()}
+    by_state = {text: DOT_COLOURS[colour.upper()].lower() for text, colour in by_state.items()}
     (panel,) = drawn("attractors").axes
     lines = [line for line in panel.lines if not line.get_label().startswith("_")]
     named = {line.get_label(): to_hex(line.get_color()) for line in lines}
@@ -137,7 +137,7 @@ LEAST = 0.2
 def test_any_two_attractors_in_grey_differ_in_shape_or_clearly_in_ink():
     """In lines by the dashes, and in dots by the marker."""
     for (one, (_, first)), (other, (_, second)) in combinations(LOOKS.items(), 2):
-        inks = abs(to_rgb(first.ink)[0] - to_rgb(second.ink)[0])
+        inks = abs(to_rgb(first.dots)[0] - to_rgb(second.dots)[0])
         assert inks >= LEAST or first.marker != second.marker, (one, other)
         assert inks >= LEAST or first.dash != second.dash, (one, other)
 

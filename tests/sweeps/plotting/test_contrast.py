@@ -63,17 +63,17 @@ def test_every_dot_has_a_contrast_of_three(grey, color):
 
 
 def test_lines_and_dots_in_grey_can_be_seen_on_paper():
-    assert max(to_rgb(look_of(key, grey=True).ink)[0] for key in style.LOOKS) <= 0.6
+    assert max(to_rgb(look_of(key, grey=True).dots)[0] for key in style.LOOKS) <= 0.6
     white = look_of((1, 0), grey=True)
-    assert to_hex(white.colour) == "#ffffff" and 0.55 < to_rgb(white.ink)[0] <= 0.6
+    assert to_hex(white.colour) == "#ffffff" and 0.55 < to_rgb(white.dots)[0] <= 0.6
 
 
 def test_directions_impacts_and_marks_have_a_contrast_of_three():
     ways = [look.colour for pair in style.DIRECTION_LOOKS for look in pair] + [style.BOTH_COLOUR]
     marks = [*itertools.chain(*style.MARKS.values()), *style.STATUS_COLOURS.values()]
-    inks = [*(grey.ink for _, grey in style.LOOKS.values()), *style.FURTHER]
+    inks = [*(grey.dots for _, grey in style.LOOKS.values()), *style.FURTHER]
     for colour in (*ways, *marks, *inks):
-        assert contrast(style.visible(colour)) >= 2.995, colour
+        assert contrast(style.dot_colour(colour)) >= 2.995, colour
 
 
 def test_in_grey_every_class_but_chaos_has_a_marker_and_rest_is_not_unknown():

@@ -9,7 +9,7 @@ from sweeps import open_sweep
 from sweeps.attractor.integrity import Knock
 from sweeps.plotting import Page
 from sweeps.plotting import integrity as draw_integrity
-from sweeps.plotting.style import CLASSES, INKS
+from sweeps.plotting.style import CLASSES, DOT_COLOURS
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.attractor.test_integrity import CONFIG as STARTS
 
@@ -40,7 +40,7 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
     arrows = {to_hex(handle.get_color()) for text, handle in handles.items() if "knock" in text}
     knocks_drawn = [text.arrow_patch for text in panel.texts if hasattr(text, "arrow_patch")]
     drawn = {to_hex(arrow.get_edgecolor()) for arrow in knocks_drawn}
-    assert arrows == drawn == {INKS[CLASSES[one]].lower() for one in ((2, 1), (1, 0))}
+    assert arrows == drawn == {DOT_COLOURS[CLASSES[one]].lower() for one in ((2, 1), (1, 0))}
     assert [line.get_marker() for line in panel.lines] == ["o"]  # a single call
 
 

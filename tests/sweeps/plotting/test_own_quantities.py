@@ -142,7 +142,7 @@ def test_a_dataarray_that_does_not_fit_is_refused(dataset, draw, change, message
 def dots_of_map(dataset):
     """Return the colours that dots have, by the labels of a map."""
     of_map = legend(parameter_map(dataset))
-    return {text: style.visible(colour.upper()).lower() for text, colour in of_map.items()}
+    return {text: style.dot_colour(colour.upper()).lower() for text, colour in of_map.items()}
 
 
 def test_the_classes_have_the_colours_of_the_map_in_every_picture(dataset):
@@ -155,9 +155,9 @@ def test_the_classes_have_the_colours_of_the_map_in_every_picture(dataset):
     offsets, colours = points_of(figure)
     expected = {}
     for cell in period_cells(*OpenedSweep(line).classes):
-        of_dots = style.visible(cell.look.ink)
+        of_dots = style.dot_colour(cell.look.dots)
         expected |= dict.fromkeys(line["omega"].values[cell.where], to_rgba(of_dots))
-    assert {tuple(c[:3]) for c in colours} > {to_rgba(style.INKS[style.CLASSES[1, 1]])[:3]}
+    assert {tuple(c[:3]) for c in colours} > {to_rgba(style.DOT_COLOURS[style.CLASSES[1, 1]])[:3]}
     for (x, _), colour in zip(offsets, colours, strict=True):
         assert tuple(colour[:3]) == expected[x][:3]
 

@@ -76,7 +76,9 @@ PICTURES = {
     "status": style.RESULT_COLOURS | style.STATUS_COLOURS,
     "evidence": style.EVIDENCE | style.STATUS_COLOURS,
     "attractors": dict(enumerate(style.FURTHER)),
-    "dots": {name: style.INKS.get(of, of) for name, of in IN_A_MAP.items() if name[0] not in "PUN"},
+    "dots": {
+        name: style.DOT_COLOURS.get(of, of) for name, of in IN_A_MAP.items() if name[0] not in "PUN"
+    },
     "directions": dict(enumerate((*WAYS, style.BOTH_COLOUR))),
 }
 
