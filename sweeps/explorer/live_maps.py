@@ -136,7 +136,7 @@ class Filling:
         pixels, kinds = np.zeros(self._order.size, np.uint8), []
         for cell in (*cells, *failed_cells(self._status)):
             if count := np.count_nonzero(cell.where):
-                kinds.append((without_tex(cell.label), cell.colour, float(count) / self._done))
+                kinds.append((without_tex(cell.label), cell.look.colour, float(count) / self._done))
                 pixels[cell.where.ravel()] = len(kinds)
         placed = self._placed(classes, names)
         return Tiles(

@@ -26,7 +26,7 @@ from sweeps.opened.coordinates import periods_shown
 from sweeps.opened.doors import AnySweep
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.motion import NARROW, trajectory
+from sweeps.plotting.motion import NARROW, class_at, trajectory
 from sweeps.plotting.page import FPS, PAGE, Page, styled
 from sweeps.plotting.style import data_colour, ground, ink
 from sweeps.store.replacing import writing
@@ -162,8 +162,7 @@ def _film(
     """Draw the whole motion of a point, and make a film of it that ends with this picture."""
     point = sweep.cut(at)
     if periods is None:
-        line = point.over(point.data.expand_dims("motion"))
-        m = max((label.m for label in line.labels if label), default=0) if "period" in line else 0
+        m = label.m if (label := class_at(point)) else 0
         periods = min(periods_shown(m), _MOST_PERIODS) if m else _UNKNOWN
     if periods > _MOST_PERIODS:
         expected = f"expected: at most {_MOST_PERIODS}"

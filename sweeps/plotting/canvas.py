@@ -289,13 +289,9 @@ def is_seen(artist: Artist) -> bool:
 
 def _shows_data(panel: Axes) -> bool:
     """Whether cells, lines, dots or marks of failed points are within the limits of a panel."""
-    cells = [each.get_array() for each in panel.collections if isinstance(each, QuadMesh)]
     points, data = points_in(panel), panel.transData
-    if not (cells or len(points)):
-        return True  # of a density, which is drawn last
-    if any(np.ma.count(array) for array in cells if array is not None):
-        return True
-    if in_view(panel, *points.T).any():
+    has_cells = not len(points) or any(isinstance(each, QuadMesh) for each in panel.collections)
+    if has_cells or in_view(panel, *points.T).any():
         return True
     lines = [each for each in panel.lines if len(each.get_path()) and is_seen(each)]
     return any(each.get_linestyle() == "None" or each.get_transform() == data for each in lines)

@@ -76,7 +76,7 @@ class Paint(NamedTuple):
         """Return the colour of each point, shape (..., 4); transparent without a result."""
         rgba = np.asarray(self.ramp(self.norm(self.values)))
         for cell in self.cells:
-            rgba[cell.where] = to_rgba(cell.colour)
+            rgba[cell.where] = to_rgba(cell.look.colour)
         return rgba
 
     def dashes(self) -> np.ndarray:
@@ -96,7 +96,7 @@ class Paint(NamedTuple):
         for cell in self.cells if self.grey else ():
             if cell.look.marker != ".":
                 points = np.stack([x[cell.where].ravel(), y[cell.where].ravel()], axis=1)
-                mark_some(panel, points, cell.look.marker, cell.colour)
+                mark_some(panel, points, cell.look.marker, cell.look.colour)
 
     def handles(self, curves: bool = False) -> list[Artist]:
         """Return the entries of the legend, of the cells that have points."""

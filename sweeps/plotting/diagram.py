@@ -21,7 +21,7 @@ from sweeps.plotting.colours import Paint, legend_entries, paint_of
 from sweeps.plotting.exact_lines import draw_branches, name_branches, without_gaps, without_idle
 from sweeps.plotting.marks import agreeing, draw_jumps, draw_points, mark_status, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
-from sweeps.plotting.pixels import draw_density, value_range
+from sweeps.plotting.pixels import draw_density, value_ranges
 from sweeps.plotting.table_points import draw_overlay, read_overlay
 from sweeps.store.variables import DIRECTION, FLAGS
 from vibroimpact.points.regimes import NO_CLASS, has_result
@@ -109,7 +109,7 @@ def bifurcation(
     if len(motions.values) > 100:
         labels.set_ends(panel.xaxis, motions.values.min(), motions.values.max())
     widen_if_constant(panel.yaxis, low, high)
-    page = page.set_limits(panel, fit=True, ranges=motions.ranges_within)
+    page = page.set_limits(panel, fit=True)
     for below_it, name in zip(lower, names, strict=True):
         motions.draw_scalar(below_it, name)
         page.fit_ordinate(below_it)
@@ -127,7 +127,6 @@ def bifurcation(
     if motions.dense:
         parts = motions.values, motions.ways, coordinate, motions.colours, motions.rgba
         draw_density(panel, *parts)
-        canvas.refuse_gap(panel, page)
     return figure
 
 
@@ -198,15 +197,14 @@ class _Motions:
 
     def draw_points(self, panel: Axes) -> tuple[float, float]:
         """Draw markers, or make room for a density; return the range of the ordinates."""
-        low, high = value_range(self.ways, self.coordinate)
-        if low > high:
+        ends = value_ranges(self.ways, self.coordinate)
+        if np.isnan(ends).all():
             contents.refuse_empty(self.line, self.coordinate)
         if self.dense:
-            panel.update_datalim([(self.values.min(), low), (self.values.max(), high)])
-            panel.autoscale_view()
+            panel.plot(np.repeat(self.values, 2), ends.ravel(), visible=False)
         else:
             self._mark(panel, self._records())
-        return low, high
+        return float(np.nanmin(ends)), float(np.nanmax(ends))
 
     def _records(self) -> list[np.ndarray]:
         """Return the coordinate in each direction, shape (n, record), NaN without a result."""
@@ -298,15 +296,6 @@ class _Motions:
         if marks and ORDINATES[self.coordinate].dimension == "impact":
             masks = {style.PARTIAL: self.line.shows_part, **masks}
         mark_status(panel, self.values, self.line["status"].values, masks, self.grey)
-
-    def ranges_within(self, limits: tuple[float, float] | None) -> list[tuple[float, float]]:
-        """Return the range of the ordinates within limits of the axis that a density has."""
-        low, high = limits or (np.inf, -np.inf)
-        seen = (low <= self.values) & (self.values <= high)
-        if not (self.dense and seen.any()):
-            return []
-        ways = [way.isel({self.axis: seen}) for way in self.ways]
-        return [value_range(ways, self.coordinate)]
 
     def draw_scalar(self, panel: Axes, name: str) -> None:
         """Draw a scalar, or both Lyapunov exponents, over the axis."""

@@ -52,16 +52,11 @@ class Cells(NamedTuple):
         whole = None if self.whole is None else self.whole[seen]
         return self._replace(where=self.where[seen], whole=whole)
 
-    @property
-    def colour(self) -> str:
-        """The colour of the cells."""
-        return self.look.colour
-
     def handle(self) -> Patch:
         """Return the patch for the legend."""
-        edge = style.hatch_on(self.colour) if self.look.hatch else style.ink()
+        edge = style.hatch_on(self.look.colour) if self.look.hatch else style.ink()
         look: dict[str, Any] = {"edgecolor": edge, "hatch": self.look.hatch, "linewidth": 0.4}
-        return Patch(facecolor=self.colour, label=self.label, **look)
+        return Patch(facecolor=self.look.colour, label=self.label, **look)
 
 
 def failed_cells(status: np.ndarray, hatched: bool = False) -> list[Cells]:

@@ -199,12 +199,12 @@ def draw_cells(panel: Axes, cut: OpenedSweep, cells: Iterable[Cells]) -> None:
     for number, cell in enumerate(cells):
         index[cell.where] = number
     if cells:
-        colours = ListedColormap([cell.colour for cell in cells])
+        colours = ListedColormap([cell.look.colour for cell in cells])
         norm = Normalize(-0.5, len(cells) - 0.5)
         _draw_mesh(panel, cut, np.ma.masked_equal(index, -1), norm, colours)
     for cell in cells:
         if cell.look.hatch:
-            edge = hatch_on(cell.colour)
+            edge = hatch_on(cell.look.colour)
             _draw_hatch(panel, cut, cell.where, hatch=cell.look.hatch, edgecolor=edge)
     if (status == Status.PENDING).any():
         panel.patch.set(facecolor=ground(), **_LOOK_OF_PENDING)

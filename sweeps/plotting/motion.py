@@ -190,7 +190,7 @@ def trajectory(
     paint, motion_class = None, None
     if color is None:
         points = sweep.cut(at)
-        (motion_class,) = _classes(points.over(points.data.expand_dims("motion")))
+        motion_class = class_at(points)
         motions = [_motion_at(sweep, at, periods, motion_class)]
         _draw_curves(panels, motions[0])
         _mark_impacts(panels, motions[0], page.grey)
@@ -288,6 +288,11 @@ def _text_of_motions(
 def _classes(line: OpenedSweep) -> list[Label | None]:
     """Return the class of each motion; None where the file does not know it."""
     return line.labels if "period" in line else [None] * line["status"].size
+
+
+def class_at(point: OpenedSweep) -> Label | None:
+    """Return the class of the motion at a point; None where the file does not know it."""
+    return _classes(point.over(point.data.expand_dims("motion")))[0]
 
 
 def _new_panels(page: Page) -> list[Axes]:

@@ -96,16 +96,11 @@ class Page:
             if value is not None:
                 _OF_PAGE[name].checked(name, value, Refused)
 
-    def set_limits(
-        self,
-        panel: Axes,
-        fit: bool = False,
-        ranges: Callable[[Ends | None], Sequence[Ends]] = lambda limits: (),
-    ) -> Page:
+    def set_limits(self, panel: Axes, fit: bool = False) -> Page:
         """Set the limits that are given; return the page with those of a panel, in its units.
 
-        If asked for, the ordinate fits the lines, and further `ranges`, within the abscissa. Raises
-        Refused if there are no data within the limits.
+        If asked for, the ordinate fits the lines within the abscissa. Raises Refused if there are
+        no data within the limits.
         """
         limits, sides = dict[str, Any](), {"x": panel.xaxis, "y": panel.yaxis}
         for side, axis in sides.items():
@@ -115,7 +110,7 @@ class Page:
                 limits[name] = ends if unit is None else in_own_unit(axis, name, ends, unit, text)
         page = replace(self, **limits, xunit=None, yunit=None)
         if fit:
-            page.fit_ordinate(panel, *ranges(page.xlim))
+            page.fit_ordinate(panel)
         for name, ends in limits.items():
             axis = sides[name[0]]
             least, most = axis.get_data_interval()
@@ -128,13 +123,12 @@ class Page:
             set_ends(axis, *ends)
         return page
 
-    def fit_ordinate(self, panel: Axes, *ranges: Ends) -> None:
-        """Fit the ordinate to lines, dots and further ranges, within the abscissa of the page."""
+    def fit_ordinate(self, panel: Axes) -> None:
+        """Fit the ordinate to lines and dots within the abscissa of the page."""
         if self.xlim is None:
             return
         (low, high), (x, y) = self.xlim, points_in(panel).T
-        values = np.concatenate([y[(low <= x) & (x <= high)], *ranges])
-        values = values[np.isfinite(values)]
+        values = y[(low <= x) & (x <= high) & np.isfinite(y)]
         if values.size:
             bottom, top = widened(float(values.min()), float(values.max()))
             margin = mpl.rcParams["axes.ymargin"] * (top - bottom) if bottom < top else 0.05

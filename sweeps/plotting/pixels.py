@@ -82,14 +82,19 @@ def computed_parts(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndar
             yield cut.start + kept, recorded_coordinate(part, coordinate).values[kept]
 
 
-def value_range(lines: Sequence[OpenedSweep], coordinate: str) -> tuple[float, float]:
-    """Return the least and the greatest value of a coordinate; inf and -inf without values."""
-    low, high = np.inf, -np.inf
+def value_ranges(lines: Sequence[OpenedSweep], coordinate: str) -> np.ndarray:
+    """Return the least and the greatest value of a coordinate at each point, NaN without values.
+
+    The points are those of each of the lines, the shape of the result is (n, 2).
+    """
+    ends = np.full((lines[0]["status"].size, 2), np.nan)
     for line in lines:
-        for _, values in computed_parts(line, coordinate):
-            values = values[np.isfinite(values)]
-            low, high = values.min(initial=low), values.max(initial=high)
-    return float(low), float(high)
+        for points, values in computed_parts(line, coordinate):
+            values = np.where(np.isfinite(values), values, np.nan)
+            for column, least_or_most in enumerate((np.fmin, np.fmax)):
+                here = least_or_most.reduce(values, axis=1)
+                ends[points, column] = least_or_most(ends[points, column], here)
+    return ends
 
 
 def _ramps(colours: Sequence[str]) -> list[LinearSegmentedColormap]:
