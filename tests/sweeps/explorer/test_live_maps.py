@@ -39,7 +39,7 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
     for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
         label, *seen = kind
         assert label.partition("; disc")[0] == without_tex(cell.label)
-        assert seen == [cell.colour, pytest.approx(cell.where.mean())]
+        assert seen == [cell.look.colour, pytest.approx(cell.where.mean())]
         np.testing.assert_array_equal(tiles.pixels == number, cell.where)
 
 

@@ -81,7 +81,7 @@ def test_in_grey_every_class_but_chaos_has_a_marker_and_rest_is_not_unknown():
     plain = {cell.label.split(" (")[0] for cell in shown.cells if cell.look.marker == "."}
     assert plain == {"chaotic"}
     fills = {
-        cell.label.split(" (")[0]: (cell.colour, cell.look.hatch)
+        cell.label.split(" (")[0]: (cell.look.colour, cell.look.hatch)
         for cell in paint_of(OpenedSweep(every_class()), "period", grey=True).cells
     }
     assert len({*fills.values()}) == len(fills)
