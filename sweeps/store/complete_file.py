@@ -202,21 +202,22 @@ def _table(file: io.BufferedReader) -> tuple[list[Row], str]:
     return [], ""
 
 
-def open_file(path: Path, digest: str) -> h5py.File:
+def open_file(path: Path, digest: str, *, mode: str = "r") -> h5py.File:
     """Open a complete file with HDF5; refuse it if it has another digest than when it was checked.
 
     HDF5 locks what it reads; where the file system has no locks, it goes without. A complete file
     never changes, but other programs of this process may have it open, and HDF5 refuses to open it
-    both with and without a lock.
+    both with and without a lock. A manager of xarray gives the `mode`: one that is sent to another
+    process, as by Dask, gives one in any case.
     """
     try:
         open_regular(path).close()  # HDF5 would wait for the writer of a FIFO
         try:
-            file = h5py.File(path, "r")
+            file = h5py.File(path, mode)
         except OSError as error:
             if error_number(error) not in NO_LOCKS:
                 raise
-            file = h5py.File(path, "r", locking=False)
+            file = h5py.File(path, mode, locking=False)
         with open_regular(path) as now:  # after it was opened, or it could still be replaced
             if _table(now)[1] == digest:
                 return file

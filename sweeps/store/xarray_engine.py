@@ -136,7 +136,7 @@ def _opened(path: Path, digest: str) -> xr.Dataset:
     from sweeps.store.complete_file import open_file
     from sweeps.store.schema import of_this_form, schema_in
 
-    manager = CachingFileManager(open_file, path.absolute(), digest)
+    manager = CachingFileManager(open_file, path.absolute(), digest, mode="r")
     file = manager.acquire()
     with of_this_form(path):
         schema, duration = schema_in(file), float(file.attrs["duration"])
