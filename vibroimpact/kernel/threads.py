@@ -16,6 +16,7 @@ asks for classes compiles it.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -114,6 +115,12 @@ def new_workspace(columns: int) -> Workspace:
     )
 
 
+@cache
+def _typical_workspace() -> Workspace:
+    """Return a workspace of which only the type is read."""
+    return new_workspace(0)
+
+
 # The loop of a rule without and with extremes, and the numbers in its columns.
 _LOOPS = {
     PLAIN: ((run_plain, run_plain_with_extremes), 0),
@@ -131,7 +138,7 @@ def run_on_threads(threads: int, job: KernelJob) -> None:
     if job.lyapunov:
         loops = run_exact_with_exponents, run_exact_with_both
     loop = loops[job.record.reach.size > 0]
-    work = compiled(loop, new_workspace(columns), job)
+    work = compiled(loop, _typical_workspace(), job)
     threads = min(threads, max(1, -(-job.points.size // job.lanes)))
     on_threads(threads, job.interrupt, lambda: work(new_workspace(columns), job))
 
