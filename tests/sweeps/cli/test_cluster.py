@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import logging
 import os
 import queue
 import signal
@@ -215,6 +216,17 @@ def test_the_missing_extra_is_named(monkeypatch):
     message = refused_run("--dask", "local:1")
     assert "pip install 'vibroimpact[distributed]'" in message
     assert "pip install '.[distributed]'" in message
+
+
+def test_only_the_loggers_of_dask_are_silent_and_no_longer_than_needed():
+    def heard(*names):
+        return [logging.getLogger(name).isEnabledFor(logging.ERROR) for name in names]
+
+    names = "another.package", "distributed.client", "distributed.new_module", "asyncio"
+    before = heard(*names)
+    with clusters._quiet():
+        assert heard(*names) == [True, False, False, False]
+    assert before == heard(*names) == [True] * 4
 
 
 @pytest.mark.slow
