@@ -47,6 +47,15 @@ def in_a_table(rows):
     return pd.DataFrame(rows, columns=MEASURED_COLUMNS).astype(accuracy._TYPES)
 
 
+def test_the_efficient_frontier():
+    good = [made(0.5, 1.0), made(0.1, 2.0), made(1e-9, 7.0)]
+    # Same cost but less accurate, more costly but not better, failed, no correct digit.
+    bad = [made(0.2, 2.0), made(0.1, 3.0), made(math.nan, 0.1), made(2.0, 0.2), made(0.6, 1.5)]
+    found = results.efficient_frontier(in_a_table([*bad, *good[::-1]]))
+    pd.testing.assert_frame_equal(found.reset_index(drop=True), in_a_table(good))
+    assert results.efficient_frontier(in_a_table([])).empty
+
+
 @pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
 def test_the_order_of_a_power_law(order):
     steps = np.array([25, 50, 100, 200, 400, 800])

@@ -113,6 +113,9 @@ def test_the_command_shows_the_speeds_and_writes_them_as_json_and_is_a_gate(monk
     below = call("bench", "speed", "--json", "speed.json", "--fail-below", 1.01 * mean)
     assert below.exit_code == 1 and "is 0.04382, below 0.044" in below.stderr
     assert "multiply-adds" in below.stdout and "Traceback" not in below.stderr
+    one_core = RECORD["works"]["plain"] | {"periods": {1: 30e6}}
+    assert "speed-up" in done.stdout
+    assert "speed-up" not in speed.speed_text(RECORD | {"works": {"plain": one_core}})
 
 
 # Known of the three cases: impacts per period, their speeds, and the order to the letter, which
