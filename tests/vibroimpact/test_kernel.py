@@ -18,8 +18,9 @@ from tests.helpers.kernel_cases import (
     wide_points,
 )
 from vibroimpact import Oscillator, Status, integrate, simulate
-from vibroimpact.kernel.threads import aligned
-from vibroimpact.kernel.workspace import LANES
+from vibroimpact.kernel.lane import move_lane
+from vibroimpact.kernel.threads import aligned, new_workspace
+from vibroimpact.kernel.workspace import COEFFICIENTS, LANES, ROW
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import default_steps, scheme_of
@@ -200,3 +201,13 @@ def test_the_workspace_begins_with_zeros():
     for _ in range(8):
         np.full(5007, 5e-324)  # its memory is freed, and likely to be reused next
         assert not aligned(5000).any()
+
+
+def test_a_lane_that_moves_leaves_zeros():
+    """Numbers of a lane without a point would become subnormal, and slow all lanes down."""
+    workspace = new_workspace(0)
+    workspace.lanes[:] = workspace.added[:] = 1.0
+    move_lane.py_func(workspace, 5, 2, True)
+    rows = workspace.lanes[:COEFFICIENTS].reshape(-1, ROW)
+    assert not rows[:, 5].any() and not workspace.added[:, :, 5].any()
+    assert np.delete(rows, 5, 1).all() and np.delete(workspace.added, 5, 2).all()
