@@ -71,6 +71,20 @@ def test_a_flip_beyond_the_branches_stands_beside_no_line_that_denies_it(sweep):
     assert not any("16/16" in line for line in denied), denied
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("way", "kind"), [("up", "fold"), ("down", "graze")])
+def test_a_fold_and_a_graze_are_told_apart(sweep, way, kind):
+    """Swept up, the motion with impacts ends in a fold; swept down, the free one in a graze."""
+    graze = np.sqrt(0.995 + np.sqrt(0.995**2 - 1.0 + 1.5**-2))  # where its amplitude is 1.5
+    # The last steps are short, so that they do not kick the free motion out of its basin.
+    steps = np.linspace(0.02, 0.5, 21) if way == "up" else [-1e-4, *np.geomspace(1e-7, 0.5, 40)]
+    common = f"h: 0.05, R: 0.8, clearance: 1.5, f: 1, omega: {(graze + steps).tolist()}"
+    rows = bifurcations(sweep(common, f"follow: {{axis: omega, direction: {way}}}"))
+    (end,) = (row for row in rows if (str(row.before), str(row.after)) == ("1/1", "1/0"))
+    assert end.kind == kind
+    assert end.value == pytest.approx(graze if way == "down" else 1.6504, rel=1e-4)
+
+
 def test_an_orbit_starts_from_every_row_with_a_value(sweep):
     """At a flip -1 is a multiplier, at a fold 1; both together are known from the damping."""
     h, R, phase = 0.1, 0.8, 0.7
