@@ -198,11 +198,7 @@ def assert_told_once(taken, told):
     ],
     ids=["untried", "crash"],
 )
-def test_an_unknown_numba_is_checked_once_and_named(
-    monkeypatch, changed, numba_99, change, taken, told
-):
-    check = way._why_it_fails  # of the options it holds, which takes as long
-    monkeypatch.setattr(way, "_why_it_fails", lambda name: "" if name == "options" else check(name))
+def test_an_unknown_numba_is_checked_once_and_named(changed, numba_99, change, taken, told):
     changed(change)
     assert_told_once(taken, told)
 
