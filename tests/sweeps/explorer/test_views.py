@@ -169,6 +169,15 @@ def test_a_change_of_size_labels_the_axes_and_keeps_the_messages(view, tmp_path)
     page.worker.shutdown()
 
 
+def test_a_late_picture_of_a_zoom_does_not_fit_all_points(view, tmp_path):
+    page = LivePage(Document(), view, tmp_path)
+    for seen in (view, replace(view, ylim=(-1.0, 0.0))):
+        picture = page.diagram._draw(seen, seen.diagram(9), 20)
+        page.diagram._paint(picture, 0.0)
+        assert (page.diagram.source.data["fit"][0] == picture.window) == (seen is view)
+    page.worker.shutdown()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("key", ["periods", "impacts"])
 def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
