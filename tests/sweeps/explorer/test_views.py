@@ -138,6 +138,7 @@ def test_a_view_returns_from_its_address(view, axis):
         ("xlim=3:2", "the window xlim = .* is empty"),
         ("xlim=-1:2", "contains -1, which is not allowed"),
         ("axis=mass", "mass is not a parameter"),
+        ("axis=R&across=R", "^R is asked for as both axes of the map$"),
         ("ordinate=z", "z is not an ordinate"),
         ("transient=-1", "record.transient = -1 is not allowed"),
         ("section=7", "record.phase = 7 is not allowed"),
