@@ -1,5 +1,6 @@
 """The digits of the exact rule: against mpmath, at any clearance, on any processor."""
 
+import math
 import os
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from tests.helpers.kernel_cases import taken_apart
 from tests.helpers.oscillators import Flight, in_digits
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.chatter import short_bounce
+from vibroimpact.step.chatter import rates_of, short_bounce
 from vibroimpact.step.impact import Flight as Launch
 from vibroimpact.step.propagator import coefficients_of
 
@@ -36,6 +37,27 @@ def after_one_period(osc, x, v, most=12):
         t = mp.findroot(lambda q, f=flight, x=x: f(q)[0] - x, bracket, solver="anderson")
         v = -parameters["R"] * flight(t)[1]
     return None
+
+
+@pytest.mark.parametrize(("length", "clearance"), [(0.016, 0.1), (0.029, -0.27)])
+def test_a_short_bounce_to_rounding(length, clearance):
+    """Rebounds whose lengths times the rates of the system are below 0.03, from many phases."""
+    osc = Oscillator(h=0.01, R=1.0, omega=0.1, f=1.0, p=2.5, clearance=clearance)
+    eq, lengths = coefficients_of(osc.at(clearance)[0]), []
+    for theta in np.linspace(4.2, 5.2, 15):
+        s, c = math.sin(theta), math.cos(theta)
+        press = eq.of_sin * s + eq.of_1
+        w = -0.5 * length * press / (rates_of(eq) + abs(eq.of_sin * c) / press)
+        t, w_i = short_bounce(eq, Launch(0.0, w, s, c, 0.0))
+        assert t > 0.0
+        with mp.workdps(40):
+            omega = mp.mpf(osc.omega)
+            t_0 = theta / omega
+            flight = Flight(in_digits(osc), t_0, mp.mpf(clearance), omega * w)
+            t_1 = mp.findroot(lambda q, f=flight: f(q)[0] - clearance, t_0 + t / omega)
+            lengths.append(float(t / (omega * (t_1 - t_0)) - 1))
+            assert w_i == pytest.approx(float(flight(t_1)[1] / omega), rel=1e-15, abs=0.0)
+    assert max(map(abs, lengths)) < 5e-15
 
 
 def test_a_bounce_is_short_only_where_its_series_is_exact():
