@@ -205,6 +205,6 @@ def test_no_text_of_a_single_period_is_in_the_plural():
         for rows in ("points", "sections", "impacts"):
             said += call("export", f"{name}.h5", "-o", f"{rows}.csv", "--rows", rows).output
         for kind in ("bifurcation",) if name == "line" else ("section", "trajectory"):
-            call("plot", f"{name}.h5", "--kind", kind, "-o", f"{name}-{kind}.svg")
+            accepted("plot", f"{name}.h5", "--kind", kind, "-o", f"{name}-{kind}.svg")
         said += "".join(path.read_text() for path in Path().glob("*.svg"))
         assert "record 1 period" in said.replace("\xa0", " ") and SEVERAL.findall(said) == []
