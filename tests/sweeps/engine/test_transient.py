@@ -119,7 +119,7 @@ def test_blocks_and_threads_change_nothing(dataset):
         ("{transient: auto, diagnostics: []}", "auto needs the classes of motions"),
         ("{transient: auto, trajectory: {every: 1}}", "auto cannot be used with trajectory"),
         ("{transient: aut}", "is not an integer"),
-        ("{transient: auto}\nfollow: {axis: omega, direction: up}", "record.transient"),
+        ("{transient: auto}\nfollow: {axis: omega, direction: up}", "auto cannot be used with fol"),
     ],
 )
 def test_what_does_not_go_together_is_refused(record, said):
