@@ -5,6 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import sweeps
 from sweeps import bifurcations, branches, open_sweep
 from sweeps.errors import Refused
 from sweeps.opened.motions import orbit_of_motion
@@ -257,6 +258,8 @@ def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
     with computed(tmp_path, "start.x0=[-1.0, -0.5]", "oscillator.omega=2.5") as dataset:
         with pytest.raises(Refused, match="the exact orbits do not depend on x0"):
             branches(dataset, "x0")
+        with pytest.raises(Refused, match="do not depend on x0; draw the map without"):
+            sweeps.curves(dataset, ["R", "x0"])
     with pytest.raises(Refused, match="the exact branches are over omega, not R"):
         plot(exact, tmp_path / "a.png", axes=["R"], exact=found)
 
