@@ -150,6 +150,8 @@ def test_a_sweep_without_any_impact_has_the_free_oscillation_as_its_branch(tmp_p
     omega = found["omega"].values
     x = (-np.exp(1j) / (1.0 - omega**2 + 0.6j * omega)).imag  # at the phase 1
     np.testing.assert_allclose(found["poincare_x"].values[:, 0], x, atol=1e-14)
+    moduli = np.broadcast_to(np.exp(-0.6 * np.pi / omega)[:, None], (omega.size, 2))
+    np.testing.assert_allclose(np.abs(found["multipliers"].values), moduli, rtol=1e-13)
     kinds = found["kind"].values
     assert found["stable"].values[kinds == ""].all()
     assert kinds[kinds != ""].tolist() == ["edge", "edge"]
