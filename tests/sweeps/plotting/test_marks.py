@@ -182,6 +182,8 @@ def test_the_panels_of_a_table_keep_the_limits(failed):
 
 def test_basins_have_their_shares_of_the_starts_that_are_seen(computed_starts):
     made = computed_starts()
+    (name,) = texts(basins(made, page=Page(xlim=(-2.45, -2.35), ylim=(-2.05, -1.95))))
+    assert name.endswith(" 100.0 %")  # between two starts, in the cell of one
     few = made.isel(x0=slice(0, len(made["x0"]) // 2))
     page = Page(xlim=tuple(few["x0"].values[[0, -1]].tolist()))
     assert texts(basins(made, page=page)) == texts(basins(few)) != texts(basins(made))
