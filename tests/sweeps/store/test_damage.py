@@ -220,6 +220,24 @@ def test_damage_outside_the_results_is_found_without_verifying_them(bases):
     fill_blocks("out.h5", overwrite=True)
 
 
+@pytest.mark.campaign
+@pytest.mark.parametrize("part", range(16))
+def test_every_byte_of_a_block_is_covered_or_means_nothing(bases, part):
+    base = bases["begun"]
+    base.restore()
+    content = bytearray(base.content)
+    for at in range(part, len(content), 16):
+        content[at] ^= 1 + at % 255
+        Path(base.name).write_bytes(content)
+        with open_sweep("out.h5") as dataset:
+            done = (dataset["status"] != Status.PENDING).values
+            assert done[0, :2].all() and done[0, 4:].all()
+            for name in VARIABLES:
+                seen, right = dataset[name].values[done], base.data[name].values[done]
+                np.testing.assert_array_equal(seen, right[..., : seen.shape[-1]])
+        content[at] ^= 1 + at % 255
+
+
 @pytest.mark.slow
 def test_a_damaged_file_is_computed_again_from_its_own_configuration():
     accepted("run", "sweep.yaml", "--quiet")
