@@ -41,20 +41,15 @@ def refusal(given: str, expected: str) -> str:
     return f"{shortened(given, 200)} is not allowed; expected: {expected}"
 
 
-#: Similarity, as defined by `difflib`, from which a word is a misspelling rather than another word.
-_SIMILAR = 0.65
+def near_miss(name: str, valid: Iterable[str], least: float = 0.65) -> str | None:
+    """Return the valid word most similar to `name`, without its case; None if none is.
 
-
-def near_miss(name: str, valid: Iterable[str], least: float = _SIMILAR) -> str | None:
-    """Return the valid word most similar to `name`, or begun by it; None if none is.
-
-    Case is ignored. `least` is the smallest similarity accepted, from 0 to 1; if it is greater than
-    by default, three letters or more that begin a word do not suffice.
+    `least` is the smallest similarity accepted, as defined by `difflib`; by default, three letters
+    or more that begin a word suffice, too.
     """
     typed, folded = name.casefold(), {word.casefold(): word for word in valid}
-    match = difflib.get_close_matches(typed, folded, n=1, cutoff=least)
-    if not match and len(typed) > 2 and least <= _SIMILAR:
-        match = [word for word in folded if word.startswith(typed)]
+    begun = [word for word in folded if word.startswith(typed) and len(typed) > 2 and least < 0.7]
+    match = difflib.get_close_matches(typed, folded, n=1, cutoff=least) or begun
     return folded[match[0]] if match else None
 
 

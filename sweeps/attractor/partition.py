@@ -177,8 +177,7 @@ def attractors(
     >>> found["attractors"].item(), found["fraction"].values.round(3)
     (2, array([0.806, 0.194]))
     """
-    for name in ("period", "poincare_x", "poincare_v"):
-        sweep.check(name)
+    sweep.check("period", "poincare_x", "poincare_v")
     spec = sweep.spec
     index, motions = GridIndex.of(sweep), sweep.motions.ravel()
     followed = on_its_way(motions["regime"], sweep["orbit_distance"].values.ravel())

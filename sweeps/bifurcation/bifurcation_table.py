@@ -147,8 +147,7 @@ def find_bifurcations(
     is_line = {*others} <= {DIRECTION} and data.sizes[along] > 1 and along not in START_AXES
     sections = None
     if is_line:
-        for name in ("poincare_x", "poincare_v"):
-            sweep.check(name)
+        data.check("poincare_x", "poincare_v")
         sections = data.data[["poincare_x", "poincare_v"]].isel(section=slice(-MOST_MOTIONS, None))
     changes = keep(explained_changes)(data, along, sections, report)
     columns = {str(name): column.values.tolist() for name, column in changes.items()}

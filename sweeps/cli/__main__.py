@@ -100,15 +100,11 @@ def _reason(error: OSError) -> str:
 
 
 def _report(error: str) -> None:
-    """Print an error on stderr, unless that is closed, with long paths shortened, save commands."""
-    import re
-
+    """Print an error on stderr, unless that is closed."""
     from sweeps.text import printable
 
     if sys.stderr is not None:
-        told, *commands = re.split("(?=vibroimpact )", error, maxsplit=1)
-        told = re.sub(r"(\S{60})\S{120,}(\S{100})", r"\1...\2", told)
-        print(printable("".join(["vibroimpact: error: ", told, *commands])), file=sys.stderr)
+        print(printable(f"vibroimpact: error: {error}"), file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -207,10 +207,10 @@ def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Pat
 
 
 def name_after(stem: str, words: Iterable[str], ending: str) -> str:
-    """Name a file after what is asked for, valid on every system; if that is long, in short."""
+    """Name a file after what is asked for, if that is long after a checksum, for every system."""
     asked = re.sub(r"[^\w.+-]+", "_", "-".join(words)).rstrip("._")
     if len(asked) > _MOST_CHARACTERS:
-        asked = f"{asked[:40]}-{crc32(asked.encode()):08x}"
+        asked = f"{crc32(asked.encode()):08x}"
     return f"{stem}{'-' * bool(asked)}{asked}{ending}"
 
 

@@ -25,8 +25,6 @@ _ABOUT = "about"
 _MOST = 100
 #: The rooms whose code decides, besides the physics, what is found.
 _ROOMS = ("attractor", "bifurcation", "config", "opened")
-#: What functions find, other than exact orbits.
-_FINDS = {"knocks": "least knocks", "explained_changes": "changes of class"}
 
 
 def with_cache(
@@ -38,7 +36,6 @@ def with_cache(
     and of ``_ROOMS``, and the request are the same. `say` is told that, or why what was found is
     not kept.
     """
-    what = _FINDS.get(find.__name__, "exact orbits")
 
     @takes_sweep({})
     def kept(sweep: OpenedSweep, *request: Any, **chosen: Any) -> xr.Dataset:
@@ -50,7 +47,7 @@ def with_cache(
         key = json.dumps([motions, NUMERICS, code, asked], default=_plain, sort_keys=True)
         path = root() / "exact" / hashlib.sha256(key.encode()).hexdigest()[:24]
         if (before := _read(path, key)) is not None:
-            say(f"the {what} were found before, and are used again")
+            say("what was found before is used again")
             return before
         result = find(sweep, *request, **chosen)
         if (sweep["status"] == Status.PENDING).any():

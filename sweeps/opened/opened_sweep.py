@@ -168,8 +168,7 @@ class OpenedSweep:
     @property
     def shows_part(self) -> np.ndarray:
         """The mask of the points of which less than a repetition of impacts was kept."""
-        classes = ["period", "period_impacts"] if "period" in self else []
-        results = self.values(["impacts_per_period", *classes])
+        results = self.values(["impacts_per_period"], ["period", "period_impacts"])
         return shown_in_part(results, self.spec.periods, self.sizes["impact"])
 
     @property
@@ -321,12 +320,12 @@ class OpenedSweep:
 
     # What is recorded
 
-    def check(self, name: str, asked: str = "") -> None:
+    def check(self, *names: str, asked: str = "") -> None:
         """Refuse a file without a variable from which what is `asked` follows; say how to have it.
 
         Other names are not checked.
         """
-        if name not in self and name in VARIABLES:
+        for name in (name for name in names if name in VARIABLES and name not in self):
             follows = f"{asked} follows from {name}, and " if asked not in ("", name) else ""
             raise Refused(f"{follows}the file has no {name}: {self.to_have(name)}")
 
@@ -334,11 +333,11 @@ class OpenedSweep:
         """Return how a sweep is run so that its file has a variable."""
         diagnostic, dimension = VARIABLES[name].diagnostic, VARIABLES[name].dimension
         key = _KEYS.get(diagnostic) or _KEYS.get(dimension)
-        if diagnostic in DIAGNOSTICS:
-            held = {VARIABLES[str(each)].diagnostic for each in self.data if each in VARIABLES}
+        held = {VARIABLES[str(each)].diagnostic for each in self.data if each in VARIABLES}
+        if diagnostic in DIAGNOSTICS and diagnostic not in held:
             chosen = [each for each in DIAGNOSTICS if each in held | {diagnostic}]
             key = f"diagnostics: [{', '.join(chosen)}]"
-        return "run the sweep again" + (f" with record.{key}" if key else "; every run has it")
+        return "run the sweep again" + (f" with record.{key}" if key else ", which records it")
 
 
 #: The key of ``record`` without which a file lacks variables, by their diagnostic or dimension.

@@ -303,8 +303,6 @@ def refuse_gap(panel: Axes, page: Page) -> None:
     panels = [panel] if page.ylim else panel.get_shared_x_axes().get_siblings(panel)
     if any(map(_shows_data, panels)):
         return
-    if not any(limits.values()):
-        raise Refused("there is nothing to draw within the limits of ax")
     ranges, points = list[str](), points_in(panel)
     values = np.unique(points[np.isfinite(points).all(axis=1)][:, int(page.xlim is None)])
     for name, ends in limits.items():
@@ -361,7 +359,7 @@ def finish(
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
     handles = [handle for handle in handles if is_seen(handle)] if page.legend else []
-    if page.xlim or page.ylim or not isinstance(figure, Picture):
+    if page.xlim or page.ylim:
         refuse_gap(panel, page)
     _set_labels(panel, page)
     if isinstance(figure, Picture):

@@ -74,7 +74,7 @@ def edge_of(marker: str) -> float:
 
 
 def marker_size(x: np.ndarray, y: np.ndarray, least: float, most: float) -> float:
-    """Return the size [pt] of markers that leave parts of the panel around them dot_colour."""
+    """Return the size [pt] of markers that leave parts of the panel around them visible."""
     counts, *_ = np.histogram2d(x, y, bins=(600, 300))
     return float(np.clip(70.0 / math.sqrt(max(1, int(np.count_nonzero(counts)))), least, most))
 

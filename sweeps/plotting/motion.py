@@ -42,8 +42,7 @@ def _draw_records(
 
     `set_view` gets the panel, the points drawn and both columns, and sets the ends of the axes.
     """
-    for name in names:
-        sweep.check(name)
+    sweep.check(*names)
     paint, rgba, handles = None, None, list[Artist]()
     if color is None:
         points, columns = coordinates.recorded(sweep, names, at)

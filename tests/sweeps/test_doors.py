@@ -130,7 +130,7 @@ def test_what_a_dataset_lacks_is_named_until_it_has_it(opened, door):
 
 def test_bifurcations_of_a_line_need_its_sections(opened):
     line = opened["map"].isel(R=0).drop_vars(["poincare_x", "poincare_v"])
-    with pytest.raises(Refused, match="no poincare_x: run the sweep again; every run has it"):
+    with pytest.raises(Refused, match="no poincare_x: run the sweep again, which records it"):
         sweeps.bifurcations(line)
 
 

@@ -396,19 +396,15 @@ def test_a_panel_whose_axes_are_not_straight_is_refused(dataset, kind, projectio
         plotting.KINDS[kind].draw(dataset, ax=ax)
 
 
-@pytest.mark.filterwarnings("ignore:Data has no positive values")
-def test_a_panel_that_would_show_nothing_is_refused(dataset):
-    removed, log, elsewhere = Figure().subplots(3)
+def test_a_panel_that_shows_nothing_is_refused(dataset):
+    removed, elsewhere = Figure().subplots(2)
     flat = removed.figure.add_axes((0.1, 0.1, 0.0, 0.5))
     removed.remove()
-    log.set_yscale("log")  # of displacements in front of the stop
-    elsewhere.set_xlim(5.0, 6.0)
+    elsewhere.set_xlim(5.0, 6.0)  # its user may change them
     for panel in (removed, flat):
         with pytest.raises(Refused, match=r"ax = .* is not allowed; expected: a panel of a figure"):
             plotting.parameter_map(dataset, ax=panel)
-    for panel in (log, elsewhere):
-        with pytest.raises(Refused, match="nothing to draw within the limits of ax"):
-            plotting.bifurcation(dataset, ax=panel, page=Page(marks=False))
+    plotting.bifurcation(dataset, ax=elsewhere)
 
 
 def test_a_height_that_leaves_nothing_of_the_panels_is_refused(dataset):
