@@ -333,8 +333,8 @@ class OpenedSweep:
         """Return how a sweep is run so that its file has a variable."""
         diagnostic, dimension = VARIABLES[name].diagnostic, VARIABLES[name].dimension
         key = _KEYS.get(diagnostic) or _KEYS.get(dimension)
-        held = {VARIABLES[str(each)].diagnostic for each in self.data if each in VARIABLES}
-        if diagnostic in DIAGNOSTICS and diagnostic not in held:
+        if diagnostic in DIAGNOSTICS:
+            held = {VARIABLES[str(each)].diagnostic for each in self.data if each in VARIABLES}
             chosen = [each for each in DIAGNOSTICS if each in held | {diagnostic}]
             key = f"diagnostics: [{', '.join(chosen)}]"
         return "run the sweep again" + (f" with record.{key}" if key else ", which records it")
