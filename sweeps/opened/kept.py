@@ -16,7 +16,7 @@ import xarray as xr
 from sweeps.opened.doors import takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
 from vibroimpact.jit import NUMERICS, numerics_of
-from vibroimpact.jit.cache import read, root, warn_once, write
+from vibroimpact.jit.cache import read, root, write
 from vibroimpact.status import Status
 
 #: The array that says for what a result was found, and what it is, as JSON.
@@ -56,8 +56,7 @@ def with_cache(
         try:
             write(path, _packed(result, key), _MOST)
         except OSError as error:
-            if not warn_once.cache_info().currsize:  # a warning says that nothing can be kept
-                say(f"what was found is not kept in {path.parent}: {error.strerror or error}")
+            say(f"what was found is not kept in {path.parent}: {error.strerror or error}")
         return result
 
     return kept

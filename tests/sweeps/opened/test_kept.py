@@ -19,7 +19,7 @@ from sweeps.opened.kept import with_cache
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted
 from tests.helpers.sweep_files import run_in
-from vibroimpact.jit.cache import CacheWarning, warn_once, write
+from vibroimpact.jit.cache import write
 
 FOUND = "what was found before is used again"
 
@@ -42,7 +42,6 @@ def path(folder, scene):
 @pytest.fixture(autouse=True)
 def cache(tmp_path_factory, monkeypatch):
     folder = tmp_path_factory.mktemp("cache") / "of the user"
-    warn_once.cache_clear()
     monkeypatch.setattr(module, "root", lambda: folder)
     return folder
 
@@ -216,9 +215,6 @@ def test_a_folder_that_cannot_be_used_is_said(path, cache):
     told = f"what was found is not kept in {cache / 'exact'}: it is not a folder"
     assert said == [told]
     assert accepted("info", path, "--bifurcations", "--at", "R=0.7").count("not kept") == 1
-    with pytest.warns(CacheWarning):
-        warn_once(cache, "kept", "File exists")
-    assert asked(path, branches, "omega")[1] == []  # that nothing can be kept is said once
 
 
 def test_nothing_is_written_or_read_beside_the_file(path):
