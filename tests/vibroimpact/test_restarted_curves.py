@@ -182,6 +182,18 @@ def test_undamped_curves_end_where_a_vibration_touches_the_stop_without_accelera
         assert end.phases == pytest.approx(1.5 * math.pi, abs=1e-4) and not end.speeds.any()
 
 
+@pytest.mark.parametrize("widest", [20.0, 80.0, 1000.0])
+def test_speeds_without_bound_end_a_curve_at_the_resonance_over_ranges_of_any_width(widest):
+    """At h = 0, R = 1 and omega = 5 p every natural vibration repeats after 5 periods."""
+    whole, _ = random_curve(50488)
+    ranges = ("R", 0.05, 1.0), ("omega", 0.2, widest)
+    for share in (0.1, 0.6, 0.9):
+        orbit = whole.orbit(int(share * len(whole.values)))
+        ends = bifurcation_curve(orbit, "fold", *ranges).special
+        assert (whole.m, [end.kind for end in ends]) == (5, ["edge", "edge"])
+        assert ends[-1].value == pytest.approx([1.0, 5.0], abs=1e-8)
+
+
 def test_undamped_grazes_meet_no_flips_and_folds_where_every_vibration_repeats():
     """Those of one impact meet them where sin(2 pi p / omega) = 0 and p / omega is not whole."""
     whole, ranges = random_curve(1406)

@@ -198,14 +198,14 @@ def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
     The parameters are smooth functions of the inverse speed.
     """
     pt = family.natural(points[-1])
-    slow = _FASTEST * (pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance))
-    if not slow > 0.0:
+    usual = pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance)
+    if not usual > 0.0:
         return None
 
     def inverse(X: np.ndarray) -> float:
-        return 1.0 / max(family.fastest(X), 1e-300)
+        return usual / max(family.fastest(X), 1e-300)
 
-    limit, error = _limit(points, inverse, 1.0 / slow, lambda X: free(X, family.q))
+    limit, error = _limit(points, inverse, 1.0 / _FASTEST, lambda X: free(X, family.q))
     if not error < _PRECISE:
         return None
     X = points[-1].copy()
