@@ -24,6 +24,7 @@ from sweeps.opened.kept import with_cache
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas, labels
 from sweeps.plotting.attractor_pictures import Basins, attractors_in
+from sweeps.plotting.contents import refuse_without_result
 from sweeps.plotting.looks import Cells, Looks, names_of
 from sweeps.plotting.maps import entries_of, view_of
 from sweeps.plotting.names import name_lines
@@ -87,6 +88,7 @@ def integrity(
     cuts = {name: value for name, value in (at or {}).items() if name not in along}
     line = sweep.cut(cuts, free=[*along, "x0", "v0"])
     refuse_unfit(line)
+    refuse_without_result(line["status"].values)
     names = canvas.chosen_panels(panels, [*(_MEASURES if along else ()), BASINS])
     by_name = dict(zip(names, _panels_for(names, page, ax), strict=True))
     basins, profile = by_name.get(BASINS), {n: by_name[n] for n in names if n != BASINS}

@@ -2,16 +2,19 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.colors import same_color, to_hex
 from matplotlib.text import Text
 
 from sweeps import open_sweep
 from sweeps.attractor.integrity import Knock
+from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting.style import CLASSES, DOT_COLOURS
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.attractor.test_integrity import CONFIG as STARTS
+from vibroimpact.status import Status
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +24,13 @@ def ranked(tmp_path_factory):
     line = "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: [0, 0.4, 0.6]}"
     with open_sweep(run_in(tmp_path_factory.mktemp("ranked"), STARTS, line, few)) as dataset:
         yield dataset
+
+
+@pytest.mark.parametrize("panels", [[], ["fraction"], ["basins"]])
+def test_starts_without_a_result_are_refused(ranked, panels):
+    pending = ranked.assign(status=xr.full_like(ranked["status"], Status.PENDING))
+    with pytest.raises(Refused, match=r"no point has a result: not computed yet \(1,008\)"):
+        draw_integrity(pending, panels=panels)
 
 
 @pytest.mark.slow
