@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from vibroimpact.inputs import near_miss, suggestion
+from vibroimpact.inputs import near_misses, suggestion
 from vibroimpact.inputs import shortened as shortened  # for messages here, too
 from vibroimpact.inputs import shown_count as shown_count
 
@@ -25,8 +25,7 @@ def missing_text(path: Path) -> str:
         names = set()
     kinds = (".csv",) if path.suffix == ".csv" else (".h5", ".yaml", ".yml")
     others = [name for name in sorted(names - {path.name}) if name.endswith(kinds)]
-    near = near_miss(path.name, others, 0.8)
-    meant = suggestion(near and str(path.with_name(near)))
+    meant = suggestion([str(path.with_name(n)) for n in near_misses(path.name, others, 0.8)])
     return f"{path} does not exist{meant}{of_shell(path)}".replace("\n", r"\n")  # one line
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +18,10 @@ from typing import Any, NamedTuple
 _OF_NUMPY = re.compile(
     r"\bnp\.(?:(?!datetime|timedelta)[a-z]+[0-9_]*\((?P<value>[^()]*)\)|(?P<truth>True|False)_)"
 )
+
+
+#: Most words that are suggested; more that are equally similar are no hint.
+_MOST_MEANT = 5
 
 
 class Allowed(NamedTuple):
@@ -30,7 +34,7 @@ class Allowed(NamedTuple):
     def checked(self, name: str, value: object, error: type[Exception] = ValueError) -> Any:
         """Return a value, a number of NumPy as Python has it; raise `error` if it does not fit."""
         if not self.fits(value):
-            meant = near_miss(value, self.names) if isinstance(value, str) else None
+            meant = near_misses(value, self.names) if isinstance(value, str) else []
             given = f"{name} = {input_text(value)}"
             raise error(refusal(given, self.expected) + suggestion(meant))
         return of_python(value)
@@ -41,21 +45,24 @@ def refusal(given: str, expected: str) -> str:
     return f"{shortened(given, 200)} is not allowed; expected: {expected}"
 
 
-def near_miss(name: str, valid: Iterable[str], least: float = 0.65) -> str | None:
-    """Return the valid word most similar to `name`, without its case; None if none is.
+def near_misses(name: str, valid: Iterable[str], least: float = 0.65) -> list[str]:
+    """Return the valid words most similar to `name`, without their case; none if they are many.
 
     `least` is the smallest similarity accepted, as defined by `difflib`; by default, three letters
     or more that begin a word suffice, too.
     """
     typed, folded = name.casefold(), {word.casefold(): word for word in valid}
     begun = [word for word in folded if word.startswith(typed) and len(typed) > 2 and least < 0.7]
-    match = difflib.get_close_matches(typed, folded, n=1, cutoff=least) or begun
-    return folded[match[0]] if match else None
+    alike = difflib.get_close_matches(typed, folded, len(folded) or 1, least)
+    ratios = [difflib.SequenceMatcher(None, word, typed).ratio() for word in alike]
+    nearest = [word for word, ratio in zip(alike, ratios, strict=True) if ratio == ratios[0]]
+    meant = nearest or begun
+    return [folded[word] for word in sorted(meant)] if len(meant) <= _MOST_MEANT else []
 
 
-def suggestion(word: str | None) -> str:
-    """Return " (did you mean WORD?)" to append to a refusal; "" without a word."""
-    return f" (did you mean {word}?)" if word else ""
+def suggestion(words: Sequence[str]) -> str:
+    """Return " (did you mean A or B?)" to append to a refusal; "" without a word."""
+    return f" (did you mean {' or '.join(words)}?)" if words else ""
 
 
 def shortened(text: str, most: int = 80) -> str:

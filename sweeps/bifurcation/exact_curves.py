@@ -24,7 +24,7 @@ from sweeps.errors import Refused
 from sweeps.opened.doors import orbits_on_axes, takes_sweep
 from sweeps.opened.motions import leads_to, orbit_of_motion
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.text import choice_of, listed, near_miss, shown_count, suggestion
+from sweeps.text import choice_of, listed, near_misses, shown_count, suggestion
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.continuation import lost_text
 from vibroimpact.orbits.curves import CURVE_KINDS, bifurcation_curve
@@ -297,7 +297,7 @@ def curves(
     kinds = [kinds] if isinstance(kinds, str) else kinds
     for kind in kinds:
         if kind not in CURVE_KINDS:
-            meant = suggestion(near_miss(kind, CURVE_KINDS))
+            meant = suggestion(near_misses(kind, CURVE_KINDS))
             raise Refused(f"there is no curve of kind {kind!r}{meant}; {choice_of(CURVE_KINDS)}")
     chosen = [axes] if isinstance(axes, str) else axes
     across, up = sweep.map_axes(chosen, at)

@@ -19,7 +19,7 @@ from zlib import crc32
 import typer
 
 from sweeps.errors import Refused
-from sweeps.text import command, near_miss, printable, shortened, suggestion, told_apart
+from sweeps.text import command, near_misses, printable, shortened, suggestion, told_apart
 from vibroimpact.inputs import Allowed, integer, is_number, number_meant, refusal
 
 if TYPE_CHECKING:
@@ -305,7 +305,7 @@ def unreadable(error: Any) -> str:
     if hasattr(error, "possibilities"):  # by their names, as all begin alike
         options = [name for each in error.ctx.command.get_params(error.ctx) for name in each.opts]
         names = {name.lstrip("-"): name for name in options if name.startswith("-")}
-        meant = names.get(near_miss(error.option_name.lstrip("-"), names) or "")
+        meant = [names[name] for name in near_misses(error.option_name.lstrip("-"), names)]
         text = f"there is no option {error.option_name}{suggestion(meant)}"
     else:
         text = error.format_message().rstrip(".")

@@ -23,7 +23,7 @@ from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.text import near_miss, shortened, shown_count, suggestion
+from sweeps.text import near_misses, shortened, shown_count, suggestion
 from vibroimpact import __version__
 from vibroimpact.inputs import number
 
@@ -64,7 +64,7 @@ class Commands(TyperGroup):
         """Return the command with this name; refuse a name that no command has."""
         command = super().get_command(ctx, cmd_name)
         if command is None and not ctx.resilient_parsing:
-            meant = suggestion(near_miss(cmd_name, self.commands))
+            meant = suggestion(near_misses(cmd_name, self.commands))
             raise Refused(
                 f"there is no command {cmd_name}{meant}; expected: {', '.join(self.commands)}"
             )
@@ -152,7 +152,7 @@ def init_command(
     texts = scenes()
     if scene not in texts:
         raise Refused(
-            f"there is no scene {scene!r}{suggestion(near_miss(scene, texts))}; "
+            f"there is no scene {scene!r}{suggestion(near_misses(scene, texts))}; "
             f"expected: {', '.join(texts)}"
         )
     files = {f"{scene}{ending}": scenes(ending).get(scene) for ending in (".csv", ".yaml")}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sweeps.cli import common, plot, run
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.text import fewest_digits, near_miss, suggestion
+from sweeps.text import fewest_digits, near_misses, suggestion
 from vibroimpact.inputs import refusal
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
     for name, (low, high) in pieces.items():
         if name not in axes:
             raise Refused(
-                f"{name} is not a swept axis{suggestion(near_miss(name, axes))}; "
+                f"{name} is not a swept axis{suggestion(near_misses(name, axes))}; "
                 f"expected: {' or '.join(axes) or 'none, since this is a single point'}"
             )
         group = data[seen.group if name in data[seen.group] else "start"]

@@ -35,7 +35,7 @@ from sweeps.config.values import (
     known_word,
     null,
 )
-from sweeps.text import fewest_digits, near_miss, suggestion
+from sweeps.text import fewest_digits, near_misses, suggestion
 from vibroimpact.inputs import PHASE, integer, number_meant
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.scheme import (
@@ -281,7 +281,8 @@ def _followable(name: str) -> str:
     if name in STARTS:
         raise ValueError("is a start, but only the first point starts there")
     if name not in OscillatorConfig.model_fields:
-        raise ValueError("is unknown" + suggestion(near_miss(name, OscillatorConfig.model_fields)))
+        meant = suggestion(near_misses(name, OscillatorConfig.model_fields))
+        raise ValueError(f"is unknown{meant}")
     return name
 
 
@@ -313,7 +314,7 @@ _DATE_UNITS = {
 def _no_date(unit: str) -> str:
     """Refuse a unit with which other programs take numbers for differences of dates."""
     if unit in _DATE_UNITS:
-        hint = suggestion(_DATE_UNITS[unit])
+        hint = suggestion([_DATE_UNITS[unit]])
         raise ValueError(f"is a unit with which xarray reads numbers as dates{hint}")
     return unit
 

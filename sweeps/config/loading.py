@@ -22,7 +22,7 @@ from sweeps.config.rig import made_of_rig
 from sweeps.config.sweep import SweepConfig, dotted_keys
 from sweeps.config.values import MOST_VALUES, ConflictError, Group, Key, Range, null
 from sweeps.errors import ConfigError
-from sweeps.text import missing_text, near_miss, shortened, shown_count, suggestion
+from sweeps.text import missing_text, near_misses, shortened, shown_count, suggestion
 from sweeps.yaml_text import DEEPEST, yaml_node
 from vibroimpact import inputs
 
@@ -240,11 +240,12 @@ def _override(data: dict[str, Any], override: object, sources: dict[Key, str]) -
 def _without_misspelt(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
     """Remove the errors about a missing key that is only misspelt, which has its own error."""
     unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
-    replaced = {(*loc[:-1], _meant(str(loc[-1]), _located(loc)[1].model_fields)) for loc in unknown}
+    meant = ((loc[:-1], _meant(str(loc[-1]), _located(loc)[1].model_fields)) for loc in unknown)
+    replaced = {(*group, *keys) for group, keys in meant}
     return [error for error in errors if error["type"] != "missing" or error["loc"] not in replaced]
 
 
-def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str]) -> str:
+def _explained(error: ErrorDetails, data: Mapping[str, Any], sources: Mapping[Key, str]) -> str:
     """Write a pydantic error in one line: the place, the given value and the allowed values."""
     reason = error.get("ctx", {}).get("error")
     if isinstance(reason, ConflictError):
@@ -255,9 +256,9 @@ def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str]) ->
         return f"{where}{_dotted(key)} is missing; expected: {expected}"
     if error["type"] == "extra_forbidden":
         name = str(key[-1])
-        # If two keys share a name, the last one is suggested: so the names of units come first.
-        keys = sorted(dotted_keys(2), key=lambda other: not other.startswith("units"))
-        others = [other for other in keys if not other.startswith("points.")]
+        instead = {"oscillator": "rig.", "rig": "oscillator."}
+        unused = "points.", "units.mass", *(instead[group] for group in instead if group in data)
+        others = [other for other in dotted_keys(2) if not other.startswith(unused)]
         hint = suggestion(_meant(name, group.model_fields, others))
         if name.isdecimal():  # {h: 0,1} is read as {h: 0, 1: }
             hint = " (a number has a decimal point, no comma)"
@@ -375,29 +376,25 @@ _OTHER_NAMES = {
 _OTHER_ENDS = {"start": "from min low lower begin first", "stop": "to max high upper end last"}
 
 
-def _meant(name: str, valid: Collection[str], elsewhere: Iterable[str] = ()) -> str | None:
-    """Return the key probably meant by a name that is not a key, or None.
+def _meant(name: str, valid: Collection[str], elsewhere: Iterable[str] = ()) -> list[str]:
+    """Return the keys probably meant by a name that is not a key.
 
-    The first match counts: a key of `valid` that equals the name except for case, or has it as a
-    synonym; a key of `valid` that differs in a letter or so; a key of `elsewhere` (dotted) that
-    matches exactly or by synonym; the most similar key of `valid`.
+    The first match counts: keys of `valid` that equal the name except for case, or have it as a
+    synonym; keys of `valid` that differ in a letter or so; keys of `elsewhere` (dotted) that match
+    exactly or by synonym; the most similar keys of `valid`.
     """
-    folded = name.casefold().replace("-", "_").replace(" ", "_")
     ends = _OTHER_ENDS if {"start", "stop", "num"} <= {*valid} else {}
-    here = _by_words({key: key for key in valid}, _OTHER_NAMES | ends)
-    last = {key.rpartition(".")[2]: key for key in elsewhere}
     return (
-        here.get(folded)
-        or near_miss(name, valid, least=0.85)
-        or _by_words(last, _OTHER_NAMES).get(folded)
-        or near_miss(name, valid)
+        _called(name, valid, _OTHER_NAMES | ends)
+        or near_misses(name, valid, least=0.85)
+        or _called(name, elsewhere, _OTHER_NAMES)
+        or near_misses(name, valid)
     )
 
 
-def _by_words(keys: Mapping[str, str], other_names: Mapping[str, str]) -> dict[str, str]:
-    """Return the values of `keys` by each word for a key: its name without case, its synonyms."""
-    return {
-        word: value
-        for key, value in keys.items()
-        for word in (key.casefold(), *other_names.get(key, "").split())
-    }
+def _called(name: str, keys: Iterable[str], other_names: Mapping[str, str]) -> list[str]:
+    """Return the keys, dotted or not, of which a name is the last part or else a synonym."""
+    folded = name.casefold().replace("-", "_").replace(" ", "_")
+    last = {key: key.rpartition(".")[2] for key in keys}
+    named = [key for key, word in last.items() if word.casefold() == folded]
+    return named or [key for key in last if folded in other_names.get(last[key], "").split()]

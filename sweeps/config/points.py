@@ -18,7 +18,7 @@ from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name
 from sweeps.config.values import ConflictError, Elsewhere, null
 from sweeps.grid import table_values
-from sweeps.text import missing_text, near_miss, printable, shortened, shown_count, suggestion
+from sweeps.text import missing_text, near_misses, printable, shortened, shown_count, suggestion
 from vibroimpact.inputs import number_meant
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
@@ -215,20 +215,20 @@ def _check_names(names: list[str], known: Mapping[str, Parameter]) -> Mapping[st
     """Refuse a table without a parameter column, and repeated, misspelt and malformed names."""
     missing = [name for name in known if name not in names]
     if len(missing) == len(known):
-        words = (near_miss(name, known, least=0.8) for name in names if name.isidentifier())
-        meant = suggestion(next(filter(None, words), None))
-        problem = f"no column of {shortened(', '.join(names))} is a parameter{meant}"
+        words = (near_misses(name, known, least=0.8) for name in names if name.isidentifier())
+        hint = suggestion(next(filter(None, words), []))
+        problem = f"no column of {shortened(', '.join(names))} is a parameter{hint}"
         raise ValueError(
             f"{problem if names else 'the table is empty'}; expected: a header with one of "
             f"{', '.join(known)}, and commas between the columns"
         )
     check_header(names)
     for name in names:
-        word = near_miss(name, missing, least=0.8) if name not in known else None
+        meant = near_misses(name, missing, least=0.8) if name not in known else []
         # A further column becomes a coordinate of the file, whose name other programs must accept.
-        if word or not re.search(COLUMN_NAME, name):
+        if meant or not re.search(COLUMN_NAME, name):
             raise ValueError(
-                f"unknown column {name}{suggestion(word)}; expected: a parameter "
+                f"unknown column {name}{suggestion(meant)}; expected: a parameter "
                 f"out of {', '.join(known)}, or another word"
             )
     return known

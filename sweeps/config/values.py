@@ -34,7 +34,7 @@ from pydantic import (
 )
 from pydantic.json_schema import SkipJsonSchema
 
-from sweeps.text import fewest_digits, near_miss, suggestion
+from sweeps.text import fewest_digits, near_misses, suggestion
 from vibroimpact.inputs import integer, number_meant
 
 #: A stop is a value of a range if it lies within this share of a step.
@@ -173,7 +173,7 @@ def known_word(table: Collection[str]) -> AfterValidator:
 
     def _check(name: str) -> str:
         if name not in table:
-            raise ValueError("is unknown" + suggestion(near_miss(name, table)))
+            raise ValueError("is unknown" + suggestion(near_misses(name, table)))
         return name
 
     return AfterValidator(_check)

@@ -17,7 +17,15 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store.variables import DIRECTION, VARIABLES, columns_of
-from sweeps.text import choice_of, listed, near_miss, shown_count, suggestion, told_apart, unit_name
+from sweeps.text import (
+    choice_of,
+    listed,
+    near_misses,
+    shown_count,
+    suggestion,
+    told_apart,
+    unit_name,
+)
 from vibroimpact.oscillator import PARAMETERS, POINT, Oscillator
 from vibroimpact.points.regimes import (
     OF_REGIMES,
@@ -233,7 +241,7 @@ class OpenedSweep:
                 indices[name] = self._place_of_direction(str(value))
                 continue
             if name not in axes:
-                meant = "" if name in self.grid else suggestion(near_miss(name, axes))
+                meant = "" if name in self.grid else suggestion(near_misses(name, axes))
                 raise Refused(f"{name} cannot be fixed here{meant}; {choice_of(axes)}")
             if isinstance(value, str):
                 raise Refused(f"{name} = {value} is not a number")
@@ -252,7 +260,7 @@ class OpenedSweep:
         if not valid:
             raise Refused("direction cannot be fixed here; the sweep was not followed in both")
         if name not in valid:
-            meant = suggestion(near_miss(name, valid))
+            meant = suggestion(near_misses(name, valid))
             raise Refused(f"there is no direction {name}{meant}; choose from: {listed(valid)}")
         return valid.index(name)
 
@@ -296,7 +304,7 @@ class OpenedSweep:
             raise Refused(f"the file holds a single point: a {kind} needs a swept axis")
         for name in requested:
             if name not in axes:
-                meant = suggestion(near_miss(name, axes))
+                meant = suggestion(near_misses(name, axes))
                 if (called := self.config.nomenclature.name(name)) != name and called in axes:
                     meant = f" (it is called {called} here)"
                 raise Refused(

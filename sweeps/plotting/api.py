@@ -19,7 +19,7 @@ from sweeps.plotting.page import PAGE, PICTURE_ARGUMENTS, Page
 from sweeps.plotting.saving import ANIMATED, check_picture, description, save
 from sweeps.plotting.style import user_style
 from sweeps.store.variables import DIRECTION
-from sweeps.text import choice_of, listed, near_miss, suggestion
+from sweeps.text import choice_of, listed, near_misses, suggestion
 from vibroimpact.inputs import PATH, TEXT
 
 
@@ -149,7 +149,7 @@ def check_options(kind: str, options: Iterable[str], output: Path) -> None:
         kinds = [name for name, taker in KINDS.items() if option in taker.options]
         if not kinds:
             every = dict.fromkeys(name for taker in KINDS.values() for name in taker.options)
-            meant = suggestion(near_miss(option, every))
+            meant = suggestion(near_misses(option, every))
             raise Refused(f"there is no option {option}{meant}; {choice_of(every)}")
         if kind not in kinds:
             other = "; a diagram shows it as color or below" if option == "quantity" else ""
@@ -161,7 +161,7 @@ def check_options(kind: str, options: Iterable[str], output: Path) -> None:
 def check_kind(kind: str) -> None:
     """Refuse a name that is not a kind of picture."""
     if kind not in KINDS:
-        meant = suggestion(near_miss(kind, KINDS))
+        meant = suggestion(near_misses(kind, KINDS))
         raise Refused(f"there is no picture {kind!r}{meant}; choose one of {listed(KINDS)}")
 
 

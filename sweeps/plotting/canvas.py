@@ -29,7 +29,7 @@ from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.legend import SHARE, WIDTH, fit_legend, legend_within
 from sweeps.plotting.page import Page, points_in
 from sweeps.plotting.style import user_style
-from sweeps.text import choice_of, listed, near_miss, shortened, suggestion, told_apart
+from sweeps.text import choice_of, listed, near_misses, shortened, suggestion, told_apart
 
 #: Greatest height of a picture unless the page gives it, so that it fits a printed page [inch].
 HIGHEST = 9.0
@@ -249,7 +249,7 @@ def chosen_panels(asked: Sequence[str], there: Sequence[str]) -> list[str]:
     """Return the names of the panels that are asked for, by default all that are there."""
     for name in asked:
         if name not in there:
-            meant = suggestion(near_miss(name, there))
+            meant = suggestion(near_misses(name, there))
             raise Refused(f"there is no panel {name or repr(name)}{meant}; {choice_of(there)}")
         if asked.count(name) > 1:
             raise Refused(f"the panel {name} is asked for twice; expected: once")

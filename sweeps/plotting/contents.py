@@ -15,7 +15,7 @@ from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, ORDINATES, SOURCES
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.store.variables import DIRECTION, description_in
-from sweeps.text import choice_of, listed, near_miss, suggestion
+from sweeps.text import choice_of, listed, near_misses, suggestion
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import has_result
 from vibroimpact.status import Status
@@ -89,7 +89,7 @@ def with_number(
     sweep.check(*(_FOLLOWING[name][0] if name in _FOLLOWING else [name]), asked=name)
     available = numbers_of(sweep) + further
     if name not in available:
-        problem = f"there is no {name or repr(name)}{suggestion(near_miss(name, available))}"
+        problem = f"there is no {name or repr(name)}{suggestion(near_misses(name, available))}"
         if name in sweep:
             problem = f"{name} is not a number for each point"
         raise Refused(f"{problem}; {choice_of(available)}")
@@ -159,7 +159,7 @@ def with_coordinate(sweep: OpenedSweep, coordinate: str | None) -> tuple[OpenedS
         values = sweep[name].expand_dims(ORDINATES[name].dimension, axis=-1)
         return sweep.over(sweep.data.assign({name: values})), name
     if coordinate not in sweep:
-        meant = suggestion(near_miss(coordinate, available))
+        meant = suggestion(near_misses(coordinate, available))
         if coordinate in COORDINATES:
             meant, choice = "", f"{choice}; {sweep.to_have(SOURCES.get(coordinate, coordinate))}"
         raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw{meant}; {choice}")

@@ -14,7 +14,7 @@ from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import DIRECTION, VARIABLES
-from sweeps.text import near_miss, shown_count, suggestion, unit_name
+from sweeps.text import near_misses, shown_count, suggestion, unit_name
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -246,7 +246,7 @@ def in_own_unit(
     known = formatter.units if isinstance(formatter, _Prefixed) else []
     if unit and unit not in known:
         typed = f"{name} = {limits[0]:g}:{limits[1]:g} in {unit}"
-        allowed = f"{' or '.join(known) or 'no unit'}{suggestion(near_miss(unit, known))}"
+        allowed = f"{' or '.join(known) or 'no unit'}{suggestion(near_misses(unit, known))}"
         raise Refused(f"{typed} is not allowed; expected: {allowed}")
     factor = formatter.keep(unit, written) if isinstance(formatter, _Prefixed) else 1.0
     return limits[0] * factor, limits[1] * factor

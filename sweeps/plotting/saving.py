@@ -26,7 +26,7 @@ from matplotlib.text import Text
 from sweeps.errors import Refused
 from sweeps.plotting.style import STYLE, dots_per_inch, user_style, without_log
 from sweeps.store.replacing import check_target, writing
-from sweeps.text import listed, near_miss, printable, shortened, suggestion
+from sweeps.text import listed, near_misses, printable, shortened, suggestion
 from vibroimpact import __version__
 
 _TIFF = ("tiff", "tif")
@@ -84,7 +84,7 @@ def check_picture(output: Path, *data: str | Path, animated: bool = False) -> No
     ending = output.suffix.lower()
     allowed = [*(f".{name}" for name in FORMATS), *(ANIMATED if animated else ())]
     if ending not in allowed:
-        meant = suggestion(near_miss(ending, allowed))
+        meant = suggestion(near_misses(ending, allowed))
         raise Refused(f"{output} must end in one of {listed(allowed)}{meant}")
     if ending == ".mp4" and shutil.which(mpl.rcParams["animation.ffmpeg_path"]) is None:
         raise Refused(f"{output} needs the program ffmpeg, which is not found; a .gif needs none")

@@ -32,7 +32,7 @@ from sweeps.plotting.style import ground, ink
 from sweeps.text import (
     fewest_digits,
     listed,
-    near_miss,
+    near_misses,
     printable,
     shortened,
     shown_count,
@@ -128,7 +128,7 @@ def _name_and_unit(head: str, seen: Mapping[str, xr.DataArray]) -> tuple[str, st
     match = re.fullmatch(r"(.*?)\s*\[\s*(.*?)\s*\]", head)
     name, unit = (match[1], match[2]) if match else (head, "")
     if name not in seen:
-        text, meant = shortened(printable(name)), suggestion(near_miss(name, [*seen, LABEL]))
+        text, meant = shortened(printable(name)), suggestion(near_misses(name, [*seen, LABEL]))
         raise ValueError(f"the picture has no {text}{meant}; {_expected(seen)}")
     unit = unit.replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
     known = labels.units_of(seen[name])

@@ -31,6 +31,21 @@ HUGE = 10**400
 UNPRINTABLE = 10**5000
 
 
+def test_words_that_are_equally_near_are_all_named_unless_they_are_many():
+    names = ["orbit_x", "orbit_v", "orbit_distance", "impact_v", "impulse", "period"]
+    for typed, meant in (
+        ("imp", ["impact_v", "impulse"]),
+        ("orbit", ["orbit_v", "orbit_x"]),
+        ("Orbit_V", ["orbit_v"]),
+        ("perod", ["period"]),
+        ("fly", []),
+    ):
+        assert inputs.near_misses(typed, names) == meant
+    assert inputs.near_misses("run-9", [f"run-{i}" for i in range(9)]) == []
+    assert inputs.near_misses("run", []) == []
+    assert inputs.suggestion(["a", "b"]) == " (did you mean a or b?)"
+
+
 @pytest.mark.parametrize(
     ("value", "number"),
     [

@@ -112,7 +112,7 @@ def test_a_nested_list_is_reported_once_per_item(values, errors):
         ("oscillator.", {"coefficient-of-restitution": "R", "f.points": "num"}),
         ("", {"method.solver": "integrator", "record.skip": "transient", "filename": "output"}),
         ("", {"omega": "oscillator.omega", "gap": "oscillator.clearance"}),
-        ("", {"integrator": "method.integrator"}),
+        ("", {"integrator": "method.integrator", "phase": "start.phase or record.phase"}),
     ],
 )
 def test_a_name_of_other_programs_leads_to_the_key(place, keys):
