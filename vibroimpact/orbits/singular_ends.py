@@ -40,7 +40,8 @@ _MEETS, _MAY_MEET = 4e-4, 0.1
 _SHORT = 0.02
 #: Its end is where it leads from at most so many of its last points, at which this difference,
 #: speed or flight is at least so many times that of the next one. It is known if with one point
-#: less it is the same to this share of the ranges, or to the second one at a rest.
+#: less it is the same to this share of the ranges, or to the second one at a rest and where speeds
+#: grow.
 _POINTS, _APART, _PRECISE, _KNOWN = 5, 1.5, 1e-8, 1e-7
 #: The second place at which a touch is looked at, and the error of the root, in scaled unknowns.
 _NEAR = 1e-6, 1e-9
@@ -206,7 +207,7 @@ def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
         return usual / max(family.fastest(X), 1e-300)
 
     limit, error = _limit(points, inverse, 1.0 / _FASTEST, lambda X: free(X, family.q))
-    if not error < _PRECISE:
+    if not error < _KNOWN:
         return None
     X = points[-1].copy()
     free(X, family.q)[:] = limit
