@@ -147,8 +147,8 @@ def find_bifurcations(
     is_line = {*others} <= {DIRECTION} and data.sizes[along] > 1 and along not in START_AXES
     sections = None
     if is_line:
-        data.check("poincare_x", "poincare_v")
-        sections = data.data[["poincare_x", "poincare_v"]].isel(section=slice(-MOST_MOTIONS, None))
+        sections = data.data[[name for name in ("poincare_x", "poincare_v") if name in data]]
+        sections = sections.isel(section=slice(-MOST_MOTIONS, None), missing_dims="ignore")
     changes = keep(explained_changes)(data, along, sections, report)
     columns = {str(name): column.values.tolist() for name, column in changes.items()}
     for side in {"before", "after"} & {*columns}:
@@ -230,6 +230,7 @@ def _ending(
     chaotic = [label.regime == Regime.CHAOTIC for label in (change.before, change.after)]
     if sum(chaotic) != 1:
         return None
+    data.check("poincare_x", "poincare_v")
     if chaotic[0]:
         last, end, first = change.low, change.high, changes[i - 1].low if i else values[0]
     else:

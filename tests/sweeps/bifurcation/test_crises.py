@@ -3,10 +3,12 @@
 import itertools
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import sweeps
 from sweeps.bifurcation.crises import Chaos, crisis
+from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted
 from vibroimpact import Oscillator, branch, integrate, periodic_orbit
@@ -74,6 +76,18 @@ def test_no_crisis_is_named_where_the_chaos_goes_on_or_is_a_transient(path):
             for step in (1e-4, -1e-4, 2e-5):
                 first, end = states["R"][0] - step, states["R"][0] + step
                 assert crisis(Chaos(sweep.spec, states, "R", first, end)) == ""
+
+
+@pytest.mark.slow
+def test_only_the_end_of_chaos_needs_sections(path):
+    file, periodic = path(0.6232, 0.6246, 23), path(0.4, 0.5, 6)
+    with sweeps.open_sweep(file) as dataset:
+        with pytest.raises(Refused, match="the file has no poincare_x"):
+            sweeps.bifurcations(dataset.drop_vars("poincare_x"), most=1)
+    with sweeps.open_sweep(periodic) as dataset:
+        found = sweeps.bifurcations(dataset.drop_vars("poincare_x"))
+    assert len(found)
+    pd.testing.assert_frame_equal(found, sweeps.bifurcations(periodic))
 
 
 @pytest.mark.slow
