@@ -16,7 +16,6 @@ from bokeh.plotting import figure
 
 from sweeps.config.rig import Nomenclature
 from sweeps.config.sweep import SweepConfig
-from sweeps.errors import SweepError
 from sweeps.explorer.view import View, Window, window_bounds
 from sweeps.interrupts import Cancelled, check, this_thread
 from sweeps.plotting.labels import as_variable, label, named_unit, prefix_of
@@ -271,9 +270,8 @@ class Worker(ThreadPoolExecutor):
             self.submit(self._take_all, steps, self._stale)
 
     def is_late(self, name: str) -> bool:
-        """Whether a place still holds a result of an earlier request."""
-        wanted = self._wanted.get(name, [])
-        return bool(wanted) and self._done.get(name) not in wanted
+        """Whether a place does not hold what the newest request is for."""
+        return self._done.get(name) not in self._wanted.get(name, [])
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
         """Cancel all steps, and end the thread."""
@@ -301,10 +299,15 @@ class Worker(ThreadPoolExecutor):
                 result = step.compute()
         except Cancelled:
             return
-        except (SweepError, ValueError, ArithmeticError, MemoryError) as error:
-            self._post(partial(self._fail, str(error) or type(error).__name__))
+        except Exception as error:
+            self._post(partial(self._say, str(error) or type(error).__name__, stale))
         else:
+            self._done[step.name] = step.key
             self._post(partial(step.show, result, perf_counter() - begin))
         finally:
             self.busy = None
-        self._done[step.name] = step.key
+
+    def _say(self, text: str, stale: np.ndarray) -> None:
+        """Say the error of a step unless it is of an earlier request."""
+        if not stale[0]:
+            self._fail(text)

@@ -167,18 +167,18 @@ class LivePage:
         """Show another view, or why it is refused; ignored while the widgets are being set."""
         if self._showing:
             return
+        self.controls.error.text = self.controls.saved.text = ""
         try:
-            view = changed(self._as_zoomed(self.view))
-            view.check()
+            self.view = changed(self._as_zoomed(self.view)).checked()
         except ConfigError as error:
             self._refuse(str(error))
-        else:
-            self.view = view
-            self.controls.error.text = self.controls.saved.text = ""
         self._show()
 
     def _refuse(self, text: str) -> None:
-        self.controls.error.text = text
+        """Say an error beside those of the same view."""
+        said = self.controls.error.text
+        if text not in said.splitlines():
+            self.controls.error.text = f"{said}\n{text}".strip()
 
     def _show(self) -> None:
         """Set all parts of the page to the view, and request its pictures."""
@@ -300,31 +300,33 @@ class LivePage:
         )
 
     def _show_progress(self) -> None:
-        """Show how long the current step has taken, and that a first step compiles."""
+        """Show how long the current step has taken, and that a picture is the previous one."""
         if self._waiting:  # a hidden browser window paints nothing
             self._waiting = False
             self.worker.ask(self._steps())
-        name, first, begin = self.worker.busy or ("", False, math.inf)
-        if (seconds := perf_counter() - begin) > 0.3:
+            return
+        name, first, begin = self.worker.busy or ("", False, -math.inf)
+        seconds, status, lines = perf_counter() - begin, self._rate, list[str]()
+        if seconds > 0.3 and self._picture.source.data["image"]:
+            lines.append("this is the previous picture")
+        if 0.3 < seconds < math.inf:
             why = ", compiled at the first use" if first and seconds > 1.0 else ""
-            self.controls.status.text = f"computing: {name}{why}: {seconds:.0f} s"
-            if self.worker.is_late(self._picture.figure.name):
-                waits = f"waiting for {name}{why}: {seconds:.0f} s".replace(", ", ",\n")
-                old = self._picture.source.data["image"]
-                self._picture.wait("this is the previous picture;\n" * bool(old) + waits)
-        else:
-            self.controls.status.text = self._rate
-            self._picture.wait("")
+            status = f"computing: {name}{why}: {seconds:.0f} s"
+            lines.append(f"waiting for {name}{why}: {seconds:.0f} s".replace(", ", ",\n"))
+        self.controls.status.text = status
+        is_late = self.worker.is_late(self._picture.figure.name)
+        self._picture.wait(";\n".join(lines) if is_late else "")
 
     def _save(self) -> None:
         """Write the configuration of the picture, and show the path."""
+        self.controls.error.text = self.controls.saved.text = ""
         try:
             path = write_yaml(self.view, self._picture.saved(self.view), self.folder)
         except SweepError as error:
             self._refuse(str(error))
         else:
-            self.controls.error.text = ""
             self.controls.saved.text = f"saved: {path}; {command('run', Path(path.name))}"
+        self._compute()  # steps that failed say so again
 
     @property
     def _picture(self) -> Diagram | Map:

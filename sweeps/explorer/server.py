@@ -49,7 +49,7 @@ _POLICY = (
 _SCRIPT = re.compile(rb"<script(?: type=\"text/javascript\")?>(.*?)</script>", re.DOTALL)
 #: The paths of Bokeh's own files; for another, such as one with escapes, Tornado logs a warning.
 _STATIC = re.compile(r"/static(?:/[\w-][\w.-]*)+", re.ASCII)
-#: The loggers that quote requests, which may hold control characters for a terminal.
+#: Loggers that quote requests, which may hold control characters: silent in our thread.
 _QUOTING = ("tornado.access", "tornado.general")
 #: Most open pages: to make one takes .2 to .4 s, during which the server answers nobody, and a page
 #: whose browser is not answered for 5 s is made again.
@@ -161,10 +161,7 @@ class Explorer:
     """
 
     def __init__(self, config: SweepConfig, port: int, folder: Path | None) -> None:
-        self._home, self._folder = View.of(config), folder or absolute(Path())
-        self._home.check()
-        for logger in _QUOTING:
-            logging.getLogger(logger).setLevel(logging.CRITICAL)
+        self._home, self._folder = View.of(config).checked(), folder or absolute(Path())
         try:
             self._socket = socket.create_server((HOST, port))
         except (OSError, OverflowError) as error:
@@ -180,7 +177,13 @@ class Explorer:
         self._loop.set_exception_handler(self._handle_failure)
         # A request that arrives before the thread is ready waits in the socket.
         self._thread = threading.Thread(target=self._serve, daemon=True)
+        for logger in _QUOTING:
+            logging.getLogger(logger).addFilter(self._is_foreign)
         self._thread.start()
+
+    def _is_foreign(self, record: logging.LogRecord) -> bool:
+        """Whether another thread logs, as the kernel of a notebook, which uses Tornado, too."""
+        return record.thread != self._thread.ident
 
     def _serve(self) -> None:
         """Run the server until its loop is stopped."""
@@ -234,6 +237,8 @@ class Explorer:
         self._thread.join(2.0)
         for page in self.pages:
             page.worker.shutdown()
+        for logger in _QUOTING:
+            logging.getLogger(logger).removeFilter(self._is_foreign)
 
     def _repr_html_(self) -> str:
         return f'<iframe src="{self.address}" width="100%" height="640" frameborder="0"></iframe>'

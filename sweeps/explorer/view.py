@@ -190,8 +190,8 @@ class View:
 
     def tiles(self, tab: int, columns: int, rows: int) -> SweepConfig:
         """Return the sweep of the map or of the basins with `columns` x `rows` points."""
-        (x, across), (y, upwards) = self.plane(tab)
-        return self._sweep({x: (across, columns), y: (upwards, rows)}, self._diagnostics)
+        (x, x_window), (y, y_window) = self.plane(tab)
+        return self._sweep({x: (x_window, columns), y: (y_window, rows)}, self._diagnostics)
 
     def point(self) -> SweepConfig:
         """Return the sweep of the marked point alone."""
@@ -239,7 +239,7 @@ class View:
         return urlencode(items, safe=":")
 
     def with_query(self, query: str) -> Self:
-        """Return the view that an address describes; entries it lacks keep their values."""
+        """Return the view that an address describes, not checked; what it lacks stays."""
         entries = dict(parse_qsl(query.removeprefix("?"), keep_blank_values=True))
         named = {self.nomenclature.name(name): name for name in PARAMETERS}
         changes: dict[str, Any] = {
@@ -262,13 +262,10 @@ class View:
                     changes[name] = low, high
         except ValueError as error:
             raise ConfigError(f"the address cannot be read: {error}") from None
-        view = replace(self.moved(**numbers), **changes)
-        view.check()
-        record = view.diagram(2).record  # its texts are converted to numbers
-        return replace(view, record={name: getattr(record, name) for name in RECORD_FIELDS})
+        return replace(self.moved(**numbers), **changes)
 
-    def check(self) -> None:
-        """Raise ConfigError if a name is unknown, a window is empty, or a value is not allowed."""
+    def checked(self) -> Self:
+        """Return the view, with numbers for texts; ConfigError if it is not allowed."""
         for name in (self.axis, self.across):
             if name not in PARAMETERS:
                 expected = ", ".join(map(self.nomenclature.name, PARAMETERS))
@@ -290,9 +287,10 @@ class View:
                 said = f"{self.nomenclature.name(name)} = {value:g} is not allowed"
                 raise ConfigError(f"{said}; expected: {parameter.allowed}")
         self.point()
-        self.diagram(2)
         if self.tab != DIAGRAM_TAB:
             self.tiles(self.tab, 2, 2)
+        record = self.diagram(2).record
+        return replace(self, record={name: getattr(record, name) for name in RECORD_FIELDS})
 
 
 def _typed_number(name: str, text: str, parameter: Parameter) -> float:
@@ -336,9 +334,9 @@ def _commands(view: View, name: str) -> str:
     if view.tab == DIAGRAM_TAB:
         limits = {"xlim": (view.xlim, view.axis), "ylim": (view.ylim, view.ordinate)}
         options += f" --coordinate {view.ordinate}"
-        for option, (ends, name) in limits.items():
+        for option, (ends, quantity) in limits.items():
             if ends is not None:
-                unit = as_variable(name, view.nomenclature).attrs["units"]
+                unit = as_variable(quantity, view.nomenclature).attrs["units"]
                 unit = unit if unit in ("m", "m/s") else ""  # the ticks may have a prefix
                 options += f" --{option}={ends[0]!r}:{ends[1]!r}{unit}"
     run, plot = command("run", Path(f"{name}.yaml")), command("plot", Path(f"{name}.h5"))

@@ -2,6 +2,7 @@
 
 import html
 import http.client
+import logging
 import os
 import re
 import resource
@@ -112,6 +113,20 @@ def test_too_many_pages_at_once_are_refused_until_others_are_closed(monkeypatch)
         assert len(explorer.pages) == 1
     finally:
         explorer.close()
+
+
+def test_only_the_server_itself_logs_no_requests(caplog):
+    """The kernel of a notebook uses Tornado, too, and its messages must stay, also afterwards."""
+    loggers = [logging.getLogger(f"tornado.{name}") for name in ("access", "general")]
+    before = [(logger.level, list(logger.filters)) for logger in loggers]
+    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    assert answer(explorer.address, "/no")[0] == 403
+    assert caplog.records == []
+    for logger in loggers:
+        logger.warning("of another server")
+    assert len(caplog.records) == 2
+    explorer.close()
+    assert [(logger.level, logger.filters) for logger in loggers] == before
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """The live picture without a browser: views, their diagrams and pixels, and what is refused."""
 
 import re
+import shlex
 import sys
 from dataclasses import asdict, replace
 
@@ -14,7 +15,7 @@ from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.explorer.live_diagram import Diagram, density, numbers, ordinates, ramp
 from sweeps.explorer.live_motion import motion_at
 from sweeps.explorer.live_page import LivePage
-from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, window_bounds
+from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, window_bounds, write_yaml
 from sweeps.plotting.style import PARTIAL
 from tests.helpers.commands import refused
 from tests.helpers.configurations import load
@@ -71,7 +72,7 @@ def test_the_motion_at_a_stop_that_presses(view):
 def test_every_scene_can_be_looked_at():
     for path in SCENES:
         view = View.of(load_config(path))
-        view.check()
+        view.checked()
         assert view.tab == (BASINS_TAB if {view.axis, view.across} == {"x0", "v0"} else DIAGRAM_TAB)
     with pytest.raises(Refused, match="rows of a table as points"):
         sweeps.explore(load_config(CONFIGS / "tolerances.yaml"))
@@ -79,7 +80,7 @@ def test_every_scene_can_be_looked_at():
 
 def test_the_page_computes_the_default_transient_where_a_run_finds_it():
     view = View.of(load_config(CONFIGS / "quickstart.yaml", ["record.transient=auto"]))
-    view.check()
+    view.checked()
     assert view.record["transient"] == view.diagram(4).record.transient == 1000
 
 
@@ -87,9 +88,9 @@ def test_the_page_computes_the_default_transient_where_a_run_finds_it():
 def test_every_parameter_can_be_an_axis_of_every_scene(path):
     view = View.of(load_config(path))
     for name in PARAMETERS:
-        view.with_axis(name).check()
+        view.with_axis(name).checked()
         if name != view.axis:
-            replace(view.with_across(name), tab=MAP_TAB).check()
+            replace(view.with_across(name), tab=MAP_TAB).checked()
 
 
 def test_the_windows_are_of_the_size_of_the_motion():
@@ -125,7 +126,7 @@ def test_a_view_returns_from_its_address(view, axis):
         across="h" if axis != "h" else "R",
     )
     changed = replace(changed, xlim=(-0.7, 0.1)) if axis == "x0" else changed
-    assert view.with_query("?" + changed.query()) == changed
+    assert view.with_query("?" + changed.query()).checked() == changed
 
 
 @pytest.mark.parametrize(
@@ -147,7 +148,7 @@ def test_a_view_returns_from_its_address(view, axis):
 )
 def test_an_address_that_asks_for_too_much_is_refused(view, query, said):
     with pytest.raises(ConfigError, match=said):
-        view.with_query(query)
+        view.with_query(query).checked()
 
 
 def test_the_numbers_are_those_of_a_run(view, tmp_path):
@@ -177,6 +178,19 @@ def test_a_late_picture_of_a_zoom_does_not_fit_all_points(view, tmp_path):
         page.diagram._paint(picture, 0.0)
         assert (page.diagram.source.data["fit"][0] == picture.window) == (seen is view)
     page.worker.shutdown()
+
+
+@pytest.mark.parametrize("tab", [DIAGRAM_TAB, MAP_TAB, BASINS_TAB])
+@pytest.mark.parametrize("name", ["scene", "a b"])
+def test_a_saved_configuration_names_its_own_commands(view, tmp_path, tab, name):
+    """Whatever is on the axes, and whether the ordinate is fitted."""
+    views = [replace(view, name=name, tab=tab), replace(view, name=name, tab=tab, ylim=(-1.0, 0.0))]
+    for number, seen in enumerate((*views, replace(views[1], ordinate="impact_v")), 1):
+        path = write_yaml(seen, seen.diagram(20), tmp_path)
+        assert path.name == f"{name}-view-{number}.yaml"
+        run, plot = (shlex.split(line[1:]) for line in path.read_text().splitlines()[1:3])
+        assert run == ["vibroimpact", "run", path.name]
+        assert plot[:3] == ["vibroimpact", "plot", f"{path.stem}.h5"]
 
 
 @pytest.mark.slow

@@ -1,10 +1,16 @@
-"""The thread of the page: only the newest request is finished, and errors are said once."""
+"""The thread of the page: only the newest request is finished, errors are said, nothing is lost."""
 
 import threading
 import time
+from dataclasses import replace
 
-from sweeps import Refused
+import pytest
+from bokeh.document import Document
+
+from sweeps import Refused, StoreError
+from sweeps.explorer import live_diagram
 from sweeps.explorer.figures import Step, Worker
+from sweeps.explorer.live_page import LivePage
 from sweeps.interrupts import check
 
 
@@ -38,16 +44,105 @@ def test_only_the_newest_request_is_finished():
     assert set(threading.enumerate()) <= others
 
 
-def test_an_error_of_a_step_is_said_once():
-    said = []
-    worker = Worker(lambda call: call(), said.append)
+@pytest.mark.parametrize(
+    "error", [Refused("too much"), MemoryError("too much"), OSError("too much")]
+)
+def test_a_step_that_failed_is_computed_at_the_next_request(error):
+    """Until it succeeds its place is late, and each request says the error again."""
+    seen = []
+    worker = Worker(lambda call: call(), seen.append)
+    outcomes = [error, error, None]
+
+    def compute():
+        if (outcome := outcomes.pop(0)) is not None:
+            raise outcome
+        return "picture"
+
+    step = Step("picture", 1, compute, lambda result, seconds: seen.append(result))
+    for expected in (["too much"], ["too much"] * 2, ["too much", "too much", "picture"]):
+        assert worker.is_late("picture")
+        worker.ask([step])
+        worker.submit(int).result()
+        assert seen == expected
+    assert not worker.is_late("picture")
+    worker.shutdown()
+
+
+def test_an_error_of_an_earlier_request_is_not_said():
+    posts, said = [], []
+    worker = Worker(posts.append, said.append)
 
     def fail():
         raise Refused("too much")
 
-    step = Step("picture", 1, fail, lambda *_: None)
-    for _ in range(2):
-        worker.ask([step])
-        worker.submit(int).result()
+    worker.ask([Step("picture", 1, fail, lambda *_: None)])
+    worker.submit(int).result()
+    worker.ask([])
     worker.shutdown()
-    assert said == ["too much"]
+    for post in posts:
+        post()
+    assert posts and said == []
+
+
+@pytest.fixture
+def page(view, tmp_path, monkeypatch):
+    """Return a page over the start x0, whose calls between threads wait in its list `posts`."""
+    document, posts = Document(), []
+    monkeypatch.setattr(document, "add_next_tick_callback", posts.append)
+    view = replace(view, record={**view.record, "transient": 5, "periods": 2})
+    page = LivePage(document, view.with_axis("x0"), tmp_path)
+    page.posts, page.diagram.size = posts, (20, 16)
+    yield page
+    page.worker.shutdown()
+
+
+def settle(page):
+    """Compute all steps, and let the browser paint each picture."""
+    page.worker.submit(int).result()
+    while page.posts:
+        page.posts.pop(0)()
+        page.diagram.painted.value = page.diagram.sent
+    page._show_progress()
+
+
+def test_an_error_stays_while_what_failed_is_asked_for(page):
+    """The start moves no periodic orbit, so there are no exact branches along it."""
+    error, said = page.controls.error, "do not depend on x0"
+    page.change(lambda view: replace(view, exact=True))
+    settle(page)
+    assert said in error.text
+    page.change(lambda view: view.moved(v0=0.1))
+    settle(page)
+    assert error.text.count(said) == 1
+    page.change(lambda view: view.with_query("R=2"))
+    settle(page)
+    assert said in error.text and "R = 2 is not allowed" in error.text
+    page._save()
+    settle(page)
+    assert said in error.text and "R = 2" not in error.text
+    assert page.controls.saved.text.startswith("saved: ")
+    page.change(lambda view: replace(view, exact=False))
+    settle(page)
+    assert error.text == ""
+
+
+@pytest.mark.parametrize("error", [MemoryError("no memory"), StoreError("no memory")])
+def test_a_picture_that_fails_is_said_to_be_the_previous_one(page, monkeypatch, error):
+    """In the step that computes it, or in the estimate of its memory before."""
+    waits, is_step = page.diagram._waits, isinstance(error, MemoryError)
+    page._compute()
+    settle(page)
+    assert not waits.visible
+
+    def fail(*arguments):
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(live_diagram, "numbers" if is_step else "check_memory", fail)
+        page.change(lambda view: view.moved(R=0.5))
+        settle(page)
+        assert page.controls.error.text == "no memory"
+        assert waits.visible and waits.text == "this is the previous picture"
+    page.change(lambda view: view)
+    settle(page)
+    assert page.controls.error.text == waits.text == "" and not waits.visible
