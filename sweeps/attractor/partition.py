@@ -186,7 +186,7 @@ def attractors(
     heads, of_point = attractors_of(motions, index.parameter, spec, tolerance)
     parameter, members = index.parameter[heads], np.bincount(of_point[of_point >= 0])
     fraction = members / np.bincount(parameter, members)[parameter]
-    number = _numbers(spec, index, motions[heads], parameter, fraction)
+    number = _numbers(sweep, index, motions[heads], parameter, fraction)
     recorded = np.flatnonzero((of_point >= 0) & ~followed)[::-1]
     member = heads.copy()
     member[of_point[recorded]] = recorded  # the first whose record shows the attractor
@@ -299,7 +299,7 @@ def same_motions(
 
 
 def _numbers(
-    spec: RunSpec,
+    sweep: OpenedSweep,
     index: GridIndex,
     motions: np.ndarray,
     parameter: np.ndarray,
@@ -307,12 +307,17 @@ def _numbers(
 ) -> np.ndarray:
     """Number attractors: the periodic ones in decreasing order of their share of all starts."""
     number, periodic = np.empty(len(motions), np.int64), motions["regime"] == Regime.PERIODIC
+    has_neighbours = len(index.shape) and SETS not in index.parameters
+    if has_neighbours:  # the values of an axis may be in any order
+        ranks = [sweep[name].values.argsort().argsort() for name in index.parameters]
+        places = np.unravel_index(parameter, index.shape)
+        parameter = np.ravel_multi_index([*map(np.take, ranks, places)], index.shape)
     at = np.flatnonzero(periodic)
     at = at[np.argsort(parameter[at], kind="stable")]
     chain = np.arange(len(at))
-    if len(at) and index.shape and SETS not in index.parameters:  # sets have no neighbours
-        near = partial(mutually_nearest, cycles_of(spec, motions[at]))
-        seeded = partial(lead_to_each_other, spec, motions[at])
+    if len(at) and has_neighbours:
+        near = partial(mutually_nearest, cycles_of(sweep.spec, motions[at]))
+        seeded = partial(lead_to_each_other, sweep.spec, motions[at])
         chain = track(index.shape, parameter[at], near, seeded)
     order = np.argsort(-np.bincount(chain, fraction[at]), kind="stable")
     number[at] = np.argsort(order)[chain]

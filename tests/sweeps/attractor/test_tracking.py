@@ -144,6 +144,9 @@ def test_an_attractor_that_no_start_reaches_at_a_few_values_keeps_its_number(com
     reached = np.flatnonzero(numbers.notnull())
     assert np.diff(reached).max() > 1
     assert len(np.unique(numbers[reached])) == 1
+    for order in (np.arange(139)[::-1], np.roll(np.arange(139), 60)):  # as pieces are concatenated
+        mixed = attractors(dataset.isel(omega=order))
+        assert mixed.sortby("omega").equals(found)
 
 
 @pytest.mark.slow
