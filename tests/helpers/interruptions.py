@@ -1,8 +1,7 @@
 """Runs ended by a signal at random moments and in chosen system calls, and checks of the files.
 
-Most runs are forks of a process that has imported everything and loaded the kernel: they start at
-once, and end like any Python process. Runs that are interrupted while they start are separate
-processes.
+The runs are forks of a process that has imported everything and loaded the kernel: they start at
+once, and end like any Python process.
 """
 
 from __future__ import annotations
@@ -17,9 +16,12 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
-from sweeps import open_sweep
+import numpy as np
+
+from sweeps import StoreError, open_sweep
 from sweeps.interrupts import SIGNALS
 from sweeps.store.parts import kept_points
 from tests.helpers.places import ROOT
@@ -103,8 +105,6 @@ class Forks:
     def __init__(self, root: Path) -> None:
         self.folder = root / "runs"
         self.folder.mkdir()
-        #: The duration of a run of each of ``KINDS`` [s], from `prepare`.
-        self.seconds: list[float] = []
         self._streams = [str(root / name) for name in ("stdout.txt", "stderr.txt")]
         how = {"env": environment(), "text": True, "preexec_fn": hear}
         how |= {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
@@ -118,12 +118,9 @@ class Forks:
         self._process.wait(PATIENCE)
         self._process.stdout.close()
 
-    def start(
-        self, *arguments: str, folder: Path | None = None, stopped: bool = False, stdout: str = ""
-    ) -> int:
+    def start(self, *arguments: str, folder: Path | None = None, stopped: bool = False) -> int:
         """Start a command; return its process id."""
-        streams = [stdout or self._streams[0], self._streams[1]]
-        request = {"folder": str(folder or self.folder), "streams": streams}
+        request = {"folder": str(folder or self.folder), "streams": self._streams}
         request |= {"arguments": arguments, "stopped": stopped}
         self._process.stdin.write(json.dumps(request) + "\n")
         self._process.stdin.flush()
@@ -181,35 +178,28 @@ def _reached(moment: str, folder: Path, draw: random.Random) -> object:
     return lambda pid: share_written(out) >= share
 
 
-def signalled(forks: Forks, number: int, moment: str, draw: random.Random) -> None:
-    """Send a signal to a run at a given moment, and check its end and its files."""
-    folder, changes = forks.emptied(), draw.choice(KINDS)
-    process = None
-    if moment == "start":
-        how = {"env": environment(), "cwd": folder, "text": True, "preexec_fn": hear}
-        words = [sys.executable, "-m", "sweeps.cli", *command(changes)]
-        process = subprocess.Popen(words, stderr=subprocess.PIPE, **how)
-        pid = process.pid
-    else:
-        pid = forks.start(*command(changes))
-    try:
-        reached, began = _reached(moment, folder, draw), time.monotonic()
-        while not reached(pid) and time.monotonic() - began < PATIENCE:
-            time.sleep(0.002)
-        time.sleep(draw.uniform(0.0, LATEST))
-        os.kill(pid, number)
-    except (OSError, IndexError):  # the run has ended, or its file was replaced
-        pass
-    if process is not None:
-        _, text = process.communicate(timeout=PATIENCE)
-        code = process.returncode
-    else:
+def signalled(
+    forks: Forks, changes: list[str], signals: Iterable[tuple[int, str]], draw: random.Random
+) -> None:
+    """Send a run signals at moments, and resume it after each; check its ends and its files."""
+    folder = forks.emptied()
+    for number, moment in signals:
+        pid = forks.start(*command(changes), "--resume")
+        try:
+            reached, began = _reached(moment, folder, draw), time.monotonic()
+            while not reached(pid) and time.monotonic() - began < PATIENCE:
+                time.sleep(0.002)
+            time.sleep(draw.uniform(0.0, LATEST))
+            os.kill(pid, number)
+        except (OSError, IndexError, StoreError):  # the run has ended, or its file was replaced
+            pass
         code, text = forks.ended()
-    check_end(forks, number, code, text, changes)
+        check_end(forks, number, code, text, changes)
+    finish(forks, changes)
 
 
-def at_call(forks: Forks, number: int, draw: random.Random) -> str:
-    """Send a signal to a run in one of its system calls; return that call."""
+def at_call(forks: Forks, number: int, draw: random.Random) -> None:
+    """Send a signal to a run in one of its system calls; check its end and its files."""
     folder, changes = forks.emptied(), draw.choice(KINDS)
     call, which = draw.choice(CALLS), draw.choice((1, 2, 3, 5, 8, 13, 21, 34, 55, 89))
     pid = forks.start(*command(changes), stopped=True)
@@ -225,32 +215,36 @@ def at_call(forks: Forks, number: int, draw: random.Random) -> str:
     tracer.communicate(timeout=PATIENCE)
     (folder / "trace.txt").unlink()
     check_end(forks, number, code, text, changes)
-    return f"{call} {which}"
+    finish(forks, changes)
 
 
 def check_end(forks: Forks, number: int, code: int, text: str, changes: list[str]) -> None:
-    """Check the outcome of an interrupted run, resume it, and compare the data."""
+    """Check the outcome of an interrupted run, and what can be read of it."""
     about = f"signal {number}, {changes}, exit code {code}:\n{text}"
-    folder = forks.folder
-    out = folder / "out.h5"
+    out, kept = forks.folder / "out.h5", re.search(r"interrupted; ([\d,]+) of ", text)
     if code == 0:
         assert text == "" and out.exists() and not Path(f"{out}.parts").exists(), about
     elif number in ANSWERED:
-        assert code == 1, about
-        assert text.count("\n") == 1, about
+        assert code == 1 and text.count("\n") == 1, about
         assert text.startswith("vibroimpact: error: interrupted"), about
-        kept = re.search(r"interrupted; ([\d,]+) of ", text)
-        if kept:
-            with open_sweep(out) as dataset:
-                done = int((dataset["status"] != Status.PENDING).sum())
-            assert int(kept[1].replace(",", "")) == done, about
     else:
         assert code == -number, about
+    if out.exists() or Path(f"{out}.parts/schema.h5").exists():
+        with open_sweep(out) as dataset:
+            done = dataset["status"].values != Status.PENDING
+            assert np.isfinite(dataset["poincare_x"].values[done]).all(), about
+        assert not kept or int(kept[1].replace(",", "")) == done.sum(), about
     if number in ANSWERED:
-        left = {path.name for path in folder.iterdir()} - {"out.h5", "out.h5.parts", "sweep.yaml"}
+        left = {path.name for path in forks.folder.iterdir()}
+        left -= {"out.h5", "out.h5.parts", "sweep.yaml"}
         assert not {name for name in left if not name.startswith("whole")}, (left, about)
-    assert forks.run(*command(changes), "--resume") == (0, ""), about
-    assert data(out).identical(data(forks.whole(changes))), about
+
+
+def finish(forks: Forks, changes: list[str]) -> None:
+    """Resume a run to its end; it has the same bits as one that no signal ended."""
+    out = forks.folder / "out.h5"
+    assert forks.run(*command(changes), "--resume") == (0, "")
+    assert data(out).identical(data(forks.whole(changes)))
     out.unlink()
 
 
@@ -258,6 +252,4 @@ def prepare(forks: Forks) -> None:
     """Write the configuration, and for each kind the file of a run that no signal ended."""
     (forks.folder / "sweep.yaml").write_text(SWEEP)
     for changes in KINDS:
-        began = time.monotonic()
         assert forks.run(*command(changes, forks.whole(changes).name)) == (0, "")
-        forks.seconds.append(time.monotonic() - began)

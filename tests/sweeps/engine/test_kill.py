@@ -12,12 +12,9 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
-import numpy as np
 import pytest
-import xarray as xr
 
 from sweeps import interrupts, open_sweep, run_sweep
 from sweeps.cli.__main__ import NOTED
@@ -32,8 +29,6 @@ from tests.helpers.interruptions import (
     SWEEP,
     Forks,
     at_call,
-    command,
-    data,
     environment,
     hear,
     prepare,
@@ -67,38 +62,6 @@ def ended(process):
     """Wait for the end of a process, and return its exit code and its message."""
     _, stderr = process.communicate(timeout=PATIENCE)
     return process.returncode, stderr
-
-
-@pytest.mark.parametrize(
-    ("seed", "kills"),
-    [
-        pytest.param(1, 1, marks=pytest.mark.slow),
-        *(pytest.param(seed, 12, marks=pytest.mark.campaign) for seed in range(2, 12)),
-    ],
-)
-@pytest.mark.parametrize("changed", KINDS)
-def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(forks, changed, seed, kills):
-    forks.emptied()
-    out, arguments = forks.folder / "out.h5", [*command(changed), "--resume"]
-    draw, killed, kind = random.Random(seed), 0, KINDS.index(changed)
-    while killed < kills:
-        pid = forks.start(*arguments)
-        time.sleep(draw.uniform(0.0, 1.2 * forks.seconds[kind]))
-        with suppress(ProcessLookupError):  # it has ended
-            os.kill(pid, signal.SIGKILL)
-        code, _ = forks.ended()
-        assert code in (0, -signal.SIGKILL)
-        killed += code != 0
-        forks.seconds[kind] *= 0.8 if code == 0 else 1.1  # the first run compiles
-        if out.exists() or Path(f"{out}.parts/schema.h5").exists():
-            with open_sweep(out) as dataset:
-                done = dataset["status"].values != Status.PENDING
-                assert np.isfinite(dataset["poincare_x"].values[done]).all()
-        if code == 0:
-            xr.testing.assert_identical(data(out), data(forks.whole(changed)))
-            out.unlink()
-    assert forks.run(*arguments) == (0, "")
-    xr.testing.assert_identical(data(out), data(forks.whole(changed)))
 
 
 @pytest.mark.slow
@@ -154,9 +117,16 @@ def test_a_process_notes_from_its_start_the_signals_that_end_work():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("moment", "number"), [*zip(MOMENTS, ANSWERED, strict=False)])
-def test_a_signal_at_any_moment_ends_a_run_with_one_line(forks, moment, number):
-    signalled(forks, number, moment, random.Random(f"{moment} {number}"))
+def test_signals_at_any_moment_end_a_run_with_one_line_until_it_is_complete(forks):
+    signals = zip(ANSWERED, MOMENTS, strict=False)
+    signalled(forks, KINDS[1], signals, random.Random(1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", [KINDS[0], KINDS[2]], ids=["points", "chains"])
+def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(forks, changes):
+    kills = [(signal.SIGKILL, moment) for moment in ("creation", "block", "block")]
+    signalled(forks, changes, kills, random.Random(1))
 
 
 #: The process of a command, which receives a signal when it imports its n-th module.
@@ -197,8 +167,9 @@ def test_a_signal_in_a_system_call_ends_a_run_with_one_line(forks, number):
 @pytest.mark.parametrize("seed", range(300))
 def test_1200_signals(forks, seed):
     draw = random.Random(seed)
-    for moment in MOMENTS:
-        signalled(forks, draw.choice(ANSWERED), moment, draw)
+    for numbers in (ANSWERED, [signal.SIGKILL]):
+        signals = [(draw.choice(numbers), draw.choice(MOMENTS)) for _ in range(2)]
+        signalled(forks, draw.choice(KINDS), signals, draw)
 
 
 @pytest.mark.campaign
