@@ -26,6 +26,8 @@ from vibroimpact.orbits.orbit import free_orbit
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.regimes import Regime
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def scene(tmp_path):
@@ -64,7 +66,6 @@ def classes(dataset):
     return named
 
 
-@pytest.mark.slow
 def test_scattering_parts_have_the_probabilities_of_a_sample_ten_times_as_large(scene):
     """Of independent draws; and the scatter of the impulse is that of the restitution."""
     from scipy.stats import binomtest  # half a second, which no other test needs
@@ -106,7 +107,6 @@ def inner(labels):
     return same
 
 
-@pytest.mark.slow
 def test_joint_clearance(scene):
     """The rig of the comment gives the oscillator, and both ranges have two motions."""
     dataset = scene("joint-clearance", "oscillator.omega.num=221")
@@ -126,7 +126,6 @@ def test_joint_clearance(scene):
     assert dataset["poincare_v"].attrs["units"] == "m/s"
 
 
-@pytest.mark.slow
 def test_basins(scene):
     """Another grid confirms the fractions of the full one, and slow steps single starts."""
     x0, v0 = "{start: -2.98, stop: -0.03, num: 61}", "{start: -2.97, stop: 2.95, num: 67}"
@@ -147,7 +146,6 @@ def test_basins(scene):
             assert_allclose(slow_speeds(osc, row.q, **start), row.speeds, atol=1e-3)
 
 
-@pytest.mark.slow
 def test_basins_on_the_stop(scene):
     """The launch of each orbit at its impact leads to it, and the basins go on beyond one turn."""
     v0, phase = "{start: -2.99, stop: -0.01, num: 61}", "{start: 0, stop: 6.28, num: 67}"
@@ -167,7 +165,6 @@ def test_basins_on_the_stop(scene):
     assert (first != last).mean() < 0.05
 
 
-@pytest.mark.slow
 def test_basins_with_a_clearance(scene):
     x0, v0 = "{start: -2.98, stop: 0.57, num: 61}", "{start: -2.97, stop: 2.95, num: 67}"
     grid = f"start={{x0: {x0}, v0: {v0}}}"
@@ -182,7 +179,6 @@ def test_basins_with_a_clearance(scene):
     assert_allclose(table["2/1"].speeds, [orbit.v], rtol=1e-9)
 
 
-@pytest.mark.slow
 def test_grazing(scene):
     dataset = scene("grazing", f"oscillator.clearance={values(1.845, 1.9, 1.925)}")
     found = {}
@@ -217,14 +213,12 @@ CLASSES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CLASSES)
 def test_a_scene_has_the_classes_of_its_comment(scene, name):
     overrides, expected = CLASSES[name]
     assert classes(scene(name, *overrides)) == expected
 
 
-@pytest.mark.slow
 def test_impacts_are_added_one_by_one_down_to_rest(scene):
     """The paper's third case has four; the chatter is complete below R = 0.4693426554."""
     R = values(0.65, 0.55, 0.5, 0.48, 0.4694, 0.4693)
@@ -236,7 +230,6 @@ def test_impacts_are_added_one_by_one_down_to_rest(scene):
     assert_allclose(speeds, expected)
 
 
-@pytest.mark.slow
 def test_damping(scene):
     """3/2 and 4/3, also by slow steps."""
     dataset = scene("damping", f"oscillator.h={values(0.1, 0.19, 0.25, 0.35, 0.5)}")
@@ -246,7 +239,6 @@ def test_damping(scene):
         assert_allclose(slow_speeds(naive.oscillator(h, 0.8, 2.9), q), speeds, atol=1e-3)
 
 
-@pytest.mark.slow
 def test_chatter(scene):
     """Rest up to about 0.361; at h = 0.05, omega = 0.3 for as long as by slow steps."""
     omega = values(0.2, 0.3, 0.35, 0.37)
@@ -259,7 +251,6 @@ def test_chatter(scene):
     assert_allclose(dataset["rest_fraction"].values[0], fraction, atol=1e-6)
 
 
-@pytest.mark.slow
 def test_integrity(scene):
     """The disc of 2/1 has .64 at 2.6 and shrinks until 2/1 ends; at 2.75 only 1/0 is left."""
     few = "start.x0.num=73", "start.v0.num=121"  # one start in 0.05
@@ -287,7 +278,6 @@ def test_integrity(scene):
     assert any("2/1" in text.get_text() for text in figure.legends[0].get_texts())
 
 
-@pytest.mark.slow
 def test_bouncing_ball(scene):
     """Downwards; omega^2 is pi / 3 at the fold and 1.5268237 at the flip; v = 4 pi / (3 omega)."""
     omega = np.sqrt([0.98, 1.04, 1.06, 1.15, 1.3, 1.5, 1.6, 1.68, 1.7, 1.75])
@@ -299,7 +289,6 @@ def test_bouncing_ball(scene):
     assert_allclose(dataset["impact_v"].values[2:6, -1], speeds, rtol=1e-6)
 
 
-@pytest.mark.slow
 def test_vibrating_table(scene):
     """The fold and the flip of 1/1 are on the curves of the closed form, and 1/1 is between."""
     few = "rig.frequency.num=5", "rig.base.num=81"
@@ -319,7 +308,6 @@ def test_vibrating_table(scene):
     assert not (period[level < np.pi / 3.0] == 1).any()
 
 
-@pytest.mark.slow
 def test_shaker(scene):
     """Impacts begin and end where a omega^2 / |p^2 - omega^2 + 2 i h omega| is the gap."""
     dataset = scene("shaker", "rig.frequency.num=171")
@@ -337,7 +325,6 @@ def test_shaker(scene):
     assert_allclose(grazes, [2.0 * np.pi * 18.7548527643], rtol=1e-11)
 
 
-@pytest.mark.slow
 def test_feigenbaum(scene):
     """The first flip in closed form; the next two as the multipliers of the orbits give them."""
     found = bifurcations(scene("feigenbaum"))

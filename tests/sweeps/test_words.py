@@ -17,6 +17,8 @@ from tests.helpers.sweep_files import run_in
 from tests.sweeps.test_gallery import script
 from vibroimpact.status import Evidence, Status
 
+pytestmark = pytest.mark.slow
+
 RECORD = "record: {transient: 20, periods: 16, impacts: 4, diagnostics: [period, lyapunov]}\n"
 #: A map with orbits, rests and chaos; a line that is followed both ways; starts on two attractors.
 SCENES = {
@@ -74,7 +76,6 @@ def test_the_words_of_all_regimes_and_outcomes():
     }  # fmt: skip
 
 
-@pytest.mark.slow
 def test_the_words_of_the_legends(files):
     with (
         open_sweep(files["map"]) as whole,
@@ -102,7 +103,6 @@ def test_the_words_of_the_legends(files):
     assert not unexplained(texts)
 
 
-@pytest.mark.slow
 def test_the_words_of_the_reports(files, tmp_path):
     for path in files.values():
         lines = accepted("info", path).splitlines()
@@ -139,7 +139,6 @@ def comparable(words):
     return {gallery.without_numbers(text) for text in texts} - {""}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", gallery.ARGUMENTS)
 def test_a_picture_of_the_gallery_has_the_words_of_today(name, unpainted, no_knocks):
     """If not: python -m tests.helpers.gallery. Title and axes do not depend on the grid."""

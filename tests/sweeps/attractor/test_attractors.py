@@ -13,6 +13,8 @@ from vibroimpact import Oscillator, one_impact_orbit
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
 
+pytestmark = pytest.mark.slow
+
 
 def rows_of(dataset):
     return attractor_rows(OpenedSweep(dataset), attractors(dataset))
@@ -32,7 +34,6 @@ def test_the_rest_position_is_the_attractor_where_there_is_no_force():
     assert np.abs(found["section_x"].values[0]).max() < 1e-15
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("h", "R", "single", "three"),
     [
@@ -56,7 +57,6 @@ def test_the_known_coexisting_attractors(computed_starts, h, R, single, three):
         assert zero == by_class["2/3"].number
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "record",
     [
@@ -80,7 +80,6 @@ SLOW = (
 )
 
 
-@pytest.mark.slow
 def test_starts_that_settle_slowly_are_on_the_attractor_they_go_to(computed_starts):
     """Without impacts a deviation falls by exp(-2 pi h / omega) = 0.953 per period."""
     dataset = computed_starts(*SLOW)
@@ -122,7 +121,6 @@ RARE_REST = (
 )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("oscillator", RARE_REST)
 @pytest.mark.parametrize("diagnostics", ["[period]", "[period, lyapunov]"])
 def test_chaos_that_rests_now_and_then_is_one_attractor(computed_starts, oscillator, diagnostics):
@@ -139,7 +137,6 @@ def test_chaos_that_rests_now_and_then_is_one_attractor(computed_starts, oscilla
     assert found["attractors"].item() == 1
 
 
-@pytest.mark.slow
 def test_chaos_that_is_a_transient_at_every_start_is_followed_to_its_end(computed_starts):
     """The 1/1 orbit is the only attractor: so it is for 400 starts after 60,000 periods."""
     dataset = computed_starts(
@@ -152,7 +149,6 @@ def test_chaos_that_is_a_transient_at_every_start_is_followed_to_its_end(compute
     assert [row.name for row in rows_of(dataset)] == ["1/1"]
 
 
-@pytest.mark.slow
 def test_weak_chaos_is_not_the_orbit_that_it_is_near(computed_starts):
     """400 starts over 60,000 periods show 3/3, 1/1, two starts on 48/48, and chaos."""
     dataset = computed_starts(
@@ -166,7 +162,6 @@ def test_weak_chaos_is_not_the_orbit_that_it_is_near(computed_starts):
     assert {name: 400 * share for name, share in shares.items()} == pytest.approx(counts)
 
 
-@pytest.mark.slow
 def test_what_never_repeats_is_unknown_and_no_attractor(computed_starts):
     """Without damping and impacts, the motion keeps two frequencies for ever."""
     dataset = computed_starts(

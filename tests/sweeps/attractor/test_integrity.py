@@ -15,6 +15,8 @@ from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, integrate, periodic_orbit, simulate
 from vibroimpact.oscillator import POINT
 
+pytestmark = pytest.mark.slow
+
 #: The free oscillation (1/0) and a motion with an impact in two periods (2/1).
 CONFIG = """\
 oscillator: {h: 0.1, R: 0.8, omega: [2.6, 2.7], f: 1.0, clearance: 0.6}
@@ -82,7 +84,6 @@ def test_the_measures_have_the_same_bits_in_extreme_units(unit):
     assert list(measures) == [*np.where(lengths, unit, 1.0) * expected]
 
 
-@pytest.mark.slow
 def test_the_measures_of_each_attractor_along_an_axis(dataset):
     found = integrity(dataset)
     assert found["number"].values.tolist() == [[0, 1], [0, 1]]
@@ -124,7 +125,6 @@ def all_knocks(monkeypatch):
     monkeypatch.setattr("sweeps.attractor.integrity._CLOSER", _CLOSER)
 
 
-@pytest.mark.slow
 def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(dataset, all_knocks):
     found = knocks(dataset.isel(omega=0))
     home = {0: 0.0, 1: 0.5}
@@ -144,7 +144,6 @@ def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(datase
             assert (ends == home[k]).all()
 
 
-@pytest.mark.slow
 def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_knocks):
     """At other phases a tongue of 0.1 % of the knock is 0.4 % nearer; thinner ones more."""
     osc = Oscillator(h=0.0605, R=0.8748, omega=1.79, f=1.0, clearance=0.4613)
@@ -166,7 +165,6 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_kno
         assert np.abs(run["poincare_v"] - v).max() < 1e-6
 
 
-@pytest.mark.slow
 def test_a_boundary_that_rounding_decides_is_fractal(dataset, all_knocks, monkeypatch):
     """Beyond a change of velocity by 0.3, every trial ends on an unpredictable attractor."""
     chance = np.random.default_rng(0)
@@ -183,7 +181,6 @@ def test_a_boundary_that_rounding_decides_is_fractal(dataset, all_knocks, monkey
     assert found["knock_fractal"].item() and found["knock_ends"].item() == 1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("moment", "middle"),
     [(0.0, 0.8), (0.0, 1.61), (4.6, 1.07), (5.95, 1.34)],
@@ -260,7 +257,6 @@ def test_other_requests_are_refused(dataset):
         knocks(dataset)
 
 
-@pytest.mark.slow
 def test_the_command(tmp_path):
     file = run_in(tmp_path, CONFIG, "start.x0.num=16", "start.v0.num=21")
     lines = accepted("integrity", file).splitlines()
@@ -278,7 +274,6 @@ def test_the_command(tmp_path):
     assert rows[1].startswith("1,periodic,2,1,")
 
 
-@pytest.mark.slow
 def test_motions_that_have_not_settled_are_rows_without_measures(tmp_path):
     """Without losses few motions settle."""
     few = "start={x0: {start: -1, stop: 0.5, num: 6}, v0: {start: -1, stop: 1, num: 6}}"
@@ -292,7 +287,6 @@ def test_motions_that_have_not_settled_are_rows_without_measures(tmp_path):
     assert accepted("attractors", file).splitlines()[2].split() == row[:4]
 
 
-@pytest.mark.slow
 def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path, unpainted):
     few = "start={x0: {start: -2, stop: 0, num: 5}, v0: {start: -2, stop: 2, num: 5}}"
     method = "method={integrator: rk4, impact: cubic}", "oscillator.omega=2.6"
@@ -304,7 +298,6 @@ def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path, unpainted):
             knocks(dataset)
 
 
-@pytest.mark.slow
 def test_integrity_is_drawn_into_panels_of_another_figure(dataset, no_knocks):
     four = Figure().subplots(4)
     assert draw_integrity(dataset, ax=four) is four[0].figure and all(panel.lines for panel in four)

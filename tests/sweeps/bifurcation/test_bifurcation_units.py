@@ -14,6 +14,8 @@ from sweeps.opened.doors import in_si
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.other_units import in_units
 
+pytestmark = pytest.mark.slow
+
 #: Ranges of the parameters in which most motions have impacts.
 RANGES = {
     "h": (0.01, 0.1), "R": (0.5, 0.9), "omega": (2.4, 3.3), "f": (0.7, 1.3),
@@ -60,7 +62,6 @@ def one_axis(axis, seed):
     return {**given, axis: np.linspace(*RANGES[axis], int(random.integers(30, 60))).tolist()}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("axes", "seeds"),
     [
@@ -81,7 +82,6 @@ def test_tables_are_the_same_in_all_units(tmp_path, axes, seeds):
     assert rows > 20
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("over", [["clearance"], ["clearance", "omega"]])
 def test_branches_and_curves_are_the_same_in_all_units(tmp_path, over):
     """With all that is drawn of them, bit for bit."""
@@ -103,7 +103,6 @@ def test_branches_and_curves_are_the_same_in_all_units(tmp_path, over):
     xr.testing.assert_equal(ours, scaled.assign_coords(axes).assign(back))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "seed"), [("h", 5), ("f", 2), ("p", 5)])
 def test_a_rig_has_the_bifurcations_of_its_model(tmp_path, axis, seed):
     """A row of the rig is that of the model with its three places converted."""

@@ -23,6 +23,8 @@ from tests.helpers.oscillators import SectionMap
 from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, PeriodicOrbit, one_impact_orbits, periodic_orbit
 
+pytestmark = pytest.mark.slow
+
 RECORD = "record: {transient: 400, periods: 64, impacts: 8, diagnostics: [period, lyapunov]}\n"
 
 
@@ -71,7 +73,6 @@ def test_a_flip_beyond_the_branches_stands_beside_no_line_that_denies_it(sweep):
     assert not any("16/16" in line for line in denied), denied
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("way", "kind"), [("up", "fold"), ("down", "graze")])
 def test_a_fold_and_a_graze_are_told_apart(sweep, way, kind):
     """Swept up, the motion with impacts ends in a fold; swept down, the free one in a graze."""
@@ -109,7 +110,6 @@ def test_an_orbit_starts_from_every_row_with_a_value(sweep):
         assert first * second == pytest.approx(product, rel=1e-9)
 
 
-@pytest.mark.slow
 def test_without_a_value_there_is_no_orbit(sweep):
     """A free motion ends in a graze of 1/0; where rests begin, nothing is known."""
     path = sweep("h: 0.05, R: [0, 0.8], f: 1, omega: {start: 0.5, stop: 3.5, num: 25}")
@@ -122,7 +122,6 @@ def test_without_a_value_there_is_no_orbit(sweep):
     assert found.loc[~exact, ["multiplier_1", "multiplier_2"]].isna().all(axis=None)
 
 
-@pytest.mark.slow
 def test_the_table_in_python_is_the_one_that_is_listed(sweep):
     """With a certified flip, on one of two lines over R."""
     path = sweep("h: 0.05, R: [0.2, 0.8], f: 1, omega: {start: 2.6, stop: 2.67, num: 4}")
@@ -141,7 +140,6 @@ def test_the_table_in_python_is_the_one_that_is_listed(sweep):
     assert f"{row['value']:.12g}  flip  1/1    {row['before']} -> {row['after']}" in listed
 
 
-@pytest.mark.slow
 def test_every_bifurcation_is_listed_once_with_both_sides(sweep, tmp_path):
     """Between a graze of the free oscillation and a fold two motions are stable."""
     h, clearance = 0.05, 1.5
@@ -172,7 +170,6 @@ def test_every_bifurcation_is_listed_once_with_both_sides(sweep, tmp_path):
     pd.testing.assert_frame_equal(written, found, rtol=1e-14)
 
 
-@pytest.mark.slow
 def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
     """h = 0.02, R = 0.8: at omega = 1.3 period 1 and the motion 2/3 coexist, both stable."""
     path = sweep("h: 0.02, R: 0.8, f: 1.0, omega: {start: 1.29, stop: 1.32, num: 7}")
@@ -183,7 +180,6 @@ def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
     assert " basin         2/3 -> 1/1" in said and "basin: the motion of one side is stable" in said
 
 
-@pytest.mark.slow
 def test_a_window_behind_chaos_is_no_part_of_the_flip_before_it(sweep):
     """A row for 1/1, which flips at its certified value, and one for the 3/3 window behind."""
     changes = ["record.diagnostics=[period]"]
@@ -200,7 +196,6 @@ def test_a_window_behind_chaos_is_no_part_of_the_flip_before_it(sweep):
     assert ["flip", "1/1", "1/1", "->", "?"] in [line.split()[1:6] for line in said.splitlines()]
 
 
-@pytest.mark.slow
 def test_the_arrow_points_where_a_line_was_followed(sweep):
     oscillator = "h: 0, R: 0.8, f: 1, omega: {start: 2.64, stop: 2.73, num: 19}"
     for way, arrow in (("up", "->"), ("down", "<-")):
@@ -217,7 +212,6 @@ def test_along_a_start_the_basin_changes(sweep):
     assert changes and {change.kind for change in changes} == {"basin"}
 
 
-@pytest.mark.slow
 def test_the_command_that_is_named_narrows_a_change_without_a_value(tmp_path, monkeypatch):
     """A motion that rests leaves the stop: no branch of orbits ends there."""
     monkeypatch.chdir(tmp_path)
@@ -235,7 +229,6 @@ def test_the_command_that_is_named_narrows_a_change_without_a_value(tmp_path, mo
     assert change.low <= np.hypot(np.pi, 1.0) <= change.high <= change.low + 0.051
 
 
-@pytest.mark.slow
 def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
     chaotic = "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 2.8, 2.81, 2.82]"
     path = sweep(chaotic, changes=["record.diagnostics=[period]"])
@@ -248,7 +241,6 @@ def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
     assert " chaotic         1/1 -> chaotic " in said and "unknown" not in said
 
 
-@pytest.mark.slow
 def test_a_map_is_summed_up_and_its_lines_are_listed(sweep):
     grid = sweep("h: 0.05, R: [0.6, 0.7, 0.8], f: 1.0, omega: {start: 0.8, stop: 4, num: 61}")
     lines = accepted("info", grid, "--bifurcations", "--axis", "omega").splitlines()
@@ -298,7 +290,6 @@ SCENES = {
 }  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 def test_all_twelve_digits_are_those_of_the_section_map(tmp_path, scene):
     oscillator, count = SCENES[scene]
@@ -324,7 +315,6 @@ def test_all_twelve_digits_are_those_of_the_section_map(tmp_path, scene):
     assert len(compared) == count
 
 
-@pytest.mark.slow
 def test_at_a_subcritical_flip_the_arrow_leads_away_from_the_orbit(sweep):
     """On the motion 2/3, followed upwards from its flip: it would jump downwards."""
     scene = "h: 0.05, R: 0.8, clearance: 1.5, f: 1, omega: {start: 0.6235, stop: 0.6255, num: 5}"

@@ -14,6 +14,8 @@ from tests.helpers.commands import accepted
 from vibroimpact import Oscillator, branch, integrate, periodic_orbit
 from vibroimpact.oscillator import POINT
 
+pytestmark = pytest.mark.slow
+
 #: Two ends of chaos over R at h = 0.02, omega = 2.8, each as a bracket: at the first value none of
 #: 50 motions leaves it in 1e6 periods, at the second nearly all do. And the orbit touched.
 ENDS = {"5/5": (0.6241489, 0.6242), "12/12": (0.57391491, 0.57392)}
@@ -48,7 +50,6 @@ def states_at(sweep, place, number=50):
     return points
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("orbit", "start", "stop", "num"), SEEN)
 def test_chaos_that_touches_an_unstable_orbit_ends_in_a_crisis(path, orbit, start, stop, num):
     file, (alive, dead) = path(start, stop, num), ENDS[orbit]
@@ -66,7 +67,6 @@ def test_chaos_that_touches_an_unstable_orbit_ends_in_a_crisis(path, orbit, star
     assert shares[0] == 0.0 and shares[1] > 0.9
 
 
-@pytest.mark.slow
 def test_no_crisis_is_named_where_the_chaos_goes_on_or_is_a_transient(path):
     """As where a start leads from the chaos to another motion, or the crisis lies far before."""
     with sweeps.open_sweep(path(0.622, 0.6249, 30)) as dataset:
@@ -78,7 +78,6 @@ def test_no_crisis_is_named_where_the_chaos_goes_on_or_is_a_transient(path):
                 assert crisis(Chaos(sweep.spec, states, "R", first, end)) == ""
 
 
-@pytest.mark.slow
 def test_only_the_end_of_chaos_needs_sections(path):
     file, periodic = path(0.6232, 0.6246, 23), path(0.4, 0.5, 6)
     with sweeps.open_sweep(file) as dataset:
@@ -90,7 +89,6 @@ def test_only_the_end_of_chaos_needs_sections(path):
     pd.testing.assert_frame_equal(found, sweeps.bifurcations(periodic))
 
 
-@pytest.mark.slow
 def test_where_the_orbit_reached_is_born_in_the_chaos_a_fold_is_the_reason(path):
     """The orbit 10/10: its multiplier is 1 at the value listed, where it begins to attract."""
     file = path(0.5977, 0.5981, 21)

@@ -19,6 +19,8 @@ from tests.helpers.sweep_files import run_in
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator
 
+pytestmark = pytest.mark.slow
+
 CONFIG = """
 name: beside the exact orbits
 oscillator: {h: 0.05, R: [0.5, 0.8], omega: {start: 2.4, stop: 3.5, num: 45}, f: 1.0}
@@ -59,7 +61,6 @@ def line(exact):
     return exact.sel(R=0.8)
 
 
-@pytest.mark.slow
 def test_settled_points_are_on_the_exact_orbits_to_rounding(line):
     """Their impacts, found by Newton's method for the equations of the flights."""
     motions, compared = OpenedSweep(line).motions, set()
@@ -90,7 +91,6 @@ def curves(figure, dashed):
     return np.concatenate([line.get_xydata() for line in chosen])
 
 
-@pytest.mark.slow
 def test_the_diagram_shows_them_solid_where_stable(exact, found):
     figure = bifurcation(exact, at={"R": 0.8}, coordinate="impact_phase", exact=found)
     x = curves(figure, dashed=False)[:, 0]
@@ -105,7 +105,6 @@ def test_the_diagram_shows_them_solid_where_stable(exact, found):
     assert {"exact orbits, stable", "exact orbits, unstable"} <= set(texts)
 
 
-@pytest.mark.slow
 def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact, found):
     """Where the points alone would leave the unstable branch out; and of a part of the axis."""
     plain = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v").axes[0]
@@ -130,7 +129,6 @@ def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact
     assert named(xlim=(3.4, 3.5), ylim=(x - 0.02, x + 0.02)) == ["exact orbits, unstable"]
 
 
-@pytest.mark.slow
 def test_a_line_breaks_where_the_phase_begins_anew(later):
     found, dataset = later
     figure = bifurcation(dataset, coordinate="poincare_v", exact=found)
@@ -140,7 +138,6 @@ def test_a_line_breaks_where_the_phase_begins_anew(later):
         assert np.abs(np.diff(line.get_ydata(), axis=0)).max() < 0.5
 
 
-@pytest.mark.slow
 def test_a_sweep_without_any_impact_has_the_free_oscillation_as_its_branch(tmp_path):
     """Its amplitude is that of the steady response; no impact is compared with it."""
     dataset = computed(tmp_path, "oscillator.R=0.5", "oscillator.clearance=2.0", "oscillator.h=0.3")
@@ -163,7 +160,6 @@ def classes_of(found):
     return list(zip(found["m"].values[first], found["q"].values[first], strict=True))
 
 
-@pytest.mark.slow
 def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(exact):
     cut = OpenedSweep(exact).cut({"R": 0.8}, free=["omega"]).data.load()
     m, q = cut["period"].values, cut["period_impacts"].values
@@ -182,7 +178,6 @@ def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(ex
     assert "no orbit of 3/5 is found" in chosen.attrs["summary"]
 
 
-@pytest.mark.slow
 def test_the_line_is_exact_between_its_points(later):
     """Its orbit in closed form is on it, also where the impact passes the section."""
     omegas = np.linspace(2.4, FLIPS[1], 500)[:-1]
@@ -203,7 +198,6 @@ def test_the_line_is_exact_between_its_points(later):
         assert sum(off == 0.0) < 3  # the gap at a jump is not wider
 
 
-@pytest.mark.slow
 def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
     assert found.sizes["impact"] == found["q"].max()
     one = found.isel(point=(found["branch"].values == 0) & (found["kind"].values == ""))
@@ -239,7 +233,6 @@ def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
         assert {"", *kinds} == {*found["kind"].values}
 
 
-@pytest.mark.slow
 def test_the_last_rows_of_a_branch_are_as_stable_as_their_multipliers_say(found):
     """At an edge and at a graze, too; only at a flip and a fold, where one is +-1, are they not."""
     kinds, values = found["kind"].values, found["omega"].values
@@ -255,7 +248,6 @@ def test_the_last_rows_of_a_branch_are_as_stable_as_their_multipliers_say(found)
     assert stable[ends].any() and not stable[ends].all()
 
 
-@pytest.mark.slow
 def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
     with computed(tmp_path, "start.x0=[-1.0, -0.5]", "oscillator.omega=2.5") as dataset:
         with pytest.raises(Refused, match="the exact orbits do not depend on x0"):
@@ -266,7 +258,6 @@ def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
         plot(exact, tmp_path / "a.png", axes=["R"], exact=found)
 
 
-@pytest.mark.slow
 def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact, found):
     """Also those that begin at bifurcations of other classes."""
 
@@ -284,7 +275,6 @@ def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact,
     assert "no orbit" not in chosen.attrs["summary"]
 
 
-@pytest.mark.slow
 def test_the_work_reports_its_share_up_to_its_end_and_can_be_ended(tmp_path):
     """The shares never fall; an exception at any of them ends the work."""
     scene = "oscillator: {h: 0.1, R: 0.8, omega: {start: 2.6, stop: 2.8, num: 30}, f: 1.0}\n"

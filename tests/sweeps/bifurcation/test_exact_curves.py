@@ -22,6 +22,8 @@ from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.oscillator import Oscillator
 
+pytestmark = pytest.mark.slow
+
 CONFIG = """
 name: the flip of one impact per period
 oscillator:
@@ -36,7 +38,6 @@ def assert_on_closed_form(omega, R, tolerance):
     assert np.abs(curve - 1.0).max() < tolerance
 
 
-@pytest.mark.slow
 def test_the_flips_of_the_map_are_on_the_closed_form(path):
     with open_sweep(path) as dataset:
         found = curves(dataset)
@@ -66,7 +67,6 @@ def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(path, 
     assert len({*found["curve"].values[flips]}) == 1
 
 
-@pytest.mark.slow
 def test_chosen_classes_have_all_their_curves(path):
     with open_sweep(path) as dataset:
         plain, chosen = curves(dataset), curves(dataset, classes=[(2, 2), (5, 1)])
@@ -80,7 +80,6 @@ def test_chosen_classes_have_all_their_curves(path):
     assert " changes from or to 2/2, 5/1 (" in lines[2]
 
 
-@pytest.mark.slow
 def test_only_the_curves_that_are_asked_for_are_followed(path, monkeypatch):
     """And the changes beside other curves have that as their reason."""
     followed, follow = [], exact_curves.bifurcation_curve
@@ -101,7 +100,6 @@ def test_only_the_curves_that_are_asked_for_are_followed(path, monkeypatch):
     assert "the curve there is of a class or kind that was not asked for" in found.attrs["summary"]
 
 
-@pytest.mark.slow
 def test_a_motion_ends_at_the_fold_of_its_orbit_not_at_the_graze_beyond(tmp_path):
     """The unstable orbit beyond the fold grazes at a value before it, between it and the motion.
 
@@ -135,7 +133,6 @@ record: {transient: 600, periods: 32, diagnostics: [period, lyapunov]}
 """
 
 
-@pytest.mark.slow
 def test_every_change_has_a_curve_or_a_reason(tmp_path):
     """Beside the fold of 2/1, where free motion and 2/2 coexist."""
     with open_sweep(run_in(tmp_path, MAP)) as dataset:
@@ -154,7 +151,6 @@ def test_every_change_has_a_curve_or_a_reason(tmp_path):
     assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
 
 
-@pytest.mark.slow
 def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
     def refuse(*_):
         raise OrbitError("the flip does not go on")
@@ -199,7 +195,6 @@ def strong_lines(figure):
     return [line for line in figure.axes[0].lines if line.get_path_effects()]
 
 
-@pytest.mark.slow
 def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
     """The flip of 1/1 between 1/1 and 2/2, on its closed form; elsewhere it is thin."""
     with open_sweep(path) as dataset:
@@ -229,7 +224,6 @@ def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
         assert not left_out.axes[0].lines and "1 further curve not shown" in legend_of(left_out)
 
 
-@pytest.mark.slow
 def test_a_curve_that_bounds_a_motion_on_a_part_is_drawn_whole(path, monkeypatch, unpainted):
     """Where starts lead to another orbit, the rest of the curve is thin, also among many curves."""
     monkeypatch.setattr("sweeps.plotting.exact_lines._CURVES_IN_FULL", 0)
@@ -251,7 +245,6 @@ def legend_of(figure):
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-@pytest.mark.slow
 def test_the_kinds_of_the_curves_can_be_chosen(tmp_path, unpainted):
     oscillator = "h: 0.05, f: 1.0, R: [0.7, 0.75, 0.8], clearance: 1.5, "
     oscillator += "omega: {start: 1.2, stop: 1.8, num: 9}"

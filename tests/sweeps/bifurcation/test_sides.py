@@ -6,6 +6,8 @@ import pytest
 import sweeps
 from vibroimpact import Oscillator, integrate
 
+pytestmark = pytest.mark.slow
+
 #: Ranges of the parameters in which most motions have impacts.
 RANGES = {
     "h": (0.01, 0.3), "R": (0.4, 0.95), "omega": (2.2, 3.3), "f": (0.7, 1.3), "p": (0.7, 1.3),
@@ -93,7 +95,6 @@ def missing(sweep, found, oscillator, axis):
     return named, absent
 
 
-@pytest.mark.slow
 def test_a_motion_that_has_ended_is_not_named(tmp_path):
     """Neither one that begins later, at the flip before."""
     _, found = run(tmp_path, "h", CASE)
@@ -103,7 +104,6 @@ def test_a_motion_that_has_ended_is_not_named(tmp_path):
     assert [" ".join(row) for row in cells] == [*expected]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [34, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(60, 160))]
 )

@@ -59,7 +59,6 @@ def on_write(monkeypatch, number, action):
     return written
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "overrides",
     [
@@ -77,7 +76,6 @@ def test_a_cluster_computes_the_same_bits(client, overrides):
     xr.testing.assert_identical(data("there.h5"), data("here.h5"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("begins_here", [True, False])
 def test_a_cluster_ends_what_one_machine_began(client, stop_after, begins_here):
     first, second = (None, client) if begins_here else (client, None)
@@ -89,7 +87,6 @@ def test_a_cluster_ends_what_one_machine_began(client, stop_after, begins_here):
     assert_same_bits("out.h5")
 
 
-@pytest.mark.slow
 def test_an_interrupt_takes_the_tasks_off_the_cluster(client, stop_after):
     with stop_after(2, size=20), pytest.raises(KeyboardInterrupt):
         run_sweep(load(CONFIG), "out.h5", client=client)
@@ -106,7 +103,6 @@ def test_a_long_axis_travels_without_a_warning(client):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
 
 
-@pytest.mark.slow
 def test_a_killed_worker_costs_nothing_but_time(monkeypatch, cluster, client, small_blocks):
     def kill():
         os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
@@ -119,7 +115,6 @@ def test_a_killed_worker_costs_nothing_but_time(monkeypatch, cluster, client, sm
     client.wait_for_workers(WORKERS, timeout=300)
 
 
-@pytest.mark.slow
 def test_workers_may_come_when_the_run_has_begun():
     options = {"processes": False, "n_workers": 0, "threads_per_worker": 1}
     with LocalCluster(**options, dashboard_address=":0") as cluster, Client(cluster) as client:
@@ -141,7 +136,6 @@ with LocalCluster(processes=False, protocol="tcp", host="127.0.0.1", **options) 
 """
 
 
-@pytest.mark.slow
 def test_a_lost_scheduler_leaves_what_was_done(monkeypatch, small_blocks):
     streams = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -200,7 +194,6 @@ def test_a_worker_with_other_numerics_is_refused(client, stranger):
     assert said == f"vibroimpact: error: {caught.value}\n"
 
 
-@pytest.mark.slow
 def test_a_worker_that_joins_with_other_numerics_is_refused(monkeypatch, client, stranger):
     pretend, address = stranger
     # So many blocks that each worker has some left, however slow it is.
@@ -290,7 +283,6 @@ def test_a_block_is_worth_sending(client):
     assert computer.block_limits(0.01, size)["least"] == size
 
 
-@pytest.mark.slow
 def test_the_command_says_where_it_computes(client):
     address = client.scheduler.address
     plan = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address, "--dry-run")
@@ -307,7 +299,6 @@ def test_the_address_of_a_worker_is_none_of_a_scheduler(client):
     assert "(it is the address of a worker)" in refused_run("--dask", address)
 
 
-@pytest.mark.slow
 def test_threads_are_those_of_the_workers(client):
     message = refused_run("--threads", 1, "--dask", client.scheduler.address)
     assert "--threads 1 is not allowed with --dask" in message

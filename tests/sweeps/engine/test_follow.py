@@ -17,6 +17,8 @@ from vibroimpact.points.computation import follow_chains
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import scheme_of
 
+pytestmark = pytest.mark.slow
+
 
 def by_hand(config, point, axis, values):
     """Yield the results along one chain, each from a separate call."""
@@ -42,7 +44,6 @@ def by_hand(config, point, axis, values):
         yield value, found
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "phase"), [("omega", 1.3), ("R", 0), ("clearance", 1.3)])
 def test_a_chain_is_what_calls_by_hand_give(axis, phase):
     """Bit for bit, in any order of the file; other axes and directions are independent."""
@@ -74,7 +75,6 @@ def followed(tmp_path_factory):
     return run_and_read(load(FOLLOWED, path=path), path.with_name("out.h5"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("way", ["up", "down"])
 def test_one_direction_has_no_dimension_and_is_that_of_both(followed, way):
     both = followed.sel(direction=way, drop=True)
@@ -83,7 +83,6 @@ def test_one_direction_has_no_dimension_and_is_that_of_both(followed, way):
     xr.testing.assert_identical(one, both.assign_attrs(one.attrs))
 
 
-@pytest.mark.slow
 def test_the_first_point_of_a_chain_starts_as_every_point(followed):
     alone = run_and_read(configured("follow=null"))
     for way, first in (("up", 0.6), ("down", 2.7)):
@@ -93,7 +92,6 @@ def test_the_first_point_of_a_chain_starts_as_every_point(followed):
         assert (later != alone["poincare_x"].sel(omega=2.4)).any()
 
 
-@pytest.mark.slow
 def test_a_start_that_is_swept_starts_chains_of_its_own():
     record = "record.trajectory=false"
     both = run_and_read(configured("start.x0=[-1, -0.2]", record))["poincare_x"]
@@ -127,7 +125,6 @@ UNSTABLE = (
 )
 
 
-@pytest.mark.slow
 def test_after_a_failure_a_chain_begins_anew():
     config = configured(*UNSTABLE, "follow={axis: p, direction: down}")
     followed = run_and_read(config)
@@ -207,7 +204,6 @@ def hysteresis(tmp_path_factory):
     return data(path)
 
 
-@pytest.mark.slow
 def test_the_scene_shows_hysteresis_between_grazes_and_folds(hysteresis):
     """The free amplitude f / sqrt D is the clearance at a graze; folds are in closed form."""
     osc = Oscillator(h=0.05, R=0.8, omega=1.0, f=1.0, clearance=1.5)
@@ -230,7 +226,6 @@ def test_the_scene_shows_hysteresis_between_grazes_and_folds(hysteresis):
     assert (up != down).sum() == pytest.approx((1.6504 - 1.2861 + 0.5795 - 0.5251) / step, abs=4)
 
 
-@pytest.mark.slow
 def test_only_the_way_up_reaches_the_closed_form_branch_beyond_the_graze(hysteresis):
     beyond = hysteresis.sel(omega=slice(1.29, 1.64))
     for value in beyond["omega"].values[::25]:

@@ -22,8 +22,9 @@ from tests.helpers.configurations import configured, full_block
 from tests.helpers.sweep_files import data, run_and_read
 from vibroimpact import Status
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 @pytest.mark.parametrize(
     ("size", "threads", "changes"), [(5, 2, []), (15, 1, ["compression=gzip"])]
 )
@@ -34,7 +35,6 @@ def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, threads, 
     xr.testing.assert_identical(data("blocks.h5"), expected)
 
 
-@pytest.mark.slow
 def test_an_interrupted_run_goes_on_to_the_same_data(stop_after):
     config = configured()
     expected = run_and_read(config)
@@ -55,7 +55,6 @@ def test_an_interrupted_run_goes_on_to_the_same_data(stop_after):
         run_sweep(configured("follow=null"), "stopped.h5", resume=True)
 
 
-@pytest.mark.slow
 def test_points_are_counted_in_each_direction():
     configured()
     printed = call("run", "sweep.yaml", "--dry-run").stdout
@@ -81,7 +80,6 @@ def test_the_points_of_a_long_block_are_told_as_they_come():
     np.testing.assert_array_equal(results["poincare_x"], expected["poincare_x"])
 
 
-@pytest.mark.slow
 def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
     begun = threading.Semaphore(0)
     numbers = itertools.count(1)

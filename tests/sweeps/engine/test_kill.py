@@ -39,6 +39,8 @@ from vibroimpact.jit.cache import cache_folder
 from vibroimpact.jit.way import WAY
 from vibroimpact.status import Status
 
+pytestmark = pytest.mark.slow
+
 CONFIG = SWEEP
 # Minutes per block: motions without any dissipation do not come back to the same bits.
 UNDAMPED = ["--set", "oscillator.h=0", "--set", "oscillator.R=1"]
@@ -64,7 +66,6 @@ def ended(process):
     return process.returncode, stderr
 
 
-@pytest.mark.slow
 def test_a_signal_ends_a_run_in_the_middle_of_a_long_block(forks):
     pid = forks.start("run", "sweep.yaml", "-o", "long one.h5", *LONG, folder=Path.cwd())
     deadline = time.monotonic() + 300
@@ -87,7 +88,6 @@ def test_a_signal_ends_a_run_in_the_middle_of_a_long_block(forks):
     assert "2 points, of which 2 PENDING (not computed yet)" in info.stdout
 
 
-@pytest.mark.slow
 def test_an_interrupted_run_goes_on_with_the_command_it_names(forks):
     """Motions with damping come back to the same bits at once; those without take minutes."""
     changes = ("record.transient=5e8", "oscillator.h=[0.5, 0]", "oscillator.clearance=2")
@@ -116,13 +116,11 @@ def test_a_process_notes_from_its_start_the_signals_that_end_work():
     assert NOTED == interrupts.SIGNAL_NAMES and len(interrupts.SIGNALS) >= 3
 
 
-@pytest.mark.slow
 def test_signals_at_any_moment_end_a_run_with_one_line_until_it_is_complete(forks):
     signals = zip(ANSWERED, MOMENTS, strict=False)
     signalled(forks, KINDS[1], signals, random.Random(1))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("changes", [KINDS[0], KINDS[2]], ids=["points", "chains"])
 def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(forks, changes):
     kills = [(signal.SIGKILL, moment) for moment in ("creation", "block", "block")]
@@ -148,7 +146,6 @@ main()
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("imports", "number"), [*zip((1, 5, 30), ANSWERED, strict=False)])
 def test_a_signal_while_a_command_imports_ends_it_with_one_line(imports, number):
     program = [sys.executable, "-c", _IMPORTING, str(number.value), str(imports)]
@@ -156,7 +153,6 @@ def test_a_signal_while_a_command_imports_ends_it_with_one_line(imports, number)
     assert ended(process) == (1, "vibroimpact: error: interrupted\n")
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_signal_in_a_system_call_ends_a_run_with_one_line(forks, number):
@@ -181,7 +177,6 @@ def test_300_signals_at_system_calls(forks, seed):
         at_call(forks, draw.choice((*ANSWERED, signal.SIGKILL)), draw)
 
 
-@pytest.mark.slow
 def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path, forks):
     """It ends before numba's next pass over a function: the kernel is never complete."""
     cache = tmp_path / "compiled"
@@ -199,7 +194,6 @@ def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path, forks):
     assert {path.name for path in Path().iterdir()} <= {"compiled", "sweep.yaml"}
 
 
-@pytest.mark.slow
 def test_an_ignored_interrupt_stays_ignored():
     """As in a background run of a shell, where Ctrl-C is meant for the foreground."""
     process = subprocess.Popen(
@@ -213,7 +207,6 @@ def test_an_ignored_interrupt_stays_ignored():
     assert process.returncode == 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("unbuffered", "word"), [("", "--help"), ("", "schema"), ("1", "schema")])
 def test_a_full_standard_output_is_told_from_a_file_whatever_its_buffer_is(unbuffered, word):
     """Also if the text is longer than the buffer."""

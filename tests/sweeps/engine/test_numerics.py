@@ -25,6 +25,8 @@ from vibroimpact.jit import NUMERICS, name_of
 from vibroimpact.jit.cache import numerics_of
 from vibroimpact.oscillator import POINT
 
+pytestmark = pytest.mark.slow
+
 PHYSICS = Path(vibroimpact.__file__).parent
 ENGINE = Path(sweeps.__file__).parent
 RECORD = "record: {transient: 7, periods: 6, impacts: 5, diagnostics: [period, lyapunov]"
@@ -37,7 +39,6 @@ SWEEPS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "compression"), [("plain", "none"), ("scaled", "gzip"), ("followed", "none")]
 )
@@ -89,7 +90,6 @@ def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, nam
         assert computed == dataset["status"].size
 
 
-@pytest.mark.slow
 def test_every_source_of_the_physics_is_in_its_name(tmp_path):
     package = tmp_path / "vibroimpact"
     shutil.copytree(PHYSICS, package)
@@ -145,7 +145,6 @@ def resumed(folder, *names):
     return subprocess.run(command, capture_output=True, text=True, env=environment)
 
 
-@pytest.mark.slow
 def test_the_same_code_in_another_place_goes_on_with_a_file(tmp_path):
     for package in (PHYSICS, ENGINE):
         shutil.copytree(package, tmp_path / package.name, ignore=shutil.ignore_patterns("*.pyc"))

@@ -20,6 +20,8 @@ from tests.helpers.kernel_cases import integrated
 from tests.helpers.sweep_files import data, run_and_read, run_in
 from vibroimpact import INTEGRATORS, Oscillator, integrate, simulate
 
+pytestmark = pytest.mark.slow
+
 OSC = Oscillator(h=0.05, R=0.8, omega=1.3, f=0.4, clearance=0.3, a=0.2)
 CONFIG = """
 oscillator: {h: 0.05, R: 0.8, omega: 1.3, f: 0.4, clearance: 0.3, a: 0.2}
@@ -87,7 +89,6 @@ def test_a_sweep_starts_at_the_phase_of_its_start():
         np.testing.assert_allclose(one["trajectory_v"].values[hits], speeds, atol=1e-11)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("transient", ["7", "auto"])
 def test_every_way_to_run_a_point_starts_there(transient):
     """Grid, table, first points of chains, and transients that are found have the same bits."""
@@ -120,7 +121,6 @@ record: {transient: 100, periods: 16, phase: 1.1}
 """
 
 
-@pytest.mark.slow
 def test_basins_at_another_phase(tmp_path):
     """Each start is classed as one period of its motion later, and a knock is that of phase 0."""
     path = run_in(tmp_path, BASINS)
@@ -151,7 +151,6 @@ def test_basins_at_another_phase(tmp_path):
     assert harmful[0] == pytest.approx(harmful[1], rel=1e-6)
 
 
-@pytest.mark.slow
 def test_the_phase_is_kept_and_shown(tmp_path):
     """In the file, on the page, in the title, and in the configuration that each of them saves."""
     path = run_in(tmp_path, CONFIG, "start.x0=0", "start.v0=0", "record.trajectory=false")
@@ -171,7 +170,6 @@ def test_the_phase_is_kept_and_shown(tmp_path):
         assert r"$\omega t_0=4$" in title and "phase 1 rad, transient 0" in title
 
 
-@pytest.mark.slow
 def test_the_times_of_a_followed_sweep(tmp_path):
     """Only the first point of a chain starts before the section, at the phase of the start."""
     omega, ways = [2.6, 2.7], ("up", "down")
@@ -256,7 +254,6 @@ def test_basins_over_phase_and_velocity(tmp_path):
     assert "1/0" in (said := accepted("attractors", path)) and "2/1" in said
 
 
-@pytest.mark.slow
 def test_the_three_starts_as_axes(tmp_path, unpainted):
     """A plane of two is drawn at a value of the third, which must be said."""
     change = "start={x0: [-1, 0, 0.6], v0: [-1, 0, 1], phase: [0, 2, 4]}"

@@ -15,6 +15,8 @@ from tests.helpers.configurations import linear_values, load
 from tests.helpers.rigs import DAMPING, FORCE, GAP, JOINT, MASS, STIFFNESS, R, columns_of, rows_of
 from tests.helpers.sweep_files import run_in
 
+pytestmark = pytest.mark.slow
+
 # What its user reads. The rig of the scene joint-clearance; the force meets a free amplitude of
 # F / |k - m w^2 + i c w|, which is the gap at a graze
 
@@ -58,7 +60,6 @@ def test_a_sweep_in_si_units_has_the_axes_of_the_rig_and_is_still_read_late(join
         assert in_si(si) is si
 
 
-@pytest.mark.slow
 def test_what_is_computed_from_a_sweep_in_si_units_is_in_si_units(joint):
     turn = 2.0 * math.pi
     with open_sweep(joint) as ds:
@@ -77,7 +78,6 @@ def test_what_is_computed_from_a_sweep_in_si_units_is_in_si_units(joint):
         assert turn * listed[name].to_numpy() == pytest.approx(expected, rel=1e-14, nan_ok=True)
 
 
-@pytest.mark.slow
 def test_numbers_computed_in_python_are_drawn_over_the_axes_of_the_rig(joint):
     with open_sweep(joint) as ds:
         force = (ds["impulse"] * ds["omega"]).assign_attrs(long_name="my own", units="1")
@@ -125,7 +125,6 @@ def test_a_diagram_of_a_rig_is_in_hertz(joint):
     assert "omega" not in title
 
 
-@pytest.mark.slow
 def test_lengths_in_pictures_have_the_prefix_of_their_size(joint, with_layout):
     with open_sweep(joint) as ds:
         section = plotting.section(ds, at={"omega": 190.0})
@@ -148,7 +147,6 @@ def test_lengths_in_pictures_have_the_prefix_of_their_size(joint, with_layout):
     assert f"$t_0={t_0:.6g}$\N{NO-BREAK SPACE}s, after" in motion.get_suptitle()
 
 
-@pytest.mark.slow
 def test_a_logarithmic_axis_of_gaps_has_the_prefix_too(with_layout):
     gaps = "rig.gap={start: 2e-5, stop: 4e-4, num: 9, spacing: log}"
     with open_sweep(run_sweep(load(JOINT, gaps, "rig.frequency=30"), "gaps.h5")) as ds:
@@ -190,7 +188,6 @@ def test_tables_of_a_rig_are_in_si_units(joint):
     assert energy[hits] == pytest.approx(lost, rel=1e-9)
 
 
-@pytest.mark.slow
 def test_bifurcations_of_a_rig_are_in_hertz(joint, unpainted):
     text = accepted("info", joint, "--bifurcations", "--csv", "found.csv")
     listed = [line for line in text.splitlines() if " graze  1/1 " in line]
@@ -205,7 +202,6 @@ def test_bifurcations_of_a_rig_are_in_hertz(joint, unpainted):
     assert float(grazes[0]["frequency"]) == pytest.approx(graze(), rel=1e-12)
 
 
-@pytest.mark.slow
 def test_cuts_and_limits_are_those_of_the_axes(joint, unpainted):
     result = call("plot", joint, "--kind", "section", "--at", "frequency=23.4")
     assert "frequency = 23.4 is not on the grid; drawn at frequency = 23.5" in result.stderr
@@ -221,7 +217,6 @@ def test_cuts_and_limits_are_those_of_the_axes(joint, unpainted):
         assert said in refused("plot", joint, *words.split())
 
 
-@pytest.mark.slow
 def test_a_rig_is_zoomed_in_hertz(joint, unpainted):
     accepted("zoom", joint, "frequency=34:36")
     with open_sweep("joint-frequency-34-36.h5") as ds:
@@ -229,7 +224,6 @@ def test_a_rig_is_zoomed_in_hertz(joint, unpainted):
         assert ds["omega"].values.tolist() == expected.tolist()
 
 
-@pytest.mark.slow
 def test_a_map_of_a_rig_and_its_curves_are_in_si_units(unpainted):
     stiffness = "rig.stiffness={start: 7000, stop: 9000, num: 9}"
     config = load(JOINT, stiffness, "rig.frequency.num=12")
@@ -252,7 +246,6 @@ def test_a_map_of_a_rig_and_its_curves_are_in_si_units(unpainted):
     assert free == pytest.approx(GAP, rel=1e-6)
 
 
-@pytest.mark.slow
 def test_attractors_and_their_measures_have_units(no_knocks):
     """At 36 Hz the motions 1/1 and 1/0 coexist."""
     x0, v0 = "{start: -0.0015, stop: 0.0005, num: 6}", "{start: -0.4, stop: 0.4, num: 6}"

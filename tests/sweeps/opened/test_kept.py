@@ -21,6 +21,8 @@ from tests.helpers.commands import accepted
 from tests.helpers.sweep_files import run_in
 from vibroimpact.jit.cache import write
 
+pytestmark = pytest.mark.slow
+
 FOUND = "what was found before is used again"
 
 SCENE = """
@@ -76,7 +78,6 @@ def test_what_was_found_is_used_again_to_the_last_bit(path, find, axes):
     assert [again[name].dtype for name in again] == [first[name].dtype for name in first]
 
 
-@pytest.mark.slow
 def test_another_request_is_answered_for_itself_and_all_are_kept(path):
     find = Counted(branches)
     requests = [({}, {}), ({"R": 0.8}, {}), ({}, {"classes": [(1, 1)]}), ({}, {"most": 3})]
@@ -87,7 +88,6 @@ def test_another_request_is_answered_for_itself_and_all_are_kept(path):
         assert set(found[2]["m"].values.tolist()) == {1}
 
 
-@pytest.mark.slow
 def test_nothing_is_used_again_after_a_change_of_the_data_or_of_the_code(path, monkeypatch):
     find = Counted(branches)
     asked(path, find, "omega")
@@ -147,7 +147,6 @@ def test_the_oldest_results_go_first(path, cache, monkeypatch):
     assert len(kept_files(cache)) == 2
 
 
-@pytest.mark.slow
 def test_what_is_found_for_an_opened_file_is_not_taken_for_that_of_its_successor(path):
     with open_sweep(path) as before:
         before.load()
@@ -176,7 +175,6 @@ CHANGES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("find", "change"),
     [(branches, "half"), (branches, "damping"), (branches, "section"), (curves, "classes")],
@@ -233,7 +231,6 @@ def test_an_incomplete_sweep_keeps_nothing(tmp_path, stop_after):
     assert said == ["what was found is not kept: the sweep is not complete"]
 
 
-@pytest.mark.slow
 def test_plot_and_info_share_what_was_found(path):
     command = "plot", "out.h5", "--exact", "--dpi", "50", "--at", "R=0.7"
     assert FOUND not in accepted(*command)
@@ -252,7 +249,6 @@ record: {transient: 200, periods: 8, impacts: 4}
 """
 
 
-@pytest.mark.slow
 def test_knocks_are_computed_once_for_all_pictures_and_tables(tmp_path, no_knocks, unpainted):
     run_in(tmp_path, BASINS)
     picture = "plot", "out.h5", "--kind", "integrity", "--panels", "basins"
@@ -264,7 +260,6 @@ def test_knocks_are_computed_once_for_all_pictures_and_tables(tmp_path, no_knock
     assert accepted(*table) == first + "what was found before is used again\n"
 
 
-@pytest.mark.slow
 def test_knocks_are_not_taken_for_those_of_others(tmp_path, monkeypatch):
     sought = []  # the attractors whose knocks were computed
     monkeypatch.setattr(
