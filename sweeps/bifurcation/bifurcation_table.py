@@ -139,7 +139,7 @@ def find_bifurcations(
     """
     import pandas as pd
 
-    (along,) = sweep.chosen_axes([axis] if axis else [], at, 1, "list of bifurcations")
+    (along,) = sweep.chosen_axes([] if axis is None else [axis], at, 1, "list of bifurcations")
     data = sweep.isel(sweep.places(at or {}, kept=[along])).sortby(along)
     sweep.check("period")
     others = [name for name in data.grid if name != along]

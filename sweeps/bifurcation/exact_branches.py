@@ -107,7 +107,7 @@ def branches(
     >>> flips.omega.values.round(6)
     array([2.663945, 2.663945])
     """
-    (axis,) = sweep.chosen_axes([axis] if axis else [], at, 1, "branch")
+    (axis,) = sweep.chosen_axes([] if axis is None else [axis], at, 1, "branch")
     lines = [line.motions for line in lines_of(sweep, axis, at)]
     name, phase = sweep.nomenclature.parameter(axis), sweep.spec.phase
     orbits = branches_of(lines, name, phase, report, classes=classes, most=most)

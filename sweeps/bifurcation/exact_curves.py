@@ -254,7 +254,7 @@ def curves(
     ----------
     sweep : Dataset
         From `sweeps.open_sweep`, with ``period``.
-    axes : sequence of str, optional
+    axes : str or sequence of str, optional
         Abscissa and ordinate, by default those of a map.
     at : mapping of str to float, optional
         Values of the other swept axes; by default the first.
@@ -263,7 +263,7 @@ def curves(
         exception that it raises ends the work.
     classes : collection of (int, int), optional
         m and q of the curves to follow, by default all; no others are followed on the way.
-    kinds : collection of str, optional
+    kinds : str or collection of str, optional
         ``flip``, ``fold`` or ``graze``: the kinds of the curves to follow, by default all.
 
     Returns
@@ -294,14 +294,12 @@ def curves(
     >>> ends.R.values.round(6)[:2]
     array([0.9, 0.6])
     """
-    kinds = [kinds] if isinstance(kinds, str) else kinds
     for kind in kinds:
         if kind not in CURVE_KINDS:
             meant = suggestion(near_misses(kind, CURVE_KINDS))
             raise Refused(f"there is no curve of kind {kind!r}{meant}; {choice_of(CURVE_KINDS)}")
-    chosen = [axes] if isinstance(axes, str) else axes
-    across, up = sweep.map_axes(chosen, at)
-    if len(chosen) == 1:
+    across, up = sweep.map_axes(axes, at)
+    if len(axes) == 1:
         raise Refused(f"curves are over two swept axes, not {across} alone")
     for axis in (across, up):
         check_axis(axis, sweep[axis].values, "the map")

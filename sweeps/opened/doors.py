@@ -69,7 +69,10 @@ ARGUMENTS: Mapping[str, Allowed] = {
     "axes": Allowed(_are_names, "names of axes, as ['omega', 'R']"),
     "classes": Allowed(_are_classes, "periods and impacts of classes, as [(1, 1), (3, 3)]"),
     "most": integer(1),
-    "kinds": Allowed(_are_names, "names of kinds, as ['flip', 'fold', 'graze']"),
+    "kinds": Allowed(
+        lambda value: _is_collection(value) and _are_names([*value]),  # type: ignore[misc]
+        "names of kinds, as ['flip', 'fold', 'graze']",
+    ),
     "tolerance": number(lambda value: value > 0.0, "a number > 0"),
     "extensions": integer(0),
     "found": Allowed(_are_attractors, "the result of sweeps.attractors or sweeps.integrity"),
@@ -78,6 +81,8 @@ ARGUMENTS: Mapping[str, Allowed] = {
         "numbers of attractors, as [0, 1]",
     ),
 }
+#: The arguments with several names, or DataArrays: one alone means a list of it.
+_SEVERAL = ("axes", "kinds", "below", "panels")
 
 
 #: A function behind the door, and the same with its door.
@@ -104,12 +109,13 @@ def takes_sweep(allowed: Mapping[str, Allowed]) -> Callable[[Inner[P, Out]], Out
             except TypeError as error:  # a wrong number or name
                 called = f"{function.__name__}: {error}"
                 raise Refused(f"{called}; expected: {', '.join(defaults)}") from None
-            others = dict(bound.arguments)
-            sweep = others.pop(first)
-            others |= others.pop("options", {})  # of `plot`
-            for name, value in others.items():
-                if value is not defaults.get(name) and name in known:
-                    known[name].checked(name, value, Refused)
+            sweep = bound.arguments[first]
+            for named in (bound.arguments, bound.arguments.get("options", {})):  # of `plot`
+                for name, value in named.items():
+                    if name in _SEVERAL and isinstance(value, str | xr.DataArray):
+                        named[name] = value = [value]
+                    if name in known and name != first and value is not defaults.get(name):
+                        known[name].checked(name, value, Refused)
             if isinstance(at := bound.arguments.get("at"), Mapping):
                 bound.arguments["at"] = {name: of_python(value) for name, value in at.items()}
             if isinstance(sweep, str | Path):

@@ -303,6 +303,8 @@ class OpenedSweep:
         if not axes:
             raise Refused(f"the file holds a single point: a {kind} needs a swept axis")
         for name in requested:
+            if not isinstance(name, str):
+                raise Refused(f"a {kind} needs names of swept axes; the file has {listed(axes)}")
             if name not in axes:
                 meant = suggestion(near_misses(name, axes))
                 if (called := self.config.nomenclature.name(name)) != name and called in axes:

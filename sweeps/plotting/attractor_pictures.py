@@ -253,7 +253,7 @@ def attractor_diagram(
 
     Parameters
     ----------
-    axes : sequence of str, optional
+    axes : str or sequence of str, optional
         The swept parameter, by default the one with most values.
     coordinate : str, optional
         As for `sweeps.plotting.bifurcation`.

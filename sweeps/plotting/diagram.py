@@ -46,7 +46,7 @@ def bifurcation(
     at: Selection | None = None,
     coordinate: str | None = None,
     exact: xr.Dataset | None = None,
-    below: contents.Wanted | Sequence[contents.Wanted] = (),
+    below: Sequence[contents.Wanted] = (),
     color: contents.Wanted | None = None,
     overlay: Any = None,
     page: Page = PAGE,
@@ -62,7 +62,7 @@ def bifurcation(
 
     Parameters
     ----------
-    axes : sequence of str, optional
+    axes : str or sequence of str, optional
         The swept axis, by default the one with most values.
     coordinate : str, optional
         ``poincare_x``, ``poincare_v``, ``poincare_height``, ``impact_v`` or ``impact_phase``, by
@@ -82,7 +82,7 @@ def bifurcation(
     >>> ds = sweeps.open_sweep("flip.h5")  # of the example of `run_sweep`
     >>> sweeps.plotting.bifurcation(ds, below=["impacts_per_period"]).savefig("flip.png")
     """
-    if ax is not None and len(below):
+    if ax is not None and below:
         raise Refused("panels below a diagram need a figure of their own: leave out ax or below")
     sweep, names, tint = _with_numbers(sweep, below, color)
     line, axis, coordinate = contents.select_line(sweep, axes, at, coordinate)
@@ -145,7 +145,7 @@ def _check_branches(exact: xr.Dataset | None, axis: str, coordinate: str) -> Non
 
 def _with_numbers(
     sweep: OpenedSweep,
-    below: contents.Wanted | Sequence[contents.Wanted],
+    below: Sequence[contents.Wanted],
     color: contents.Wanted | None,
 ) -> tuple[OpenedSweep, list[str], str | None]:
     """Return the dataset with what is wanted, the names below, and that of what colours points.
@@ -153,7 +153,7 @@ def _with_numbers(
     Names below must be results, not words, and each is allowed once.
     """
     names, tint = list[str](), None
-    for wanted in [below] if isinstance(below, str | xr.DataArray) else below:
+    for wanted in below:
         sweep, name = contents.with_number(sweep, wanted)
         if name in FLAGS or name in sweep.data.coords:
             why = "its numbers stand for words" if name in FLAGS else "it is no result"

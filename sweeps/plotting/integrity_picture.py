@@ -68,7 +68,7 @@ def integrity(
 
     Parameters
     ----------
-    panels : sequence of str, optional
+    panels : str or sequence of str, optional
         Which panels there are, from top to bottom, out of ``fraction``, ``integrity_factor``,
         ``local_integrity`` and ``basins``; by default all.
 

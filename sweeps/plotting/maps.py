@@ -56,7 +56,7 @@ def parameter_map(
 
     Parameters
     ----------
-    axes : sequence of str, optional
+    axes : str or sequence of str, optional
         Abscissa and ordinate, by default the two with most values; if both have the same number of
         values, the later one is the abscissa.
     quantity : str or DataArray, optional

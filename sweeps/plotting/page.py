@@ -205,7 +205,7 @@ def _is_wanted(value: object) -> bool:
 
 
 def _are_wanted(value: object) -> bool:
-    return _is_wanted(value) or (isinstance(value, Sequence) and all(map(_is_wanted, value)))
+    return isinstance(value, Sequence) and all(map(_is_wanted, value))
 
 
 def _are_orbits(value: object) -> bool:
@@ -240,9 +240,7 @@ PICTURE_ARGUMENTS: Mapping[str, Allowed] = {
     "quantity": Allowed(_is_wanted, "a name or a DataArray"),
     "axes": Allowed(_are_wanted, "names of axes, as ['omega', 'R']"),
     "beside": Allowed(_is_beside, "values of one axis, as {'omega': [2.5, 2.7]}"),
-    "panels": Allowed(
-        lambda value: _are_wanted(value) and not isinstance(value, str), "names, as ['basins']"
-    ),
+    "panels": Allowed(_are_wanted, "names, as ['basins']"),
     "periods": integer(1, MOST_RECORDED),
     "fps": integer(1, 50),  # a GIF counts hundredths of a second, and browsers no single ones
     "overlay": Allowed(
@@ -312,7 +310,7 @@ def _arguments_in_si(
             converted[option] = seen.selection(several)
         elif option == "exact" and value is not None:
             converted[option] = orbits_on_axes(si, value)
-        elif option in ("quantity", "color") or isinstance(value, str | xr.DataArray):
+        elif isinstance(value, str | xr.DataArray):
             converted[option] = number(value)
         elif option in ("below", "axes", "panels"):
             converted[option] = [number(one) for one in value]

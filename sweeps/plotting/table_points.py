@@ -251,10 +251,10 @@ def table_panels(
 
     Parameters
     ----------
-    axes : sequence of str or DataArray, optional
+    axes : str or DataArray, or a sequence of these, optional
         Abscissas: columns of numbers or results, by default the columns that vary, as many
         as fit a page; the legend says how many are left out. With `ax`, only one.
-    panels : sequence of str, optional
+    panels : str or sequence of str, optional
         Which of these have a panel, in this order.
     quantity : str or DataArray, optional
         The ordinate: a result or a column of numbers, by default ``impacts_per_period``.

@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 from matplotlib.figure import Figure
 
-from sweeps import open_sweep, run_sweep
+import sweeps
+from sweeps import open_sweep, plotting, run_sweep
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
@@ -171,6 +172,56 @@ def test_requests_that_do_not_fit_are_refused(without_impacts, tmp_path, options
     with pytest.raises(Refused, match=message):
         plot(without_impacts, **{**options, "output": tmp_path / options.get("output", "a.png")})
     assert not (tmp_path / "a.png").exists()
+
+
+NAMES_ALONE = [
+    (parameter_map, "map", {"axes": "omega"}),
+    (bifurcation, "map", {"axes": "omega"}),
+    (bifurcation, "map", {"axes": "omaga"}),
+    (bifurcation, "map", {"below": "impulse"}),
+    (plotting.attractor_diagram, "starts over a parameter", {"axes": "omega"}),
+    (plotting.integrity, "starts over a parameter", {"panels": "basins"}),
+    (plotting.table_panels, "table", {"axes": "omega"}),
+    (plotting.table_panels, "table", {"panels": "x0"}),
+    (sweeps.curves, "map", {"axes": "omega"}),
+    (sweeps.curves, "map", {"kinds": "flip"}),
+    (sweeps.curves, "map", {"kinds": "flop"}),
+    (sweeps.curves, "map", {"kinds": "omega"}),
+]
+
+
+def outcome(call, *arguments, **options):
+    """Return the labels of a figure, the attributes of a Dataset, or the text of a refusal."""
+    try:
+        result = call(*arguments, **options)
+    except Refused as error:
+        return str(error)
+    if isinstance(result, xr.Dataset):
+        return result.attrs
+    return [(panel.get_xlabel(), panel.get_ylabel()) for panel in result.axes]
+
+
+@pytest.mark.parametrize(("call", "shape", "argument"), NAMES_ALONE)
+def test_a_name_alone_means_that_name(folder, call, shape, argument):
+    """And not the names of its letters."""
+    ((option, name),) = argument.items()
+    record = RECORD.replace("4}", "4, diagnostics: [period]}")
+    with open_sweep(run_sweep(load(SHAPES[shape] + record), "a.h5")) as dataset:
+        alone = outcome(call, dataset, **argument)
+        assert alone == outcome(call, dataset, **{option: [name]})
+        if option == "kinds":
+            assert alone == outcome(call, dataset, kinds={name})
+        if option == "below" or (call == plotting.table_panels and option == "axes"):
+            assert alone == outcome(call, dataset, **{option: dataset[name]})
+        elif name in dataset and option != "panels":
+            for values in (dataset[name], [dataset[name]]):
+                assert "names of" in outcome(call, dataset, **{option: values})
+
+
+@pytest.mark.parametrize("below", [xr.DataArray(1.0), [xr.DataArray(1.0)], "impulse", ["impulse"]])
+def test_a_panel_below_needs_a_figure_of_its_own(random_sweep, below):
+    with pytest.raises(Refused, match="leave out ax or below"):
+        bifurcation(random_sweep({"omega": OMEGA}), below=below, ax=Figure().add_subplot())
 
 
 def test_the_outermost_value_may_be_rounded(random_sweep):
