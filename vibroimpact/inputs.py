@@ -57,7 +57,7 @@ def near_misses(name: str, valid: Iterable[str], least: float = 0.65) -> list[st
     ratios = [difflib.SequenceMatcher(None, word, typed).ratio() for word in alike]
     nearest = [word for word, ratio in zip(alike, ratios, strict=True) if ratio == ratios[0]]
     meant = nearest or begun
-    return [folded[word] for word in sorted(meant)] if len(meant) <= _MOST_MEANT else []
+    return [folded[word] for word in meant] if len(meant) <= _MOST_MEANT else []
 
 
 def suggestion(words: Sequence[str]) -> str:

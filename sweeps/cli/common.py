@@ -316,8 +316,27 @@ def unreadable(error: Any) -> str:
 # Output to a terminal: a warning takes one line, and control characters are escaped
 
 
+_is_silent = False
+
+
+@contextmanager
+def silent(quiet: bool) -> Iterator[None]:
+    """Write nothing but warnings and errors in the block, if `quiet`."""
+    global _is_silent
+    _is_silent = quiet
+    try:
+        yield
+    finally:
+        _is_silent = False
+
+
 def say(text: object, *, error: bool = False, end: bool = True) -> None:
     """Write a text to stdout, or stderr for an error, with control characters escaped."""
+    if not _is_silent:
+        _write(text, error, end)
+
+
+def _write(text: object, error: bool, end: bool = True) -> None:
     typer.echo(printable(str(text)), err=error, nl=end)
 
 
@@ -337,7 +356,7 @@ def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
     from vibroimpact.jit import watched
 
     on_terminal = sys.stderr.isatty()
-    console = Console(stderr=True, quiet=not on_terminal, markup=False)
+    console = Console(stderr=True, quiet=_is_silent or not on_terminal, markup=False)
     status, begin, done = console.status(""), time.perf_counter(), threading.Event()
     state: dict[str, Any] = {"share": 0.0, "compiling": ""}
     told: set[str] = set()
@@ -384,4 +403,4 @@ def prepare_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    warnings.showwarning = lambda message, *_: say(f"vibroimpact: warning: {message}", error=True)
+    warnings.showwarning = lambda message, *_: _write(f"vibroimpact: warning: {message}", True)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from sweeps.config.sweep import SweepConfig
+    from sweeps.opened.opened_sweep import OpenedSweep
 
 
 def _completed_keys(incomplete: str) -> list[str]:
@@ -98,9 +99,8 @@ def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = Fal
     The configuration of a sweep file has that file as its output. The overrides are those of
     `sweeps.load_config`, and `verify` is that of `sweeps.open_sweep`.
     """
-    from sweeps.config.loading import load_config, parse_config
+    from sweeps.config.loading import load_config
     from sweeps.store.paths import is_sweep
-    from sweeps.store.variables import columns_of
 
     if not is_sweep(path):
         if path.suffix == ".h5" and os.path.exists(path):
@@ -109,10 +109,19 @@ def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = Fal
             )
         with raised_at_once():  # reading from a pipe may never end
             return load_config(path, overrides)
-    from sweeps.store.xarray_engine import open_sweep  # it imports xarray, which is slow
+    from sweeps.opened.opened_sweep import OpenedSweep  # it imports xarray, which is slow
+    from sweeps.store.xarray_engine import open_sweep
 
     with open_sweep(path, verify=verify) as dataset:
-        text, table = dataset.attrs["configuration"], columns_of(dataset)
+        return config_in(OpenedSweep(dataset), path, overrides)
+
+
+def config_in(sweep: OpenedSweep, path: Path, overrides: Sequence[str]) -> SweepConfig:
+    """Return the configuration in an opened file, which is its output, with overrides."""
+    from sweeps.config.loading import parse_config
+
+    whole = sweep.of or sweep  # not the sweep in SI units
+    text, table = whole.attrs["configuration"], whole.columns
     config = parse_config(text, f"{path}, its configuration", path.stem, overrides, table)
     if any(override.partition("=")[0].strip() == "output" for override in overrides):
         return config

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import redirect_stderr, redirect_stdout
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +50,6 @@ def zoom_command(
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
     from sweeps.opened.coordinates import ORDINATES
-    from sweeps.plotting.contents import with_coordinate
     from sweeps.plotting.page import Page
     from sweeps.plotting.saving import check_picture
     from sweeps.store.paths import check_output
@@ -79,17 +75,10 @@ def zoom_command(
     }
     axes = {name: piece for name, piece in limits.items() if name not in ORDINATES}
     with common.opened_in_si(file, verify=False) as sweep:  # refuses a configuration
-        if coordinate not in ORDINATES:
-            with_coordinate(sweep, coordinate)
-        _check_picture(sweep, Page(**page), coordinate, exact)
+        _refuse_replaced(overrides or (), axes)
+        whole = run.config_in(sweep, file, overrides or ())
+        _check_picture(sweep, whole, Page(**page), coordinate, exact)
         outside = list(_outside(sweep, axes))
-    whole = _overridden(file, overrides or (), axes)
-    of_impacts = coordinate is not None and ORDINATES[coordinate].dimension == "impact"
-    if of_impacts and not whole.record.impacts:
-        raise Refused(f"the piece has no {coordinate} to draw: record.impacts is 0")
-    wanted = ORDINATES[coordinate].diagnostic if coordinate is not None else None
-    if wanted not in (None, *whole.record.diagnostics):
-        raise Refused(f"the piece has no {coordinate} to draw: {wanted} is no diagnostic of it")
     path = output or (
         file.with_name(_named_after(file, axes, overrides or ()))
         if whole.output == file
@@ -106,20 +95,23 @@ def zoom_command(
             common.say(run.planned_text(config, path, threads, client, resume))
             return
         run.run_and_report(config, path, quiet, threads=threads, client=client, **existing)
-    silence = StringIO() if quiet else None
-    with common.opened_in_si(path, verify=False) as sweep, raised_at_once():
-        with redirect_stdout(silence or sys.stdout), redirect_stderr(silence or sys.stderr):
-            chosen: dict[str, Any] = {"coordinate": coordinate, "exact": {} if exact else None}
-            plot.draw_picture(sweep, figure, None, {}, page, **chosen)
+    with common.opened_in_si(path, verify=False) as sweep, raised_at_once(), common.silent(quiet):
+        chosen: dict[str, Any] = {"coordinate": coordinate, "exact": {} if exact else None}
+        plot.draw_picture(sweep, figure, None, {}, page, **chosen)
 
 
-def _check_picture(sweep: OpenedSweep, page: Page, coordinate: str | None, exact: bool) -> None:
-    """Refuse what the picture of the piece, which has the axes of the sweep, cannot have."""
+def _check_picture(
+    sweep: OpenedSweep, whole: SweepConfig, page: Page, coordinate: str | None, exact: bool
+) -> None:
+    """Refuse what the picture of the piece, a part of `whole` with these axes, cannot have."""
     from sweeps.bifurcation.exact_branches import lines_of
+    from sweeps.opened.coordinates import ORDINATES
     from sweeps.plotting.api import KINDS, check_options, default_kind
     from sweeps.plotting.canvas import Picture
-    from sweeps.plotting.contents import refuse_without_branches, select_line
+    from sweeps.plotting.contents import refuse_without_branches, select_line, with_coordinate
 
+    if coordinate not in ORDINATES:
+        with_coordinate(sweep, coordinate)
     options = {"coordinate": coordinate, "exact": exact or None}
     chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(sweep, **chosen)
@@ -133,6 +125,12 @@ def _check_picture(sweep: OpenedSweep, page: Page, coordinate: str | None, exact
         refuse_without_branches(coordinate or "poincare_x")
     if page.title:
         Picture(page).add_title(page.title)
+    drawn = None if coordinate is None else ORDINATES[coordinate]
+    if drawn and drawn.dimension == "impact" and not whole.record.impacts:
+        raise Refused(f"the piece has no {coordinate} to draw: record.impacts is 0")
+    if drawn and drawn.diagnostic not in (None, *whole.record.diagnostics):
+        problem = f"{drawn.diagnostic} is no diagnostic of it"
+        raise Refused(f"the piece has no {coordinate} to draw: {problem}")
 
 
 def _outside(sweep: OpenedSweep, pieces: Mapping[str, tuple[float, float]]) -> Iterator[str]:
@@ -146,14 +144,13 @@ def _outside(sweep: OpenedSweep, pieces: Mapping[str, tuple[float, float]]) -> I
                 yield f"{name} = {here} goes beyond the sweep, which has {there}"
 
 
-def _overridden(file: Path, overrides: Sequence[str], axes: Iterable[str]) -> SweepConfig:
-    """Read the configuration of a file with overrides; refuse those that a piece replaces."""
+def _refuse_replaced(overrides: Sequence[str], axes: Iterable[str]) -> None:
+    """Refuse overrides of what the piece chooses."""
     replaced = {f"{name}.{end}" for name in axes for end in ("start", "stop")}
     for text in overrides:
         key = text.partition("=")[0].strip()
         if key.partition(".")[2] in replaced:
             raise Refused(f"--set {text} is not allowed; the piece chooses {key}")
-    return run.read_config(file, overrides)
 
 
 def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> SweepConfig:
@@ -201,7 +198,10 @@ def _named_after(file: Path, axes: dict[str, tuple[float, float]], overrides: Se
 
     They replace those of the same names in the name of a file that was zoomed.
     """
+    from sweeps.config.sweep import dotted_keys
+
     stem, chosen = file.stem, {}
+    keys = "|".join(map(re.escape, dotted_keys(3)))
     for name in axes:
         stem = re.sub(rf"-{name}-{_NUMBER}-{_NUMBER}(?=-|$)", "", stem)
     words = [
@@ -209,7 +209,7 @@ def _named_after(file: Path, axes: dict[str, tuple[float, float]], overrides: Se
     ]
     for text in overrides:
         key, _, value = text.partition("=")
-        stem = re.sub(rf"-{re.escape(key.strip())}-.+?(?=-[A-Za-z]|$)", "", stem)
+        stem = re.sub(rf"-{re.escape(key.strip())}-.+?(?=-(?:{keys})-|$)", "", stem)
         chosen[key.strip()] = value.strip()
     words += [f"{key}-{value}" for key, value in chosen.items()]
     return common.name_after(stem, words, ".h5")

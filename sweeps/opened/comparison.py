@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -153,7 +153,7 @@ def comparison_report(
     """
     results = list(differences(first, second, rtol, atol))
     mine, theirs = (str(data.attrs["configuration"]) for data in (first, second))
-    keys = differing_keys(mine, theirs, "{}: {} and {}")
+    keys = differing_keys(mine, theirs)
     differing = [each for each in results if each.values]
     seen = OpenedSweep(first).config.nomenclature if differing else Nomenclature()
     own = {each.name for each in differing}  # a column ``frequency`` stands for ``omega``
@@ -162,9 +162,9 @@ def comparison_report(
         for each in differing
         if (called := seen.name(each.name)) == each.name or called not in own
     }
-    lines = [*by_name.values()]
+    causes, lines = [*keys], [*by_name.values()]
     if keys and not (rtol or atol):
-        keys, lines = _in_short(by_name, keys)
+        causes, lines = _in_short(by_name, keys)
     for data, without, name in ((first, second, names[0]), (second, first, names[1])):
         missing = sorted({*data} - {*without}) + sorted({*data.coords} - {*without.coords})
         lines += [f"{variable}: only in {name}" for variable in missing]
@@ -175,16 +175,18 @@ def comparison_report(
     allowed = [f"{rtol:g} of each value"] * bool(rtol) + [f"{atol:g}"] * bool(atol)
     if lines:
         more = f" by more than {' and '.join(allowed)}" if allowed else ""
-        return "\n".join([*keys, *lines, f"{pair} differ{more}"]), True
+        typed = ["{}: {} and {}".format(key, *keys[key]) for key in causes]
+        return "\n".join([*typed, *lines, f"{pair} differ{more}"]), True
     within = f" to {' and '.join(allowed)}" if allowed else ""
     return f"{pair} are equal{within}: {len(results)} variables and coordinates", False
 
 
-def _in_short(lines: Mapping[str, str], keys: Sequence[str]) -> tuple[list[str], list[str]]:
+def _in_short(lines: Mapping[str, str], keys: Iterable[str]) -> tuple[list[str], list[str]]:
     """Return the keys that are a cause, and a line on what follows, one variable of it in full."""
-    causes = [key for key in keys if not key.startswith("method.steps_per_period")] or [*keys]
-    chosen = [key.partition(":")[0] for key in keys if key not in causes]  # by another key
-    changed = {key.partition(":")[0].rpartition(".")[2] for key in causes}
+    steps = "method.steps_per_period"  # another key may have chosen them
+    causes = [key for key in keys if key != steps] or [*keys]
+    chosen = [key for key in keys if key not in causes]
+    changed = {key.rpartition(".")[2] for key in causes}
     results = [name for name in lines if name not in changed]
     if not results:
         return causes, []

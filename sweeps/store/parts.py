@@ -16,7 +16,6 @@ import math
 import os
 import sys
 import zipfile
-import zlib
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -28,7 +27,7 @@ import numpy as np
 from sweeps.errors import StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.interrupts import check
-from sweeps.store.complete_file import schema_of
+from sweeps.store.complete_file import schema_in_parts
 from sweeps.store.paths import SCHEMA, open_regular, parts_path
 from sweeps.store.replacing import UnreadableError, identity_of
 from sweeps.store.schema import Schema
@@ -66,10 +65,10 @@ class Parts:
     their checksums. Raises UnreadableError if the schema or a block cannot be read now.
     """
 
-    def __init__(self, folder: Path, schema: Schema, *, verify: bool = True) -> None:
-        self.folder, self.schema = folder, schema
+    def __init__(self, folder: Path, *, verify: bool = True) -> None:
+        self.folder = folder
+        self.schema, self.sweep = schema, _ = schema_in_parts(folder / SCHEMA)
         try:
-            self.sweep = zlib.crc32((folder / SCHEMA).read_bytes())
             files = set(os.listdir(folder))
         except OSError as error:
             raise UnreadableError(folder, error) from error
@@ -272,8 +271,7 @@ def kept_points(path: Path) -> tuple[int, int] | None:
     Raises UnreadableError as `Parts` does.
     """
     try:
-        folder = parts_path(path)
-        parts = Parts(folder, schema_of(folder / SCHEMA), verify=False)
+        parts = Parts(parts_path(path), verify=False)
     except UnreadableError:
         raise
     except StoreError:

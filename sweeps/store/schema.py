@@ -139,12 +139,13 @@ class Schema:
     def differences(self, old: Schema) -> list[str]:
         """Say what makes this sweep, or the code that computes it, another one than an old one."""
         was, now = old.attributes, self.attributes
-        problems = differing_keys(str(was["configuration"]), str(now["configuration"]))
-        if was["numerics"] != now["numerics"]:
-            problems.append("the code that computes is another version")
+        keys = differing_keys(str(was["configuration"]), str(now["configuration"]))
+        same_code = was["numerics"] == now["numerics"]
         # The computation follows from these two, and other code may name its parts differently.
-        if not problems:
-            problems = differing_keys(*(each["computation"] for each in (was, now)))
+        if not keys and same_code:
+            keys = differing_keys(was["computation"], now["computation"])
+        problems = [f"{key} was {before} and is {after}" for key, (before, after) in keys.items()]
+        problems += [] if same_code else ["the code that computes is another version"]
         same = list(old.axes) == list(self.axes) and all(
             _same(old.axes[axis], self.axes[axis]) for axis in self.axes
         )
@@ -305,19 +306,19 @@ def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
     return {"chunks": tuple(chunk), "fletcher32": True, "fillvalue": fill_value, **gzip}
 
 
-def differing_keys(old: str, new: str, words: str = "{} was {} and is {}") -> list[str]:
-    """List the keys in which two configurations differ, with both values, in these words.
+def differing_keys(old: str, new: str) -> dict[str, tuple[object, object]]:
+    """Return the dotted keys in which two configurations differ, with both values.
 
     Neither the name nor the compression of the complete file makes another sweep.
     """
     if old == new:
-        return []
+        return {}
     was, now = (_flat(yaml_mapping(text, "the configuration of a sweep")) for text in (old, new))
-    return [
-        words.format(key, was.get(key, "not given"), now.get(key, "not given"))
+    return {
+        key: (was.get(key, "not given"), now.get(key, "not given"))
         for key in sorted({*was, *now} - {"name", "compression"})
         if was.get(key) != now.get(key)
-    ]
+    }
 
 
 def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, object]:

@@ -140,7 +140,6 @@ class SweepWriter:
             if not begun:
                 self._remove()  # a run was killed while it did so
                 return None
-            schema = old  # its blocks may be others
         else:
             with _failure(path, "created"):
                 folder.mkdir(exist_ok=True)
@@ -151,7 +150,7 @@ class SweepWriter:
                 sync_names(folder.parent)
                 self._remove_files(f"{BLOCK}|{DRAFT}")
         with _failure(path, "written"):
-            self._parts = parts = Parts(folder, schema)
+            self._parts = parts = Parts(folder)
             self._refuse_loss()
             for number, entry in parts.entries.items():
                 if entry.file != self._known.get(file := parts.files[number]):
@@ -159,7 +158,7 @@ class SweepWriter:
         self._began = time.monotonic() - parts.seconds  # as if computed without a pause
         self._synced = time.monotonic()
         self.damaged = parts.damaged
-        return [block for i, block in enumerate(schema.blocks) if i not in parts.entries]
+        return [block for i, block in enumerate(parts.schema.blocks) if i not in parts.entries]
 
     def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
         """Write the results of one block; no kill of the process can then lose them.

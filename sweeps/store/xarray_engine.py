@@ -110,7 +110,7 @@ _MISSING = (None, Content.NOTHING)
 
 def _read(path: Path, verify: bool) -> xr.Dataset:
     """Return the Dataset of `open_sweep`, whose arrays are read each time they are used."""
-    from sweeps.store.complete_file import check_file, schema_of
+    from sweeps.store.complete_file import check_file
     from sweeps.store.parts import Parts
     from sweeps.store.schema import of_this_form
 
@@ -120,7 +120,7 @@ def _read(path: Path, verify: bool) -> xr.Dataset:
             if content(path) not in _MISSING or identity(folder / SCHEMA) is None:
                 return _opened(path, check_file(path, verify=verify))
             try:
-                parts = Parts(folder, schema_of(folder / SCHEMA), verify=verify)
+                parts = Parts(folder, verify=verify)
                 if content(path) in _MISSING:
                     with of_this_form(folder / SCHEMA):
                         return _incomplete(parts)

@@ -35,7 +35,7 @@ def test_words_that_are_equally_near_are_all_named_unless_they_are_many():
     names = ["orbit_x", "orbit_v", "orbit_distance", "impact_v", "impulse", "period"]
     for typed, meant in (
         ("imp", ["impact_v", "impulse"]),
-        ("orbit", ["orbit_v", "orbit_x"]),
+        ("orbit", ["orbit_x", "orbit_v"]),
         ("Orbit_V", ["orbit_v"]),
         ("perod", ["period"]),
         ("fly", []),

@@ -1,5 +1,6 @@
 """The command zoom: the piece, its names, overrides, picture and plan, and what cannot be."""
 
+import warnings
 from pathlib import Path
 
 import matplotlib.image
@@ -131,6 +132,10 @@ def test_every_zoom_has_a_name_of_its_own(small_file):
     assert before == "small-omega-2-2.5-start.x0--2e-3-start.v0-1.h5"
     again = "small-start.v0-1-omega-2-2.5-start.x0--3.h5"
     assert named(before, "start.x0=-3") == again
+    Path(before).rename(before := "small-omega-2-2.5-method.impact-reduced-step-name-a-b.h5")
+    assert (
+        named(before, "method.impact=plain") == "small-name-a-b-omega-2-2.5-method.impact-plain.h5"
+    )
     Path(before).rename("small.h5")
     many = ", ".join(f"0.{i}" for i in range(11, 99))
     long = [named("small.h5", f"oscillator.R=[{many}, {last}]") for last in (0, 1)]
@@ -152,6 +157,19 @@ def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_f
         methods = (OpenedSweep(dataset).config.method for dataset in (beyond, small))
         needed, had = (method.steps_per_period for method in methods)
     assert needed > had
+
+
+def test_a_quiet_zoom_warns_and_says_nothing_else(small_file, monkeypatch):
+    def plot(sweep, figure, *arguments, **options):
+        warnings.warn("the font is odd", stacklevel=1)
+        return figure
+
+    monkeypatch.setattr("sweeps.plotting.plot", plot)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        said = call("zoom", "small.h5", "omega=2:2.5", "--quiet")
+    assert (said.exit_code, said.stdout) == (0, "")
+    assert said.stderr == "vibroimpact: warning: the font is odd\n"
 
 
 @pytest.mark.slow

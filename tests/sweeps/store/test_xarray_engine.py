@@ -15,6 +15,7 @@ import xarray as xr
 from xarray.backends import plugins
 
 from sweeps import Refused, StoreError, open_sweep
+from sweeps.store import complete_file
 from sweeps.store.xarray_engine import SweepEngine
 from tests.helpers.commands import SMALL
 from tests.helpers.places import ROOT
@@ -144,3 +145,27 @@ def test_other_files_import_little(small_file):
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout == "[]\n"
+
+
+def test_a_sweep_that_is_begun_anew_meanwhile_has_no_blocks_under_the_old_schema(
+    folder, stop_after, monkeypatch
+):
+    """The reader has read the schema of one sweep when the blocks become those of another."""
+    for name, R in (("part.h5", "0.8"), ("other.h5", "0.3")):
+        with stop_after(2, 2), pytest.raises(KeyboardInterrupt):
+            run_in(folder, SMALL, f"oscillator.R={R}", name=name)
+    with open_sweep("part.h5") as before, open_sweep("other.h5") as after:
+        sweeps = {data["R"].item(): data.load() for data in (before, after)}
+
+    def replaced(file):
+        found = schema_in(file)
+        if Path("other.h5.parts").exists():
+            shutil.rmtree("part.h5.parts")
+            Path("other.h5.parts").rename("part.h5.parts")
+        return found
+
+    schema_in = complete_file.schema_in
+    monkeypatch.setattr(complete_file, "schema_in", replaced)
+    with open_sweep("part.h5") as data:
+        computed, expected = data["status"] != -1, sweeps[data["R"].item()]["poincare_x"]
+        assert bool((data["poincare_x"] == expected).where(computed, True).all())
