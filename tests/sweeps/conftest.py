@@ -3,11 +3,13 @@
 import logging
 import shutil
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
+import matplotlib.text
 import pytest
 from matplotlib.backends import backend_agg
+from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
@@ -60,8 +62,24 @@ def patient():
 
 @pytest.fixture(autouse=True, scope="session")
 def parsed_once():
-    """Let all pictures have one parser of formulas, which keeps all that it has read, not 50."""
+    """Let all pictures have one parser of formulas, which keeps all that it has read, not 50.
+
+    They also measure each text once, not once for each picture.
+    """
+    renderer_at, measuring = (
+        cache(partial(RendererAgg, 1, 1)),
+        matplotlib.text._get_text_metrics_function,
+    )
+
+    @cache
+    def measured(text, font, ismath, dpi):
+        return renderer_at(dpi).get_text_width_height_descent(text, font, ismath)
+
+    def of_renderer(renderer):
+        return measured if type(renderer) is RendererAgg else measuring(renderer)
+
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(matplotlib.text, "_get_text_metrics_function", of_renderer)
         parse = MathTextParser._parse_cached.__wrapped__
         patch.setattr(MathTextParser, "_parse_cached", cache(parse))
         patch.setattr(backend_agg, "MathTextParser", cache(MathTextParser))
