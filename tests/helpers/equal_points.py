@@ -71,6 +71,11 @@ def legend(figure):
     return {text.get_text(): to_hex(patch.get_facecolor()) for text, patch in handles}
 
 
+def legend_texts(figure):
+    """Return the texts of the legends below the panels."""
+    return [text.get_text() for one in figure.legends for text in one.get_texts()]
+
+
 def texts(figure):
     """Return the label of every cell, through its colour."""
     names = {colour: text for text, colour in legend(figure).items()}

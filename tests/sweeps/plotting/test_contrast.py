@@ -12,7 +12,7 @@ from sweeps.plotting import Page, bifurcation, parameter_map, style, trajectory
 from sweeps.plotting.colours import paint_of
 from sweeps.plotting.exact_lines import without_gaps
 from sweeps.plotting.looks import look_of
-from tests.helpers.equal_points import equal_points
+from tests.helpers.equal_points import equal_points, legend_texts
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Evidence
 
@@ -101,8 +101,7 @@ def test_marks_cover_the_share_of_the_axis_that_motions_on_their_way_have(count)
     figure = bifurcation(dataset)
     (marks,) = (line for line in figure.axes[0].lines if line.get_marker() == "|")
     places = np.unique(marks.get_xdata())
-    last = figure.legends[0].get_texts()[-1].get_text()
-    assert last == f"on its way to m/q ({away.sum():,} of {count:,})"
+    assert legend_texts(figure)[-1] == f"on its way to m/q ({away.sum():,} of {count:,})"
     if count == 200:
         np.testing.assert_array_equal(places, omega[away])
         return

@@ -15,6 +15,7 @@ from sweeps.plotting import attractor_diagram, bifurcation, diagram, impacts, se
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_LOOKS
 from tests.helpers.commands import call
+from tests.helpers.equal_points import legend_texts
 
 # With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
 CONFIG = """\
@@ -38,10 +39,6 @@ def markers(panel):
     return points, sizes
 
 
-def texts(figure):
-    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-
-
 @pytest.mark.slow
 def test_neither_direction_hides_the_other(dataset):
     """Free from the fold on and on the way down, with impacts on the way up (closed forms)."""
@@ -57,7 +54,11 @@ def test_neither_direction_hides_the_other(dataset):
         drawn = {tuple(point) for point in (*points[colour], *both)}
         assert {tuple(point) for point in expected.reshape(-1, 2)} <= drawn
     assert set(both[:, 0]) == set(omega) - set(apart)
-    assert texts(figure)[:3] == [r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$", "both"]
+    assert legend_texts(figure)[:3] == [
+        r"up, $\omega \rightarrow$",
+        r"down, $\omega \leftarrow$",
+        "both",
+    ]
     assert "followed" not in figure.get_suptitle()
 
 
@@ -92,7 +93,7 @@ def test_one_direction_can_be_picked(dataset, way):
     expected = dataset["poincare_v"].sel(direction=way, h=0.06).values
     np.testing.assert_array_equal(drawn[:, 1], expected.ravel())
     assert f"followed {way} along" in figure.get_suptitle()
-    assert not any("omega" in text for text in texts(figure))
+    assert not any("omega" in text for text in legend_texts(figure))
     state = section(dataset, at={"direction": way, "omega": 1.5})
     x, v = (dataset[name].sel(direction=way, omega=1.5).isel(h=0) for name in
             ("poincare_x", "poincare_v"))  # fmt: skip
@@ -146,7 +147,10 @@ def test_colours_tell_the_directions_apart(dataset):
         assert seen[colour] == pytest.approx(expected, rel=1e-6)
     assert [to_hex(line.get_color()).upper() for line in figures[1].axes[2].lines[:2]] == [UP, DOWN]
     for figure in figures:
-        assert texts(figure)[:2] == [r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"]
+        assert legend_texts(figure)[:2] == [
+            r"up, $\omega \rightarrow$",
+            r"down, $\omega \leftarrow$",
+        ]
     both = [bifurcation(dataset, color=color) for color in ("direction", None)]
     (points, _), (usual, _) = (markers(one.axes[0]) for one in both)
     assert points.keys() == usual.keys()
@@ -175,7 +179,7 @@ def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
     apart = drawn[0].any(axis=0) & drawn[1].any(axis=0)
     met = dataset["impacts_per_period"].isel(h=0).values > 0
     np.testing.assert_array_equal(apart[omega < 1.6], (met[0] != met[1])[omega < 1.6])
-    assert texts(figure)[2] == "both"
+    assert legend_texts(figure)[2] == "both"
     one = bifurcation(dataset, at={"direction": "down"})
     assert len([m for m in one.axes[0].collections if isinstance(m, QuadMesh)]) == 1
 
@@ -190,9 +194,9 @@ def test_what_is_missing_is_counted_in_both_directions(stop_after):
     with stop_after(1, size=25), pytest.raises(KeyboardInterrupt):
         run_sweep(load_config("sweep.yaml"), "part.h5")
     with open_sweep("part.h5") as dataset:
-        assert "up, $" in texts(bifurcation(dataset))[0]
+        assert "up, $" in legend_texts(bifurcation(dataset))[0]
         figure = bifurcation(dataset, axes=["h"], at={"omega": 1.5})
-        assert texts(figure)[-1] == "not computed yet (2 of 4)"
+        assert legend_texts(figure)[-1] == "not computed yet (2 of 4)"
         with pytest.raises(Refused, match=r"no point has a result: not computed yet .50."):
             bifurcation(dataset, at={"h": 0.06})
 

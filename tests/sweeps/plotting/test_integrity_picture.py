@@ -12,6 +12,7 @@ from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting.style import CLASSES, DOT_COLOURS
+from tests.helpers.equal_points import legend_texts
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.attractor.test_integrity import CONFIG as STARTS
 from vibroimpact.status import Status
@@ -65,8 +66,8 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
 )
 def test_the_legend_of_a_profile_names_what_is_within_the_limits(ranked, limits, classes):
     page = Page(grey=True, **limits)
-    (legend,) = draw_integrity(ranked, panels=["fraction"], page=page).legends
-    assert {text.get_text() for text in legend.get_texts()} == classes
+    figure = draw_integrity(ranked, panels=["fraction"], page=page)
+    assert {*legend_texts(figure)} == classes
 
 
 @pytest.mark.slow
@@ -75,8 +76,7 @@ def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_kno
     monkeypatch.setattr("sweeps.plotting.style.FURTHER", ())
     figure = draw_integrity(ranked, at={"clearance": 0.6})
     assert no_knocks == [0] and len(figure.axes[-1].patches) == 1
-    texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "no disc and no knock for 1 other attractor" in texts
+    assert "no disc and no knock for 1 other attractor" in legend_texts(figure)
 
 
 @pytest.mark.slow
@@ -85,8 +85,8 @@ def test_a_knock_that_ends_beyond_the_limits_is_said_to_do_so(ranked, no_knocks,
     def named(**limits):
         options = {"panels": ["basins"], "page": Page(grey=grey, **limits)}
         figure = draw_integrity(ranked, at={"clearance": 0.6}, **options)
-        texts = [text.get_text() for text in figure.legends[0].get_texts()]
-        return ["beyond the limits" in text for text in texts if "least knock" in text]
+        knocks = (text for text in legend_texts(figure) if "least knock" in text)
+        return ["beyond the limits" in text for text in knocks]
 
     knock = Knock(0.0, -1.0, 0.0, 0.5, 1.0, 0)
     worst = "sweeps.attractor.integrity._Motions.worst"

@@ -11,7 +11,7 @@ from sweeps.plotting import Page, bifurcation, plot
 from sweeps.plotting.canvas import Picture
 from sweeps.plotting.exact_lines import _BRANCHES_IN_FULL, without_idle
 from tests.helpers.commands import call
-from tests.helpers.equal_points import equal_points
+from tests.helpers.equal_points import equal_points, legend_texts
 from tests.helpers.sweep_files import run_in
 
 pytestmark = pytest.mark.usefixtures("with_layout")
@@ -54,7 +54,7 @@ def test_a_legend_that_no_page_has_room_for_counts_what_is_left_out():
     figure = with_legend([f"entry {i}, so long that it has its line" for i in range(40)])
     figure.set_height()
     assert figure.get_figheight() <= 9.0
-    assert figure.legends[0].get_texts()[-1].get_text().startswith("+")
+    assert legend_texts(figure)[-1].startswith("+")
 
 
 @pytest.mark.parametrize("width", [3.4, 7.0])
@@ -81,7 +81,7 @@ def test_branches_to_which_no_motion_goes_are_counted_and_drawn_on_request(folde
     np.testing.assert_array_equal(np.unique(kept["branch"].values), np.arange(count - idle))
     classes = {*zip(kept["m"].values.tolist(), kept["q"].values.tolist(), strict=True)}
     assert {(1, 1), (2, 2), (4, 4)} <= classes & {*zip(m.tolist(), q.tolist(), strict=True)}
-    assert f"branches not drawn: {idle}" in {t.get_text() for t in figure.legends[0].get_texts()}
+    assert f"branches not drawn: {idle}" in legend_texts(figure)
     told = call("plot", "out.h5", "--exact", "--dpi", "40").stdout
     assert f"branches not drawn, because no motion goes to them: {idle}; --most 61" in told
 

@@ -19,7 +19,7 @@ from sweeps.plotting import (
 )
 from sweeps.plotting.style import DIRECTION_LOOKS
 from tests.helpers.commands import accepted
-from tests.helpers.equal_points import equal_points
+from tests.helpers.equal_points import equal_points, legend_texts
 from vibroimpact.status import Status
 
 #: With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
@@ -30,19 +30,13 @@ record: {transient: 100, periods: 4, diagnostics: [period]}
 """
 
 
-def texts(figure):
-    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-
-
-def test_jumps_and_bifurcations_are_in_the_legend_or_not_drawn(path):
-    with open_sweep(path) as dataset:
-        found = branches(dataset, classes=[(1, 1)])
-        figure = bifurcation(dataset, exact=found)
-        plain = bifurcation(dataset, exact=found, page=Page(marks=False))
-    assert len(figure.axes[0].texts) == 2 and "jump" in texts(figure)
-    assert {"fold"} <= {*texts(figure)}
+def test_jumps_and_bifurcations_are_in_the_legend_or_not_drawn(path, dataset):
+    found = branches(dataset, classes=[(1, 1)])
+    figure = bifurcation(dataset, exact=found)
+    plain = bifurcation(dataset, exact=found, page=Page(marks=False))
+    assert len(figure.axes[0].texts) == 2 and {"jump", "fold"} <= {*legend_texts(figure)}
     assert not plain.axes[0].texts
-    assert not {"jump", "fold", "graze", "flip"} & {*texts(plain)}
+    assert not {"jump", "fold", "graze", "flip"} & {*legend_texts(plain)}
     assert not {"s", "^"} & {line.get_marker() for line in plain.axes[0].lines}
     assert accepted("plot", path, "--no-marks", "--dpi", "40", "-o", "a.png") == "a.png\n"
 
@@ -50,8 +44,8 @@ def test_jumps_and_bifurcations_are_in_the_legend_or_not_drawn(path):
 def test_points_that_failed_are_marked_without_marks():
     dataset = equal_points(status={(0, 1): Status.UNRESOLVED}, orbit_distance={(0, 2): 0.5})
     line = dataset.isel(R=[0]).assign(poincare_x=dataset["poincare_x"] + np.arange(4)[:, None])
-    assert "on its way to m/q (1 of 4)" in texts(bifurcation(line))
-    assert texts(bifurcation(line, page=Page(marks=False))) == ["unresolved (1 of 4)"]
+    assert "on its way to m/q (1 of 4)" in legend_texts(bifurcation(line))
+    assert legend_texts(bifurcation(line, page=Page(marks=False))) == ["unresolved (1 of 4)"]
 
 
 def test_a_motion_without_a_class_has_no_period_below_the_diagram():
@@ -95,7 +89,7 @@ FOUR = by_hand(
 )  # fmt: skip
 def test_a_legend_names_only_what_is_within_the_limits(draw, limits, names, grey):
     figure = draw(FOUR.isel(R=[0]), page=Page(grey=grey, **limits))
-    shown = {text for text in texts(figure) if not text.startswith("stop")}
+    shown = {text for text in legend_texts(figure) if not text.startswith("stop")}
     assert shown == (names or set())
 
 
@@ -122,7 +116,7 @@ def test_the_stop_is_named_where_it_is_seen():
 
 def test_a_jump_is_named_where_it_is_seen(dataset):
     whole, part = (bifurcation(dataset, page=Page(xlim=ends)) for ends in (None, (1.35, 1.6)))
-    assert "jump" in texts(whole) and "jump" not in texts(part)
+    assert "jump" in legend_texts(whole) and "jump" not in legend_texts(part)
 
 
 UP, DOWN = r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"
@@ -131,7 +125,7 @@ UP, DOWN = r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"
 def test_directions_at_the_end_of_the_axis_are_named(dataset):
     limits = Page(xlim=dataset["omega"].values[[8, -1]].tolist())  # apart at the first one only
     part = dataset.isel(omega=[8, 10, 11, 12])
-    assert texts(bifurcation(part, page=limits))[:3] == [UP, DOWN, "both"]
+    assert legend_texts(bifurcation(part, page=limits))[:3] == [UP, DOWN, "both"]
 
 
 def test_only_motions_name_directions(dataset):
@@ -145,7 +139,7 @@ def test_only_motions_name_directions(dataset):
     lyapunov = numbers.assign_attrs(long_name="exponent", units="1").rename("lyapunov")
     data = dataset.assign(lyapunov=lyapunov)
     apart = bifurcation(data, below=["lyapunov"], page=Page(xlim=(1.35, 1.6)))
-    assert texts(apart)[:2] == [UP, DOWN] and "both" not in texts(apart)
+    assert legend_texts(apart)[:2] == [UP, DOWN] and "both" not in legend_texts(apart)
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +165,7 @@ def failed(tmp_path_factory):
     ],
 )
 def test_a_table_counts_the_points_that_failed(failed, axes, xlim, names):
-    assert texts(table_panels(failed, axes=axes, page=Page(xlim=xlim))) == names
+    assert legend_texts(table_panels(failed, axes=axes, page=Page(xlim=xlim))) == names
 
 
 def test_the_panels_of_a_table_keep_the_limits(failed):
@@ -182,11 +176,15 @@ def test_the_panels_of_a_table_keep_the_limits(failed):
 
 def test_basins_have_their_shares_of_the_starts_that_are_seen(computed_starts):
     made = computed_starts()
-    (name,) = texts(basins(made, page=Page(xlim=(-2.45, -2.35), ylim=(-2.05, -1.95))))
+    (name,) = legend_texts(basins(made, page=Page(xlim=(-2.45, -2.35), ylim=(-2.05, -1.95))))
     assert name.endswith(" 100.0 %")  # between two starts, in the cell of one
     few = made.isel(x0=slice(0, len(made["x0"]) // 2))
     page = Page(xlim=tuple(few["x0"].values[[0, -1]].tolist()))
-    assert texts(basins(made, page=page)) == texts(basins(few)) != texts(basins(made))
+    assert (
+        legend_texts(basins(made, page=page))
+        == legend_texts(basins(few))
+        != legend_texts(basins(made))
+    )
 
 
 def test_marks_beside_each_other_have_no_gaps(with_layout):

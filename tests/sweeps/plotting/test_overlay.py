@@ -13,7 +13,7 @@ from sweeps.errors import Refused
 from sweeps.opened import kept
 from sweeps.plotting import Page, bifurcation, parameter_map, plot, table_panels
 from tests.helpers.commands import SMALL, accepted, refused
-from tests.helpers.equal_points import equal_points
+from tests.helpers.equal_points import equal_points, legend_texts
 
 RIG = """\
 rig: {mass: 0.5, stiffness: 8000, damping: 4, force: 8, gap: 0.0005, R: 0.7,
@@ -101,7 +101,7 @@ def test_a_map_keeps_its_limits_and_gives_measured_values_its_colours():
     assert colours[:2] == [to_hex(mesh.cmap(0.0)), to_hex(mesh.cmap(1.0))]
     over = {"omega": [2.0, 9.0], "R": [0.5, 0.5], "label": [1, 1]}
     figure = parameter_map(dataset, overlay=over, page=Page(grey=True))
-    assert "1 (1 of 2 outside)" in {text.get_text() for text in figure.legends[0].get_texts()}
+    assert "1 (1 of 2 outside)" in legend_texts(figure)
 
 
 def test_the_picture_of_a_table_has_the_points_in_the_panels_of_their_columns(files):

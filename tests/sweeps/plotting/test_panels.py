@@ -8,6 +8,7 @@ from sweeps import open_sweep, run_sweep
 from sweeps.errors import Refused
 from sweeps.plotting import Page, attractor_diagram, basins, integrity, table_panels
 from tests.helpers.commands import accepted, refused
+from tests.helpers.equal_points import legend_texts
 
 STARTS = {"x0": {"start": -3, "stop": 0, "num": 6}, "v0": {"start": -2, "stop": 2, "num": 6}}
 SWEEP = {"oscillator": {"h": 0.05, "R": 0.8, "omega": [2.6, 2.65, 2.7], "f": 1.0}}
@@ -15,63 +16,64 @@ SWEEP |= {"start": STARTS, "record": {"transient": 200}}
 
 
 @pytest.fixture(scope="module")
-def table(tmp_path_factory):
+def table_file(tmp_path_factory):
     rows = {"R": [0.8, 0.7, 0.75], "omega": [2.4, 2.6, 2.9], "f": [1.0, 1.1, 1.2]}
     scene = {"oscillator": {"h": 0.1}, "points": rows, "record": {"transient": 20}}
     return run_sweep(scene, tmp_path_factory.mktemp("table") / "out.h5")
+
+
+@pytest.fixture(scope="module")
+def table(table_file):
+    with open_sweep(table_file) as opened:
+        yield opened.load()
 
 
 def titles(figure):
     return [panel.get_title(loc="left") for panel in figure.axes]
 
 
-def test_an_integrity_picture_has_the_panels_in_the_order_typed(path, no_knocks):
-    with open_sweep(path) as dataset:
-        figure = integrity(dataset, panels=["local_integrity", "fraction"])
-        assert integrity(dataset, page=Page(width=3.4)).get_figheight() <= 9.0
-        one = integrity(dataset, panels=["basins"], at={"omega": 2.65})
+def test_an_integrity_picture_has_the_panels_in_the_order_typed(dataset, no_knocks):
+    figure = integrity(dataset, panels=["local_integrity", "fraction"])
+    assert integrity(dataset, page=Page(width=3.4)).get_figheight() <= 9.0
+    one = integrity(dataset, panels=["basins"], at={"omega": 2.65})
     assert titles(figure) == ["local integrity, a distance", "share of the starts"]
     assert [panel.get_xlabel() for panel in figure.axes].count("") == 1
-    words = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert not {"largest disc", "attractors at the section"} & words
+    assert not {"largest disc", "attractors at the section"} & {*legend_texts(figure)}
     assert titles(one) == [r"basins at $\omega=2.65$"]
-    assert "lower bound" not in {text.get_text() for text in one.legends[0].get_texts()}
+    assert "lower bound" not in legend_texts(one)
 
 
-def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(path, no_knocks):
+def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(dataset, no_knocks):
     own = Figure().subplots(2)
-    with open_sweep(path) as dataset:
-        assert integrity(dataset, panels=["fraction", "basins"], ax=own) is own[0].figure
+    assert integrity(dataset, panels=["fraction", "basins"], ax=own) is own[0].figure
     assert own[0].lines and own[1].collections
 
 
 @pytest.mark.parametrize("choice", ["panels", "axes"])
 def test_a_panel_of_another_figure_takes_no_second_abscissa(table, choice):
     own = Figure().subplots()
-    with open_sweep(table) as dataset:
-        with pytest.raises(Refused, match="ax is one panel, and R, omega take 2: choose one"):
-            table_panels(dataset, ax=own, **{choice: ["R", "omega"]})
-        assert table_panels(dataset, ax=own, **{choice: ["omega"]}) is own.figure
-        own.set_xscale("log")
-        assert table_panels(dataset, ax=own, **{choice: ["omega"]}) is own.figure
+    with pytest.raises(Refused, match="ax is one panel, and R, omega take 2: choose one"):
+        table_panels(table, ax=own, **{choice: ["R", "omega"]})
+    assert table_panels(table, ax=own, **{choice: ["omega"]}) is own.figure
+    own.set_xscale("log")
+    assert table_panels(table, ax=own, **{choice: ["omega"]}) is own.figure
 
 
 def test_a_table_has_the_panels_in_the_order_typed(table):
-    with open_sweep(table) as dataset:
-        figure = table_panels(dataset, panels=["omega", "R"])
+    figure = table_panels(table, panels=["omega", "R"])
     labels = [panel.get_xlabel() for panel in figure.axes if panel.get_xlabel()]
     meanings = ["forcing frequency", "coefficient of restitution"]
     assert [label.split(" $")[0] for label in labels] == meanings
-    assert "further" not in "".join(text.get_text() for text in figure.legends[0].get_texts())
+    assert "further" not in "".join(legend_texts(figure))
 
 
-def test_other_panels_are_refused_with_the_nearest_name(path, table):
+def test_other_panels_are_refused_with_the_nearest_name(path, table_file):
     wrong = refused("plot", path, "--kind", "integrity", "--panels", "basins,fractoin")
     assert "there is no panel fractoin (did you mean fraction?)" in wrong
     assert "integrity_factor" in wrong and "basins" in wrong
-    said = refused("plot", table, "--panels", "h")
+    said = refused("plot", table_file, "--panels", "h")
     assert "there is no panel h; choose from: R, omega, f" in said
-    assert "the panel R is asked for twice" in refused("plot", table, "--panels", "R, R")
+    assert "the panel R is asked for twice" in refused("plot", table_file, "--panels", "R, R")
     said = refused("plot", path, "--kind", "basins", "--panels", "basins")
     assert "panels can be chosen for integrity or table only" in said
 
@@ -79,13 +81,12 @@ def test_other_panels_are_refused_with_the_nearest_name(path, table):
 def test_too_many_panels_are_refused_by_default_and_drawn_at_a_height(table):
     axes = ["omega", "R", "f", "impulse", "energy_lost", "period", "period_impacts", "status"]
     axes += ["rest_fraction", "max_penetration", "orbit_x", "orbit_v", "chatters", "near_grazes"]
-    with open_sweep(table) as dataset:
-        with pytest.raises(Refused, match=r"at least 1[0-9.]+ in high; expected: at most 9 in"):
-            table_panels(dataset, axes=axes, page=Page(width=2.0))
-        high = table_panels(dataset, axes=axes, page=Page(width=2.0, height=30.0))
-        assert high.get_figheight() == 30.0
-        fit = table_panels(dataset, axes=axes, panels=axes[:3], page=Page(width=2.0))
-        assert fit.get_figheight() <= 9.0
+    with pytest.raises(Refused, match=r"at least 1[0-9.]+ in high; expected: at most 9 in"):
+        table_panels(table, axes=axes, page=Page(width=2.0))
+    high = table_panels(table, axes=axes, page=Page(width=2.0, height=30.0))
+    assert high.get_figheight() == 30.0
+    fit = table_panels(table, axes=axes, panels=axes[:3], page=Page(width=2.0))
+    assert fit.get_figheight() <= 9.0
 
 
 @pytest.mark.parametrize(("width", "panels"), [(3.4, 6), (7.0, 8)])
@@ -97,17 +98,17 @@ def test_a_table_fits_a_page_and_counts_the_columns_left_out(tmp_path, width, pa
         figure = table_panels(dataset, page=Page(width=width))
     assert figure.get_figheight() <= 9.0
     assert len([panel for panel in figure.axes if panel.get_xlabel()]) == panels
-    words = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert ("2 further columns" in words) == (panels < 8)
+    assert ("2 further columns" in legend_texts(figure)) == (panels < 8)
 
 
-@pytest.mark.parametrize(("width", "across"), [(2.0, 1), (3.0, 1), (3.4, 2), (5.0, 3)])
-@pytest.mark.parametrize("grey", [False, True])
-def test_basins_of_several_values_fit_a_column(path, grey, width, across, with_layout):
+@pytest.mark.parametrize(
+    ("width", "grey", "across"),
+    [(2.0, True, 1), (3.0, False, 1), (3.4, True, 2), (3.4, False, 2), (5.0, True, 3)],
+)
+def test_basins_of_several_values_fit_a_column(dataset, width, grey, across, with_layout):
     """A layout that has no room is a warning, which fails; those of a narrow one are below."""
-    with open_sweep(path) as dataset:
-        page = Page(width=width, grey=grey)
-        figure = basins(dataset, beside={"omega": [2.6, 2.65, 2.7]}, page=page)
+    page = Page(width=width, grey=grey)
+    figure = basins(dataset, beside={"omega": [2.6, 2.65, 2.7]}, page=page)
     figure.draw_without_rendering()
     boxes = [panel.get_window_extent() for panel in figure.axes]
     assert len({round(box.x0) for box in boxes}) == across
@@ -116,17 +117,16 @@ def test_basins_of_several_values_fit_a_column(path, grey, width, across, with_l
 
 
 @pytest.mark.parametrize("page", [Page(), Page(xlim=(-2.0, -1.0), ylim=(-1.0, 1.0))])
-def test_basins_of_several_values_have_one_legend_with_all_shares(path, page):
-    with open_sweep(path) as dataset:
-        figure = basins(dataset, beside={"omega": [2.6, 2.7]}, page=page)
-        alone = [basins(dataset, at={"omega": value}, page=page) for value in (2.6, 2.7)]
+def test_basins_of_several_values_have_one_legend_with_all_shares(dataset, page):
+    figure = basins(dataset, beside={"omega": [2.6, 2.7]}, page=page)
+    alone = [basins(dataset, at={"omega": value}, page=page) for value in (2.6, 2.7)]
     assert titles(figure) == [r"$\omega=2.6$", r"$\omega=2.7$"]
     for panel, one in zip(figure.axes, alone, strict=True):
         cells = [axes.collections[0].get_array() for axes in (panel, one.axes[0])]
         both = zip((panel, one.axes[0]), cells, strict=True)
         colours = [axes.collections[0].to_rgba(array) for axes, array in both]
         np.testing.assert_array_equal(*colours)
-    shown = [text.get_text() for text in figure.legends[0].get_texts()]
+    shown = legend_texts(figure)
     assert len(figure.legends) == 1 and len(shown) == len({*shown})
     shares = [[float(one) for one in text.split(": ")[1].removesuffix(" %").split(", ")]
               for text in shown if text.endswith("%")]  # fmt: skip
@@ -142,6 +142,6 @@ def test_several_values_of_basins_are_drawn_and_limited(path):
     assert "the same nearest grid value" in refused(*given, "--at", "omega=2.6,2.601")
 
 
-def test_attractors_between_values_of_the_axis_are_refused(path):
-    with open_sweep(path) as dataset, pytest.raises(Refused, match=r"xlim .* 2.6, 2.65$"):
+def test_attractors_between_values_of_the_axis_are_refused(dataset):
+    with pytest.raises(Refused, match=r"xlim .* 2.6, 2.65$"):
         attractor_diagram(dataset, page=Page(xlim=(2.61, 2.63)))

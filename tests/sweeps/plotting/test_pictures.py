@@ -18,6 +18,7 @@ from sweeps.plotting import Page
 from sweeps.plotting.saving import save
 from sweeps.plotting.style import user_style
 from tests.helpers.commands import call
+from tests.helpers.equal_points import legend_texts
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.plotting.test_overlay import RIG
 from vibroimpact import Oscillator, simulate
@@ -159,8 +160,7 @@ def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):
     assert exponents.get_title("left") == r"Lyapunov exponent $\lambda$"
     assert diagram.get_xlim() == rest.get_xlim()
     assert not diagram.get_xlabel() and "omega" in rest.get_xlabel()
-    texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["on its way to m/q (3 of 13)", r"$\lambda_1$", r"$\lambda_2$"]
+    assert legend_texts(figure) == ["on its way to m/q (3 of 13)", r"$\lambda_1$", r"$\lambda_2$"]
 
 
 @pytest.mark.slow
@@ -186,8 +186,7 @@ def test_the_impacts_of_attractors_are_drawn_beside_one_without_impacts():
         figure = plotting.attractor_diagram(dataset, coordinate="impact_v")
     (dots,) = [line for line in figure.axes[0].lines if len(line.get_xdata())]
     assert {*dots.get_xdata().tolist()} == {2.5, 2.6}
-    names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert names == ["1/0, no impact", "2/1"]
+    assert legend_texts(figure) == ["1/0, no impact", "2/1"]
 
 
 SLOW = """
@@ -214,8 +213,7 @@ def test_impacts_that_were_not_kept_are_said(tmp_path):
         ):
             title = figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
             assert title.endswith(f"last 64 of {said} impacts" if said else "record 10 periods")
-            texts = [text.get_text() for one in figure.legends for text in one.get_texts()]
-            assert ("only part of a repetition (1 of 3)" in texts) == part
+            assert ("only part of a repetition (1 of 3)" in legend_texts(figure)) == part
     said = "; the file has only the last 64 of up to {} impacts of a point"
     for rows, text in (("impacts", said.format(most)), ("sections", "")):
         assert call("export", path, "-o", "a.csv", "--rows", rows).stdout.endswith(f" rows{text}\n")

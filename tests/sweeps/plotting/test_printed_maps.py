@@ -13,7 +13,7 @@ from sweeps.errors import Refused
 from sweeps.plotting import Page, bifurcation, parameter_map, section
 from sweeps.plotting.style import CLASSES, LOOKS
 from tests.helpers.commands import accepted, refused
-from tests.helpers.equal_points import equal_points, legend
+from tests.helpers.equal_points import equal_points, legend, legend_texts
 from tests.helpers.sweep_files import run_in
 from vibroimpact.status import Status
 
@@ -205,7 +205,7 @@ def test_every_class_above_two_per_cent_has_a_name(width, height, grey, exact):
     page = Page(width=width, height=height, grey=grey)
     figure = parameter_map(scattered(), exact=curves, page=page)
     figure.draw_without_rendering()
-    shown = [text.get_text() for text in figure.legends[0].get_texts()]
+    shown = legend_texts(figure)
     for name, share in SCATTERED.items():
         if share >= 2.0:
             assert any(re.search(rf"(^|[ :,]){name}($|,)", text) for text in shown), name
@@ -268,7 +268,7 @@ def test_the_legend_of_a_part_has_the_shares_of_the_part(draw, part):
     cut = dataset.isel(omega=part)
     page = Page(xlim=tuple(cut["omega"].values[[0, -1]].tolist()))
     seen, alone, whole = (
-        {text.get_text() for text in draw(data, page=limits).legends[0].get_texts()}
+        {*legend_texts(draw(data, page=limits))}
         for data, limits in ((dataset, page), (cut, page), (dataset, Page()))
     )
     assert seen == alone != whole
