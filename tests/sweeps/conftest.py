@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 
+import matplotlib as mpl
 import matplotlib.text
 import pytest
 from matplotlib.backends import backend_agg
@@ -170,6 +171,13 @@ def without_layout():
     """Leave out the layout of figures, a third of their time, unless a test asks for it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def coarse_pictures():
+    """Paint 150 pixels per inch, as a user could set it, a quarter of the usual pixels."""
+    with mpl.rc_context({"savefig.dpi": 150}):
         yield
 
 

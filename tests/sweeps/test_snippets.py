@@ -110,7 +110,7 @@ def test_what_a_page_says_is_printed_is_printed(page):
 @pages_with("yaml")
 def test_yaml_is_a_configuration(page):
     for _, text, _ in blocks(page, "yaml"):
-        if not re.search("^jobs:", text, re.MULTILINE):  # of CI: cli/test_workflow.py runs it
+        if not re.search("^jobs:", text, re.MULTILINE):  # of CI: cli/test_systems.py runs it
             Path("page.yaml").write_text(text)
             assert load_config("page.yaml").size
 

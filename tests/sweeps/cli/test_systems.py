@@ -1,5 +1,9 @@
-"""The command line on systems that are not POSIX, simulated: see ``without_posix.py``."""
+"""The command line on systems that are not POSIX, simulated, and in the workflow for CI."""
 
+import os
+import re
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,11 +14,15 @@ from pathlib import Path
 
 import pytest
 import xarray as xr
+import yaml
 
 from sweeps import load_config, run_sweep
+from sweeps.config import scenes
+from tests.helpers.commands import accepted
 from tests.helpers.interruptions import KINDS, SWEEP, hear, share_written
-from tests.helpers.places import ROOT
-from tests.helpers.sweep_files import data
+from tests.helpers.places import CONFIGS, ROOT
+from tests.helpers.sweep_files import data, run_in
+from vibroimpact.jit.cache import root
 
 SCRIPT = ROOT / "tests/helpers/without_posix.py"
 SETTINGS = [word for setting in KINDS[1] for word in ("--set", setting)]
@@ -84,3 +92,33 @@ def test_the_live_picture_starts_and_ends(sweep):
             assert answer.status == 200
         page.send_signal(signal.SIGINT)
         assert page.wait() == 0
+
+
+@pytest.mark.slow
+def test_a_second_job_compiles_nothing(tmp_path):
+    page = (CONFIGS / "clusters-and-ci.md").read_text()
+    block = re.search(r"^## In CI$.*?^```yaml$(.*?)^```$", page, re.MULTILINE | re.DOTALL)[1]
+    job = yaml.safe_load(block)["jobs"]["sweep"]
+    (kept,) = {step["with"]["path"] for step in job["steps"] if "cache" in step.get("uses", "")}
+    cache = job["env"]["NUMBA_CACHE_DIR"].replace("${{ github.workspace }}", str(tmp_path))
+    assert cache == str(tmp_path / kept)
+    commands = [step["run"] for step in job["steps"] if "run" in step]
+    assert commands.pop(0).startswith("pip install ./vibroimpact")
+    assert [command.split()[1] for command in commands] == ["run", "compare", "bench"]
+
+    text = scenes()["chatter"].replace("num: 4096", "num: 64")
+    (tmp_path / "sweep.yaml").write_text(text)
+    run_in(tmp_path, text, name="reference.h5")
+
+    def stored():
+        files = (path for path in (tmp_path / kept).rglob("*") if path.is_file())
+        return {path: path.stat().st_mtime_ns for path in files}
+
+    # The first job stores what this process has in its own cache, which takes half a minute.
+    shutil.copytree(root(), cache)
+    first, words = stored(), [shlex.split(command)[1:] for command in commands]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": cache}
+    program = [sys.executable, "-m", "sweeps.cli", *words[0]]
+    subprocess.run(program, cwd=tmp_path, env=environment, check=True)
+    assert first and stored() == first
+    accepted(*words[1])

@@ -35,7 +35,7 @@ def explorer(tmp_path_factory):
     config = folder / "scene.yaml"
     config.write_text(
         "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 50}, f: 1.0}\n"
-        "record: {transient: 60, periods: 10, impacts: 8}\n"
+        "record: {transient: 60, periods: 4, impacts: 8}\n"
     )
     explorer = sweeps.explore(load_config(config), folder=folder)
     yield explorer
@@ -333,6 +333,8 @@ def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(b
         text, legend = (window.model(name, code) for name in ("motion: text", "basins legend"))
         return text and legend and legend[1] <= text[0] and text[1] < 400.0
 
+    few = {**window.page.home.record, "transient": 10, "periods": 4}
+    window.show(replace(window.page.home, record=few))
     window.click(0.2, 0.5)
     window.tab.get_by_text("basins", exact=True).click()
     window.settle(is_below_the_legend)
@@ -392,10 +394,10 @@ def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
     path.unlink()
     shown = page.diagram.kept.results
     with open_sweep(tmp_path / "again.h5") as dataset:
-        assert dataset.sizes["section"] == page.view.record["periods"] == 10
+        assert dataset.sizes["section"] == page.view.record["periods"] == 4
         assert dataset.sizes["impact"] == page.view.record["impacts"] and "period" in dataset
         for name in ("poincare_x", "poincare_v"):  # the page has recorded on
-            np.testing.assert_array_equal(dataset[name].values, shown[name][:, :10])
+            np.testing.assert_array_equal(dataset[name].values, shown[name][:, :4])
 
 
 # Untrusted texts

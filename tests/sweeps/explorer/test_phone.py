@@ -24,7 +24,7 @@ START = "document.body.tabIndex = -1; document.body.focus(); document.body.blur(
 def phone():
     """A window as wide as a phone."""
     oscillator = {"h": 0.05, "R": 0.8, "omega": {"start": 2.4, "stop": 3.5, "num": 50}, "f": 1.0}
-    record = {"transient": 60, "periods": 10, "impacts": 8}
+    record = {"transient": 60, "periods": 4, "impacts": 8}
     explorer = sweeps.explore(load_config({"oscillator": oscillator, "record": record}))
     with chromium() as browser:
         window = Window(browser, explorer, size=(390, 844))

@@ -79,7 +79,7 @@ def test_the_title_names_what_is_fixed_and_how_it_was_computed(random_sweep):
     assert r"$\sigma=0.25$" in title
     assert "omega" not in title
     assert "phase 0.5 rad, transient 1,000, record 7 periods" in plain(title)
-    assert "newmark" in title  # whose rule and steps `test_titles.py` tests
+    assert "newmark" in title  # whose rule and steps `test_legend_room.py` tests
     point = section(dataset, at={"omega": 1.5}).get_suptitle()
     shown = {name for name, about in PARAMETERS.items() if f"${about.symbol}=" in point}
     assert shown == {"h", "R", "omega", "f", "clearance"}  # p, x0 and v0 are at their defaults
@@ -158,7 +158,7 @@ def test_very_many_points_become_a_density(random_sweep, monkeypatch, with_layou
     assert drawn(panel) == []
     (mesh,) = [c for c in panel.collections if isinstance(c, QuadMesh)]
     figure.draw_without_rendering()
-    box, scale = panel.get_window_extent(), 300.0 / figure.dpi
+    box, scale = panel.get_window_extent(), 150.0 / figure.dpi  # the fixture coarse_pictures
     share = mesh.get_array().filled(0.0)
     assert share.shape == pytest.approx((box.height * scale, box.width * scale), abs=1.0)
     y = dataset["impact_v"].values

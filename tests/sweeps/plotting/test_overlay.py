@@ -1,4 +1,4 @@
-"""Points of a table over a diagram, a map and the picture of a table."""
+"""Points of a table over pictures, labels of axes that a page gives, and their units."""
 
 import os
 from pathlib import Path
@@ -11,9 +11,10 @@ from matplotlib.colors import to_hex
 from sweeps import open_sweep
 from sweeps.errors import Refused
 from sweeps.opened import kept
-from sweeps.plotting import Page, bifurcation, parameter_map, plot, table_panels
+from sweeps.plotting import KINDS, Page, bifurcation, parameter_map, plot, table_panels
 from tests.helpers.commands import SMALL, accepted, refused
 from tests.helpers.equal_points import equal_points, legend_texts
+from tests.helpers.sweep_files import run_in
 
 RIG = """\
 rig: {mass: 0.5, stiffness: 8000, damping: 4, force: 8, gap: 0.0005, R: 0.7,
@@ -31,10 +32,16 @@ FILES = {"rig": RIG, "table": TABLE, "small": SMALL}
 PLACES = {"omega": [1.5, 2.0, 3.5], "R": [0.4, 0.6, 0.8]}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def rig(files):
     with open_sweep(files / "rig.h5") as dataset:
-        yield dataset
+        yield dataset.load()
+
+
+@pytest.fixture(scope="module")
+def table(files):
+    with open_sweep(files / "table.h5") as dataset:
+        yield dataset.load()
 
 
 def points(panel):
@@ -104,10 +111,9 @@ def test_a_map_keeps_its_limits_and_gives_measured_values_its_colours():
     assert "1 (1 of 2 outside)" in legend_texts(figure)
 
 
-def test_the_picture_of_a_table_has_the_points_in_the_panels_of_their_columns(files):
-    table = {"omega": [2.5], "impulse": [0.3]}
-    with open_sweep(files / "table.h5") as dataset:
-        panels = table_panels(dataset, quantity="impulse", overlay=table).axes[:2]
+def test_the_picture_of_a_table_has_the_points_in_the_panels_of_their_columns(table):
+    measured = {"omega": [2.5], "impulse": [0.3]}
+    panels = table_panels(table, quantity="impulse", overlay=measured).axes[:2]
     with_points = [panel for panel in panels if len(panel.collections) > 1]
     (panel,) = with_points
     np.testing.assert_array_equal(points(panel), [[2.5, 0.3]])
@@ -160,3 +166,70 @@ def test_no_output_replaces_the_table_and_other_pictures_take_none(files):
     assert "no point of the overlay is within the limits" in told
     arguments = ("--axis", "omega", "--overlay", "m.csv", "--dpi", "50")
     assert accepted("plot", "out.h5", *arguments) == "out-omega-overlay-m.png\n"
+
+
+PAGE = Page(xlabel="across", ylabel="up $y$")
+
+
+@pytest.mark.parametrize("kind", ["bifurcation", "section", "impacts", "trajectory"])
+def test_the_first_panel_has_the_labels_of_the_page(rig, kind):
+    options = {"below": ["impulse"]} if kind == "bifurcation" else {}
+    panels = KINDS[kind].draw(rig, page=PAGE, **options).axes
+    assert panels[0].get_ylabel() == "up $y$"
+    labels = [panel.get_xlabel() for panel in panels]
+    assert labels.count("across") == 1
+    below = kind in ("bifurcation", "trajectory")  # a panel below labels the shared axis
+    assert labels[0] == ("" if below else "across")
+
+
+def test_a_map_and_a_table_have_them_too(table):
+    panel = parameter_map(equal_points(), page=PAGE).axes[0]
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("across", "up $y$")
+    first, second = KINDS["table"].draw(table, page=PAGE).axes[:2]
+    assert (first.get_xlabel(), first.get_title(loc="left")) == ("across", "up $y$")
+    assert first.get_ylabel() == "" != second.get_xlabel() != "across"
+
+
+@pytest.mark.parametrize(
+    ("text", "factor"),
+    [("no unit", 1e3), ("x [m]", 1.0), ("x (mm)", 1e3), ("x [\N{MICRO SIGN}m]", 1e6), ("[s]", 1e3)],
+)
+def test_a_unit_in_a_label_is_that_of_ticks_and_overlay(rig, text, factor, with_layout):
+    over = {"frequency": [25.0], "poincare_x": [factor * 1e-4]}
+    figure = bifurcation(rig, overlay=over, page=Page(ylabel=text))
+    figure.draw_without_rendering()
+    axis = figure.axes[0].yaxis
+    assert axis.get_label_text() == text
+    for tick in axis.get_major_ticks():
+        shown = tick.label1.get_text().replace("\N{MINUS SIGN}", "-")
+        if shown:
+            assert float(shown) == pytest.approx(factor * tick.get_loc(), abs=1e-9 * factor)
+    np.testing.assert_allclose(points(figure.axes[0]), [[25.0, 1e-4]])
+
+
+def test_a_label_that_cannot_be_drawn_is_refused(files, rig, table):
+    refusal = r"^xlabel = 'a \$x_\$ b' is not allowed; expected: a text with formulas"
+    for kind, dataset in (("section", rig), ("table", table)):
+        with pytest.raises(Refused, match=refusal):
+            KINDS[kind].draw(dataset, page=Page(xlabel="a $x_$ b"))
+        with pytest.raises(Refused, match=refusal.replace("xlabel", "ylabel")):
+            KINDS[kind].draw(dataset, page=Page(ylabel="a $x_$ b"))
+    with pytest.raises(Refused, match="xlabel = 1 is not allowed; expected: a text"):
+        Page(xlabel=1)
+    picture = str(files / "a.png")
+    given = ("plot", files / "rig.h5", "--dpi", "40", "-o", picture, "--xlabel", "")
+    assert accepted(*given, "--ylabel", "x [m]") == f"{picture}\n"
+    assert "ylabel = 'a $x_$'" in refused(*given, "--ylabel", "a $x_$")
+
+
+def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(tmp_path, with_layout):
+    text = RIG.replace("[period]", "[period, extremes]")
+    with open_sweep(run_in(tmp_path, text)) as dataset:
+        figure = bifurcation(dataset, below=["peak_to_peak", "impulse"], page=Page(width=3.4))
+    figure.draw_without_rendering()
+    _, travel, impulse = figure.axes
+    assert travel.get_title(loc="left").endswith("[mm]")
+    ticks = [tick.label1.get_text() for tick in travel.yaxis.get_major_ticks()]
+    shown = [float(text) for text in ticks if text]
+    np.testing.assert_allclose(shown, 1e3 * travel.get_yticks()[: len(shown)], rtol=1e-9)
+    assert impulse.get_title(loc="left").endswith("[N\N{NO-BREAK SPACE}s]")
