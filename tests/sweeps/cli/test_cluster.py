@@ -43,7 +43,6 @@ def command(*arguments):
     return subprocess.Popen(words, preexec_fn=hear, **how, **streams)
 
 
-@pytest.mark.slow
 def test_processes_of_this_machine(capfd):
     result = call("run", "sweep.yaml", "-o", "out.h5", "--dask", "local:1", "--quiet")
     assert (result.exit_code, result.output) == (0, "")
@@ -51,7 +50,6 @@ def test_processes_of_this_machine(capfd):
     assert_same_bits("out.h5")
 
 
-@pytest.mark.slow
 def test_no_other_user_reaches_the_processes_of_this_machine():
     """Every listening port requires the certificate of the run, or serves nothing."""
     others = listening()
@@ -119,7 +117,6 @@ def certificates(tmp_path_factory):
     return {f"distributed.comm.tls.{key}": str(folder / name) for key, name in settings.items()}
 
 
-@pytest.mark.slow
 def test_a_cluster_with_certificates_of_dasks_own_configuration(certificates):
     options = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
     with dask.config.set(certificates):
@@ -139,7 +136,6 @@ def test_a_cluster_with_certificates_of_dasks_own_configuration(certificates):
     assert "distributed.comm.tls in Dask's configuration" in message
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("answer", [None, {"op": "nonsense"}])
 def test_a_scheduler_that_answers_and_never_registers(monkeypatch, answer):
     class Imposter(Server):
@@ -169,7 +165,6 @@ def test_a_scheduler_that_answers_and_never_registers(monkeypatch, answer):
     gc.collect()  # a client that was thrown away says nothing (pytest would)
 
 
-@pytest.mark.slow
 def test_an_interrupt_ends_the_processes_in_the_middle_of_a_long_block():
     undamped = ["--set", "oscillator.h=0", "--set", "oscillator.R=1"]  # it does not come back
     endless = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2", *undamped]
@@ -229,7 +224,6 @@ def test_only_the_loggers_of_dask_are_silent_and_no_longer_than_needed():
     assert before == heard(*names) == [True] * 4
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("listens", [False, True])
 def test_where_no_scheduler_answers(monkeypatch, listens):
     assert clusters._PATIENCE < 10
@@ -243,7 +237,6 @@ def test_where_no_scheduler_answers(monkeypatch, listens):
         assert told in refused_run("--dask", address)
 
 
-@pytest.mark.slow
 def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
     monkeypatch.setattr(clusters, "_PATIENCE", 20)
     monkeypatch.setattr(interrupts, "_came", False)

@@ -18,10 +18,11 @@ from tests.helpers.places import ROOT
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Evidence, Status
 
+pytestmark = pytest.mark.slow
+
 CONFIG = SMALL
 
 
-@pytest.mark.slow
 def test_run_info_and_plot():
     printed = accepted("run", "sweep.yaml", "--threads", 1)
     assert "small.h5: 10 points" in printed
@@ -42,7 +43,6 @@ def test_run_info_and_plot():
     assert Path("small.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
 def test_the_configuration_of_a_file_runs_again(small_file):
     again = accepted("info", "small.h5", "--config")
     assert again == sweeps.open_sweep("small.h5").attrs["configuration"]
@@ -62,7 +62,6 @@ def test_the_configuration_of_a_file_runs_again(small_file):
     assert "exclude each other" in refused("info", "small.h5", "--config", "--bifurcations")
 
 
-@pytest.mark.slow
 def test_units_are_names_only(small_file):
     units = ("--set", "units={length: mm, time: s}", "-o", "named.h5")
     assert "omega = 1.5 .. 3 [rad/s], 5 v" in accepted("run", "sweep.yaml", *units, "--dry-run")
@@ -111,7 +110,6 @@ def test_init_writes_a_scene_to_begin_from():
         assert "there is no scene" in refused("init", name)
 
 
-@pytest.mark.slow
 def test_several_values_of_an_axis_in_one_picture(small_file, unpainted):
     cut = ("--at", "clearance=0.1", "--at", "omega=1.9,2.6")
     for kind in ("section", "impacts", "trajectory"):
@@ -143,7 +141,6 @@ def test_several_values_that_cannot_be_drawn(small_file, options, reason):
     assert reason in refused("plot", "small.h5", "--at", *options)
 
 
-@pytest.mark.slow
 def test_a_map_and_the_exact_orbits(unpainted):
     accepted("run", "sweep.yaml", "--quiet", "--set", "record.diagnostics=[period]")
     assert accepted("plot", "small.h5", "--kind", "map") == "small-map.png\n"
@@ -160,7 +157,6 @@ def test_a_map_and_the_exact_orbits(unpainted):
     assert followed.splitlines()[-1] == "small-exact-1_1-2-branches.png"
 
 
-@pytest.mark.slow
 def test_no_two_pictures_have_the_same_name(small_file, unpainted):
     """A name has only characters that every system allows."""
     for options, name in (
@@ -178,7 +174,6 @@ def test_no_two_pictures_have_the_same_name(small_file, unpainted):
     assert "nowhere" in refused("plot", "small.h5", "--axis", "nowhere/a:b")
 
 
-@pytest.mark.slow
 def test_several_configurations_are_run_and_drawn_one_after_the_other(folder, unpainted):
     (folder / "sub").mkdir()
     Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other\noutput: sub/o.h5"))
@@ -255,7 +250,6 @@ def test_every_start_says_what_it_takes():
     assert re.search(r"^expected time +about \d\S* s$", started, re.MULTILINE)
 
 
-@pytest.mark.slow
 def test_what_became_of_the_points_is_told(monkeypatch):
     assert "10 points, every impact found and certified in " in accepted("run", "sweep.yaml")
     compute = executors.compute_block
@@ -293,7 +287,6 @@ def test_a_stop_too_far_away_is_told():
         assert "keeps fewer than 8 digits of the motion" in title.replace("\n", " ")
 
 
-@pytest.mark.slow
 def test_how_many_motions_go_where_is_told(monkeypatch):
     """Each motion is counted once; without diagnostics nothing is known."""
     compute = executors.compute_block
@@ -329,7 +322,6 @@ def test_how_many_motions_go_where_is_told(monkeypatch):
     assert printed.splitlines()[1] == "the motion: unknown, near no periodic orbit"
 
 
-@pytest.mark.slow
 def test_a_run_without_impacts_says_so():
     """Far from the stop; at the stop under a preload, the mass rests there without an impact."""
     said = "no impact in any record: no motion meets the stop"

@@ -19,6 +19,8 @@ from tests.helpers.commands import SMALL, accepted, call, refused
 from tests.helpers.interruptions import environment
 from tests.helpers.places import ROOT
 
+pytestmark = pytest.mark.slow
+
 CONFIG = SMALL
 
 
@@ -67,7 +69,6 @@ ALL = COMPILER | XARRAY | PICTURES | {"numpy", "scipy", "h5py", "yaml"}
 RUN = "run sweep.yaml -o a.h5"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "commands",
     [
@@ -108,7 +109,6 @@ def test_what_a_file_says_reaches_the_terminal_escaped():
     assert r"\x1b[31m.h5 does not exist" in refused("info", "\x1b[31m.h5")
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems allow Unicode alone")
 def test_names_of_files_that_are_not_utf_8(small_file):
     data, picture = (os.fsdecode(name) for name in (b"a\xff.h5", b"p\xff"))
@@ -129,7 +129,6 @@ def test_a_picture_with_a_long_name(small_file, unpainted):
     assert not list(Path().glob(".*"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("setting", "told"),
     [
@@ -146,7 +145,6 @@ def test_odd_settings_of_numba_are_refused(setting, told):
     assert told in result.stderr and setting in result.stderr and result.stderr.count("\n") == 1
 
 
-@pytest.mark.slow
 def test_a_compiler_that_cannot_be_loaded_is_not_blamed_on_the_settings():
     """As with too little memory (ulimit -v): llvmlite then finds no library."""
     path = os.pathsep.join([os.getcwd(), environment()["PYTHONPATH"]])
@@ -161,7 +159,6 @@ def test_a_compiler_that_cannot_be_loaded_is_not_blamed_on_the_settings():
     assert result.stderr == "vibroimpact: error: Could not find/load shared object file\n"
 
 
-@pytest.mark.slow
 def test_odd_settings_of_matplotlib_are_refused(small_file):
     result = process("plot", "small.h5", MPLBACKEND="nonsense")
     assert result.returncode == 2 and not Path("small.png").exists()
@@ -169,7 +166,6 @@ def test_odd_settings_of_matplotlib_are_refused(small_file):
     assert "unset or correct MPLBACKEND" in result.stderr and result.stderr.count("\n") == 1
 
 
-@pytest.mark.slow
 def test_a_bad_line_of_matplotlib_is_told_once_and_unusable_settings_are_refused(small_file):
     Path("matplotlibrc").write_text("font.size: large")
     result = process("plot", "small.h5", "-o", "b.svg")
@@ -185,7 +181,6 @@ def test_a_bad_line_of_matplotlib_is_told_once_and_unusable_settings_are_refused
     assert not list(Path().glob("a.*"))
 
 
-@pytest.mark.slow
 def test_a_folder_that_was_removed_is_named():
     Path("folder").mkdir()
     os.chdir("folder")
@@ -199,7 +194,6 @@ def test_a_folder_that_was_removed_is_named():
             function(*given)
 
 
-@pytest.mark.slow
 def test_a_zip_says_that_it_must_be_unpacked():
     """Compiled code is named after the files of its sources."""
     for package in ("vibroimpact", "sweeps"):
@@ -214,7 +208,6 @@ def test_a_zip_says_that_it_must_be_unpacked():
         assert last.startswith(f"ImportError: {path} is no folder: ") and "unpack it" in last
 
 
-@pytest.mark.slow
 def test_an_encoding_that_lacks_a_character():
     words = "run", "sweep.yaml", "--set", "name=日", "--dry-run"
     result = process(*words, PYTHONIOENCODING="latin-1")
@@ -222,7 +215,6 @@ def test_an_encoding_that_lacks_a_character():
     assert r"\u65e5.h5" in result.stdout
 
 
-@pytest.mark.slow
 def test_a_configuration_is_printed_in_utf_8_whatever_the_console_has():
     accepted("run", "sweep.yaml", "--quiet", "--set", "name=größe σ", "-o", "out.h5")
     result = process("info", "out.h5", "--config", PYTHONIOENCODING="cp1252")

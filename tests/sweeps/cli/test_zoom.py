@@ -13,8 +13,9 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted, call, refused
 from vibroimpact.status import Status
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_zoom_computes_and_draws_a_piece(small_file, unpainted):
     printed = accepted("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
     assert printed.splitlines()[-1] == "small-omega-2.25-2.5.png"
@@ -30,7 +31,6 @@ def test_zoom_computes_and_draws_a_piece(small_file, unpainted):
     assert piece.sel(point).drop_attrs().identical(whole.sel(point).drop_attrs())
 
 
-@pytest.mark.slow
 def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_planned(small_file):
     files = sorted(Path().iterdir())
     picture = ("--coordinate", "impact_v", "--width", "4in")
@@ -78,7 +78,6 @@ def test_a_zoom_that_cannot_be(small_file, pieces, reason):
     assert reason in refused("zoom", "small.h5", *pieces)
 
 
-@pytest.mark.slow
 def test_zoom_takes_the_looks_of_a_picture_and_says_what_is_beyond_the_sweep(small_file):
     looks = ("--grey", "--title", "Mine", "--no-marks", "--exact", "--coordinate", "poincare_v")
     told = call("zoom", "small.h5", "omega=2.25:9", "clearance=0:0.1", *looks, "-o", "z.h5")
@@ -93,7 +92,6 @@ def test_zoom_takes_the_looks_of_a_picture_and_says_what_is_beyond_the_sweep(sma
     assert "goes beyond" not in planned.stderr
 
 
-@pytest.mark.slow
 def test_a_zoom_takes_overrides_as_a_run_does(small_file, unpainted):
     overrides = ("--set", "record.transient=60", "--set", "oscillator.omega.num=3")
     accepted("zoom", "small.h5", "omega=2:2.5", *overrides)
@@ -172,7 +170,6 @@ def test_a_quiet_zoom_warns_and_says_nothing_else(small_file, monkeypatch):
     assert said.stderr == "vibroimpact: warning: the font is odd\n"
 
 
-@pytest.mark.slow
 def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(small_file, unpainted):
     accepted("zoom", "small.h5", "omega=2:2.5", "-o", "small-omega-2-2.5.h5")
     said = call("zoom", "small-omega-2-2.5.h5", "omega=2.1234567:2.1234568")

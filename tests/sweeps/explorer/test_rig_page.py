@@ -16,6 +16,8 @@ from sweeps.plotting.style import STABLE
 from tests.helpers.places import CONFIGS
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def rig(tmp_path):
@@ -25,7 +27,6 @@ def rig(tmp_path):
     page.worker.shutdown()
 
 
-@pytest.mark.slow
 def test_a_rig_has_its_names_and_si_units(rig):
     """k = 8,000 N/m; the spring carries 0.5 kg at 20.1 Hz, and p is 126 per second."""
     view, figure = rig.view, rig.diagram.figure
@@ -44,7 +45,6 @@ def test_a_rig_has_its_names_and_si_units(rig):
     assert view.with_axis("p").xlim == pytest.approx((0.5**2 * 8000.0, 2.0**2 * 8000.0))
 
 
-@pytest.mark.slow
 def test_a_picture_of_a_rig_is_drawn_in_si_units_from_the_numbers_of_its_run(rig, tmp_path):
     view = replace(rig.view, record={**rig.view.record, "transient": 20, "periods": 10})
     config = view.diagram(18)
@@ -64,7 +64,6 @@ def test_a_picture_of_a_rig_is_drawn_in_si_units_from_the_numbers_of_its_run(rig
     assert {osc.p for osc in by_hand} == {config.sweep.grid.fixed["p"]}
 
 
-@pytest.mark.slow
 def test_exact_branches_of_a_rig_are_at_their_frequencies(rig):
     """The free oscillation grazes where its amplitude in closed form is the gap."""
     p2, h, a, gap = 8000.0 / 0.5, 4.0 / (2 * 0.5), 5e-5, 3e-4
@@ -81,7 +80,6 @@ def shown_beside_fields(page):
     return [page.controls.fields[name].title for name in PARAMETERS]
 
 
-@pytest.mark.slow
 def test_the_fields_of_a_rig_have_the_units_of_their_numbers(rig, tmp_path):
     of_oscillator = ["c [N s/m]", "R", "ν [Hz]", "F [N]", "k [N/m]", "σ [m]", "a [m]"]
     assert shown_beside_fields(rig) == [*of_oscillator, "x₀ [m]", "v₀ [m/s]", "ω t₀"]
@@ -102,7 +100,6 @@ def test_the_radius_of_a_disc_has_the_unit_of_the_starts():
         assert float(number) == pytest.approx(0.5e3 * width, rel=5e-3)
 
 
-@pytest.mark.slow
 def test_the_text_on_a_motion_of_a_rig_has_units(rig):
     rig.motion._paint(rig.view, motion_at(rig.view), 0.0)
     assert "ν = 15 Hz: settled on 1/0; " in rig.motion.text.text

@@ -17,6 +17,8 @@ from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_LOOKS
 from tests.helpers.commands import call
 from tests.helpers.equal_points import legend_texts
 
+pytestmark = pytest.mark.slow
+
 # With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
 CONFIG = """\
 name: both ways
@@ -39,7 +41,6 @@ def markers(panel):
     return points, sizes
 
 
-@pytest.mark.slow
 def test_neither_direction_hides_the_other(dataset):
     """Free from the fold on and on the way down, with impacts on the way up (closed forms)."""
     figure = bifurcation(dataset)
@@ -84,7 +85,6 @@ def test_neither_direction_hides_the_other_below(dataset):
     assert counts[0] == counts[1] > 0 and sum(counts) == 2 * len(omega)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("way", ["up", "down"])
 def test_one_direction_can_be_picked(dataset, way):
     figure = bifurcation(dataset, at={"direction": way, "h": 0.06}, coordinate="poincare_v")
@@ -101,7 +101,6 @@ def test_one_direction_can_be_picked(dataset, way):
     assert f"followed {way} along" in state.get_suptitle()
 
 
-@pytest.mark.slow
 def test_what_shows_one_branch_shows_the_way_up(dataset):
     for draw in (section, trajectory, parameter_map):
         title = draw(dataset, **({} if draw is parameter_map else {"at": {"omega": 1.5}}))
@@ -115,7 +114,6 @@ def test_what_shows_one_branch_shows_the_way_up(dataset):
     assert (up != down).any()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("way", ["up", "down"])
 def test_a_colour_shows_the_motions_of_one_direction(dataset, way):
     """At 1.5, up is 1/1 and down is 1/0 in free oscillation: one state at the section each."""
@@ -135,7 +133,6 @@ def test_a_colour_shows_the_motions_of_one_direction(dataset, way):
         assert f"followed {way} along $\\omega$" in figure.get_suptitle()
 
 
-@pytest.mark.slow
 def test_colours_tell_the_directions_apart(dataset):
     at = {"omega": 1.5, "h": 0.05}
     figures = [draw(dataset, at=at, color="direction") for draw in (section, trajectory, impacts)]
@@ -167,7 +164,6 @@ def test_a_diagram_of_attractors_says_that_both_directions_lead_to_them(dataset)
     assert "starts" not in title and title.endswith(r"followed up and down along $\omega$")
 
 
-@pytest.mark.slow
 def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
     monkeypatch.setattr(diagram, "DENSITY_FROM", 99)
     figure = bifurcation(dataset)
@@ -189,7 +185,6 @@ def test_exact_branches_over_both_directions_have_a_legend(dataset):
     assert bifurcation(dataset, exact=exact, coordinate="impact_v").legends
 
 
-@pytest.mark.slow
 def test_what_is_missing_is_counted_in_both_directions(stop_after):
     with stop_after(1, size=25), pytest.raises(KeyboardInterrupt):
         run_sweep(load_config("sweep.yaml"), "part.h5")
@@ -201,7 +196,6 @@ def test_what_is_missing_is_counted_in_both_directions(stop_after):
             bifurcation(dataset, at={"h": 0.06})
 
 
-@pytest.mark.slow
 def test_the_command_line(path, unpainted):
     def drawn(*arguments):
         return call("plot", str(path), "-o", "picture.png", *arguments)

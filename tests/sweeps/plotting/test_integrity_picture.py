@@ -17,6 +17,8 @@ from tests.helpers.sweep_files import run_in
 from tests.sweeps.attractor.test_integrity import CONFIG as STARTS
 from vibroimpact.status import Status
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def ranked(tmp_path_factory):
@@ -34,7 +36,6 @@ def test_starts_without_a_result_are_refused(ranked, panels):
         draw_integrity(pending, panels=panels)
 
 
-@pytest.mark.slow
 def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
     figure = draw_integrity(ranked, at={"clearance": 0.6})
     *profile, panel = figure.axes
@@ -55,7 +56,6 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
     assert [line.get_marker() for line in panel.lines] == ["o"]  # a single call
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "limits, classes",
     [
@@ -70,7 +70,6 @@ def test_the_legend_of_a_profile_names_what_is_within_the_limits(ranked, limits,
     assert {*legend_texts(figure)} == classes
 
 
-@pytest.mark.slow
 def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_knocks, monkeypatch):
     monkeypatch.setattr("sweeps.plotting.style.CLASSES", {(2, 1): CLASSES[2, 1]})
     monkeypatch.setattr("sweeps.plotting.style.FURTHER", ())
@@ -79,7 +78,6 @@ def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_kno
     assert "no disc and no knock for 1 other attractor" in legend_texts(figure)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("grey", [False, True])
 def test_a_knock_that_ends_beyond_the_limits_is_said_to_do_so(ranked, no_knocks, monkeypatch, grey):
     def named(**limits):
@@ -95,7 +93,6 @@ def test_a_knock_that_ends_beyond_the_limits_is_said_to_do_so(ranked, no_knocks,
     assert named(xlim=(-3.0, -1.0)) == [True, True]
 
 
-@pytest.mark.slow
 def test_in_grey_the_number_of_a_knock_covers_neither_a_mark_nor_a_name(ranked, with_layout):
     page = Page(width=3.4, grey=True)
     figure = draw_integrity(ranked, at={"clearance": 0.6}, panels=["basins"], page=page)

@@ -9,6 +9,8 @@ from tests.helpers.sweep_files import run_in
 from tests.sweeps.plotting.test_pictures import MAP
 from vibroimpact import Oscillator, one_impact_orbit
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def dataset(tmp_path):
@@ -32,7 +34,6 @@ def test_a_motion_goes_on_from_the_stored_state(dataset):
     assert "after 132 forcing periods" in figure.get_suptitle()
 
 
-@pytest.mark.slow
 def test_a_motion_is_shown_over_two_repetitions_with_its_class():
     """A 3/2 motion over six periods; where no class is known, over four."""
     for diagnostics, shown, periods in ((["period"], "class 3/2, $t_0=", 6), ([], "$t_0=", 4)):
@@ -52,7 +53,6 @@ record: {transient: 0, periods: 3000, trajectory: {every: 7}}
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("recorded", [True, False])
 def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it(tmp_path, recorded):
     """No more samples than pixels, however long the record; here one period of three."""

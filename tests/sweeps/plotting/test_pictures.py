@@ -23,6 +23,8 @@ from tests.helpers.sweep_files import run_in
 from tests.sweeps.plotting.test_overlay import RIG
 from vibroimpact import Oscillator, simulate
 
+pytestmark = pytest.mark.slow
+
 MAP = """
 name: a map with a name that is long enough to need two lines on a page of one column
 oscillator: {h: 0.05, R: [0.6, 0.8], omega: {start: 2.2, stop: 3.4, num: 13}, f: 1.0}
@@ -92,7 +94,6 @@ NARROW = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("file", "kind", "options"), NARROW)
 def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, options, with_layout):
     with open_sweep(files / file) as dataset:
@@ -117,7 +118,6 @@ def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, opti
         assert wide <= 1.0 or high <= 1.0, (one, other)
 
 
-@pytest.mark.slow
 def test_no_tick_label_is_cut_at_any_width(dataset, tmp_path, with_layout):
     """Panels of another width have other ticks, of which the last is at the end of the axis."""
     values = np.linspace(2.0, 12.0, dataset.sizes["omega"])
@@ -128,7 +128,6 @@ def test_no_tick_label_is_cut_at_any_width(dataset, tmp_path, with_layout):
         assert (imread(tmp_path / "page.png")[:, [0, -1], :3] > 0.9).all(), width
 
 
-@pytest.mark.slow
 def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen_is_said(draw):
     small = ("--dpi", "60")
     default = draw("-o", "default.png", *small)
@@ -163,7 +162,6 @@ def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):
     assert legend_texts(figure) == ["on its way to m/q (3 of 13)", r"$\lambda_1$", r"$\lambda_2$"]
 
 
-@pytest.mark.slow
 def test_the_dots_of_attractors_of_many_starts_are_visible():
     """Chaotic ones, too, on a screen of 100 pixels per inch."""
     axis = {"start": 2.7, "stop": 2.95, "num": 200}
@@ -195,7 +193,6 @@ record: {transient: 20, periods: 10, diagnostics: [period]}
 """
 
 
-@pytest.mark.slow
 def test_impacts_that_were_not_kept_are_said(tmp_path):
     """122 impacts in a period at omega = 0.2, as `simulate` counts them; 64 are kept."""
     path = run_in(tmp_path, SLOW)
@@ -234,7 +231,6 @@ def test_width_title_and_limits_by_the_command(draw):
         assert f"{option} {value} is not allowed; expected: " in wrong.stderr
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("most", [10, 10**9])
 def test_the_ordinate_fits_what_is_within_the_limits_of_the_abscissa(dataset, monkeypatch, most):
     """As markers and as a density; also below the diagram, with exact branches and of a motion."""
@@ -249,7 +245,6 @@ def test_the_ordinate_fits_what_is_within_the_limits_of_the_abscissa(dataset, mo
     assert fixed.axes[0].get_ylim() == (-9.0, 9.0)
 
 
-@pytest.mark.slow
 def test_the_ordinate_fits_the_part_of_a_motion_and_of_branches_in_view(dataset):
     page = Page(xlim=(0.3, 0.6))
     panel = plotting.trajectory(dataset, at={"omega": 2.3}, page=page).axes[0]
@@ -283,7 +278,6 @@ def test_limits_beyond_or_between_data_are_refused(files, file, kind, options, l
         plotting.KINDS[kind].draw(dataset, page=Page(**limits), **options)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("most", [10, 10**9])
 def test_what_lies_between_values_of_an_axis_is_drawn(dataset, monkeypatch, most):
     """The cell of a map, an exact branch, a measured point, the column of a density."""
@@ -310,7 +304,6 @@ def test_the_attractors_are_marked_in_their_basins(files):
     assert panel.get_xlim() == pytest.approx((-3.35, 0.85))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_a_picture_says_where_it_comes_from(dataset, tmp_path, monkeypatch, ending):
     """And the same picture gives the same bytes at any time. For EPS see test_postscript.py."""
@@ -331,7 +324,6 @@ def test_a_picture_says_where_it_comes_from(dataset, tmp_path, monkeypatch, endi
     assert again.read_bytes() == output.read_bytes()
 
 
-@pytest.mark.slow
 def test_settings_of_the_user_are_kept(dataset, tmp_path, with_layout):
     own = {"font.size": 6.0, "figure.figsize": [4.0, 2.0], "savefig.dpi": 50.0}
     with mpl.rc_context(own):
@@ -355,7 +347,6 @@ def test_a_setting_that_the_user_names_is_kept_where_it_is_matplotlibs_own(tmp_p
     assert "font.size" not in user_style() and "pdf.fonttype" in user_style()
 
 
-@pytest.mark.slow
 def test_a_panel_of_another_figure_is_drawn_into(dataset):
     figure = Figure()
     left, right = figure.subplots(1, 2)
