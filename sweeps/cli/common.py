@@ -124,7 +124,9 @@ def exact_options(
     """Convert the choice of exact orbits to arguments of `sweeps.branches` or `sweeps.curves`."""
     chosen: dict[str, Any] = {}
     if classes is not None:
-        pairs = [re.fullmatch(r"\s*([1-9]\d*)/(\d+)\s*", text) for text in classes.split(",")]
+        pairs = [
+            re.fullmatch(r"\s*([1-9]\d{,8})/(\d{1,9})\s*", text) for text in classes.split(",")
+        ]
         if not all(pairs):
             expected = "periods/impacts of one class or several, as 1/1,3/3"
             raise Refused(refusal(f"--classes {classes}", expected))

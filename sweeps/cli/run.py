@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sweeps.cli import common
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, check, raised_at_once, signal_came
-from sweeps.text import command
+from sweeps.text import command, shortened
 from vibroimpact.inputs import integer
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def client_of(address: str | None, threads: int | None) -> AbstractContextManage
         return nullcontext()
     from sweeps.engine.cluster import check_address, connected
 
-    with common.named(f"--dask {address}"):
+    with common.named(f"--dask {shortened(address)}"):
         check_address(address)
     if threads is not None:
         raise Refused(

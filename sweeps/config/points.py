@@ -122,7 +122,7 @@ def _read_csv(
     if path.exists() and not path.is_file():  # a device may never end, and a FIFO never begin
         raise ValueError("is not a regular file; expected: a CSV file")
     with path.open(encoding="utf-8-sig", newline="") as file:
-        names = _header(file)
+        names = header_of(file)
         known = check_names(names)
         rows = [*_rows(file, names)]
     table = np.array(rows, object).reshape(-1, len(names))
@@ -132,7 +132,7 @@ def _read_csv(
     }, known
 
 
-def _header(file: TextIO) -> list[str]:
+def header_of(file: TextIO) -> list[str]:
     """Read the names in the first line that is not blank."""
     header = "\n"
     while header and not header.strip():

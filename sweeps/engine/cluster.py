@@ -35,6 +35,7 @@ from sweeps.grid import Block, Sweep, block_points
 from sweeps.interrupts import SIGNALS, check, raised_at_once
 from sweeps.text import shortened
 from vibroimpact import __version__
+from vibroimpact.inputs import refusal
 from vibroimpact.points.stages import Results
 
 if TYPE_CHECKING:
@@ -55,15 +56,15 @@ def check_address(address: str) -> None:
     """Refuse an address that `connected` does not accept, before it imports or starts anything."""
     if address.startswith("local:"):
         number, cores = address.removeprefix("local:"), os.cpu_count() or 1
-        if number.isascii() and number.isdecimal() and 1 <= int(number) <= cores:
+        if re.fullmatch("[0-9]{1,9}", number) and 1 <= int(number) <= cores:
             return
         expected = f"local:N with an integer N from 1 to {cores}"
-        raise Refused(f"the address {address} is not allowed; expected: {expected}")
+        raise Refused(refusal(f"the address {address}", expected))
     match = _SCHEDULER.fullmatch(address)
     if not match or not 1 <= int(match[3]) <= 65535:
         is_bare = _SCHEDULER.fullmatch(f"tcp://{address}")
         meant = f"; did you mean tcp://{address}?" if is_bare else ""
-        raise Refused(f"the address {address!r} is not allowed; expected: {_ALLOWED}{meant}")
+        raise Refused(refusal(f"the address {address!r}", _ALLOWED + meant))
 
 
 @contextmanager

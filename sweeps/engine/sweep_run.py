@@ -110,7 +110,7 @@ def run_sweep(
     """
     values = output, threads, client, overwrite, resume, progress
     for (name, allowed), value in zip(_ARGUMENTS.items(), values, strict=True):
-        if value is not None:
+        if value is not None or allowed is FLAG:
             allowed.checked(name, value, Refused)
     if overwrite and resume:
         raise Refused("resume and overwrite exclude each other; give one of them")

@@ -68,6 +68,7 @@ ARGUMENTS: Mapping[str, Allowed] = {
     "axis": Allowed(lambda value: isinstance(value, str), "the name of a swept axis"),
     "axes": Allowed(_are_names, "names of axes, as ['omega', 'R']"),
     "classes": Allowed(_are_classes, "periods and impacts of classes, as [(1, 1), (3, 3)]"),
+    "report": Allowed(callable, "a function of the share of the work that is done"),
     "most": integer(1),
     "kinds": Allowed(
         lambda value: _is_collection(value) and _are_names([*value]),  # type: ignore[misc]

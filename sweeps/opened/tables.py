@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Iterable, Mapping
-from itertools import chain, islice, repeat
+from contextlib import suppress
+from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
+from sweeps.config.points import header_of
 from sweeps.config.rig import RigConfig
 from sweeps.errors import Refused
 from sweeps.opened.coordinates import COORDINATES, in_parts
@@ -75,9 +76,10 @@ def refuse_points(sweep: OpenedSweep, path: Path) -> None:
     """Refuse to replace the table that a sweep was made from: it has only columns of the sweep."""
     if not sweep.columns or not path.is_file():
         return
+    names = set[str]()
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        header = next((line for line in islice(file, 100) if line.strip()), "")
-    names = {name.strip() for name in next(csv.reader([header]), [])}
+        with suppress(ValueError):  # of no table of points
+            names = {*header_of(file)}
     if names and names <= set(map(str, sweep.data.coords)):
         raise Refused(
             f"{path} is a table of points like that of the sweep, and is not replaced; give the "

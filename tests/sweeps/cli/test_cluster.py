@@ -206,6 +206,12 @@ def test_an_address(address):
     check_address(address)
 
 
+@pytest.mark.parametrize("address", ["local:" + "1" * 5000, "tcp://host:" + "1" * 5000])
+def test_an_address_with_more_digits_than_python_reads_is_refused_in_few_words(address):
+    message = refused_run("--dask", address)
+    assert "is not allowed; expected: " in message and len(message) < 600
+
+
 def test_the_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     message = refused_run("--dask", "local:1")

@@ -108,6 +108,7 @@ def test_a_cut_off_the_grid_is_told(small_file, unpainted):
         ("run a --threads x", "--threads x is not allowed; expected: an integer from 1 to"),
         ("plot a.h5 --dpi 5", "--dpi 5 is not allowed; expected: an integer >= 10"),
         ("explore --port 65536", "--port 65536 is not allowed; expected: an integer from 0 to 6"),
+        ("plot a.h5 --exact --classes 1/" + "1" * 5000, "expected: periods/impacts of one class"),
         ("export a.h5", "missing option '-o' / '--output'; vibroimpact export --help"),
         ("init a b", "(b); vibroimpact init --help shows what is allowed"),
         ("fly", "there is no command fly; expected: init, run, "),

@@ -155,6 +155,15 @@ def test_the_table_of_points_is_not_replaced():
     assert exported("out.h5") == exported("out.h5")
 
 
+@pytest.mark.parametrize("first", ["x" * 131_073, '"omega', "", "\0", "omega,other"])
+def test_what_is_no_table_of_points_is_replaced(first):
+    """Whatever its first line, also one longer than what a reader of CSV takes for a cell."""
+    Path("sweep.yaml").write_text("oscillator: {h: 0.1, R: 0.8, f: 1.0}\npoints: {omega: [2, 3]}\n")
+    run_sweep("sweep.yaml", "out.h5")
+    Path("old.csv").write_text(f"{first}\n1\n")
+    assert exported("out.h5", "old.csv")[1] == exported("out.h5", "new.csv")[1]
+
+
 def test_a_record_that_the_file_lacks_is_refused():
     path = run_sweep(load_config("sweep.yaml", ["record.impacts=0"]), "out.h5")
     assert "record.impacts" in refused("export", path, "-o", "a.csv", "--rows", "impacts")

@@ -218,6 +218,13 @@ def test_a_name_alone_means_that_name(folder, call, shape, argument):
                 assert "names of" in outcome(call, dataset, **{option: values})
 
 
+@pytest.mark.parametrize("find", [sweeps.branches, sweeps.bifurcations, sweeps.curves])
+@pytest.mark.parametrize("report", [None, 1, "no"])
+def test_a_report_is_a_function(random_sweep, find, report):
+    with pytest.raises(Refused, match=r"^report = .* is not allowed; expected: a function of"):
+        find(random_sweep({"omega": OMEGA}), report=report)
+
+
 @pytest.mark.parametrize("below", [xr.DataArray(1.0), [xr.DataArray(1.0)], "impulse", ["impulse"]])
 def test_a_panel_below_needs_a_figure_of_its_own(random_sweep, below):
     with pytest.raises(Refused, match="leave out ax or below"):
