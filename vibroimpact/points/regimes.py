@@ -57,6 +57,8 @@ OF_REGIMES = ("status", "rest_fraction", "period", "class_evidence")
 _WITHOUT_REST = (Evidence.FREE, Evidence.CAPTURED, Evidence.FALLING, Evidence.RELEASED)
 #: Regimes that are classes; of the others the attractor is not known.
 _CLASSIFIED = (Regime.UNBOUNDED, Regime.REST, Regime.PERIODIC, Regime.CHAOTIC)
+#: Least periods of a record that shows chaos: stable orbits of random points grow in shorter ones.
+_PERIODS_OF_CHAOS = 32
 
 
 class Label(NamedTuple):
@@ -116,10 +118,11 @@ def is_chaotic(lyapunov: np.ndarray, omega: np.ndarray, periods: int) -> np.ndar
     """Return whether the exponents (..., 2) of a record of `periods` k forcing periods show chaos.
 
     Over the time t of the record tangent vectors grow by exp(lambda_1 t). On a torus they grow at
-    most linearly, so growth by more than k is chaos.
+    most linearly, by C k with an unknown C of the order of 1, and on the way to a stable orbit
+    only for a while: growth by more than k in a long record is chaos, or a long chaotic transient.
     """
     growth: np.ndarray = lyapunov[..., 0] * (periods * 2.0 * np.pi / omega)
-    return growth > np.log(periods)
+    return (growth > np.log(periods)) & (periods >= _PERIODS_OF_CHAOS)
 
 
 def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:

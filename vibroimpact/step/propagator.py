@@ -99,7 +99,7 @@ def coefficients_of(pt):
 def extent(eq):
     """Return (f + p^2 |clearance|) / (omega^2 + 2 h omega + p^2), the extent of the motion.
 
-    A free oscillation that touches the stop has an amplitude of half to three times the extent.
+    A free oscillation that touches the stop has an amplitude of half to twice the extent.
     """
     return (abs(eq.of_sin) + abs(eq.of_1)) / (1.0 - eq.of_w - eq.of_y)
 

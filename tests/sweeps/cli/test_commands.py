@@ -115,7 +115,7 @@ def test_several_values_of_an_axis_in_one_picture(small_file, unpainted):
     for kind in ("section", "impacts", "trajectory"):
         said = call("plot", "small.h5", "--kind", kind, *cut)
         assert said.stdout == f"small-{kind}-clearance-0.1-omega-1.9-2.6.png\n"
-        assert said.stderr == (
+        assert said.stderr.endswith(  # before it, that code is compiled, once on this machine
             "omega = 1.9 is not on the grid; drawn at omega = 1.875\n"
             "omega = 2.6 is not on the grid; drawn at omega = 2.625\n"
         )

@@ -47,6 +47,16 @@ def test_the_exponent_decides_by_the_growth_that_a_torus_allows():
     assert OpenedSweep(given_points(np.ones(6), 0, growth=growth)).regimes.tolist() == motion
 
 
+@pytest.mark.parametrize("periods", [1, 3, 10])
+def test_a_short_record_shows_no_chaos(tmp_path, periods):
+    """Tangent vectors of stable motions on their way grow as fast in so few periods."""
+    scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": {"start": 2.6, "stop": 2.9, "num": 61}}}
+    scene["record"] = {"transient": 30, "periods": periods, "diagnostics": ["period", "lyapunov"]}
+    scene["oscillator"]["f"] = 1.0
+    with open_sweep(run_sweep(scene, tmp_path / "short.h5")) as dataset:
+        assert Regime.CHAOTIC not in OpenedSweep(dataset).regimes
+
+
 def test_without_an_exponent_nothing_is_said_of_what_does_not_repeat():
     assert OpenedSweep(given_points([1, 0, 2], 0)).regimes.tolist() == [Regime.UNKNOWN] * 3
 
