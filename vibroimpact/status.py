@@ -56,7 +56,7 @@ _MEANING = {
     Status.COMPUTED: "computed to the end",
     Status.CERTIFIED: "computed to the end, with every impact found and none missed",
     Status.CUT_SHORT: "bounces too short to follow were taken for rest",
-    Status.UNBOUNDED: "the motion grew throughout the record, in resonance (R = 1, h = 0, even omega / p)",
+    Status.UNBOUNDED: "the motion grew throughout the record, in resonance (R = 1, h = 0)",
     Status.UNRESOLVED: "more impacts within one step than the impact rule can resolve",
     Status.NON_FINITE: "a number overflowed: the step is unstable, or the motion too large",
 }
