@@ -14,6 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.collections import QuadMesh
@@ -21,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator
 
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
@@ -321,22 +322,32 @@ def lay_out(panel: Axes) -> None:
         engine.execute(figure)
 
 
-def _thin_ticks(panel: Axes) -> None:
-    """Choose fewer ticks of the abscissa where their labels would touch."""
-    locator = panel.xaxis.get_major_locator()
+def _thin_ticks(axis: Axis) -> None:
+    """Choose fewer ticks of an axis where their labels would touch."""
+    panel, locator, is_across = axis.axes, axis.get_major_locator(), axis.axis_name == "x"
     for most in range(7, 1, -1):
-        boxes = [
-            tick.label1.get_window_extent()
-            for tick in panel.xaxis.get_major_ticks()
-            if tick.label1.get_visible() and tick.label1.get_text()
-        ]
-        gaps = [after.x0 - box.x1 for box, after in pairwise(boxes)]
-        if min(gaps, default=np.inf) >= _GAP * figure_of(panel).dpi or not isinstance(
-            locator, MaxNLocator
-        ):
+        ticks = [tick.label1 for tick in axis.get_major_ticks() if tick.label1.get_visible()]
+        boxes = [text.get_window_extent() for text in ticks if text.get_text()]
+        ends = sorted(tuple(box.intervalx if is_across else box.intervaly) for box in boxes)
+        gap = min((after[0] - before[1] for before, after in pairwise(ends)), default=np.inf)
+        if gap >= (_GAP * figure_of(panel).dpi if is_across else 0.0):
             return
-        locator.set_params(nbins=most)
+        if isinstance(locator, MaxNLocator):
+            locator.set_params(nbins=most)
+        elif isinstance(locator, LogLocator):
+            locator.set_params(numticks=most)
+        else:
+            return
         lay_out(panel)
+
+
+def _clear_offset(axis: Axis) -> None:
+    """Put the label of an abscissa below the common part of its ticks where they would collide."""
+    offset = axis.get_offset_text()
+    box = offset.get_window_extent()
+    if offset.get_text() and box.overlaps(axis.label.get_window_extent()):
+        axis.labelpad += box.height * 72.0 / figure_of(axis).dpi
+        lay_out(axis.axes)
 
 
 def finish(
@@ -371,7 +382,9 @@ def finish(
         figure.set_height()
         lay_out(panel)
         for each in figure.axes:
-            _thin_ticks(each)
+            _thin_ticks(each.xaxis)
+            _thin_ticks(each.yaxis)
+            _clear_offset(each.xaxis)
     else:
         if page.title is not None:
             panel.set_title(page.title)

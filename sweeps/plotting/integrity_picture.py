@@ -104,6 +104,8 @@ def integrity(
         view = ... if profile else view_of(basins, regions.starts)
         handles += entries_of(regions.starts, regions.cells(), view)
     if profile:
+        if line_result["integrity_factor"].isnull().all():
+            raise Refused("there is nothing to draw: no start reaches an attractor")
         table = attractor_rows(line, line_result)
         of_basins = regions.table if basins is not None else []
         lines = _draw_profile(profile, line_result, along[0], table, looks)

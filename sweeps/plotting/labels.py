@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -285,8 +286,33 @@ def refuse_too_large(name: str, values: np.ndarray | float) -> None:
         raise Refused(f"{name} reaches {greatest:.3g}; a picture shows up to {LARGEST:g}")
 
 
+class _DecadeLocator(ticker.LogLocator):
+    """Ticks at 1, 2 and 5 in every decade, at fewer where there is less room for their labels.
+
+    These are 1 and 3, then powers of ten; where not even two of them are, steps of equal length.
+    """
+
+    def tick_values(self, vmin: float, vmax: float) -> np.ndarray:
+        """Return the ticks within limits, as many as `numticks` or the axis has room for."""
+        low, high = sorted((vmin, vmax))
+        first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+        room = 1.5 * self.axis.get_tick_space() if self.numticks == "auto" else self.numticks
+        choices = [((1, 2, 5), 1), ((1, 3), 1), *(((1,), step) for step in range(1, 1000))]
+        for parts, step in choices:
+            powers = 10.0 ** np.arange(first - first % step, last + 1, step, dtype=float)
+            with np.errstate(over="ignore"):
+                ticks = np.outer(powers, parts).ravel()
+            ticks = ticks[(low <= ticks) & (ticks <= high)]
+            if len(ticks) <= max(2, room):
+                break
+        if len(ticks) > 1:
+            return ticks
+        steps = ticker.MaxNLocator(max(2, min(9, room)), steps=[1, 2, 2.5, 5, 10])
+        return np.asarray(steps.tick_values(low, high))
+
+
 def tick_in_decades(axis: Axis) -> None:
-    """Label 1, 2 and 5 in every decade with plain numbers."""
-    axis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
+    """Label 1, 2 and 5 in every decade with plain numbers, as far as these have room."""
+    axis.set_major_locator(_DecadeLocator())
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(ticker.NullFormatter())

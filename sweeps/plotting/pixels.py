@@ -82,15 +82,19 @@ def computed_parts(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndar
             yield cut.start + kept, recorded_coordinate(part, coordinate).values[kept]
 
 
-def value_ranges(lines: Sequence[OpenedSweep], coordinate: str) -> np.ndarray:
+def value_ranges(
+    lines: Sequence[OpenedSweep], coordinate: str, low: float = -np.inf, high: float = np.inf
+) -> np.ndarray:
     """Return the least and the greatest value of a coordinate at each point, NaN without values.
 
-    The points are those of each of the lines, the shape of the result is (n, 2).
+    They are those from `low` to `high`. The points are those of each of the lines, the shape of the
+    result is (n, 2).
     """
     ends = np.full((lines[0]["status"].size, 2), np.nan)
     for line in lines:
         for points, values in computed_parts(line, coordinate):
-            values = np.where(np.isfinite(values), values, np.nan)
+            within = np.isfinite(values) & (low <= values) & (values <= high)
+            values = np.where(within, values, np.nan)
             for column, least_or_most in enumerate((np.fmin, np.fmax)):
                 here = least_or_most.reduce(values, axis=1)
                 ends[points, column] = least_or_most(ends[points, column], here)

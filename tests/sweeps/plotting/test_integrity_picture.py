@@ -36,6 +36,14 @@ def test_starts_without_a_result_are_refused(ranked, panels):
         draw_integrity(pending, panels=panels)
 
 
+def test_a_profile_of_no_attractor_is_refused(random_sweep):
+    starts = {"omega": [1.0, 2.0], "x0": [-2, -1, 0], "v0": [-1, 0, 1]}
+    unbounded = {"status": np.full(18, Status.UNBOUNDED, np.int8), "period": np.zeros(18, int)}
+    dataset = random_sweep(starts, phase=0.0, diagnostics=("period",), **unbounded)
+    with pytest.raises(Refused, match="there is nothing to draw: no start reaches an attractor"):
+        draw_integrity(dataset, panels=["fraction"])
+
+
 def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
     figure = draw_integrity(ranked, at={"clearance": 0.6})
     *profile, panel = figure.axes

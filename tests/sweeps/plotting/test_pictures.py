@@ -278,6 +278,24 @@ def test_limits_beyond_or_between_data_are_refused(files, file, kind, options, l
         plotting.KINDS[kind].draw(dataset, page=Page(**limits), **options)
 
 
+@pytest.mark.parametrize("xlim", [None, (2.15, 3.45), (2.31, 2.39)])
+def test_limits_between_the_branches_of_a_density_are_refused(dataset, monkeypatch, xlim):
+    """Of whole columns, and of those wider than the panel; limits that hold a value are drawn."""
+    monkeypatch.setattr("sweeps.plotting.diagram.DENSITY_FROM", 10)
+    x = dataset["poincare_x"].sel(R=0.6)
+    values = np.unique(x)
+    after = int(np.argmax(np.diff(values)))
+    low, high = values[after : after + 2].tolist()
+    gap, inside = (0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high), x.sel(omega=2.3).values[-1]
+    with pytest.raises(Refused, match=rf"nothing to draw with .*ylim = {gap[0]:.3g}") as refused:
+        plotting.bifurcation(dataset, page=Page(xlim=xlim, ylim=gap, marks=False))
+    if xlim is None:
+        nearest = str(refused.value).rpartition(" are ")[2].split(", ")
+        np.testing.assert_allclose([*map(float, nearest)], [low, high], rtol=1e-4)
+    page = Page(xlim=xlim, ylim=(inside - 1e-3, inside + 1e-3))
+    assert plotting.bifurcation(dataset, page=page).axes[0].collections[-1].get_array().count()
+
+
 @pytest.mark.parametrize("most", [10, 10**9])
 def test_what_lies_between_values_of_an_axis_is_drawn(dataset, monkeypatch, most):
     """The cell of a map, an exact branch, a measured point, the column of a density."""

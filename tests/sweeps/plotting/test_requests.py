@@ -307,7 +307,7 @@ def test_every_command_draws_or_refuses_every_file(shape, blocks, laid_out):
             except Refused as refused:
                 assert "\n" not in str(refused)
     if blocks == 0:
-        starts = {"map", "basins", "integrity"}
+        starts = {"map", "basins"}
         assert drawn == (starts if shape.startswith("starts") else {shape} & {"map"})
     else:
         assert drawn == {"table", "section", "impacts", "trajectory"}
