@@ -324,7 +324,8 @@ def lay_out(panel: Axes) -> None:
 
 def _thin_ticks(axis: Axis) -> None:
     """Choose fewer ticks of an axis where their labels would touch."""
-    panel, locator, is_across = axis.axes, axis.get_major_locator(), axis.axis_name == "x"
+    panel, locator = axis.axes, axis.get_major_locator()
+    is_across = axis is panel.xaxis
     for most in range(7, 1, -1):
         ticks = [tick.label1 for tick in axis.get_major_ticks() if tick.label1.get_visible()]
         boxes = [text.get_window_extent() for text in ticks if text.get_text()]

@@ -292,23 +292,24 @@ class _DecadeLocator(ticker.LogLocator):
     These are 1 and 3, then powers of ten; where not even two of them are, steps of equal length.
     """
 
-    def tick_values(self, vmin: float, vmax: float) -> np.ndarray:
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
         """Return the ticks within limits, as many as `numticks` or the axis has room for."""
         low, high = sorted((vmin, vmax))
         first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
-        room = 1.5 * self.axis.get_tick_space() if self.numticks == "auto" else self.numticks
-        choices = [((1, 2, 5), 1), ((1, 3), 1), *(((1,), step) for step in range(1, 1000))]
-        for parts, step in choices:
+        most = self.numticks
+        assert self.axis is not None
+        room = most if isinstance(most, int) else int(1.5 * self.axis.get_tick_space())
+        for parts, step in (((1, 2, 5), 1), ((1, 3), 1), *(((1,), step) for step in range(1, 999))):
             powers = 10.0 ** np.arange(first - first % step, last + 1, step, dtype=float)
             with np.errstate(over="ignore"):
                 ticks = np.outer(powers, parts).ravel()
             ticks = ticks[(low <= ticks) & (ticks <= high)]
             if len(ticks) <= max(2, room):
                 break
-        if len(ticks) > 1:
-            return ticks
-        steps = ticker.MaxNLocator(max(2, min(9, room)), steps=[1, 2, 2.5, 5, 10])
-        return np.asarray(steps.tick_values(low, high))
+        if len(ticks) < 2:
+            linear = ticker.MaxNLocator(min(max(2, room), 9), steps=[1, 2, 2.5, 5, 10])
+            ticks = np.asarray(linear.tick_values(low, high))
+        return ticks.tolist()
 
 
 def tick_in_decades(axis: Axis) -> None:
