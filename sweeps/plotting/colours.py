@@ -12,6 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_hex, to_rgba
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
@@ -120,11 +121,16 @@ class Paint(NamedTuple):
         if self.values.count() == 0:
             return
         low, high = self.norm.vmin or 0.0, self.norm.vmax or 0.0
-        bar = canvas.figure_of(panels[0]).colorbar(
+        figure, lowest = canvas.figure_of(panels[0]), panels[-1]
+        pad = 0.02
+        if not isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
+            labels_box = lowest.xaxis.get_tightbbox()  # nothing else keeps the bar clear of them
+            pad += (lowest.bbox.y0 - labels_box.y0) / lowest.bbox.height if labels_box else 0.0
+        bar = figure.colorbar(
             ScalarMappable(self.norm, self.ramp),
-            ax=panels,
+            ax=panels if len(panels) > 1 else lowest,  # a tight layout can move the bar of one
             location="bottom",
-            pad=0.02,
+            pad=pad,
             aspect=35,
             extend="min" if self.values.min() < low else "neither",
         )

@@ -296,9 +296,9 @@ class _DecadeLocator(ticker.LogLocator):
         """Return the ticks within limits, as many as `numticks` or the axis has room for."""
         low, high = sorted((vmin, vmax))
         first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
-        most = self.numticks
         assert self.axis is not None
-        room = most if isinstance(most, int) else int(1.5 * self.axis.get_tick_space())
+        most = self.numticks
+        room = most if isinstance(most, int) else self.axis.get_tick_space()
         for parts, step in (((1, 2, 5), 1), ((1, 3), 1), *(((1,), step) for step in range(1, 999))):
             powers = 10.0 ** np.arange(first - first % step, last + 1, step, dtype=float)
             with np.errstate(over="ignore"):

@@ -82,10 +82,10 @@ def parameter_map(
     panel = canvas.new_panel(ax, page)
     if paint.values.count():
         _draw_mesh(panel, cut, paint.values, paint.norm, paint.ramp)
-        paint.add_bar([panel])
     status, hatched = cut["status"].values, page.grey and name != "period"
     cells = [*paint.cells, *failed_cells(status, hatched)]
     draw_cells(panel, cut, cells)
+    paint.add_bar([panel])
     is_marked = name == "period" and page.marks
     approaching = cut.on_its_way if is_marked else np.zeros(cut.shape, bool)
     if approaching.any():

@@ -378,6 +378,19 @@ def test_a_panel_of_another_figure_is_drawn_into(dataset):
         plotting.bifurcation(dataset, ax=left, below=["lyapunov"])
 
 
+@pytest.mark.parametrize("layout", [None, "tight", "constrained"])
+@pytest.mark.parametrize(
+    ("kind", "options"), [("map", {"quantity": "impulse"}), ("section", {"color": "impulse"})]
+)
+def test_a_bar_is_clear_of_the_labels_of_its_panel(dataset, with_layout, kind, options, layout):
+    ax = Figure(figsize=(7.0, 3.0), layout=layout).subplots(1, 2)[1]
+    figure = plotting.KINDS[kind].draw(dataset, ax=ax, **options)
+    figure.draw_without_rendering()
+    bar = figure.axes[-1]
+    assert bar.bbox.y1 <= ax.xaxis.get_tightbbox().y0
+    assert ax.bbox.height > bar.bbox.height > 0.0
+
+
 @pytest.mark.parametrize("projection", ["polar", "3d", "mollweide"])
 def test_a_panel_whose_axes_are_not_straight_is_refused(dataset, projection):
     panels = Figure().subplots(1, 3, subplot_kw={"projection": projection})
