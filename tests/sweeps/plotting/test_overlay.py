@@ -1,6 +1,7 @@
 """Points of a table over pictures, labels of axes that a page gives, and their units."""
 
 import os
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from sweeps.plotting import KINDS, Page, bifurcation, parameter_map, plot, table
 from tests.helpers.commands import SMALL, accepted, refused
 from tests.helpers.equal_points import equal_points, legend_texts
 from tests.helpers.sweep_files import run_in
+from tests.helpers.written_files import R
 
 RIG = """\
 rig: {mass: 0.5, stiffness: 8000, damping: 4, force: 8, gap: 0.0005, R: 0.7,
@@ -233,3 +235,34 @@ def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(tmp_path
     shown = [float(text) for text in ticks if text]
     np.testing.assert_allclose(shown, 1e3 * travel.get_yticks()[: len(shown)], rtol=1e-9)
     assert impulse.get_title(loc="left").endswith("[N\N{NO-BREAK SPACE}s]")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("h", "omega", "page"),
+    [
+        ((1e-6, 1.0), (0.1, 10.0), {"width": 2.0}),
+        ((1e-3, 1e4), (1.0, 7.0), {"width": 2.6, "height": 2.8, "xlim": (2.2, 4.8)}),
+        ((0.02, 0.2), (1e-9, 99.0), {"width": 5.0}),
+        ((1e-6, 1.0), (1e-3, 1e3), {"width": 12.0, "height": 9.0}),
+    ],
+)
+def test_labels_of_a_logarithmic_axis_are_legible(random_sweep, with_layout, h, omega, page):
+    """They do not touch in a panel of any size, and at least two of them tell the scale."""
+    axes = {"h": np.geomspace(*h, 8), "omega": np.geomspace(*omega, 9)}
+    figure = parameter_map(random_sweep(axes), page=Page(**page, title=""), quantity="impulse")
+    figure.draw_without_rendering()
+    for axis, side in zip((figure.axes[0].xaxis, figure.axes[0].yaxis), "xy", strict=True):
+        ticks = [tick.label1 for tick in axis.get_major_ticks() if tick.label1.get_text()]
+        boxes = [getattr(text.get_window_extent(), f"interval{side}") for text in ticks]
+        assert len(boxes) > 1
+        assert all(after[0] >= before[1] for before, after in pairwise(map(tuple, boxes)))
+
+
+def test_a_label_is_clear_of_the_common_part_of_its_ticks(random_sweep, with_layout):
+    dataset = random_sweep({"R": R, "omega": 1e-120 * np.arange(1, 9)})
+    figure = parameter_map(dataset, page=Page(width=2.0))
+    figure.draw_without_rendering()
+    axis = figure.axes[0].xaxis
+    offset, label = (text.get_window_extent() for text in (axis.get_offset_text(), axis.label))
+    assert axis.get_offset_text().get_text() == "1e\N{MINUS SIGN}120" and not offset.overlaps(label)
