@@ -99,14 +99,9 @@ def _done(
     return results
 
 
-def correct(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> bool:
-    """Do what ``corrector.newton_method`` does."""
-    return bool(_done(_CORRECT, system, points=X, rows=planes, count=most)[0])
-
-
-def correct_each(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> np.ndarray:
-    """Do what ``corrector.newton_method`` does for each row of X, with one plane each, (n,)."""
-    return _done(_CORRECT, system, len(X), points=X, rows=planes, count=most) > 0.0
+def correct(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> np.ndarray:
+    """Do what ``corrector.newton_method`` does for X, or each row of X with a plane each, (n,)."""
+    return _done(_CORRECT, system, X.size // X.shape[-1], points=X, rows=planes, count=most) > 0.0
 
 
 def tangent(system: System, X: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import CONDITIONS, GRAZE, System, determinant
 from vibroimpact.orbits.flights import parameters_in
-from vibroimpact.orbits.orbit import NAMES, Orbits, PeriodicOrbit, orbit_of, point_of, system_of
+from vibroimpact.orbits.orbit import NAMES, Orbits, PeriodicOrbit, numbers_in, orbit_of, point_of
 from vibroimpact.orbits.unknowns import differences_of_halves, free, inner, phases, speeds, unknowns
 from vibroimpact.oscillator import PARAMETERS, Oscillator, mesh
 from vibroimpact.step.integrators import Parameters
@@ -124,12 +124,12 @@ class OrbitFamily:
         self.units = units_along(self.osc, self.parameters)
         self.spans = np.array([axis.span for axis in parameters])
         units = [PARAMETERS[name].unit for name in self.names]
-        spans = [*map(self.units.into, units, self.spans)]
-        self.system = system_of(self.osc, self.m, self.q, self.units)._replace(
-            free=np.array([*map(NAMES.index, self.names)], np.int64),
-            spans=np.array(spans),
-            condition=CONDITIONS[kind],
-            graze=graze,
+        spans = np.array([*map(self.units.into, units, self.spans)])
+        places = np.array([*map(NAMES.index, self.names)], np.int64)
+        (point,) = numbers_in(self.units, point_of(self.osc))
+        condition, work = CONDITIONS[kind], np.zeros(1)
+        self.system = System(
+            point, places, spans, self.m, self.q, condition, graze, touches=False, work=work
         )
         ends = [(axis.low - axis.slack, axis.high + axis.slack) for axis in parameters]
         self.bounds = np.reshape(ends, (-1, 2)) / self.spans[:, None]
@@ -209,7 +209,7 @@ class OrbitFamily:
         None also once all calls together have taken more than ``MOST_WORK`` time steps.
         """
         X, system = X.copy(), system or self.system
-        if system.work[0] > MOST_WORK or not calls.correct(system, X, planes, most):
+        if system.work[0] > MOST_WORK or not calls.correct(system, X, planes, most).all():
             return None
         if system.condition == GRAZE and len(planes) < len(self.parameters):
             speeds(X, self.q)[system.graze] = 0.0  # it is zero to rounding
@@ -223,7 +223,7 @@ class OrbitFamily:
         X = X.copy()
         if self.system.work[0] > MOST_WORK:
             return X, np.zeros(len(X), bool)
-        return X, calls.correct_each(self.system, X, along, _MOST_ITERATIONS)
+        return X, calls.correct(self.system, X, along, _MOST_ITERATIONS)
 
     def bifurcation(self, X: np.ndarray, kind: str, graze: int = 0) -> np.ndarray | None:
         """Return the bifurcation near a point of a branch; None in the cases of `corrected`."""

@@ -15,6 +15,7 @@ the null vectors w and u of J(-1) and of its transpose,
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -32,16 +33,12 @@ _ADVANCE, _SHARE = 4e-3, 0.05
 _SINGULAR, _MOVED = 1e-4, 1e-12
 
 
-def cubic_coefficient(system: System, X: np.ndarray) -> float:
-    """Return the number of `cubic_coefficients` at one flip."""
-    return float(cubic_coefficients(system, X[None])[0])
+def cubic_coefficient(system: System, flips: np.ndarray) -> Any:
+    """Return a number with the sign of c, smooth along curves, for a flip or each row of flips.
 
-
-def cubic_coefficients(system: System, X: np.ndarray) -> np.ndarray:
-    """Return numbers with the sign of c at flips X, (n, 2 q + k), smooth along curves, (n,).
-
-    They are NaN where c is not known.
+    It is NaN where c is not known.
     """
+    X = np.atleast_2d(flips)
     values = np.full(len(X), np.nan)
     numbers = np.repeat(system.point[:, None], len(X), axis=1)
     numbers[system.free] = (free(X, system.q) * system.spans).T
@@ -50,11 +47,11 @@ def cubic_coefficients(system: System, X: np.ndarray) -> np.ndarray:
     if known.size:
         rates = 1.0 + (2.0 * pt.h + pt.p) / pt.omega
         values[known] = _coefficients(system, X[known], here[:, known], rates[known])
-    return values
+    return values.reshape(flips.shape[:-1])[()]
 
 
 def _coefficients(system: System, X: np.ndarray, here: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Return the numbers of `cubic_coefficients` where the factors `here` of J are finite."""
+    """Return the numbers of `cubic_coefficient` where the factors `here` of J are finite."""
     q, turn = system.q, np.array([2.0 * np.pi * system.m, 0.0])
     u, w, lost = _null_vectors(_closed(here, -1.0))
     w *= math.sqrt(q)

@@ -18,7 +18,7 @@ import numpy as np
 from vibroimpact.destination.free_motion import steady_response
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.corrector import CONDITIONS, NONE, System
+from vibroimpact.orbits.corrector import CONDITIONS, System
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import PARAMETERS, Oscillator
@@ -28,12 +28,11 @@ from vibroimpact.step.integrators import Parameters
 NAMES = [field.name for field in fields(Oscillator)]
 #: The units of the numbers of a ``POINT``.
 _UNITS = tuple(parameter.unit for parameter in PARAMETERS.values())
-_NONE_FREE, _NO_PARAMETERS = np.empty(0, np.int64), np.empty(0)
 #: A natural vibration repeats if its turns are a whole number, to this share.
 _REPEATS = 1e-9
 #: Number of starts per period from which the turns of a flight are sought.
 _STARTS = 16
-#: Indices of all numbers of a ``POINT``, and their units where all are free.
+#: Indices of all numbers of a ``POINT``, which are free parameters here, and their spans.
 _ALL_FREE, _ONES = np.arange(len(_UNITS)), np.ones(len(_UNITS))
 
 
@@ -134,9 +133,9 @@ class PeriodicOrbit:
 
     @cached_property
     def equations(self) -> tuple[System, np.ndarray]:
-        """Its equations and its vector of unknowns."""
-        units = NaturalUnits.of(point_of(self.oscillator))
-        return system_of(self.oscillator, self.m, self.q, units), _vectors(self, units)
+        """Its equations and its vector of unknowns, in which all parameters are free."""
+        system, (X,) = self.alone.equations
+        return system, X
 
     @property
     def stable(self) -> bool:
@@ -219,15 +218,18 @@ class Orbits(NamedTuple):
             responses = amplitudes[:, None] * np.exp(1j * at)
             v = self.points["omega"][:, None] * responses.real
             return np.stack([responses.imag, v], axis=2)
+        x, v = np.moveaxis(calls.sections(*self.equations, phase), 2, 0)
         units = NaturalUnits.of(self.points)
-        x, v = np.moveaxis(calls.sections(*self._equations(units), phase), 2, 0)
         return np.stack([units.out_of("length", x), units.out_of("length/time", v)], axis=2)
 
-    def _equations(self, units: NaturalUnits) -> tuple[System, np.ndarray]:
-        """Return the equations and the vectors of unknowns, in which all parameters are free."""
+    @property
+    def equations(self) -> tuple[System, np.ndarray]:
+        """Their equations and their vectors of unknowns, in which all parameters are free."""
         q, condition = self.phases.shape[1], CONDITIONS[self.kind]
         system = System(_ONES, _ALL_FREE, _ONES, self.m, q, condition, 0, False, np.zeros(1))
-        return system, _vectors(self, units, numbers_in(units, self.points))
+        units = NaturalUnits.of(self.points)
+        z = np.stack([self.phases, units.into("length/time", self.speeds)], axis=-1)
+        return system, unknowns(z, numbers_in(units, self.points))
 
     @property
     def multipliers(self) -> np.ndarray:
@@ -237,7 +239,7 @@ class Orbits(NamedTuple):
             rate = np.sqrt(h * h - p * p + 0.0j)
             times = 2.0 * math.pi * self.m / omega
             return np.exp((np.stack([rate, -rate]) - h) * times).T
-        pairs = calls.multipliers(*self._equations(NaturalUnits.of(self.points)))
+        pairs = calls.multipliers(*self.equations)
         if self.kind not in ("flip", "fold"):
             pairs[~self.speeds.all(axis=1)] = math.inf, 0.0
         return pairs
@@ -270,25 +272,6 @@ def numbers_in(units: NaturalUnits, points: np.ndarray) -> np.ndarray:
     """Return the numbers of points of dtype ``POINT`` in natural units, a row for each."""
     rows: np.ndarray = units.into(_UNITS, points.view(float).reshape(len(points), len(_UNITS)))
     return rows
-
-
-def _vectors(
-    orbits: PeriodicOrbit | Orbits, units: NaturalUnits, parameters: np.ndarray = _NO_PARAMETERS
-) -> np.ndarray:
-    """Return the vectors of unknowns of orbits and free parameters."""
-    speeds = units.into("length/time", orbits.speeds)
-    return unknowns(np.stack([orbits.phases, speeds], axis=-1), parameters)
-
-
-def system_of(osc: Oscillator, m: int, q: int, units: NaturalUnits) -> System:
-    """Return the equations of orbits without free parameters."""
-    (point,) = numbers_in(units, point_of(osc))
-    return System(point, _NONE_FREE, _NO_PARAMETERS, m, q, NONE, 0, False, np.zeros(1))
-
-
-def linearised_orbit(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return F, A and B of the flights (``flights.residuals``)."""
-    return calls.linearised(*orbit.equations)
 
 
 def free_orbit(osc: Oscillator) -> PeriodicOrbit:

@@ -11,11 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from vibroimpact.inputs import integer, refuse_other, shown_count
-from vibroimpact.orbits.calls import correct
+from vibroimpact.orbits.calls import correct, linearised
 from vibroimpact.orbits.continuation import is_orbit
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps
-from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, free_orbit, linearised_orbit
+from vibroimpact.orbits.orbit import PeriodicOrbit, free_amplitude, free_orbit
 from vibroimpact.orbits.unknowns import impact_rows
 from vibroimpact.oscillator import Oscillator, checked
 from vibroimpact.status import Status
@@ -164,7 +164,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     converged = correct(family.system, family.start, np.empty((0, 2 * q)), _MOST_TO_ORBIT)
     orbit = family.orbit(family.start)
     # If the guess is an orbit at its flip taken twice, the iteration ends in rounding.
-    if not converged and not np.abs(linearised_orbit(orbit)[0]).max() < _NEARLY**2:
+    if not converged and not np.abs(linearised(*orbit.equations)[0]).max() < _NEARLY**2:
         raise OrbitError("Newton's method does not converge")
     for misses, part in _parts(orbit):
         # Near the flip of an orbit, a root of twice the period may differ from it by up to
@@ -192,7 +192,7 @@ def refuse_long(osc: Oscillator, m: int, q: int) -> None:
 
 def why_inadmissible(orbit: PeriodicOrbit) -> str:
     """Return why a root of the equations of the flights is not an orbit; empty if it is one."""
-    missed = np.abs(linearised_orbit(orbit)[0]).max()
+    missed = np.abs(linearised(*orbit.equations)[0]).max()
     if not missed < _RESIDUAL:
         return f"its impacts miss the stop by {missed:.1e} of its size"
     family = OrbitFamily(orbit, ())

@@ -9,7 +9,7 @@ cubic coefficient (``normal_form.py``) changes its sign where they are degenerat
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ import numpy as np
 from vibroimpact.orbits.continuation import GRAZES, continue_branch, ending, is_orbit
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily, Point
 from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
-from vibroimpact.orbits.normal_form import cubic_coefficient, cubic_coefficients
+from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit, repeats_freely
 from vibroimpact.orbits.singular_ends import (
     doubling,
@@ -135,28 +135,25 @@ def _changes(a: float, b: float) -> bool:
     return a * b <= 0.0 and (a < 0.0) != (b < 0.0) and max(abs(a), abs(b)) > ROUNDING
 
 
-def _examine_flips(path: Path) -> None:
-    """Note the degenerate flips of a curve of flips, in order."""
-    if path.family.kind == "flip" and len(path.points) > 1:
-        _note_degenerate_flips(path, np.array([X for X, _ in path.points]))
-
-
-def _note_degenerate_flips(path: Path, X: np.ndarray) -> None:
-    """Note the degenerate flips between points of a curve of flips.
+def _note_degenerate_flips(path: Path, points: Sequence[np.ndarray]) -> None:
+    """Note the degenerate flips between points of a curve of flips, in order.
 
     A chord that may have two of them is halved, as in ``hidden_roots.py``.
     """
+    if path.family.kind != "flip" or len(points) < 2:
+        return
+    X = np.array(points)
     family, chords = path.family, np.diff(X, axis=0)
     lengths = np.array([math.sqrt(family.inner(chord, chord)) for chord in chords])
     ways = np.array([*map(family.tangent, X, np.gradient(X, axis=0))])
-    both = cubic_coefficients(family.system, np.concatenate([X, X + _BEYOND * ways]))
+    both = cubic_coefficient(family.system, np.concatenate([X, X + _BEYOND * ways]))
     values, slopes = both[: len(X)], (both[len(X) :] - both[: len(X)]) / _BEYOND
     for i, (length, chord) in enumerate(zip(lengths.tolist(), chords, strict=True)):
         (a, b), (first, second) = values[i : i + 2].tolist(), (length * slopes[i : i + 2]).tolist()
         more = may_have_more_roots.py_func(a, first, b, second) and length > _RESOLVED
         middle = family.corrected(0.5 * (X[i] + X[i + 1]), chord[None, :]) if more else None
         if middle is not None:
-            _note_degenerate_flips(path, np.array([X[i], middle, X[i + 1]]))
+            _note_degenerate_flips(path, [X[i], middle, X[i + 1]])
         elif _changes(a, b):
             begin = Point(X[i], chord / length, X[:0], math.nan, None)
             step = ArclengthStep(family, begin, begin._replace(X=X[i + 1]), length)
@@ -238,7 +235,7 @@ def both_ways(family: OrbitFamily, tangent: np.ndarray, retakes: int = 3) -> Pat
     """Continue a family along a tangent and, unless that path closes, also against it."""
     forward = one_way(family, family.start, tangent)
     if forward.closed:
-        _examine_flips(forward)
+        _note_degenerate_flips(forward, [X for X, _ in forward.points])
         return forward
     back = one_way(family, family.start, -tangent)
     for near, far, way in ((forward, back, -1.0), (back, forward, 1.0)):
@@ -251,7 +248,7 @@ def both_ways(family: OrbitFamily, tangent: np.ndarray, retakes: int = 3) -> Pat
     begin = (forward if back.points[0][0] is family.start else back).points[0]
     points = [*back.points[:0:-1], begin, *forward.points[1:]]
     first, *special, last = back.special[::-1] + forward.special
-    _examine_flips(Path(family, points, special))
+    _note_degenerate_flips(Path(family, special=special), [X for X, _ in points])
     if family.kind:  # as far as an end is known, what lies there is the end
         away = [
             [np.abs((point.value - end.value) / family.spans).max() for end in (first, last)]
