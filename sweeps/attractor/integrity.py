@@ -1,16 +1,13 @@
 """The integrity of basins: discs, distances to the edge, the least `Knock`, by bisection.
 
-The measures refer to the starts x0 and v0 of one parameter point. The global integrity measure is
-the share of the starts in the basin. The integrity factor is the radius of the largest disc in the
-basin. The local integrity measure is the distance from the attractor at the section, all m states
-of a periodic one, to the nearest start outside the basin (Soliman & Thompson 1989, J. Sound Vib.
-135, 453-475; Rega & Lenci 2005, Nonlinear Anal. 63, 902-914). Nothing is known between the starts,
-so the accuracy of both distances is their spacing.
+The measures are those of Soliman & Thompson (1989, J. Sound Vib. 135, 453-475) and Rega & Lenci
+(2005, Nonlinear Anal. 63, 902-914). Nothing is known between the starts, so the accuracy of both
+distances is their spacing.
 
 Outside the basin are all starts that reach another attractor, have no result or are unknown, and
 all beyond the window, where nothing is known: one more row of starts around it stands for them.
-States beyond the stop do not exist, so no disturbance leads there: where the window reaches the
-stop, nothing counts as outside, and the stop cuts off the disc.
+No disturbance leads beyond the stop: where the window reaches it, nothing counts as outside, and
+the stop cuts off the disc.
 
 A knock is a sudden change of the velocity alone, in either direction, as caused by a blow. Many
 sizes are tried at 64 moments of every forcing period and just after every impact, until no moment
@@ -27,7 +24,7 @@ has hit may contain a smaller one.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -78,9 +75,11 @@ def integrity(sweep: OpenedSweep) -> xr.Dataset:
         The result of `sweeps.attractors`, whose ``fraction`` is the global integrity measure, and
         in the same shape, with NaN for motions that are not counted as attractors:
 
-        - ``integrity_factor`` [length], with the centre (``disc_x``, ``disc_v``) of the disc;
-        - ``local_integrity`` [length], 0 for an attractor that leaves the window by more than half
-          a spacing of the starts;
+        - ``integrity_factor`` [length]: the radius of the largest disc in the basin, with its
+          centre (``disc_x``, ``disc_v``);
+        - ``local_integrity`` [length]: the distance from the states of the attractor at the section
+          to the nearest start outside the basin; 0 if it leaves the window by more than half a
+          spacing of the starts;
         - ``factor_at_edge``, ``local_at_edge``: whether the edge of the window decided the measure,
           which is then a lower bound.
 
@@ -198,7 +197,8 @@ _NEAR_SIZES = np.linspace(-0.1, 0.02, 80)
 #: Forcing periods for which a motion is continued, one after the other until it has a class, and
 #: the last of these that are recorded.
 _STAGES, _KNOCK_RECORD = (200, 800, 3200, 12800), 32
-
+#: The results that say on which orbit a motion is.
+_OF_ORBIT = ("orbit_x", "orbit_v", "period", "period_impacts")
 
 #: The meaning and the unit of each field of a `Knock`.
 _KNOCK_FIELDS = {
@@ -304,9 +304,6 @@ class _Motions:
             if motion["regime"] == Regime.PERIODIC:
                 with suppress(OrbitError):  # too many periods: motions that end there are unknown
                     self.orbits[number] = orbit_of_motion(motion, self._phase)
-        # Their states at the section.
-        orbits = self.orbits.items()
-        self._cycles = {number: orbit.sections(self._phase) for number, orbit in orbits}
 
     def _reached(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the attractors that motions from states (n, 2) reach, and which are certified.
@@ -325,38 +322,32 @@ class _Motions:
         def goes_on(rows: np.ndarray, _: int, results: Results) -> np.ndarray:
             rest = rests(results)
             certified[rows] &= results["status"] == Status.CERTIFIED
-            number[rows] = np.where(rest, self._of_regime.get(Regime.REST, -1), self._of(results))
+            x, v, m, q = (results[name] for name in _OF_ORBIT)
+            known = self._near(x, v, lambda orbit: (m == orbit.m) & (q == orbit.q))
+            number[rows] = np.where(rest, self._of_regime.get(Regime.REST, -1), known)
             endless[rows] = without_class(results["class_evidence"], results["status"]) & ~rest
             return endless[rows]
 
         last, _ = in_stages(points, np.cumsum(_STAGES), self._phase, run, goes_on)
         # Without a class a motion is taken for chaos, unless it lingers beside an orbit that has
         # just flipped, and therefore beside the orbit of twice the period.
-        chaos = self._of_regime.get(Regime.CHAOTIC, -1)
-        rows = np.flatnonzero(endless)
-        for attractor in self.orbits if rows.size else ():
-            number[rows[self._is_on(attractor, last["x0"][rows], last["v0"][rows])]] = attractor
-        number[endless & (number < 0)] = chaos
+        lingers = self._near(last["x0"], last["v0"], lambda orbit: endless)
+        number = np.where(lingers < 0, number, lingers)
+        number[endless & (number < 0)] = self._of_regime.get(Regime.CHAOTIC, -1)
         return number, certified
 
-    def _of(self, results: Results) -> np.ndarray:
-        """Return the attractors on which the orbits of motions are, -1 for none."""
-        number = np.full(len(results["status"]), -1)
+    def _near(
+        self, x: np.ndarray, v: np.ndarray, fits: Callable[[PeriodicOrbit], np.ndarray]
+    ) -> np.ndarray:
+        """Return the attractors whose orbits are near section states and fit them, -1 for none."""
+        o, number = self._oscillator, np.full(len(x), -1)
         for attractor, orbit in self.orbits.items():
-            same = (results["period"] == orbit.m) & (results["period_impacts"] == orbit.q)
-            rows = np.flatnonzero(same)
-            on = self._is_on(attractor, results["orbit_x"][rows], results["orbit_v"][rows])
-            number[rows[on]] = attractor
+            rows, cycle = np.flatnonzero(fits(orbit)), orbit.sections(self._phase)
+            size = ORBIT_TOLERANCE * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
+            states, units = np.stack([x, v], axis=1)[rows, None], (size, size * o.omega)
+            apart = section_distance(states, cycle, o.clearance, np.array(o.R), units)
+            number[rows[apart.min(axis=1) <= 1.0]] = attractor
         return number
-
-    def _is_on(self, attractor: int, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the mask of the section states that are on an attractor."""
-        o, cycle = self._oscillator, self._cycles[attractor]
-        size = ORBIT_TOLERANCE * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
-        states, units = np.stack([x, v], axis=1)[:, None], (size, size * o.omega)
-        apart = section_distance(states, cycle, o.clearance, np.array(o.R), units)
-        near: np.ndarray = apart.min(axis=1) <= 1.0
-        return near
 
     def _first(self, home: int, phase: float, states: np.ndarray, ways: np.ndarray) -> Knock:
         """Return the knock of the first harmful size, or one of infinite size if none is harmful.

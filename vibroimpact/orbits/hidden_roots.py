@@ -118,43 +118,31 @@ def _fill_tests(system, X, bounds, values):
 
 
 @jit
-def _halves_apart(X, m, q, i):
-    """Return how far impact i of the second half is from that of the first: phase and speed."""
-    j = i + q // 2
-    phase = X[phase_at(j)] - X[phase_at(i)] - math.pi * m
-    return phase, X[speed_at(j)] - X[speed_at(i)]
+def _product_of_halves(X, Y, m, q):
+    """Return the mean product of the differences of the halves of two orbits; 1 without halves."""
+    if m % 2 or q % 2:
+        return 1.0
+    product, turn = 0.0, math.pi * m
+    for i in range(q // 2):
+        j = i + q // 2
+        phase = X[phase_at(j)] - X[phase_at(i)] - turn
+        speed = X[speed_at(j)] - X[speed_at(i)]
+        product += phase * (Y[phase_at(j)] - Y[phase_at(i)] - turn) / q
+        product += speed * (Y[speed_at(j)] - Y[speed_at(i)]) / q
+    return product
 
 
 @jit
 def distance_of_halves(X, m, q):
-    """Return the mean square difference of the two halves of an orbit; 1 if it has no halves.
-
-    NaN if they are equal to rounding.
-    """
-    if m % 2 or q % 2:
-        return 1.0
-    square = 0.0
-    for i in range(q // 2):
-        phase, speed = _halves_apart(X, m, q, i)
-        square += phase * phase / q
-        square += speed * speed / q
+    """Return the mean square difference of the halves of an orbit; NaN if it is rounding."""
+    square = _product_of_halves(X, X, m, q)
     return square if square > ROUNDING else math.nan
 
 
 @jit
 def halves_may_meet(X, Y, m, q):
     """Whether the difference of the halves of an orbit falls so far that they may change places."""
-    if m % 2 or q % 2:
-        return False
-    product, square = 0.0, 0.0
-    for i in range(q // 2):
-        phase, speed = _halves_apart(X, m, q, i)
-        phase_Y, speed_Y = _halves_apart(Y, m, q, i)
-        product += phase * phase_Y
-        product += speed * speed_Y
-        square += phase * phase
-        square += speed * speed
-    return product < _LEAST_LEFT * square
+    return _product_of_halves(X, Y, m, q) < _LEAST_LEFT * _product_of_halves(X, X, m, q)
 
 
 @jit
