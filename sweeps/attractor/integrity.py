@@ -304,6 +304,7 @@ class _Motions:
             if motion["regime"] == Regime.PERIODIC:
                 with suppress(OrbitError):  # too many periods: motions that end there are unknown
                     self.orbits[number] = orbit_of_motion(motion, self._phase)
+        self._cycles = {i: orbit.sections(self._phase) for i, orbit in self.orbits.items()}
 
     def _reached(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the attractors that motions from states (n, 2) reach, and which are certified.
@@ -342,7 +343,9 @@ class _Motions:
         """Return the attractors whose orbits are near section states and fit them, -1 for none."""
         o, number = self._oscillator, np.full(len(x), -1)
         for attractor, orbit in self.orbits.items():
-            rows, cycle = np.flatnonzero(fits(orbit)), orbit.sections(self._phase)
+            rows, cycle = np.flatnonzero(fits(orbit)), self._cycles[attractor]
+            if not rows.size:
+                continue
             size = ORBIT_TOLERANCE * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
             states, units = np.stack([x, v], axis=1)[rows, None], (size, size * o.omega)
             apart = section_distance(states, cycle, o.clearance, np.array(o.R), units)
