@@ -1,4 +1,4 @@
-"""Numbers and words of any message: digits, ranges ``low .. high``, units, bytes, times, tables."""
+"""Numbers and words of any message: digits, ranges ``low .. high``, units, tables, progress."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ import math
 import os
 import re
 import shlex
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import threading
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from vibroimpact.inputs import near_misses, suggestion
 from vibroimpact.inputs import shortened as shortened  # for messages here, too
@@ -135,3 +139,61 @@ def listed(names: Iterable[str]) -> str:
 def choice_of(names: Collection[str], noun: str = "axis") -> str:
     """Write the allowed names for the message of a refusal."""
     return f"choose from: {listed(names)}" if names else f"there is no {noun} to choose from"
+
+
+#: Time after which work says what it is [s].
+PATIENCE = 2.0
+
+
+@contextmanager
+def progress_shown(work: str, quiet: bool = False) -> Iterator[Callable[[float], None]]:
+    """Say on stderr what work takes long and what is compiled, and on a terminal how far it is.
+
+    Call the result with the share that is done.
+    """
+    from rich.console import Console
+    from rich.text import Text
+
+    from vibroimpact.jit import watched
+
+    console = Console(stderr=True, quiet=quiet, soft_wrap=True)
+    status, begin, done = console.status(""), time.perf_counter(), threading.Event()
+    state: dict[str, Any] = {"share": 0.0, "compiling": ""}
+    told = {""}
+
+    def show(**new: Any) -> None:
+        state.update(new)
+        share, seconds = state["share"], time.perf_counter() - begin
+        text = state["compiling"] or f"{work}: {shown_duration(seconds)}"
+        if not state["compiling"] and 0.02 < share < 1.0:
+            remaining = shown_duration(seconds * (1.0 - share) / share)
+            text += f", {100.0 * share:.0f} %, about {remaining} left"
+        if console.is_terminal and not quiet:
+            status.update(Text(printable(text)))
+            status.start()
+
+    def tell(text: str) -> None:
+        if text not in told and not console.is_terminal:
+            console.print(Text(printable(text)))
+        told.add(text)
+
+    def watch(text: str, _: str) -> None:
+        show(compiling=text)
+        tell(text)
+
+    def wait() -> None:
+        pause = PATIENCE
+        while not done.wait(pause):
+            show()
+            tell(f"{work} ...")
+            pause = 1.0
+
+    waiting = threading.Thread(target=wait, daemon=True)
+    waiting.start()
+    try:
+        with watched(watch):
+            yield lambda share: show(share=share)
+    finally:
+        done.set()
+        waiting.join()
+        status.stop()

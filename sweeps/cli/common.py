@@ -1,4 +1,4 @@
-"""Options that commands share, as ``--at``; notes, progress and errors on a terminal."""
+"""Options that commands share, as ``--at``; notes and errors on a terminal."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import math
 import os
 import re
 import sys
-import threading
-import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -340,64 +338,6 @@ def say(text: object, *, error: bool = False, end: bool = True) -> None:
 
 def _write(text: object, error: bool, end: bool = True) -> None:
     typer.echo(printable(str(text)), err=error, nl=end)
-
-
-#: Time after which a command says what it does [s].
-_PATIENCE = 2.0
-
-
-@contextmanager
-def progress_shown(work: str) -> Iterator[Callable[[float], None]]:
-    """Say on stderr what work takes long and what is compiled, and on a terminal how far it is.
-
-    Call the result with the share that is done.
-    """
-    from rich.console import Console
-
-    from sweeps.text import shown_duration
-    from vibroimpact.jit import watched
-
-    on_terminal = sys.stderr.isatty()
-    console = Console(stderr=True, quiet=_is_silent or not on_terminal, markup=False)
-    status, begin, done = console.status(""), time.perf_counter(), threading.Event()
-    state: dict[str, Any] = {"share": 0.0, "compiling": ""}
-    told: set[str] = set()
-
-    def show(**new: Any) -> None:
-        state.update(new)
-        share, seconds = state["share"], time.perf_counter() - begin
-        text = state["compiling"] or f"{work}: {shown_duration(seconds)}"
-        if not state["compiling"] and 0.02 < share < 1.0:
-            remaining = shown_duration(seconds * (1.0 - share) / share)
-            text += f", {100.0 * share:.0f} %, about {remaining} left"
-        status.update(text)
-        status.start()
-
-    def watch(text: str, _: str) -> None:
-        show(compiling=text)
-        if text and not on_terminal and text not in told:
-            told.add(text)
-            say(text, error=True)
-
-    def wait() -> None:
-        if done.wait(_PATIENCE):
-            return
-        if not on_terminal:
-            say(f"{work} ...", error=True)
-            return
-        show()
-        while not done.wait(1.0):
-            show()
-
-    waiting = threading.Thread(target=wait, daemon=True)
-    waiting.start()
-    try:
-        with watched(watch):
-            yield lambda share: show(share=share)
-    finally:
-        done.set()
-        waiting.join()
-        status.stop()
 
 
 def prepare_streams() -> None:

@@ -23,7 +23,7 @@ from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.text import near_misses, shortened, shown_count, suggestion
+from sweeps.text import near_misses, progress_shown, shortened, shown_count, suggestion
 from vibroimpact import __version__
 from vibroimpact.inputs import number
 
@@ -233,7 +233,7 @@ def accuracy_speed(
         (scene,) = plan.scenes
         points = shown_count(len(scene.points), "point")
         common.say(f"{points} of the {scene.name}, each after one forcing period\n")
-    with common.progress_shown("measuring") as report:
+    with progress_shown("measuring") as report:
         measured = bench.measure_methods(plan, threads, report)
     if config is None:
         measured = pd.concat([measured, results.means(measured)])
@@ -283,7 +283,7 @@ def speed(
     from sweeps.store.replacing import writing
 
     count, periods = (1024, 150) if quick else (4096, 300)
-    with common.progress_shown("measuring") as report:
+    with progress_shown("measuring") as report:
         record = speed.measure_speed(count, periods, report)
     common.say(speed.speed_text(record))
     if json is not None:

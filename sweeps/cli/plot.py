@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sweeps.cli import common
 from sweeps.errors import Refused
-from sweeps.text import command, fewest_digits
+from sweeps.text import command, fewest_digits, progress_shown
 from vibroimpact.inputs import integer
 
 if TYPE_CHECKING:
@@ -257,7 +257,7 @@ def draw_picture(
     table: pd.DataFrame | None = None
     if "exact" in chosen:
         chosen["exact"], lines, table = _exact(sweep, kind, cuts, chosen)
-    with common.progress_shown("drawing"):
+    with progress_shown("drawing"):
         written = plot(
             sweep, figure, kind, cuts, page=Page(**page), command=command(*sys.argv[1:]), **chosen
         )
@@ -303,7 +303,7 @@ def _exact(
         pair = sweep.map_axes(axes, cut)
         name = str(shown_quantity(sweep, options.get("quantity")))
         read_overlay(overlay, sweep, [[pair[0]], [pair[1]]], name)  # before all is computed
-        with common.progress_shown("following exact orbits") as report:
+        with progress_shown("following exact orbits") as report:
             orbits = with_cache(curves, notes.append)(sweep, pair, cut, report, **chosen)
         return orbits, [*orbits.attrs["summary"].split("\n"), *notes], tables.curve_table(orbits)
     if "kinds" in chosen:
@@ -311,7 +311,7 @@ def _exact(
     line, axis, coordinate = select_line(sweep, axes, cut, options.get("coordinate"))
     refuse_without_branches(coordinate)
     read_overlay(overlay, sweep, [[axis], [coordinate, *options.get("below", ())]])
-    with common.progress_shown("following exact orbits") as report:
+    with progress_shown("following exact orbits") as report:
         orbits = with_cache(branches, notes.append)(sweep, axis, cut, report, **chosen)
     lines = [*orbits.attrs["summary"].split("\n"), *notes]
     if idle := without_idle(orbits, line)[1]:

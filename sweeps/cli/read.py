@@ -13,7 +13,7 @@ import typer
 
 from sweeps.cli import common
 from sweeps.errors import Refused
-from sweeps.text import shown_count
+from sweeps.text import progress_shown, shown_count
 from vibroimpact.inputs import number
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def _show_attractors(
         if csv is not None:
             refuse_points(sweep, csv)
         part = text.cut(sweep, cuts)
-        with common.progress_shown(work):
+        with progress_shown(work):
             result = find(part)
         common.say_moved(sweep, cuts, "shown")
         table = text.attractor_rows(part, result)
@@ -154,7 +154,7 @@ def _show_bifurcations(
     from sweeps.opened.tables import json_text, write_csv
 
     notes = list[str]()
-    with common.progress_shown("following exact orbits") as report:
+    with progress_shown("following exact orbits") as report:
         keep = partial(with_cache, say=notes.append)
         changes = find_bifurcations(sweep, axis, cuts, report, keep, **chosen)
     common.say_moved(sweep, cuts, "listed")

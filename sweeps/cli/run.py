@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sweeps.cli import common
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, check, raised_at_once, signal_came
-from sweeps.text import command, shortened
+from sweeps.text import command, progress_shown, shortened
 from vibroimpact.inputs import integer
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def planned_text(
     from sweeps.reports import plan
 
     computer = LocalComputer(threads) if client is None else ClusterComputer(client)
-    with common.progress_shown(f"estimating the cost of {config.name}"):
+    with progress_shown(f"estimating the cost of {config.name}"):
         cost = expected_cost(config.sweep, path, computer, resume)
     return plan(config, path, cost)
 

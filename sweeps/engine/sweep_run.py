@@ -9,7 +9,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +28,7 @@ from sweeps.interrupts import check, raised_by_check
 from sweeps.reports import plan
 from sweeps.store.schema import Schema, refuse_columns
 from sweeps.store.writer import sweep_writer
-from sweeps.text import printable
+from sweeps.text import printable, progress_shown
 from vibroimpact.inputs import FLAG, PATH, Allowed, integer
 from vibroimpact.jit import ALL_THREADS, COMPILING, called_before_passes, watched
 from vibroimpact.jit.cache import LONGEST_WAIT
@@ -121,11 +121,12 @@ def run_sweep(
     refuse_columns(config.columns)
     path = Path(output) if output is not None else config.output
     console = Console(
-        stderr=True, quiet=not progress, soft_wrap=True, highlight=False, markup=False
+        stderr=True, quiet=not progress, soft_wrap=True, highlight=False, markup=False, emoji=False
     )
     with raised_by_check(), sweep_writer(path, overwrite=overwrite, resume=resume) as writer:
         computer = LocalComputer(threads) if client is None else ClusterComputer(client)
-        with preparing(console, threads, config.sweep.spec.period):
+        beside = compiling_beside(threads, config.sweep.spec.period)
+        with beside, progress_shown(f"estimating the cost of {config.name}", not progress):
             cost = expected_cost(config.sweep, path, computer, resume)
         text, units = config.to_yaml(table=False), config.units.model_dump()
         schema = Schema.of(config.sweep, cost.block, config.name, text, units, config.column_units)
@@ -184,27 +185,18 @@ def _progress(
 # What is compiled meanwhile
 
 
-@contextmanager
-def preparing(console: Console, cores: int | None, classes: bool) -> Iterator[None]:
-    """Say what is compiled: on a terminal while it is, in a log in one line.
+def compiling_beside(cores: int | None, classes: bool) -> AbstractContextManager[None]:
+    """Let another process compile the search for classes while this one compiles exact impacts.
 
-    If the loop of exact impacts is compiled here, and `classes` are asked for, another process
-    compiles the search for them meanwhile, where a second core is allowed.
+    It does if `classes` are asked for and a second core is allowed.
     """
-    told, beside = {""}, cache(compile_beside)
-    several = min(cores or ALL_THREADS, ALL_THREADS) > 1
-    with console.status("preparing") as status:
+    begin, several = cache(compile_beside), min(cores or ALL_THREADS, ALL_THREADS) > 1
 
-        def watch(text: str, function: str) -> None:
-            status.update(text or "preparing")
-            if text not in told and not console.is_terminal:
-                console.print(text)
-            told.add(text)
-            if text == COMPILING and function.startswith("run_exact") and classes and several:
-                beside()
+    def watch(text: str, function: str) -> None:
+        if text == COMPILING and function.startswith("run_exact") and classes and several:
+            begin()
 
-        with watched(watch):
-            yield
+    return watched(watch)
 
 
 def compile_beside() -> None:

@@ -57,7 +57,7 @@ def own_results(tmp_path_factory):
 def patient():
     """Say nothing of work that is slow only because other tests run; test_progress.py tests it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sweeps.cli.common._PATIENCE", 1e6)
+        patch.setattr("sweeps.text.PATIENCE", 1e6)
         yield
 
 

@@ -7,8 +7,9 @@ import threading
 import time
 
 import pytest
+from rich.console import Console
 
-from sweeps.cli import common
+from sweeps import text
 from tests.helpers.commands import call
 
 WORKING = {
@@ -16,6 +17,7 @@ WORKING = {
     "sweeps.attractor.integrity.integrity": ("integrity", "starts.h5", "--at", "omega=2"),
     "sweeps.plotting.plot": ("plot", "starts.h5"),
     "sweeps.engine.estimate.expected_cost": ("run", "starts.yaml", "--dry-run", "--overwrite"),
+    "sweeps.engine.sweep_run.expected_cost": ("run", "starts.yaml", "--overwrite"),
 }
 STARTS = """\
 oscillator: {h: 0.1, R: 0.8, omega: [2.0, 2.1], f: 1.0}
@@ -37,16 +39,16 @@ def starts(folder):
 
 @pytest.fixture
 def impatient(monkeypatch):
-    monkeypatch.setattr(common, "_PATIENCE", 0.05)
+    monkeypatch.setattr(text, "PATIENCE", 0.05)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("work", WORKING)
 def test_a_command_says_in_one_line_what_takes_long(starts, impatient, monkeypatch, work):
     module, name = work.rsplit(".", 1)
-    original, say = getattr(__import__(module, fromlist=[name]), name), common.say
+    original, say = getattr(__import__(module, fromlist=[name]), name), Console.print
     told = threading.Event()
-    monkeypatch.setattr(common, "say", lambda *text, **to: say(*text, **to) or told.set())
+    monkeypatch.setattr(Console, "print", lambda *words, **to: say(*words, **to) or told.set())
 
     def slow(*arguments, **named):
         assert told.wait(300)
@@ -63,18 +65,18 @@ def test_progress_never_says_more_than_everything(impatient, monkeypatch):
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    with common.progress_shown("counting") as report:
+    with text.progress_shown("counting") as report:
         for share in (0.5, 1.0, 1.04):
             report(share)
             time.sleep(0.3)
-    text = screen.getvalue()
-    assert "counting" in text and "50 %, about" in text
-    assert not re.search(r"1\d\d %|-\d+.* left", text)
+    shown = screen.getvalue()
+    assert "counting" in shown and "50 %, about" in shown
+    assert not re.search(r"1\d\d %|-\d+.* left", shown)
 
 
 def test_quick_work_says_nothing(capsys, monkeypatch):
-    monkeypatch.setattr(common, "_PATIENCE", 60.0)
-    with common.progress_shown("counting"):
+    monkeypatch.setattr(text, "PATIENCE", 60.0)
+    with text.progress_shown("counting"):
         pass
     assert capsys.readouterr() == ("", "")
 
@@ -83,8 +85,30 @@ def test_a_terminal_shows_work_that_reports_nothing(impatient, monkeypatch):
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    with common.progress_shown("measuring"):
+    with text.progress_shown("measuring"):
         until = time.monotonic() + 300
         while "measuring" not in screen.getvalue():
             assert time.monotonic() < until
             time.sleep(0.01)
+
+
+@pytest.mark.parametrize("name", ["a[b]c", "[bold]", "a :car: b"])
+def test_a_terminal_and_a_log_show_a_name_as_it_is(impatient, monkeypatch, name):
+    for screen in (Terminal(), io.StringIO()):
+        monkeypatch.setattr(sys, "stderr", screen)
+        monkeypatch.setenv("TERM", "xterm")
+        with text.progress_shown(name):
+            until = time.monotonic() + 300
+            while name not in screen.getvalue():
+                assert time.monotonic() < until
+                time.sleep(0.01)
+
+
+def test_quiet_work_leaves_the_streams_alone(impatient, monkeypatch):
+    screen, output = Terminal(), sys.stdout
+    monkeypatch.setattr(sys, "stderr", screen)
+    with text.progress_shown("counting", quiet=True) as report:
+        report(0.5)
+        time.sleep(0.2)
+        assert sys.stdout is output
+    assert screen.getvalue() == ""

@@ -7,13 +7,14 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import redirect_stderr
 
 import numpy as np
 import psutil
 import pytest
-from rich.console import Console
 
 from sweeps.engine import sweep_run
+from sweeps.text import progress_shown
 from vibroimpact.jit import COMPILING
 from vibroimpact.jit.watching import tell
 from vibroimpact.kernel.integrate import Length, run_points
@@ -33,20 +34,21 @@ def started(monkeypatch):
     return started
 
 
-def prepared(told, *, terminal=False, cores=None, classes=True, function="run_exact"):
+def prepared(told, *, cores=None, classes=True, function="run_exact"):
     """Return what is written while a compilation tells these texts."""
-    stream = io.StringIO()
-    with sweep_run.preparing(Console(file=stream, force_terminal=terminal), cores, classes):
-        for text in told:
-            tell(text, function)
+    with sweep_run.compiling_beside(cores, classes), redirect_stderr(io.StringIO()) as stream:
+        with progress_shown("preparing"):
+            for text in told:
+                tell(text, function)
     return stream.getvalue()
 
 
-def test_in_a_log_a_compilation_is_one_line(started):
+def test_in_a_log_a_compilation_is_one_line(started, monkeypatch):
     assert prepared([COMPILING, "", COMPILING, ""]) == COMPILING + "\n"
     assert prepared([WAITING] * 3 + [""]) == WAITING + "\n"
     assert prepared([]) == ""
-    assert "compiling" in prepared([COMPILING], terminal=True)
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+    assert "compiling" in prepared([COMPILING])
 
 
 def test_a_process_is_started_once_by_the_one_that_compiles_where_there_is_a_core(started):
@@ -174,7 +176,6 @@ def test_a_run_compiles_no_classes_and_exponents_unasked_and_nothing_twice():
 
 PARENT = """
 import os
-from rich.console import Console
 from sweeps.engine import sweep_run
 from vibroimpact import Oscillator, integrate
 fork, parent = os.fork, os.getpid()
@@ -187,7 +188,7 @@ os.fork = start
 sweep_run.available_memory = lambda: 2**40
 sweep_run.ALL_THREADS = 2
 sweep_run.LONGEST_WAIT = 3600.0
-with sweep_run.preparing(Console(quiet=True), None, True):
+with sweep_run.compiling_beside(None, True):
     integrate(Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0).at(), transient=1, periods=1)
 """
 
