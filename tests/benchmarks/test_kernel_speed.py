@@ -150,10 +150,7 @@ def test_classes_with_rests(race):
 
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core")
 def test_threads(race, benchmark, monkeypatch):
-    """Two threads share the work, as their CPU times show, and change no bit of it.
-
-    Each takes what it can: beside other processes not half each.
-    """
+    """Each takes what it can, beside other processes not half, and no bit changes."""
     shares = []
 
     def clocked(threads, interrupt, work, *arguments):

@@ -30,6 +30,17 @@ SECOND_ORDER = pytest.mark.parametrize(
     "integrator", [name for name, row in INTEGRATORS.items() if row.order != 1]
 )
 
+
+def few_or_many(names, few, many):
+    """Run a slow test for a few cases, and for many of them in a campaign."""
+
+    def case(values, mark):
+        return pytest.param(*(values if isinstance(values, tuple) else (values,)), marks=mark)
+
+    cases = [case(few, pytest.mark.slow), case(many, pytest.mark.campaign)]
+    return pytest.mark.parametrize(names, cases)
+
+
 # Status of successful runs.
 DONE = dict.fromkeys(IMPACT_RULES, Status.COMPUTED) | {"exact": Status.CERTIFIED}
 PERIOD = 2.0 * math.pi

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import bisect, brentq
 
 from tests.helpers import naive
-from vibroimpact import Oscillator, one_impact_orbits
+from vibroimpact import Oscillator, one_impact_orbits, periodic_orbit, simulate
 
 TAU = 2.0 * np.pi
 
@@ -31,6 +31,12 @@ def random_oscillators(count, seed, clearance=1.0):
         h = (0.0, p, p * rng.uniform(1.0, 2.0), p * rng.uniform())[k % 4]
         R, omega, stop, f = rng.uniform([0, 0.3, -clearance, 0.5], [1, 7, clearance, 2]).tolist()
         yield oscillator(h, R, p * omega, stop, f, p), int(rng.integers(1, 4))
+
+
+def settled_orbit(osc, m=1, *, x0=0.0, periods=600):
+    """Return the orbit of m forcing periods on which a motion is after many."""
+    run = simulate(osc, periods, x0=x0)
+    return periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), m)
 
 
 def peak(orbit):

@@ -133,6 +133,12 @@ def files(request, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def loaded(files):
+    """Return the data of the ``FILES`` of the test file by name, which tests only read."""
+    return {path.stem: open_sweep(path).load() for path in files.glob("*.h5")}
+
+
+@pytest.fixture(scope="module")
 def dataset(path):
     """Return the data of `path`, which tests only read."""
     with open_sweep(path) as opened:

@@ -61,10 +61,7 @@ def test_a_branch_ends_in_its_known_graze(h, R, graze):
 
 
 def test_a_flight_that_passes_the_stop_only_within_a_step_ends_the_branch():
-    """By at most 6e-6, over a window of 1.3e-3 of omega; a step there is far longer unless halved.
-
-    The orbits on both sides of the window exist.
-    """
+    """By at most 6e-6, over a window of 1.3e-3 of omega; a step there is longer unless halved."""
     osc = Oscillator(h=0.1, R=0.7777, omega=2.1, f=1.0, clearance=0.4)
     peaks = [peak(one_impact_orbit(replace(osc, omega=w), 2)) for w in (2.144, 2.1453, 2.147)]
     assert peaks[0] < 0.0 < peaks[1] < 6e-6 and peaks[2] < 0.0
@@ -172,10 +169,7 @@ def test_a_branch_that_closes_has_no_end():
 
 
 def test_two_flips_in_one_step_are_found():
-    """Between them a multiplier is -1.0111; both ends of a step of the longest length are stable.
-
-    The values are those of the closed form.
-    """
+    """Of the closed form; between them a multiplier is -1.0111; both ends of a step are stable."""
     osc = Oscillator(h=0.005, R=0.48544860644798926, omega=2.0, f=1.0)
     found = special(branch(one_impact_orbit(osc), "omega", 0.25, 4.0), "flip")
     assert found[:2] == pytest.approx([1.113553429805437, 1.164509496718609], abs=1e-13)

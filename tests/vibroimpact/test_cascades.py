@@ -8,6 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from tests.helpers.kernel_cases import few_or_many
 from tests.helpers.oscillators import SectionMap, random_oscillators, special
 from vibroimpact import integrate
 from vibroimpact.orbits.branches import branch, doubled_branch
@@ -38,13 +39,7 @@ def doubled_branches(seed):
                         queue.append(found)
 
 
-@pytest.mark.parametrize(
-    ("seed", "count"),
-    [
-        pytest.param(14, 20, marks=pytest.mark.slow),
-        pytest.param(15, 4000, marks=pytest.mark.campaign),
-    ],
-)
+@few_or_many(("seed", "count"), (14, 20), (15, 4000))
 def test_a_branch_has_the_same_special_points_from_wherever_it_is_followed(seed, count):
     rng, followed = np.random.default_rng(8), 0
     for found, ends in islice(doubled_branches(seed), count):
@@ -190,10 +185,7 @@ def in_digits(name, flip):
         return "supercritical" if there.cubic_coefficient() > 0 else "subcritical"
 
 
-@pytest.mark.parametrize(
-    "count",
-    [pytest.param(6, marks=pytest.mark.slow), pytest.param(400, marks=pytest.mark.campaign)],
-)
+@few_or_many("count", 6, 400)
 def test_the_criticality_is_that_of_the_cubic_coefficient_in_60_digits(count):
     for name, flip in islice(random_flips(seed=1), count):
         assert flip.orbit.criticality == in_digits(name, flip), flip

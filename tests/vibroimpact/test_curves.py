@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.interpolate import BarycentricInterpolator
 
+from tests.helpers.oscillators import settled_orbit
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, why_inadmissible
+from vibroimpact.orbits.periodic import OrbitError, why_inadmissible
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.trajectory import simulate
 
 #: Ghosh & Simpson (arXiv 2510.16218): b = 2 h = .04, r = R = .9, the stop at 1; n = 2.
 SCENE = Oscillator(h=0.02, R=0.9, omega=0.81, f=0.35, clearance=1.0)
@@ -75,8 +75,7 @@ def test_flips_and_folds_are_tangent_to_the_graze(kind, omega, f, beside, slower
 def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do(m, q, omega, f, away):
     """All speeds vanish there, and the multipliers change faster and faster towards it."""
     osc = replace(SCENE, omega=omega, f=f)
-    run = simulate(osc, 600)
-    start = periodic_orbit(osc, run.section_x[-1], run.section_v[-1], m)
+    start = settled_orbit(osc, m)
     flips = [p for p in branch(start, "f", 0.31, 0.4).special if p.kind == "flip"]
     flip = min((p for p in flips if p.orbit.q == q), key=lambda p: abs(p.value - f))
     assert (flip.orbit.m, flip.orbit.q) == (m, q)
@@ -112,8 +111,7 @@ def test_a_curve_that_ends_short_of_the_graze_is_lost(monkeypatch, fails_below, 
 def test_the_graze_of_a_doubled_orbit_ends_where_the_orbit_flips_and_grazes():
     """There both halves of the orbit of 6/6 become that of 3/3, and both touch the stop."""
     osc = Oscillator(h=0.02, R=0.48618090452261303, omega=5.121404682274248, f=1.0)
-    run = simulate(osc, 500)
-    start = periodic_orbit(osc, run.section_x[-1], run.section_v[-1], 6)
+    start = settled_orbit(osc, 6)
     ends = []
     for point in branch(start, "omega", 4.9, 5.4).special:
         found = bifurcation_curve(point.orbit, point.kind, ("omega", 0.3, 5.6), ("R", 0.3, 0.95))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import naive
-from tests.helpers.kernel_cases import PERIOD, taken_apart, wide_points
+from tests.helpers.kernel_cases import PERIOD, few_or_many, taken_apart, wide_points
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.scheme import default_steps
@@ -56,10 +56,7 @@ def test_no_impact_depends_on_how_many_share_a_step():
     assert alike > 500
 
 
-@pytest.mark.parametrize(
-    "every",
-    [pytest.param(400, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.campaign)],
-)
+@few_or_many("every", 400, 1)
 @pytest.mark.parametrize("shaken", [False, True])
 def test_random_points_are_those_of_the_slow_solver(every, shaken):
     """2000 points, or 5: sections, impacts and rests to 1e-9, with a force or with a shaken base.
@@ -131,10 +128,7 @@ def graze(rng):
     return values, top, a, height
 
 
-@pytest.mark.parametrize(
-    "count",
-    [pytest.param(300, marks=pytest.mark.slow), pytest.param(20_000, marks=pytest.mark.campaign)],
-)
+@few_or_many("count", 300, 20_000)
 def test_a_touch_is_seen_and_a_miss_is_none(count):
     """From 1e-12 to 1e-5 beyond the stop, or below it, anywhere in a step of any length.
 

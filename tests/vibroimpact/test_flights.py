@@ -48,10 +48,7 @@ def from_roots(roots, lead=1.0):
 
 
 def first_root(c, m, end):
-    """Return the first rising root of the rounded polynomial in (0, end], by mpmath; and its slope.
-
-    None without one.
-    """
+    """Return the first rising root of the rounded polynomial in (0, end] and its slope, or None."""
     with mp.workdps(50):
         c = [mp.mpf(float(q)) for q in np.trim_zeros(c[m:], "b")]
         roots = mp.polyroots(c[::-1], maxsteps=400, extraprec=400)

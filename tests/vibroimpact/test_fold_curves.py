@@ -7,7 +7,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from tests.helpers.oscillators import SectionMap, bifurcation
+from tests.helpers.oscillators import SectionMap, bifurcation, settled_orbit
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.calls import linearised
 from vibroimpact.orbits.curves import bifurcation_curve
@@ -15,15 +15,12 @@ from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.trajectory import simulate
 
 
 def test_two_folds_meet_in_a_cusp():
     """Beside it a branch has two folds on one side of its clearance, and none on the other."""
     osc = Oscillator(h=0.1, R=0.6, omega=0.65, f=1.0)
-    run = simulate(osc, periods=300)
-    four = periodic_orbit(osc, run.x[-1], run.v[-1])
-    (fold,) = [p for p in branch(four, "omega", 0.3, 4.0).special if p.kind == "fold"]
+    (fold,) = [p for p in branch(settled_orbit(osc), "omega", 0.3, 4.0).special if p.kind == "fold"]
     found = bifurcation_curve(fold.orbit, "fold", ("omega", 0.5, 1.5), ("clearance", -0.5, 0.5))
     (cusp,) = [p for p in found.special if p.kind == "cusp"]
     omega, clearance = cusp.value
@@ -343,8 +340,7 @@ def test_the_folds_of_a_long_chatter_are_followed_from_any_slowest_impact(R, ome
     most, by more than their speed. Where the slowest is the last, the fold was lost half way.
     """
     osc = Oscillator(h=0.02, R=R, omega=omega, f=1.0)
-    run = simulate(osc, 120)
-    start = periodic_orbit(osc, run.section_x[-1], run.section_v[-1])
+    start = settled_orbit(osc)
     (fold,) = [p for p in branch(start, "omega", 0.3, 1.2).special if p.kind == "fold"]
     assert (fold.orbit.q, np.argmin(fold.orbit.speeds)) == (13, slowest)
     found = bifurcation_curve(fold.orbit, "fold", ("omega", 0.3, 5.6), ("R", 0.3, 0.95))

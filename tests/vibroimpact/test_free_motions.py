@@ -106,10 +106,7 @@ def test_the_first_multiple_within_an_interval():
 
 @pytest.mark.parametrize("clearance", [0.5, 0.2])
 def test_the_free_oscillation_is_the_same_in_any_unit_of_time(clearance):
-    """Its squares would overflow, or lose all digits; then its amplitude was 0, and the class 1/0.
-
-    Of amplitude 0.3, it meets the nearer stop.
-    """
+    """Its squares would overflow or lose all digits; then its amplitude was 0, the class 1/0."""
     out = []
     for time in (1.0, 2.0**-330, 2.0**330):  # a power of two keeps all bits
         points = np.zeros(1, POINT)
@@ -121,4 +118,4 @@ def test_the_free_oscillation_is_the_same_in_any_unit_of_time(clearance):
                     found["orbit_x"], found["orbit_v"] * time])  # fmt: skip
     np.testing.assert_allclose(out[1], out[0], rtol=1e-14)
     np.testing.assert_allclose(out[2], out[0], rtol=1e-14)
-    assert (out[0][1] == 0) == (clearance > 0.3)
+    assert (out[0][1] == 0) == (clearance > 0.3)  # its amplitude

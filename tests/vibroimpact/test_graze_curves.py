@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from tests.helpers.oscillators import peak
+from tests.helpers.oscillators import peak, settled_orbit
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
@@ -15,7 +15,6 @@ from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.trajectory import simulate
 
 
 def test_the_graze_of_a_doubled_orbit_is_not_lost_where_newtons_method_fails(monkeypatch):
@@ -255,8 +254,7 @@ def test_the_meeting_of_fold_and_flip_is_found_from_all_along_a_curve_that_ends_
         ("clearance", 0.0012189682408229568, 0.0038160194499903856),
         ("p", 0.4015885710094935, 1.3422375423003063),
     )
-    run = simulate(osc, 200)
-    start = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), 4)
+    start = settled_orbit(osc, 4, periods=200)
     (graze,) = [p.orbit for p in branch(start, *ranges[0]).special if p.kind == "graze"]
     whole = bifurcation_curve(graze, "graze", *ranges)
     assert (whole.m, whole.q) == (4, 15)
@@ -278,8 +276,7 @@ def test_a_curve_of_grazes_ends_in_rest_where_an_impact_without_rebound_is_not_p
     """At R = 0 the mass rests after an impact unless f > p^2 clearance: there the curve ends."""
     h, omega, stop = 0.0011414497049191338, 0.7277327531658645, 1.3551098325624247
     osc = Oscillator(h=h, R=0.0, omega=omega, f=1.0, clearance=stop)
-    run = simulate(osc, 400)
-    start = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]))
+    start = settled_orbit(osc)
     grazes = [p.orbit for p in branch(start, *axis).special if p.kind == "graze"]
     (graze,) = [orbit for orbit in grazes if orbit.q == 2]
     found = bifurcation_curve(graze, "graze", ("omega", 0.3, 1.4), ("p", 0.5, 1.8))

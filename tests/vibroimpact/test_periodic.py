@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import naive
-from tests.helpers.oscillators import SectionMap
+from tests.helpers.oscillators import SectionMap, settled_orbit
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.calls import correct
 from vibroimpact.orbits.curves import bifurcation_curve
@@ -239,8 +239,7 @@ ATTRACTORS = [
 def orbits_of(m, q, h, R, omega, clearance):
     """The attractor, and an unstable orbit on its branch if there is one."""
     osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=clearance)
-    run = simulate(osc, 300)
-    orbit = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), m)
+    orbit = settled_orbit(osc, m, periods=300)
     assert (orbit.m, orbit.q, orbit.stable) == (m, q, True)
     line = branch(orbit, "omega", 0.9 * omega, 1.1 * omega)
     others = [line.orbit(i) for i in np.flatnonzero(~line.stable).tolist()]

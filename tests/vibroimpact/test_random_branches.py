@@ -8,18 +8,18 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from tests.helpers.kernel_cases import few_or_many
 from tests.helpers.naive import ClosedForm
 from tests.helpers.oscillators import (
     SectionMap,
     fold_of_one_impact,
     in_digits,
     random_oscillators,
+    settled_orbit,
 )
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
-from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.trajectory import simulate
 
 EPS = 2.0**-52
 
@@ -117,10 +117,7 @@ def test_an_undamped_branch_loses_its_speed_where_every_vibration_repeats(osc, n
     assert graze.value == pytest.approx(n * osc.p, rel=1e-14)
 
 
-@pytest.mark.parametrize(
-    "count",
-    [pytest.param(8, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.campaign)],
-)
+@few_or_many("count", 8, 500)
 @pytest.mark.parametrize("shaken", [False, True])
 def test_random_flips_and_grazes_are_those_of_the_section_map(count, shaken):
     """To 1e-13, any damping but the critical; and a branch is stable where the closed form is.
@@ -166,8 +163,7 @@ def test_random_flips_and_grazes_are_those_of_the_section_map(count, shaken):
 )  # fmt: skip
 def test_the_graze_of_a_branch_has_its_impact_of_speed_zero_though_others_are_as_slow(osc):
     """Newton's method misses some of them; each flight is a closed form, and it touches there."""
-    run = simulate(osc, 600)
-    start = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), 2)
+    start = settled_orbit(osc, 2)
     found = branch(start, "omega", 0.95 * osc.omega, 1.05 * osc.omega)
     grazes = [point.orbit for point in found.special if point.kind == "graze"]
     assert sorted(orbit.q for orbit in grazes) == [found.q, found.q + 1]
@@ -189,8 +185,7 @@ def test_the_graze_of_a_branch_has_its_impact_of_speed_zero_though_others_are_as
 )
 def test_a_wide_range_hides_no_flip_or_fold(osc, m):
     """In natural units, which are those of the greatest force, the speeds are tiny there."""
-    run = simulate(osc, 600, x0=osc.clearance)
-    start = periodic_orbit(osc, float(run.section_x[-1]), float(run.section_v[-1]), m)
+    start = settled_orbit(osc, m, x0=osc.clearance)
     narrow, wide = (
         {(p.kind, float(f"{p.value:.9g}")) for p in branch(start, "f", 0.5, high).special}
         for high in (2.0, 2e7)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.helpers.kernel_cases import few_or_many
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import CURVE_KINDS, bifurcation_curve
 from vibroimpact.orbits.one_impact import one_impact_orbit
@@ -206,13 +207,7 @@ def test_undamped_grazes_meet_no_flips_and_folds_where_every_vibration_repeats()
     assert ranges[0][0] == "p" and ratios == {3.0, 5.0, 7.0, 9.0}
 
 
-@pytest.mark.parametrize(
-    ("first", "count"),
-    [
-        pytest.param(0, 6, marks=pytest.mark.slow),
-        pytest.param(1000, 300, marks=pytest.mark.campaign),
-    ],
-)
+@few_or_many(("first", "count"), (0, 6), (1000, 300))
 def test_random_curves_are_the_same_from_ten_of_their_orbits(first, count):
     seen, seed = 0, first
     while seen < count:

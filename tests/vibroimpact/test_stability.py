@@ -97,10 +97,7 @@ def exploding(name, n, steps):
 @pytest.mark.parametrize("name", ["euler", "verlet", "rk4"])
 @pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
 def test_an_unstable_run_ends_and_no_overflow_is_called_computed(name, rule):
-    """Impacts may hold the motion; where they do not, the status says so.
-
-    The motion then has NaN, or goes so far that its energy overflows.
-    """
+    """Unless impacts hold the motion, the status says that it has NaN or its energy overflows."""
     points = exploding(name, 256, 8)
     out = integrated(points, name, rule, 8, periods=400)
     failed = np.isin(out["status"], (Status.UNRESOLVED, Status.NON_FINITE))

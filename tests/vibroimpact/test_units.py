@@ -40,10 +40,7 @@ def run(points, integrator, rule):
     [("exact", "exact"), ("newmark", "reduced-step"), ("rk4", "plain"), ("newmark", "cubic")],
 )
 def test_units_change_no_bit(integrator, rule, rate, length):
-    """Of random motions: sections, impacts, exponents, classes, evidence and status.
-
-    Among them are motions that are damped weakly, and motions near a stop that is far away.
-    """
+    """Of all results of random motions, of weakly damped ones, and of some near a far stop."""
     far, weak = balls(1e-7, 0.6, np.linspace(2.0, 20.0, 50)), weakly_damped(100, -5.0, -2.0, 1)
     points = np.concatenate([random_points(300), weak, far])
     results = run(points, integrator, rule)

@@ -1,4 +1,4 @@
-"""Animations: the mass touches its stop, the panels stay where they are, and files are small."""
+"""Motions in time and in the phase plane, how long and how fine, and animations of them."""
 
 from pathlib import Path
 
@@ -7,9 +7,11 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
-from sweeps import Refused
+from sweeps import Refused, open_sweep, plotting, run_sweep
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, animate, animation, plot
 from tests.helpers.commands import accepted, refused
+from tests.helpers.sweep_files import run_in
 from vibroimpact import Oscillator, simulate
 
 #: A motion 1/1, chaos, a motion 2/1 and one that rests in every period.
@@ -195,3 +197,42 @@ def test_a_notebook_gets_all_frames_whatever_the_limit_of_matplotlib(dataset):
     with animation.mpl.rc_context({"animation.embed_limit": 0.1}):
         player = animate(dataset, at={"omega": PERIODIC}, periods=1, fps=5, page=Page(dpi=60))
         assert player.to_jshtml().count("data:image/png") == 11
+
+
+@pytest.mark.slow
+def test_a_motion_is_shown_over_two_repetitions_with_its_class():
+    """A 3/2 motion over six periods; where no class is known, over four."""
+    for diagnostics, shown, periods in ((["period"], "class 3/2, $t_0=", 6), ([], "$t_0=", 4)):
+        oscillator = {"h": 0.05, "R": 0.5, "omega": 5.18, "f": 1.0}
+        record = {"transient": 300, "periods": 40, "diagnostics": diagnostics}
+        run_sweep({"oscillator": oscillator, "record": record}, "motion.h5", overwrite=True)
+        with open_sweep("motion.h5") as dataset:
+            figure = plotting.trajectory(dataset)
+        t = figure.axes[0].lines[0].get_xdata()
+        assert t[-1] == pytest.approx(periods * 2.0 * np.pi / 5.18)
+        assert f", {shown}" in figure.get_suptitle()
+
+
+LONG = """
+oscillator: {h: 0.05, R: 0.8, omega: 2.3, f: 1.0}
+record: {transient: 0, periods: 3000, trajectory: {every: 7}}
+"""
+
+
+@pytest.mark.slow
+def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it(tmp_path):
+    """No more samples than pixels, however long the record; here one period of three."""
+    with open_sweep(run_in(tmp_path, LONG)) as dataset:
+        figures = [plotting.trajectory(dataset, periods=periods) for periods in (None, 3000)]
+        sampling = 7 / OpenedSweep(dataset).config.method.steps_per_period
+    for figure, step in zip(figures, (sampling, 0.0), strict=True):  # as recorded, and computed
+        t, x = figure.axes[0].lines[0].get_xdata(), figure.axes[0].lines[0].get_ydata()
+        assert len(t) < 1000 * 250
+        gaps = np.flatnonzero(np.isnan(t))
+        periods = np.split(t / (2.0 * np.pi / 2.3), gaps)
+        begins = np.array([piece[0 if i == 0 else 1] for i, piece in enumerate(periods[:1000])])
+        ends = np.array([piece[-1] for piece in periods[:1000]])
+        np.testing.assert_allclose(begins, 3 * np.arange(1000), atol=step + 1e-6)
+        assert (ends - begins > 1.0 - step - 1e-6).all()
+        assert np.nanmax(x) < 1e-9 and np.nanmin(x) < -0.3
+        assert "1,000 of 3,000 periods" in figure.get_suptitle().replace("\n", " ")

@@ -34,16 +34,14 @@ FILES = {"rig": RIG, "table": TABLE, "small": SMALL}
 PLACES = {"omega": [1.5, 2.0, 3.5], "R": [0.4, 0.6, 0.8]}
 
 
-@pytest.fixture(scope="module")
-def rig(files):
-    with open_sweep(files / "rig.h5") as dataset:
-        yield dataset.load()
+@pytest.fixture
+def rig(loaded):
+    return loaded["rig"]
 
 
-@pytest.fixture(scope="module")
-def table(files):
-    with open_sweep(files / "table.h5") as dataset:
-        yield dataset.load()
+@pytest.fixture
+def table(loaded):
+    return loaded["table"]
 
 
 def points(panel):

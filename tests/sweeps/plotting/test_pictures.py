@@ -21,7 +21,7 @@ from tests.helpers.commands import call
 from tests.helpers.equal_points import legend_texts
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.plotting.test_overlay import RIG
-from vibroimpact import Oscillator, simulate
+from vibroimpact import Oscillator, one_impact_orbit, simulate
 
 pytestmark = pytest.mark.slow
 
@@ -44,9 +44,8 @@ FILES = {"map": MAP, "starts": STARTS, "table": TABLE, "rig": RIG}
 
 
 @pytest.fixture
-def dataset(files):
-    with open_sweep(files / "map.h5") as opened:
-        yield opened
+def dataset(loaded):
+    return loaded["map"]
 
 
 @pytest.fixture
@@ -80,26 +79,25 @@ def hidden_ticks(figure):
 
 
 NARROW = [
-    ("map.h5", "bifurcation", {"below": ("lyapunov", "impacts_per_period")}),
-    ("map.h5", "bifurcation", {"exact": [(1, 1), (2, 1)], "coordinate": "impact_phase"}),
-    ("map.h5", "map", {}),
-    ("map.h5", "map", {"quantity": "lyapunov"}),
-    ("map.h5", "bifurcation", {"color": "impacts_per_period", "below": "lyapunov"}),
-    ("map.h5", "section", {"color": "period"}),
-    ("starts.h5", "trajectory", {"color": "x0", "at": {"v0": 0.6}}),
-    ("rig.h5", "trajectory", {"at": {"frequency": 27}}),
-    ("starts.h5", "basins", {}),
-    ("starts.h5", "integrity", {}),
-    ("table.h5", "table", {"color": "slowest_impact"}),
+    ("map", "bifurcation", {"below": ("lyapunov", "impacts_per_period")}),
+    ("map", "bifurcation", {"exact": [(1, 1), (2, 1)], "coordinate": "impact_phase"}),
+    ("map", "map", {}),
+    ("map", "map", {"quantity": "lyapunov"}),
+    ("map", "bifurcation", {"color": "impacts_per_period", "below": "lyapunov"}),
+    ("map", "section", {"color": "period"}),
+    ("starts", "trajectory", {"color": "x0", "at": {"v0": 0.6}}),
+    ("rig", "trajectory", {"at": {"frequency": 27}}),
+    ("starts", "basins", {}),
+    ("starts", "integrity", {}),
+    ("table", "table", {"color": "slowest_impact"}),
 ]
 
 
 @pytest.mark.parametrize(("file", "kind", "options"), NARROW)
-def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, options, with_layout):
-    with open_sweep(files / file) as dataset:
-        if "exact" in options:
-            options = {**options, "exact": branches(dataset, classes=options["exact"])}
-        figure = plotting.KINDS[kind].draw(dataset, page=Page(width=3.4), **options)
+def test_on_a_column_nothing_collides_and_all_is_legible(loaded, file, kind, options, with_layout):
+    if "exact" in options:
+        options = {**options, "exact": branches(loaded[file], classes=options["exact"])}
+    figure = plotting.KINDS[kind].draw(loaded[file], page=Page(width=3.4), **options)
     assert figure.get_figwidth() == pytest.approx(3.4)
     texts = visible_texts(figure)
     assert len(texts) > 8
@@ -272,10 +270,9 @@ WITHOUT_DATA = [
 
 
 @pytest.mark.parametrize(("file", "kind", "options", "limits", "message"), WITHOUT_DATA)
-def test_limits_beyond_or_between_data_are_refused(files, file, kind, options, limits, message):
-    said = f"nothing to draw with {message}$"
-    with open_sweep(files / f"{file}.h5") as dataset, pytest.raises(Refused, match=said):
-        plotting.KINDS[kind].draw(dataset, page=Page(**limits), **options)
+def test_limits_beyond_or_between_data_are_refused(loaded, file, kind, options, limits, message):
+    with pytest.raises(Refused, match=f"nothing to draw with {message}$"):
+        plotting.KINDS[kind].draw(loaded[file], page=Page(**limits), **options)
 
 
 @pytest.mark.parametrize("xlim", [None, (2.15, 3.45), (2.31, 2.39)])
@@ -309,10 +306,25 @@ def test_what_lies_between_values_of_an_axis_is_drawn(dataset, monkeypatch, most
         assert figure.axes[0].get_xlim() == page.xlim
 
 
-def test_the_attractors_are_marked_in_their_basins(files):
+def test_a_motion_goes_on_from_the_stored_state(dataset):
+    """On the closed-form orbit at omega = 2.3: one impact per period, at its speed."""
+    figure = plotting.trajectory(dataset, at={"omega": 2.3, "R": 0.8}, periods=3)
+    over_time, velocity, _ = figure.axes
+    orbit = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=2.3, f=1.0))
+    (impacts,) = [line for line in velocity.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(impacts.get_ydata(), 3 * [orbit.v], rtol=1e-6)
+    t, x = over_time.lines[0].get_xydata().T
+    assert t[0] == 0.0 and t[-1] == pytest.approx(3 * 2.0 * np.pi / 2.3)
+    first = dataset["poincare_x"].sel(omega=2.3, R=0.8, method="nearest").values[-1]
+    assert x[0] == first
+    assert np.diff(t).max() < 2.0 * np.pi / 2.3 / 199  # no corners
+    assert x.max() < 1e-9
+    assert "after 132 forcing periods" in figure.get_suptitle()
+
+
+def test_the_attractors_are_marked_in_their_basins(loaded):
     """The free oscillation, at its closed form, and one impact in a period, at its own."""
-    with open_sweep(files / "starts.h5") as dataset:
-        panel = plotting.basins(dataset).axes[0]
+    panel = plotting.basins(loaded["starts"]).axes[0]
     marks = np.concatenate([line.get_xydata() for line in panel.lines])
     osc = Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0, clearance=0.6)
     stiffness = (1.0 - osc.omega**2) + 2j * osc.h * osc.omega
