@@ -2,13 +2,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from sweeps import open_sweep
 from sweeps.errors import Refused
 from sweeps.plotting import Page, bifurcation, plot, section
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.pixels import cell_edges
 from tests.helpers.equal_points import OMEGA, PLAIN, R, colours, equal_points, legend, texts
-from tests.helpers.sweep_files import run_in
 from vibroimpact.status import Status
 
 
@@ -253,19 +251,6 @@ def test_a_map_of_nothing_yet_has_the_axes_of_the_sweep():
         panels = [parameter_map(points, page=page).axes[0] for points in (computed, pending)]
         ends = [(panel.get_xlim(), panel.get_ylim()) for panel in panels]
         assert ends[0] == ends[1] != ((0.0, 1.0), (0.0, 1.0))
-
-
-def test_a_partial_sweep_is_drawn(tmp_path, stop_after):
-    sweep = (
-        "oscillator: {h: 0.1, R: [0.5, 0.8], omega: [2.0, 2.5, 3.0], f: 1.0}\n"
-        "record: {transient: 50, periods: 8, diagnostics: [period, lyapunov]}\n"
-    )
-    with stop_after(1, size=3), pytest.raises(KeyboardInterrupt):
-        run_in(tmp_path, sweep)
-    with open_sweep(tmp_path / "out.h5") as dataset:
-        figure = parameter_map(dataset)
-    assert [colour is None for colour in colours(figure)[1]] == [True] * 3
-    assert "not computed yet (3 of 6)" in legend(figure)
 
 
 @pytest.mark.parametrize("side", ["x", "y"])

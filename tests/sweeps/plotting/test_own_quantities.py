@@ -290,9 +290,3 @@ def test_the_peak_to_peak_displacement_is_what_the_samples_nearly_reach(recorded
     np.testing.assert_allclose(drawn, sampled, rtol=1e-4)
     assert (drawn >= sampled).all() and (drawn > sampled).any()
     np.testing.assert_array_equal(below.get_ydata(), drawn[1])
-
-
-def test_a_file_without_extremes_has_no_peak_to_peak_displacement(dataset):
-    again = r"no x_min: .* record.diagnostics: \[period, lyapunov, extremes\]"
-    with pytest.raises(Refused, match=again):
-        parameter_map(dataset, quantity="peak_to_peak")
