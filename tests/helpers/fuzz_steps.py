@@ -1,4 +1,4 @@
-"""Runs of points of every magnitude, for test_termination.py, in a separate process.
+"""Runs of points of every magnitude, for test_stability.py, in a separate process.
 
 ``fuzz_steps.py SEED STEPS`` takes STEPS steps with every impact rule, in runs of valid points at
 and between the bounds of their parameters.

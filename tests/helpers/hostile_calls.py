@@ -1,4 +1,4 @@
-"""Hostile calls of the public functions, for test_termination.py, in a separate process.
+"""Hostile calls of the public functions, for test_stability.py, in a separate process.
 
 ``hostile_calls.py SEED CALLS`` calls them with valid and invalid arguments of every magnitude, and
 prints the CPU time of the longest call of each function. It fails if a call raises an error that

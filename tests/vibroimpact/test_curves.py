@@ -8,12 +8,13 @@ import pytest
 from scipy.interpolate import BarycentricInterpolator
 
 from tests.helpers.oscillators import settled_orbit
-from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
+from vibroimpact.orbits.calls import _do
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.periodic import OrbitError, why_inadmissible
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, why_inadmissible
 from vibroimpact.oscillator import Oscillator
 
 #: Ghosh & Simpson (arXiv 2510.16218): b = 2 h = .04, r = R = .9, the stop at 1; n = 2.
@@ -225,3 +226,20 @@ def test_a_curve_over_the_amplitude_of_a_base_is_that_of_the_force_there(kind, o
             c0, c1, c2 = here.characteristic
             zero = c0 + c2 + (c1 if kind == "fold" else -c1)
             assert abs(zero) < 1e-9 * (abs(c0) + abs(c1) + abs(c2))
+
+
+RANGE = "omega", 1.56, 4.16
+
+
+def test_all_that_python_asks_of_orbits_is_compiled_once():
+    osc = Oscillator(h=0.02, R=0.6, omega=2.6, f=1.0, clearance=0.3)
+    orbit = next(orbit for orbit in one_impact_orbits(osc, 2) if orbit.exists)
+    assert periodic_orbit(osc, *orbit.sections()[0], m=2).q == 1
+    special = branch(orbit, *RANGE).special
+    assert [point.kind for point in special] == ["graze", "fold", "flip", "graze"]
+    for point in special:
+        assert bifurcation_curve(point.orbit, point.kind, RANGE, ("R", 0.5, 0.9)).special
+        follow = {"flip": doubled_branch, "graze": grazing_branch}.get(point.kind)
+        if follow:
+            assert follow(point.orbit, *RANGE).special
+    assert len(_do.overloads) == 1
