@@ -65,6 +65,10 @@ def _read(function: Callable[..., Any], text: str, origin: str) -> Any:
         problem = "there is a tab; indent with spaces" if tab else str(error.problem)
         problem = f"{error.context}, {problem}" if problem.startswith("but ") else problem
         raise ConfigError(f"{origin}{place}: not valid YAML: {problem}") from None
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        problem = f"it has the character {chr(error.character)!a}"
+        raise ConfigError(f"{origin}, line {line}: not valid YAML: {problem}") from None
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".
         raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None

@@ -341,7 +341,15 @@ def _write(text: object, error: bool, end: bool = True) -> None:
 
 
 def prepare_streams() -> None:
-    """Escape characters that the encoding lacks, and show Python warnings on one line."""
+    """Escape characters that the encoding lacks, and show Python warnings on one line.
+
+    A stream that is closed leads nowhere. No file must get its number: libraries write to that.
+    """
+    while (free := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(free)
+    sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")
+    sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

@@ -157,7 +157,24 @@ def _opened(dataset: object) -> OpenedSweep:
             problems.append(f"has {name} without its dimensions {', '.join(sorted(expected))}")
     if problems:
         raise Refused(f"the Dataset {problems[0]}; expected: {_EXPECTED}")
-    return OpenedSweep(dataset)
+    return OpenedSweep(_as_in_file(dataset))
+
+
+def _as_in_file(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a Dataset with the order of dimensions of a file, and integers where that has them.
+
+    A transposed Dataset has the one no longer, and one of which `where` left out points the other.
+    """
+    for name in VARIABLES.keys() & dataset.keys():
+        variable, values = VARIABLES[name], dataset[name]
+        if variable.dtype.startswith("int") and values.dtype.kind == "f":
+            whole = values.fillna(variable.fill_value)
+            if (whole % 1.0 != 0.0).any():
+                raise Refused(
+                    f"the Dataset has numbers in {name} that are no integers; expected: {_EXPECTED}"
+                )
+            dataset = dataset.assign({name: whole.astype(variable.dtype)})
+    return dataset.transpose(*dataset["status"].dims, ...)
 
 
 # A rig in SI units

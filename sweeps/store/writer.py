@@ -275,6 +275,8 @@ def _acquired(name: Path) -> tuple[BaseFileLock, os.stat_result | None]:
     try:
         return lock, _lock(name, b"vibroimpact lock of process %d\n" % os.getpid())[1]
     except BaseException:
+        if before is None:
+            name.unlink(missing_ok=True)
         lock.release()
         raise
 

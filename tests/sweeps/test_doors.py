@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 import sweeps
 from sweeps import Refused, open_sweep, plotting
+from sweeps.opened.doors import takes_sweep
 from sweeps.plotting import Page
 from tests.helpers.sweep_files import run_in
 
@@ -258,3 +259,29 @@ def test_the_output_of_a_picture_is_a_path(opened):
     for output in (3, None, ["a.png"]):
         with pytest.raises(Refused, match=r"output = .*expected: "):
             plotting.plot(opened["map"], output)
+
+
+def test_a_dataset_that_xarray_has_rearranged_is_the_same_sweep(opened):
+    ds = opened["map"]
+    seen = takes_sweep({})(lambda sweep: sweep.data)
+    assert seen(ds.transpose("section", "impact", ...)).identical(ds)
+    turned = ds.transpose(..., "R")
+    assert [str(dim) for dim in seen(turned)["poincare_x"].dims] == ["omega", "R", "section"]
+    lines = [plotting.bifurcation(data, axes="omega").axes[0].collections for data in (ds, turned)]
+    for line, same in zip(*lines, strict=True):
+        np.testing.assert_array_equal(line.get_offsets(), same.get_offsets())
+
+
+def test_points_that_were_left_out_are_pending(opened):
+    ds = opened["map"]
+    left = ds.where(ds["omega"] > 2.65)
+    assert left["status"].dtype.kind == "f"  # as xarray does it
+    for name in ("status", "period", "class_evidence"):
+        values = takes_sweep({})(lambda sweep: sweep.data)(left)[name]
+        assert values.dtype == ds[name].dtype
+        np.testing.assert_array_equal(values, np.where(ds["omega"] > 2.65, ds[name], -1))
+    plotting.parameter_map(left)
+    pending = sweeps.bifurcations(left, "omega", {"R": 0.7}).attrs["unclassified"]
+    assert pending == (ds["omega"] <= 2.65).sum()
+    with pytest.raises(Refused, match=r"the Dataset has numbers in \w+ that are no integers"):
+        plotting.parameter_map((ds * 0.3).assign_attrs(ds.attrs))

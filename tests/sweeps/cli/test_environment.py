@@ -31,6 +31,21 @@ def process(*arguments, **variables):
     return subprocess.run(command, capture_output=True, text=True, env=variables, timeout=300)
 
 
+@pytest.mark.parametrize("closed", ["2>&-", ">&-", ">&- 2>&- <&-"])
+def test_closed_streams(small_file, closed):
+    """No file is opened under their numbers, and what is told on them is not missed."""
+    command = f"{sys.executable} -m sweeps.cli plot small.h5 -o out.png {closed}"
+    subprocess.run(command, shell=True, check=True, env=environment(), timeout=300)
+    assert Path("out.png").read_bytes().startswith(b"\x89PNG")
+    code = (
+        "import os, sys; from sweeps.cli.common import prepare_streams; prepare_streams()\n"
+        "number = os.open('small.h5', os.O_RDONLY); sys.stderr.write('lost')\n"
+        "sys.exit(number < 3 or not all(os.fstat(i) for i in range(3)))"
+    )
+    command = f'{sys.executable} -c "{code}" {closed}'
+    subprocess.run(command, shell=True, check=True, env=environment(), timeout=300)
+
+
 def test_version():
     assert accepted("--version").startswith("vibroimpact")
 

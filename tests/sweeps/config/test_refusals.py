@@ -108,7 +108,7 @@ def test_a_nested_list_is_reported_once_per_item(values, errors):
 @pytest.mark.parametrize(
     ("place", "keys"),
     [
-        ("oscillator.", {"gap": "clearance", "r": "R", "omega_0": "p", "x0": "start.x0"}),
+        ("oscillator.", {"gap": "clearance", "r": "R", "ω": "omega", "x0": "start.x0"}),
         ("oscillator.", {"coefficient-of-restitution": "R", "f.points": "num"}),
         ("", {"method.solver": "integrator", "record.skip": "transient", "filename": "output"}),
         ("", {"omega": "oscillator.omega", "gap": "oscillator.clearance"}),
@@ -201,7 +201,8 @@ def test_start_beyond_the_stop(x0, clearance):
         ("a: !!python/object:os.system x\n", ["line 1, column 4", "tags are not allowed"]),
         ("a: &x [1]\nb: *x\n", ["line 2, column 4", "aliases"]),
         ("? [a, b]\n: 1\n", ["line 1", "not allowed as a key"]),
-        ("a: \x00\n", ["not valid YAML"]),
+        ("a: \x00\n", ["line 1: not valid YAML: it has the character '\\x00'"]),
+        ("a: 1\nb: \x07\n", ["line 2: not valid YAML: it has the character '\\x07'"]),
         ("[" * 5000, ["not valid YAML"]),
         ("", ["is empty", "expected: a mapping with keys among name, points, rig, oscillator"]),
         ("- h\n- R\n", ["[h, R]", "expected: a mapping"]),
