@@ -40,6 +40,8 @@ RECORD_FIELDS = {
     "impacts": "impacts",
 }
 _WINDOWS = ("xlim", "ylim", "maplim", "x0lim", "v0lim")
+#: Least width of a window, as a share of its values: every column has another value of the axis.
+_LEAST_WINDOW = 1e-11
 _CHOSEN = ("axis", "ordinate", "across")
 _FLAGS = ("marked", "exact")
 
@@ -279,9 +281,10 @@ class View:
                 f"{self.nomenclature.name(self.axis)} is asked for as both axes of the map"
             )
         for name in _WINDOWS:
-            window = getattr(self, name)
-            if window is not None and not (math.isfinite(sum(window)) and window[0] < window[1]):
-                raise ConfigError(f"the window {name} = {window} is empty")
+            low, high = window = getattr(self, name) or (0.0, 1.0)
+            least = _LEAST_WINDOW * max(abs(low), abs(high))
+            if not (math.isfinite(low + high) and high - low > least):
+                raise ConfigError(f"the window {name} = {window} is empty or too narrow")
         for name, value in self.values.items():
             if not (parameter := self.nomenclature.about(name)).accepts(value):
                 said = f"{self.nomenclature.name(name)} = {value:g} is not allowed"

@@ -136,7 +136,10 @@ def test_a_view_returns_from_its_address(view, axis):
         ("omega=fast", "^omega = fast is not a number; expected: a finite number > 0"),
         ("R=", "^R =  is not a number; expected: a number from 0 to 1"),
         ("x0=1", "lies beyond the stop"),
-        ("xlim=3:2", "the window xlim = .* is empty"),
+        ("xlim=3:2", "the window xlim = .* is empty or too narrow"),
+        ("xlim=2.7:2.70000000000001", r"the window xlim = \(2.7, 2.70000000000001\) is empty or"),
+        ("ylim=-1e-3:-0.000999999999999999", "the window ylim = .* is empty or too narrow"),
+        ("ylim=nan:1", "the window ylim = .* is empty or too narrow"),
         ("xlim=-1:2", "contains -1, which is not allowed"),
         ("axis=mass", "mass is not a parameter"),
         ("axis=R&across=R", "^R is asked for as both axes of the map$"),
@@ -309,3 +312,10 @@ def test_a_wrong_configuration_is_refused_as_by_run(tmp_path):
     path.write_text("oscillator: {h: 0.1, R: 2, omega: 1, f: 1}\n")
     assert refused("explore", path) == refused("run", path)
     assert "absent.yaml" in refused("explore", "absent.yaml")
+
+
+@pytest.mark.parametrize("omega", [1e-3, 2.7, 3.9999999, 1e9])
+def test_the_narrowest_window_has_a_value_for_every_column(view, omega):
+    narrow = replace(view, xlim=(omega, omega * (1.0 + 1.001e-11)), ylim=None).checked()
+    values = narrow.diagram(4096).sweep.grid.axes["omega"]
+    assert len(np.unique(values)) == 4096
