@@ -5,7 +5,8 @@ The measures are those of Soliman & Thompson (1989, J. Sound Vib. 135, 453-475) 
 distances is their spacing.
 
 Outside the basin are all starts that reach another attractor, have no result or are unknown, and
-all beyond the window, where nothing is known: one more row of starts around it stands for them.
+all beyond the window, where nothing is known: one more row of starts around it stands for them. A
+measure that would be greater without this row is a lower bound: the edge of the window decided it.
 No disturbance leads beyond the stop: where the window reaches it, nothing counts as outside, and
 the stop cuts off the disc.
 
@@ -75,8 +76,8 @@ def integrity(sweep: OpenedSweep) -> xr.Dataset:
         The result of `sweeps.attractors`, whose ``fraction`` is the global integrity measure, and
         in the same shape, with NaN for motions that are not counted as attractors:
 
-        - ``integrity_factor`` [length]: the radius of the largest disc in the basin, with its
-          centre (``disc_x``, ``disc_v``);
+        - ``integrity_factor`` [length]: the radius of the largest disc in the basin about a start
+          (``disc_x``, ``disc_v``);
         - ``local_integrity`` [length]: the distance from the states of the attractor at the section
           to the nearest start outside the basin; 0 if it leaves the window by more than half a
           spacing of the starts;
@@ -145,24 +146,29 @@ def measures_of(
     step = np.array([x[1] - x[0], v[1] - v[0]])
     size = 2.0 ** math.frexp(step[0])[1]  # in which no square of a distance overflows or vanishes
     unit = np.array([1.0, weight]) / size
-    # Pad each side with starts outside the basin, except where the window reaches the stop, also
-    # with starts in the middle of equal cells: half a spacing, whatever its rounding.
+    # One more value at each end, at the same spacing.
+    wide = [np.pad(values, 1, "reflect", reflect_type="odd") for values in (x, v)]
+    # Beyond the stop nothing is outside the basin, also with starts in the middle of equal cells:
+    # half a spacing, whatever its rounding.
     at_stop = clearance - x[-1] <= (0.5 + _EVEN) * step[0]
-    padded = np.pad(basin, ((1, 0 if at_stop else 1), (1, 1)))
-    away, nearest = distance_transform_edt(padded, sampling=step * unit, return_indices=True)
-    disc = np.unravel_index(away.argmax(), away.shape)
-    local, beside = 0.0, np.zeros(2)
     beyond = np.maximum([x[0], v[0]] - states, states - [np.inf if at_stop else x[-1], v[-1]])
-    if (beyond <= 0.5 * step).all():  # otherwise the start nearest to a state is not in the window
-        outside = np.argwhere(~padded)
-        # One more value at each end, at the same spacing.
-        wide = (np.pad(values, 1, "reflect", reflect_type="odd") for values in (x, v))
-        starts = np.stack([values[k] for values, k in zip(wide, outside.T, strict=True)], axis=1)
-        apart, place = KDTree(starts * unit).query(states * unit)
-        local, beside = size * apart.min(), outside[place[apart.argmin()]]
-    ends: np.ndarray = np.stack([nearest[:, *disc], beside])  # outside starts that decided
-    at_edge = np.any((ends < 1) | (ends > basin.shape), axis=1)
-    return size * away[disc], x[disc[0] - 1], v[disc[1] - 1], at_edge[0], local, at_edge[1]
+    measures = []
+    for is_open in (False, True):  # the window: all beyond it counts as outside, or nothing
+        inside = np.pad(basin, 1, constant_values=is_open)
+        inside[-1] |= at_stop
+        away = np.full(basin.shape, np.inf)
+        if not inside.all():
+            away = distance_transform_edt(inside, sampling=step * unit)[1:-1, 1:-1]
+        starts = np.stack([c[k] for c, k in zip(wide, np.nonzero(~inside), strict=True)], axis=1)
+        local = KDTree(starts * unit).query(states * unit)[0].min()
+        if not is_open and (beyond > 0.5 * step).any():
+            local = 0.0  # the start nearest to a state is not in the window
+        measures.append((away, local))
+    (away, local), (open_away, open_local) = measures
+    disc = np.unravel_index(away.argmax(), away.shape)
+    factor = away[disc]
+    at_edge = open_away.max() > factor, open_local > local
+    return size * factor, x[disc[0]], v[disc[1]], at_edge[0], size * local, at_edge[1]
 
 
 def refuse_unfit(sweep: OpenedSweep) -> None:

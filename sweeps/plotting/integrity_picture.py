@@ -59,8 +59,7 @@ def integrity(
     """Draw three integrity measures of each attractor over a parameter, and basins at one value.
 
     The parameter is the swept one with most values; `at` may give its value for the basins. Hollow
-    marks are lower bounds, because the edge of the window decided; the other marks set the height
-    of the panels, and a bound beyond it is marked at the upper end. The basins show the attractors
+    marks are lower bounds, because the edge of the window decided. The basins show the attractors
     at the section, and for those with a colour of their own the largest discs and an arrow for each
     least knock: from the state in which the motion next reaches the section to the state in which
     the knocked motion does. `ax` has as many panels as are drawn: all four by default, or one if
@@ -212,48 +211,42 @@ def _draw_profile(
             labels.label_axis(panel.yaxis, line_result[name].assign_attrs(long_name="", symbol=""))
         is_bound = line_result[at_edge] if at_edge else line_result[name].isnull()
         values = line_result[name].where(line_result["integrity_factor"].notnull())
-        highest = values.where(~is_bound).max().fillna(values.max()).fillna(0.0)
-        top = 1.1 * float(highest) or 1.0
         lines.append([])
         for number in {row.number: None for row in table}:
             mine = line_result["number"] == number
             y = values.where(mine).max("coexisting").values
             bound = (mine & is_bound & values.notnull()).any("coexisting").values
             rows = [row for row in table if row.number == number]
-            of_number = y, bound, top
-            lines[-1] += _draw_lines(panel, line_result[axis].values, of_number, rows, axis, looks)
-        labels.set_ends(panel.yaxis, 0.0, top)
+            lines[-1] += _draw_lines(panel, line_result[axis].values, y, bound, rows, axis, looks)
+        labels.set_ends(panel.yaxis, 0.0, 1.1 * float(values.max().fillna(0.0)) or 1.0)
     return lines
 
 
 def _draw_lines(
     panel: Axes,
     x: np.ndarray,
-    measure: tuple[np.ndarray, np.ndarray, float],
+    y: np.ndarray,
+    bound: np.ndarray,
     rows: Sequence[AttractorRow],
     axis: str,
     looks: Looks,
 ) -> list[tuple[str, np.ndarray]]:
-    """Draw a measure of one attractor over the axis, a line for each of its looks; return these.
-
-    The measure has values, says which of them are lower bounds, and has the top of the panel.
-    """
-    y, bound, top = measure
+    """Draw a measure of one attractor over the axis, a line for each of its looks; return these."""
     lines = []
     for places in looks.series(rows):
         here = np.isin(x, [rows[i].parameters[axis] for i in places])
         to_next = here | np.append(False, here[:-1])
         look = looks.look(rows[places[0]])
         marks = _of_points(look, looks.grey)
-        joined = np.where(to_next & (y <= top), y, np.nan)
-        panel.plot(x, joined, linewidth=1.0, linestyle=look.dash, color=look.dots)
+        panel.plot(
+            x, np.where(to_next, y, np.nan), linewidth=1.0, linestyle=look.dash, color=look.dots
+        )
         panel.plot(x, np.where(here & ~bound, y, np.nan), linestyle="", **marks)
         marks |= {"marker": look.marker if looks.grey else _BOUND_MARKER}
         marks |= {"markersize": 4.0, "markerfacecolor": ground()}
-        inside = np.where(y <= top, y, 0.95 * top)
-        panel.plot(x, np.where(here & bound, inside, np.nan), linestyle="", **marks)
+        panel.plot(x, np.where(here & bound, y, np.nan), linestyle="", **marks)
         named = classes_text([rows[i] for i in places])
-        lines.append((named, np.stack([x, np.where(here & (y <= top), y, np.nan)], axis=1)))
+        lines.append((named, np.stack([x, np.where(here, y, np.nan)], axis=1)))
     return lines
 
 

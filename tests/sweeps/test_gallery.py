@@ -264,14 +264,14 @@ def test_integrity(scene):
     figure = KINDS["integrity"].draw(dataset, at={"omega": 2.75})
     *profile, basins = figure.axes
     share = found["fraction"].values
-    measures = (share, 1.0), (factor, np.nan), (local, np.nan)
-    for panel, (measure, end) in zip(profile, measures, strict=True):
-        free, _, bounds, other, *_, here = panel.lines
-        assert_allclose(free.get_ydata(), [*measure[:2, 0], end])
-        assert_allclose(other.get_ydata(), [*measure[:2, 1], np.nan])
-        marks = np.isfinite(bounds.get_ydata())
-        assert marks[2] == np.isnan(end)
-        assert bounds.get_ydata()[marks].max(initial=0.0) < panel.get_ylim()[1]
+    edges = np.zeros(share.shape, bool), found["factor_at_edge"], found["local_at_edge"]
+    for panel, measure, bound in zip(profile, (share, factor, local), edges, strict=True):
+        free, dots, bounds, other, *_, here = panel.lines
+        assert_allclose(free.get_ydata(), measure[:, 0])
+        assert_allclose(other.get_ydata(), measure[:, 1])
+        for marks, shown in ((dots, ~bound[:, 0]), (bounds, bound[:, 0])):
+            assert_allclose(marks.get_ydata(), np.where(shown, measure[:, 0], np.nan))
+        assert np.nanmax(measure) < panel.get_ylim()[1]
         assert same_color(bounds.get_markerfacecolor(), panel.get_facecolor())  # hollow
         assert set(here.get_xdata()) == {2.75}
     assert basins.get_title("left") == r"basins at $\omega=2.75$"

@@ -35,6 +35,12 @@ def outside(inside, x, v, at_stop):
     return np.stack([grid[around] for grid in np.meshgrid(more_x, more_v, indexing="ij")], axis=1)
 
 
+def distances(places, ends, unit):
+    """Return the distance of every place to every end, inf to one beyond all."""
+    ends = np.vstack([ends, [[np.inf, np.inf]]])
+    return np.sqrt((((places[:, None] - ends) * unit) ** 2).sum(axis=2))
+
+
 @pytest.mark.parametrize("gap", [0.0, 0.2], ids=["at the stop", "before the stop"])
 @pytest.mark.parametrize("weight", [0.4, 3.0])
 def test_measures_equal_an_exhaustive_search(gap, weight):
@@ -43,17 +49,25 @@ def test_measures_equal_an_exhaustive_search(gap, weight):
     edges = set()
     for share in (0.5, 0.9, 0.99, 1.0):
         inside = rng.random((26, 33)) < share
+        if share == 0.9:  # the basin ends in the window
+            inside[[0, -1]] = inside[:, [0, -1]] = False
         others, unit = outside(inside, x, v, gap == 0.0), [1.0, weight]
-        starts = np.stack([grid[inside] for grid in np.meshgrid(x, v, indexing="ij")], axis=1)
-        away = np.sqrt((((starts[:, None] - others) * unit) ** 2).sum(axis=2)).min(axis=1)
+        grids = np.meshgrid(x, v, indexing="ij")
+        starts, seen = (
+            np.stack([grid[mask] for grid in grids], axis=1) for mask in (inside, ~inside)
+        )
+        away, open_away = (distances(starts, ends, unit).min(axis=1) for ends in (others, seen))
         states = starts[rng.integers(len(starts), size=3)] + rng.uniform(-0.045, 0.045, (3, 2))
         states[:, 0] = np.minimum(states[:, 0], 0.5 + gap)
         measures = measures_of(inside, x, v, weight, 0.5 + gap, states)
-        radius, *centre, at_edge, local, _ = measures
+        radius, *centre, at_edge, local, local_at_edge = measures
         assert radius == pytest.approx(away.max())
         assert away[np.abs(starts - centre).sum(axis=1).argmin()] == pytest.approx(radius)
-        nearest = np.sqrt((((states[:, None] - others) * unit) ** 2).sum(axis=2)).min()
+        nearest = distances(states, others, unit).min()
         assert local == pytest.approx(nearest, rel=1e-12)
+        # A bound is what grows as soon as nothing beyond the window counts as outside.
+        assert at_edge == (open_away.max() > 1.0000001 * radius)
+        assert local_at_edge == (distances(states, seen, unit).min() > 1.0000001 * local)
         edges.add(at_edge)
     assert edges == {False, True}
     leaves = np.array([[-1.0, 0.0], [-9.0, 0.0]])
