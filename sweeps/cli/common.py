@@ -316,27 +316,8 @@ def unreadable(error: Any) -> str:
 # Output to a terminal: a warning takes one line, and control characters are escaped
 
 
-_is_silent = False
-
-
-@contextmanager
-def silent(quiet: bool) -> Iterator[None]:
-    """Write nothing but warnings and errors in the block, if `quiet`."""
-    global _is_silent
-    _is_silent = quiet
-    try:
-        yield
-    finally:
-        _is_silent = False
-
-
 def say(text: object, *, error: bool = False, end: bool = True) -> None:
     """Write a text to stdout, or stderr for an error, with control characters escaped."""
-    if not _is_silent:
-        _write(text, error, end)
-
-
-def _write(text: object, error: bool, end: bool = True) -> None:
     typer.echo(printable(str(text)), err=error, nl=end)
 
 
@@ -353,4 +334,4 @@ def prepare_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    warnings.showwarning = lambda message, *_: _write(f"vibroimpact: warning: {message}", True)
+    warnings.showwarning = lambda message, *_: say(f"vibroimpact: warning: {message}", error=True)

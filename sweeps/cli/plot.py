@@ -171,7 +171,7 @@ def plot_command(
         "marks": not no_marks,
         "grey": grey,
     }
-    options = {
+    options: dict[str, Any] = {
         "axes": tuple(axis) if axis else None,
         "coordinate": coordinate,
         "quantity": quantity,
@@ -244,9 +244,10 @@ def draw_picture(
     cuts: Selection,
     page: Mapping[str, Any],
     csv: Path | None = None,
+    quiet: bool = False,
     **options: Any,
 ) -> None:
-    """Write a picture of an opened sweep; report its file and the choices made for it."""
+    """Write a picture of an opened sweep; unless `quiet`, report its file and choices for it."""
     from sweeps.plotting import Page, plot
     from sweeps.plotting.api import check_options, default_kind, silent_cuts
 
@@ -256,11 +257,18 @@ def draw_picture(
     lines: list[str] = []
     table: pd.DataFrame | None = None
     if "exact" in chosen:
-        chosen["exact"], lines, table = _exact(sweep, kind, cuts, chosen)
-    with progress_shown("drawing"):
+        chosen["exact"], lines, table = _exact(sweep, kind, cuts, chosen, quiet)
+    with progress_shown("drawing", quiet):
         written = plot(
             sweep, figure, kind, cuts, page=Page(**page), command=command(*sys.argv[1:]), **chosen
         )
+    if csv is not None and table is not None:
+        from sweeps.opened.tables import write_csv
+
+        write_csv(csv, [table])
+        lines.append(str(csv))
+    if quiet:
+        return
     common.say_moved(sweep, cuts, "drawn")
     picks = chosen.get("axes", ()), chosen.get("color")
     fixed = {**cuts, **dict.fromkeys(chosen.get("beside", ()), 0.0)}
@@ -269,18 +277,12 @@ def draw_picture(
         common.say(
             f"{name} = {first}, the first of {size}: --at {name}=VALUE takes another", error=True
         )
-    for line in lines:
+    for line in (*lines, written):
         common.say(line)
-    if csv is not None and table is not None:
-        from sweeps.opened.tables import write_csv
-
-        write_csv(csv, [table])
-        common.say(csv)
-    common.say(written)
 
 
 def _exact(
-    sweep: OpenedSweep, kind: str, cut: Selection, options: Mapping[str, Any]
+    sweep: OpenedSweep, kind: str, cut: Selection, options: Mapping[str, Any], quiet: bool
 ) -> tuple[xr.Dataset, list[str], pd.DataFrame]:
     """Find the exact branches, or the curves of a map; return them, lines to print and a table."""
     from sweeps.bifurcation.exact_branches import MOST_BRANCHES, branches
@@ -303,7 +305,7 @@ def _exact(
         pair = sweep.map_axes(axes, cut)
         name = str(shown_quantity(sweep, options.get("quantity")))
         read_overlay(overlay, sweep, [[pair[0]], [pair[1]]], name)  # before all is computed
-        with progress_shown("following exact orbits") as report:
+        with progress_shown("following exact orbits", quiet) as report:
             orbits = with_cache(curves, notes.append)(sweep, pair, cut, report, **chosen)
         return orbits, [*orbits.attrs["summary"].split("\n"), *notes], tables.curve_table(orbits)
     if "kinds" in chosen:
@@ -311,7 +313,7 @@ def _exact(
     line, axis, coordinate = select_line(sweep, axes, cut, options.get("coordinate"))
     refuse_without_branches(coordinate)
     read_overlay(overlay, sweep, [[axis], [coordinate, *options.get("below", ())]])
-    with progress_shown("following exact orbits") as report:
+    with progress_shown("following exact orbits", quiet) as report:
         orbits = with_cache(branches, notes.append)(sweep, axis, cut, report, **chosen)
     lines = [*orbits.attrs["summary"].split("\n"), *notes]
     if idle := without_idle(orbits, line)[1]:

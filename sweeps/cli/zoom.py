@@ -95,9 +95,9 @@ def zoom_command(
             common.say(run.planned_text(config, path, threads, client, resume))
             return
         run.run_and_report(config, path, quiet, threads=threads, client=client, **existing)
-    with common.opened_in_si(path, verify=False) as sweep, raised_at_once(), common.silent(quiet):
+    with common.opened_in_si(path, verify=False) as sweep, raised_at_once():
         chosen: dict[str, Any] = {"coordinate": coordinate, "exact": {} if exact else None}
-        plot.draw_picture(sweep, figure, None, {}, page, **chosen)
+        plot.draw_picture(sweep, figure, None, {}, page, quiet=quiet, **chosen)
 
 
 def _check_picture(

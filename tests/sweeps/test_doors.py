@@ -129,12 +129,6 @@ def test_what_a_dataset_lacks_is_named_until_it_has_it(opened, door):
         assert not text or f"no {name}" in text, text
 
 
-def test_bifurcations_of_a_line_need_its_sections(opened):
-    line = opened["map"].isel(R=0).drop_vars(["poincare_x", "poincare_v"])
-    with pytest.raises(Refused, match="no poincare_x: run the sweep again, which records it"):
-        sweeps.bifurcations(line)
-
-
 def test_what_exact_orbits_and_attractors_lack_is_named(opened):
     over_map, starts = opened["map"], opened["starts"]
     branches, curves = sweeps.branches(over_map, "omega"), sweeps.curves(over_map)

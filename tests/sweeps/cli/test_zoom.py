@@ -1,5 +1,6 @@
 """The command zoom: the piece, its names, overrides, picture and plan, and what cannot be."""
 
+import time
 import warnings
 from pathlib import Path
 
@@ -159,10 +160,12 @@ def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(small_f
 
 def test_a_quiet_zoom_warns_and_says_nothing_else(small_file, monkeypatch):
     def plot(sweep, figure, *arguments, **options):
+        time.sleep(0.1)  # takes long
         warnings.warn("the font is odd", stacklevel=1)
         return figure
 
     monkeypatch.setattr("sweeps.plotting.plot", plot)
+    monkeypatch.setattr("sweeps.text.PATIENCE", 0.01)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         said = call("zoom", "small.h5", "omega=2:2.5", "--quiet")
