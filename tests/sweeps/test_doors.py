@@ -13,30 +13,24 @@ import sweeps
 from sweeps import Refused, open_sweep, plotting
 from sweeps.opened.doors import takes_sweep
 from sweeps.plotting import Page
-from tests.helpers.sweep_files import run_in
 
-MAP = """\
+FILES = {
+    "map": """
 oscillator: {h: 0.1, R: [0.7, 0.8], omega: {start: 2.6, stop: 2.7, num: 4}, f: 1.0}
 record: {transient: 50, periods: 32, diagnostics: [period]}
-"""
-STARTS = """\
+""",
+    "starts": """
 oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
 start: {x0: {start: -3, stop: 0.5, num: 4}, v0: {start: -3, stop: 3, num: 4}}
 record: {transient: 100, periods: 32, diagnostics: [period]}
-"""
+""",
+}
 SCENE = {"oscillator": {"h": 0.1, "R": 0.8, "omega": [2.5, 2.6], "f": 1.0}}
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("files")
-    texts = {"map": MAP, "starts": STARTS}
-    return {name: run_in(folder, text, name=f"{name}.h5") for name, text in texts.items()}
-
-
-@pytest.fixture(scope="module")
 def opened(files):
-    with open_sweep(files["map"]) as over_map, open_sweep(files["starts"]) as over_starts:
+    with open_sweep(files / "map.h5") as over_map, open_sweep(files / "starts.h5") as over_starts:
         yield {"map": over_map.load(), "starts": over_starts.load()}
 
 
@@ -91,7 +85,7 @@ def test_only_an_opened_sweep_is_taken(opened, door, wrong):
 @pytest.mark.parametrize("door", ["attractors", "bifurcations", "section", "basins"])
 def test_a_path_is_opened(files, opened, door):
     function, name = DOORS[door]
-    for path in (files[name], str(files[name])):
+    for path in (files / f"{name}.h5", str(files / f"{name}.h5")):
         found, expected = function(path), function(opened[name])
         if isinstance(found, Figure):
             assert found.get_suptitle() == expected.get_suptitle()

@@ -13,7 +13,6 @@ from sweeps.plotting.style import EVIDENCE, REGIMES, STATUS_COLOURS
 from tests.helpers import gallery
 from tests.helpers.commands import accepted
 from tests.helpers.places import CONFIGS
-from tests.helpers.sweep_files import run_in
 from tests.sweeps.test_gallery import script
 from vibroimpact.status import Evidence, Status
 
@@ -21,13 +20,13 @@ pytestmark = pytest.mark.slow
 
 RECORD = "record: {transient: 20, periods: 16, impacts: 4, diagnostics: [period, lyapunov]}\n"
 #: A map with orbits, rests and chaos; a line that is followed both ways; starts on two attractors.
-SCENES = {
+FILES = {
     "map": "oscillator: {h: 0.02, R: {start: 0, stop: 0.9, num: 7}, omega: "
-    "{start: 1, stop: 3, num: 12}, f: 1}\n",
+    "{start: 1, stop: 3, num: 12}, f: 1}\n" + RECORD,
     "line": "oscillator: {h: 0.05, R: 0.8, f: 1, clearance: 1.5, omega: "
-    "{start: 1.2, stop: 1.7, num: 26}}\nfollow: {axis: omega, direction: both}\n",
+    "{start: 1.2, stop: 1.7, num: 26}}\nfollow: {axis: omega, direction: both}\n" + RECORD,
     "starts": "oscillator: {h: 0, R: 0.8, f: 1, omega: [1.3, 1.35]}\nstart: {x0: "
-    "{start: -3, stop: 0, num: 8}, v0: {start: -2, stop: 2, num: 8}}\n",
+    "{start: -3, stop: 0, num: 8}, v0: {start: -2, stop: 2, num: 8}}\n" + RECORD,
 }
 
 
@@ -59,12 +58,6 @@ def legends(figure):
     return [text.get_text().replace("\n", " ") for one in every for text in one.get_texts()]
 
 
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("words")
-    return {name: run_in(folder, text + RECORD, name=f"{name}.h5") for name, text in SCENES.items()}
-
-
 def test_the_words_of_all_regimes_and_outcomes():
     words = [regime.word for regime in REGIMES]
     words += [one.name.lower().replace("_", "-") for one in (*EVIDENCE, *Status)]
@@ -78,9 +71,9 @@ def test_the_words_of_all_regimes_and_outcomes():
 
 def test_the_words_of_the_legends(files):
     with (
-        open_sweep(files["map"]) as whole,
-        open_sweep(files["line"]) as line,
-        open_sweep(files["starts"]) as starts,
+        open_sweep(files / "map.h5") as whole,
+        open_sweep(files / "line.h5") as line,
+        open_sweep(files / "starts.h5") as starts,
     ):
         figures = [plotting.parameter_map(whole, exact=curves(whole, classes=[(1, 1)]))]
         for name in ("status", "class_evidence", "impulse", "rest_fraction", "lyapunov"):
@@ -104,7 +97,7 @@ def test_the_words_of_the_legends(files):
 
 
 def test_the_words_of_the_reports(files, tmp_path):
-    for path in files.values():
+    for path in files.glob("*.h5"):
         lines = accepted("info", path).splitlines()
         (first, *_) = (line.split(None, 1)[1] for line in lines if line.startswith("classes "))
         assert not unexplained([first])
@@ -112,7 +105,7 @@ def test_the_words_of_the_reports(files, tmp_path):
             found = bifurcations(dataset, axis="omega")
         for column in ("kind", "before", "after"):
             assert not unexplained(re.sub(r" ?\d+/\d+", "", word) for word in found[column])
-    said = accepted("attractors", files["starts"], "--csv", tmp_path / "a.csv").splitlines()
+    said = accepted("attractors", files / "starts.h5", "--csv", tmp_path / "a.csv").splitlines()
     assert not unexplained(line.split()[1] for line in said[1:3])
 
 

@@ -9,41 +9,31 @@ import pytest
 from sweeps import branches, curves, open_sweep
 from sweeps.errors import Refused
 from tests.helpers.commands import accepted, call, refused
-from tests.helpers.sweep_files import run_in
 from vibroimpact.status import Status
 
 RECORD = "record: {transient: 200, periods: 32, impacts: 8, diagnostics: [period]}"
-MAP = "oscillator: {h: 0.02, R: [0.5, 0.7, 0.9], omega: {start: 2.6, stop: 2.8, num: 9}, f: 1.0}"
-LINE = "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 5}, f: 1}"
-BOTH = "follow: {axis: omega, direction: both}"
+MAP = "oscillator: {h: 0.02, R: [0.5, 0.7, 0.9], omega: {start: 2.6, stop: 2.8, num: 9}, f: 1.0}\n"
+LINE = "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 5}, f: 1}\n"
+BOTH = "follow: {axis: omega, direction: both}\n"
 FILES = {
-    "map": [MAP, RECORD],
-    "line": [LINE, RECORD],
-    "both": [LINE, BOTH, RECORD],
-    "map both": [MAP, BOTH, RECORD],
-    "no period": [MAP, RECORD.replace("[period]", "[]")],
-    "failed": [
-        "oscillator: {h: 0, R: 1, omega: [1.99999, 2, 2.00001], f: [1.0e+307, 2.0e+307]}",
-        RECORD,
-    ],
-    "at rest": ["oscillator: {h: 0, R: [0.1, 0.2], omega: [0.3, 0.4, 0.5], f: 1.0}", RECORD],
-    "single value": ["oscillator: {h: 0.05, R: [0.7, 0.8], omega: [2.6], f: 1.0}", RECORD],
-    "point": ["oscillator: {h: 0.05, R: 0.8, omega: 2.6, f: 1.0}", RECORD],
+    "map": MAP + RECORD,
+    "line": LINE + RECORD,
+    "both": LINE + BOTH + RECORD,
+    "map both": MAP + BOTH + RECORD,
+    "no period": MAP + RECORD.replace("[period]", "[]"),
+    "failed": "oscillator: {h: 0, R: 1, omega: [1.99999, 2, 2.00001], f: [1.0e+307, 2.0e+307]}\n"
+    + RECORD,
+    "at rest": "oscillator: {h: 0, R: [0.1, 0.2], omega: [0.3, 0.4, 0.5], f: 1.0}\n" + RECORD,
+    "single value": "oscillator: {h: 0.05, R: [0.7, 0.8], omega: [2.6], f: 1.0}\n" + RECORD,
+    "point": "oscillator: {h: 0.05, R: 0.8, omega: 2.6, f: 1.0}\n" + RECORD,
 }
 FLIP = 2.65888454668484
 
 
-@pytest.fixture(scope="module")
-def file(tmp_path_factory):
-    """Return a function that runs a configuration of `FILES` once, and returns the path."""
-    folder, paths = tmp_path_factory.mktemp("files"), {}
-
-    def path_of(name):
-        if name not in paths:
-            paths[name] = run_in(folder, "\n".join(FILES[name]), name=f"{len(paths)}.h5")
-        return paths[name]
-
-    return path_of
+@pytest.fixture
+def file(files):
+    """Return a function of the name of a file that returns its path."""
+    return lambda name: files / f"{name}.h5"
 
 
 @pytest.mark.parametrize(

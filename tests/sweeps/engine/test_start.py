@@ -210,20 +210,6 @@ def test_a_sweep_over_the_phase_is_a_sweep_of_every_phase(method):
             assert_array_equal(here[name], one[name].reindex_like(here[name]), err_msg=name)
 
 
-def test_phases_are_scaled_with_f_as_other_results():
-    """One f is computed for each phase, and the others follow."""
-    text = OVER_PHASE.replace("v0: [-0.5, 0.3]", "v0: 0").replace("f: 1.0", "f: [0.3, 1.0, 7.0]")
-    config = load(text)
-    assert config.sweep.spec.scaled
-    swept = run_and_read(config)
-    for f in (0.3, 1.0, 7.0):
-        points = load(text, f"oscillator.f={f}").sweep.grid.points()
-        expected = integrate(points, transient=0, periods=6, phase=1.0)
-        found = swept["poincare_x"].sel(f=f)
-        np.testing.assert_allclose(found, expected["poincare_x"], rtol=1e-10, atol=1e-12)
-    assert np.ptp(swept["poincare_x"].sel(f=1.0, section=1).values) > 0.1
-
-
 BASINS_OVER_PHASE = """
 oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
 start: {x0: 0.6, v0: {start: -3, stop: 0, num: 12}, phase: {start: 0, stop: 6.2, num: 15}}

@@ -73,6 +73,9 @@ def test_blocks_of_many_shapes_and_large_records_come_back(tmp_path, followed, s
     results = partial(block_results, widths=widths)
     fill_blocks(path, compressed=followed == "R", plan=plan, results=results)
     with open_sweep(path) as dataset:
+        # A width of zero leaves the variables out.
+        assert set(dataset.sizes) == {"h", "R", "f", "section"}
+        assert {*dataset.data_vars} == {*held_variables(spec_of(widths, ()))}
         for block in plan.blocks:
             x = results(block)["poincare_x"].reshape(dataset["poincare_x"][block].shape)
             np.testing.assert_array_equal(dataset["poincare_x"][block].values, x)
@@ -125,17 +128,6 @@ def test_a_single_point_has_no_axes(tmp_path, compressed):
     with open_sweep(path) as dataset:
         assert dataset["status"].shape == ()
         assert_holds(dataset, {name: array[0] for name, array in given.items()})
-
-
-def test_a_width_of_zero_leaves_the_variables_out(tmp_path):
-    path = tmp_path / "out.h5"
-    widths = {"section": 4, "impact": 0, "sample": 0}
-    plan = schema(widths=widths, diagnostics=(), block_size=12)
-    fill_blocks(path, plan=plan, results=partial(block_results, widths=widths))
-    with open_sweep(path) as dataset:
-        assert set(dataset.sizes) == {"R", "omega", "section"}
-        assert {"poincare_x", "impacts_per_period"} <= set(dataset.data_vars)
-        assert not {"impact_v", "impact_phase", "trajectory_t"} & set(dataset.data_vars)
 
 
 @pytest.mark.parametrize(

@@ -92,17 +92,6 @@ def test_variables_are_dropped(small_file):
         assert "status" not in found and "a" not in found.coords and "omega" in found
 
 
-def test_a_damaged_file_is_refused_unless_it_is_not_to_be_verified(small_file):
-    with h5py.File("small.h5") as file:
-        place = file["poincare_x"].id.get_chunk_info(0).byte_offset
-    data = bytearray(Path("small.h5").read_bytes())
-    data[place] ^= 1
-    Path("small.h5").write_bytes(data)
-    with pytest.raises(StoreError, match=r"small\.h5 is damaged: poincare_x"):
-        xr.open_dataset("small.h5", engine="vibroimpact")
-    xr.open_dataset("small.h5", engine="vibroimpact", verify=False).close()
-
-
 def test_what_is_no_sweep_is_refused():
     with pytest.raises(StoreError, match=r"missing\.h5 does not exist"):
         xr.open_dataset("missing.h5", engine="vibroimpact")
