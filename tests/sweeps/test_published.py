@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from sweeps import bifurcations, load_config, open_sweep, run_sweep
+from sweeps import bifurcations, load_config, run_sweep
 from sweeps.cli.zoom import zoomed
 from tests.helpers.oscillators import TAU, Dux, bifurcation
 from tests.helpers.places import CONFIGS
@@ -127,8 +127,7 @@ def inelastic_change(low, high):
     while True:
         with TemporaryDirectory() as folder:
             path = run_sweep(zoomed(config, {"f": (low, high)}), Path(folder) / "out.h5")
-            with open_sweep(path) as dataset:
-                found = bifurcations(dataset)
+            found = bifurcations(path)
         middles = 0.5 * (found["low"] + found["high"])
         change = found.loc[(middles - 0.5 * (low + high)).abs().idxmin()]
         if change["value"] == change["value"]:

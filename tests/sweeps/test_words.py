@@ -101,8 +101,7 @@ def test_the_words_of_the_reports(files, tmp_path):
         lines = accepted("info", path).splitlines()
         (first, *_) = (line.split(None, 1)[1] for line in lines if line.startswith("classes "))
         assert not unexplained([first])
-        with open_sweep(path) as dataset:
-            found = bifurcations(dataset, axis="omega")
+        found = bifurcations(path, axis="omega")
         for column in ("kind", "before", "after"):
             assert not unexplained(re.sub(r" ?\d+/\d+", "", word) for word in found[column])
     said = accepted("attractors", files / "starts.h5", "--csv", tmp_path / "a.csv").splitlines()

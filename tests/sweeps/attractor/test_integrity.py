@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from sweeps import Refused, attractors, integrity, knocks, open_sweep
+from sweeps import Refused, attractors, integrity, knocks
 from sweeps.attractor.integrity import _CLOSER, _MOMENTS, _SIZES, measures_of
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting import plot
@@ -167,8 +167,7 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path, all_kno
         "start={x0: {start: -2.5387, stop: 0.4613, num: 16}, v0: {start: -3, stop: 3, num: 16}}",
         "record={transient: 300, periods: 32, diagnostics: [period]}",
     )
-    with open_sweep(file) as starts:
-        found = knocks(starts, numbers=[0]).isel(coexisting=0)
+    found = knocks(file, numbers=[0]).isel(coexisting=0)
     assert found["number"] == 0 and found["knock_fractal"]
     orbit = periodic_orbit(osc, found["section_x"].item(), found["section_v"].item(), 1)
     points = np.repeat(osc.at(0.0), 500)
@@ -306,10 +305,9 @@ def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path, unpainted):
     method = "method={integrator: rk4, impact: cubic}", "oscillator.omega=2.6"
     file = run_in(tmp_path, CONFIG, few, *method)
     assert "least knock" not in accepted("integrity", file)
-    with open_sweep(file) as dataset:
-        plot(dataset, "a.png", "integrity")
-        with pytest.raises(Refused, match="a knock needs the impact rule exact"):
-            knocks(dataset)
+    plot(file, "a.png", "integrity")
+    with pytest.raises(Refused, match="a knock needs the impact rule exact"):
+        knocks(file)
 
 
 def test_integrity_is_drawn_into_panels_of_another_figure(dataset, no_knocks):

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sweeps import attractors, open_sweep, run_sweep
+from sweeps import attractors, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.attractor.tracking import MAX_DISTANCE, mutually_nearest, track
 from sweeps.opened.motions import Cycles, distances
@@ -185,8 +185,7 @@ def test_a_branch_keeps_its_number_over_steps_of_any_size(tmp_path, num):
         "start": {"x0": [-1e-3, -5e-4, 0.0], "v0": [-0.1, 0.0, 0.1]},
         "record": {"transient": 500, "periods": 130, "diagnostics": ["period"]},
     }  # fmt: skip
-    with open_sweep(run_sweep(config, tmp_path / "joint.h5")) as dataset:
-        found = attractors(dataset)
+    found = attractors(run_sweep(config, tmp_path / "joint.h5"))
     omega = found["omega"].values
     for m, q, low, high in ((1, 3, 63.0, 68.3), (1, 2, 69.2, 100.9), (1, 1, 106.4, 218.9)):
         numbers = found["number"].where((found["m"] == m) & (found["q"] == q)).values
@@ -206,8 +205,7 @@ def test_a_branch_keeps_its_number_through_a_flip_between_two_points(tmp_path, m
         "start": {"x0": [-0.3, 0.0]},
         "record": {"transient": 500, "periods": 130, "diagnostics": ["period"]},
     }
-    with open_sweep(run_sweep(config, tmp_path / "flip.h5")) as dataset:
-        found = attractors(dataset)
+    found = attractors(run_sweep(config, tmp_path / "flip.h5"))
     classes = list(zip(found["m"].values[:, 0], found["q"].values[:, 0], strict=True))
     assert classes == [(1, 1), (1, 1), (2, 2), (2, 2)]
     assert len(np.unique(found["number"].values[:, 0])) == 1

@@ -39,16 +39,14 @@ def assert_on_closed_form(omega, R, tolerance):
 
 
 def test_the_flips_of_the_map_are_on_the_closed_form(path):
-    with open_sweep(path) as dataset:
-        found = curves(dataset)
+    found = curves(path)
     assert found.attrs["changes"] > 5
     assert found.attrs["explained"] == found.attrs["changes"]
     flips = found.where((found["kind"] == "flip") & (found["m"] == 1), drop=True)
     own = flips.where(flips["curve"] == flips["curve"][0], drop=True)
     assert_on_closed_form(own["omega"].values, own["R"].values, 1e-12)
     assert {*own["special"].values} == {"", "edge"}
-    with open_sweep(path) as dataset:
-        panel = parameter_map(dataset, exact=found).axes[0]
+    panel = parameter_map(path, exact=found).axes[0]
     assert {"1/1", "2/2"} <= {text.get_text() for text in panel.texts}
 
 
@@ -68,8 +66,7 @@ def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(path, 
 
 
 def test_chosen_classes_have_all_their_curves(path):
-    with open_sweep(path) as dataset:
-        plain, chosen = curves(dataset), curves(dataset, classes=[(2, 2), (5, 1)])
+    plain, chosen = curves(path), curves(path, classes=[(2, 2), (5, 1)])
     own = (plain["m"] == 2) & (plain["q"] == 2)
     assert 0 < own.sum() < own.size
     for name in ("kind", "special", "omega"):
@@ -90,10 +87,9 @@ def test_only_the_curves_that_are_asked_for_are_followed(path, monkeypatch):
         return curve
 
     monkeypatch.setattr(exact_curves, "bifurcation_curve", counted)
-    with open_sweep(path) as dataset:
-        curves(dataset)
-        every, followed[:] = list(followed), []
-        found = curves(dataset, classes=[(2, 2)], kinds=["flip"])
+    curves(path)
+    every, followed[:] = list(followed), []
+    found = curves(path, classes=[(2, 2)], kinds=["flip"])
     assert {("flip", 1, 1), ("flip", 2, 2)} <= set(every)
     assert set(followed) == {("flip", 2, 2)} and len(followed) == every.count(("flip", 2, 2))
     assert 0 < found.attrs["explained"] < found.attrs["changes"]
@@ -108,8 +104,7 @@ def test_a_motion_ends_at_the_fold_of_its_orbit_not_at_the_graze_beyond(tmp_path
     oscillator = "{h: 0.05, R: 0.7, clearance: 0.5, omega: {start: 1.18, stop: 1.22, num: 4}, "
     force = "f: {start: 0.05, stop: 0.5, num: 12}}"
     record = "record={transient: 200, periods: 8, diagnostics: [period]}"
-    with open_sweep(run_in(tmp_path, f"oscillator: {oscillator}{force}", record)) as dataset:
-        found = curves(dataset, kinds=["fold"])
+    found = curves(run_in(tmp_path, f"oscillator: {oscillator}{force}", record), kinds=["fold"])
     assert set(found["kind"].values) == {"fold"} and set(found["m"].values) == {1}
     for omega, f in zip(found["omega"].values, found["f"].values, strict=True):
         at = {"h": 0.05, "R": 0.7, "omega": omega, "clearance": 0.5}
@@ -135,8 +130,7 @@ record: {transient: 600, periods: 32, diagnostics: [period, lyapunov]}
 
 def test_every_change_has_a_curve_or_a_reason(tmp_path):
     """Beside the fold of 2/1, where free motion and 2/2 coexist."""
-    with open_sweep(run_in(tmp_path, MAP)) as dataset:
-        found = curves(dataset)
+    found = curves(run_in(tmp_path, MAP))
     changes, explained = found.attrs["changes"], found.attrs["explained"]
     assert 0 < explained < changes
     summary = found.attrs["summary"]
@@ -156,8 +150,7 @@ def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
         raise OrbitError("the flip does not go on")
 
     monkeypatch.setattr(exact_curves, "bifurcation_curve", refuse)
-    with open_sweep(path) as dataset:
-        found = curves(dataset)
+    found = curves(path)
     assert found.sizes["point"] == found.attrs["explained"] == 0 < found.attrs["changes"]
     assert "the flip does not go on" in found.attrs["summary"]
 

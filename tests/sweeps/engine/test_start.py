@@ -116,7 +116,7 @@ record: {transient: 0, periods: 6, phase: 1.0}
 
 BASINS = """
 oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
-start: {x0: {start: -3, stop: 0.6, num: 13}, v0: {start: -3, stop: 3, num: 13}, phase: 1.1}
+start: {x0: {start: -3, stop: 0.6, num: 9}, v0: {start: -3, stop: 3, num: 9}, phase: 1.1}
 record: {transient: 100, periods: 16, phase: 1.1}
 """
 
@@ -144,9 +144,8 @@ def test_basins_at_another_phase(tmp_path):
             assert float(away.min()) < 1e-3
         here = knocks(dataset)
     there = run_in(tmp_path, BASINS, "start.phase=0", "record.phase=0", name="there.h5")
-    with open_sweep(there) as dataset:
-        assert attractors(dataset).sizes["coexisting"] == 2
-        other = knocks(dataset)
+    assert attractors(there).sizes["coexisting"] == 2
+    other = knocks(there)
     harmful = [np.sort(np.abs(table["knock_harmful"])) for table in (here, other)]
     assert harmful[0] == pytest.approx(harmful[1], rel=1e-6)
 
@@ -160,14 +159,13 @@ def test_the_phase_is_kept_and_shown(tmp_path):
     view = View.of(load(CONFIG))
     assert view.diagram(3).start.phase == 4.0
     assert view.with_query("phase=3.5&section=2").diagram(3).start.phase == 3.5
-    with open_sweep(path) as dataset:
-        figure = plotting.trajectory(dataset)
-        title = figure.get_suptitle().replace("\n", " ")
-        assert "after 6.52254 forcing periods" in title  # (14 pi - 3) / 2 pi
-        figure = plotting.section(dataset)
-        title = figure._suptitle.get_text().replace("\N{NO-BREAK SPACE}", " ")
-        title = title.replace("\n", " ")
-        assert r"$\omega t_0=4$" in title and "phase 1 rad, transient 0" in title
+    figure = plotting.trajectory(path)
+    title = figure.get_suptitle().replace("\n", " ")
+    assert "after 6.52254 forcing periods" in title  # (14 pi - 3) / 2 pi
+    figure = plotting.section(path)
+    title = figure._suptitle.get_text().replace("\N{NO-BREAK SPACE}", " ")
+    title = title.replace("\n", " ")
+    assert r"$\omega t_0=4$" in title and "phase 1 rad, transient 0" in title
 
 
 def test_the_times_of_a_followed_sweep(tmp_path):

@@ -149,8 +149,9 @@ def test_lengths_in_pictures_have_the_prefix_of_their_size(joint, with_layout):
 
 def test_a_logarithmic_axis_of_gaps_has_the_prefix_too(with_layout):
     gaps = "rig.gap={start: 2e-5, stop: 4e-4, num: 9, spacing: log}"
-    with open_sweep(run_sweep(load(JOINT, gaps, "rig.frequency=30"), "gaps.h5")) as ds:
-        figure = plotting.bifurcation(ds, below=["impulse"])
+    figure = plotting.bifurcation(
+        run_sweep(load(JOINT, gaps, "rig.frequency=30"), "gaps.h5"), below=["impulse"]
+    )
     figure.draw_without_rendering()
     above, below = figure.axes
     assert (above.get_xlabel(), below.get_xlabel()) == ("", r"gap $\sigma$ [mm]")
@@ -228,9 +229,8 @@ def test_a_map_of_a_rig_and_its_curves_are_in_si_units(unpainted):
     stiffness = "rig.stiffness={start: 7000, stop: 9000, num: 9}"
     config = load(JOINT, stiffness, "rig.frequency.num=12")
     path = run_sweep(config, "map.h5")
-    with open_sweep(path) as ds:
-        figure = plotting.parameter_map(ds)
-        heat = plotting.parameter_map(ds, quantity="energy_lost")
+    figure = plotting.parameter_map(path)
+    heat = plotting.parameter_map(path, quantity="energy_lost")
     panel = figure.axes[0]
     assert panel.get_xlabel() == r"forcing frequency $\nu$ [Hz]"
     assert panel.get_ylabel() == "stiffness of the spring $k$ [N/m]"

@@ -1,5 +1,6 @@
 """Files with right checksums and another form are refused in one paragraph, with no traceback."""
 
+import io
 import os
 import shutil
 import struct
@@ -263,12 +264,31 @@ BLOCKS = {
 }
 
 
-def test_a_block_of_another_form_counts_as_damaged():
-    fill_blocks("out.h5", 2)
-    sound = BLOCK.read_bytes()
+def damaged_blocks(content):
+    """Yield blocks of another form, cut off, and with zeros as a checksum and the size of nothing.
+
+    Files with other damages are in ``test_damage.py``.
+    """
     for name, case in BLOCKS.items():
-        BLOCK.write_bytes(sound)
+        BLOCK.write_bytes(content)
         rewritten(*case)
+        yield name, BLOCK.read_bytes()
+    for length in np.linspace(0, len(content) - 1, 5).astype(int):
+        yield length, content[:length]
+    with zipfile.ZipFile(io.BytesIO(content)) as file:
+        members = file.infolist()
+    for member in members:
+        entry = content.rindex(member.filename.encode()) - 46
+        damaged = bytearray(content)
+        damaged[entry + 16 : entry + 28] = bytes(12)  # CRC-32, compressed size, size
+        if damaged != content:
+            yield member.filename, damaged
+
+
+def test_a_block_of_another_form_or_damaged_counts_as_not_computed():
+    fill_blocks("out.h5", 2)
+    for name, content in damaged_blocks(BLOCK.read_bytes()):
+        BLOCK.write_bytes(content)
         with open_sweep("out.h5") as dataset:
             done = dataset.load()["status"].values[0] != Status.PENDING
             assert done.tolist() == [True] * 2 + [False] * 4, name

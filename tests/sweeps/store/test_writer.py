@@ -1,12 +1,10 @@
 """A sweep survives kills, and a resumed run ends with the same data."""
 
-import io
 import os
 import re
 import shutil
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import h5py
@@ -177,32 +175,6 @@ def test_a_folder_with_the_name_of_a_block_is_refused_and_of_a_draft_left(whole,
 
 def last_block():
     return max(PARTS.glob("block-*.npz"))
-
-
-def damages(content):
-    """Cut the content off; write zeros, the checksum and the size of nothing, in its directory."""
-    yield from (content[:length] for length in np.linspace(0, len(content) - 1, 5).astype(int))
-    with zipfile.ZipFile(io.BytesIO(content)) as file:
-        members = file.infolist()
-    for member in members:
-        entry = content.rindex(member.filename.encode()) - 46
-        damaged = bytearray(content)
-        damaged[entry + 16 : entry + 28] = bytes(12)  # CRC-32, compressed size, size
-        yield damaged
-
-
-@pytest.mark.slow
-def test_a_damaged_block_counts_as_not_computed_and_the_others_stay(whole):
-    """For other damages see ``test_damage.py``."""
-    fill_blocks("out.h5", 3)
-    content = last_block().read_bytes()
-    for damaged in damages(content):
-        last_block().write_bytes(damaged)
-        assert done_of("out.h5", whole) == (6 if damaged == content else 4)
-        with begun("out.h5", schema(), resume=True) as (store, pending):
-            assert len(pending) == (3 if damaged == content else 4)
-            assert store.damaged == (damaged != content)
-    resumed(whole)
 
 
 @pytest.mark.slow
