@@ -47,29 +47,11 @@ start: {x0: {start: -2.4, stop: 0.0, num: 9}, v0: {start: -2.0, stop: 2.0, num: 
 record: {transient: 400, periods: 32, impacts: 12, diagnostics: [period, lyapunov]}
 """
 
-FOLLOWED = """\
-oscillator: {h: 0.05, R: [0.8, 0.5, 0.6], omega: [2.7, 0.6, 2.4, 2.65, 1.3], f: 1.0,
-             clearance: [0.0, 0.4]}
-follow: {axis: omega, direction: both}
-record: {transient: 7, periods: 6, impacts: 5, trajectory: {every: 6},
-         diagnostics: [period, lyapunov]}
-"""
-
-
-def configured(*changes, sweep=FOLLOWED):
-    return load(sweep, *changes)
-
 
 def linear_values(start, stop, num):
     """Return the numbers nearest to those of a linear axis of decimal numbers."""
     first, last = Fraction(repr(start)), Fraction(repr(stop))
     return np.array([float(first + (last - first) * i / (num - 1)) for i in range(num)])
-
-
-def full_block(config):
-    """Return the block of all points of a sweep, in both directions if it has them."""
-    block = tuple(slice(0, n) for n in config.sweep.grid.shape)
-    return (slice(0, 2), *block) if len(config.sweep.spec.directions) == 2 else block
 
 
 def load(configuration, *overrides, path="sweep.yaml"):

@@ -27,7 +27,7 @@ def rig(**changes):
 
 
 def points_of(config):
-    return config.sweep.grid.points(tuple(slice(0, n) for n in config.sweep.grid.shape))
+    return config.sweep.grid.points()
 
 
 def rows_of(path):

@@ -19,7 +19,7 @@ from sweeps.errors import ConfigError, Failed, StoreError
 from sweeps.interrupts import this_thread
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import call
-from tests.helpers.configurations import FOLLOWED, configured, full_block, load
+from tests.helpers.configurations import load
 from tests.helpers.oscillators import bifurcation
 from tests.helpers.places import CONFIGS
 from tests.helpers.sweep_files import data, run_and_read
@@ -29,6 +29,25 @@ from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import scheme_of
 
 pytestmark = pytest.mark.slow
+
+
+CONFIG = """\
+oscillator: {h: 0.05, R: [0.8, 0.5, 0.6], omega: [2.7, 0.6, 2.4, 2.65, 1.3], f: 1.0,
+             clearance: [0.0, 0.4]}
+follow: {axis: omega, direction: both}
+record: {transient: 7, periods: 6, impacts: 5, trajectory: {every: 6},
+         diagnostics: [period, lyapunov]}
+"""
+
+
+def configured(*changes):
+    return load(CONFIG, *changes)
+
+
+def full_block(config):
+    """Return the block of all points of a sweep, in both directions if it has them."""
+    block = tuple(slice(0, n) for n in config.sweep.grid.shape)
+    return (slice(0, 2), *block) if len(config.sweep.spec.directions) == 2 else block
 
 
 def by_hand(config, point, axis, values):
@@ -83,7 +102,7 @@ def test_a_chain_is_what_calls_by_hand_give(axis, phase):
 def followed(tmp_path_factory):
     """Return the data of the sweep in both directions."""
     path = tmp_path_factory.mktemp("followed") / "sweep.yaml"
-    return run_and_read(load(FOLLOWED, path=path), path.with_name("out.h5"))
+    return run_and_read(load(CONFIG, path=path), path.with_name("out.h5"))
 
 
 @pytest.mark.parametrize("way", ["up", "down"])
@@ -161,7 +180,7 @@ def test_only_the_chain_that_failed_begins_anew(status):
         return {"poincare_x": np.stack([x + 9.0, x], axis=1), "poincare_v": v, "status": outcome}
 
     counted = []
-    box = config.sweep.grid.points(full_block(config)[-2:]).reshape(config.sweep.grid.shape)
+    box = config.sweep.grid.points().reshape(config.sweep.grid.shape)
     results = follow_chains(box, 1, "omega", ["up"], 1.5, run, counted.append)
     assert counted == [3] * 5
     assert calls[0] == [(R, 0.6, -1.0, 0.0, 0.0) for R in (0.5, 0.6, 0.8)]
@@ -292,7 +311,7 @@ def test_the_points_of_a_long_block_are_told_as_they_come():
     alone, told = configured("follow=null"), []
     results = compute_block(alone.sweep, full_block(alone), None, told.append)
     assert told == [30]
-    expected = compute(alone.sweep.spec, alone.sweep.grid.points(full_block(alone)), None)
+    expected = compute(alone.sweep.spec, alone.sweep.grid.points(), None)
     np.testing.assert_array_equal(results["poincare_x"], expected["poincare_x"])
 
 
