@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.destination.free_motion import excess, free_multiplier, stays_free, steady_response
+from vibroimpact.destination.free_motion import excess, free_multiplier, stays_free
 from vibroimpact.destination.nearby_orbit import (
     GREATEST_STABLE,
     Orbit,
@@ -63,7 +63,7 @@ from vibroimpact.destination.section_map import (
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.contact import Scratch
-from vibroimpact.step.propagator import from_dimensionless
+from vibroimpact.step.propagator import from_dimensionless, steady_response
 from vibroimpact.step.scheme import COS, SIN
 
 #: Where the motion of a point goes. Without a class, m and q are 0 and the other numbers NaN,

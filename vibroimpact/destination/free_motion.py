@@ -1,4 +1,4 @@
-"""The free (steady) oscillation without impacts, and the proof that a motion goes there."""
+"""The proof that a motion goes to the free (steady) oscillation without impacts."""
 
 from __future__ import annotations
 
@@ -21,26 +21,6 @@ _ROUNDING_OF_PHASE = 1e-14
 _TRIED, _CELLS = (2, 10), (16, 512)
 #: Most steps of Euclid's algorithm; each halves the modulus at least.
 _MOST_EUCLID_STEPS = 64
-
-
-@jit
-def steady_response(pt, sine, cosine):
-    """Return the state (x, v) of the free oscillation at a phase, and its amplitude.
-
-    x = Im X exp(i omega t) with X = -f / (p^2 - omega^2 + 2 i h omega).
-    """
-    real, imaginary = (pt.p - pt.omega) * (pt.p + pt.omega), 2.0 * pt.h * pt.omega
-    if pt.f == 0.0:
-        return 0.0, 0.0, 0.0
-    # In a unit of a power of two, which changes no digit, no square overflows or vanishes.
-    size, unit = math.frexp(max(abs(real), abs(imaginary)))
-    if not 0.0 < size < math.inf:
-        return math.inf, math.inf, math.inf
-    real, imaginary = math.ldexp(real, -unit), math.ldexp(imaginary, -unit)
-    square, force = real * real + imaginary * imaginary, math.ldexp(pt.f, -unit)
-    x = -force / square * (real * sine - imaginary * cosine)
-    v = -force * pt.omega / square * (real * cosine + imaginary * sine)
-    return x, v, force / math.sqrt(square)
 
 
 @inlined

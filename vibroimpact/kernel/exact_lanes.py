@@ -32,7 +32,6 @@ from vibroimpact.kernel.exact_impacts import (
     follow_flights,
 )
 from vibroimpact.kernel.extremes import (
-    stop_watching,
     widen_by_column,
     widen_by_lane,
     widen_by_turns,
@@ -61,6 +60,7 @@ from vibroimpact.kernel.workspace import (
     TANGENT,
     VECTOR,
     VELOCITY,
+    WATCHED,
     W,
     Y,
     list_lanes,
@@ -89,9 +89,6 @@ from vibroimpact.step.variational import carry_tangents
 
 #: While watching, the GUARD of a lane that may have met the stop.
 _MEETS = math.inf
-#: After so many periods it is asked which lanes never widen their reach again; an answer that comes
-#: later changes no bit.
-_JUDGED_EVERY = 4
 
 
 @jit
@@ -188,7 +185,7 @@ def end_flights(batch, lo, count, grid, n, carrying, last, watching):
             list_impact(ring, workspace.sums[i], theta + c[AT + j], speed)
             if watching is not None:
                 lanes[MOST + i] = 0.0
-        if watching is not None and watching and proved != NOTHING:
+        if watching is not None and lanes[WATCHED + i] > 0.0 and proved != NOTHING:
             higher = proved == FREE and lanes[MOST + i] < 0.0
             if higher or c[FLOOR + j] < lanes[LEAST + i]:
                 widen_by_column(workspace, i, j, grid, n)
@@ -233,7 +230,7 @@ def resolve_exact_lane(batch, i, j, grid, n, carrying, watching):
         ring = record.impacts[workspace.rows[i]]
         record_step(scratch.events, n_events, rested / pt.omega, theta, pt, ring, sums)
         sums.near_grazes += grazes
-        if watching is not None:
+        if watching is not None and lanes[WATCHED + i] > 0.0:
             lanes[LEAST + i], lanes[MOST + i] = widen_by_events(
                 eq, flight_in(c, j), was_resting, (y, w), (0, n_events), theta, c[BOUND + j],
                 phase_step, pt, scratch, (lanes[LEAST + i], lanes[MOST + i]),
@@ -277,7 +274,8 @@ def list_awake(workspace, size, grid, n, watching):
     for j in range(list_lanes(lanes, GUARD, met, size)):
         i = met[j] & (LANES - 1)
         if watching is not None and watching and lanes[GUARD + i] < _MEETS:
-            widen_by_lane(workspace, i, grid, n)
+            if lanes[WATCHED + i] > 0.0:
+                widen_by_lane(workspace, i, grid, n)
         elif sleeps_until(lanes, i, theta):
             lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
             lanes[SLEPT + i] += 1.0
@@ -313,8 +311,6 @@ def take_exact_steps(batch, grid, carrying, watching):
                 lanes[i] = lanes[i + ROW]
     if watching is not None and watching:
         widen_by_turns(workspace, grid.phase_step)
-        if int(lanes[PERIOD]) % _JUDGED_EVERY == 0:
-            stop_watching(batch, grid)
 
 
 @jit

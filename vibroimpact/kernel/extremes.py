@@ -1,15 +1,14 @@
 """Lanes whose steps may widen their extremes, found and evaluated side by side.
 
-See ``turning_points.py``. A lane is watched while it is recorded, until it is proved that nothing
-widens its reach again. Whole steps that may turn are collected over a period, so that even few of
-them fill vectors.
+See ``turning_points.py``. A lane is watched while it is recorded, but not in a period for which it
+is near its free oscillation, or for which it is proved that nothing widens its reach again. Whole
+steps that may turn are collected over a period, so that even few of them fill vectors.
 """
 
 from __future__ import annotations
 
 import math
 
-from vibroimpact.destination.free_motion import steady_response
 from vibroimpact.jit import inlined, jit, select, transpose, widest_vectors
 from vibroimpact.kernel.exact_impacts import (
     AT,
@@ -39,88 +38,125 @@ from vibroimpact.kernel.workspace import (
     COEFFICIENTS,
     COEFFICIENTS_SIZE,
     COLUMNS,
+    FORMS,
     GUARD,
     LANES,
     LEAST,
+    LIMIT,
     MOST,
     PERIOD,
     ROW,
     STEADY,
     VECTOR,
+    WATCHED,
     W,
     Y,
+    any_listed,
     list_lanes,
+    put_tangent,
+    tangent_in,
     whole_vectors,
 )
 from vibroimpact.step.impact import FreeEnd, Impact
 from vibroimpact.step.propagator import remainder_bound
 from vibroimpact.step.scheme import COS, SIN
 from vibroimpact.step.turning_points import (
+    EVERYTHING,
+    Steady,
     goes_one_way,
+    is_near,
     reach_of_x,
     reach_with,
+    steady_of,
+    turns_near,
     widen_by_flight,
     widen_by_impact,
+    widen_near,
 )
 
-#: Rounding of a step, as a share of a displacement.
-_ROUNDING = 2.0**-52
-
-
-@jit
-def set_steady(lanes, i, pt, grid):
-    """Give lane `i` the free oscillation of its point."""
-    x, v, amplitude = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
-    # Each step may be wrong by a rounding error, which is damped from then on.
-    periods, size = 1.0 + 0.2 * pt.omega / pt.h, amplitude + abs(pt.clearance)
-    most, ratio = amplitude + _ROUNDING * grid.size * periods * size, pt.omega / pt.p
-    lanes[STEADY + i], lanes[STEADY + ROW + i] = x - pt.clearance, v / pt.omega
-    lanes[STEADY + 2 * ROW + i] = -most - pt.clearance
-    lanes[STEADY + 3 * ROW + i] = most - pt.clearance
-    lanes[STEADY + 4 * ROW + i] = ratio * ratio
+#: After so many periods it is asked which lanes never widen their reach again; an answer that comes
+#: later changes no bit.
+_JUDGED_EVERY = 4
 
 
 @inlined
-def stays_within(lanes, i):
-    """Whether lane `i` never widens its reach again, given its free oscillation.
+def steady_in(lanes, i):
+    """Return the ``Steady`` of lane `i`."""
+    s = STEADY + i
+    return Steady(
+        lanes[s], lanes[s + ROW], lanes[s + 2 * ROW], lanes[s + 3 * ROW], lanes[s + 4 * ROW],
+        lanes[s + 5 * ROW], lanes[s + 6 * ROW],
+    )  # fmt: skip
+
+
+@jit
+def find_near(lanes, size):
+    """Set the GUARD of lanes that may be near their free oscillation; the others are WATCHED."""
+    widest_vectors()
+    for i in range(whole_vectors(size)):
+        recorded = lanes[LEAST + i] > -math.inf
+        near = abs(lanes[W + i] - lanes[STEADY + ROW + i]) < lanes[LIMIT + i]
+        lanes[GUARD + i] = select(recorded & near, 1.0, -1.0)
+        lanes[WATCHED + i] = select(recorded & (not near), 1.0, -1.0)
+
+
+@jit
+def begin_period(workspace, i, grid):
+    """Widen the reach of lane `i` by its next period, if it is near its free oscillation."""
+    lanes, f, y, w = workspace.lanes, FORMS + i, workspace.lanes[Y + i], workspace.lanes[W + i]
+    if lanes[LIMIT + i] == math.inf:
+        steady = steady_of(workspace.points[i], grid)
+        for q in range(7):
+            lanes[STEADY + q * ROW + i] = steady[q]
+        lanes[f] = math.nan
+    steady = steady_in(lanes, i)
+    if not is_near(steady, y, w):
+        lanes[WATCHED + i] = 1.0
+        return
+    if math.isnan(lanes[f]):
+        eq = coefficients_in(lanes, COEFFICIENTS + COEFFICIENTS_SIZE * i, 1)
+        low, high = turns_near(eq, steady, grid.phase_step)
+        put_tangent(lanes, f, ROW, low)
+        put_tangent(lanes, f + 2 * ROW, ROW, high)
+    forms = tangent_in(lanes, f, ROW), tangent_in(lanes, f + 2 * ROW, ROW)
+    reach = lanes[LEAST + i], lanes[MOST + i]
+    lanes[LEAST + i], lanes[MOST + i] = widen_near(steady, forms, y, w, reach)
+
+
+@jit
+def find_settled(lanes, size):
+    """Set the GUARD of lanes that never widen their reach again.
 
     In the norm hypot(y, omega w / p) a motion comes ever nearer to the free oscillation, as long as
     it is free; and it is free if its reach includes the free oscillation and this distance.
     """
-    s = STEADY + i
-    y, w = lanes[Y + i] - lanes[s], lanes[W + i] - lanes[s + ROW]
-    room = min(lanes[s + 2 * ROW] - lanes[LEAST + i], lanes[MOST + i] - lanes[s + 3 * ROW])
-    return (room > 0.0) & (room * room > y * y + lanes[s + 4 * ROW] * w * w)
-
-
-@jit
-def judge_reach(lanes, size):
-    """Find watched lanes that never widen their reach again, or whose free oscillation is unknown.
-
-    Their GUARD is not negative. The first period does not ask: most motions that are free in it
-    repeat it to the same bits.
-    """
     widest_vectors()
     for i in range(whole_vectors(size)):
-        due = stays_within(lanes, i) | (lanes[STEADY + 4 * ROW + i] == 0.0)
-        due = due & (lanes[PERIOD + i] >= 1.0) & (lanes[LEAST + i] > -math.inf)
-        lanes[GUARD + i] = select(due, 1.0, -1.0)
+        steady, least = steady_in(lanes, i), lanes[LEAST + i]
+        y, w = lanes[Y + i] - steady.y, steady.ratio * (lanes[W + i] - steady.w)
+        room = min(steady.low - least, lanes[MOST + i] - steady.high) - steady.rounding
+        settled = (room > 0.0) & (room * room > y * y + w * w) & (least > -math.inf)
+        lanes[GUARD + i] = select(settled & (lanes[LIMIT + i] < math.inf), 1.0, -1.0)
 
 
 @jit
-def stop_watching(batch, grid):
-    """Keep the reach of lanes that never widen it again, and watch them no longer."""
+def watch_period(batch, grid):
+    """Return whether any lane is watched over the next period."""
     workspace, record, size = batch
     lanes, met = workspace.lanes, workspace.met
-    judge_reach(lanes, size)
-    for j in range(list_lanes(lanes, GUARD, met, size)):
-        i, reach = met[j], record.reach[workspace.rows[met[j]]]
-        if lanes[STEADY + 4 * ROW + i] == 0.0:
-            set_steady(lanes, i, workspace.points[i], grid)
-        if stays_within(lanes, i):
+    if not any_listed(lanes, PERIOD, size):
+        return False
+    if int(lanes[PERIOD]) % _JUDGED_EVERY == 0:
+        find_settled(lanes, size)
+        for j in range(list_lanes(lanes, GUARD, met, size)):
+            i, reach = met[j], record.reach[workspace.rows[met[j]]]
             own = lanes[LEAST + i], lanes[MOST + i]
             reach[0], reach[1] = reach_of_x(own, reach[0], reach[1], lanes[CLEARANCE + i], True)
-            lanes[LEAST + i], lanes[MOST + i] = -math.inf, 0.0
+            lanes[LEAST + i], lanes[MOST + i] = EVERYTHING
+    find_near(lanes, size)
+    for j in range(list_lanes(lanes, GUARD, met, size)):
+        begin_period(workspace, met[j] & (LANES - 1), grid)
+    return any_listed(lanes, WATCHED, size)
 
 
 @jit

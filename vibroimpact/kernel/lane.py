@@ -13,6 +13,7 @@ import math
 
 from vibroimpact.jit import claim, is_set, jit, select, specialised, widest_vectors
 from vibroimpact.kernel.exact_lanes import round_states, set_propagator, take_exact_steps
+from vibroimpact.kernel.extremes import watch_period
 from vibroimpact.kernel.record import (
     add_cycles,
     begin_sums,
@@ -34,6 +35,7 @@ from vibroimpact.kernel.workspace import (
     KEPT,
     LEAST,
     LEVEL,
+    LIMIT,
     MARK_LEVEL,
     MARK_PERIOD,
     MARK_V,
@@ -45,12 +47,11 @@ from vibroimpact.kernel.workspace import (
     RESTITUTION,
     ROW,
     SLEPT,
-    STEADY,
     TANGENT,
     VELOCITY,
     WAKE,
     Batch,
-    any_exceeds,
+    any_listed,
     list_lanes,
     put_tangent,
     whole_vectors,
@@ -58,7 +59,7 @@ from vibroimpact.kernel.workspace import (
 from vibroimpact.step.contact import RELEASE_MARGIN, time_to_release
 from vibroimpact.step.scheme import THETA
 from vibroimpact.step.stepper import first_section
-from vibroimpact.step.turning_points import reach_of_x
+from vibroimpact.step.turning_points import EVERYTHING, reach_of_x
 
 
 @specialised
@@ -84,7 +85,7 @@ def fill_lane(workspace, job, i, exactly):
     lanes[PERIOD + i], lanes[DUE + i] = -job.transient, 1 - job.transient
     # The start is not marked: after a lead-in it is not rounded, as sections are.
     lanes[MARK_X + i] = math.nan
-    lanes[LEAST + i], lanes[MOST + i] = -math.inf, 0.0 if exactly else math.inf
+    lanes[LEAST + i], lanes[MOST + i] = EVERYTHING
     if job.transient == 0:
         x = lanes[POSITION + i] + (pt.clearance if exactly else 0.0)
         if pt.phase == grid.table[THETA, 0]:
@@ -132,7 +133,7 @@ def begin_record(workspace, job, i, x):
     lanes, pt, theta = workspace.lanes, workspace.points[i], job.scheme.grid.table[THETA, 0]
     reach = job.record.reach
     lanes[LEAST + i] = lanes[MOST + i] = lanes[POSITION + i]
-    lanes[STEADY + 4 * ROW + i] = 0.0
+    lanes[LIMIT + i] = math.inf
     if reach.size > 0:
         reach[workspace.rows[i], 0] = reach[workspace.rows[i], 1] = x
     begin_sums(workspace.sums[i])
@@ -281,9 +282,9 @@ def run_lanes(workspace, job, fill, exactly, plain, exponents, turning):
         if exactly:
             carrying = watching = None
             if exponents:
-                carrying = job.lyapunov and any_exceeds(lanes, PERIOD, -1.0, size)
+                carrying = job.lyapunov and any_listed(lanes, PERIOD, size)
             if turning is not None:
-                watching = any_exceeds(lanes, LEAST, -math.inf, size)
+                watching = watch_period(batch, grid)
             take_exact_steps(batch, grid, carrying, watching)
             round_states(lanes, size)
         else:

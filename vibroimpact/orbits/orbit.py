@@ -15,7 +15,6 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from vibroimpact.destination.free_motion import steady_response
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import CONDITIONS, System
@@ -23,6 +22,7 @@ from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.unknowns import unknowns
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.step.integrators import Parameters
+from vibroimpact.step.propagator import steady_response
 
 #: The parameters of an oscillator; the numbers of a ``POINT`` begin with them.
 NAMES = [field.name for field in fields(Oscillator)]

@@ -1,4 +1,4 @@
-"""`Propagator`, the exact map of a step without impacts, in closed form; bounds on its flight.
+"""`Propagator`, the exact map of a step without impacts; bounds on its flight; free oscillation.
 
 With the phase theta = omega t as time, every point of a sweep has the same step 2 pi / N. The state
 is y = x - clearance, which keeps the digits of short bounces at any clearance, and
@@ -209,3 +209,23 @@ def impulse(of_w, of_y, r):
     s, c = fma(s, z, F[3]), fma(c, z, F[4])
     s, c = fma(s, z, 1.0) * r, fma(c, z, F[2])
     return e * s, e * fma(-h, s, fma(c, z, 1.0))
+
+
+@jit
+def steady_response(pt, sine, cosine):
+    """Return the state (x, v) of the free oscillation at a phase, and its amplitude.
+
+    x = Im X exp(i omega t) with X = -f / (p^2 - omega^2 + 2 i h omega).
+    """
+    real, imaginary = (pt.p - pt.omega) * (pt.p + pt.omega), 2.0 * pt.h * pt.omega
+    if pt.f == 0.0:
+        return 0.0, 0.0, 0.0
+    # In a unit of a power of two, which changes no digit, no square overflows or vanishes.
+    size, unit = math.frexp(max(abs(real), abs(imaginary)))
+    if not 0.0 < size < math.inf:
+        return math.inf, math.inf, math.inf
+    real, imaginary = math.ldexp(real, -unit), math.ldexp(imaginary, -unit)
+    square, force = real * real + imaginary * imaginary, math.ldexp(pt.f, -unit)
+    x = -force / square * (real * sine - imaginary * cosine)
+    v = -force * pt.omega / square * (real * cosine + imaginary * sine)
+    return x, v, force / math.sqrt(square)

@@ -22,7 +22,14 @@ from vibroimpact.step.stepper import (
     watch_exact_grid_step,
     watch_grid_step,
 )
-from vibroimpact.step.turning_points import reach_of_x
+from vibroimpact.step.turning_points import (
+    EVERYTHING,
+    is_near,
+    reach_of_x,
+    steady_of,
+    turns_near,
+    widen_near,
+)
 
 # Kinds of row besides the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
@@ -122,15 +129,24 @@ def _trace(job, i, prepare, take, exactly):
     t = (2.0 * math.pi * first + grid.table[THETA, 0]) / pt.omega
     rows = _put_first(log, t, pt, rule, state, first, led)
     prepared, start, reach = prepare(method, grid, pt, scratch), state, (state[0], state[0])
+    near = False
+    if exactly:
+        steady = steady_of(pt, grid)
+        forms = turns_near(prepared[0], steady, grid.phase_step)
     for k in range(periods):
         if is_set(job.interrupt):
             return 0, _PENDING
+        if exactly:
+            near = is_near(steady, state[0], state[1])
+            if near:
+                reach = widen_near(steady, forms, state[0], state[1], reach)
         for n in range(size):
             if rows > job.most_rows:
                 return 0, _PENDING
-            state, n_events, outcome, reach = take(
-                method, prepared, state, grid, n, pt, scratch, reach
+            state, n_events, outcome, wider = take(
+                method, prepared, state, grid, n, pt, scratch, EVERYTHING if near else reach
             )
+            reach = reach if near else wider
             status = max(status, outcome)
             x, v = from_state(rule, state, pt)
             last = n + 1 == size

@@ -21,6 +21,12 @@ start and the end of the step, and Newton's method, with two further terms of th
 is applied to the speed. There y is evaluated, less w^2 / (2 y''), which leaves an error of third
 order. Any other flight is cut into eighths until this proves something of its pieces.
 
+**Near the free oscillation** Y, with the amplitude A, a motion turns a second time. Let it be free,
+and let y - Y be d, which follows eq. (P) without force. In the norm hypot(d, d' omega / p) it does
+not grow. If |d'| and |d| p / omega are below 2^-27 A at a section, the motion then turns where Y
+does, at a height that differs from that of Y + d there by d'^2 / (2 A), less than half a unit in
+the last place. So both turns of a period are linear forms of d at its section.
+
 **Time stepping.** The cubic Hermite interpolant takes the place of the flight, from one state of
 the method to the next. A turn of this cubic beyond the stop counts as a turn at the stop; a state
 beyond the stop counts as it is.
@@ -29,12 +35,13 @@ beyond the stop counts as it is.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from vibroimpact.jit import fma, inlined, jit, select
 from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME, pressing
-from vibroimpact.step.elementary import sin_cos
+from vibroimpact.step.elementary import asin, sin_cos
 from vibroimpact.step.impact import (
     FREE,
     NOTHING,
@@ -47,7 +54,9 @@ from vibroimpact.step.impact import (
     newton_step,
 )
 from vibroimpact.step.polynomial import expand, turn_between, value_and_slope
-from vibroimpact.step.scheme import THETA
+from vibroimpact.step.propagator import steady_response
+from vibroimpact.step.scheme import COS, SIN, THETA
+from vibroimpact.step.variational import fly_tangent
 
 #: The reach of a motion that is not recorded: nothing widens it.
 EVERYTHING = -math.inf, math.inf
@@ -58,6 +67,22 @@ _LAST_CHANGE = 1e-6
 # Pieces narrower than this share of a step turn by rounding only.
 _NARROWEST = 2.0**-17
 _MOST_PIECES = 2**19
+# Of a motion near the free oscillation, w differs by less than this share of the amplitude.
+_NEAR = 2.0**-27
+# Rounding of a step, as a share of a displacement.
+_ROUNDING = 2.0**-52
+
+
+class Steady(NamedTuple):
+    """The free oscillation of a point."""
+
+    y: float  #: Its state at the section.
+    w: float
+    low: float  #: Its least and greatest y.
+    high: float
+    rounding: float  #: By so much a motion may differ from it by rounding.
+    ratio: float  #: omega / p
+    limit: float  #: How much w may differ from it in a motion near it.
 
 
 @inlined
@@ -73,6 +98,62 @@ def reach_of_x(reach, first, last, clearance, exactly):
     if exactly:
         low, high = low + clearance, high + clearance
     return min(low, min(first, last)), max(high, max(first, last))
+
+
+@jit
+def steady_of(pt, grid):
+    """Return the ``Steady`` of a point for the sections of a grid."""
+    x, v, amplitude = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
+    ratio, clearance = pt.omega / pt.p, pt.clearance
+    # Each step may be wrong by a rounding error, which is damped from then on.
+    rounding = _ROUNDING * grid.size * (1.0 + 0.2 * pt.omega / pt.h) * (amplitude + abs(clearance))
+    limit = _NEAR * amplitude
+    if not amplitude + 2.0 * ratio * limit + rounding < clearance:
+        limit = 0.0
+    low, high = -amplitude - clearance, amplitude - clearance
+    return Steady(x - clearance, v / pt.omega, low, high, rounding, ratio, limit)
+
+
+@inlined
+def is_near(steady, y, w):
+    """Whether a motion from a state at a section is near its free oscillation."""
+    near = abs(w - steady.w) < steady.limit
+    return near and abs(y - steady.y) < steady.ratio * steady.limit
+
+
+@jit
+def _response_after(eq, phase, phase_step):
+    """Return the factors of y and w in the y that follows from them after a `phase`."""
+    doublings = 0
+    while phase > phase_step:
+        phase, doublings = 0.5 * phase, doublings + 1
+    a, b = fly_tangent(eq, (1.0, 0.0), phase), fly_tangent(eq, (0.0, 1.0), phase)
+    for _ in range(doublings):
+        (yy, wy), (yw, ww) = a, b
+        a = yy * yy + yw * wy, wy * yy + ww * wy
+        b = yy * yw + yw * ww, wy * yw + ww * ww
+    return a[0], b[0]
+
+
+@jit
+def turns_near(eq, steady, phase_step):
+    """Return the linear forms of the lowest and the highest point of motions near ``Steady``."""
+    middle, amplitude = 0.5 * (steady.low + steady.high), 0.5 * (steady.high - steady.low)
+    angle = asin(min(abs(steady.w) / amplitude, 1.0))
+    first = angle if (steady.y - middle) * steady.w >= 0.0 else math.pi - angle
+    later = math.pi if steady.w > 0.0 else 0.0
+    low = _response_after(eq, first + later, phase_step)
+    return low, _response_after(eq, first + math.pi - later, phase_step)
+
+
+@inlined
+def widen_near(steady, forms, y, w, reach):
+    """Return the reach that includes a period of a motion that is near at its start."""
+    (low_y, low_w), (high_y, high_w) = forms
+    off, rate = y - steady.y, w - steady.w
+    low = fma(low_y, off, fma(low_w, rate, steady.low))
+    high = fma(high_y, off, fma(high_w, rate, steady.high))
+    return reach_with(reach, min(low, y), max(high, y))
 
 
 @inlined
