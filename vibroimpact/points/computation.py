@@ -72,26 +72,13 @@ def follow_chains(
         rows = np.concatenate([chains[:, value] + i * size for i, value in enumerate(order)])
         lanes = flat[rows % size]
         if before:
-            _continue(lanes, before, phase, moving_stop=axis == "clearance")
+            put_last(lanes, before, phase)
+            if axis == "clearance":  # the stop may have moved past that state
+                lanes["x0"] = np.minimum(lanes["x0"], lanes["clearance"])
         before = run(lanes)
         put_rows(collected, len(orders) * size, rows, before)
         advance(len(rows))
     return collected
-
-
-def _continue(
-    points: np.ndarray, before: Mapping[str, np.ndarray], phase: float, *, moving_stop: bool
-) -> None:
-    """Start one point of every chain at the section, where the point before it has ended.
-
-    `moving_stop` says whether the stop may have moved past that state.
-    """
-    x, v = before["poincare_x"][:, -1], before["poincare_v"][:, -1]
-    if moving_stop:
-        x = np.minimum(x, points["clearance"])
-    ended = np.isfinite(x) & np.isfinite(v) & has_result(before["status"])
-    for name, value in (("x0", x), ("v0", v), ("phase", phase)):
-        points[name] = np.where(ended, value, points[name])
 
 
 #: Results proportional to f: their unit is a length, or a length per time.

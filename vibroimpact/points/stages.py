@@ -92,7 +92,7 @@ def in_stages(
 def put_last(points: np.ndarray, results: Results, phase: float) -> None:
     """Write the last sections in results as starts of points; a failed motion keeps its start."""
     x, v = results["poincare_x"][:, -1], results["poincare_v"][:, -1]
-    ended = np.isfinite(x) & np.isfinite(v)
+    ended = np.isfinite(x) & np.isfinite(v) & has_result(results["status"])
     for name, value in (("x0", x), ("v0", v), ("phase", phase)):
         points[name] = np.where(ended, value, points[name])
 

@@ -25,10 +25,6 @@ from vibroimpact.jit import fma, inlined, jit, specialised
 from vibroimpact.step.elementary import sin_cos, sine_after
 from vibroimpact.step.scheme import INTEGRATORS
 
-# Tolerance of Jury's conditions, for maps that are marginal at every step: the rounding of the
-# terms of a step, the greatest of which is of the order of p^2 T^2.
-_JURY_TOLERANCE = 1e-14
-
 
 class Parameters(NamedTuple):
     """The parameters of eq. (1), named as in a parameter point."""
@@ -257,23 +253,10 @@ def spectral_radius(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.nda
     """Return the greatest modulus of the eigenvalues of M: the growth of free motion per step.
 
     Arguments as for `free_map`. Where both eigenvalues coincide, the result is accurate only to the
-    square root of rounding; use `is_stable` to decide whether it exceeds 1.
+    square root of rounding.
     """
     M = free_map(integrator, step, zeta)
     mean = 0.5 * (M[..., 0, 0] + M[..., 1, 1])
     apart = 0.25 * (M[..., 0, 0] - M[..., 1, 1]) ** 2 + M[..., 0, 1] * M[..., 1, 0]
     root = np.sqrt(np.abs(apart))
     return np.where(apart < 0.0, np.hypot(mean, root), np.abs(mean) + root)
-
-
-def is_stable(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
-    """Whether no eigenvalue of M exceeds 1 in modulus, to rounding; arguments as for `free_map`.
-
-    By the conditions of Jury (1962), Proc. IRE 50, 1493-1500, for a polynomial of degree 2:
-    |det M| <= 1 and |trace M| <= 1 + det M.
-    """
-    M = free_map(integrator, step, zeta)
-    trace = M[..., 0, 0] + M[..., 1, 1]
-    det = M[..., 0, 0] * M[..., 1, 1] - M[..., 0, 1] * M[..., 1, 0]
-    allowance = _JURY_TOLERANCE * (1.0 + np.asarray(step, float) ** 2)
-    return (np.abs(det) <= 1.0 + allowance) & (np.abs(trace) <= 1.0 + det + allowance)
