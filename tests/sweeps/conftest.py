@@ -37,40 +37,29 @@ def folder(tmp_path, monkeypatch, request):
 
 
 @pytest.fixture(autouse=True, scope="session")
-def short_trials():
-    """Estimate the time of a run in a tenth of the usual time; test_limits.py tests it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sweeps.engine.estimate._TRIAL", 0.01)
-        yield
+def undisturbed(tmp_path_factory):
+    """Estimate a run in a tenth of the usual time, and say of no work that it is slow.
 
-
-@pytest.fixture(autouse=True, scope="session")
-def own_results(tmp_path_factory):
-    """Keep orbits and knocks in a folder of the tests, and leave those of the user alone."""
+    test_limits.py and test_progress.py test both. Orbits and knocks are kept in a folder of the
+    tests, and those of the user are left alone.
+    """
     folder = tmp_path_factory.mktemp("kept")
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sweeps.engine.estimate._TRIAL", 0.01)
+        patch.setattr("sweeps.text.PATIENCE", 1e6)
         patch.setattr("sweeps.opened.kept.root", lambda: folder)
         yield
 
 
 @pytest.fixture(autouse=True, scope="session")
-def patient():
-    """Say nothing of work that is slow only because other tests run; test_progress.py tests it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sweeps.text.PATIENCE", 1e6)
-        yield
+def cheap_pictures():
+    """Paint a quarter of the usual pixels, and leave out the layout, a third of the time.
 
-
-@pytest.fixture(autouse=True, scope="session")
-def parsed_once():
-    """Let all pictures have one parser of formulas, which keeps all that it has read, not 50.
-
-    They also measure each text once, not once for each picture.
+    All pictures have one parser of formulas, which keeps all that it has read, not 50, and measure
+    a text once, not once for each picture. `with_layout` lays them out.
     """
-    renderer_at, measuring = (
-        cache(partial(RendererAgg, 1, 1)),
-        matplotlib.text._get_text_metrics_function,
-    )
+    renderer_at = cache(partial(RendererAgg, 1, 1))
+    measuring = matplotlib.text._get_text_metrics_function
 
     @cache
     def measured(text, font, ismath, dpi):
@@ -79,11 +68,12 @@ def parsed_once():
     def of_renderer(renderer):
         return measured if type(renderer) is RendererAgg else measuring(renderer)
 
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, mpl.rc_context({"savefig.dpi": 150}):
         patch.setattr(matplotlib.text, "_get_text_metrics_function", of_renderer)
         parse = MathTextParser._parse_cached.__wrapped__
         patch.setattr(MathTextParser, "_parse_cached", cache(parse))
         patch.setattr(backend_agg, "MathTextParser", cache(MathTextParser))
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
         yield
 
 
@@ -172,23 +162,8 @@ def small_file(folder, small_run):
     shutil.copy(small_run, "small.h5")
 
 
-@pytest.fixture(autouse=True, scope="session")
-def without_layout():
-    """Leave out the layout of figures, a third of their time, unless a test asks for it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
-        yield
-
-
-@pytest.fixture(autouse=True, scope="session")
-def coarse_pictures():
-    """Paint 150 pixels per inch, as a user could set it, a quarter of the usual pixels."""
-    with mpl.rc_context({"savefig.dpi": 150}):
-        yield
-
-
 @pytest.fixture
-def with_layout(without_layout, monkeypatch):
+def with_layout(cheap_pictures, monkeypatch):
     """Lay figures out, in a test of the places and sizes of their parts."""
     monkeypatch.setattr(ConstrainedLayoutEngine, "execute", LAY_OUT)
 

@@ -44,7 +44,7 @@ def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_plann
         assert piece.sizes["omega"] == 5
     accepted("plot", "small-omega-2.25-2.5.h5", *picture, "-o", "same.png")
     drawn, same = map(matplotlib.image.imread, ("small-omega-2.25-2.5.png", "same.png"))
-    assert drawn.shape[1] == 4 * 150  # the fixture coarse_pictures
+    assert drawn.shape[1] == 4 * 150  # the fixture cheap_pictures
     np.testing.assert_array_equal(drawn, same)
 
 

@@ -158,7 +158,7 @@ def test_very_many_points_become_a_density(random_sweep, monkeypatch, with_layou
     assert drawn(panel) == []
     (mesh,) = [c for c in panel.collections if isinstance(c, QuadMesh)]
     figure.draw_without_rendering()
-    box, scale = panel.get_window_extent(), 150.0 / figure.dpi  # the fixture coarse_pictures
+    box, scale = panel.get_window_extent(), 150.0 / figure.dpi  # the fixture cheap_pictures
     share = mesh.get_array().filled(0.0)
     assert share.shape == pytest.approx((box.height * scale, box.width * scale), abs=1.0)
     y = dataset["impact_v"].values
