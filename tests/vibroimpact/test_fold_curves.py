@@ -153,15 +153,6 @@ def test_the_folds_of_an_even_orbit_end_at_the_degenerate_flip_of_its_half(case)
         at_degenerate_flip(end, ranges, found, off=1e-9)
 
 
-def orbit_of_6_4():
-    """Return an orbit whose folds end where its two halves become equal."""
-    osc = Oscillator(
-        h=0.007362632864275454, R=0.8628857905514986, omega=5.2602055795026255, f=1.0,
-        clearance=-0.027911269810741077,
-    )  # fmt: skip
-    return periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
-
-
 #: Folds of orbits of two periods near a resonance, where the equations of the flights are almost
 #: singular: oscillator, phases, speeds, two ranges, and the kinds of both ends.
 RESONANT_FOLDS = [
@@ -275,7 +266,11 @@ def test_two_degenerate_flips_close_together_are_the_ends_of_one_curve_of_folds(
 @pytest.mark.parametrize(("axis", "inside"), [(0, 1.0), (1, -1.0)])
 def test_a_curve_of_folds_ends_at_an_edge_just_before_its_degenerate_flip(axis, inside):
     """Its equations are singular there; the halves differ by the square root of the distance."""
-    start = orbit_of_6_4()
+    osc = Oscillator(
+        h=0.007362632864275454, R=0.8628857905514986, omega=5.2602055795026255, f=1.0,
+        clearance=-0.027911269810741077,
+    )  # fmt: skip
+    start = periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
     ranges = [("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)]
     flip = bifurcation_curve(start, "fold", *ranges).special[0].value
     slopes, sizes = [], []

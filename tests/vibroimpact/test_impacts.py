@@ -6,6 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from tests.helpers.kernel_cases import ALL, SECOND_ORDER
 from tests.helpers.oscillators import Flight, in_digits
 from vibroimpact import Oscillator
 from vibroimpact.status import Status
@@ -31,10 +32,6 @@ from vibroimpact.step.time_stepping import (
     single_linear_impact,
 )
 
-ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
-# Integrators that are exact under a constant push, as a rebound within one step requires.
-PARABOLIC = [name for name, row in INTEGRATORS.items() if row.order != 1]
-SECOND_ORDER = pytest.mark.parametrize("integrator", PARABOLIC)
 # The rules that shorten a step.
 SHORTENING = pytest.mark.parametrize("rule", [REDUCED_STEP, CUBIC], ids=["reduced-step", "cubic"])
 # Nearly constant acceleration: the force is at its maximum, and nothing else acts.
@@ -44,12 +41,6 @@ CREST = 1.5 * math.pi
 
 def point(x0=0.0, v0=0.0, **parameters):
     return Oscillator(**{"h": 0.1, "R": 0.5, "omega": 1.0, "f": 1.0} | parameters).at(x0, v0)[0]
-
-
-def preload(level, f=1.0, p=1.0, omega=1.0):
-    """Return a mass pressed onto the stop by `level` of the force, p^2 clearance = -level f."""
-    clearance = -level * f / p**2
-    return Oscillator(h=0.1, R=0.5, omega=omega, f=f, p=p, clearance=clearance)
 
 
 def run(pt, rule, integrator, x, v, theta, T, resting=False):
@@ -205,8 +196,8 @@ def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrat
     rng = np.random.default_rng(2)
     ends = [-preloads, 0.1, 0.5, 0.1], [preloads, 3, 2, 0.9]
     for level, f, p, share in rng.uniform(*ends, (300, 4)):
-        osc = preload(level, f, p)
-        pt, stop = osc.at(osc.clearance)[0], osc.clearance
+        stop = -level * f / p**2  # pressed by `level` of the force
+        pt = Oscillator(h=0.1, R=0.5, omega=1.0, f=f, p=p, clearance=stop).at(stop)[0]
         theta = (math.asin(level) - share * T) % (2 * math.pi)
         step = run(pt, rule, integrator, stop, 0.0, theta, T, resting=True)
         x, v, resting, events, _, status = step
@@ -219,7 +210,7 @@ def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrat
             assert -1e-14 * f < v <= 0.0
         else:
             assert v == pytest.approx(-speed, rel=0.1)
-        assert 0.0 <= osc.clearance - x < 2 * speed * left
+        assert 0.0 <= stop - x < 2 * speed * left
     assert pressed > 20
 
 

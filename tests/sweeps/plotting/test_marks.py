@@ -61,19 +61,15 @@ def test_a_motion_without_a_class_has_no_period_below_the_diagram():
     assert y[np.isfinite(y)].tolist() == [1.0, 1.0, 2.0]
 
 
-def by_hand(**changed):
-    """Return points of 1/1 at R and omega = 1, 2, 3, 4, with x = omega, and changes."""
-    axes = {"R": np.arange(1.0, 3.0), "omega": np.arange(1.0, 5.0)}
-    made = equal_points(axes=axes, **changed)
-    made["poincare_x"].values += made["omega"].values[:, None]
-    return made.assign(poincare_v=made["poincare_x"])
-
-
-FOUR = by_hand(
+#: Points of 1/1 at R and omega = 1, 2, 3, 4, with x = omega, and changes.
+FOUR = equal_points(
+    axes={"R": np.arange(1.0, 3.0), "omega": np.arange(1.0, 5.0)},
     period={(0, 3): 2, (1, 3): 2},
     orbit_distance={(0, 3): 0.5, (1, 3): 0.5},
     status={(0, 0): Status.UNRESOLVED, (1, 0): Status.UNRESOLVED},
 )
+FOUR["poincare_x"].values += FOUR["omega"].values[:, None]
+FOUR["poincare_v"] = FOUR["poincare_x"]
 
 
 @pytest.mark.parametrize("grey", [False, True])
