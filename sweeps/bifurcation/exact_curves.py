@@ -161,14 +161,12 @@ class CurveSearch:
 
         Only changes without a curve and without a reason count; None if there is none.
         """
-        groups: dict[tuple[tuple[int, int], ...], list[int]] = {}
-        for i in np.flatnonzero(self.counted & ~self.explained).tolist():
-            if i not in reasons:
-                groups.setdefault(self.names[i], []).append(i)
-        if not groups:
+        left = np.flatnonzero(self.counted & ~self.explained).tolist()
+        pairs = {i: self.names[i] for i in left if i not in reasons}
+        if not pairs:
             return None
-        most = max(groups.values(), key=len)
-        return most[len(most) // 2]
+        ((most, count),) = Counter(pairs.values()).most_common(1)
+        return [i for i, pair in pairs.items() if pair == most][count // 2]
 
     def _leads_to(self, cell: np.ndarray, axis: int, value: float) -> SpecialPoint:
         """Return where the orbit of a cell leads; OrbitError if none of its class is found."""

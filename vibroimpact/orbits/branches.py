@@ -21,7 +21,6 @@ from vibroimpact.orbits.family import (
     ArclengthStep,
     ContinuationParameter,
     OrbitFamily,
-    Point,
     units_along,
 )
 from vibroimpact.orbits.orbit import (
@@ -163,10 +162,8 @@ class Branch:
         start = PeriodicOrbit(self.oscillator, self.m, self.phases[i], self.speeds[i])
         family, two = OrbitFamily(start, (axis,)), slice(i, i + 2)
         X = family.unknowns(self.phases[two], self.speeds[two], self.values[two, None])
-        length = family.distance(*X)
-        begin, end = (Point(Y, (X[1] - X[0]) / length, np.empty(0), math.nan, None) for Y in X)
-        step = ArclengthStep(family, begin, end, length)
         away = (self.values[two] - value).tolist()
+        step = ArclengthStep.chord(family, *X)
         root = step.root(lambda Y: float(family.values(Y)[0]) - value, *away)
         if root is None or family.inadmissible(root)[0] is not None:
             return None

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -332,6 +332,13 @@ class ArclengthStep:
     inadmissible: Inadmissible | None = None  # just beyond the end of the last step
     margin: float = math.nan  # of that, at the end; if Newton fails, the slowest speed
 
+    @classmethod
+    def chord(cls, family: OrbitFamily, X: np.ndarray, Y: np.ndarray) -> Self:
+        """Return the step from X to Y along their chord, within which a `root` is sought."""
+        length = family.distance(X, Y)
+        begin = Point(X, (Y - X) / length, X[:0], math.nan, None)
+        return cls(family, begin, begin._replace(X=Y), length)
+
     def place(self, X: np.ndarray) -> float:
         """Return the position of a point along the tangent, as a share of the step."""
         return self.family.inner(self.begin.tangent, X - self.begin.X) / self.length
@@ -339,6 +346,10 @@ class ArclengthStep:
     def between(self, share: float) -> np.ndarray:
         """Return the unknowns at a share of the chord."""
         return self.begin.X + share * (self.end.X - self.begin.X)
+
+    def ends(self, test: int) -> tuple[float, float]:
+        """Return the values of a test function at both ends."""
+        return float(self.begin.tests[0, test]), float(self.end.tests[0, test])
 
     def jumps(self) -> bool:
         """Whether the chord deviates from the mean tangent, as in a jump to another path."""

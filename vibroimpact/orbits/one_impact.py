@@ -200,12 +200,9 @@ def one_impact_orbit(osc: Oscillator, n: int = 1) -> PeriodicOrbit:
     Raises
     ------
     OrbitError
-        If the impact conditions have no solution with v > 0, or if the flight is too long to be
-        solved for, as in `periodic_orbit`.
-    TypeError
-        If `osc` is not an Oscillator.
-    ValueError
-        If `n` is not an integer from 1 to 32,768, or if the numbers overflow or underflow.
+        If the impact conditions have no solution with v > 0.
+    OrbitError, TypeError, ValueError
+        As by `one_impact_orbits`.
 
     Examples
     --------

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibroimpact.orbits.continuation import GRAZES, continue_branch, ending, is_orbit
-from vibroimpact.orbits.family import ArclengthStep, OrbitFamily, Point
+from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
 from vibroimpact.orbits.normal_form import cubic_coefficient
 from vibroimpact.orbits.orbit import PeriodicOrbit, repeats_freely
@@ -93,7 +93,7 @@ def special_points(
     elif step.family.kind == "graze":
         # Without damping the coefficient may be zero along the whole curve; its sign is then
         # rounding. It also vanishes where the curve crosses one of free vibrations that touch.
-        family, ends = step.family, _ends(step, -2)
+        family, ends = step.family, step.ends(-2)
         meeting = step.root(partial(family.test, -2), *ends) if _changes(*ends) else None
         if meeting is not None and not (
             family.q == 1 and repeats_freely(family.natural(meeting), family.m)
@@ -111,7 +111,7 @@ def _bifurcations(step: ArclengthStep, end: float) -> Iterator[tuple[str, np.nda
     """Yield the flip and the fold within a step of a branch that ends at a place of it."""
     family = step.family
     for test, kind in ((-2, "flip"), (-1, "fold")):
-        a, b = _ends(step, test)
+        a, b = step.ends(test)
         if not _changes(a, b):
             continue
         X = family.bifurcation(step.between(a / (a - b)), kind)
@@ -120,11 +120,6 @@ def _bifurcations(step: ArclengthStep, end: float) -> Iterator[tuple[str, np.nda
             X = step.root(partial(family.test, test), a, b)
         if X is not None and not (kind == "fold" and _is_twice_its_half(family, X)):
             yield kind, X
-
-
-def _ends(step: ArclengthStep, test: int) -> tuple[float, float]:
-    """Return the values of a test function at both ends of a step."""
-    return float(step.begin.tests[0, test]), float(step.end.tests[0, test])
 
 
 def _changes(a: float, b: float) -> bool:
@@ -142,21 +137,19 @@ def _note_degenerate_flips(path: Path, points: Sequence[np.ndarray]) -> None:
     """
     if path.family.kind != "flip" or len(points) < 2:
         return
-    X = np.array(points)
-    family, chords = path.family, np.diff(X, axis=0)
-    lengths = np.array([math.sqrt(family.inner(chord, chord)) for chord in chords])
+    family, X = path.family, np.array(points)
     ways = np.array([*map(family.tangent, X, np.gradient(X, axis=0))])
     both = cubic_coefficient(family.system, np.concatenate([X, X + _BEYOND * ways]))
     values, slopes = both[: len(X)], (both[len(X) :] - both[: len(X)]) / _BEYOND
-    for i, (length, chord) in enumerate(zip(lengths.tolist(), chords, strict=True)):
+    for i, length in enumerate(map(family.distance, X, X[1:])):
         (a, b), (first, second) = values[i : i + 2].tolist(), (length * slopes[i : i + 2]).tolist()
         more = may_have_more_roots.py_func(a, first, b, second) and length > _RESOLVED
-        middle = family.corrected(0.5 * (X[i] + X[i + 1]), chord[None, :]) if more else None
+        across = (X[i + 1] - X[i])[None, :]
+        middle = family.corrected(0.5 * (X[i] + X[i + 1]), across) if more else None
         if middle is not None:
             _note_degenerate_flips(path, [X[i], middle, X[i + 1]])
         elif _changes(a, b):
-            begin = Point(X[i], chord / length, X[:0], math.nan, None)
-            step = ArclengthStep(family, begin, begin._replace(X=X[i + 1]), length)
+            step = ArclengthStep.chord(family, X[i], X[i + 1])
             turn = step.root(partial(cubic_coefficient, family.system), a, b)
             # Where an impact is as slow as at the end of a curve, the sign is rounding.
             if turn is not None and family.slowest(turn) > GRAZES:
