@@ -147,6 +147,11 @@ class Sweep:
         spec = self.spec
         return (spec.transient if spec.longest is None else spec.longest) + spec.periods
 
+    @property
+    def known_periods(self) -> int | None:
+        """Forcing periods of every point; None if each has its own, or some points are scaled."""
+        return None if self.spec.scaled or self.spec.longest is not None else self.most_periods
+
 
 @dataclass(frozen=True)
 class Cost:

@@ -52,7 +52,7 @@ _MANY = 0.05
 def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
     """Describe a sweep and its cost before it is run."""
     sweep, spec = config.sweep, config.sweep.spec
-    most = "at most " if spec.longest is not None else ""
+    most = "at most " if sweep.known_periods is None else ""
     periods = sweep.size * sweep.most_periods
     axes = [shown_axis(*axis) for axis in _swept(config)]
     kind = "axis" if config.points is None else "column"

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sweeps.opened.motions import leads_to, orbit_of_motion
+from sweeps.opened.motions import first_special_point, orbit_of_motion
 from sweeps.opened.opened_sweep import START_AXES
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.points.regimes import Label, Regime
@@ -89,7 +89,7 @@ class Explanation(NamedTuple):
         """Whether this is a bifurcation with a known value."""
         return self.kind in _KINDS.values() and self.at is not None
 
-    def leads_to(self, change: Change) -> bool:
+    def explains(self, change: Change) -> bool:
         """Whether this is the bifurcation of a change; chaos begins beyond a flip, not at it."""
         beyond = ("rest", "unbounded") + ("chaotic",) * (self.kind == "flip")
         return self.is_exact and change.kind not in beyond
@@ -113,7 +113,7 @@ def explain(
     is_regime = change.kind in ("rest", "chaotic", "unbounded")
     if first.kind == "edge" or (is_regime and second.kind == "edge"):
         return [(change, Explanation("basin"))]
-    exact = [onward for onward in (first, second) if onward.leads_to(change)]
+    exact = [onward for onward in (first, second) if onward.explains(change)]
     if not exact:
         return [(change, Explanation(change.kind))]
     near = least_difference(values[0], values[-1])
@@ -170,7 +170,7 @@ def _onward(motion: np.void, other: np.void, phase: float, axis: str) -> Explana
         with suppress(ValueError):  # no orbit is found, or it cannot be followed
             orbit = orbit_of_motion(motion, phase)
             if orbit.stable:
-                point = leads_to(orbit, axis, other["point"][axis].item())
+                point = first_special_point(orbit, axis, other["point"][axis].item())
                 of = point.orbit if point.kind in ("flip", "graze") else orbit
                 kind = _KINDS.get(point.kind, point.kind)
                 return Explanation(kind, point.value, f"{of.m}/{of.q}", point.orbit)

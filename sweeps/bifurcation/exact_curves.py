@@ -22,7 +22,7 @@ from sweeps.bifurcation.class_changes import cells_of_change, middles_of_regions
 from sweeps.bifurcation.exact_branches import check_axis, with_special_points
 from sweeps.errors import Refused
 from sweeps.opened.doors import orbits_on_axes, takes_sweep
-from sweeps.opened.motions import leads_to, orbit_of_motion
+from sweeps.opened.motions import first_special_point, orbit_of_motion
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.text import choice_of, listed, near_misses, shown_count, suggestion
 from vibroimpact.orbits.branches import Branch
@@ -140,7 +140,7 @@ class CurveSearch:
             if end == values[cell[axis]]:
                 continue
             try:
-                point = self._leads_to(cell, axis, end)
+                point = self._special_point(cell, axis, end)
             except OrbitError:
                 continue
             if self._is_asked(point.kind, (point.orbit.m, point.orbit.q)):
@@ -168,10 +168,10 @@ class CurveSearch:
         ((most, count),) = Counter(pairs.values()).most_common(1)
         return [i for i, pair in pairs.items() if pair == most][count // 2]
 
-    def _leads_to(self, cell: np.ndarray, axis: int, value: float) -> SpecialPoint:
-        """Return where the orbit of a cell leads; OrbitError if none of its class is found."""
+    def _special_point(self, cell: np.ndarray, axis: int, value: float) -> SpecialPoint:
+        """Return the first one from the orbit of a cell; OrbitError if none is of its class."""
         orbit = orbit_of_motion(self._motions[*cell], self._phase)
-        return leads_to(orbit, self._axes[axis], float(value))
+        return first_special_point(orbit, self._axes[axis], float(value))
 
     def _bifurcation(self, cells: np.ndarray) -> SpecialPoint:
         """Return the bifurcation at a change, sought from both sides; OrbitError has the reason."""
@@ -184,7 +184,7 @@ class CurveSearch:
         reason = "both motions are stable on both sides, and the start decides"
         for cell, end in zip(cells, (high, low), strict=True):
             try:
-                points.append(self._leads_to(cell, axis, end))
+                points.append(self._special_point(cell, axis, end))
             except OrbitError as error:
                 reason = str(error)
         bifurcations = [point for point in points if point.kind in CURVE_KINDS]
@@ -271,8 +271,8 @@ def curves(
         ``curve`` (the number of the curve), ``kind``, ``m`` and ``q`` of the curve, and
         ``special``, the kind of a special point, empty for all other points. The attribute
         ``changes`` counts the changes between periodic classes, of which one is among `classes`, if
-        given; ``explained`` counts those with such a curve within one cell; ``curves_summary``
-        says why the others have none.
+        given; ``explained`` counts those with such a curve within one cell; ``summary`` says why
+        the others have none.
 
     Raises
     ------

@@ -75,7 +75,7 @@ def run_sweep(
         the last bit, as after an uninterrupted run.
     progress : bool
         Whether to show the expected cost on stderr, and then the points done, the forcing periods
-        per second and the time left.
+        per second, if all points have the same number, and the time left.
     client : distributed.Client, optional
         Compute on the workers of its cluster. Only this process writes the file, block by block as
         on one machine. A run started on one machine can be resumed on a cluster, and vice versa.
@@ -153,10 +153,9 @@ def _progress(
     computer: LocalComputer | ClusterComputer,
     console: Console,
 ) -> Iterator[Callable[[int], None]]:
-    """Show points done, forcing periods per second and time left; yield the function to advance."""
-    spec = config.sweep.spec
-    periods = spec.transient + spec.periods
-    scaled = ", one f computed and the others scaled" if spec.scaled else ""
+    """Show points done, forcing periods per second if known, time left; yield what advances."""
+    periods = config.sweep.known_periods
+    scaled = ", one f computed and the others scaled" if config.sweep.spec.scaled else ""
     name, began, computed = printable(config.name) + scaled, time.monotonic(), 0
     with Progress(
         TextColumn("{task.description}", markup=False),
@@ -175,9 +174,10 @@ def _progress(
         def advance(points: int) -> None:
             nonlocal computed
             computed += points
-            speed = computed * periods / (time.monotonic() - began)
+            rate = computed * (periods or 0) / (time.monotonic() - began)
+            speed = f"{rate:,.0f} periods/s" if periods else ""
             described = name + computer.described()
-            bar.update(task, advance=points, description=described, speed=f"{speed:,.0f} periods/s")
+            bar.update(task, advance=points, description=described, speed=speed)
 
         yield advance
 

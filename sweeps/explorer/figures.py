@@ -18,7 +18,7 @@ from sweeps.config.rig import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import View, Window, window_bounds
 from sweeps.interrupts import Cancelled, check, this_thread
-from sweeps.plotting.labels import as_variable, label, named_unit, prefix_of
+from sweeps.plotting.labels import as_variable, label, prefix_of, with_unit
 from sweeps.plotting.pixels import cell_edges
 from vibroimpact.jit import called_before_passes
 
@@ -71,10 +71,9 @@ def symbol(name: str, nomenclature: Nomenclature) -> str:
 
 def value_text(name: str, view: View) -> str:
     """Return the symbol of a parameter with its value and, if the unit has a name, its unit."""
-    variable, value = as_variable(name, view.nomenclature), view.values[name]
-    prefix, factor = prefix_of(variable, value)
-    unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
-    return without_tex(f"{variable.symbol} = {value / factor:.6g}{unit}")
+    variable = as_variable(name, view.nomenclature)
+    number, unit = with_unit(variable, view.values[name])
+    return without_tex(f"{variable.symbol} = {number:.6g} {unit}".rstrip())
 
 
 def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math.inf) -> str:

@@ -21,7 +21,7 @@ from sweeps.engine.executors import compute
 from sweeps.explorer.figures import PixelFigure, Report, Step, narrow, outer_edges, without_tex
 from sweeps.explorer.view import BASINS_TAB, View
 from sweeps.opened.motions import MOTION, motions_from
-from sweeps.plotting.labels import as_variable, named_unit, prefix_of
+from sweeps.plotting.labels import as_variable, with_unit
 from sweeps.plotting.looks import (
     Looks,
     basin_cells,
@@ -178,10 +178,8 @@ class Filling:
         corner = np.array([[x[0], v[0]]])
         radius, *centre, at_edge, _, _ = measures_of(basin, x, v, 1.0 / p, stop, corner)
         disc = centre[0], centre[1], 2.0 * radius, 2.0 * radius * p
-        variable = as_variable("x0", self.config.nomenclature)
-        prefix, factor = prefix_of(variable, radius)
-        unit = f" {prefix}{named}" if (named := named_unit(variable)) else ""
-        said = f"disc {'>= ' if at_edge else ''}{radius / factor:.3g}{unit}"
+        number, unit = with_unit(as_variable("x0", self.config.nomenclature), radius)
+        said = f"disc {'>= ' if at_edge else ''}{number:.3g} {unit}".rstrip()
         return disc, said.replace("%", "%%")
 
     def _ranked(self) -> tuple[list[AttractorRow], np.ndarray]:

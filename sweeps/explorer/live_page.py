@@ -290,12 +290,14 @@ class LivePage:
     def _report(self, config: SweepConfig, points: int, computing: float, seconds: float) -> None:
         """Show the number of computed points of a picture, and the speed."""
         self._picture.wait("")
-        grid, spec = config.sweep.grid, config.sweep.spec
-        of = "" if points == grid.size else f"{points:,} of "
-        periods = points * (spec.transient + spec.periods)
+        sweep, time, periods, rate = config.sweep, f"{1e3 * computing:.0f} ms", "", ""
+        of = "" if points == sweep.size else f"{points:,} of "
+        if sweep.known_periods is not None:
+            number = points * sweep.known_periods
+            periods = f", {shown_count(number, 'forcing period')}"
+            rate = f": {1e-6 * number / computing:.3g} million periods/s"
         self._rate = self.controls.status.text = (
-            f"{of}{shown_count(grid.size, 'point')}, {shown_count(periods, 'forcing period')} in "
-            f"{1e3 * computing:.0f} ms: {1e-6 * periods / computing:.3g} million periods/s; "
+            f"{of}{shown_count(sweep.size, 'point')}{periods} in {time}{rate}; "
             f"picture after {1e3 * seconds:.0f} ms"
         )
 

@@ -176,7 +176,7 @@ def orbit_of_motion(motion: np.void, phase: float) -> PeriodicOrbit:
     return orbit
 
 
-def leads_to(orbit: PeriodicOrbit, parameter: str, value: float) -> SpecialPoint:
+def first_special_point(orbit: PeriodicOrbit, parameter: str, value: float) -> SpecialPoint:
     """Return the first special point on the branch of an orbit towards a value of a parameter."""
     start = float(getattr(orbit.oscillator, parameter))
     special = branch(orbit, parameter, *sorted((start, value))).special

@@ -109,12 +109,17 @@ def units_of(variable: xr.DataArray) -> dict[str, float]:
     return units
 
 
+def with_unit(variable: xr.DataArray, value: float) -> tuple[float, str]:
+    """Return a value and its unit, with a prefix; the unit is empty if it has no name."""
+    prefix, factor = prefix_of(variable, value)
+    named = named_unit(variable)
+    return value / factor, named and prefix + named
+
+
 def equation(symbol: str, variable: xr.DataArray, value: float) -> str:
     """Write a symbol with its value and, if the unit of the variable has a name, its unit."""
-    prefix, factor = prefix_of(variable, value)
-    unit = [prefix + named] if (named := named_unit(variable)) else []
-    text = f"${symbol}={mathtext(value / factor)}$"
-    return _JOINT.join([text, *" ".join(unit).split()])
+    number, unit = with_unit(variable, value)
+    return _JOINT.join([f"${symbol}={mathtext(number)}$", *unit.split()])
 
 
 def status_name(outcome: Status) -> str:

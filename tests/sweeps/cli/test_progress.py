@@ -7,9 +7,12 @@ import threading
 import time
 
 import pytest
+from bokeh.document import Document
 from rich.console import Console
 
-from sweeps import text
+from sweeps import load_config, text
+from sweeps.explorer.live_page import LivePage
+from sweeps.explorer.view import View
 from tests.helpers.commands import call
 
 WORKING = {
@@ -112,3 +115,26 @@ def test_quiet_work_leaves_the_streams_alone(impatient, monkeypatch):
         time.sleep(0.2)
         assert sys.stdout is output
     assert screen.getvalue() == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "most", "rate"),
+    [
+        ("oscillator.f=1", "", "periods/s"),
+        ("record.transient=auto", "at most ", ""),
+        ("oscillator.f=[1, 2]", "at most ", ""),  # one is computed, and the other scaled
+    ],
+)
+def test_only_periods_that_are_computed_are_counted(folder, change, most, rate):
+    scene = (
+        "oscillator: {h: 0.1, R: 0.8, omega: 2.0, f: 1.0}\nrecord: {transient: 20, periods: 4}\n"
+    )
+    (folder / "scene.yaml").write_text(scene)
+    shown = call("run", "scene.yaml", "--set", change).stderr
+    assert re.search(rf"^forcing periods +{most}\d", shown, re.MULTILINE)
+    assert ("periods/s" in shown) == bool(rate)
+    config = load_config("scene.yaml", [change])
+    page = LivePage(Document(), View.of(config), folder)
+    page._report(config, config.size, 0.1, 0.2)
+    assert ("periods/s" in page.controls.status.text) == bool(rate)
+    page.worker.shutdown()
