@@ -203,9 +203,8 @@ def test_a_click_shows_the_motion_and_the_mark_can_be_dragged(window):
     assert max(window.model("motion", "{return [...m.data.x]}")) <= 1e-12
     window.drag((0.1, 0.5), (0.5, 0.5))
     window.settle(lambda: page.view.values["omega"] == pytest.approx(2.95, abs=0.02))
-    window.settle(lambda: "chaotic" in page.motion.text.text)
+    window.settle(lambda: "Lyapunov exponents 0." in page.motion.text.text)
     assert page.view.xlim == (2.4, 3.5), "the figure was panned instead"
-    assert "Lyapunov exponents 0." in page.motion.text.text
 
 
 def test_exact_branches_lie_over_the_points_come_and_go(before_chaos):
