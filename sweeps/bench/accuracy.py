@@ -43,15 +43,9 @@ STATE, PENETRATION = ORBIT_ERRORS[0], ORBIT_ERRORS[-1]
 EVENTS = "events"
 #: The columns of the table of measurements; below, the types of those that may have no value.
 MEASURED_COLUMNS = [
-    "scene",
-    "error_kind",
-    "integrator",
-    "impact",
-    "steps_per_period",
-    "tolerance",
-    "error",
+    "scene", "error_kind", "integrator", "impact", "steps_per_period", "tolerance", "error",
     "seconds_per_period",
-]
+]  # fmt: skip
 _TYPES = {"steps_per_period": "Int64", "tolerance": float, "error": float}
 
 

@@ -291,6 +291,15 @@ def named(source: object) -> Iterator[None]:
         raise Refused(f"{source}: {error}") from error
 
 
+def save_table(csv: Path | None, table: Any, *, error: bool = False) -> None:
+    """Write a table to a CSV file, if one is given, and say its name."""
+    if csv is not None:
+        from sweeps.opened.tables import write_csv
+
+        write_csv(csv, [table])
+        say(csv, error=error)
+
+
 def say_moved(sweep: OpenedSweep, requested: Selection, verb: str) -> None:
     """Report each requested value that is not on the grid, and the value used instead."""
     used = sweep.isel(sweep.places(requested))

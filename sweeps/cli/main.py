@@ -197,14 +197,11 @@ def _figure(name: str) -> Any:
 
 def _save(csv: Path | None, rows: Any, output: Path, draw: Callable, *measured: Any) -> None:
     """Write the picture of a bench and, to a `csv` file, its rows; print the names of the files."""
-    from sweeps.opened.tables import write_csv
     from sweeps.plotting.saving import save_chart
 
     save_chart(output, draw, *measured)
     common.say(output)
-    if csv is not None:
-        write_csv(csv, [rows])
-        common.say(csv)
+    common.save_table(csv, rows)
 
 
 def accuracy_speed(

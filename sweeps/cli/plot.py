@@ -262,11 +262,6 @@ def draw_picture(
         written = plot(
             sweep, figure, kind, cuts, page=Page(**page), command=command(*sys.argv[1:]), **chosen
         )
-    if csv is not None and table is not None:
-        from sweeps.opened.tables import write_csv
-
-        write_csv(csv, [table])
-        lines.append(str(csv))
     if quiet:
         return
     common.say_moved(sweep, cuts, "drawn")
@@ -277,8 +272,10 @@ def draw_picture(
         common.say(
             f"{name} = {first}, the first of {size}: --at {name}=VALUE takes another", error=True
         )
-    for line in (*lines, written):
+    for line in lines:
         common.say(line)
+    common.save_table(csv, table)
+    common.say(written)
 
 
 def _exact(

@@ -66,7 +66,7 @@ def _show_attractors(
 ) -> None:
     """Show the attractors that are found in a part of a sweep, and write them to a CSV file."""
     from sweeps.attractor import attractor_table as text
-    from sweeps.opened.tables import json_text, refuse_points, write_csv
+    from sweeps.opened.tables import json_text, refuse_points
 
     cuts = common.selection_of(at)
     with common.opened_in_si(file) as sweep, common.named(file):
@@ -81,9 +81,7 @@ def _show_attractors(
             common.say(json_text({"attractors": text.attractor_records(table)}))
         else:
             common.say(text.attractor_report(part, result, table))
-        if csv is not None:
-            write_csv(csv, [text.attractor_frame(table)])
-            common.say(csv, error=json)
+        common.save_table(csv, text.attractor_frame(table), error=json)
 
 
 def info_command(
@@ -151,7 +149,7 @@ def _show_bifurcations(
     from sweeps.bifurcation.bifurcation_report import bifurcation_report
     from sweeps.bifurcation.bifurcation_table import find_bifurcations, public_table
     from sweeps.opened.kept import with_cache
-    from sweeps.opened.tables import json_text, write_csv
+    from sweeps.opened.tables import json_text
 
     notes = list[str]()
     with progress_shown("following exact orbits") as report:
@@ -167,9 +165,7 @@ def _show_bifurcations(
         common.say(bifurcation_report(sweep, file, changes))
     for note in dict.fromkeys(notes):  # of changes of class and of exact orbits
         common.say(note, error=json)
-    if csv is not None:
-        write_csv(csv, [listed])
-        common.say(csv, error=json)
+    common.save_table(csv, listed, error=json)
 
 
 def compare_command(

@@ -307,7 +307,5 @@ class Axis:
         return replace(self, first=first, low=low, high=high, values=lambda: convert(self.values()))
 
 
-#: The forms of a table; `sweeps.config.points.read_points` makes a structured array of it.
-_COLUMNS = {"type": "object", "additionalProperties": {"type": "array", "minItems": 1}}
-_FORMS = {"anyOf": [{"type": "string"}, _COLUMNS, {"type": "null"}]}
-Table = Annotated[InstanceOf[np.ndarray] | None, BeforeValidator(null), WithJsonSchema(_FORMS)]
+#: A table, of which `read_points` makes an array; `json_schema` says what it may be in a file.
+Table = Annotated[InstanceOf[np.ndarray] | None, BeforeValidator(null), WithJsonSchema({})]

@@ -15,9 +15,9 @@ import os
 import struct
 import time
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from threading import Lock
 from typing import Any, BinaryIO
@@ -153,27 +153,15 @@ def check_file(path: Path, *, verify: bool = True) -> str:
     Without `verify`, the data of variables are not compared with their checksums. The StoreError
     names the damaged variables.
     """
-    with _readable(path) as file:
-        return _verified(path, file, verify)
-
-
-@contextmanager
-def _readable(path: Path) -> Iterator[io.BufferedReader]:
-    """Open a file in the block, whose errors of the system become those of a sweep."""
     try:
         with open_regular(path) as file:
-            yield file
+            table, digest = _table(file)
+            rows = [row for row in table if verify or row[0] == _REST]
+            pairs = list(zip(rows, _checksums(file, rows), strict=True))
     except FileNotFoundError:
         raise StoreError(missing_text(path)) from None
     except OSError as error:
         raise UnreadableError(path, error) from error
-
-
-def _verified(path: Path, file: BinaryIO, verify: bool) -> str:
-    """Return the digest of an open file, or of its bytes; refuse it as `check_file` does."""
-    table, digest = _table(file)
-    rows = [row for row in table if verify or row[0] == _REST]
-    pairs = list(zip(rows, _checksums(file, rows), strict=True))
     kind = Content.SWEEP if table else content(path)
     if kind not in (None, Content.SWEEP):
         raise StoreError(f"{path} is {kind.value}")
@@ -250,13 +238,13 @@ def schema_of(path: Path) -> Schema:
 def schema_in_parts(path: Path) -> tuple[Schema, int]:
     """Verify the schema of an incomplete sweep, and return it and the checksum of its file.
 
-    Both are of the same bytes: another sweep may begin at any time.
+    Both are of the same bytes, although another sweep may begin at any time.
     """
-    with _readable(path) as file:
-        data = io.BytesIO(file.read())
-    _verified(path, data, verify=True)
-    with of_this_form(path), h5py.File(data) as file_in_memory:
-        return schema_in(file_in_memory), zlib.crc32(data.getbuffer())
+    data = b""
+    while check_file(path) != _table(io.BytesIO(data))[1]:
+        data = path.read_bytes()
+    with of_this_form(path), h5py.File(io.BytesIO(data)) as file:
+        return schema_in(file), zlib.crc32(data)
 
 
 def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:

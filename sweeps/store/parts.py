@@ -67,8 +67,8 @@ class Parts:
 
     def __init__(self, folder: Path, *, verify: bool = True) -> None:
         self.folder = folder
-        self.schema, self.sweep = schema, _ = schema_in_parts(folder / SCHEMA)
         try:
+            self.schema, self.sweep = schema, _ = schema_in_parts(folder / SCHEMA)
             files = set(os.listdir(folder))
         except OSError as error:
             raise UnreadableError(folder, error) from error

@@ -40,62 +40,44 @@ VARIABLES: Mapping[str, Variable] = {
     "poincare_x": Variable("section", "length", "displacement at the section", "x"),
     "poincare_v": Variable("section", "length/time", "velocity at the section", r"\dot{x}"),
     "impact_phase": Variable(
-        "impact", "rad", "forcing phase at the impact", r"\omega t\ \mathrm{mod}\ 2\pi"
-    ),
+        "impact", "rad", "forcing phase at the impact", r"\omega t\ \mathrm{mod}\ 2\pi"),
     "impact_v": Variable("impact", "length/time", "speed before the impact", r"\dot{x}^{-}"),
     "trajectory_t": Variable("sample", "time", "time", "t"),
     "trajectory_x": Variable("sample", "length", "displacement", "x"),
     "trajectory_v": Variable("sample", "length/time", "velocity", r"\dot{x}"),
     "impacts_per_period": Variable(None, "1", "impacts per forcing period", r"n_\mathrm{i}"),
     "slowest_impact": Variable(
-        None, "length/time", "speed before the slowest impact", r"\dot{x}^{-}_\mathrm{min}"
-    ),
+        None, "length/time", "speed before the slowest impact", r"\dot{x}^{-}_\mathrm{min}"),
     "fastest_impact": Variable(
-        None, "length/time", "speed before the fastest impact", r"\dot{x}^{-}_\mathrm{max}"
-    ),
+        None, "length/time", "speed before the fastest impact", r"\dot{x}^{-}_\mathrm{max}"),
     "impulse": Variable(
-        None, "length/time", "impulse on the stop per forcing period and mass", r"J"
-    ),
+        None, "length/time", "impulse on the stop per forcing period and mass", r"J"),
     "energy_lost": Variable(
-        None,
-        "length^2/time^2",
-        "energy lost at impacts per forcing period and mass",
-        r"E_\mathrm{i}",
-    ),
+        None, "length^2/time^2", "energy lost at impacts per forcing period and mass",
+        r"E_\mathrm{i}"),
     "max_penetration": Variable(None, "length", "deepest penetration", r"\delta_\mathrm{max}"),
     "rest_fraction": Variable(None, "1", "fraction of time at rest", r"\tau_\mathrm{rest}"),
     "chatters": Variable(None, "1", "complete chatters", r"n_\mathrm{c}", None, "int64"),
     "near_grazes": Variable(None, "1", "near grazes", r"n_\mathrm{g}", None, "int64"),
     "period": Variable(
-        None, "1", "forcing periods per repetition, 0: no class", "m", "period", "int64"
-    ),
+        None, "1", "forcing periods per repetition, 0: no class", "m", "period", "int64"),
     "period_impacts": Variable(None, "1", "impacts per repetition", "q", "period", "int64"),
     "transient": Variable(
-        None, "1", "forcing periods before the record", r"n_\mathrm{t}", "longest", "int64"
-    ),
+        None, "1", "forcing periods before the record", r"n_\mathrm{t}", "longest", "int64"),
     "orbit_x": Variable(
-        None, "length", "displacement of the orbit at the last section", r"x_\mathrm{o}", "period"
-    ),
+        None, "length", "displacement of the orbit at the last section", r"x_\mathrm{o}", "period"),
     "orbit_v": Variable(
-        None,
-        "length/time",
-        "velocity of the orbit at the last section",
-        r"\dot{x}_\mathrm{o}",
-        "period",
-    ),
+        None, "length/time", "velocity of the orbit at the last section", r"\dot{x}_\mathrm{o}",
+        "period"),
     "orbit_distance": Variable(
-        None,
-        "1",
-        "distance from the orbit at the last section, as a share of the record's size",
-        "d",
-        "period",
-    ),
+        None, "1", "distance from the orbit at the last section, as a share of the record's size",
+        "d", "period"),
     "class_evidence": Variable(None, "1", "evidence for the class", "", "period", "int8"),
     "lyapunov": Variable("exponent", "1/time", "Lyapunov exponent", r"\lambda", "lyapunov"),
     "x_min": Variable(None, "length", "least displacement", r"x_\mathrm{min}", "extremes"),
     "x_max": Variable(None, "length", "greatest displacement", r"x_\mathrm{max}", "extremes"),
     "status": Variable(None, "1", "what became of the point", "", None, "int8"),
-}
+}  # fmt: skip
 
 #: The columns of the trajectories, whose lengths differ.
 TRAJECTORIES = tuple(name for name, each in VARIABLES.items() if each.dimension == "sample")

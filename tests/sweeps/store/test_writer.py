@@ -15,7 +15,6 @@ import xarray as xr
 from sweeps import open_sweep
 from sweeps.errors import StoreError
 from sweeps.grid import Grid
-from sweeps.store import complete_file
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
 from tests.helpers.written_files import GRID, begun, block_results, contents, fill_blocks, schema
@@ -140,18 +139,17 @@ def test_an_error_of_truncate_is_one_failure(whole):
 
 def test_a_sweep_that_is_completed_while_it_is_opened_is_read_from_its_file(monkeypatch, whole):
     """Wherever the reader is when the file gets its name and the blocks go."""
-    folder = Path.cwd()
-    for place, name in ((os, "listdir"), (complete_file, "open_regular")):
+    listdir, read, folder = os.listdir, Path.read_bytes, Path.cwd()
+    for where in ("listdir", "read_bytes"):
         fill_blocks("out.h5", 2)
-        original = getattr(place, name)
 
-        def complete(path, original=original):
+        def complete(path, where=where):
             monkeypatch.undo()
             monkeypatch.chdir(folder)
             fill_blocks("out.h5", resume=True)
-            return original(path)
+            return (listdir if where == "listdir" else read)(path)
 
-        monkeypatch.setattr(place, name, complete)
+        monkeypatch.setattr(os if where == "listdir" else Path, where, complete)
         xr.testing.assert_identical(data("out.h5"), whole)
         Path("out.h5").unlink()
 
