@@ -290,14 +290,12 @@ class LivePage:
     def _report(self, config: SweepConfig, points: int, computing: float, seconds: float) -> None:
         """Show the number of computed points of a picture, and the speed."""
         self._picture.wait("")
-        sweep, time, periods, rate = config.sweep, f"{1e3 * computing:.0f} ms", "", ""
-        of = "" if points == sweep.size else f"{points:,} of "
-        if sweep.known_periods is not None:
-            number = points * sweep.known_periods
-            periods = f", {shown_count(number, 'forcing period')}"
-            rate = f": {1e-6 * number / computing:.3g} million periods/s"
+        size, number = config.sweep.size, points * (config.sweep.known_periods or 0)
+        of = "" if points == size else f"{points:,} of "
+        periods = f", {shown_count(number, 'forcing period')}" if number else ""
+        rate = f": {1e-6 * number / computing:.3g} million periods/s" if number else ""
         self._rate = self.controls.status.text = (
-            f"{of}{shown_count(sweep.size, 'point')}{periods} in {time}{rate}; "
+            f"{of}{shown_count(size, 'point')}{periods} in {1e3 * computing:.0f} ms{rate}; "
             f"picture after {1e3 * seconds:.0f} ms"
         )
 

@@ -23,7 +23,7 @@ from sweeps.grid import TABLE
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES
 from sweeps.store.xarray_engine import open_sweep
-from vibroimpact.inputs import Allowed, input_text, integer, is_number, number, of_python
+from vibroimpact.inputs import TEXT, Allowed, input_text, integer, is_number, number, of_python
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 P = ParamSpec("P")
@@ -42,19 +42,22 @@ def _is_selection(value: object) -> bool:
 
 
 def _are_names(value: object) -> bool:
-    return isinstance(value, Sequence) and all(isinstance(name, str) for name in value)
+    return isinstance(value, Sequence) and all(map(TEXT.fits, value))
 
 
-def _are_classes(value: object) -> bool:
-    def is_pair(item: object) -> bool:
-        several = isinstance(item, Sequence) and len(item) == 2
-        return several and integer(1).fits(item[0]) and integer(0).fits(item[1])  # type: ignore[index]
-
-    return _is_collection(value) and all(map(is_pair, value))  # type: ignore[call-overload]
+def _is_class(value: object) -> bool:
+    several = isinstance(value, Sequence) and len(value) == 2
+    return several and integer(1).fits(value[0]) and integer(0).fits(value[1])  # type: ignore[index]
 
 
-def _is_collection(value: object) -> bool:
-    return isinstance(value, Sequence | set | frozenset) and not isinstance(value, str)
+def _collection(fits: Callable[[object], bool], expected: str) -> Allowed:
+    """Allow collections, in any order, of what `fits`."""
+
+    def all_fit(value: Any) -> bool:
+        several = isinstance(value, Sequence | set | frozenset) and not isinstance(value, str)
+        return several and all(map(fits, value))
+
+    return Allowed(all_fit, expected)
 
 
 def _are_attractors(value: object) -> bool:
@@ -67,20 +70,14 @@ ARGUMENTS: Mapping[str, Allowed] = {
     "at": Allowed(_is_selection, "a number for each axis by its name, as {'omega': 2.5}"),
     "axis": Allowed(lambda value: isinstance(value, str), "the name of a swept axis"),
     "axes": Allowed(_are_names, "names of axes, as ['omega', 'R']"),
-    "classes": Allowed(_are_classes, "periods and impacts of classes, as [(1, 1), (3, 3)]"),
+    "classes": _collection(_is_class, "periods and impacts of classes, as [(1, 1), (3, 3)]"),
     "report": Allowed(callable, "a function of the share of the work that is done"),
     "most": integer(1),
-    "kinds": Allowed(
-        lambda value: _is_collection(value) and _are_names([*value]),  # type: ignore[misc]
-        "names of kinds, as ['flip', 'fold', 'graze']",
-    ),
+    "kinds": _collection(TEXT.fits, "names of kinds, as ['flip', 'fold', 'graze']"),
     "tolerance": number(lambda value: value > 0.0, "a number > 0"),
     "extensions": integer(0),
     "found": Allowed(_are_attractors, "the result of sweeps.attractors or sweeps.integrity"),
-    "numbers": Allowed(
-        lambda value: _is_collection(value) and all(map(integer(0).fits, value)),  # type: ignore[call-overload]
-        "numbers of attractors, as [0, 1]",
-    ),
+    "numbers": _collection(integer(0).fits, "numbers of attractors, as [0, 1]"),
 }
 #: The arguments with several names, or DataArrays: one alone means a list of it.
 _SEVERAL = ("axes", "kinds", "below", "panels")
