@@ -161,7 +161,7 @@ def progress_shown(work: str, quiet: bool = False) -> Iterator[Callable[[float],
     state: dict[str, Any] = {"share": 0.0, "compiling": ""}
     told = {""}
 
-    def show(**new: Any) -> None:
+    def show(line: str, **new: Any) -> None:  # the line is that of a log
         state.update(new)
         share, seconds = state["share"], time.perf_counter() - begin
         text = state["compiling"] or f"{work}: {shown_duration(seconds)}"
@@ -171,28 +171,21 @@ def progress_shown(work: str, quiet: bool = False) -> Iterator[Callable[[float],
         if console.is_terminal and not quiet:
             status.update(Text(printable(text)))
             status.start()
-
-    def tell(text: str) -> None:
-        if text not in told and not console.is_terminal:
-            console.print(Text(printable(text)))
-        told.add(text)
-
-    def watch(text: str, _: str) -> None:
-        show(compiling=text)
-        tell(text)
+        elif line not in told:
+            told.add(line)
+            console.print(Text(printable(line)))
 
     def wait() -> None:
         pause = PATIENCE
         while not done.wait(pause):
-            show()
-            tell(f"{work} ...")
+            show(f"{work} ...")
             pause = 1.0
 
     waiting = threading.Thread(target=wait, daemon=True)
     waiting.start()
     try:
-        with watched(watch):
-            yield lambda share: show(share=share)
+        with watched(lambda text, _: show(text, compiling=text)):
+            yield lambda share: show("", share=share)
     finally:
         done.set()
         waiting.join()
