@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -23,6 +23,7 @@ from sweeps.grid import TABLE
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES
 from sweeps.store.xarray_engine import open_sweep
+from sweeps.text import listed
 from vibroimpact.inputs import TEXT, Allowed, input_text, integer, is_number, number, of_python
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
@@ -138,40 +139,45 @@ def _opened(dataset: object) -> OpenedSweep:
         raise Refused(f"the Dataset has no attribute configuration; expected: {_EXPECTED}")
     if "status" not in dataset:
         raise Refused(f"the Dataset has no status; expected: {_EXPECTED}")
+    for problem in _problems(dataset):
+        raise Refused(f"the Dataset {problem}; expected: {_EXPECTED}")
+    # `where` left out points with NaN, for which integers became floats.
+    for name in [name for name in VARIABLES if _lost_integers(dataset, name)]:
+        whole = dataset[name].fillna(VARIABLES[name].fill_value)
+        dataset = dataset.assign({name: whole.astype(VARIABLES[name].dtype)})
+    return OpenedSweep(dataset.transpose(*dataset["status"].dims, ...))
+
+
+def _problems(dataset: xr.Dataset) -> Iterator[str]:
+    """Yield what no sweep has, and what this Dataset lacks of one."""
     dims, held = [str(name) for name in dataset["status"].dims], dataset.coords
-    problems = [
-        *(
-            f"has the axis {name}, which no sweep has"
-            for name in dims
-            if name not in (*PARAMETERS, DIRECTION, TABLE)
-        ),
-        *(f"has no value of {name}" for name in dims if not dataset.sizes[name]),
-        *(f"has no coordinate {name}" for name in (*PARAMETERS, *dims) if name not in held),
-    ]
+    for name in (*dims, *PARAMETERS):
+        if name not in (*PARAMETERS, DIRECTION, TABLE):
+            yield f"has the axis {name}, which no sweep has"
+        if not dataset.sizes.get(name, 1):
+            yield f"has no value of {name}"
+        if name not in held:
+            yield f"has no coordinate {name}"
+        if held[name].dims not in ([(name,)] if name in dims else [(), (TABLE,)]):
+            over = listed([*map(str, held[name].dims)]) or "no axis"
+            yield f"has {name} over {over}, as no sweep has"
+    for name, parameter in PARAMETERS.items():
+        if held[name].dtype.kind not in "fiu" or not parameter.accepts(held[name].values).all():
+            yield f"has a value of {name} that is not {parameter.allowed}"
     for name, variable in VARIABLES.items():
         expected = {*dims, *([variable.dimension] if variable.dimension else [])}
         if name in dataset and set(dataset[name].dims) != expected:
-            problems.append(f"has {name} without its dimensions {', '.join(sorted(expected))}")
-    if problems:
-        raise Refused(f"the Dataset {problems[0]}; expected: {_EXPECTED}")
-    return OpenedSweep(_as_in_file(dataset))
+            yield f"has {name} without its dimensions {', '.join(sorted(expected))}"
+        if name in dataset and dataset[name].dtype.kind not in "fiu":
+            yield f"has no numbers in {name}"
+        if _lost_integers(dataset, name) and (dataset[name].fillna(0.0) % 1.0 != 0.0).any():
+            yield f"has numbers in {name} that are no integers"
 
 
-def _as_in_file(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a Dataset with the order of dimensions of a file, and integers where that has them.
-
-    A transposed Dataset has the one no longer, and one of which `where` left out points the other.
-    """
-    for name in VARIABLES.keys() & dataset.keys():
-        variable, values = VARIABLES[name], dataset[name]
-        if variable.dtype.startswith("int") and values.dtype.kind == "f":
-            whole = values.fillna(variable.fill_value)
-            if (whole % 1.0 != 0.0).any():
-                raise Refused(
-                    f"the Dataset has numbers in {name} that are no integers; expected: {_EXPECTED}"
-                )
-            dataset = dataset.assign({name: whole.astype(variable.dtype)})
-    return dataset.transpose(*dataset["status"].dims, ...)
+def _lost_integers(dataset: xr.Dataset, name: str) -> bool:
+    """Whether a Dataset has floats where a file has integers."""
+    of_file = VARIABLES[name].dtype
+    return name in dataset and of_file.startswith("int") and dataset[name].dtype.kind == "f"
 
 
 # A rig in SI units

@@ -68,6 +68,17 @@ NO_SWEEP = {
     "no coordinate": lambda ds: ds.drop_vars(str(ds["status"].dims[0])),
     "empty": lambda ds: ds.isel({str(ds["status"].dims[0]): slice(0, 0)}),
     "stacked": lambda ds: ds.stack(both=[*map(str, ds["status"].dims)]),
+    "of two sweeps": lambda ds: ds.assign_coords(h=ds[ds["status"].dims[1]] * 0.0 + [0, 1, 1, 1]),
+    "a diagonal": lambda ds: ds.isel(
+        dict.fromkeys(ds["status"].dims, xr.DataArray([0, 1], dims=ds["status"].dims[0]))
+    ),
+    "a parameter in words": lambda ds: ds.assign_coords(h="high"),
+    "a parameter below its least": lambda ds: ds.assign_coords(h=-1.0),
+    "no parameter": lambda ds: ds.assign_coords(h=np.nan),
+    "averaged numbers": lambda ds: ds.assign(period=ds["period"] * 0.4),
+    "words": lambda ds: ds.assign(status=ds["status"].astype(str)),
+    "masks": lambda ds: ds.assign(status=ds["status"] > 0),
+    "results in words": lambda ds: ds.assign(poincare_x=ds["poincare_x"].astype(str)),
 }
 
 
