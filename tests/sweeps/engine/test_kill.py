@@ -72,7 +72,7 @@ def test_a_signal_ends_a_run_in_the_middle_of_a_long_block(forks):
     while not Path("long one.h5.parts/schema.h5").exists() and time.monotonic() < deadline:
         time.sleep(0.05)
     time.sleep(0.2)
-    os.kill(pid, signal.SIGTERM)
+    os.kill(pid, signal.SIGHUP)
     code, stderr = forks.ended()
     assert code == 1
     options = " ".join(LONG)
