@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
-from matplotlib.ticker import LogLocator, MaxNLocator
+from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator
 
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
@@ -333,7 +333,7 @@ def _thin_ticks(axis: Axis) -> None:
         gap = min((after[0] - before[1] for before, after in pairwise(ends)), default=np.inf)
         if gap >= (_GAP * figure_of(panel).dpi if is_across else 0.0):
             return
-        if isinstance(locator, MaxNLocator):
+        if isinstance(locator, MaxNLocator | FixedLocator):
             locator.set_params(nbins=most)
         elif isinstance(locator, LogLocator):
             locator.set_params(numticks=most)

@@ -294,27 +294,28 @@ def refuse_too_large(name: str, values: np.ndarray | float) -> None:
 class _DecadeLocator(ticker.LogLocator):
     """Ticks at 1, 2 and 5 in every decade, at fewer where there is less room for their labels.
 
-    These are 1 and 3, then powers of ten; where not even two of them are, steps of equal length.
+    These are 1 and 3, then powers of ten, and never less than two. Where even 1, 2 and 5 are less,
+    the ticks are those of a linear axis.
     """
 
     def tick_values(self, vmin: float, vmax: float) -> list[float]:
         """Return the ticks within limits, as many as `numticks` or the axis has room for."""
         low, high = sorted((vmin, vmax))
-        first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+        first, last = math.floor(math.log10(low)), math.floor(math.log10(high))
         assert self.axis is not None
         most = self.numticks
-        room = most if isinstance(most, int) else self.axis.get_tick_space()
-        for parts, step in (((1, 2, 5), 1), ((1, 3), 1), *(((1,), step) for step in range(1, 999))):
-            powers = 10.0 ** np.arange(first - first % step, last + 1, step, dtype=float)
-            with np.errstate(over="ignore"):
-                ticks = np.outer(powers, parts).ravel()
-            ticks = ticks[(low <= ticks) & (ticks <= high)]
-            if len(ticks) <= max(2, room):
-                break
-        if len(ticks) < 2:
-            linear = ticker.MaxNLocator(min(max(2, room), 9), steps=[1, 2, 2.5, 5, 10])
-            ticks = np.asarray(linear.tick_values(low, high))
-        return ticks.tolist()
+        room = max(2, most if isinstance(most, int) else self.axis.get_tick_space())
+        powers = 10.0 ** np.arange(first, last + 1, dtype=float)
+        with np.errstate(over="ignore"):
+            choices = [np.outer(powers, parts).ravel() for parts in ((1, 2, 5), (1, 3), (1,))]
+        many, some, few = (each[(low <= each) & (each <= high)] for each in choices)
+        if len(many) < 2:
+            steps = ticker.MaxNLocator(min(room, 9), steps=[1, 2, 2.5, 5, 10])
+            return np.asarray(steps.tick_values(low, high)).tolist()
+        few = few[:: max(1, math.ceil(len(few) / room))]
+        if len(few) < 2:
+            few = (some if len(some) > 1 else many)[[0, -1]]
+        return next((each for each in (many, some) if 1 < len(each) <= room), few).tolist()
 
 
 def tick_in_decades(axis: Axis) -> None:

@@ -8,11 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from sweeps import open_sweep
 from sweeps.errors import Refused
 from sweeps.opened import kept
 from sweeps.plotting import KINDS, Page, bifurcation, parameter_map, plot, table_panels
+from sweeps.plotting.labels import tick_in_decades
 from tests.helpers.commands import SMALL, accepted, refused
 from tests.helpers.equal_points import equal_points, legend_texts
 from tests.helpers.sweep_files import run_in
@@ -242,6 +244,7 @@ def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(tmp_path
         ((1e-6, 1.0), (0.1, 10.0), {"width": 2.0}),
         ((1e-3, 1e4), (1.0, 7.0), {"width": 2.6, "height": 2.8, "xlim": (2.2, 4.8)}),
         ((0.02, 0.2), (1e-9, 99.0), {"width": 5.0}),
+        ((0.02, 0.2), (1e-3, 0.5), {"width": 1.6}),
         ((1e-6, 1.0), (1e-3, 1e3), {"width": 12.0, "height": 9.0}),
     ],
 )
@@ -264,3 +267,16 @@ def test_a_label_is_clear_of_the_common_part_of_its_ticks(random_sweep, with_lay
     axis = figure.axes[0].xaxis
     offset, label = (text.get_window_extent() for text in (axis.get_offset_text(), axis.label))
     assert axis.get_offset_text().get_text() == "1e\N{MINUS SIGN}120" and not offset.overlaps(label)
+
+
+def test_every_logarithmic_axis_has_two_labels_and_no_more_than_room():
+    axis, random = Figure().subplots().xaxis, np.random.default_rng(1)
+    tick_in_decades(axis)
+    locator = axis.get_major_locator()
+    for _ in range(1000):
+        low = 10.0 ** random.uniform(-250.0, 290.0)
+        high = low * 10.0 ** random.uniform(0.02, random.choice([1.5, 15.0]))
+        most = int(random.integers(2, 10))
+        locator.set_params(numticks=most)
+        ticks = [tick for tick in locator.tick_values(low, high) if low <= tick <= high]
+        assert 2 <= len(ticks) <= max(3, most)
