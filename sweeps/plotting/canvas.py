@@ -27,7 +27,7 @@ from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import title as title_of
-from sweeps.plotting.legend import SHARE, WIDTH, fit_legend, legend_within
+from sweeps.plotting.legend import SHARE, WIDTH, fit_legend, in_two_lines, legend_within
 from sweeps.plotting.page import Page, points_in
 from sweeps.plotting.style import user_style
 from sweeps.text import choice_of, listed, near_misses, shortened, suggestion, told_apart
@@ -342,6 +342,16 @@ def _thin_ticks(axis: Axis) -> None:
         lay_out(panel)
 
 
+def _break_labels(figure: Figure) -> None:
+    """Break labels wider than their panels into lines where they collide with others."""
+    panels = [panel for panel in figure.axes if panel.get_xlabel()]
+    boxes = [panel.xaxis.label.get_window_extent() for panel in panels]
+    for panel, box in zip(panels, boxes, strict=True):
+        if box.width > panel.bbox.width and box.count_overlaps(boxes) > 1:  # with more than itself
+            panel.xaxis.label.set_text(in_two_lines(panel.get_xlabel()))
+            lay_out(panel)
+
+
 def _clear_offset(axis: Axis) -> None:
     """Put the label of an abscissa below the common part of its ticks where they would collide."""
     offset = axis.get_offset_text()
@@ -382,6 +392,7 @@ def finish(
             figure.add_legend(handles, legend_title, shares, names_in_map)
         figure.set_height()
         lay_out(panel)
+        _break_labels(figure)
         for each in figure.axes:
             _thin_ticks(each.xaxis)
             _thin_ticks(each.yaxis)

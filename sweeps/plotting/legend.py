@@ -55,7 +55,7 @@ def fit_legend(
     if title is not None:
         legend = make(handles=[], title=title, **_SMALL)
         if legend.get_window_extent().width > widest:
-            title = "\n".join(map(_in_two_lines, title.split("\n")))
+            title = "\n".join(map(in_two_lines, title.split("\n")))
         legend.remove()
     forms: list[tuple[Sequence[Artist], Mapping[str, str]]] = [(handles, _SMALL)]
     if shrinks:
@@ -94,11 +94,11 @@ def _broken(handles: Sequence[Artist]) -> list[Artist]:
     for entry in broken:
         text = str(entry.get_label())
         if len(text) > _LONG_ENTRY and "\n" not in text:
-            entry.set_label(_in_two_lines(text))
+            entry.set_label(in_two_lines(text))
     return broken
 
 
-def _in_two_lines(text: str) -> str:
+def in_two_lines(text: str) -> str:
     """Break a text at the space nearest to its middle, if there is one outside of formulas."""
     spaces = [at for at, one in enumerate(text) if one == " " and text[:at].count("$") % 2 == 0]
     at = min(spaces, key=lambda place: abs(place - len(text) / 2), default=len(text))

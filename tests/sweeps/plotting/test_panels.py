@@ -1,7 +1,9 @@
 """The panels of a picture that are asked for, of a table, and basins beside each other."""
 
+from itertools import combinations
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 import yaml
@@ -52,6 +54,16 @@ def test_the_panels_asked_for_are_drawn_into_panels_of_another_figure(dataset, n
     own = Figure().subplots(2)
     assert integrity(dataset, panels=["fraction", "basins"], ax=own) is own[0].figure
     assert own[0].lines and own[1].collections
+
+
+@pytest.mark.parametrize("size", [9.0, 14.0])
+def test_labels_of_panels_beside_each_other_do_not_collide(table, with_layout, size):
+    with mpl.rc_context({"font.size": size}):
+        figure = table_panels(table)
+        figure.draw_without_rendering()
+    boxes = [panel.xaxis.label.get_window_extent() for panel in figure.axes]
+    assert len(boxes) == 3
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
 @pytest.mark.parametrize("choice", ["panels", "axes"])
