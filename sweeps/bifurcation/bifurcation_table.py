@@ -144,7 +144,8 @@ def find_bifurcations(
     sweep.check("period")
     others = [name for name in data.grid if name != along]
     data = data.transpose(*others, along)
-    is_line = {*others} <= {DIRECTION} and data.sizes[along] > 1 and along not in START_AXES
+    several = np.ptp(data[along].values) > 0.0
+    is_line = {*others} <= {DIRECTION} and several and along not in START_AXES
     sections = None
     if is_line:
         sections = data.data[[name for name in ("poincare_x", "poincare_v") if name in data]]

@@ -308,7 +308,7 @@ def check_axis(axis: str, values: np.ndarray, picture: str) -> None:
         raise Refused(
             f"the exact orbits do not depend on {axis}; draw {picture} without exact orbits"
         )
-    if len(values) == 1:
+    if np.ptp(values) == 0.0:
         raise Refused(
             f"{axis} has the single value {values[0]:g}: exact orbits are followed over a range"
         )

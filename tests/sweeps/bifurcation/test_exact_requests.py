@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from sweeps import branches, curves, open_sweep
+from sweeps import bifurcations, branches, curves, open_sweep
 from sweeps.errors import Refused
 from tests.helpers.commands import accepted, call, refused
 from vibroimpact.status import Status
@@ -68,6 +68,14 @@ def test_what_has_no_curves_is_refused(file, name, axes, message):
 def test_what_has_no_branches_is_refused(file, name, axis, at, message):
     with open_sweep(file(name)) as dataset, pytest.raises(Refused, match=re.escape(message)):
         branches(dataset, axis, at)
+
+
+def test_an_axis_that_repeats_one_value_is_no_line(file):
+    with open_sweep(file("line")) as dataset:
+        alike = dataset.isel(omega=[0, 0])
+        assert bifurcations(alike).empty
+        with pytest.raises(Refused, match="omega has the single value"):
+            branches(alike)
 
 
 @pytest.mark.parametrize("name", ["failed", "at rest"])
