@@ -16,7 +16,7 @@ asks for classes compiles it.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -115,11 +115,8 @@ def new_workspace(columns: int) -> Workspace:
     )
 
 
-@cache
-def _typical_workspace() -> Workspace:
-    """Return a workspace of which only the type is read."""
-    return new_workspace(0)
-
+#: Returns a workspace of which only the type is read.
+_typical_workspace = cache(partial(new_workspace, 0))
 
 # The loop of a rule without and with extremes, and the numbers in its columns.
 _LOOPS = {
