@@ -213,7 +213,7 @@ def test_an_incomplete_sweep_is_compared(folder, small_file, stop_after):
         (["small.h5", "small.h5", "--rtol", "x"], ["--rtol x ", "a number from 0 to below 1"]),
         (["small.h5", "small.h5", "--rtol", "nan"], ["--rtol nan "]),
         (["small.h5", "small.h5", "--atol", "-1"], ["--atol -1 ", "a number from 0"]),
-        (["small.h5", "small.h5", "--tol", "1"], ["--tol", "did you mean --atol or --rtol"]),
+        (["small.h5", "small.h5", "--tol", "1"], ["--tol", "did you mean --rtol or --atol"]),
     ],
 )
 def test_a_wrong_request_is_refused(small_file, arguments, parts):
