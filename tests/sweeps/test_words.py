@@ -18,7 +18,7 @@ from vibroimpact.status import Evidence, Status
 
 pytestmark = pytest.mark.slow
 
-RECORD = "record: {transient: 20, periods: 16, impacts: 4, diagnostics: [period, lyapunov]}\n"
+RECORD = "record: {transient: 20, periods: 32, impacts: 4, diagnostics: [period, lyapunov]}\n"
 #: A map with orbits, rests and chaos; a line that is followed both ways; starts on two attractors.
 FILES = {
     "map": "oscillator: {h: 0.02, R: {start: 0, stop: 0.9, num: 7}, omega: "
