@@ -17,7 +17,7 @@ from tests.helpers.odd_inputs import BASES, FOLLOWED, FULL, TABLES, damaged, doc
 from vibroimpact.status import Status
 
 #: Parts of the messages about damaged texts.
-DAMAGES = ("not valid YAML: expected", "special characters", "can't decode", "is given twice")
+DAMAGES = ("not valid YAML: expected", "has the character", "can't decode", "is given twice")
 
 
 def answered(text):
