@@ -168,16 +168,14 @@ def _progress(
     ) as bar:
         size = config.sweep.size
         there = size - sum(map(block_points, pending))
-        described = name + computer.described()
-        task = bar.add_task(described, total=size, completed=there, speed="")
+        task = bar.add_task(name + computer.described(), total=size, completed=there, speed="")
 
         def advance(points: int) -> None:
             nonlocal computed
             computed += points
             rate = computed * (periods or 0) / (time.monotonic() - began)
             speed = f"{rate:,.0f} periods/s" if periods else ""
-            described = name + computer.described()
-            bar.update(task, advance=points, description=described, speed=speed)
+            bar.update(task, advance=points, description=name + computer.described(), speed=speed)
 
         yield advance
 
