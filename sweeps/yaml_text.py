@@ -67,7 +67,9 @@ def _read(function: Callable[..., Any], text: str, origin: str) -> Any:
         raise ConfigError(f"{origin}{place}: not valid YAML: {problem}") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
-        problem = f"special characters are not allowed, as {chr(error.character)!a}"
+        problem = (
+            f"it has the character {chr(error.character)!a}; special characters are not allowed"
+        )
         raise ConfigError(f"{origin}, line {line}: not valid YAML: {problem}") from None
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".
