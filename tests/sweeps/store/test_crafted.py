@@ -19,7 +19,7 @@ from sweeps.store.complete_file import _add_table
 from sweeps.store.replacing import TRAILER
 from sweeps.store.variables import VARIABLES
 from tests.helpers.commands import SMALL, accepted, refused
-from tests.helpers.written_files import begun, fill_blocks, schema
+from tests.helpers.written_files import begun, block_results, fill_blocks, schema
 from vibroimpact.status import Status
 
 CONFIG = SMALL
@@ -273,6 +273,8 @@ def damaged_blocks(content):
         BLOCK.write_bytes(content)
         rewritten(*case)
         yield name, BLOCK.read_bytes()
+    number = content.index(block_results((slice(0, 1), slice(2, 4)))["poincare_v"].tobytes())
+    yield "another number", content[:number] + b"\0" + content[number + 1 :]
     for length in np.linspace(0, len(content) - 1, 5).astype(int):
         yield length, content[:length]
     with zipfile.ZipFile(io.BytesIO(content)) as file:
