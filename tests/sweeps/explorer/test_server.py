@@ -120,11 +120,12 @@ def test_only_the_server_itself_logs_no_requests(caplog):
     loggers = [logging.getLogger(f"tornado.{name}") for name in ("access", "general")]
     before = [(logger.level, list(logger.filters)) for logger in loggers]
     explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
-    assert answer(explorer.address, "/no")[0] == 403
-    assert caplog.records == []
+    assert answer(explorer.address, "/no-such-page")[0] == 403
     for logger in loggers:
         logger.warning("of another server")
-    assert len(caplog.records) == 2
+    said = [record.getMessage() for record in caplog.records]
+    assert said.count("of another server") == 2
+    assert not any("no-such-page" in text for text in said)
     explorer.close()
     assert [(logger.level, logger.filters) for logger in loggers] == before
 
