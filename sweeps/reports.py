@@ -88,15 +88,16 @@ def _swept(config: SweepConfig) -> Iterator[tuple[str, np.ndarray, str]]:
             yield seen.name(name), seen.value(name, values), seen.unit(seen.about(name).unit)
 
 
-def run_summary(path: Path, sweep: Sweep) -> str:
-    """Describe the result of a complete run of a sweep."""
+def run_summary(path: Path, sweep: Sweep) -> tuple[str, bool]:
+    """Describe the result of a complete run of a sweep; say whether any point has one."""
     try:
         variables, seconds = per_point(path, RESULTS)
     except StoreError as error:
         raise Failed(f"the output is gone: {error}") from error
     first = f"{path}: {outcomes(variables, sweep.spec.impact)} in {shown_duration(seconds)}"
-    omega = sweep.grid.along("omega")
-    return "\n".join([first, *destinations_text(variables, omega, sweep.spec.periods)])
+    omega, spec = sweep.grid.along("omega"), sweep.spec
+    lines = destinations_text(variables, omega, spec.periods, spec.impact)
+    return "\n".join([first, *lines]), bool(has_result(variables["status"]).any())
 
 
 def identities(path: Path) -> tuple[object, object]:
@@ -157,12 +158,14 @@ def outcomes(variables: Mapping[Any, Any], impact: str) -> str:
     known = has_result(status[status != Status.PENDING])
     contact = (np.asarray(variables[name]) > 0.0 for name in _CONTACT)  # False for NaN
     if known.size and known.all() and not any(met.any() for met in contact):
-        text += "; no impact in any record: no motion meets the stop"
+        text += "; no impact in any record"
+        if np.all(variables.get("class_evidence") == Evidence.FREE):  # never one again
+            text += ": no motion meets the stop"
     return text
 
 
 def destinations_text(
-    results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int
+    results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int, impact: str
 ) -> list[str]:
     """Say how many motions go where, and what is known of those of which this is unknown.
 
@@ -173,7 +176,7 @@ def destinations_text(
     regimes = regimes_of(results, omega, periods)
     parts = partition(regimes, results["orbit_distance"])
     reasons = [
-        f"{number:,} {reason.meaning}"
+        f"{number:,} {reason.reason(impact)}"
         for reason in (Evidence.NONE, Evidence.UNSTABLE, Evidence.UNREACHED)
         if (number := int((parts[UNKNOWN] & (results["class_evidence"] == reason)).sum()))
     ]

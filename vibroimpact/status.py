@@ -46,8 +46,10 @@ class Status(IntEnum):
         >>> Status.COMPUTED.remark("plain"), Status.CUT_SHORT.remark("exact")
         ('', 'bounces too short to follow were taken for rest')
         """
+        if impact == "exact" and self in _OF_EXACT:
+            return _OF_EXACT[self]
         if self is Status.COMPUTED:
-            return _FEW_DIGITS if impact == "exact" else ""
+            return ""
         return "" if self is Status.CERTIFIED else self.meaning
 
 
@@ -60,8 +62,11 @@ _MEANING = {
     Status.UNRESOLVED: "more impacts within one step than the impact rule can resolve",
     Status.NON_FINITE: "a number overflowed: the step is unstable, or the motion too large",
 }
-#: Why a point with exact impacts is not certified.
-_FEW_DIGITS = "the stop is so far away that x keeps fewer than 8 digits of the motion"
+#: What else is said of a point with exact impacts.
+_OF_EXACT = {
+    Status.COMPUTED: "the stop is so far away that x keeps fewer than 8 digits of the motion",
+    Status.NON_FINITE: "a number overflowed: the motion is too large",
+}
 
 
 class Evidence(IntEnum):
@@ -84,6 +89,11 @@ class Evidence(IntEnum):
     def meaning(self) -> str:
         """The evidence, in words."""
         return _EVIDENCE[self]
+
+    def reason(self, impact: str) -> str:
+        """Return why a motion has no class; only with exact impacts orbits near it are sought."""
+        is_sought = impact == "exact" or self is not Evidence.NONE
+        return self.meaning if is_sought else "without a repetition in the record"
 
 
 _EVIDENCE = {

@@ -87,10 +87,13 @@ def run_command(
             ]
             common.say("\n\n".join(texts))
             return
-        for config, path in zip(loaded, paths, strict=True):
-            run_and_report(config, path, quiet, threads=threads, client=client, **existing)
-    if not quiet:
-        common.say(f"next: {command('plot', *paths)}")
+        drawn = [
+            path
+            for config, path in zip(loaded, paths, strict=True)
+            if run_and_report(config, path, quiet, threads=threads, client=client, **existing)
+        ]
+    if drawn and not quiet:
+        common.say(f"next: {command('plot', *drawn)}")
 
 
 def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = False) -> SweepConfig:
@@ -159,8 +162,11 @@ def planned_text(
     return plan(config, path, cost)
 
 
-def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:
-    """Run a sweep and print its summary; on failure, name the command that resumes the run."""
+def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> bool:
+    """Run a sweep and print its summary; on failure, name the command that resumes the run.
+
+    Returns whether any point has a result.
+    """
     from sweeps import reports
     from sweeps.engine.sweep_run import run_sweep
 
@@ -168,7 +174,7 @@ def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any)
     try:
         check()
         path = run_sweep(config, path, progress=not quiet, **options)
-        summary = reports.run_summary(path, config.sweep)
+        summary, has_result = reports.run_summary(path, config.sweep)
     except (Cancelled, KeyboardInterrupt):
         raise Failed(f"interrupted; {reports.kept_text(path, common.resuming(), old)}") from None
     except (Failed, OSError, MemoryError) as error:
@@ -178,6 +184,7 @@ def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any)
         ) from error
     if not quiet:
         common.say(summary)
+    return has_result
 
 
 #: Interval of the checks for signals [s].

@@ -168,7 +168,7 @@ def contents(sweep: OpenedSweep) -> str:
     impact = str(yaml_mapping(attributes.pop("computation"), "the computation").get("impact"))
     attributes.pop("columns", None)  # shown in another form
     results = sweep.values(["omega"], RESULTS)
-    classes = destinations_text(results, results["omega"], sweep.sizes["section"])
+    classes = destinations_text(results, results["omega"], sweep.sizes["section"], impact)
     axes = {axis: sweep[axis].values for axis in sweep.grid}
     rig = [name for name in RigConfig.model_fields if name in sweep and not sweep[name].dims]
     rows = [

@@ -319,7 +319,8 @@ def test_how_many_motions_go_where_is_told(monkeypatch):
     bare = accepted("run", "sweep.yaml", "--overwrite", "--set", "record.diagnostics=[]")
     assert "class" not in bare + accepted("info", "small.h5").replace("class_", "")
     printed = accepted("run", ROOT / "configs/paper-dissipative-reduced-step.yaml", "-o", "a.h5")
-    assert printed.splitlines()[1] == "the motion: unknown, near no periodic orbit"
+    assert printed.splitlines()[1] == "the motion: unknown, without a repetition in the record"
+    assert "unknown, without a repetition in the record" in accepted("info", "a.h5")
 
 
 def test_a_run_without_impacts_says_so():
@@ -327,11 +328,18 @@ def test_a_run_without_impacts_says_so():
     said = "no impact in any record: no motion meets the stop"
     free = accepted("run", "sweep.yaml", "--set", "oscillator.clearance=50")
     assert said in free and said in accepted("info", "small.h5")
+    changes = ("oscillator={h: 0, R: 0.8, omega: 1, f: 1, clearance: 1000}", "record.transient=10")
+    late = accepted("run", "sweep.yaml", "--overwrite", *[f"--set={each}" for each in changes])
+    assert "; no impact in any record in " in late and said not in late  # it grows, in resonance
     euler = "{integrator: euler, impact: plain, steps_per_period: 20, allow_unstable: true}"
     changes = ("oscillator.h=0", "oscillator.R=1", f"method={euler}", "record.transient=100000")
     sets = [word for change in changes for word in ("--set", change)]
     overflown = accepted("run", "sweep.yaml", *sets, "--overwrite")
     assert "NON_FINITE" in overflown and said not in overflown
+    assert "the step is unstable" in overflown and "next" not in overflown
+    large = accepted("run", "sweep.yaml", "--set", "oscillator.f=1e300", "--overwrite")
+    assert "NON_FINITE (a number overflowed: the motion is too large)" in large
+    assert "next" not in large
     pressed = ("--set", "oscillator.clearance=-50", "--set", "start.x0=-50", "--overwrite")
     assert said not in accepted("run", "sweep.yaml", *pressed)
     with h5py.File("small.h5") as file:
