@@ -270,7 +270,7 @@ def _label_orders(panel: Axes, lines: pd.DataFrame) -> None:
             xytext=(5, 0),
             textcoords="offset points",
             va="center",
-            fontsize=7.5,
+            fontsize="small",
             color=RULES[last.impact],
         )
 
@@ -283,7 +283,7 @@ def _name_missing(panel: Axes, lines: pd.DataFrame) -> None:
     beyond = ", ".join(slower["integrator"].str.split().str[0].unique())
     if beyond:
         notes.append((0.4, f"{beyond} \N{RIGHTWARDS ARROW}", "#555555"))
-    look: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "fontsize": 7.5}
+    look: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "fontsize": "small"}
     for height, words, colour in notes:
         panel.text(0.97, height, words, color=colour, **look)
 

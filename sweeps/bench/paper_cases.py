@@ -188,7 +188,7 @@ def _draw_motions(panel: Axes, name: str, case: pd.DataFrame) -> None:
         f"impacts in {PERIODS} periods: {case.impacts['without']},\n"
         f"with it {case.impacts['with']}, exact {case.impacts['exact']}"
     )
-    panel.text(0.98, 0.96, words, transform=panel.transAxes, ha="right", va="top", fontsize=7.5)
+    panel.text(0.98, 0.96, words, transform=panel.transAxes, ha="right", va="top", fontsize="small")
 
 
 def _draw_stalls(panel: Axes, measured: Measured) -> None:
@@ -203,7 +203,7 @@ def _draw_stalls(panel: Axes, measured: Measured) -> None:
         last = remaining[-1], run.impact_v[-1]
         panel.plot(*last, "x", color="black", markersize=7, zorder=3)
         words = f"{steps} steps\n$t = {run.stalled_at:.4f}$"
-        panel.annotate(words, last, xytext=(8, 0), textcoords="offset points", fontsize=7.5)
+        panel.annotate(words, last, xytext=(8, 0), textcoords="offset points", fontsize="small")
     panel.invert_xaxis()
     osc = CHATTER
     values = rf"$h = {mathtext(osc.h)}$, $R = {mathtext(osc.R)}$, $\omega = {mathtext(osc.omega)}$"

@@ -24,7 +24,7 @@ from matplotlib.spines import Spine
 from matplotlib.text import Text
 
 from sweeps.errors import Refused
-from sweeps.plotting.style import STYLE, dots_per_inch, user_style, without_log
+from sweeps.plotting.style import dots_per_inch, user_style, without_log
 from sweeps.store.replacing import check_target, writing
 from sweeps.text import listed, near_misses, printable, shortened, suggestion
 from vibroimpact import __version__
@@ -149,8 +149,8 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
 
 
 def save_chart(output: Path, picture: Callable[..., Figure], *measured: object) -> None:
-    """Write the figure that `picture` makes of measurements to a file, in the common style."""
-    with mpl.rc_context(STYLE):
+    """Write the figure that `picture` makes of measurements to a file, in the style of all."""
+    with mpl.rc_context(user_style()):
         save(picture(*measured), output)
 
 

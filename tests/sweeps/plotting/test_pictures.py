@@ -15,7 +15,7 @@ from PIL import Image
 from sweeps import branches, open_sweep, plotting, run_sweep
 from sweeps.errors import Refused
 from sweeps.plotting import Page
-from sweeps.plotting.saving import save
+from sweeps.plotting.saving import save, save_chart
 from sweeps.plotting.style import user_style
 from tests.helpers.commands import call
 from tests.helpers.equal_points import legend_texts
@@ -365,6 +365,9 @@ def test_settings_of_the_user_are_kept(dataset, tmp_path, with_layout):
         room = sum(part.get_window_extent().height for part in parts) / figure.dpi
         assert figure.get_size_inches() == pytest.approx([4.0, 2.0 + room])
         plotting.plot(dataset, tmp_path / "a.png", kind="bifurcation")
+        titled = Figure()
+        save_chart(tmp_path / "b.png", lambda: titled.suptitle("of a bench").figure)
+        assert {text.get_fontsize() for text in titled.texts} == {6.0}
     assert imread(tmp_path / "a.png").shape[1] == 200
     assert plotting.bifurcation(dataset).axes[0].xaxis.label.get_fontsize() == 9.0
     assert mpl.rcParams["font.size"] == mpl.rcParamsDefault["font.size"]
