@@ -158,9 +158,8 @@ def outcomes(variables: Mapping[Any, Any], impact: str) -> str:
     known = has_result(status[status != Status.PENDING])
     contact = (np.asarray(variables[name]) > 0.0 for name in _CONTACT)  # False for NaN
     if known.size and known.all() and not any(met.any() for met in contact):
-        text += "; no impact in any record"
-        if np.all(variables.get("class_evidence") == Evidence.FREE):  # never one again
-            text += ": no motion meets the stop"
+        proved = np.all(variables.get("class_evidence") == Evidence.FREE)
+        text += f"; no impact in any record{': no motion meets the stop' if proved else ''}"
     return text
 
 

@@ -166,9 +166,8 @@ def measures_of(
         measures.append((away, local))
     (away, local), (open_away, open_local) = measures
     disc = np.unravel_index(away.argmax(), away.shape)
-    factor = away[disc]
-    at_edge = open_away.max() > factor, open_local > local
-    return size * factor, x[disc[0]], v[disc[1]], at_edge[0], size * local, at_edge[1]
+    factor_at_edge, local_at_edge = open_away.max() > away[disc], open_local > local
+    return size * away[disc], x[disc[0]], v[disc[1]], factor_at_edge, size * local, local_at_edge
 
 
 def refuse_unfit(sweep: OpenedSweep) -> None:

@@ -163,10 +163,7 @@ def planned_text(
 
 
 def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> bool:
-    """Run a sweep and print its summary; on failure, name the command that resumes the run.
-
-    Returns whether any point has a result.
-    """
+    """Run a sweep, print its summary or how to go on, and return whether any point has a result."""
     from sweeps import reports
     from sweeps.engine.sweep_run import run_sweep
 

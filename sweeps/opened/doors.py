@@ -139,17 +139,18 @@ def _opened(dataset: object) -> OpenedSweep:
         raise Refused(f"the Dataset has no attribute configuration; expected: {_EXPECTED}")
     if "status" not in dataset:
         raise Refused(f"the Dataset has no status; expected: {_EXPECTED}")
-    for problem in _problems(dataset):
+    typed = {name: each.dtype for name, each in VARIABLES.items() if name in dataset}
+    floats = [name for name in typed if typed[name][0] == "i" and dataset[name].dtype.kind == "f"]
+    for problem in _problems(dataset, floats):
         raise Refused(f"the Dataset {problem}; expected: {_EXPECTED}")
-    # `where` left out points with NaN, for which integers became floats.
-    for name in [name for name in VARIABLES if _lost_integers(dataset, name)]:
+    for name in floats:  # `where` left out points with NaN
         whole = dataset[name].fillna(VARIABLES[name].fill_value)
-        dataset = dataset.assign({name: whole.astype(VARIABLES[name].dtype)})
+        dataset = dataset.assign({name: whole.astype(typed[name])})
     return OpenedSweep(dataset.transpose(*dataset["status"].dims, ...))
 
 
-def _problems(dataset: xr.Dataset) -> Iterator[str]:
-    """Yield what no sweep has, and what this Dataset lacks of one."""
+def _problems(dataset: xr.Dataset, floats: Sequence[str]) -> Iterator[str]:
+    """Yield what no sweep has, and what this Dataset lacks of one, with `floats` for integers."""
     dims, held = [str(name) for name in dataset["status"].dims], dataset.coords
     for name in (*dims, *PARAMETERS):
         if name not in (*PARAMETERS, DIRECTION, TABLE):
@@ -161,8 +162,8 @@ def _problems(dataset: xr.Dataset) -> Iterator[str]:
         if held[name].dims not in ([(name,)] if name in dims else [(), (TABLE,)]):
             over = listed([*map(str, held[name].dims)]) or "no axis"
             yield f"has {name} over {over}, as no sweep has"
-    for name, parameter in PARAMETERS.items():
-        if held[name].dtype.kind not in "fiu" or not parameter.accepts(held[name].values).all():
+        values, parameter = held[name].values, PARAMETERS.get(name)
+        if parameter and (values.dtype.kind not in "fiu" or not parameter.accepts(values).all()):
             yield f"has a value of {name} that is not {parameter.allowed}"
     for name, variable in VARIABLES.items():
         expected = {*dims, *([variable.dimension] if variable.dimension else [])}
@@ -170,14 +171,8 @@ def _problems(dataset: xr.Dataset) -> Iterator[str]:
             yield f"has {name} without its dimensions {', '.join(sorted(expected))}"
         if name in dataset and dataset[name].dtype.kind not in "fiu":
             yield f"has no numbers in {name}"
-        if _lost_integers(dataset, name) and (dataset[name].fillna(0.0) % 1.0 != 0.0).any():
+        if name in floats and (dataset[name].fillna(0.0) % 1.0 != 0.0).any():
             yield f"has numbers in {name} that are no integers"
-
-
-def _lost_integers(dataset: xr.Dataset, name: str) -> bool:
-    """Whether a Dataset has floats where a file has integers."""
-    of_file = VARIABLES[name].dtype
-    return name in dataset and of_file.startswith("int") and dataset[name].dtype.kind == "f"
 
 
 # A rig in SI units
