@@ -187,7 +187,7 @@ def signalled(
         pid = forks.start(*command(changes), "--resume")
         try:
             reached, began = _reached(moment, folder, draw), time.monotonic()
-            while not reached(pid) and time.monotonic() - began < PATIENCE:
+            while not (_listens(pid) and reached(pid)) and time.monotonic() - began < PATIENCE:
                 time.sleep(0.002)
             time.sleep(draw.uniform(0.0, LATEST))
             os.kill(pid, number)

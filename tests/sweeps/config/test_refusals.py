@@ -109,7 +109,7 @@ def test_a_nested_list_is_reported_once_per_item(values, errors):
     ("place", "keys"),
     [
         ("oscillator.", {"gap": "clearance", "r": "R", "ω": "omega", "x0": "start.x0"}),
-        ("oscillator.", {"coefficient-of-restitution": "R", "f.points": "num"}),
+        ("oscillator.", {"coefficient-of-restitution": "R", "f.points": "num", "omega_0": "p"}),
         ("", {"method.solver": "integrator", "record.skip": "transient", "filename": "output"}),
         ("", {"omega": "oscillator.omega", "gap": "oscillator.clearance"}),
         ("", {"integrator": "method.integrator", "phase": "start.phase or record.phase"}),
