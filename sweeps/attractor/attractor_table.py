@@ -73,10 +73,7 @@ def parameter_axes(sweep: OpenedSweep) -> tuple[str, ...]:
 
 
 def cut(sweep: OpenedSweep, at: Selection) -> OpenedSweep:
-    """Fix parameters and the phase of the starts at the grid values nearest to `at`.
-
-    All other starts there are kept.
-    """
+    """Fix parameters and the phase of the starts nearest to `at`; keep all other starts there."""
     return sweep.isel(sweep.places(at, kept=("x0", "v0", DIRECTION, TABLE)))
 
 

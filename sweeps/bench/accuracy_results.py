@@ -51,10 +51,7 @@ TARGETS = (1e-2, 1e-4, 1e-8, 1e-12)
 
 
 def means(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return geometric means of errors and seconds over the regular scenes.
-
-    A method that failed in one of the scenes has no mean.
-    """
+    """Return geometric means over the regular scenes, of the methods that failed in none."""
     regular = measured[measured["scene"].isin([scene.name for scene in REGULAR])]
     same = [*LINE[1:], "steps_per_period", "tolerance"]
     groups = regular.groupby(same, sort=False, dropna=False)

@@ -61,10 +61,7 @@ def limit_table() -> str:
 
 
 def stability_chart(quick: bool = False) -> Figure:
-    """Draw a panel per integrator: the spectral radius of a step, and the limit in closed form.
-
-    The radius is drawn over p T and h / p, on a coarser mesh if `quick`.
-    """
+    """Draw a panel per integrator: spectral radius and limit over p T and h / p."""
     columns, rows = (81, 41) if quick else (401, 201)
     step, zeta = np.linspace(0.0, CHART[0], columns), np.linspace(0.0, CHART[1], rows)
     down = math.ceil(len(INTEGRATORS) / 2)

@@ -50,11 +50,7 @@ class Change:
 
     @property
     def kind(self) -> str:
-        """The kind that the two classes suggest, without proof.
-
-        ``flip`` if m and q double; ``rest``, ``chaotic`` or ``unbounded`` if this regime begins or
-        ends; otherwise ``unknown``.
-        """
+        """The kind that the two classes suggest, without proof."""
         ends = {self.before.regime, self.after.regime}
         for regime in _REGIMES:
             if regime in ends and len(ends) == 2:

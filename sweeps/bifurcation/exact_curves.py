@@ -157,10 +157,7 @@ class CurveSearch:
         )
 
     def _next(self, reasons: Container[int]) -> int | None:
-        """Return the next change to search from, the middle one of the most frequent pair.
-
-        Only changes without a curve and without a reason count; None if there is none.
-        """
+        """Return the next change to search from: of the most frequent pair, the middle one."""
         left = np.flatnonzero(self.counted & ~self.explained).tolist()
         pairs = {i: self.names[i] for i in left if i not in reasons}
         if not pairs:

@@ -194,10 +194,7 @@ def _piece(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def _named_after(file: Path, axes: dict[str, tuple[float, float]], overrides: Sequence[str]) -> str:
-    """Name a file after its pieces and overrides.
-
-    They replace those of the same names in the name of a file that was zoomed.
-    """
+    """Name a file after its pieces and overrides, in place of those that its name already has."""
     from sweeps.config.sweep import dotted_keys
 
     stem, chosen = file.stem, {}

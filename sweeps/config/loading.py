@@ -163,10 +163,7 @@ def _text(path: Path) -> str:
 
 
 def _parse(text: str, origin: str, key: Key = ()) -> tuple[Any, dict[Key, str]]:
-    """Parse the YAML text of `key`, or of a whole configuration; return the line of each key, too.
-
-    Every scalar is still a text.
-    """
+    """Parse the YAML of `key`, or of a whole configuration, to texts, with the line of each."""
     sources: dict[Key, str] = {}
     node = yaml_node(text, origin)
 

@@ -115,10 +115,7 @@ def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
 def _read_csv(
     path: Path, check_names: NamesCheck
 ) -> tuple[dict[str, np.ndarray], Mapping[str, Parameter]]:
-    """Return the columns of a CSV file, and what those may hold that must be numbers.
-
-    These are numbers if all their cells are.
-    """
+    """Return the columns of a CSV file, and what those may hold that must be numbers."""
     if path.exists() and not path.is_file():  # a device may never end, and a FIFO never begin
         raise ValueError("is not a regular file; expected: a CSV file")
     with path.open(encoding="utf-8-sig", newline="") as file:

@@ -265,10 +265,7 @@ def json_schema() -> JsonSchema:
 
 
 def dotted_keys(deepest: int) -> list[str]:
-    """Return the keys of a configuration as ``--set`` takes them, of at most so many names each.
-
-    Those of three names are the keys of ranges and of the trajectory.
-    """
+    """Return the keys of a configuration as ``--set`` takes them, of at most so many names each."""
     schema = json_schema()
 
     def below(part: JsonSchema, start: str) -> Iterator[str]:

@@ -120,10 +120,7 @@ def _chain(sweep: Sweep, at_impacts: float = 0.0) -> tuple[int, int, int]:
 
 
 def check_memory(results: int, what: str) -> int:
-    """Refuse to compute `what` at once if its results, in bytes, need more memory than there is.
-
-    Return the memory in bytes that is available.
-    """
+    """Return the available memory [bytes]; refuse `what` if its results at once need more."""
     needed = _BLOCKS_HELD * results
     base = _OWN_MEMORY if os.path.exists(cache_folder(WAY.name)) else COMPILING_MEMORY
     available = max(0, available_memory() - base)

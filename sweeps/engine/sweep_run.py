@@ -184,10 +184,7 @@ def _progress(
 
 
 def compiling_beside(cores: int | None, classes: bool) -> AbstractContextManager[None]:
-    """Let another process compile the search for classes while this one compiles exact impacts.
-
-    It does if `classes` are asked for and a second core is allowed.
-    """
+    """Let another process compile the search for `classes`, if any, beside exact impacts."""
     begin, several = cache(compile_beside), min(cores or ALL_THREADS, ALL_THREADS) > 1
 
     def watch(text: str, function: str) -> None:
@@ -222,10 +219,7 @@ def compile_beside() -> None:
 
 
 def _compile_for(parent: int) -> None:
-    """Compile the search in a copy of a process, while that runs and waits for it.
-
-    Let go of its files first.
-    """
+    """Compile the search in a copy of a process, while that runs and waits for it."""
 
     def check() -> None:
         if os.getppid() != parent:

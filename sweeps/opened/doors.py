@@ -223,10 +223,7 @@ def orbits_on_axes(sweep: OpenedSweep, orbits: xr.Dataset) -> xr.Dataset:
 
 
 def _results_in_si(dataset: xr.Dataset, mass: xr.DataArray) -> xr.Dataset:
-    """Return the results that are given per mass in a file, multiplied when they are read.
-
-    With a mass of each row of a table, they are multiplied at once.
-    """
+    """Return the results that are given per mass in a file, multiplied when they are read."""
     scaled = {}
     for name in QUANTITIES.keys() - PARAMETERS.keys():
         if name in dataset:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
+import pickle
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -19,8 +19,6 @@ from vibroimpact.jit import NUMERICS, numerics_of
 from vibroimpact.jit.cache import read, root, write
 from vibroimpact.status import Status
 
-#: The array that says for what a result was found, and what it is, as JSON.
-_ABOUT = "about"
 #: Most results that are kept; the oldest go first.
 _MOST = 100
 #: The rooms whose code decides, besides the physics, what is found.
@@ -54,7 +52,7 @@ def with_cache(
             say("what was found is not kept: the sweep is not complete")
             return result
         try:
-            write(path, _packed(result, key), _MOST)
+            write(path, pickle.dumps((key, result.to_dict(data="array"))), _MOST)
         except OSError as error:
             say(f"what was found is not kept in {path.parent}: {error.strerror or error}")
         return result
@@ -77,23 +75,9 @@ def _digest(about: object, variables: Mapping[Any, Any], arrays: Mapping[str, np
     return digest.hexdigest()
 
 
-def _packed(orbits: xr.Dataset, key: str) -> bytes:
-    """Return an archive of the variables of a Dataset, their description and what was asked."""
-    arrays: dict[str, Any] = {str(name): each.values for name, each in orbits.variables.items()}
-    arrays[_ABOUT] = np.array(json.dumps([key, orbits.to_dict(data=False)]))
-    image = io.BytesIO()
-    np.savez(image, **arrays)
-    return image.getvalue()
-
-
 def _read(path: Path, key: str) -> xr.Dataset | None:
     """Return the Dataset that was kept in a file for this key; None without one."""
-    with (
-        suppress(Exception),  # other contents raise errors of a dozen kinds
-        np.load(io.BytesIO(read(path) or b"")) as arrays,
-    ):
-        text, about = json.loads(str(arrays[_ABOUT]))
-        for name, variable in {**about["coords"], **about["data_vars"]}.items():
-            variable["data"] = arrays[name]
-        return xr.Dataset.from_dict(about) if text == key else None
+    with suppress(Exception):  # of other contents; `read` trusts a file as it trusts code
+        known, orbits = pickle.loads(read(path) or b"")
+        return xr.Dataset.from_dict(orbits) if known == key else None
     return None

@@ -51,10 +51,7 @@ MOTION = np.dtype([("point", POINT), ("regime", np.int64), ("m", np.int64), ("q"
 def motions_from(
     spec: RunSpec, points: np.ndarray, results: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """Return the motions of points, of dtype ``MOTION``, shape (n,), given the results of a run.
-
-    Classes that were not recorded are found from the section.
-    """
+    """Return the motions of points, of dtype ``MOTION``, shape (n,), given the results of a run."""
     if "period" not in results:
         results = classified_later(spec, points, results)
     motions = np.empty(len(points), MOTION)

@@ -331,10 +331,7 @@ class OpenedSweep:
     # What is recorded
 
     def check(self, *names: str, asked: str = "") -> None:
-        """Refuse a file without a variable from which what is `asked` follows; say how to have it.
-
-        Other names are not checked.
-        """
+        """Refuse a file without a variable that what is `asked` needs; say how to have it."""
         for name in (name for name in names if name in VARIABLES and name not in self):
             follows = f"{asked} follows from {name}, and " if asked not in ("", name) else ""
             raise Refused(f"{follows}the file has no {name}: {self.to_have(name)}")

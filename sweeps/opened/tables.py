@@ -88,10 +88,7 @@ def refuse_points(sweep: OpenedSweep, path: Path) -> None:
 
 
 def write_csv(path: Path, parts: Iterable[pd.DataFrame]) -> int:
-    """Write the parts of a table to a CSV file, either whole or not at all, with all digits.
-
-    Return the number of rows.
-    """
+    """Write a table in parts, whole or not at all, with all digits; return its number of rows."""
     written = 0
     with writing(path, "table") as new:
         for i, part in enumerate(parts):

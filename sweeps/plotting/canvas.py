@@ -118,10 +118,7 @@ class Picture(Figure):
         self.set_figheight(self.get_figheight() + title.get_window_extent().height / self.dpi)
 
     def set_height(self) -> None:
-        """Set the height of the page; refuse one that leaves too little of the panels.
-
-        Without one, a higher figure gets the height of a page.
-        """
+        """Set the height of the page; refuse one that leaves too little of the panels."""
         height, beside = self._height, self.get_figheight() - self._usual
         least = math.ceil(10.0 * (beside + _LEAST_PANELS * self._usual)) / 10.0
         if height is None and least > HIGHEST:

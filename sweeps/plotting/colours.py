@@ -150,7 +150,7 @@ def paint_of(cut: OpenedSweep, name: str, *, dots: bool = False, grey: bool = Fa
     With `dots` no colour is that of the ground; with `grey` all are greys, hatches or markers.
     """
     variable = contents.number_at(cut, name)
-    ramp = style.grey_ramp(0.1) if grey else mpl.colormaps[mpl.rcParams["image.cmap"]]
+    ramp = style.grey_ramp() if grey else mpl.colormaps[mpl.rcParams["image.cmap"]]
     ramp, title = style.legible(ramp) if dots else ramp, None
     values, norm = np.ma.masked_all(variable.shape, float), Normalize()
     has_value = has_result(cut["status"].values)

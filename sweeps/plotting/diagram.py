@@ -150,10 +150,7 @@ def _with_numbers(
     below: Sequence[contents.Wanted],
     color: contents.Wanted | None,
 ) -> tuple[OpenedSweep, list[str], str | None]:
-    """Return the dataset with what is wanted, the names below, and that of what colours points.
-
-    Names below must be results, not words, and each is allowed once.
-    """
+    """Return the dataset with what is wanted, the names below, and that of what colours points."""
     names, tint = list[str](), None
     for wanted in below:
         sweep, name = contents.with_number(sweep, wanted)
@@ -269,10 +266,7 @@ class _Motions:
         return branches, [counted] if idle else []
 
     def mark_cells(self, panels: Sequence[Axes], paint: Paint) -> Paint:
-        """In grey, give some of the points the marker of their class or word; of many, the last.
-
-        Return the colours of the points that are within the limits.
-        """
+        """In grey, mark some of the points, of many the last; return the colours of those seen."""
         last = slice(-4, None) if self.dense else slice(None)
         (way,) = (way.isel({ORDINATES[self.coordinate].dimension: last}) for way in self.ways)
         y = recorded_coordinate(way.data, self.coordinate).values
@@ -305,10 +299,7 @@ class _Motions:
         return draw_jumps(panel, self.values[order], up, down, self.colours)
 
     def mark_points(self, panel: Axes, marks: bool) -> None:
-        """Mark points that failed and, if asked for, those that do not show their whole orbit.
-
-        These are on their way to m/q, or show only part of a repetition.
-        """
+        """Mark points that failed and, if asked for, those that do not show their whole orbit."""
         masks = {style.APPROACHING: self.line.on_its_way} if marks else {}
         if marks and ORDINATES[self.coordinate].dimension == "impact":
             masks = {style.PARTIAL: self.line.shows_part, **masks}

@@ -17,7 +17,7 @@ from matplotlib.transforms import Bbox
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
 from sweeps.plotting.pixels import runs
-from sweeps.plotting.style import STABLE, UNSTABLE, VERMILION, ground, ink
+from sweeps.plotting.style import CLASSES, STABLE, UNSTABLE, VERMILION, ground, ink
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
 
@@ -245,23 +245,19 @@ def _one_point_each(curves: xr.Dataset) -> xr.Dataset:
 
 
 def draw_curves(
-    panel: Axes,
-    curves: xr.Dataset,
-    cut: OpenedSweep,
-    coloured: Container[tuple[int, int]],
-    marks: bool,
+    panel: Axes, curves: xr.Dataset, cut: OpenedSweep, marks: bool
 ) -> dict[Artist, float]:
     """Draw `sweeps.curves` over a map of a cut; return handles and the share that each covers.
 
     Pieces that bound a motion are drawn strongly. The others are thin: there the start leads to
-    another orbit. If there are many curves, only those that bound one of the `coloured` classes
+    another orbit. If there are many curves, only those that bound a class with a colour of its own
     somewhere are drawn. The legend says how many others there are in view. Cusps and points where
     curves meet are marked on the strong pieces if `marks` is true.
     """
     limits = panel.get_xlim(), panel.get_ylim()
     kinds = _one_point_each(curves)["kind"].values
     is_many = len(kinds) > _CURVES_IN_FULL
-    pieces = list(_pieces(curves, cut, coloured if is_many else None))
+    pieces = list(_pieces(curves, cut, CLASSES if is_many else None))
     bounding = {piece.number for piece in pieces if piece.bounds}
     pieces = [piece for piece in pieces if _is_in_view(panel, piece.points)]
     further = {piece.number for piece in pieces} - bounding

@@ -41,10 +41,7 @@ _JOINT = "\N{NO-BREAK SPACE}"
 
 
 def as_variable(name: str, of: Names) -> xr.DataArray:
-    """Return a DataArray with the attributes of a parameter, variable or coordinate, no values.
-
-    Those of a parameter are what a reader sees.
-    """
+    """Return the attributes of a variable, or a parameter as a reader sees it, as a DataArray."""
     seen = of if isinstance(of, Nomenclature) else of.nomenclature
     about = seen.about(name) if name in PARAMETERS else {**VARIABLES, **ORDINATES}[name]
     units = seen.unit(about.unit)
@@ -149,11 +146,7 @@ def method_text(spec: RunSpec) -> list[str]:
 
 
 def title(part: OpenedSweep, record: str | None = None) -> str:
-    """Write the title of a picture: name, parameters that are not the defaults, record, method.
-
-    Parameters have units if names were chosen for these. The record is by default that of
-    `record_text`.
-    """
+    """Write the title of a picture: name, parameters that are not the defaults, record, method."""
     spec, seen = part.spec, part.nomenclature
     usual = {name: parameter.default for name, parameter in seen.parameters.items()}
     if "a" in part and bool((part["a"] > 0.0).any()):

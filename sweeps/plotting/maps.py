@@ -98,7 +98,7 @@ def parameter_map(
         text = f"{ON_ITS_WAY} ({share:.3g} %)"
         shares[Patch(facecolor="#888888", label=text, **_APPROACHING)] = float(seen.mean())
     if exact is not None:
-        shares |= draw_curves(panel, exact, cut, CLASSES, page.marks)
+        shares |= draw_curves(panel, exact, cut, page.marks)
     scale = (name, paint.ramp, paint.norm)
     measured = draw_overlay(points, [(panel, abscissa, ordinate)], page, scale)
     shares |= dict.fromkeys(measured, 1.0)

@@ -71,10 +71,7 @@ _SCALE_OF_SHARES = LogNorm(style.LEAST_SHARE, 1.0, clip=True)
 
 
 def computed_parts(line: OpenedSweep, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Read a coordinate of the computed points of a line in parts.
-
-    Yields the indices of k points and their values, shapes (k,) and (k, record).
-    """
+    """Yield indices (k,) of computed points of a line and their values (k, record), in parts."""
     computed = has_result(line["status"].values)
     for part, cut in in_parts(line.data, _PART_SIZE // line.sizes[ORDINATES[coordinate].dimension]):
         kept = np.flatnonzero(computed[cut])

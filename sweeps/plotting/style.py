@@ -236,12 +236,9 @@ def grey_style() -> dict[Any, Any]:
     return {"axes.prop_cycle": cycler(color=greys)}
 
 
-def grey_ramp(least: float) -> LinearSegmentedColormap:
-    """Return the greys of numbers, each darker than those of less, or lighter on a dark ground.
-
-    The first has a `least` share of the colour of texts.
-    """
-    return LinearSegmentedColormap.from_list("grey", [mix(ink(), ground(), least), ink()])
+def grey_ramp() -> LinearSegmentedColormap:
+    """Return the greys of numbers, each darker than those of less, or lighter on a dark ground."""
+    return LinearSegmentedColormap.from_list("grey", [mix(ink(), ground(), 0.1), ink()])
 
 
 def dot_colour(colour: str) -> str:

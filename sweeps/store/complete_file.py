@@ -248,10 +248,7 @@ def schema_in_parts(path: Path) -> tuple[Schema, int]:
 
 
 def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:
-    """Return those of the variables, with a single value per point, that the file has.
-
-    Also returns the duration of the run [s].
-    """
+    """Return those variables of one value per point that a file has, and the duration [s]."""
     with open_file(path, check_file(path, verify=False)) as file, of_this_form(path):
         held = {name: file[name][()] for name in names if name in file}
         return held, float(file.attrs["duration"])

@@ -266,10 +266,7 @@ def _padded(
 
 
 def kept_points(path: Path) -> tuple[int, int] | None:
-    """Return the number of finished points and of all points; None without an incomplete sweep.
-
-    Raises UnreadableError as `Parts` does.
-    """
+    """Return the number of finished points and of all points; None without an incomplete sweep."""
     try:
         parts = Parts(parts_path(path), verify=False)
     except UnreadableError:

@@ -155,10 +155,7 @@ def _in_file(path: Path, manager: CachingFileManager, name: str, key: Index) -> 
 
 
 def _incomplete(parts: Parts) -> xr.Dataset:
-    """Open the finished blocks of a sweep as a Dataset.
-
-    Points that are not computed yet have the status ``PENDING`` and the values NaN or -1.
-    """
+    """Open the finished blocks of a sweep as a Dataset."""
     schema = parts.file_schema
     box = schema.blocks[0]
     chunks = {name: tuple(schema.sizes(name, box).values()) for name in schema.variables}

@@ -273,7 +273,7 @@ def test_a_map_and_a_table_of_numbers_are_grey(tmp_path):
 def test_greys_of_numbers_are_monotone_in_lightness(dark):
     colours = {"axes.facecolor": "black", "text.color": "white"} if dark else {}
     with mpl.rc_context(colours):
-        levels = grey_ramp(0.1)(np.linspace(0.0, 1.0, 64))
+        levels = grey_ramp()(np.linspace(0.0, 1.0, 64))
     assert np.ptp(levels[:, :3], axis=1).max() == 0.0
     steps = np.diff(levels[:, 0])
     assert (steps > 0.0).all() if dark else (steps < 0.0).all()
