@@ -39,10 +39,7 @@ class _Loader(yaml.SafeLoader):
 
 
 def yaml_node(text: str, origin: str) -> yaml.Node | None:
-    """Return the node of a YAML text, whose scalars keep what was typed; None if it is empty.
-
-    `origin` tells the error, ConfigError, where the text comes from.
-    """
+    """Return the node of a YAML text, whose scalars keep what was typed; None if it is empty."""
     return _read(yaml.compose, text, origin)
 
 

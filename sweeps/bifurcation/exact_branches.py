@@ -315,10 +315,7 @@ def check_axis(axis: str, values: np.ndarray, picture: str) -> None:
 
 
 def lines_of(sweep: OpenedSweep, axis: str, at: Selection | None = None) -> list[OpenedSweep]:
-    """Return the points along an axis, sorted, once for each direction of a followed sweep.
-
-    Raises Refused if the orbits do not depend on the axis, or if it has a single value.
-    """
+    """Return the points along an axis, sorted, once for each direction of a followed sweep."""
     line = sweep.cut(at, free=[axis, DIRECTION])
     check_axis(axis, line[axis].values, "it")
     return line.sortby(axis).each_direction

@@ -195,10 +195,7 @@ class CurveSearch:
         raise OrbitError(f"a branch ends there: {ends_so[0]}" if ends_so else reason)
 
     def _follow(self, point: SpecialPoint) -> None:
-        """Follow a bifurcation in both parameters, and mark the changes that its curve explains.
-
-        Raises OrbitError if it cannot be followed.
-        """
+        """Follow a bifurcation in both parameters, and mark the changes that its curve explains."""
         if len(self._lines) >= MOST_CURVES:
             raise OrbitError(f"curves beyond the first {MOST_CURVES} are not followed")
         first, second = (

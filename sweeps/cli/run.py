@@ -97,11 +97,7 @@ def run_command(
 
 
 def read_config(path: Path, overrides: Sequence[str] = (), *, verify: bool = False) -> SweepConfig:
-    """Read the configuration of a sweep from a YAML file or from a sweep file.
-
-    The configuration of a sweep file has that file as its output. The overrides are those of
-    `sweeps.load_config`, and `verify` is that of `sweeps.open_sweep`.
-    """
+    """Read the configuration of a sweep from a YAML file or from a sweep file."""
     from sweeps.config.loading import load_config
     from sweeps.store.paths import is_sweep
 

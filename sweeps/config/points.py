@@ -96,10 +96,7 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def in_model(table: np.ndarray, rig: RigConfig | None) -> np.ndarray:
-    """Return a table with the columns of the model behind it that are made from those of a rig.
-
-    Raises ConflictError if a value cannot be converted.
-    """
+    """Return a table with the columns of the model behind it that are made from those of a rig."""
     columns = {name: table[name] for name in table.dtype.names or ()}
     for name, values in (rig.made_columns(columns) if rig is not None else {}).items():
         parameter = model_name(name)

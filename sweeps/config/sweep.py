@@ -130,10 +130,7 @@ class SweepConfig(Group):
 
     @cached_property
     def table(self) -> np.ndarray | None:
-        """The columns of `points`, and those of the model made from columns of a rig.
-
-        Raises ConflictError if a value of a rig cannot be converted.
-        """
+        """The columns of `points`, and those of the model made from columns of a rig."""
         return None if self.points is None else in_model(self.points, self.rig)
 
     @property

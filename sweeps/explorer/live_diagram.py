@@ -220,10 +220,7 @@ class Diagram(PixelFigure):
         ]
 
     def configurations(self, view: View) -> list[SweepConfig]:
-        """Return the configuration of the view, and those with longer records that fit into memory.
-
-        Raises StoreError if there is not enough memory for the first one.
-        """
+        """Return the configuration of the view, and those with longer records that memory holds."""
         columns, configs = self.resolution[0], list[SweepConfig]()
         for times in _RECORDS:
             longer = {name: times * view.record[name] for name in ("periods", "impacts")}

@@ -78,10 +78,7 @@ def _is_of_points(sweep: OpenedSweep, values: xr.DataArray, *further: str) -> bo
 def with_number(
     sweep: OpenedSweep, wanted: Wanted, for_colour: bool = False
 ) -> tuple[OpenedSweep, str]:
-    """Return the dataset with what is wanted, described like a result, and its name there.
-
-    What is wanted for colours can be the directions, too, if there are any.
-    """
+    """Return the dataset with what is wanted, described like a result, and its name there."""
     sweep, name = (sweep, wanted) if isinstance(wanted, str) else _with_values(sweep, wanted)
     further = [DIRECTION] if for_colour and sweep.directions else []
     if name in further:

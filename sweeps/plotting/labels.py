@@ -95,10 +95,7 @@ def prefix_of(variable: xr.DataArray, size: float, written: str | None = None) -
 
 
 def units_of(variable: xr.DataArray) -> dict[str, float]:
-    """Return the units in which a variable can be given, its own first, in its own unit.
-
-    There is none if it has a length or a time for which no name was chosen.
-    """
+    """Return the units in which a variable can be given, its own first, in its own unit."""
     own = variable.attrs.get("units", "")
     units = {own: 1.0} if own in ("1", "rad") or unit_name(own) else {}
     if own in _PREFIXED:
@@ -206,10 +203,7 @@ class _Prefixed(ticker.Formatter):
         return [*units_of(self._variable)]
 
     def keep(self, unit: str, written: str | None) -> float:
-        """Keep a unit for the ticks, by default that of a written label or of today's limits.
-
-        Return its factor.
-        """
+        """Keep a unit for the ticks, by default of a label or of the limits; return its factor."""
         size = np.abs(self._of.get_view_interval()).max()
         asked = f"[{unit.replace('u', _MICRO)}]" if unit else written
         self._kept = prefix_of(self._variable, size, asked)
@@ -252,10 +246,7 @@ def in_own_unit(
 
 
 def label_axis(axis: Axis, variable: xr.DataArray, heading: bool = False) -> Text:
-    """Label the axis of a variable, and return the label; make it logarithmic if the values are.
-
-    As a `heading`, the label stands above the panel.
-    """
+    """Label the axis of a variable, and return the label; make it logarithmic if the values are."""
     if variable.name in variable.coords:  # a parameter; those that are not drawn may be any
         refuse_too_large(str(variable.name), variable.values)
     text = axis.axes.set_title("", loc="left") if heading else axis.label

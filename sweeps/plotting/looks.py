@@ -120,10 +120,7 @@ def _name_of_rests(m: np.ndarray) -> str:
 def class_numbers(
     regimes: np.ndarray, m: np.ndarray, q: np.ndarray
 ) -> tuple[np.ndarray, dict[int, str]]:
-    """Return a number for the class of each motion, and the names of classes.
-
-    Those of chaotic, unknown and failed points have no name.
-    """
+    """Return a number for the class of each motion, and the names of classes."""
     numbers = m << 40 | q << 8 | regimes
     found = np.unique(numbers).tolist()
     classes = {n: Label(Regime(n % 256), n >> 40, (n >> 8) % 2**32) for n in found}
@@ -223,10 +220,7 @@ def class_of_numbers(table: Sequence[AttractorRow]) -> dict[int, str]:
 def basin_cells(
     table: Sequence[AttractorRow], numbers: np.ndarray, looks: Looks, of: Names
 ) -> list[Cells]:
-    """Return the cells of each basin, given the number of the attractor of each start.
-
-    All attractors without a look of their own are one entry, which says how many they are.
-    """
+    """Return the cells of each basin, given the number of the attractor of each start."""
     rows, others = looks.split(table)
     cells = []
     for row, (name, place) in zip(rows, names_of([[row] for row in rows], of), strict=True):

@@ -97,11 +97,7 @@ class Page:
                 _OF_PAGE[name].checked(name, value, Refused)
 
     def set_limits(self, panel: Axes, fit: bool = False) -> Page:
-        """Set the limits that are given; return the page with those of a panel, in its units.
-
-        If asked for, the ordinate fits the lines within the abscissa. Raises Refused if there are
-        no data within the limits.
-        """
+        """Set the limits that are given; return the page with those of a panel, in its units."""
         limits, sides = dict[str, Any](), {"x": panel.xaxis, "y": panel.yaxis}
         for side, axis in sides.items():
             ends, unit, text = (getattr(self, f"{side}{word}") for word in ("lim", "unit", "label"))

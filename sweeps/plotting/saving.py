@@ -122,10 +122,7 @@ def _check_size(figure: Figure, kind: str = "png") -> None:
 
 
 def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> None:
-    """Write a figure, with its `description` as metadata, to a file, either whole or not at all.
-
-    Raises Refused if the figure is too large, and the errors of `writing`.
-    """
+    """Write a figure, with its `description` as metadata, to a file, whole or not at all."""
     kind = output.suffix.lower().lstrip(".")
     _check_size(figure, kind)
     about = dict(zip(_FIELDS[kind], description, strict=False))
