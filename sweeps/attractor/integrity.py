@@ -112,8 +112,7 @@ def with_measures(sweep: OpenedSweep, result: xr.Dataset) -> xr.Dataset:
     points = sweep.isel({"x0": 0, "v0": 0}).points[at[0]]
     points["x0"], points["v0"] = state
     periods = np.where(m[at] > 0, m[at], spec.periods)  # a record if m is not known
-    longest = int(periods.max(initial=1))
-    sections, _ = run_on(spec, points, longest)
+    sections, _ = run_on(spec, points, int(periods.max(initial=1)))
     measures = np.full((len(_BASIN_MEASURES), *number.shape), np.nan)
     for n, (i, k) in enumerate(zip(*at, strict=True)):
         basin = starts.values.reshape(-1, len(x), len(v))[i] == number[i, k]
