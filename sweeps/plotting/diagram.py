@@ -146,9 +146,7 @@ def _check_branches(exact: xr.Dataset | None, axis: str, coordinate: str) -> Non
 
 
 def _with_numbers(
-    sweep: OpenedSweep,
-    below: Sequence[contents.Wanted],
-    color: contents.Wanted | None,
+    sweep: OpenedSweep, below: Sequence[contents.Wanted], color: contents.Wanted | None
 ) -> tuple[OpenedSweep, list[str], str | None]:
     """Return the dataset with what is wanted, the names below, and that of what colours points."""
     names, tint = list[str](), None

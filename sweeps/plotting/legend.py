@@ -106,10 +106,7 @@ def in_two_lines(text: str) -> str:
 
 
 def legend_within(
-    panel: Axes,
-    handles: Sequence[Artist],
-    title: str | None,
-    shares: Mapping[Artist, float] | None,
+    panel: Axes, handles: Sequence[Artist], title: str | None, shares: Mapping[Artist, float] | None
 ) -> None:
     """Put a legend into a panel of any figure, with at most a fifth of the height of the panel."""
     box = panel.get_window_extent()
