@@ -171,9 +171,7 @@ class Filling:
 
     def _disc(self, basin: np.ndarray) -> tuple[Disc, str]:
         """Return the largest disc in a basin, and its radius for the name of cells."""
-        grid = self.config.sweep.grid
-        basin = basin.reshape(grid.shape)
-        basin = basin if next(iter(grid.axes)) == "x0" else basin.T
+        grid, basin = self.config.sweep.grid, self._as_seen(basin).T
         x, v, p, stop = grid.axes["x0"], grid.axes["v0"], grid.fixed["p"], grid.fixed["clearance"]
         corner = np.array([[x[0], v[0]]])
         radius, *centre, at_edge, _, _ = measures_of(basin, x, v, 1.0 / p, stop, corner)
