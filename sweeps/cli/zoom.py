@@ -198,7 +198,7 @@ def _named_after(file: Path, axes: dict[str, tuple[float, float]], overrides: Se
     from sweeps.config.sweep import dotted_keys
 
     stem, chosen = file.stem, {}
-    keys = "|".join(map(re.escape, dotted_keys(3)))
+    others = "|".join([*map(re.escape, dotted_keys(3)), rf"\w+-{_NUMBER}-{_NUMBER}"])
     for name in axes:
         stem = re.sub(rf"-{name}-{_NUMBER}-{_NUMBER}(?=-|$)", "", stem)
     words = [
@@ -206,7 +206,7 @@ def _named_after(file: Path, axes: dict[str, tuple[float, float]], overrides: Se
     ]
     for text in overrides:
         key, _, value = text.partition("=")
-        stem = re.sub(rf"-{re.escape(key.strip())}-.+?(?=-(?:{keys})-|$)", "", stem)
+        stem = re.sub(rf"-{re.escape(key.strip())}-.+?(?=-(?:{others})(?:-|$)|$)", "", stem)
         chosen[key.strip()] = value.strip()
     words += [f"{key}-{value}" for key, value in chosen.items()]
     return common.name_after(stem, words, ".h5")

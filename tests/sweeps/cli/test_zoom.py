@@ -131,10 +131,10 @@ def test_every_zoom_has_a_name_of_its_own(small_file):
     assert before == "small-omega-2-2.5-start.x0--2e-3-start.v0-1.h5"
     again = "small-start.v0-1-omega-2-2.5-start.x0--3.h5"
     assert named(before, "start.x0=-3") == again
-    Path(before).rename(before := "small-omega-2-2.5-method.impact-reduced-step-name-a-b.h5")
-    assert (
-        named(before, "method.impact=plain") == "small-name-a-b-omega-2-2.5-method.impact-plain.h5"
-    )
+    others = "R-0.5-0.6-name-a-b"
+    Path(before).rename(before := f"small-omega-2-2.5-method.impact-reduced-step-{others}.h5")
+    again = f"small-{others}-omega-2-2.5-method.impact-plain.h5"
+    assert named(before, "method.impact=plain") == again
     Path(before).rename("small.h5")
     many = ", ".join(f"0.{i}" for i in range(11, 99))
     long = [named("small.h5", f"oscillator.R=[{many}, {last}]") for last in (0, 1)]
