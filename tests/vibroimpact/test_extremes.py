@@ -178,31 +178,41 @@ def test_a_free_motion_is_watched_until_nothing_can_widen_its_reach(h):
 
 
 def near_free_oscillations(count, seed):
-    """Return motions whose w starts by 1e-5 to 1e-17 of the amplitude off the free oscillation."""
+    """Return motions that start by 1e-5 to 1e-17 of the amplitude off the free oscillation.
+
+    Where the stop is as near, some meet it; where it is nearer, all do.
+    """
     points, rng = exact_points(count, seed), np.random.default_rng(seed)
     points["h"] = rng.choice([0.003, 0.03, 0.3, 3.0], count)
     points["f"] = rng.uniform(0.5, 2.0, count)
     h, omega, p = points["h"], points["omega"], points["p"]
     response = -points["f"] / (p**2 - omega**2 + 2j * h * omega)
-    off = 10.0 ** rng.uniform(-17.0, -5.0, count) * rng.choice([1.0, -1.0], count)
-    points["x0"] = response.imag + off * abs(response) * rng.choice([0.0, 1.0], count)
-    points["v0"] = omega * (response.real + off * abs(response))
-    points["clearance"] = abs(response) * rng.choice([1.0001, 1.1, 3.0, 10.0], count)
+    off = 10.0 ** rng.uniform(-17.0, -5.0, count) * rng.choice([1.0, -1.0], count) * abs(response)
+    of_x, of_v = rng.choice([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], count).T
+    room = np.resize([1.0 + 1e-9, 1.0001, 1.1, 3.0, 10.0, 0.9], count)
+    points["clearance"] = abs(response) * room
+    points["x0"] = np.minimum(response.imag + off * of_x, points["clearance"])
+    points["v0"] = omega * (response.real + off * of_v)
     return points
 
 
 def test_a_motion_near_its_free_oscillation_turns_where_the_closed_form_does():
-    assert compare_with_walk(near_free_oscillations(100, 3), 3, 1e-14) == (0, 0)
+    met, _ = compare_with_walk(near_free_oscillations(120, 3), 3, 1e-14)
+    assert 20 < met < 40
 
 
-def test_the_extremes_near_a_free_oscillation_do_not_depend_on_cuts():
+def test_the_extremes_near_a_free_oscillation_do_not_depend_on_cuts_or_other_points():
     """While it comes near, and when only rounding is left."""
     points = near_free_oscillations(400, 4)
-    n, periods = default_steps(points, "exact"), 40
-    whole = integrate(points, transient=0, periods=periods, extremes=True, steps_per_period=n)
-    pieces = in_pieces(points, 0, periods, 0, extremes=True, steps_per_period=n)
+    points["h"][::5], points["omega"][::5] = 0.0, points["p"][::5]  # no free oscillation
+    points["x0"][::5] = 0.0
+    method = {"steps_per_period": default_steps(points, "exact"), "phase": 1.0, "extremes": True}
+    whole = integrate(points, transient=0, periods=40, **method)
+    pieces = in_pieces(points, 0, 40, 0, **method)
+    reverse = integrate(points[::-1], transient=0, periods=40, **method)
     for name in NAMES:
         np.testing.assert_array_equal(whole[name], pieces[name], err_msg=name)
+        np.testing.assert_array_equal(whole[name], reverse[name][::-1], err_msg=name)
     assert (whole["x_max"] >= whole["poincare_x"].max(axis=1)).all()
     assert (whole["x_min"] <= whole["poincare_x"].min(axis=1)).all()
 

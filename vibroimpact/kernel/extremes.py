@@ -1,8 +1,8 @@
 """Lanes whose steps may widen their extremes, found and evaluated side by side.
 
 See ``turning_points.py``. A lane is watched while it is recorded, but not in a period for which it
-is near its free oscillation, or for which it is proved that nothing widens its reach again. Whole
-steps that may turn are collected over a period, so that even few of them fill vectors.
+is near its free oscillation, or once it is proved that nothing widens its reach again. Whole steps
+that may turn are collected over a period, so that even few of them fill vectors.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ from vibroimpact.kernel.exact_impacts import (
     flight_in,
 )
 from vibroimpact.kernel.workspace import (
-    CLEARANCE,
     COEFFICIENTS,
     COEFFICIENTS_SIZE,
     COLUMNS,
@@ -42,31 +41,26 @@ from vibroimpact.kernel.workspace import (
     GUARD,
     LANES,
     LEAST,
-    LIMIT,
     MOST,
-    PERIOD,
     ROW,
     STEADY,
     VECTOR,
     WATCHED,
     W,
     Y,
-    any_listed,
+    any_exceeds,
     list_lanes,
-    put_tangent,
-    tangent_in,
     whole_vectors,
 )
 from vibroimpact.step.impact import FreeEnd, Impact
 from vibroimpact.step.propagator import remainder_bound
 from vibroimpact.step.scheme import COS, SIN
 from vibroimpact.step.turning_points import (
-    EVERYTHING,
     Steady,
     goes_one_way,
     is_near,
-    reach_of_x,
     reach_with,
+    stays_within,
     steady_of,
     turns_near,
     widen_by_flight,
@@ -74,9 +68,14 @@ from vibroimpact.step.turning_points import (
     widen_near,
 )
 
-#: After so many periods it is asked which lanes never widen their reach again; an answer that comes
-#: later changes no bit.
-_JUDGED_EVERY = 4
+
+@jit
+def set_steady(lanes, i, pt, grid):
+    """Give lane `i` the ``Steady`` of its point."""
+    steady = steady_of(pt, grid)
+    for q in range(7):
+        lanes[STEADY + q * ROW + i] = steady[q]
+    lanes[FORMS + i] = 0.0
 
 
 @inlined
@@ -90,73 +89,35 @@ def steady_in(lanes, i):
 
 
 @jit
-def find_near(lanes, size):
-    """Set the GUARD of lanes that may be near their free oscillation; the others are WATCHED."""
+def find_watched(lanes, size):
+    """Set the rows WATCHED, and GUARD of lanes that are near their free oscillation."""
     widest_vectors()
     for i in range(whole_vectors(size)):
-        recorded = lanes[LEAST + i] > -math.inf
-        near = abs(lanes[W + i] - lanes[STEADY + ROW + i]) < lanes[LIMIT + i]
-        lanes[GUARD + i] = select(recorded & near, 1.0, -1.0)
-        lanes[WATCHED + i] = select(recorded & (not near), 1.0, -1.0)
+        steady, y, w = steady_in(lanes, i), lanes[Y + i], lanes[W + i]
+        settled = stays_within(steady, y, w, (lanes[LEAST + i], lanes[MOST + i]))
+        near, done = is_near(steady, y, w), settled | (lanes[WATCHED + i] < 0.0)
+        lanes[WATCHED + i] = select(done, -1.0, select(near, 0.0, 1.0))
+        lanes[GUARD + i] = select(near & (not done), 1.0, -1.0)
 
 
 @jit
-def begin_period(workspace, i, grid):
-    """Widen the reach of lane `i` by its next period, if it is near its free oscillation."""
-    lanes, f, y, w = workspace.lanes, FORMS + i, workspace.lanes[Y + i], workspace.lanes[W + i]
-    if lanes[LIMIT + i] == math.inf:
-        steady = steady_of(workspace.points[i], grid)
-        for q in range(7):
-            lanes[STEADY + q * ROW + i] = steady[q]
-        lanes[f] = math.nan
-    steady = steady_in(lanes, i)
-    if not is_near(steady, y, w):
-        lanes[WATCHED + i] = 1.0
-        return
-    if math.isnan(lanes[f]):
-        eq = coefficients_in(lanes, COEFFICIENTS + COEFFICIENTS_SIZE * i, 1)
-        low, high = turns_near(eq, steady, grid.phase_step)
-        put_tangent(lanes, f, ROW, low)
-        put_tangent(lanes, f + 2 * ROW, ROW, high)
-    forms = tangent_in(lanes, f, ROW), tangent_in(lanes, f + 2 * ROW, ROW)
-    reach = lanes[LEAST + i], lanes[MOST + i]
-    lanes[LEAST + i], lanes[MOST + i] = widen_near(steady, forms, y, w, reach)
-
-
-@jit
-def find_settled(lanes, size):
-    """Set the GUARD of lanes that never widen their reach again.
-
-    In the norm hypot(y, omega w / p) a motion comes ever nearer to the free oscillation, as long as
-    it is free; and it is free if its reach includes the free oscillation and this distance.
-    """
-    widest_vectors()
-    for i in range(whole_vectors(size)):
-        steady, least = steady_in(lanes, i), lanes[LEAST + i]
-        y, w = lanes[Y + i] - steady.y, steady.ratio * (lanes[W + i] - steady.w)
-        room = min(steady.low - least, lanes[MOST + i] - steady.high) - steady.rounding
-        settled = (room > 0.0) & (room * room > y * y + w * w) & (least > -math.inf)
-        lanes[GUARD + i] = select(settled & (lanes[LIMIT + i] < math.inf), 1.0, -1.0)
-
-
-@jit
-def watch_period(batch, grid):
-    """Return whether any lane is watched over the next period."""
-    workspace, record, size = batch
+def begin_period(workspace, size, grid):
+    """Widen the reach of lanes that are near by a period; return whether any are watched."""
     lanes, met = workspace.lanes, workspace.met
-    if not any_listed(lanes, PERIOD, size):
-        return False
-    if int(lanes[PERIOD]) % _JUDGED_EVERY == 0:
-        find_settled(lanes, size)
-        for j in range(list_lanes(lanes, GUARD, met, size)):
-            i, reach = met[j], record.reach[workspace.rows[met[j]]]
-            own = lanes[LEAST + i], lanes[MOST + i]
-            reach[0], reach[1] = reach_of_x(own, reach[0], reach[1], lanes[CLEARANCE + i], True)
-            lanes[LEAST + i], lanes[MOST + i] = EVERYTHING
-    find_near(lanes, size)
+    find_watched(lanes, size)
     for j in range(list_lanes(lanes, GUARD, met, size)):
-        begin_period(workspace, met[j] & (LANES - 1), grid)
-    return any_listed(lanes, WATCHED, size)
+        i = met[j] & (LANES - 1)
+        steady, f = steady_in(lanes, i), FORMS + i
+        if lanes[f] == 0.0:
+            eq = coefficients_in(lanes, COEFFICIENTS + COEFFICIENTS_SIZE * i, 1)
+            low, high = turns_near(eq, steady, grid.phase_step)
+            lanes[f], lanes[f + ROW] = low
+            lanes[f + 2 * ROW], lanes[f + 3 * ROW] = high
+        forms = (lanes[f], lanes[f + ROW]), (lanes[f + 2 * ROW], lanes[f + 3 * ROW])
+        lanes[LEAST + i], lanes[MOST + i] = widen_near(
+            steady, forms, lanes[Y + i], lanes[W + i], (lanes[LEAST + i], lanes[MOST + i])
+        )
+    return any_exceeds(lanes, WATCHED, 0.0, size)
 
 
 @jit

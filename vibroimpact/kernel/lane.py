@@ -13,7 +13,7 @@ import math
 
 from vibroimpact.jit import claim, is_set, jit, select, specialised, widest_vectors
 from vibroimpact.kernel.exact_lanes import round_states, set_propagator, take_exact_steps
-from vibroimpact.kernel.extremes import watch_period
+from vibroimpact.kernel.extremes import begin_period, set_steady
 from vibroimpact.kernel.record import (
     add_cycles,
     begin_sums,
@@ -35,7 +35,6 @@ from vibroimpact.kernel.workspace import (
     KEPT,
     LEAST,
     LEVEL,
-    LIMIT,
     MARK_LEVEL,
     MARK_PERIOD,
     MARK_V,
@@ -50,8 +49,9 @@ from vibroimpact.kernel.workspace import (
     TANGENT,
     VELOCITY,
     WAKE,
+    WATCHED,
     Batch,
-    any_listed,
+    any_exceeds,
     list_lanes,
     put_tangent,
     whole_vectors,
@@ -80,12 +80,15 @@ def fill_lane(workspace, job, i, exactly):
     lanes[LEVEL + i], lanes[WAKE + i] = AT_REST if resting else pt.clearance, AWAKE
     if exactly:
         set_propagator(workspace, i, grid)
+        if job.record.reach.size > 0:
+            set_steady(lanes, i, pt, grid)
     else:
         set_map(workspace, i, method[1], grid)
     lanes[PERIOD + i], lanes[DUE + i] = -job.transient, 1 - job.transient
     # The start is not marked: after a lead-in it is not rounded, as sections are.
     lanes[MARK_X + i] = math.nan
     lanes[LEAST + i], lanes[MOST + i] = EVERYTHING
+    lanes[WATCHED + i] = -1.0
     if job.transient == 0:
         x = lanes[POSITION + i] + (pt.clearance if exactly else 0.0)
         if pt.phase == grid.table[THETA, 0]:
@@ -133,7 +136,7 @@ def begin_record(workspace, job, i, x):
     lanes, pt, theta = workspace.lanes, workspace.points[i], job.scheme.grid.table[THETA, 0]
     reach = job.record.reach
     lanes[LEAST + i] = lanes[MOST + i] = lanes[POSITION + i]
-    lanes[LIMIT + i] = math.inf
+    lanes[WATCHED + i] = 1.0
     if reach.size > 0:
         reach[workspace.rows[i], 0] = reach[workspace.rows[i], 1] = x
     begin_sums(workspace.sums[i])
@@ -256,8 +259,6 @@ def close_lane(workspace, job, i, exactly, plain, exponents):
         least, most = lanes[LEAST + i], lanes[MOST + i]
         if not exactly and (most == math.inf or sums.impacts > 0):  # at the stop, or beyond
             most = lanes[GREATEST + i]
-        if least == -math.inf:  # not watched any more
-            least, most = math.inf, -math.inf
         reach[0], reach[1] = reach_of_x(
             (least, most), min(reach[0], last), max(reach[1], last), lanes[CLEARANCE + i], exactly
         )
@@ -282,9 +283,10 @@ def run_lanes(workspace, job, fill, exactly, plain, exponents, turning):
         if exactly:
             carrying = watching = None
             if exponents:
-                carrying = job.lyapunov and any_listed(lanes, PERIOD, size)
+                carrying = job.lyapunov and any_exceeds(lanes, PERIOD, -1.0, size)
             if turning is not None:
-                watching = watch_period(batch, grid)
+                watching = any_exceeds(lanes, WATCHED, -1.0, size)
+                watching = watching and begin_period(workspace, size, grid)
             take_exact_steps(batch, grid, carrying, watching)
             round_states(lanes, size)
         else:

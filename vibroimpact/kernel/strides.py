@@ -52,7 +52,7 @@ from vibroimpact.kernel.workspace import (
     SPEEDS,
     THIRD,
     VELOCITY,
-    any_listed,
+    any_exceeds,
     list_lanes,
     set_rest,
     sleeps_until,
@@ -333,7 +333,7 @@ def take_strides(batch, method, plain, grid, turning):
     lanes, met = workspace.lanes, workspace.met
     rule, integrator = method
     strides = grid.size // STRIDE
-    recording = any_listed(lanes, PERIOD, size)
+    recording = any_exceeds(lanes, PERIOD, -1.0, size)
     for k in range(strides + grid.size % STRIDE):
         n = k + min(k, strides) * (STRIDE - 1)
         span = STRIDE if k < strides else 1

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import inlined, jit, lowest_bit, not_negative, specialised
+from vibroimpact.jit import inlined, jit, lowest_bit, not_negative, specialised, widest_vectors
 from vibroimpact.kernel.record import Record
 from vibroimpact.step.contact import Scratch, time_to_release
 from vibroimpact.step.propagator import Propagator
@@ -51,8 +51,8 @@ POSITION = _rows.take(2)
 VELOCITY = _rows.take(2)
 TANGENT = _rows.take(4)
 #: Not negative for a lane to be listed: in a step, if it may have met its stop, is at rest or may
-#: widen its reach; at a section, if it has come back to its mark, is due, may be near the free
-#: oscillation or never widens its reach again.
+#: widen its reach; at a section, if it has come back to its mark, is due, or is near its free
+#: oscillation.
 GUARD = _rows.take()
 LEVEL = _rows.take()  #: The stop that time stepping watches, or AT_REST.
 WAKE = _rows.take()  #: The phase before which a resting lane is not released, or AWAKE.
@@ -78,10 +78,10 @@ MARK_PERIOD = _rows.take()
 # For the extremes.
 LEAST, MOST = _rows.take(), _rows.take()  #: The reach of the motion, see ``turning_points.py``.
 THIRD = _rows.take()  #: A third of the step T.
-WATCHED = _rows.take()  #: Positive if the steps of this period may widen the reach.
-#: The ``Steady`` of the point, its last number, which is inf until it is asked for, and its
-#: ``turns_near``.
-STEADY, LIMIT, FORMS = _rows.take(6), _rows.take(), _rows.take(4)
+#: Positive if the steps of this period may widen the reach, negative if nothing ever will.
+WATCHED = _rows.take()
+STEADY = _rows.take(7)  #: The ``Steady`` of the point.
+FORMS = _rows.take(4)  #: Its ``turns_near``; the first is 0 until they are needed.
 #: The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers of
 #: one lane are contiguous.
 COEFFICIENTS = _rows.size
@@ -166,15 +166,13 @@ def sleeps_until(lanes, i, theta):
 
 
 @jit
-def any_listed(lanes, row, size):
-    """Whether ``list_lanes`` would list any of the first `size` lanes."""
-    bits = 0
-    for first in range(0, size, 64):
-        of_row = not_negative(lanes, row + first)
-        if first + 64 > size:
-            of_row &= (1 << (size - first)) - 1
-        bits |= of_row
-    return bits != 0
+def any_exceeds(lanes, row, limit, size):
+    """Whether the number in `row` of any of the first lanes exceeds a limit."""
+    widest_vectors()
+    exceeds = False
+    for i in range(min(size, LANES)):  # to the end: so LLVM vectorises it
+        exceeds |= lanes[row + i] > limit
+    return exceeds
 
 
 @jit

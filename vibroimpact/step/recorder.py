@@ -22,14 +22,7 @@ from vibroimpact.step.stepper import (
     watch_exact_grid_step,
     watch_grid_step,
 )
-from vibroimpact.step.turning_points import (
-    EVERYTHING,
-    is_near,
-    reach_of_x,
-    steady_of,
-    turns_near,
-    widen_near,
-)
+from vibroimpact.step.turning_points import is_near, reach_of_x, steady_of, turns_near, widen_near
 
 # Kinds of row besides the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
@@ -144,7 +137,7 @@ def _trace(job, i, prepare, take, exactly):
             if rows > job.most_rows:
                 return 0, _PENDING
             state, n_events, outcome, wider = take(
-                method, prepared, state, grid, n, pt, scratch, EVERYTHING if near else reach
+                method, prepared, state, grid, n, pt, scratch, reach
             )
             reach = reach if near else wider
             status = max(status, outcome)

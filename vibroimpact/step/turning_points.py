@@ -54,9 +54,8 @@ from vibroimpact.step.impact import (
     newton_step,
 )
 from vibroimpact.step.polynomial import expand, turn_between, value_and_slope
-from vibroimpact.step.propagator import steady_response
+from vibroimpact.step.propagator import impulse, steady_response
 from vibroimpact.step.scheme import COS, SIN, THETA
-from vibroimpact.step.variational import fly_tangent
 
 #: The reach of a motion that is not recorded: nothing widens it.
 EVERYTHING = -math.inf, math.inf
@@ -82,7 +81,7 @@ class Steady(NamedTuple):
     high: float
     rounding: float  #: By so much a motion may differ from it by rounding.
     ratio: float  #: omega / p
-    limit: float  #: How much w may differ from it in a motion near it.
+    limit: float  #: By how much w may differ from it in a motion near it.
 
 
 @inlined
@@ -104,10 +103,9 @@ def reach_of_x(reach, first, last, clearance, exactly):
 def steady_of(pt, grid):
     """Return the ``Steady`` of a point for the sections of a grid."""
     x, v, amplitude = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
-    ratio, clearance = pt.omega / pt.p, pt.clearance
+    ratio, clearance, limit = pt.omega / pt.p, pt.clearance, _NEAR * amplitude
     # Each step may be wrong by a rounding error, which is damped from then on.
     rounding = _ROUNDING * grid.size * (1.0 + 0.2 * pt.omega / pt.h) * (amplitude + abs(clearance))
-    limit = _NEAR * amplitude
     if not amplitude + 2.0 * ratio * limit + rounding < clearance:
         limit = 0.0
     low, high = -amplitude - clearance, amplitude - clearance
@@ -118,7 +116,18 @@ def steady_of(pt, grid):
 def is_near(steady, y, w):
     """Whether a motion from a state at a section is near its free oscillation."""
     near = abs(w - steady.w) < steady.limit
-    return near and abs(y - steady.y) < steady.ratio * steady.limit
+    return near & (abs(y - steady.y) < steady.ratio * steady.limit)
+
+
+@inlined
+def stays_within(steady, y, w, reach):
+    """Whether a motion from a state at a section never widens its reach again.
+
+    In the norm hypot(y, omega w / p) a motion comes ever nearer to the free oscillation, as long as
+    it is free; and it is free if its reach includes the free oscillation and this distance.
+    """
+    room = min(steady.low - reach[0], reach[1] - steady.high) - steady.rounding
+    return room > abs(y - steady.y) + steady.ratio * abs(w - steady.w)
 
 
 @jit
@@ -127,23 +136,20 @@ def _response_after(eq, phase, phase_step):
     doublings = 0
     while phase > phase_step:
         phase, doublings = 0.5 * phase, doublings + 1
-    a, b = fly_tangent(eq, (1.0, 0.0), phase), fly_tangent(eq, (0.0, 1.0), phase)
+    y, w = impulse(eq.of_w, eq.of_y, phase)
     for _ in range(doublings):
-        (yy, wy), (yw, ww) = a, b
-        a = yy * yy + yw * wy, wy * yy + ww * wy
-        b = yy * yw + yw * ww, wy * yw + ww * ww
-    return a[0], b[0]
+        y, w = y * fma(-eq.of_w, y, 2.0 * w), fma(eq.of_y * y, y, w * w)
+    return fma(-eq.of_w, y, w), y
 
 
 @jit
 def turns_near(eq, steady, phase_step):
     """Return the linear forms of the lowest and the highest point of motions near ``Steady``."""
-    middle, amplitude = 0.5 * (steady.low + steady.high), 0.5 * (steady.high - steady.low)
-    angle = asin(min(abs(steady.w) / amplitude, 1.0))
-    first = angle if (steady.y - middle) * steady.w >= 0.0 else math.pi - angle
-    later = math.pi if steady.w > 0.0 else 0.0
-    low = _response_after(eq, first + later, phase_step)
-    return low, _response_after(eq, first + math.pi - later, phase_step)
+    share = (2.0 * steady.y - steady.high - steady.low) / (steady.high - steady.low)
+    angle, rises = asin(min(max(share, -1.0), 1.0)), steady.w >= 0.0
+    turn = 0.5 * math.pi - (angle if rises else -angle)
+    lowest = _response_after(eq, turn + math.pi if rises else turn, phase_step)
+    return lowest, _response_after(eq, turn if rises else turn + math.pi, phase_step)
 
 
 @inlined
