@@ -67,6 +67,7 @@ def test_the_motion_at_a_stop_that_presses(view):
     np.testing.assert_allclose(drawn.impacts[2], [closed.v] * 4, rtol=1e-6)
     assert drawn.line[1].max() == -0.2
     assert np.diff(drawn.line[0]).max() <= osc.forcing_period / 64 * (1.0 + 1e-9)
+    assert motion_at(view.moved(omega=2.95)).text.startswith("chaotic; Lyapunov exponents 0.")
 
 
 def test_every_scene_can_be_looked_at():
