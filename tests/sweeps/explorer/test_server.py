@@ -115,8 +115,10 @@ def test_too_many_pages_at_once_are_refused_until_others_are_closed(monkeypatch)
         explorer.close()
 
 
-def test_only_the_server_itself_logs_no_requests(caplog):
+def test_only_the_server_itself_logs_no_requests(caplog, monkeypatch):
     """The kernel of a notebook uses Tornado, too, and its messages must stay, also afterwards."""
+    caplog.set_level("INFO", "tornado")  # distributed, which other tests import, silences it
+    monkeypatch.setattr(logging.getLogger("tornado"), "propagate", True)
     loggers = [logging.getLogger(f"tornado.{name}") for name in ("access", "general")]
     before = [(logger.level, list(logger.filters)) for logger in loggers]
     explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
