@@ -91,13 +91,13 @@ class Picture(Figure):
         super().draw(renderer)
 
     def _lay_out(self) -> None:
-        """Set the places of the panels; refuse a width in which labels leave no room for them."""
+        """Set the places of the panels; refuse a size in which labels leave no room for them."""
         with warnings.catch_warnings():
             warnings.filterwarnings("error", "constrained_layout not applied")
             try:
                 lay_out(self.axes[0])
             except UserWarning:
-                self._refuse_width("labels leave")
+                self._refuse_size("labels leave")
 
     def _repr_png_(self) -> bytes:
         """Draw the figure for Jupyter."""
@@ -106,10 +106,12 @@ class Picture(Figure):
             self.savefig(buffer, format="png", dpi=150)
         return buffer.getvalue()
 
-    def _refuse_width(self, what: str) -> NoReturn:
-        """Refuse a width in which the labels leave or the legend has no room."""
-        width = f"a width of {self.get_figwidth():g} in"
-        raise Refused(f"the {what} no room in {width}; expected: a larger width")
+    def _refuse_size(self, what: str) -> NoReturn:
+        """Refuse a size in which the labels leave or the legend has no room."""
+        size, larger = f"a width of {self.get_figwidth():g} in", "a larger width"
+        if self._height is not None:
+            size, larger = f"{size} and a height of {self._height:g} in", f"{larger} or height"
+        raise Refused(f"the {what} no room in {size}; expected: {larger}")
 
     def add_title(self, text: str) -> None:
         """Put a title above the panels, for which the figure becomes higher."""
@@ -168,7 +170,7 @@ class Picture(Figure):
         legend = fit_legend(make, handles, title, rooms, shares, names_beside, whole)
         box = legend.get_window_extent()
         if box.width > self.bbox.width:
-            self._refuse_width("legend has")
+            self._refuse_size("legend has")
         taken = box.height / self.dpi
         least = 0.0 if whole else taken / SHARE
         self.set_figheight(max(self.get_figheight() + taken, least))
