@@ -46,7 +46,7 @@ def refusal(given: str, expected: str) -> str:
 
 
 def near_misses(name: str, valid: Iterable[str], least: float = 0.65) -> list[str]:
-    """Return the valid words most similar to `name`, without their case; none if they are many.
+    """Return the valid words most similar to `name`, in order, whatever the case; none if many are.
 
     `least` is the smallest similarity accepted, as defined by `difflib`; by default, three letters
     or more that begin a word suffice, too.
@@ -54,9 +54,9 @@ def near_misses(name: str, valid: Iterable[str], least: float = 0.65) -> list[st
     typed, folded = name.casefold(), {word.casefold(): word for word in valid}
     begun = [word for word in folded if word.startswith(typed) and len(typed) > 2 and least < 0.7]
     alike = difflib.get_close_matches(typed, folded, len(folded) or 1, least)
-    ratios = [difflib.SequenceMatcher(None, word, typed).ratio() for word in alike]
-    nearest = [word for word, ratio in zip(alike, ratios, strict=True) if ratio == ratios[0]]
-    meant = nearest or begun
+    ratios = {word: difflib.SequenceMatcher(None, word, typed).ratio() for word in alike}
+    greatest = max(ratios.values(), default=0.0)
+    meant = [word for word in folded if ratios.get(word) == greatest] or begun
     return [folded[word] for word in meant] if len(meant) <= _MOST_MEANT else []
 
 

@@ -119,7 +119,7 @@ def test_a_cut_off_the_grid_is_told(small_file, unpainted):
         ("plot a.h5 --jobs 2", "there is no option --jobs; vibroimpact plot --help"),
         ("plot a.h5 --quant period", "no option --quant (did you mean --quantity?)"),
         ("list", "there is no command list; expected: init, run, "),
-        ("plot a.h5 --lim 2:3", "no option --lim (did you mean --ylim or --xlim?)"),
+        ("plot a.h5 --lim 2:3", "no option --lim (did you mean --xlim or --ylim?)"),
         ("attr a.h5", "there is no command attr (did you mean attractors?); expected: init, "),
         ("--foo run", "there is no option --foo; vibroimpact --help shows what is allowed"),
     ],
