@@ -167,7 +167,7 @@ oscillator:
   f: 1.0
   clearance: [0.0, 0.1]
 follow: {axis: omega, direction: both}
-record: {transient: 60, periods: 12, diagnostics: [period, lyapunov]}
+record: {transient: 60, periods: 32, diagnostics: [period, lyapunov]}
 """
 
 
@@ -196,6 +196,7 @@ def test_nothing_is_dark_on_a_dark_panel(dataset, dark):
     figures = [attractor_diagram(dataset, page=Page(grey=True))]
     figures += [draw(dataset, at=at) for draw in (section, impacts, trajectory)]
     figures += [bifurcation(dataset, below=["lyapunov"]), bifurcation(dataset, color="period")]
+    assert any("chaotic" in text for text in legend_texts(figures[-1]))
     for figure in figures:
         for panel in figure.axes:
             for colour in drawn_colours(panel):
