@@ -21,6 +21,7 @@ from vibroimpact.points.regimes import (
     ON_ITS_WAY,
     RESTING,
     UNKNOWN,
+    chaos_hint,
     has_result,
     partition,
     regimes_of,
@@ -197,6 +198,5 @@ def destinations_text(
         )
     ]
     if reasons:
-        chaos = "" if "lyapunov" in results else "; Lyapunov exponents tell which are chaotic"
-        lines.append(f"unknown: {', '.join(reasons)}{chaos}")
+        lines.append(f"unknown: {', '.join(reasons)}{chaos_hint(results, periods)}")
     return lines + hint

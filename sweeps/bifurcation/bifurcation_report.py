@@ -12,7 +12,7 @@ import numpy as np
 from sweeps.opened.opened_sweep import START_AXES, OpenedSweep
 from sweeps.store.variables import DIRECTION
 from sweeps.text import command, fewest_digits, shown_count, shown_range, table
-from vibroimpact.points.regimes import Label
+from vibroimpact.points.regimes import Label, chaos_hint
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,8 +68,7 @@ def _unclassified(sweep: OpenedSweep, changes: pd.DataFrame) -> str:
     if not changes.attrs["unclassified"]:
         return ""
     number = shown_count(changes.attrs["unclassified"], "point")
-    text = f"unknown or without a result: {number}"
-    return text if "lyapunov" in sweep else f"{text}; Lyapunov exponents tell which are chaotic"
+    return f"unknown or without a result: {number}{chaos_hint(sweep, sweep.spec.periods)}"
 
 
 def _following(sweep: OpenedSweep, changes: pd.DataFrame) -> str:

@@ -16,9 +16,9 @@ The class of a motion is its regime with m and q.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -123,6 +123,14 @@ def is_chaotic(lyapunov: np.ndarray, omega: np.ndarray, periods: int) -> np.ndar
     """
     growth: np.ndarray = lyapunov[..., 0] * (periods * 2.0 * np.pi / omega)
     return (growth > np.log(periods)) & (periods >= _PERIODS_OF_CHAOS)
+
+
+def chaos_hint(names: Container[Any], periods: int) -> str:
+    """Say what would tell which unknown motions are chaotic; "" if results of these names do."""
+    is_long = periods >= _PERIODS_OF_CHAOS
+    least = "" if is_long else f" of {_PERIODS_OF_CHAOS} or more periods"
+    is_told = is_long and "lyapunov" in names
+    return "" if is_told else f"; Lyapunov exponents{least} tell which are chaotic"
 
 
 def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:

@@ -307,7 +307,8 @@ def test_how_many_motions_go_where_is_told(monkeypatch):
         "settled on m/q: 2 (20 %); on its way to m/q: 2 (20 %); rest: 1 (10 %); unbounded: 1 (10 "
         "%); unknown: 4 (40 %)",
         "unknown: 2 near no periodic orbit, 1 near unstable orbits only, 1 near a stable orbit "
-        "that they were not shown to reach; Lyapunov exponents tell which are chaotic",
+        "that they were not shown to reach; Lyapunov exponents of 32 or more periods tell which "
+        "are chaotic",
     ]
     assert accepted("run", "sweep.yaml").splitlines()[1:3] == lines
     shown = accepted("info", "small.h5")

@@ -7,6 +7,7 @@ from sweeps.bifurcation.bifurcation_report import cascades
 from sweeps.bifurcation.bifurcation_table import Change, changes_of_class
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers import naive
+from tests.helpers.commands import accepted
 from vibroimpact.points.regimes import Label, Regime
 from vibroimpact.status import Evidence, Status
 
@@ -53,8 +54,12 @@ def test_a_short_record_shows_no_chaos(tmp_path, periods):
     scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": {"start": 2.6, "stop": 2.9, "num": 61}}}
     scene["record"] = {"transient": 30, "periods": periods, "diagnostics": ["period", "lyapunov"]}
     scene["oscillator"]["f"] = 1.0
-    with open_sweep(run_sweep(scene, tmp_path / "short.h5")) as dataset:
+    path = run_sweep(scene, tmp_path / "short.h5")
+    with open_sweep(path) as dataset:
         assert Regime.CHAOTIC not in OpenedSweep(dataset).regimes
+    said = "; Lyapunov exponents of 32 or more periods tell which are chaotic"
+    assert accepted("info", path, "--bifurcations").count(said) == 1
+    assert accepted("info", path).count(said) == 1
 
 
 def test_without_an_exponent_nothing_is_said_of_what_does_not_repeat():
