@@ -189,7 +189,7 @@ def near_free_oscillations(count, seed):
     response = -points["f"] / (p**2 - omega**2 + 2j * h * omega)
     off = 10.0 ** rng.uniform(-17.0, -5.0, count) * rng.choice([1.0, -1.0], count) * abs(response)
     of_x, of_v = rng.choice([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], count).T
-    room = np.resize([1.0 + 1e-9, 1.0001, 1.1, 3.0, 10.0, 0.9], count)
+    room = np.resize([1.0 + 1e-9, 1.0 + 1e-6, 1.0001, 1.0003, 3.0, 0.9], count)
     points["clearance"] = abs(response) * room
     points["x0"] = np.minimum(response.imag + off * of_x, points["clearance"])
     points["v0"] = omega * (response.real + off * of_v)
@@ -197,8 +197,8 @@ def near_free_oscillations(count, seed):
 
 
 def test_a_motion_near_its_free_oscillation_turns_where_the_closed_form_does():
-    met, _ = compare_with_walk(near_free_oscillations(120, 3), 3, 1e-14)
-    assert 20 < met < 40
+    met, _ = compare_with_walk(near_free_oscillations(180, 7), 3, 1e-14)
+    assert 20 < met < 60
 
 
 def test_the_extremes_near_a_free_oscillation_do_not_depend_on_cuts_or_other_points():

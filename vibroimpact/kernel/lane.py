@@ -80,8 +80,6 @@ def fill_lane(workspace, job, i, exactly):
     lanes[LEVEL + i], lanes[WAKE + i] = AT_REST if resting else pt.clearance, AWAKE
     if exactly:
         set_propagator(workspace, i, grid)
-        if job.record.reach.size > 0:
-            set_steady(lanes, i, pt, grid)
     else:
         set_map(workspace, i, method[1], grid)
     lanes[PERIOD + i], lanes[DUE + i] = -job.transient, 1 - job.transient
@@ -101,6 +99,15 @@ def fill_lane(workspace, job, i, exactly):
 def fill_exact_lane(workspace, job, i):
     """Fill lane `i` for the rule ``exact``."""
     return fill_lane(workspace, job, i, True)
+
+
+@jit
+def fill_watched_lane(workspace, job, i):
+    """Fill lane `i` for the rule ``exact`` with extremes."""
+    filled = fill_exact_lane(workspace, job, i)
+    if filled:
+        set_steady(workspace.lanes, i, workspace.points[i], job.scheme.grid)
+    return filled
 
 
 @jit
@@ -318,13 +325,13 @@ def run_exact_with_exponents(workspace, job):
 @jit
 def run_exact_with_extremes(workspace, job):
     """Run the lanes of a thread with the rule ``exact``, and find their extremes."""
-    run_lanes(workspace, job, fill_exact_lane, True, False, False, workspace.turning)
+    run_lanes(workspace, job, fill_watched_lane, True, False, False, workspace.turning)
 
 
 @jit
 def run_exact_with_both(workspace, job):
     """Run the lanes of a thread with the rule ``exact``, with exponents and extremes."""
-    run_lanes(workspace, job, fill_exact_lane, True, False, True, workspace.turning)
+    run_lanes(workspace, job, fill_watched_lane, True, False, True, workspace.turning)
 
 
 @jit
