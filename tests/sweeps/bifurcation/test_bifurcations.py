@@ -86,16 +86,23 @@ def test_a_fold_and_a_graze_are_told_apart(sweep, way, kind):
     assert end.value == pytest.approx(graze if way == "down" else 1.6504, rel=1e-4)
 
 
-def test_an_orbit_starts_from_every_row_with_a_value(sweep):
+@pytest.mark.parametrize(
+    ("R", "clearance", "omega", "kinds"),
+    [
+        (0.8, 0.0, "{start: 2.6, stop: 2.76, num: 33}", {("flip", "1/1"), ("flip", "2/2")}),
+        (0.7, 0.4, "{start: 1.8, stop: 2.0, num: 9}", {("graze", "1/1"), ("fold", "1/1")}),
+    ],
+)
+def test_an_orbit_starts_from_every_row_with_a_value(sweep, R, clearance, omega, kinds):
     """At a flip -1 is a multiplier, at a fold 1; both together are known from the damping."""
-    h, R, phase = 0.1, 0.8, 0.7
-    scene = f"h: {h}, R: {R}, f: 1, omega: {{start: 2.6, stop: 2.76, num: 33}}"
+    h, phase = 0.1, 0.7
+    scene = f"h: {h}, R: {R}, f: 1, clearance: {clearance}, omega: {omega}"
     path = sweep(scene, changes=[f"record.phase={phase}"])
     rows = [*sweeps.bifurcations(path).dropna(subset="value").itertuples()]
-    assert {(row.kind, row.orbit) for row in rows} >= {("flip", "1/1"), ("flip", "2/2")}
+    assert {(row.kind, row.orbit) for row in rows} >= kinds
     for row in rows:
         m, q = map(int, row.orbit.split("/"))
-        osc = Oscillator(h=h, R=R, f=1.0, omega=row.value)
+        osc = Oscillator(h=h, R=R, f=1.0, clearance=clearance, omega=row.value)
         first, second = row.multiplier_1, row.multiplier_2
         speeds = [float(speed) for speed in row.impact_v.split()]
         assert len(speeds) == q
