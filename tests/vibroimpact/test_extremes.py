@@ -217,6 +217,25 @@ def test_the_extremes_near_a_free_oscillation_do_not_depend_on_cuts_or_other_poi
     assert (whole["x_min"] <= whole["poincare_x"].min(axis=1)).all()
 
 
+def test_the_extremes_near_a_free_oscillation_include_sections_at_its_turns():
+    """There rounding puts the turning point on one side of the section or on the other."""
+    for seed in range(20):
+        points, rng = near_free_oscillations(40, seed), np.random.default_rng(seed)
+        for name in ("h", "omega", "p"):
+            points[name] = points[name][0]
+        h, omega, p = (points[name] for name in ("h", "omega", "p"))
+        response = -points["f"] / (p**2 - omega**2 + 2j * h * omega)
+        points["phase"] = phase = (
+            rng.choice([0.5, 1.5]) * np.pi - np.angle(response[0])
+        ) % math.tau
+        turn, points["clearance"] = (response * np.exp(1j * phase)).imag, 4.0 * abs(response)
+        points["x0"], points["v0"] = turn * (1.0 + 10.0 ** rng.uniform(-17.0, -9.0, 40)), 0.0
+        method = {"steps_per_period": default_steps(points, "exact"), "phase": phase}
+        out = integrate(points, transient=0, periods=20, extremes=True, **method)
+        assert (out["x_max"] >= out["poincare_x"].max(axis=1)).all()
+        assert (out["x_min"] <= out["poincare_x"].min(axis=1)).all()
+
+
 @METHODS
 def test_extremes_change_no_other_result(rule, integrator):
     points = mixed_points(100, 2)
