@@ -178,7 +178,8 @@ def progress_shown(work: str, quiet: bool = False) -> Iterator[Callable[[float],
     def wait() -> None:
         pause = PATIENCE
         while not done.wait(pause):
-            show(f"{work} ...")
+            if not state["compiling"]:  # which is said
+                show(f"{work} ...")
             pause = 1.0
 
     waiting = threading.Thread(target=wait, daemon=True)

@@ -207,7 +207,7 @@ def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Pat
 
 
 def name_after(stem: str, words: Iterable[str], ending: str) -> str:
-    """Name a file after what is asked for, if that is long after a checksum, for every system."""
+    """Name a file, valid on every system, after what is asked for or, if long, its checksum."""
     asked = re.sub(r"[^\w.+-]+", "_", "-".join(words)).rstrip("._")
     if len(asked) > _MOST_CHARACTERS:
         asked = f"{crc32(asked.encode()):08x}"

@@ -57,7 +57,7 @@ OF_REGIMES = ("status", "rest_fraction", "period", "class_evidence")
 _WITHOUT_REST = (Evidence.FREE, Evidence.CAPTURED, Evidence.FALLING, Evidence.RELEASED)
 #: Regimes that are classes; of the others the attractor is not known.
 _CLASSIFIED = (Regime.UNBOUNDED, Regime.REST, Regime.PERIODIC, Regime.CHAOTIC)
-#: Least periods of a record that shows chaos: stable orbits of random points grow in shorter ones.
+#: Least periods of a record that shows chaos: in shorter ones stable motions show growth, too.
 _PERIODS_OF_CHAOS = 32
 
 
