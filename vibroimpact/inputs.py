@@ -51,13 +51,13 @@ def near_misses(name: str, valid: Iterable[str], least: float = 0.65) -> list[st
     `least` is the smallest similarity accepted, as defined by `difflib`; by default, three letters
     or more that begin a word suffice, too.
     """
-    typed, folded = name.casefold(), {word.casefold(): word for word in valid}
-    begun = [word for word in folded if word.startswith(typed) and len(typed) > 2 and least < 0.7]
-    alike = difflib.get_close_matches(typed, folded, len(folded) or 1, least)
-    ratios = {word: difflib.SequenceMatcher(None, word, typed).ratio() for word in alike}
-    greatest = max(ratios.values(), default=0.0)
-    meant = [word for word in folded if ratios.get(word) == greatest] or begun
-    return [folded[word] for word in meant] if len(meant) <= _MOST_MEANT else []
+    typed, folded = name.casefold(), {word: word.casefold() for word in valid}
+    alike = difflib.get_close_matches(typed, folded.values(), len(folded) or 1, least)
+    ratios = {text: difflib.SequenceMatcher(None, text, typed).ratio() for text in alike}
+    greatest, is_begun = max(ratios.values(), default=0.0), len(typed) > 2 and least < 0.7
+    begun = [word for word, text in folded.items() if is_begun and text.startswith(typed)]
+    meant = [word for word, text in folded.items() if ratios.get(text) == greatest] or begun
+    return meant if len(meant) <= _MOST_MEANT else []
 
 
 def suggestion(words: Sequence[str]) -> str:

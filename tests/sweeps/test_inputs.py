@@ -12,6 +12,7 @@ import sweeps
 from sweeps.cli import common
 from sweeps.errors import Refused
 from sweeps.plotting import Page
+from sweeps.text import shown_bytes, shown_duration
 from tests.helpers.configurations import refusal
 from vibroimpact import (
     Oscillator,
@@ -43,7 +44,20 @@ def test_words_that_are_equally_near_are_all_named_unless_they_are_many():
         assert inputs.near_misses(typed, names) == meant
     assert inputs.near_misses("run-9", [f"run-{i}" for i in range(9)]) == []
     assert inputs.near_misses("run", []) == []
+    assert inputs.near_misses("gapp", ["Gap", "gap", "h"]) == ["Gap", "gap"]
     assert inputs.suggestion(["a", "b"]) == " (did you mean a or b?)"
+
+
+@pytest.mark.parametrize(
+    ("shown", "value", "text"),
+    [
+        (shown_bytes, 12, "12 B"), (shown_bytes, 999_499, "999 kB"), (shown_bytes, 999_999, "1 MB"),
+        (shown_bytes, 5e15, "5,000 TB"), (shown_duration, 86400.0 * 999.7, "1,000 days"),
+        (shown_duration, 86400.0 * 12345.6, "12,346 days"), (shown_duration, 172_800, "2 days"),
+    ],
+)  # fmt: skip
+def test_sizes_and_times_are_written_without_powers_of_ten(shown, value, text):
+    assert shown(value) == text
 
 
 @pytest.mark.parametrize(
