@@ -16,7 +16,7 @@ from sweeps.store.parts import kept_points
 from sweeps.store.paths import SCHEMA, is_sweep, parts_path
 from sweeps.store.replacing import identity
 from sweeps.store.variables import DIRECTION
-from sweeps.text import shown_bytes, shown_count, shown_duration, shown_range, table
+from sweeps.text import in_brackets, shown_bytes, shown_count, shown_duration, shown_range, table
 from vibroimpact.points.regimes import (
     ON_ITS_WAY,
     RESTING,
@@ -131,8 +131,8 @@ def shown_axis(name: str, values: np.ndarray, unit: str) -> str:
         return f"{name} = {', '.join(values)}"
     if values.dtype.kind in "OU":
         return f"{name}, {shown_count(len(values), 'text')}"
-    ends = shown_range(values.tolist()) + ("" if unit == "1" else f" [{unit}]")
-    return f"{name} = {ends}, {shown_count(len(values), 'value')}"
+    ends = shown_range(values.tolist())
+    return f"{name} = {ends}{in_brackets(unit)}, {shown_count(len(values), 'value')}"
 
 
 def status_counts(variables: Mapping[Any, Any]) -> dict[Status, int]:

@@ -99,6 +99,11 @@ def unit_name(unit: str) -> str:
     return "" if unit in ("1", "rad") or UNNAMED.search(unit) else unit
 
 
+def in_brackets(unit: str) -> str:
+    """Write a unit after a name: [mm/s] after a space, or nothing for a pure number."""
+    return "" if unit in ("", "1") else f" [{unit}]"
+
+
 def shown_range(values: Sequence[float | str]) -> str:
     """Write the range of values, for example 0.5 .. 0.9; if they are words, list each one."""
     if any(isinstance(value, str) for value in values):

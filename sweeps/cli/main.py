@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import textwrap
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
+from sweeps.config import scenes
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import near_misses, progress_shown, shortened, shown_count, suggestion
@@ -46,7 +47,7 @@ class InitCommand(Command):
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write the names of the scenes at the end of the help."""
         with formatter.section("Scenes"):
-            names = textwrap.wrap(", ".join(_scenes()), 76, break_on_hyphens=False)
+            names = textwrap.wrap(", ".join(scenes()), 76, break_on_hyphens=False)
             formatter.write("".join(f"  {line}\n" for line in names))
 
 
@@ -136,17 +137,10 @@ def _common(
         context.with_resource(raised_at_once())
 
 
-def _scenes() -> Iterable[str]:
-    from sweeps.config import scenes
-
-    return scenes()
-
-
 def init_command(
-    scene: str = common.argument("SCENE", "The name of a scene.", "quickstart", _scenes),
+    scene: str = common.argument("SCENE", "The name of a scene.", "quickstart", scenes),
 ) -> None:
     """Write a scene to this folder: its configuration with comments, and its table, if any."""
-    from sweeps.config import scenes
     from sweeps.store.replacing import check_target, writing
 
     texts = scenes()

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sweeps.cli import common
+from sweeps.config import scenes
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, check, raised_at_once, signal_came
 from sweeps.text import command, progress_shown, shortened
@@ -200,7 +201,6 @@ def explore_command(
     from tempfile import TemporaryDirectory
 
     from sweeps import explore as open_page
-    from sweeps.config import scenes
     from sweeps.config.loading import parse_config
 
     config = (

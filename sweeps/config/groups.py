@@ -35,7 +35,7 @@ from sweeps.config.values import (
     known_word,
     null,
 )
-from sweeps.text import fewest_digits, near_misses, suggestion
+from sweeps.text import fewest_digits, in_brackets, near_misses, suggestion
 from vibroimpact.inputs import PHASE, integer, number_meant
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.scheme import (
@@ -67,9 +67,8 @@ def choice(meaning: str, table: Collection[str], default: str) -> Any:
 
 def parameter_field(parameter: Parameter, note: str = "") -> Any:
     """Return the field of a parameter, described with a note, and with its bounds for editors."""
-    unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
     text = (
-        f"{parameter.meaning}{unit}: {parameter.allowed}{note}; "
+        f"{parameter.meaning}{in_brackets(parameter.unit)}: {parameter.allowed}{note}; "
         "to sweep it, a list of such numbers, {start, stop, num or step, spacing: linear or log}, "
         "or a column of points"
     )

@@ -15,6 +15,7 @@ from sweeps.explorer.figures import narrow, symbol
 from sweeps.explorer.view import RECORD_FIELDS, View, window_around
 from sweeps.opened.coordinates import COORDINATES
 from sweeps.plotting.labels import as_variable, named_unit
+from sweeps.text import in_brackets
 from vibroimpact.oscillator import PARAMETERS
 
 _WIDTH = 232
@@ -83,8 +84,7 @@ class Controls:
     def _parameter(self, name: str, view: View) -> LayoutDOM:
         """Return the symbol, the field and the slider of a parameter."""
         parameter = view.nomenclature.about(name)
-        named = named_unit(as_variable(name, view.nomenclature))
-        unit = f" [{named}]" if named else ""
+        unit = in_brackets(named_unit(as_variable(name, view.nomenclature)))
         tip = f"{_meaning(name, view.nomenclature)}{unit}, {parameter.allowed}"
         # Room for the longest unit, N s/m, beside the symbol, or for ω t₀.
         beside, typed = (64, 74) if view.nomenclature.in_si else (30, 86)

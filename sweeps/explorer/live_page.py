@@ -169,7 +169,7 @@ class LivePage:
             return
         self.controls.error.text = self.controls.saved.text = ""
         try:
-            self.view = changed(self._as_zoomed(self.view)).checked()
+            self.view = changed(self._as_zoomed).checked()
         except ConfigError as error:
             self._refuse(str(error))
         self._show()
@@ -216,7 +216,7 @@ class LivePage:
 
     def _resized(self, picture: Diagram | Map, attr: str, old: int, new: int) -> None:
         picture.resize(attr, new)
-        picture.show(self._as_zoomed(self.view))  # longer labels may fit now
+        picture.show(self._as_zoomed)  # longer labels may fit now
         self._compute()
 
     def _pressed(self, attr: str, old: str, new: str) -> None:
@@ -245,15 +245,16 @@ class LivePage:
     def _read_ranges(self) -> None:
         """Show the view with the windows of the browser."""
         self._reading = False
-        if self._as_zoomed(self.view) != self.view:
+        if self._as_zoomed != self.view:
             self.change(lambda view: view)
 
-    def _as_zoomed(self, view: View) -> View:
-        """Return a view with the windows of the figures."""
+    @property
+    def _as_zoomed(self) -> View:
+        """The view with the windows of the figures."""
         xlim, ylim = self.diagram.windows
         (_, maplim), (x0lim, v0lim) = self.map.windows, self.basins.windows
-        view = replace(view, xlim=xlim, ylim=None if self.diagram.fits.active else ylim)
-        return replace(view, maplim=maplim, x0lim=x0lim, v0lim=v0lim)
+        view = replace(self.view, xlim=xlim, maplim=maplim, x0lim=x0lim, v0lim=v0lim)
+        return replace(view, ylim=None if self.diagram.fits.active else ylim)
 
     def _at_home(self, view: View) -> View:
         """Return the view with the original windows of the open tab."""

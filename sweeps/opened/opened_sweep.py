@@ -16,9 +16,10 @@ from sweeps.config.rig import Nomenclature
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
-from sweeps.store.variables import DIRECTION, VARIABLES, columns_of
+from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES
 from sweeps.text import (
     choice_of,
+    in_brackets,
     listed,
     near_misses,
     shown_count,
@@ -93,7 +94,8 @@ class OpenedSweep:
     @property
     def columns(self) -> dict[str, np.ndarray]:
         """The columns of a sweep over a table; empty for a grid."""
-        return columns_of(self.data)
+        names = str(self.attrs.get(COLUMN_NAMES, "")).split()
+        return {name: np.atleast_1d(self.data[name].values) for name in names}
 
     @property
     def oscillator(self) -> Oscillator:
@@ -365,5 +367,4 @@ def _parsed(configuration: str) -> SweepConfig:
 
 def headed(name: str, variable: xr.DataArray) -> str:
     """Return the head of a column, with the unit of the variable in brackets if it has a name."""
-    unit = unit_name(variable.attrs.get("units", "1"))
-    return f"{name} [{unit}]" if unit else name
+    return name + in_brackets(unit_name(variable.attrs.get("units", "1")))

@@ -21,7 +21,7 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.reports import RESULTS, destinations_text, outcomes, shown_axis, status_counts
 from sweeps.store.replacing import writing
 from sweeps.store.variables import FLAGS, VARIABLES, unit_in
-from sweeps.text import fewest_digits, shown_duration, table
+from sweeps.text import fewest_digits, in_brackets, shown_duration, table
 from sweeps.yaml_text import yaml_mapping
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.regimes import partition
@@ -167,7 +167,8 @@ def contents(sweep: OpenedSweep) -> str:
     results = sweep.values(["omega"], RESULTS)
     classes = destinations_text(results, results["omega"], sweep.sizes["section"], impact)
     axes = {axis: sweep[axis].values for axis in sweep.grid}
-    rig = [name for name in RigConfig.model_fields if name in sweep and not sweep[name].dims]
+    of_rig = [name for name in RigConfig.model_fields if name in sweep and "mass" in sweep]
+    fixed = {name: fewest_digits(sweep[name].item()) for name in of_rig if not sweep[name].dims}
     rows = [
         ("name", str(attributes.pop("name"))),
         ("points", outcomes(results, impact)),
@@ -177,16 +178,12 @@ def contents(sweep: OpenedSweep) -> str:
             for kind, arrays in (("axis", axes), ("column", sweep.columns))
             for name, values in arrays.items()
         ),
-        *(
-            ("rig", f"{name} = {fewest_digits(sweep[name].item())}{_bracketed(sweep, name)}")
-            for name in rig
-            if "mass" in sweep
-        ),
+        *(("rig", f"{name} = {v}{in_brackets(_unit(sweep, name))}") for name, v in fixed.items()),
     ]
     shapes = {name: f"{name} ({_sizes(sweep[name])})" for name in VARIABLES if name in sweep}
     width = max(map(len, shapes.values()))
     rows += [
-        ("variable", f"{shape:{width}}  {sweep[name].long_name}{_bracketed(sweep, name)}")
+        ("variable", f"{shape:{width}}  {sweep[name].long_name}{in_brackets(_unit(sweep, name))}")
         for name, shape in shapes.items()
     ]
     attributes["duration"] = shown_duration(float(attributes["duration"]))
@@ -233,12 +230,6 @@ def _unit(sweep: OpenedSweep, name: str) -> str:
     """Return the unit of a variable, in which a length or a time may have no name."""
     about = PARAMETERS.get(name) or VARIABLES.get(name)
     return sweep[name].attrs.get("units") or unit_in(sweep.attrs, about.unit if about else "1")
-
-
-def _bracketed(sweep: OpenedSweep, name: str) -> str:
-    """Return the unit of a variable after a space, in brackets; none for a pure number."""
-    unit = _unit(sweep, name)
-    return "" if unit == "1" else f" [{unit}]"
 
 
 def _sizes(variable: xr.DataArray) -> str:

@@ -15,7 +15,7 @@ from sweeps.errors import Refused
 from sweeps.opened.coordinates import ORDINATES
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import DIRECTION, VARIABLES
-from sweeps.text import near_misses, shown_count, suggestion, unit_name
+from sweeps.text import in_brackets, near_misses, shown_count, suggestion, unit_name
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -53,10 +53,9 @@ def label(variable: xr.DataArray, prefix: str = "") -> str:
 
     Spaces occur only between words, because matplotlib breaks long labels at spaces.
     """
-    named = named_unit(variable).replace(" ", _JOINT)
-    unit = f" [{prefix}{named}]" if named else ""
+    unit = (named := named_unit(variable)) and prefix + named.replace(" ", _JOINT)
     symbol = variable.attrs["symbol"].replace(r"\ ", "~").replace(" ", "\t")
-    return variable.attrs["long_name"] + (f" ${symbol}$" if symbol else "") + unit
+    return variable.attrs["long_name"] + (f" ${symbol}$" if symbol else "") + in_brackets(unit)
 
 
 def named_unit(variable: xr.DataArray) -> str:
@@ -67,9 +66,8 @@ def named_unit(variable: xr.DataArray) -> str:
 
 def basins_title(sweep: OpenedSweep) -> str:
     """Write the title of a legend of basins."""
-    unit = named_unit(as_variable("impact_v", sweep))
-    speed = "speed before each impact" + (f" [{unit}]" if unit else "")
-    return f"{CLASSES_TITLE},\n{speed}; share of the starts"
+    unit = in_brackets(named_unit(as_variable("impact_v", sweep)))
+    return f"{CLASSES_TITLE},\nspeed before each impact{unit}; share of the starts"
 
 
 def mathtext(value: float) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, ListedColormap, Normalize
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
@@ -81,7 +81,8 @@ def parameter_map(
     paint = paint_of(cut, name, grey=page.grey)
     panel = canvas.new_panel(ax, page)
     if paint.values.count():
-        _draw_mesh(panel, cut, paint.values, paint.norm, paint.ramp)
+        mesh = panel.pcolormesh(*_edges_of(cut), paint.values, norm=paint.norm, cmap=paint.ramp)
+        mesh.set_rasterized(True)
     status, hatched = cut["status"].values, page.grey and name != "period"
     cells = [*paint.cells, *failed_cells(status, hatched)]
     draw_cells(panel, cut, cells)
@@ -200,8 +201,8 @@ def draw_cells(panel: Axes, cut: OpenedSweep, cells: Iterable[Cells]) -> None:
         index[cell.where] = number
     if cells:
         colours = ListedColormap([cell.look.colour for cell in cells])
-        norm = Normalize(-0.5, len(cells) - 0.5)
-        _draw_mesh(panel, cut, np.ma.masked_equal(index, -1), norm, colours)
+        norm, shown = Normalize(-0.5, len(cells) - 0.5), np.ma.masked_equal(index, -1)
+        panel.pcolormesh(x, y, shown, norm=norm, cmap=colours, rasterized=True)
     for cell in cells:
         if cell.look.hatch:
             edge = hatch_on(cell.look.colour)
@@ -236,14 +237,3 @@ def _edges_of(cut: OpenedSweep) -> list[np.ndarray]:
             labels.refuse_too_large(f"a cell of {name}", ends)
         edges.append(ends)
     return edges
-
-
-def _draw_mesh(
-    panel: Axes,
-    cut: OpenedSweep,
-    values: np.ma.MaskedArray,
-    norm: Normalize,
-    colours: str | Colormap,
-) -> None:
-    """Draw one cell per point of a cut, except where `values` are masked."""
-    panel.pcolormesh(*_edges_of(cut), values, norm=norm, cmap=colours, rasterized=True)

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sweeps.text import UNNAMED, in_units
 from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Evidence, Status
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -113,12 +110,6 @@ def description_in(attributes: Mapping[str, Any], meaning: str, unit: str) -> di
     """
     named = unit_in(attributes, unit)
     return {"long_name": meaning} | ({} if UNNAMED.search(named) else {"units": named})
-
-
-def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return the columns of a sweep over a table, or of a selection from it; empty for a grid."""
-    names = str(dataset.attrs.get(COLUMN_NAMES, "")).split()
-    return {name: np.atleast_1d(dataset[name].values) for name in names}
 
 
 def held_variables(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
