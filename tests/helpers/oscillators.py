@@ -1,12 +1,11 @@
 """Oscillators, given or random, and their orbits computed independently of the package.
 
-``Dux`` is a closed form. ``SectionMap`` solves eqs (1)-(5) in multiple precision for impacts near
-given ones: each flight is a closed form, and Newton's method finds its impact. It shares no code
-with the package, which only provides the phases at which the search for impacts starts.
+``SectionMap`` solves eqs (1)-(5) in multiple precision for impacts near given ones: each flight is
+a closed form, and Newton's method finds its impact. It shares no code with the package, which only
+provides the phases at which the search for impacts starts.
 """
 
 from dataclasses import asdict, replace
-from typing import NamedTuple
 
 import mpmath as mp
 import numpy as np
@@ -68,78 +67,6 @@ def bifurcation(osc, kind, parameter, low, high, n=1):
         return _SIGNS[kind](one_impact_orbits(replace(osc, **{parameter: value}), n))
 
     return bisect(sign, low, high, xtol=1e-300, rtol=4.0 * np.finfo(float).eps, maxiter=200)
-
-
-class Dux(NamedTuple):
-    """Closed form of random orbits with one impact in n periods, h = 0, p = f = 1, any clearance.
-
-    Between two impacts the motion is symmetric in time. With x_p = -gamma sin(omega t), the impact
-    has sin(theta) = -(sigma + c V / 2) / gamma and cos(theta) = -rho V / (2 gamma).
-    """
-
-    omega: np.ndarray
-    R: np.ndarray
-    n: np.ndarray
-
-    @classmethod
-    def random(cls, count):
-        rng = np.random.default_rng(1992)
-        draws = rng.uniform(0.3, 6.0, count), rng.uniform(0.0, 0.98, count)
-        return cls(*draws, rng.integers(1, 5, count))
-
-    @property
-    def constants(self):
-        """Return T, gamma, rho and c."""
-        T = TAU * self.n / self.omega
-        c = (1.0 + self.R) / np.tan(0.5 * T)  # (1 + R) sin T / (1 - cos T)
-        return T, 1.0 / (1.0 - self.omega**2), (1.0 - self.R) / self.omega, c
-
-    def speeds(self, sigma):
-        """Return the speeds of both solutions, shape (2, count): orbits if > 0, NaN if none."""
-        _, gamma, rho, c = self.constants
-        with np.errstate(invalid="ignore"):
-            root = np.sqrt(gamma**2 * c**2 + (gamma**2 - sigma**2) * rho**2)
-        return 2.0 * np.array([-c * sigma - root, -c * sigma + root]) / (c**2 + rho**2)
-
-    def fold(self):
-        """Return the clearance at which both solutions with V > 0 meet."""
-        _, gamma, rho, c = self.constants
-        return -np.sign(c) * np.abs(gamma) * np.hypot(1.0, c / rho)
-
-    def flip(self):
-        """Return the clearance at which 1 + R^2 - 2 R cos T + (1 + R) (a / V) sin T = 0.
-
-        a = -sin(theta) - sigma = -omega^2 sigma + c V / (2 gamma), so that sigma / V is known.
-        """
-        T, gamma, rho, c = self.constants
-        K = (1.0 + self.R**2 - 2.0 * self.R * np.cos(T)) / ((1.0 + self.R) * np.sin(T))
-        ratio = (K + 0.5 * c / gamma) / self.omega**2
-        return ratio * np.abs(gamma) / np.hypot(ratio + 0.5 * c, 0.5 * rho)
-
-    def state(self, t, sigma, V):
-        """Return x and v at the time t after the impact."""
-        T, gamma, rho, c = self.constants
-        sine, cosine = -(sigma + 0.5 * c * V) / gamma, -0.5 * rho * V / gamma
-        turn = self.omega * t
-        free = -0.5 * (1.0 + self.R) * V / np.sin(0.5 * T)
-        x = free * np.cos(t - 0.5 * T) - gamma * (sine * np.cos(turn) + cosine * np.sin(turn))
-        rate = cosine * np.cos(turn) - sine * np.sin(turn)
-        return x, -free * np.sin(t - 0.5 * T) - gamma * self.omega * rate
-
-    def phase(self, sigma, V):
-        """Return omega t of the impact, in [0, 2 pi)."""
-        _, gamma, rho, c = self.constants
-        return np.arctan2(-(sigma + 0.5 * c * V) / gamma, -0.5 * rho * V / gamma) % TAU
-
-    def multipliers_at_minus_one(self, sigma, V):
-        """Return 1 + trace + det, which is positive up to the flip."""
-        T, gamma, _, c = self.constants
-        a = 0.5 * c * V / gamma - self.omega**2 * sigma
-        kick = (1.0 + self.R) * (a / V) * np.sin(T)
-        return 1.0 + self.R**2 - 2.0 * self.R * np.cos(T) + kick
-
-    def oscillator(self, i, sigma):
-        return Oscillator(0.0, float(self.R[i]), float(self.omega[i]), 1.0, clearance=float(sigma))
 
 
 def in_digits(osc):

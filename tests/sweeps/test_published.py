@@ -13,15 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 from sweeps import bifurcations, load_config, run_sweep
 from sweeps.cli.zoom import zoomed
-from tests.helpers.oscillators import TAU, Dux, bifurcation
+from tests.helpers.oscillators import TAU, bifurcation
 from tests.helpers.places import CONFIGS
-from vibroimpact import Oscillator, bifurcation_curve, branch, integrate, one_impact_orbit, simulate
+from vibroimpact import Oscillator, bifurcation_curve, branch, one_impact_orbit, simulate
 from vibroimpact.orbits.one_impact import one_impact_orbits
-from vibroimpact.oscillator import POINT
 
 EPS = 2.0**-52
 
@@ -35,80 +33,6 @@ class Row(NamedTuple):
     why: str
     find: Callable[[], float]
     source: str
-
-
-@cache
-def dux_differences(count=1500):
-    """Compare random solutions with `one_impact_orbits`, and stable ones with a run of the kernel.
-
-    The existence is that on 400 samples of the flight, where these decide it.
-    """
-    dux = Dux.random(count)
-    _, gamma, *_ = dux.constants
-    sigma = np.random.default_rng(1).uniform(-1.5, 1.5, count) * np.abs(gamma)
-    speeds = dux.speeds(sigma)
-    size = np.abs(speeds).max(axis=0)
-    found = [one_impact_orbits(dux.oscillator(i, sigma[i]), int(dux.n[i])) for i in range(count)]
-    wrong = dict.fromkeys(("number", "speed", "existence", "stability"), 0.0)
-    wrong["number"] = np.count_nonzero([*map(len, found)] != (speeds > 0.0).sum(axis=0))
-    stable = np.full(count, np.nan)
-    for side, V in enumerate(speeds):
-        at = np.flatnonzero(V > 0.0)
-        orbits = [found[i][0 if side == 0 else -1] for i in at.tolist()]
-        part, sigmas, V = Dux(*(values[at] for values in dux)), sigma[at], V[at]
-        wrong["speed"] = max(wrong["speed"], np.max(np.abs([o.v for o in orbits] - V) / size[at]))
-        T = part.constants[0]
-        x, _ = part.state(T * np.linspace(0.01, 0.99, 400)[:, None], sigmas, V)
-        peak, doubt = (x - sigmas).max(axis=0), 0.01 * np.abs(x).max(axis=0)
-        clear = np.abs(peak) > doubt
-        exists = np.array([orbit.exists for orbit in orbits])
-        wrong["existence"] += np.count_nonzero(clear & (exists != (peak < 0.0)))
-        is_stable = exists & (part.multipliers_at_minus_one(sigmas, V) > 0.0) & (side == 1)
-        wrong["stability"] += np.count_nonzero(is_stable != [orbit.stable for orbit in orbits])
-        stable[at[is_stable]] = V[is_stable]
-    return wrong | {"kernel": kernel_difference(dux, sigma, stable)}
-
-
-def kernel_difference(dux, sigma, V, periods=40):
-    """Start on stable orbits at t = 0; compare the speeds of all their impacts."""
-    at = np.flatnonzero(np.isfinite(V))
-    dux, sigma, V = Dux(*(values[at] for values in dux)), sigma[at], V[at]
-    points = np.zeros(len(at), POINT)
-    points["R"], points["omega"], points["f"], points["p"] = dux.R, dux.omega, 1.0, 1.0
-    points["clearance"] = sigma
-    x, v = dux.state((TAU - dux.phase(sigma, V)) / dux.omega, sigma, V)
-    points["x0"], points["v0"] = np.minimum(x, sigma), v
-    run = integrate(points, transient=0, periods=periods)
-    impacts = np.isfinite(run["impact_v"]).sum(axis=1)
-    np.testing.assert_array_equal(np.rint(periods / dux.n), impacts)
-    return np.nanmax(np.abs(run["impact_v"] / V[:, None] - 1.0))
-
-
-def dux_bifurcation(kind, count=80):
-    """The largest difference of a flip or a fold over the clearance, relative to the fold's.
-
-    Orbits end in the fold, and with V = 0 at |sigma| = |gamma|: the bracket is away from both.
-    """
-    dux = Dux.random(count)
-    fold = dux.fold()
-    values = fold if kind == "fold" else dux.flip()
-    ends = np.abs(dux.constants[1]), np.abs(fold) if kind == "flip" else 0.0
-    room = 0.01 * np.abs(np.abs(values) - np.broadcast_arrays(*ends)).min(axis=0)
-    differences = []
-    for i, (value, d) in enumerate(zip(values.tolist(), room.tolist(), strict=True)):
-        osc, n = dux.oscillator(i, 0.0), int(dux.n[i])
-        bracket = value - d, value + d
-        found = brentq(partial(bifurcates, kind, osc, n), *bracket, xtol=1e-300, rtol=1e-15)
-        differences.append((found - value) / fold[i])
-    return np.max(np.abs(differences))
-
-
-def bifurcates(kind, osc, n, sigma):
-    """Return a number that changes sign at a flip of the faster orbit, or where orbits vanish."""
-    orbits = one_impact_orbits(replace(osc, clearance=sigma), n)
-    if kind == "fold":
-        return 1.0 if orbits else -1.0
-    return np.prod(1.0 + orbits[-1].multipliers).real
 
 
 def ball(R, gamma=2.0, p=1e-6):
@@ -180,17 +104,8 @@ def paper_difference(h, R, steady):
 
 
 def dux_rows():
-    """Yield the rows of orbits with one impact in n periods, h = 0, any clearance."""
+    """Yield the rows of orbits with one impact in two periods, h = 0."""
     dux = "F. Dux, thesis 1992, and github.com/FelixDux/imposcg"
-    why = "1e4 roundings: that of T, over its distance from a multiple of 2 pi"
-    for what in ("number", "existence", "stability"):
-        find = partial(lambda what: dux_differences()[what], what)
-        yield Row(f"1500 orbits: wrong {what}", 0.0, 0.0, "a count", find, dux)
-    for what in ("speed", "kernel"):  # the latter: of all impacts of stable orbits in a run
-        find = partial(lambda what: dux_differences()[what], what)
-        yield Row(f"1500 orbits: {what}", 0.0, 1e4 * EPS, why, find, dux)
-    for kind in ("fold", "flip"):
-        yield Row(f"80 {kind}s", 0.0, 1e4 * EPS, why, partial(dux_bifurcation, kind), dux)
     printed = "the digits printed"
     example = Oscillator(0.0, 0.8, 3.7, 1.0)
     for sigma, k, value in ((0.0, 0, 0.665693), (0.2, 0, 1.102366), (0.2, 1, 2.187444)):
