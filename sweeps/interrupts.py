@@ -98,8 +98,7 @@ def raised_at_once() -> Iterator[None]:
 def raised_by_check() -> Iterator[None]:
     """Make Ctrl-C set the flag in the block; KeyboardInterrupt is raised when the block stops.
 
-    This applies to the main thread and only to Python's default handler: a program that has
-    installed a handler of its own keeps it.
+    A program that has installed a handler of its own keeps it.
     """
     global _came
     if (

@@ -280,10 +280,7 @@ def _root_mean_square(values: pd.Series) -> float:
 
 
 def _runs(plan: Plan) -> Iterator[tuple[int, Scene, Method, int | None, float | None]]:
-    """Yield the round, scene, method, and rung or tolerance of every run, all methods in turn.
-
-    Peers run once, and without a complete chatter, whose events would never end.
-    """
+    """Yield the round, scene, method, and rung or tolerance of every run, all methods in turn."""
     for turn in range(plan.rounds):
         for scene in plan.scenes:
             for rung in plan.ladder:

@@ -79,10 +79,7 @@ def measured_order(steps: Sequence[int], errors: Sequence[float], floor: float =
 
 
 def with_orders(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return the measurements line by line, from coarse to fine, and add ``measured_order``.
-
-    It is NaN for the reference and for peers.
-    """
+    """Return the measurements line by line, from coarse to fine, and add ``measured_order``."""
     exact = measured[measured["impact"] == EXACT_METHOD.impact]
     floors = exact.groupby(LINE[:2])["error"].max()
     lines = []
@@ -183,11 +180,7 @@ _BAND: dict[str, Any] = {"color": _YELLOW, "linewidth": 6.0, "alpha": 0.6}
 
 
 def accuracy_picture(measured: pd.DataFrame) -> Figure:
-    """Draw a panel per kind of error, with its lines, their orders and the efficient frontier.
-
-    `measured` is from `with_orders`. For a single scene, such as a sweep,
-    only the first three of ``PANELS`` are drawn.
-    """
+    """Draw a panel per kind of error, with its lines, their orders and the efficient frontier."""
     main = main_scene(measured)
     panels: Sequence[tuple[str, str, str]] = PANELS
     if main != MEAN:

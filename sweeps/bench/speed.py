@@ -82,10 +82,7 @@ def effort_of(
 def measure_speed(
     count: int = 4096, periods: int = 300, report: Callable[[float], object] = lambda share: None
 ) -> dict[str, Any]:
-    """Time every work on one thread and on all threads; return a `speed_record`.
-
-    The last third of the forcing `periods` is recorded. `report` is given the share that is done.
-    """
+    """Time every work on one thread and on all threads; return a `speed_record`."""
     threads = sorted({1, ALL_THREADS})
     scenes = {name: points_over(RANGES[scene], count) for name, (scene, _) in WORKS.items()}
     record: dict[str, Any] = {"transient": periods - periods // 3, "periods": periods // 3}

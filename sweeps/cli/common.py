@@ -105,6 +105,7 @@ CUT_AT = option(
     "NAME=VALUE",
     "Value at which a swept parameter is cut, or direction=up or down for a sweep that was "
     "followed both ways; repeatable.",
+    default=[],
 )
 CSV = new_file("--csv", ".csv", "table", "Write the table to a .csv file, too.")
 JSON = flag("--json", "Write JSON, for other programs, instead of text.")
@@ -161,16 +162,16 @@ def interval(text: str) -> tuple[float, float] | None:
     return (float(low), float(high)) if math.isfinite(high - low) else None
 
 
-def limits_option(option: str, text: str | None) -> tuple[tuple[float, float] | None, str]:
-    """Read the limits of an axis, if given, and their unit, which may be empty."""
+def limits_option(axis: str, text: str | None) -> dict[str, Any]:
+    """Convert the limits of axis x or y, if given, to arguments of a `Page`."""
     if text is None:
-        return None, ""
+        return {}
     match = re.fullmatch(r"(.*[0-9.])\s*([^\W0-9_]+(?:/s)?)", text)
     number, unit = match.groups() if match else (text, "")
     ends = interval(number)
     if ends is None:
-        raise Refused(refusal(f"{option} {text}", f"{LIMITS}, as 2.4:3"))
-    return ends, unit
+        raise Refused(refusal(f"--{axis}lim {text}", f"{LIMITS}, as 2.4:3"))
+    return {f"{axis}lim": ends, f"{axis}unit": unit}
 
 
 def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:
@@ -214,19 +215,19 @@ def name_after(stem: str, words: Iterable[str], ending: str) -> str:
     return f"{stem}{'-' * bool(asked)}{asked}{ending}"
 
 
-def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
+def selection_of(texts: Sequence[str]) -> dict[str, float | str]:
     """Read the values of ``--at``, at most one for each axis."""
     return several_of(texts, 1, "NAME=VALUE, for example omega=2.5")[0]
 
 
 def several_of(
-    texts: Sequence[str] | None,
+    texts: Sequence[str],
     most: float = math.inf,
     expected: str = "NAME=VALUE,VALUE, as omega=2.5,2.7",
 ) -> tuple[dict[str, float | str], dict[str, list[float]]]:
     """Read the values of ``--at``: of the axes with one value, and lists of those with several."""
     single, lists = dict[str, float | str](), dict[str, list[float]]()
-    for text in texts or ():
+    for text in texts:
         name, _, typed = map(str.strip, text.partition("="))
         numbers = [number_meant(value) for value in typed.split(",")]
         if name != "direction" and not (all(map(is_number, numbers)) and len(numbers) <= most):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from sweeps.opened.opened_sweep import OpenedSweep, Selection
+    from sweeps.plotting import Page
 
 #: The names of `sweeps.plotting.KINDS`, without the import of matplotlib.
 KIND_NAMES = (
@@ -77,11 +78,12 @@ def plot_command(
         "The swept parameter as abscissa; for a map, then the ordinate; for a table, a column or a "
         "result; repeatable.",
     ),
-    at: list[str] | None = common.option(
+    at: list[str] = common.option(
         "NAME=VALUE[,...]",
         "Value at which a swept parameter is cut, or direction=up or down for a sweep that was "
         "followed both ways; for a section, impacts, trajectory or basins also several values, as "
         "omega=2.7,2.8; repeatable.",
+        default=[],
     ),
     coordinate: str | None = COORDINATE,
     quantity: str | None = common.option(
@@ -144,6 +146,7 @@ def plot_command(
     no_marks: bool = NO_MARKS,
 ) -> None:
     """Draw a picture from the file of each sweep."""
+    from sweeps.plotting import Page
     from sweeps.plotting.api import check_kind
     from sweeps.plotting.saving import check_picture, refuse_replacing
 
@@ -158,19 +161,19 @@ def plot_command(
         raise Refused("--classes, --kinds and --most are not allowed here; expected: with --exact")
     if csv is not None and overlay is not None:
         refuse_replacing(overlay, csv, "table")
-    page = {
-        "width": common.inches("--width", width),
-        "height": common.inches("--height", height),
-        "dpi": dpi,
-        "title": title,
-        **dict(zip(("xlim", "xunit"), common.limits_option("--xlim", xlim), strict=True)),
-        **dict(zip(("ylim", "yunit"), common.limits_option("--ylim", ylim), strict=True)),
-        "xlabel": xlabel,
-        "ylabel": ylabel,
-        "legend": not no_legend,
-        "marks": not no_marks,
-        "grey": grey,
-    }
+    page = Page(
+        width=common.inches("--width", width),
+        height=common.inches("--height", height),
+        dpi=dpi,
+        title=title,
+        **common.limits_option("x", xlim),
+        **common.limits_option("y", ylim),
+        xlabel=xlabel,
+        ylabel=ylabel,
+        legend=not no_legend,
+        marks=not no_marks,
+        grey=grey,
+    )
     options: dict[str, Any] = {
         "axes": tuple(axis) if axis else None,
         "coordinate": coordinate,
@@ -242,13 +245,13 @@ def draw_picture(
     figure: Path,
     kind: str | None,
     cuts: Selection,
-    page: Mapping[str, Any],
+    page: Page,
     csv: Path | None = None,
     quiet: bool = False,
     **options: Any,
 ) -> None:
     """Write a picture of an opened sweep; unless `quiet`, report its file and choices for it."""
-    from sweeps.plotting import Page, plot
+    from sweeps.plotting import plot
     from sweeps.plotting.api import check_options, default_kind, silent_cuts
 
     chosen = {name: value for name, value in options.items() if value is not None}
@@ -259,9 +262,8 @@ def draw_picture(
     if "exact" in chosen:
         chosen["exact"], lines, table = _exact(sweep, kind, cuts, chosen, quiet)
     with progress_shown("drawing", quiet):
-        written = plot(
-            sweep, figure, kind, cuts, page=Page(**page), command=command(*sys.argv[1:]), **chosen
-        )
+        typed = command(*sys.argv[1:])
+        written = plot(sweep, figure, kind, cuts, page=page, command=typed, **chosen)
     if quiet:
         return
     common.say_moved(sweep, cuts, "drawn")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def attractors_command(
     file: Path = common.SWEEP_FILE,
-    at: list[str] | None = common.CUT_AT,
+    at: list[str] = common.CUT_AT,
     csv: Path | None = common.CSV,
     json: bool = common.JSON,
 ) -> None:
@@ -36,7 +36,7 @@ def attractors_command(
 
 def integrity_command(
     file: Path = common.SWEEP_FILE,
-    at: list[str] | None = common.CUT_AT,
+    at: list[str] = common.CUT_AT,
     csv: Path | None = common.CSV,
     json: bool = common.JSON,
 ) -> None:
@@ -58,7 +58,7 @@ def integrity_command(
 
 def _show_attractors(
     file: Path,
-    at: Sequence[str] | None,
+    at: Sequence[str],
     csv: Path | None,
     json: bool,
     work: str,
@@ -91,7 +91,7 @@ def info_command(
         "List instead where the class of the motion changes, and the exact bifurcations.",
     ),
     axis: str | None = common.option("NAME", "The swept parameter along which to look."),
-    at: list[str] | None = common.CUT_AT,
+    at: list[str] = common.CUT_AT,
     classes: str | None = common.OF_CLASSES,
     most: int | None = common.MOST_FOLLOWED,
     csv: Path | None = common.CSV,
@@ -102,7 +102,7 @@ def info_command(
     for other, is_set in (("--bifurcations", bifurcations), ("--json", json)):
         if config and is_set:
             raise Refused(f"--config and {other} exclude each other; give one of them")
-    options = {"axis": axis, "at": " ".join(at or ()), "csv": csv, "classes": classes, "most": most}
+    options = {"axis": axis, "at": " ".join(at), "csv": csv, "classes": classes, "most": most}
     for name, value in options.items():
         if value and not bifurcations:
             raise Refused(f"--{name} {value} is not allowed here; expected: with --bifurcations")
@@ -210,7 +210,7 @@ def export_command(
         names=lambda: ("points", "sections", "impacts"),
         default="points",
     ),
-    at: list[str] | None = common.CUT_AT,
+    at: list[str] = common.CUT_AT,
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
     from sweeps.opened.tables import ROWS, write_rows

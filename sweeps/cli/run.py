@@ -36,6 +36,7 @@ OVERRIDES = common.option(
     "repeatable.",
     "--set",
     autocompletion=_completed_keys,
+    default=[],
 )
 DASK = common.option(
     "ADDRESS",
@@ -56,7 +57,7 @@ def run_command(
         "-o",
         "--output",
     ),
-    overrides: list[str] | None = OVERRIDES,
+    overrides: list[str] = OVERRIDES,
     threads: int | None = common.THREADS,
     dask: str | None = DASK,
     dry_run: bool = DRY_RUN,
@@ -72,7 +73,7 @@ def run_command(
     loaded = []
     for source in configs:
         check()
-        config = read_config(source, overrides or ())
+        config = read_config(source, overrides)
         with common.named(source):
             refuse_columns(config.columns)
         loaded.append(config)
@@ -189,7 +190,7 @@ def explore_command(
     source: Path | None = common.argument(
         "[CONFIG|OUT.h5]", "A configuration or a sweep file; the quickstart if not given.", None
     ),
-    overrides: list[str] | None = OVERRIDES,
+    overrides: list[str] = OVERRIDES,
     port: int = common.numeric(
         "--port", integer(0, 65535), "Port on this machine; a free one if not given.", default=0
     ),
@@ -204,9 +205,9 @@ def explore_command(
     from sweeps.config.loading import parse_config
 
     config = (
-        parse_config(scenes()["quickstart"], "quickstart", "quickstart", overrides or ())
+        parse_config(scenes()["quickstart"], "quickstart", "quickstart", overrides)
         if source is None
-        else read_config(source, overrides or (), verify=True)
+        else read_config(source, overrides, verify=True)
     )
     logging.getLogger("bokeh").setLevel(logging.ERROR)  # do not report refused requests
     explorer = open_page(config, port)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from sweeps.plotting.page import Page
 
 _NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
+#: The ends of a piece of an axis.
+Piece = tuple[float, float]
 
 
 def zoom_command(
@@ -34,7 +36,7 @@ def zoom_command(
         "-o",
         "--output",
     ),
-    overrides: list[str] | None = run.OVERRIDES,
+    overrides: list[str] = run.OVERRIDES,
     coordinate: str | None = plot.COORDINATE,
     width: str | None = plot.PAGE_WIDTH,
     title: str | None = plot.PAGE_TITLE,
@@ -49,38 +51,21 @@ def zoom_command(
     quiet: bool = run.QUIET,
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
-    from sweeps.opened.coordinates import ORDINATES
     from sweeps.plotting.page import Page
     from sweeps.plotting.saving import check_picture
     from sweeps.store.paths import check_output
 
     existing = common.existing_output(resume, overwrite)
-    limits = dict(map(_piece, pieces))
-    ordinates = [name for name in limits if name in ORDINATES]
-    if len(ordinates) > 1 or len(ordinates) == len(pieces) or len(limits) < len(pieces):
-        raise Refused(
-            f"{' '.join(pieces)} is not allowed; expected: each name once, at least one swept "
-            f"axis, and at most one of {', '.join(ORDINATES)}"
-        )
-    if ordinates and coordinate not in (None, ordinates[0]):
-        raise Refused(f"--coordinate {coordinate} and limits of {ordinates[0]} exclude each other")
-    coordinate = ordinates[0] if ordinates else coordinate
-    page: dict[str, Any] = {
-        "ylim": limits[ordinates[0]] if ordinates else None,
-        "yunit": "",
-        "width": common.inches("--width", width),
-        "title": title,
-        "grey": grey,
-        "marks": not no_marks,
-    }
-    axes = {name: piece for name, piece in limits.items() if name not in ORDINATES}
+    axes, coordinate, limits = _pieces_and_limits(pieces, coordinate)
+    inches = common.inches("--width", width)
+    page = Page(ylim=limits, yunit="", width=inches, title=title, grey=grey, marks=not no_marks)
     with common.opened_in_si(file, verify=False) as sweep:  # refuses a configuration
-        _refuse_replaced(overrides or (), axes)
-        whole = run.config_in(sweep, file, overrides or ())
-        _check_picture(sweep, whole, Page(**page), coordinate, exact)
+        _refuse_replaced(overrides, axes)
+        whole = run.config_in(sweep, file, overrides)
+        _check_picture(sweep, whole, page, coordinate, exact)
         outside = list(_outside(sweep, axes))
     path = output or (
-        file.with_name(_named_after(file, axes, overrides or ()))
+        file.with_name(_named_after(file, axes, overrides))
         if whole.output == file
         else whole.output
     )
@@ -96,8 +81,29 @@ def zoom_command(
             return
         run.run_and_report(config, path, quiet, threads=threads, client=client, **existing)
     with common.opened_in_si(path, verify=False) as sweep, raised_at_once():
-        chosen: dict[str, Any] = {"coordinate": coordinate, "exact": {} if exact else None}
-        plot.draw_picture(sweep, figure, None, {}, page, quiet=quiet, **chosen)
+        options: dict[str, Any] = {"coordinate": coordinate, "exact": {} if exact else None}
+        plot.draw_picture(sweep, figure, None, {}, page, quiet=quiet, **options)
+
+
+def _pieces_and_limits(
+    texts: Sequence[str], coordinate: str | None
+) -> tuple[dict[str, Piece], str | None, Piece | None]:
+    """Read the pieces of axes; return also the coordinate that is drawn, and its limits if any."""
+    from sweeps.opened.coordinates import ORDINATES
+
+    limits = dict(map(_piece, texts))
+    axes = {name: piece for name, piece in limits.items() if name not in ORDINATES}
+    drawn = [name for name in limits if name in ORDINATES]
+    if len(drawn) > 1 or not axes or len(limits) < len(texts):
+        raise Refused(
+            f"{' '.join(texts)} is not allowed; expected: each name once, at least one swept "
+            f"axis, and at most one of {', '.join(ORDINATES)}"
+        )
+    if not drawn:
+        return axes, coordinate, None
+    if coordinate not in (None, *drawn):
+        raise Refused(f"--coordinate {coordinate} and limits of {drawn[0]} exclude each other")
+    return axes, drawn[0], limits[drawn[0]]
 
 
 def _check_picture(
@@ -133,7 +139,7 @@ def _check_picture(
         raise Refused(f"the piece has no {coordinate} to draw: {problem}")
 
 
-def _outside(sweep: OpenedSweep, pieces: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+def _outside(sweep: OpenedSweep, pieces: Mapping[str, Piece]) -> Iterator[str]:
     """Say which pieces go beyond the values of the sweep."""
     for name, piece in pieces.items():
         low, high = piece
@@ -153,7 +159,7 @@ def _refuse_replaced(overrides: Sequence[str], axes: Iterable[str]) -> None:
             raise Refused(f"--set {text} is not allowed; the piece chooses {key}")
 
 
-def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> SweepConfig:
+def zoomed(config: SweepConfig, pieces: Mapping[str, Piece]) -> SweepConfig:
     """Return the same sweep over pieces (low, high) of its axes, with as many points along each.
 
     A range keeps its linear or logarithmic spacing; a list becomes a linear range. The number of
@@ -184,7 +190,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
     return load_config(data)
 
 
-def _piece(text: str) -> tuple[str, tuple[float, float]]:
+def _piece(text: str) -> tuple[str, Piece]:
     """Read a name with its limits."""
     name, equals, ends = text.partition("=")
     piece = common.interval(ends)
@@ -193,7 +199,7 @@ def _piece(text: str) -> tuple[str, tuple[float, float]]:
     return name.strip(), piece
 
 
-def _named_after(file: Path, axes: dict[str, tuple[float, float]], overrides: Sequence[str]) -> str:
+def _named_after(file: Path, axes: dict[str, Piece], overrides: Sequence[str]) -> str:
     """Name a file after its pieces and overrides, in place of those that its name already has."""
     from sweeps.config.sweep import dotted_keys
 

@@ -374,12 +374,7 @@ _OTHER_ENDS = {"start": "from min low lower begin first", "stop": "to max high u
 
 
 def _meant(name: str, valid: Collection[str], elsewhere: Iterable[str] = ()) -> list[str]:
-    """Return the keys probably meant by a name that is not a key.
-
-    The first match counts: keys of `valid` that equal the name except for case, or have it as a
-    synonym; keys of `valid` that differ in a letter or so; keys of `elsewhere` (dotted) that match
-    exactly or by synonym; the most similar keys of `valid`.
-    """
+    """Return the keys probably meant by a name that is not a key; `elsewhere` are dotted."""
     ends = _OTHER_ENDS if {"start", "stop", "num"} <= {*valid} else {}
     return (
         _called(name, valid, _OTHER_NAMES | ends)

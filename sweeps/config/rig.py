@@ -159,10 +159,7 @@ class RigConfig(ParameterConfig):
         return isinstance(self.mass, Elsewhere)
 
     def made_columns(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return the columns of the model that are made from those of the rig, by the rig's names.
-
-        If the mass is a column, so is all that is per mass.
-        """
+        """Return the columns of the model made from those of the rig, by the names of the rig."""
         mass = columns["mass"] if self.mass_varies else self.mass
         made = {}
         for name, quantity in QUANTITIES.items():

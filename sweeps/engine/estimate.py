@@ -85,11 +85,9 @@ def block_size(
 ) -> int:
     """Return the number of grid points per block: few enough to fit memory and to show progress.
 
-    If an axis is followed, a block holds whole chains of points along it, each in a lane. The
-    memory is the memory of this machine, even if others compute. A block has at least `least`
-    points if they fit into memory. A sweep has at least `blocks` blocks if each can have two full
-    sets of lanes. Trajectories have `at_impacts` samples at impacts in a period. Raises StoreError
-    if there is not enough memory for one point, or one chain of points.
+    The memory is that of this machine, even if others compute. A block has at least `least` points
+    if they fit into it, and a sweep at least `blocks` blocks if each can have two full sets of
+    lanes. Raises StoreError if there is not enough memory for one point, or one chain of points.
     """
     spec, (chain, memory, lanes) = sweep.spec, _chain(sweep, at_impacts)
     smallest, ways = "one point", " and ".join(spec.directions)

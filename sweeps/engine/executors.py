@@ -120,10 +120,7 @@ class LocalComputer:
     def computed(
         self, sweep: Sweep, blocks: Iterable[Block], advance: Callable[[int], object]
     ) -> Generator[tuple[Block, Results], None, None]:
-        """Yield the blocks in order; one is computed while another is written.
-
-        A caller that stops early must close the generator. `advance` is that of `compute_block`.
-        """
+        """Yield the blocks in order, one computed while another is written; close the generator."""
         with other_thread() as executor:
             done = as_completed(
                 lambda block: executor.submit(compute_block, sweep, block, self.threads, advance),

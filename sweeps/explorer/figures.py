@@ -79,9 +79,8 @@ def value_text(name: str, view: View) -> str:
 def label_of(axis: Any, name: str, view: View, size: float, pixels: float = math.inf) -> str:
     """Return the label of an axis, and write its ticks with the prefix of the label.
 
-    The prefix is the one that `plot` gives to numbers of this size. The label has the meaning, the
-    symbol and the unit of a parameter or of a result. If it needs more than `pixels`, the meaning
-    is left out.
+    The prefix is the one that `plot` gives to numbers of this size. If the label needs more than
+    `pixels`, the meaning is left out.
     """
     variable = as_variable(name, view.nomenclature)
     prefix, factor = prefix_of(variable, size)

@@ -292,10 +292,10 @@ class OpenedSweep:
     def chosen_axes(
         self, requested: Sequence[str], at: Selection | None, count: int, kind: str
     ) -> list[str]:
-        """Return the `count` swept axes that a picture shows.
+        """Return the `count` swept axes that a picture shows, or refuse the request.
 
-        By default they are the longest ones that `at` does not fix, and among equally long axes the
-        first. Raises Refused if the file has fewer axes, or not the requested ones.
+        By default they are the longest ones that `at` does not fix, and of equally long axes the
+        first.
         """
         axes = self.axes
         if TABLE in axes:

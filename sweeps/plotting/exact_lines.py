@@ -131,9 +131,8 @@ def draw_branches(
 ) -> dict[str, list[Line2D]]:
     """Draw `sweeps.branches`, with solid lines where stable; return the lines by their names.
 
-    The lines are thin and have the colour of texts unless the ground `is_plain`, that is, in one
-    colour. Unstable orbits at values of the axis `in_chaos` are drawn thinly.
-    Bifurcations are marked if `marks` is true.
+    The lines are thin and have the colour of texts unless the ground `is_plain`, in one colour.
+    Unstable orbits at values of the axis `in_chaos` are drawn thinly.
     """
     look = _OVER_ONE if is_plain else {"color": ink(), **_OVER_COLOURS}
     lines: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
@@ -250,9 +249,8 @@ def draw_curves(
     """Draw `sweeps.curves` over a map of a cut; return handles and the share that each covers.
 
     Pieces that bound a motion are drawn strongly. The others are thin: there the start leads to
-    another orbit. If there are many curves, only those that bound a class with a colour of its own
-    somewhere are drawn. The legend says how many others there are in view. Cusps and points where
-    curves meet are marked on the strong pieces if `marks` is true.
+    another orbit. Of many curves, only those that bound a class with a colour of its own are drawn.
+    Cusps and meetings are marked on the strong pieces if `marks` is true.
     """
     limits = panel.get_xlim(), panel.get_ylim()
     kinds = _one_point_each(curves)["kind"].values

@@ -220,10 +220,9 @@ def draw_jumps(
 ) -> list[Artist]:
     """Draw an arrow where the motion of a direction ends, to the one that it jumps to.
 
-    Return a handle for the legend if there is an arrow.
-
     This is the last value, in this direction, of a range in which both directions differ. `x`,
-    shape (n,), increases; `up` and `down` are values of the points, shape (n, k).
+    shape (n,), increases; `up` and `down` are values of the points, shape (n, k). Return a handle
+    for the legend if there is an arrow.
     """
     size, handles = _extent(up, down) or 1.0, list[Artist]()
     for start, stop, differ in runs(_motions_differ(up, down, size).tolist()):

@@ -73,12 +73,7 @@ def refuse_replacing(data: str | Path, output: Path, what: str = "picture") -> N
 
 
 def check_picture(output: Path, *data: str | Path, animated: bool = False) -> None:
-    """Refuse a path to which no picture of the `data`, files that are read, can be written.
-
-    Raises Refused if it is a file with the data, if its ending is not one of ``FORMATS``, or of an
-    animation where these are allowed, if no file can be written there, or if matplotlib cannot draw
-    with the settings of the user.
-    """
+    """Refuse a path to which no picture of the `data`, files that are read, can be written."""
     for file in data:
         refuse_replacing(file, output)
     ending = output.suffix.lower()

@@ -127,11 +127,7 @@ def is_sweep(path: Path) -> bool:
 
 
 def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
-    """Raise StoreError if a sweep cannot be written to a path.
-
-    The folder must exist, and the ending must not belong to another kind of file. An existing file
-    or incomplete sweep must be overwritten or resumed.
-    """
+    """Refuse a path where a sweep cannot be written, or may not replace what is there."""
     path = Path(path)
     check_place(path, "output")
     parts = parts_path(path)

@@ -91,11 +91,9 @@ def check_target(path: Path, what: str, *, only_new: bool = False) -> Path:
 def check_place(path: Path, what: str) -> Path:
     """Return the path of the file to write, for a link its target; refuse what cannot be written.
 
-    `what` is the word for the file in messages, such as "output". Raises StoreError if another
-    system could not hold a file of that name, if the folder does not exist, if the path is too
-    long, if it exists and is not a regular file (but a directory, a FIFO or a device), or if it is
-    a link made by another user. In a folder where others may write, the kernel follows no link of
-    theirs when a file is opened; a link that is resolved here is not opened.
+    `what` is the word for the file in messages, such as "output". In a folder where others may
+    write, the kernel follows no link of theirs when a file is opened; a link that is resolved here
+    is not opened.
     """
     name = shortened(repr(str(path)), 300)
     if problem := _unportable(path.name):
@@ -173,18 +171,11 @@ def of_another_user(status: os.stat_result) -> bool:
 
 @contextmanager
 def writing(path: Path, what: str, *, only_new: bool = False) -> Iterator[BufferedRandom]:
-    """Check a path, and replace its file as `replacing` does; errors name the path.
+    """Check a path as `check_target` does, and replace its file as `replacing` does.
 
     If `path` is a link, its target is replaced and the link stays. With `only_new` no file is
     replaced, not even one that was made meanwhile. The draft of a killed process is removed by a
-    process that replaces the same file a day later.
-
-    Raises
-    ------
-    StoreError
-        As from `check_target`, or if there is a file that must not be replaced.
-    Failed
-        If the ``with`` block or the replacement raises OSError.
+    process that replaces the same file a day later. An OSError becomes Failed with the path.
     """
     checked = partial(check_target, path, what, only_new=only_new)
     target = checked()

@@ -74,8 +74,7 @@ class Schema:
         """Return the schema of a new sweep, in blocks of about `size` points.
 
         `configuration` is YAML. `units` has the names of the units, as of ``length``, and
-        `column_units` the units of columns of the table, if they have one. If an axis is followed
-        in two directions, the data get a leading dimension for them.
+        `column_units` the units of columns of the table, if they have one.
         """
         import numba  # takes half a second, and files are also opened without it
 
@@ -290,8 +289,7 @@ def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
     """Return the HDF5 storage options of a variable, with chunks that never span two blocks.
 
     Along the axis that is split, all blocks but the last have the same length; a chunk has that
-    length, or an exact fraction of it. Each other dimension lies completely in a block, so chunks
-    may split it anywhere.
+    length, or an exact fraction of it. All other dimensions may be split anywhere.
     """
     shape, fill_value = [*schema.sizes(name).values()], VARIABLES[name].fill_value
     if 0 in shape or not shape:

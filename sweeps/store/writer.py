@@ -119,10 +119,9 @@ class SweepWriter:
     def begin(self, schema: Schema) -> list[Block] | None:
         """Begin the sweep, or resume it; return the blocks to write, None if it is complete.
 
-        An incomplete sweep that is not resumed is replaced at once. If it is resumed, it keeps its
-        own blocks, and those that are damaged, `damaged` in number, are to be written again. Raises
-        StoreError if the resumed sweep is another one or is damaged, and Failed if the schema
-        cannot be written; an old sweep is then unchanged.
+        A resumed sweep keeps its own blocks, and those that are damaged, `damaged` in number, are
+        to be written again. Raises StoreError if it is another one or is damaged, and Failed if the
+        schema cannot be written; an old sweep is then unchanged.
         """
         path, folder = self._path, parts_path(self._path)
         begun = identity(folder / SCHEMA) is not None
