@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from sweeps.plotting.page import Page
 
 _NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
-#: The ends of a piece of an axis.
-Piece = tuple[float, float]
+#: The ends of a piece of an axis, or of the ordinate.
+AxisPiece = tuple[float, float]
 
 
 def zoom_command(
@@ -87,7 +87,7 @@ def zoom_command(
 
 def _pieces_and_limits(
     texts: Sequence[str], coordinate: str | None
-) -> tuple[dict[str, Piece], str | None, Piece | None]:
+) -> tuple[dict[str, AxisPiece], str | None, AxisPiece | None]:
     """Read the pieces of axes; return also the coordinate that is drawn, and its limits if any."""
     from sweeps.opened.coordinates import ORDINATES
 
@@ -139,7 +139,7 @@ def _check_picture(
         raise Refused(f"the piece has no {coordinate} to draw: {problem}")
 
 
-def _outside(sweep: OpenedSweep, pieces: Mapping[str, Piece]) -> Iterator[str]:
+def _outside(sweep: OpenedSweep, pieces: Mapping[str, AxisPiece]) -> Iterator[str]:
     """Say which pieces go beyond the values of the sweep."""
     for name, piece in pieces.items():
         low, high = piece
@@ -159,7 +159,7 @@ def _refuse_replaced(overrides: Sequence[str], axes: Iterable[str]) -> None:
             raise Refused(f"--set {text} is not allowed; the piece chooses {key}")
 
 
-def zoomed(config: SweepConfig, pieces: Mapping[str, Piece]) -> SweepConfig:
+def zoomed(config: SweepConfig, pieces: Mapping[str, AxisPiece]) -> SweepConfig:
     """Return the same sweep over pieces (low, high) of its axes, with as many points along each.
 
     A range keeps its linear or logarithmic spacing; a list becomes a linear range. The number of
@@ -190,7 +190,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, Piece]) -> SweepConfig:
     return load_config(data)
 
 
-def _piece(text: str) -> tuple[str, Piece]:
+def _piece(text: str) -> tuple[str, AxisPiece]:
     """Read a name with its limits."""
     name, equals, ends = text.partition("=")
     piece = common.interval(ends)
@@ -199,7 +199,7 @@ def _piece(text: str) -> tuple[str, Piece]:
     return name.strip(), piece
 
 
-def _named_after(file: Path, axes: dict[str, Piece], overrides: Sequence[str]) -> str:
+def _named_after(file: Path, axes: dict[str, AxisPiece], overrides: Sequence[str]) -> str:
     """Name a file after its pieces and overrides, in place of those that its name already has."""
     from sweeps.config.sweep import dotted_keys
 
