@@ -240,7 +240,7 @@ class Oscillator:
         Raises
         ------
         TypeError, ValueError
-            If `mass` is not a number > 0.
+            If `mass` is not a number > 0, or if a quantity of the rig overflows or vanishes.
 
         Examples
         --------
@@ -248,9 +248,9 @@ class Oscillator:
         800.0
         """
         mass = _number("mass [kg]", mass, PARAMETERS["p"])
-        return {
+        rig = {
             "mass": mass,
-            "stiffness": mass * self.p**2,
+            "stiffness": mass * (self.p * self.p),
             "damping": 2.0 * mass * self.h,
             "frequency": self.omega / (2.0 * math.pi),
             "gap": self.clearance,
@@ -258,6 +258,8 @@ class Oscillator:
             "force": mass * self.f,
             "base": self.a,
         }
+        self.from_rig(**rig)  # refuses such quantities
+        return rig
 
     @property
     def force(self) -> float:
@@ -308,7 +310,7 @@ def refuse_invalid(points: object, beyond_stop: bool) -> None:
     TypeError if it is not an array of dtype ``POINT``, ValueError if its shape or a value is not
     valid.
     """
-    if not isinstance(points, np.ndarray) or points.dtype != POINT:
+    if not isinstance(points, np.ndarray) or points.dtype != POINT or np.ma.isMA(points):
         raise TypeError(refusal(f"points = {input_text(points)}", "an array of the dtype POINT"))
     if points.ndim != 1:
         raise ValueError(refusal(f"points of the shape {points.shape}", "the shape (n,)"))

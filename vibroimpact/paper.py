@@ -52,7 +52,7 @@ class PaperRun:
     @property
     def max_penetration(self) -> float:
         """Largest displacement beyond the stop, at least 0."""
-        return max(0.0, float(self.x.max()))
+        return float(np.maximum(self.x.max(), 0.0))
 
 
 def paper_procedure(
@@ -130,7 +130,7 @@ def paper_procedure(
 
 def _acceleration(osc: Oscillator, t: float, x: float, v: float) -> float:
     """Return x'' from eq. (1)."""
-    return -2.0 * osc.h * v - osc.p**2 * x - osc.force * math.sin(osc.omega * t)
+    return -2.0 * osc.h * v - osc.p * osc.p * x - osc.force * math.sin(osc.omega * t)
 
 
 def _newmark(
@@ -138,7 +138,8 @@ def _newmark(
 ) -> tuple[float, float, float]:
     """Take one step with constant average acceleration, from (x, v, a) to (x_T, v_T, a_T)."""
     # First x_T and v_T with a_T = 0, then a_T from eq. (1) at t + T, which is linear in a_T.
-    x_0 = x + T * v + T**2 / 4.0 * a
+    quarter = T * T / 4.0
+    x_0 = x + T * v + quarter * a
     v_0 = v + T / 2.0 * a
-    a_T = _acceleration(osc, t + T, x_0, v_0) / (1.0 + osc.h * T + osc.p**2 * T**2 / 4.0)
-    return x_0 + T**2 / 4.0 * a_T, v_0 + T / 2.0 * a_T, a_T
+    a_T = _acceleration(osc, t + T, x_0, v_0) / (1.0 + osc.h * T + osc.p * osc.p * quarter)
+    return x_0 + quarter * a_T, v_0 + T / 2.0 * a_T, a_T

@@ -198,7 +198,8 @@ def test_a_point_that_is_not_valid_is_named(name, value, allowed):
 
 def test_what_is_no_array_of_points_is_refused():
     points = random_points(4)
-    for wrong in (None, points.tolist(), points["h"], Oscillator(0.1, 0.5, 1.0, 1.0)):
+    others = np.ma.array(points), Oscillator(0.1, 0.5, 1.0, 1.0)
+    for wrong in (None, points.tolist(), points["h"], *others):
         with pytest.raises(TypeError, match=r"points = .*; expected: an array of the dtype POINT"):
             integrate(wrong)
     with pytest.raises(ValueError, match=r"points of the shape \(2, 2\) .* the shape \(n,\)"):

@@ -124,6 +124,9 @@ def test_a_rig_and_back():
     assert osc.to_rig(RIG["mass"]) == pytest.approx(RIG, rel=1e-15)
     again = Oscillator.from_rig(**osc.to_rig(mass=2.0))
     assert dataclasses.astuple(again) == pytest.approx(dataclasses.astuple(osc), rel=1e-15)
+    for name, value in {"p": 1e200, "h": 1e308}.items():
+        with pytest.raises(ValueError, match=r"^(stiffness|damping) \[.* = inf .*; expected: a "):
+            Oscillator(**GOOD | {name: value, "omega": 1.0}).to_rig(mass=2.0)
 
 
 @pytest.mark.parametrize(
