@@ -318,6 +318,6 @@ def _exact(
     if idle := without_idle(orbits, line)[1]:
         lines.append(
             f"branches not drawn, because no motion goes to them: {idle}; "
-            f"--most {MOST_BRANCHES + 1} draws all, and --classes those of some classes"
+            f"--most {MOST_BRANCHES + 1} draws them, and --classes those of some classes"
         )
     return orbits, lines, tables.branch_table(orbits, coordinate)

@@ -21,7 +21,7 @@ from sweeps.config.rig import MASS, QUANTITIES, Nomenclature
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES
+from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES, attributes_of
 from sweeps.store.xarray_engine import open_sweep
 from sweeps.text import listed
 from vibroimpact.inputs import TEXT, Allowed, input_text, integer, is_number, number, of_python
@@ -146,7 +146,10 @@ def _opened(dataset: object) -> OpenedSweep:
     for name in floats:  # `where` left out points with NaN
         whole = dataset[name].fillna(VARIABLES[name].fill_value)
         dataset = dataset.assign({name: whole.astype(typed[name])})
-    return OpenedSweep(dataset.transpose(*dataset["status"].dims, ...))
+    ordered = dataset.transpose(*dataset["status"].dims, ...)
+    for called, variable in ordered.variables.items():  # pandas keeps no attributes
+        variable.attrs = attributes_of(str(called), ordered.attrs) | variable.attrs
+    return OpenedSweep(ordered)
 
 
 def _problems(dataset: xr.Dataset, floats: Sequence[str]) -> Iterator[str]:

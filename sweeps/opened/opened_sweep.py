@@ -346,7 +346,8 @@ class OpenedSweep:
             held = {VARIABLES[str(each)].diagnostic for each in self.data if each in VARIABLES}
             chosen = [each for each in DIAGNOSTICS if each in held | {diagnostic}]
             key = f"diagnostics: [{', '.join(chosen)}]"
-        return "run the sweep again" + (f" with record.{key}" if key else ", which records it")
+        again = "run the sweep again"
+        return f"{again} with record.{key}" if key else f"take its whole Dataset, or {again}"
 
 
 #: The key of ``record`` without which a file lacks variables, by their diagnostic or dimension.

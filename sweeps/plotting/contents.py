@@ -93,17 +93,12 @@ def with_number(
     if name not in sweep:
         _, computed = _FOLLOWING[name]
         sweep = sweep.over(sweep.data.assign({name: computed(sweep)}))
-    about = {"long_name": name, "symbol": ""} | sweep[name].attrs
-    described = sweep.data.copy()
-    described[name].attrs = about
-    return sweep.over(described), name
+    return sweep, name
 
 
 def _with_values(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep, str]:
     """Return the dataset with a DataArray computed from it; refuse one that does not fit."""
     name = str("the DataArray" if values.name is None else values.name)
-    if name in sweep and values.identical(sweep[name]):
-        return sweep, name
     over = f"expected: numbers over {listed(sweep.grid)}, as in the Dataset"
     if not _is_of_points(sweep, values):
         own = listed(map(str, values.dims)) or "no dimension"
@@ -114,11 +109,14 @@ def _with_values(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep,
         xr.align(sweep["status"], values, join="exact")
     except ValueError:
         raise Refused(f"{name} is at other values of the axes; {over}") from None
-    about = {"long_name": name} | values.attrs
+    is_held = name in sweep and values.variable.equals(sweep[name].variable)
+    held = sweep[name].attrs if is_held else {"long_name": name, "symbol": ""}
+    plain = values.drop_vars([*values.coords]).assign_attrs(held | values.attrs)
+    if is_held and plain.variable.identical(sweep[name].variable):
+        return sweep, name
     while name in sweep:
         name += "'"
-    plain = values.drop_vars([one for one in values.coords if one not in values.dims])
-    return sweep.over(sweep.data.assign({name: plain.assign_attrs(about)})), name
+    return sweep.over(sweep.data.assign({name: plain})), name
 
 
 def number_at(cut: OpenedSweep, name: str) -> xr.DataArray:

@@ -26,10 +26,9 @@ from sweeps.store.replacing import reason
 from sweeps.store.variables import (
     COLUMN_NAMES,
     DIRECTION,
-    FLAGS,
     RECORDS,
     VARIABLES,
-    description_in,
+    attributes_of,
     held_variables,
 )
 from sweeps.yaml_text import yaml_mapping
@@ -40,8 +39,6 @@ from vibroimpact.oscillator import PARAMETERS
 _COORDINATES = "coordinates"
 #: Dataset of the blocks; only the schema of an incomplete sweep has it.
 _BLOCKS = "blocks"
-#: What a dimension means that is no parameter.
-_MEANINGS = {**RECORDS, TABLE: "row of the table", DIRECTION: "way in which the axis was followed"}
 #: Most values in one chunk of a variable.
 _CHUNK_VALUES = 1 << 17
 
@@ -171,7 +168,7 @@ def write_schema(
     for name, (dimensions, values) in schema.coordinates().items():
         dtype = h5py.string_dtype() if np.asarray(values).dtype == object else None
         dataset = file.create_dataset(name, data=values, dtype=dtype)
-        dataset.attrs.update(attributes_of(schema, name))
+        dataset.attrs.update(attributes_of(name, schema.attributes, schema.column_units))
         if dimensions == (name,):
             dataset.make_scale(name)
         elif dimensions:
@@ -180,25 +177,12 @@ def write_schema(
         sizes, dtype = schema.sizes(name), VARIABLES[name].dtype
         storage = _storage(schema, name, compressed)
         dataset = file.create_dataset(name, tuple(sizes.values()), dtype, **storage)
-        dataset.attrs.update(attributes_of(schema, name))
+        dataset.attrs.update(attributes_of(name, schema.attributes))
         for index, dimension in enumerate(sizes):
             dataset.dims[index].attach_scale(file[dimension])
     if with_blocks:
         bounds = [[(cut.start, cut.stop) for cut in block] for block in schema.blocks]
         file[_BLOCKS] = np.array(bounds, np.int64).reshape(len(bounds), len(schema.axes), 2)
-
-
-def attributes_of(schema: Schema, name: str) -> dict[str, Any]:
-    """Return what a file says of an axis, a parameter, a column, a record or a variable."""
-    if of := PARAMETERS.get(name) or VARIABLES.get(name):
-        meaning, unit, symbol = of.meaning, of.unit, of.symbol
-    else:
-        meaning, unit, symbol = _MEANINGS.get(name, name), schema.column_units.get(name, "1"), ""
-    about: dict[str, Any] = description_in(schema.attributes, meaning, unit) | {"symbol": symbol}
-    if name in FLAGS:
-        about["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)
-        about["flag_meanings"] = " ".join(word.name.lower() for word in FLAGS[name])
-    return about
 
 
 @contextmanager

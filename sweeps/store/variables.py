@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from sweeps.grid import TABLE
 from sweeps.text import UNNAMED, in_units
+from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.stages import RunSpec
 from vibroimpact.status import Evidence, Status
 
@@ -95,6 +97,8 @@ RECORDS: Mapping[str, str] = {
     "sample": "number of the sample",
     "exponent": "number of the exponent, the larger first",
 }
+#: What a dimension means that is no parameter.
+_MEANINGS = {**RECORDS, TABLE: "row of the table", DIRECTION: "way in which the axis was followed"}
 
 
 def unit_in(attributes: Mapping[str, Any], unit: str) -> str:
@@ -110,6 +114,21 @@ def description_in(attributes: Mapping[str, Any], meaning: str, unit: str) -> di
     """
     named = unit_in(attributes, unit)
     return {"long_name": meaning} | ({} if UNNAMED.search(named) else {"units": named})
+
+
+def attributes_of(
+    name: str, attributes: Mapping[str, Any], column_units: Mapping[str, str] = {}
+) -> dict[str, Any]:
+    """Return what a file says of an axis, a parameter, a column, a record or a variable."""
+    if of := PARAMETERS.get(name) or VARIABLES.get(name):
+        meaning, unit, symbol = of.meaning, of.unit, of.symbol
+    else:
+        meaning, unit, symbol = _MEANINGS.get(name, name), column_units.get(name, "1"), ""
+    about: dict[str, Any] = description_in(attributes, meaning, unit) | {"symbol": symbol}
+    if name in FLAGS:
+        about["flag_values"] = np.array(list(FLAGS[name]), VARIABLES[name].dtype)
+        about["flag_meanings"] = " ".join(word.name.lower() for word in FLAGS[name])
+    return about
 
 
 def held_variables(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:

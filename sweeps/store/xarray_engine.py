@@ -26,7 +26,7 @@ from xarray.core import indexing
 from sweeps.errors import Refused, StoreError
 from sweeps.store.paths import SCHEMA, Content, content, open_regular, parts_path
 from sweeps.store.replacing import TRAILER, UnreadableError, identity, reason
-from sweeps.store.variables import VARIABLES
+from sweeps.store.variables import VARIABLES, attributes_of
 from vibroimpact.inputs import FLAG, PATH
 from vibroimpact.oscillator import PARAMETERS
 
@@ -185,7 +185,6 @@ def _lazy(
     chunks: Mapping[str, tuple[int, ...]],
 ) -> xr.Dataset:
     """Return a sweep whose variables are read by `read(name, key)`, best in such `chunks`."""
-    from sweeps.store.schema import attributes_of
     from sweeps.yaml_text import yaml_mapping
 
     data = {}
@@ -199,7 +198,7 @@ def _lazy(
     yaml_mapping(schema.attributes["computation"], "the computation")  # or refused
     dataset = xr.Dataset(data, coordinates, {**schema.attributes, "duration": duration})
     for called, variable in dataset.variables.items():
-        variable.attrs = attributes_of(schema, str(called))
+        variable.attrs = attributes_of(str(called), schema.attributes, schema.column_units)
     for name, lengths in chunks.items():
         pairs = zip(dataset[name].dims, lengths, strict=False)
         dataset.variables[name].encoding["preferred_chunks"] = dict(pairs)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex, to_rgba
+from matplotlib.text import Text
 
 from sweeps import open_sweep
 from sweeps.errors import Refused
@@ -114,6 +115,30 @@ def test_a_quantity_of_ones_own_is_drawn_below(dataset):
     panel = figure.axes[2]
     assert panel.get_title("left") == "thrust [kN]"
     np.testing.assert_array_equal(panel.lines[0].get_ydata(), given.sel(R=0.8).values)
+
+
+def test_numbers_from_another_program_without_attributes_are_drawn(dataset, recorded):
+    """pandas keeps no attributes, also none of the axes."""
+    table = dataset["impulse"].rename("learnt").to_dataframe()["learnt"]
+    learnt = table.to_xarray()
+    drawn = [
+        parameter_map(dataset, quantity=learnt),
+        parameter_map(dataset.assign(learnt=learnt), quantity="learnt"),
+    ]
+    for figure in drawn:
+        assert figure.axes[0].get_xlabel() == r"forcing frequency $\omega$"
+        assert figure.axes[1].get_xlabel() == "learnt"
+    bare = recorded.drop_attrs().assign_attrs(recorded.attrs)
+    for draw in (
+        lambda sweep: bifurcation(sweep, at={"R": 0.8}, below="impulse"),
+        lambda sweep: trajectory(sweep, at={"R": 0.8, "omega": 2.2}),
+        lambda sweep: parameter_map(sweep, quantity="mean_force"),
+    ):
+        texts = [
+            [text.get_text() for text in draw(sweep).findobj(Text)] for sweep in (recorded, bare)
+        ]
+        assert texts[0] == texts[1]
+    assert not bare["omega"].attrs
 
 
 @pytest.mark.parametrize(
