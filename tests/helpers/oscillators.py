@@ -13,6 +13,7 @@ from scipy.optimize import bisect, brentq
 
 from tests.helpers import naive
 from vibroimpact import Oscillator, one_impact_orbits, periodic_orbit, simulate
+from vibroimpact.orbits.calls import linearised
 
 TAU = 2.0 * np.pi
 
@@ -137,6 +138,17 @@ def steady_response(parameters):
     """Return the factor of exp(i omega t) in the steady motion without impacts."""
     h, omega, f, p, a = (parameters[name] for name in ("h", "omega", "f", "p", "a"))
     return -(f + a * omega * omega) / mp.mpc(p * p - omega * omega, 2 * h * omega)
+
+
+def characteristic(orbit):
+    """Return c0, c1, c2 of det J(mu) = c0 + c1 mu + c2 mu^2, whose roots are the multipliers."""
+    _, A, B = linearised(*orbit.equations)
+    q, c0, c2 = orbit.q, np.prod(np.linalg.det(A)), np.prod(np.linalg.det(B))
+    J = np.zeros((q, 2, q, 2))
+    for i in range(q):
+        J[i, :, i] += A[i]
+        J[i, :, (i + 1) % q] += B[i]
+    return c0, np.linalg.det(J.reshape(2 * q, 2 * q)) - c0 - c2, c2
 
 
 class SectionMap:

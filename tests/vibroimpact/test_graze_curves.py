@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from tests.helpers.oscillators import peak, settled_orbit
+from tests.helpers.naive import ClosedForm
+from tests.helpers.oscillators import TAU, peak, settled_orbit
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
@@ -42,6 +43,35 @@ def test_the_graze_of_a_doubled_orbit_is_not_lost_where_newtons_method_fails(mon
     half = np.flatnonzero(end.speeds)[:2]
     orbit = PeriodicOrbit(end.oscillator, 4, end.phases[half], end.speeds[half])
     assert orbit.multipliers.real.min() == pytest.approx(-1.0, abs=1e-4)
+
+
+def test_a_branch_ends_at_the_touch_and_not_where_its_flight_turns_below_the_stop():
+    """A slow rebound turns back at once; it touches at the last of its turns (closed form)."""
+    osc = Oscillator(h=1.443065017324836, R=0.5, omega=2.590074916619486, f=1.0)
+    graze = branch(one_impact_orbit(osc), "R", 0.0, 1.0).special[0].orbit
+    (touch, impact), (_, v), there = graze.phases, graze.speeds, graze.oscillator
+    flight = ClosedForm(there, (impact - TAU) / there.omega, 0.0, -there.R * v)
+    assert np.abs(flight(touch / there.omega)).max() < 1e-9
+    curve = bifurcation_curve(graze, "graze", ("R", 0.0, 1.0), ("h", 0.0, 2.0 * osc.h))
+    assert [end.kind for end in curve.special] == ["edge", "edge"]
+
+
+def test_grazes_end_without_restitution_where_their_impacts_meet():
+    """The mass leaves there without speed and acceleration, and returns after one period."""
+    osc = Oscillator(h=0.65, R=0.24, omega=1.19, f=1.0, clearance=0.22)
+
+    def misses(clearance):
+        there, phase = replace(osc, R=0.0, clearance=clearance), TAU - math.asin(clearance)
+        flight = ClosedForm(there, phase / there.omega, clearance, 0.0)
+        return flight((phase + TAU) / there.omega)[0] - clearance
+
+    ranges = ("clearance", -0.28, 0.72), ("R", 0.0, 1.0)
+    special = branch(settled_orbit(osc, 1), *ranges[0]).special
+    curve = bifurcation_curve(special[0].orbit, "graze", *ranges)
+    for i in (1, len(curve.values) // 2):
+        end = bifurcation_curve(curve.orbit(i), "graze", *ranges).special[-1]
+        assert (end.kind, end.value[1]) == ("edge", 0.0)
+        assert end.value[0] == pytest.approx(brentq(misses, 0.3, 0.6), abs=3e-6)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import naive
-from tests.helpers.oscillators import SectionMap, settled_orbit
+from tests.helpers.oscillators import SectionMap, characteristic, settled_orbit
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.calls import correct
 from vibroimpact.orbits.curves import bifurcation_curve
@@ -289,6 +289,6 @@ def test_the_multipliers_of_two_dozen_orbits_are_those_of_the_section_map():
                 assert abs(mp.fprod(multipliers) / product - 1) < 1e-13
                 for mu, expected in zip(multipliers, eigenvalues(D), strict=True):
                     assert abs(mu / expected - 1) < 1e-10
-            c0, _, c2 = orbit.characteristic
+            c0, _, c2 = characteristic(orbit)
             assert c0 / c2 == pytest.approx(float(product), abs=1e-14)
     assert len(seen) >= 24 and seen.count(False) >= 10

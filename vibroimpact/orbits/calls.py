@@ -6,6 +6,7 @@ common, so one function that does the task of each compiles in half the time of 
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -13,18 +14,21 @@ import numpy as np
 from vibroimpact.jit import compiled, jit
 from vibroimpact.orbits import corrector, flights, hidden_roots, unknowns
 from vibroimpact.orbits.corrector import System
+from vibroimpact.step.integrators import Parameters
 
 # The tasks of ``_do``.
 (
     _TESTS, _MAY_MISS, _CORRECT, _TANGENT, _MULTIPLIERS, _SECTIONS, _PENETRATION, _TURNING,
-    _CHARACTERISTIC, _NULL_VECTOR, _LINEARISED,
-) = range(11)  # fmt: skip
+    _NULL_VECTOR, _LINEARISED,
+) = range(10)  # fmt: skip
 _NO_VECTOR, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 #: A place on a path: the unknowns, the direction of the path, and the test functions there. It is a
 #: plain tuple, since a call with one that has names takes 3 us longer.
 Place: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 _NOWHERE = _NO_VECTOR, _NO_VECTOR, _NO_ROWS
+#: Number of starts per period from which the turns of a flight are sought.
+_STARTS = 16
 
 
 @jit
@@ -58,18 +62,10 @@ def _do_at(task, system, X, planes, count, number, results):
     elif task == _TURNING:
         results[0], results[1] = flights.find_turning_point(pt, X, count, number)
     else:
-        _linearise(task, system, X, number, results)
-
-
-@jit
-def _linearise(task, system, X, number, results):
-    """Do a task for which flights are linearised."""
-    F, A, B = corrector.linearised_flights(system, X)
-    if task == _CHARACTERISTIC:
-        results[0], results[1], results[2] = unknowns.characteristic_polynomial(A, B)
-    elif task == _NULL_VECTOR:
-        unknowns.set_null_vector(A, B, number, results)
-    else:
+        F, A, B = corrector.linearised_flights(system, X)
+        if task == _NULL_VECTOR:
+            unknowns.set_null_vector(A, B, number, results)
+            return
         for i in range(system.q):
             for row in range(2):
                 at = 5 * (2 * i + row)
@@ -97,6 +93,14 @@ def _done(
         compiled(_do, *arguments)
     _do(*arguments)
     return results
+
+
+def parameters(system: System, X: np.ndarray) -> Parameters:
+    """Return the ``Parameters`` at a vector of unknowns, or arrays of those at each row of X."""
+    numbers = np.multiply.outer(system.point, np.ones(X.shape[:-1]))
+    numbers[system.free] = np.moveaxis(unknowns.free(X, system.q) * system.spans, -1, 0)
+    pt: Parameters = flights.parameters_in.py_func(numbers)  # not worth compiling
+    return pt
 
 
 def correct(system: System, X: np.ndarray, planes: np.ndarray, most: int) -> np.ndarray:
@@ -135,6 +139,20 @@ def turning_point(system: System, X: np.ndarray, i: int, phase: float) -> tuple[
     return at, y
 
 
+def turning_points(system: System, X: np.ndarray, i: int) -> np.ndarray:
+    """Return the phase and x - clearance of each turning point within flight i, shape (n, 2).
+
+    Newton's method finds them from starts that divide the natural or the forcing period.
+    """
+    pt, phases = parameters(system, X), unknowns.phases(X, system.q)
+    begin, end = np.append(phases, phases[0] + 2.0 * math.pi * system.m)[i : i + 2]
+    spacing = 2.0 * math.pi / _STARTS / max(1.0, pt.p / pt.omega)
+    count = _STARTS + math.ceil((end - begin) / spacing)
+    starts = np.linspace(begin, end, count, endpoint=False)[1:].tolist()
+    turns = np.array([turning_point(system, X, i, start) for start in starts])
+    return turns[(begin < turns[:, 0]) & (turns[:, 0] < end)]
+
+
 def sections(system: System, X: np.ndarray, phase: float) -> np.ndarray:
     """Return the states that ``flights.set_sections`` sets for each row of X, shape (n, m, 2)."""
     states = _done(_SECTIONS, system, 2 * system.m * len(X), points=X, number=phase)
@@ -146,12 +164,6 @@ def linearised(system: System, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     results = _done(_LINEARISED, system, 10 * system.q * X.size // X.shape[-1], points=X)
     rows = results.reshape(*X.shape[:-1], system.q, 2, 5)
     return rows[..., 0], rows[..., 1:3], rows[..., 3:]
-
-
-def characteristic(system: System, X: np.ndarray) -> tuple[float, float, float]:
-    """Return c0, c1, c2 (``unknowns.characteristic_polynomial``)."""
-    c0, c1, c2 = _done(_CHARACTERISTIC, system, 3, points=X).tolist()
-    return c0, c1, c2
 
 
 def multipliers(system: System, X: np.ndarray) -> np.ndarray:

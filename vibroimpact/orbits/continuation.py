@@ -106,33 +106,47 @@ def _step(
     as the path goes along the oriented tangents or against them, 0 if not yet known; it is also
     returned for the end.
     """
-    X, along = begin.X, begin.tangent
     while length > _SHORTEST:
-        Y = family.corrected(X + length * along, along[None, :])
-        if Y is not None and family.inner(Y - X, Y - X) < 4.0 * length * length:
-            tangent = family.tangent(Y)
-            cosine = family.inner(tangent, along)
-            way_on = math.copysign(1.0, cosine)
-            if abs(cosine) > _LEAST_COSINE:
-                end = family.point(Y, way_on * tangent)
-                step = ArclengthStep(family, begin, end, length)
-                turned_over = way_on == -way and end.inadmissible is None
-                turned_over = turned_over and not step.exchanges_halves()
-                jumps = length > _RESOLVED and step.jumps()
-                if end.inadmissible is not None and not jumps:
-                    step = to_last_orbit(step, end.inadmissible)
-                    at_edge = end.inadmissible.kind == "edge"  # other ends may be singular
-                    jumps = at_edge and length > _RESOLVED and step.jumps()
-                leaves = jumps or (length > _TURNED_OVER and turned_over)
-                ends = leaves or not step.last or step.margin < ENDS
-                if not leaves and (length < _RESOLVED or (ends and not step.may_miss())):
-                    return step, way_on
-                length *= 1.0 if ends else 0.5  # the equations may be singular at the end
+        trial = _trial(family, begin, length, way)
+        if trial is not None:
+            step, _ = trial
+            ends = not step.last or step.margin < ENDS
+            if length < _RESOLVED or (ends and not step.may_miss()):
+                return trial
+            length *= 1.0 if ends else 0.5  # the equations may be singular at the end
         length *= 0.5
-    margin = family.slowest(X)
+    margin = family.slowest(begin.X)
     if family.kind:  # on a branch, a flight that touches the stop becomes inadmissible first
         margin = min(margin, -begin.maximum)
     return ArclengthStep(family, begin, begin, 0.0, last=True, margin=margin), way
+
+
+def _trial(
+    family: OrbitFamily, begin: Point, length: float, way: float
+) -> tuple[ArclengthStep, float] | None:
+    """Return a step of a length, at most to the last orbit; None if it fails, turns far or jumps.
+
+    `way` and the other result are as of `_step`.
+    """
+    X, along = begin.X, begin.tangent
+    Y = family.corrected(X + length * along, along[None, :])
+    if Y is None or not family.inner(Y - X, Y - X) < 4.0 * length * length:
+        return None
+    tangent = family.tangent(Y)
+    cosine = family.inner(tangent, along)
+    if not abs(cosine) > _LEAST_COSINE:
+        return None
+    way_on = math.copysign(1.0, cosine)
+    step = ArclengthStep(family, begin, family.point(Y, way_on * tangent), length)
+    reason, is_long = step.end.inadmissible, length > _RESOLVED
+    turned_over = length > _TURNED_OVER and way_on == -way and reason is None
+    if (turned_over and not step.exchanges_halves()) or (is_long and step.jumps()):
+        return None
+    if reason is not None:
+        step = to_last_orbit(step, reason)
+        if reason.kind == "edge" and is_long and step.jumps():  # other ends may be singular
+            return None
+    return step, way_on
 
 
 def _returns(step: ArclengthStep, start: Point) -> bool:
@@ -247,8 +261,9 @@ def ending(step: ArclengthStep) -> End:
     limit = _without_force(family, X)
     if limit is not None:
         return "edge", limit, family.orbit(limit)
-    if reason is None and (X_edge := _left(family, step.end)) is not None:
-        return "edge", X_edge, family.orbit(X_edge)  # as at R = 0, where two impacts may meet
+    if reason is None or reason.kind == "rest":
+        if (X_edge := _left(family, step.end)) is not None:  # as at R = 0, where impacts may meet
+            return "edge", X_edge, family.orbit(X_edge)
     kind = "lost" if reason is None or reason.kind == "speed" else "penetration"
     if reason is not None:
         if reason.kind in ("edge", "rest"):
@@ -278,7 +293,7 @@ def _left(family: OrbitFamily, point: Point) -> np.ndarray | None:
 
 def cannot_leave(family: OrbitFamily, X: np.ndarray) -> bool:
     """Whether an impact is left without speed and acceleration, so that the next one meets it."""
-    pt, short = family.natural(X), family.flights(X) < NEARBY_DISTANCE
+    pt, short = calls.parameters(family.system, X), family.flights(X) < NEARBY_DISTANCE
     pushed = -pt.f * np.sin(phases(X, family.q)) - pt.p * pt.p * pt.clearance
     still = (pt.R * speeds(X, family.q) < GRAZES) & (np.abs(pushed) < GRAZES)
     return bool((short & still).any())
@@ -372,6 +387,9 @@ def _with_touch(
     This impact is at the highest point of the flight that crosses the stop.
     """
     at, z = reason.at, impact_rows(X, family.q)
-    phase, _ = calls.turning_point(family.system, X, at, reason.where)
+    near = calls.turning_point(family.system, X, at, reason.where)
+    turns = [near, *calls.turning_points(family.system, X, at).tolist()]
+    highest = max(turns, key=lambda turn: turn[1])
+    phase, _ = near if near[1] > highest[1] - GRAZES else highest  # the same, to other roundings
     z = np.insert(z, at + 1, (phase, 0.0), axis=0)
     return family.related(z, family.m), unknowns(z, free(X, family.q))

@@ -16,11 +16,9 @@ from vibroimpact.inputs import input_text, one_of
 from vibroimpact.natural_units import NaturalUnits
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import CONDITIONS, GRAZE, System, determinant
-from vibroimpact.orbits.flights import parameters_in
 from vibroimpact.orbits.orbit import NAMES, Orbits, PeriodicOrbit, numbers_in, orbit_of, point_of
 from vibroimpact.orbits.unknowns import differences_of_halves, free, inner, phases, speeds, unknowns
 from vibroimpact.oscillator import PARAMETERS, Oscillator, mesh
-from vibroimpact.step.integrators import Parameters
 
 #: Most time steps of all evaluations of the flights in one direction; then no point is found.
 MOST_WORK = 2**24
@@ -157,13 +155,6 @@ class OrbitFamily:
         """Return the free parameters at a point."""
         return free(X, self.q) * self.spans
 
-    def natural(self, X: np.ndarray) -> Parameters:
-        """Return the parameters at a point in natural units."""
-        numbers = self.system.point.copy()
-        numbers[self.system.free] = free(X, self.q) * self.system.spans
-        pt: Parameters = parameters_in.py_func(numbers)  # not worth compiling
-        return pt
-
     def kept(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at points; a value within rounding of an edge becomes it."""
         values = free(X, self.q) * self.spans
@@ -264,7 +255,8 @@ class OrbitFamily:
         flip, fold = point.tests[0, -2:]
         if not flip * fold > 0.0:
             return False
-        return bool(determinant.py_func(self.natural(point.X), self.m, self.q) < 1.0)
+        pt = calls.parameters(self.system, point.X)
+        return bool(determinant.py_func(pt, self.m, self.q) < 1.0)
 
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
         """Return the point X of a path that has this tangent."""

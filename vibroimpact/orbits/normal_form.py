@@ -21,7 +21,6 @@ import numpy as np
 
 from vibroimpact.orbits import calls
 from vibroimpact.orbits.corrector import System
-from vibroimpact.orbits.flights import parameters_in
 from vibroimpact.orbits.unknowns import free, impact_rows, phases, unknowns
 
 #: Greatest advance of an oscillation [rad], and greatest share of a flight, by which differences
@@ -40,9 +39,7 @@ def cubic_coefficient(system: System, flips: np.ndarray) -> Any:
     """
     X = np.atleast_2d(flips)
     values = np.full(len(X), np.nan)
-    numbers = np.repeat(system.point[:, None], len(X), axis=1)
-    numbers[system.free] = (free(X, system.q) * system.spans).T
-    pt, here = parameters_in.py_func(numbers), np.array(calls.linearised(system, X)[1:])
+    pt, here = calls.parameters(system, X), np.array(calls.linearised(system, X)[1:])
     known = np.flatnonzero(np.isfinite(here).all(axis=(0, 2, 3, 4)) & ((pt.R < 1.0) | (pt.h > 0.0)))
     if known.size:
         rates = 1.0 + (2.0 * pt.h + pt.p) / pt.omega

@@ -30,8 +30,6 @@ NAMES = [field.name for field in fields(Oscillator)]
 _UNITS = tuple(parameter.unit for parameter in PARAMETERS.values())
 #: A natural vibration repeats if its turns are a whole number, to this share.
 _REPEATS = 1e-9
-#: Number of starts per period from which the turns of a flight are sought.
-_STARTS = 16
 #: Indices of all numbers of a ``POINT``, which are free parameters here, and their spans.
 _ALL_FREE, _ONES = np.arange(len(_UNITS)), np.ones(len(_UNITS))
 
@@ -103,11 +101,6 @@ class PeriodicOrbit:
         return self.alone.multipliers[0]
 
     @cached_property
-    def characteristic(self) -> tuple[float, float, float]:
-        """c0, c1, c2 of c0 + c1 mu + c2 mu^2, whose roots are the multipliers, also at a graze."""
-        return calls.characteristic(*self.equations)
-
-    @cached_property
     def criticality(self) -> str:
         """``supercritical`` or ``subcritical`` of an orbit known to be at a flip; empty otherwise.
 
@@ -159,22 +152,11 @@ class PeriodicOrbit:
 
     @cached_property
     def _turns(self) -> np.ndarray:
-        """The displacements at which the mass turns within its flights.
-
-        Newton's method finds each turn from starts that divide the natural or the forcing period.
-        """
-        osc, (system, X) = self.oscillator, self.equations
-        ends = np.append(self.phases[1:], self.phases[0] + 2.0 * math.pi * self.m)
-        spacing = 2.0 * math.pi / _STARTS / max(1.0, osc.p / osc.omega)
-        turns = []
-        for i, (begin, end) in enumerate(zip(self.phases, ends, strict=True)):
-            count = _STARTS + math.ceil((end - begin) / spacing)
-            for start in np.linspace(begin, end, count, endpoint=False)[1:].tolist():
-                phase, y = calls.turning_point(system, X, i, start)
-                if begin < phase < end:  # a point of the flight, also if it is not a turn
-                    turns.append(y)
-        units = NaturalUnits.of(point_of(osc))
-        return np.asarray(units.out_of("length", np.array(turns))) + osc.clearance
+        """The displacements at which the mass turns within its flights."""
+        heights = [calls.turning_points(*self.equations, i)[:, 1] for i in range(self.q)]
+        units = NaturalUnits.of(point_of(self.oscillator))
+        heights = units.out_of("length", np.concatenate(heights))
+        return np.asarray(heights) + self.oscillator.clearance
 
     def sections(self, phase: float = 0.0) -> np.ndarray:
         """Return x and v at omega t = `phase` mod 2 pi, in time order, shape (m, 2).

@@ -159,8 +159,7 @@ def _meeting_impacts(family: OrbitFamily, points: Sequence[np.ndarray]) -> End |
     X, error = _limit(points, lambda X: family.flights(X)[flight], _SHORT)
     if not error < _KNOWN:
         return None
-    values = zip(family.parameters, family.kept(onto_edges(family, X)).tolist(), strict=True)
-    inside = all(axis.low < value < axis.high for axis, value in values)  # at R = 0 it is an edge
+    inside = _place_in_ranges(family, onto_edges(family, X)) == "inside"  # at R = 0 it is an edge
     if not (inside and cannot_leave(family, X)):
         return None
     phases(X, family.q)[:] = np.maximum.accumulate(phases(X, family.q))
@@ -198,7 +197,7 @@ def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
 
     The parameters are smooth functions of the inverse speed.
     """
-    pt = family.natural(points[-1])
+    pt = calls.parameters(family.system, points[-1])
     usual = pt.f / (pt.omega + pt.p) + pt.p * abs(pt.clearance)
     if not usual > 0.0:
         return None
@@ -212,10 +211,15 @@ def _unbounded(family: OrbitFamily, points: Sequence[np.ndarray]) -> End | None:
     X = points[-1].copy()
     free(X, family.q)[:] = limit
     X = onto_edges(family, X)
+    return ("edge", X, family.orbit(X)) if _place_in_ranges(family, X) == "edge" else None
+
+
+def _place_in_ranges(family: OrbitFamily, X: np.ndarray) -> str:
+    """Return whether a point is at an ``edge`` of the ranges, ``inside`` or ``outside`` them."""
     values = list(zip(family.parameters, family.kept(X).tolist(), strict=True))
-    inside = all(axis.holds(value) for axis, value in values)
-    at_edge = any(value in (axis.low, axis.high) for axis, value in values)
-    return ("edge", X, family.orbit(X)) if inside and at_edge else None
+    if not all(axis.holds(value) for axis, value in values):
+        return "outside"
+    return "edge" if any(value in (axis.low, axis.high) for axis, value in values) else "inside"
 
 
 def _limit(

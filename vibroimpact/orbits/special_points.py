@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vibroimpact.orbits import calls
 from vibroimpact.orbits.continuation import GRAZES, continue_branch, ending, is_orbit
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
@@ -96,7 +97,7 @@ def special_points(
         family, ends = step.family, step.ends(-2)
         meeting = step.root(partial(family.test, -2), *ends) if _changes(*ends) else None
         if meeting is not None and not (
-            family.q == 1 and repeats_freely(family.natural(meeting), family.m)
+            family.q == 1 and repeats_freely(calls.parameters(family.system, meeting), family.m)
         ):
             yield from (("flip", meeting), ("fold", meeting))
     elif step.family.kind == "fold":
