@@ -42,7 +42,7 @@ def cubic_coefficient(system: System, flips: np.ndarray) -> Any:
     pt, here = calls.parameters(system, X), np.array(calls.linearised(system, X)[1:])
     known = np.flatnonzero(np.isfinite(here).all(axis=(0, 2, 3, 4)) & ((pt.R < 1.0) | (pt.h > 0.0)))
     if known.size:
-        rates = 1.0 + (2.0 * pt.h + pt.p) / pt.omega
+        rates = np.asarray(1.0 + (2.0 * pt.h + pt.p) / pt.omega)
         values[known] = _coefficients(system, X[known], here[:, known], rates[known])
     return values.reshape(flips.shape[:-1])[()]
 
