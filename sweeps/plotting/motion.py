@@ -23,7 +23,7 @@ from sweeps.plotting.contents import Wanted
 from sweeps.plotting.looks import Cells
 from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
-from sweeps.plotting.style import BOTH_COLOUR, VERMILION, Look, data_colour, dot_colour, ink
+from sweeps.plotting.style import BOTH_COLOUR, Look, data_colour, dot_colour, ink
 from sweeps.store.variables import DIRECTION
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Label, Regime, has_result
@@ -192,7 +192,7 @@ def trajectory(
         motion_class = class_at(points)
         motions = [_motion_at(sweep, at, periods, motion_class)]
         _draw_curves(panels, motions[0])
-        _mark_impacts(panels, motions[0], page.grey)
+        _mark_impacts(panels, motions[0])
     else:
         points, paint = coloured_points(sweep, at, color, page.grey)
         motions = _draw_coloured(panels, points, paint, periods)
@@ -329,20 +329,23 @@ def _draw_curves(
         curve.set_rasterized(len(t) > 50_000)
 
 
-def _mark_impacts(panels: Sequence[Axes], motion: coordinates.PointMotion, grey: bool) -> None:
+def _mark_impacts(panels: Sequence[Axes], motion: coordinates.PointMotion) -> None:
     """Mark the impacts of the motion, and its samples beyond the stop."""
     rows = motion.rows
     marks = (
-        (motion.impacts, data_colour(1), "impacts"),
-        (rows[:, rows[1] > motion.oscillator.clearance], VERMILION, "samples beyond the stop"),
+        (motion.impacts, data_colour(1), "o", 0.0, "impacts"),
+        (
+            rows[:, rows[1] > motion.oscillator.clearance],
+            ink(),
+            "x",
+            0.6,
+            "samples beyond the stop",
+        ),
     )
-    for (t, x, v), colour, text in marks:
+    for (t, x, v), colour, marker, edge, text in marks:
         if not t.size:
             continue
         t = t - rows[0, 0]
         for panel, marked in zip(panels, ((t, x), (t, v), (x, v)), strict=True):
-            (points,) = panel.plot(*marked, "o", color=colour, zorder=3.0)
-            points.set(markersize=2.5, markeredgewidth=0)
-            if grey and text != "impacts":
-                points.set(color=ink(), marker="x", markeredgewidth=0.6)
+            (points,) = panel.plot(*marked, marker, color=colour, ms=2.5, mew=edge, zorder=3.0)
             points.set_label(text if panel is panels[-1] else "_")

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
-from matplotlib.text import Text
+from matplotlib.text import Annotation, Text
 
 from sweeps.plotting import canvas
 from sweeps.plotting.style import ground, ink
@@ -122,19 +122,23 @@ def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> n
 
 
 def _leave_marks_free(panel: Axes, raster: np.ndarray) -> None:
-    """Set the pixels of a legend, of texts and of markers, which a name would hide, to -1."""
+    """Set the pixels of legend, texts, markers, discs, arrows, which a name would hide, to -1."""
     texts = [text for text in panel.texts if text.get_text()]
     for part in filter(None, [panel.get_legend(), *texts]):
         box = part.get_window_extent()
         corners = panel.transAxes.inverted().transform(box.get_points())
         low, high = np.clip(corners[:, ::-1], 0.0, 1.0) * raster.shape
         raster[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])] = -1
-    for line in panel.lines:
-        if line.get_marker() == "o":
-            places = canvas.in_panel(panel, np.asarray(line.get_xydata()))[:, ::-1] * raster.shape
-            for row, column in places[np.isfinite(places).all(axis=1)].astype(int).tolist():
-                near = (slice(max(0, at - _MARK), max(0, at + _MARK + 1)) for at in (row, column))
-                raster[tuple(near)] = -1
+    marks = [np.asarray(line.get_xydata()) for line in panel.lines if line.get_marker() == "o"]
+    lines = [panel.transData.inverted().transform(disc.get_verts()) for disc in panel.patches]
+    arrows = (text for text in panel.texts if isinstance(text, Annotation) and text.arrowprops)
+    lines += [np.array([arrow.xyann, arrow.xy]) for arrow in arrows]
+    marks += [np.asarray(Path(line).interpolated(max(raster.shape)).vertices) for line in lines]
+    for points in marks:
+        places = canvas.in_panel(panel, points)[:, ::-1] * raster.shape
+        for row, column in places[np.isfinite(places).all(axis=1)].astype(int).tolist():
+            near = (slice(max(0, at - _MARK), max(0, at + _MARK + 1)) for at in (row, column))
+            raster[tuple(near)] = -1
 
 
 def _regions(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

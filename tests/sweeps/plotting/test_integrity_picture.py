@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import same_color, to_hex
+from matplotlib.path import Path
 from matplotlib.text import Text
 
 from sweeps import open_sweep
@@ -113,3 +114,17 @@ def test_in_grey_the_number_of_a_knock_covers_neither_a_mark_nor_a_name(ranked, 
     for number in numbers:
         assert not any(boxes[number].contains(*mark) for mark in marks)
         assert not any(boxes[number].overlaps(boxes[text]) for text in boxes.keys() - {number})
+
+
+def test_names_of_basins_stay_clear_of_discs_and_knocks(ranked, with_layout):
+    for height in (2.6, 3.0, 4.0):
+        page = Page(width=3.4, height=height)
+        figure = draw_integrity(ranked, at={"clearance": 0.6}, panels=["basins"], page=page)
+        figure.draw_without_rendering()
+        (panel,) = figure.axes
+        names = [Text.get_window_extent(text) for text in panel.texts if "/" in text.get_text()]
+        knocks = [(text.xyann, text.xy) for text in panel.texts if not text.get_text()]
+        lines = [Path(disc.get_verts()) for disc in panel.patches]
+        lines += [Path(panel.transData.transform(knock)) for knock in knocks]
+        assert names and len(lines) == 4
+        assert not any(line.intersects_bbox(box, filled=False) for line in lines for box in names)
