@@ -16,6 +16,14 @@ from sweeps.text import shortened
 #: Most levels of nesting accepted; a valid configuration has four.
 DEEPEST = 16
 
+#: What PyYAML says of frequent faults, and what is said in its place.
+_IN_WORDS = {
+    "'\\t'": "there is a tab; indent with spaces",
+    "mapping values": "a key cannot stand here; before it, a colon or the space after one is "
+    "missing, or a text with a colon needs quotes",
+    "escape": "in double quotes a backslash begins an escape; use single quotes",
+}
+
 
 class _Loader(yaml.SafeLoader):
     """A loader that refuses aliases, tags and too deep nesting."""
@@ -58,15 +66,13 @@ def _read(function: Callable[..., Any], text: str, origin: str) -> Any:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        tab = "'\\t'" in str(error.problem)
-        problem = "there is a tab; indent with spaces" if tab else str(error.problem)
+        problem = str(error.problem)
+        problem = next((words for sign, words in _IN_WORDS.items() if sign in problem), problem)
         problem = f"{error.context}, {problem}" if problem.startswith("but ") else problem
         raise ConfigError(f"{origin}{place}: not valid YAML: {problem}") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
-        problem = (
-            f"it has the character {chr(error.character)!a}; special characters are not allowed"
-        )
+        problem = f"it has the character {chr(error.character)!a}, which is not allowed"
         raise ConfigError(f"{origin}, line {line}: not valid YAML: {problem}") from None
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".

@@ -256,24 +256,25 @@ def opened_in_si(file: Path, *, verify: bool = True) -> Iterator[OpenedSweep]:
 
 
 def opened_sweep(file: Path, *, verify: bool = True) -> xr.Dataset:
-    """Open the file of a sweep; if it is missing, say what the configuration of its name writes."""
+    """Open the file of a sweep; if it is none, say what the configuration of its name writes."""
     from sweeps.errors import StoreError
     from sweeps.store.xarray_engine import open_sweep
 
     try:
         return open_sweep(file, verify=verify)
     except StoreError as error:
-        hint = "" if os.path.lexists(file) else _written_instead(file)
+        hint = _written_instead(file)
         raise StoreError(f"{error}{hint}") if hint else error from None
 
 
 def _written_instead(file: Path) -> str:
-    """Return a hint at the output of the configuration that has the name of a missing file."""
+    """Return a hint at the output of the configuration with the name of a file that is no sweep."""
     from sweeps.config.loading import load_config
     from sweeps.errors import ConfigError
     from sweeps.store.paths import is_sweep
 
-    for config in (file.with_suffix(ending) for ending in (".yaml", ".yml")):
+    endings = () if os.path.isdir(file) or is_sweep(file) else (".yaml", ".yml")
+    for config in (file.with_suffix(ending) for ending in endings):
         if os.path.isfile(config):  # False also for too long a name
             with suppress(ConfigError):
                 output = load_config(config).output

@@ -69,6 +69,36 @@ def test_other_faults_of_yaml_do_not_speak_of_tabs():
 
 
 @pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "oscillator:\n  h:0.1\n  R:0.8\n  omega: 1\n",
+            ["line 4", "the space after one is missing"],
+        ),
+        ("oscillator:\n  h 0.1\n  R: 0.8\n", ["line 3", "a colon or the space"]),
+        ("name: sweep: first\n", ["line 1", "a text with a colon needs quotes"]),
+        (r'output: "C:\Users\me\x.h5"', ["line 1", "single quotes"]),
+        (r'output: "C:\data\x.h5"', ["line 1", "single quotes"]),
+    ],
+)
+def test_a_frequent_fault_of_yaml_is_said_in_words_of_the_user(text, words):
+    Path("fault.yaml").write_text(text)
+    message = refused("run", "fault.yaml")
+    assert all(word in message for word in words), message
+
+
+def test_a_configuration_in_place_of_its_file_names_the_command_or_the_file():
+    Path("rig.yaml").write_text(SMALL)
+    message = refused("plot", "rig.yaml")
+    assert "rig.yaml is not an HDF5 file; to compute it: vibroimpact run rig.yaml" in message
+    accepted("run", "rig.yaml")
+    assert "HDF5 file; the output of rig.yaml is small.h5\n" in refused("info", "rig.yaml")
+    assert "directory" in refused("info", ".")
+    Path("other.yaml").write_text("no: configuration\n")
+    assert refused("info", "other.yaml").endswith("other.yaml is not an HDF5 file\n")
+
+
+@pytest.mark.parametrize(
     ("command", "ending"), [("info", ".yml"), ("plot", ".yaml"), ("compare", ".yaml")]
 )
 def test_a_missing_file_names_what_its_configuration_wrote(command, ending):
