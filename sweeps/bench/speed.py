@@ -19,7 +19,7 @@ import numpy as np
 
 from sweeps.text import table
 from vibroimpact import Oscillator, integrate
-from vibroimpact.jit import ALL_THREADS, WAY, fma, jit, widest_vectors
+from vibroimpact.jit import ALL_THREADS, NUMERICS, WAY, fma, jit, widest_vectors
 from vibroimpact.kernel.integrate import Effort, Length, effort
 from vibroimpact.step.scheme import scheme_of
 
@@ -132,6 +132,7 @@ def speed_record(peak: float, speeds: Mapping[str, Mapping[str, Any]]) -> dict[s
         "mean_share": statistics.geometric_mean([speed["share"] for speed in speeds.values()]),
         "spread": statistics.median([speed["spread"] for speed in speeds.values()]),
         "peak": peak,
+        "numerics": NUMERICS,  # tells versions of the code apart in a history of records
         "numba_version": numba.__version__,
         "numba_way": str(WAY),
         "works": speeds,

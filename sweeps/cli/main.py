@@ -279,7 +279,7 @@ def speed(
     common.say(speed.speed_text(record))
     if json is not None:
         with writing(json, "JSON file") as new:
-            new.write(json_text(record).encode())
+            new.write(f"{json_text(record)}\n".encode())
         common.say(json)
     share = record["mean_share"]
     if fail_below is not None and share < fail_below:

@@ -12,6 +12,7 @@ import pytest
 from sweeps.bench import failures, paper_cases, speed
 from sweeps.bench.paper_cases import paper_picture
 from tests.helpers.commands import call
+from vibroimpact.jit import NUMERICS
 from vibroimpact.step.integrators import INTEGRATORS, spectral_radius
 
 
@@ -105,7 +106,9 @@ def test_the_command_shows_the_speeds_and_writes_them_as_json_and_is_a_gate(monk
     assert row == ["plain", "100", "30", "57", "1.90", "28", "31", "40.0%"]
     (row,) = [line.split() for line in done.stdout.splitlines() if "exact, chatter" in line]
     assert row[2:] == ["116", "0.3", "0.6", "2.00", "0.2", "4", "7.00%", "0.5%"]
-    found = json.loads(Path("speed.json").read_text())
+    text = Path("speed.json").read_text()
+    found = json.loads(text)
+    assert text.endswith("}\n") and found["numerics"] == NUMERICS
     assert found["mean_share"] == pytest.approx(mean, rel=1e-12)
     assert found["peak"] == 58e9 and list(found["works"]) == list(RECORD["works"])
     assert found["works"]["plain"]["periods"] == {"1": 30e6, "2": 57e6}
