@@ -307,8 +307,9 @@ def _draw_knock(
         written = panel.annotate(str(number), begin, beside, textcoords="offset points")
         written.set(size="x-small", ha="center", va="center", bbox=circle)
     unit = labels.named_unit(labels.as_variable("v0", starts))
+    change, turned = labels.mathtext(size, "+.4g"), labels.mathtext(phase, ".4g")
     text = f"least knock, {row.name}{place}:" + ("\n" if place else " ")
-    text += rf"${size:+.4g}${unit and f' {unit}'} at $\omega t={phase:.4g}$"
+    text += rf"${change}${unit and f' {unit}'} at $\omega t={turned}$"
     text += ", fractal" if row.measures["knock_fractal"] else ""
     # matplotlib draws no arrow to a state beyond the limits.
     text += "" if panel.viewLim.contains(*end) else ", beyond the limits"

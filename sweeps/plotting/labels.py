@@ -70,9 +70,9 @@ def basins_title(sweep: OpenedSweep) -> str:
     return f"{CLASSES_TITLE},\nspeed before each impact{unit}; share of the starts"
 
 
-def mathtext(value: float) -> str:
+def mathtext(value: float, form: str = ".6g") -> str:
     """Write a number in mathtext, which would read 1e+300 as a product."""
-    mantissa, e, exponent = f"{value:.6g}".partition("e")
+    mantissa, e, exponent = f"{value:{form}}".partition("e")
     return rf"{mantissa}\times10^{{{int(exponent)}}}" if e else mantissa
 
 

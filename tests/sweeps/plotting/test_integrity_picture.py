@@ -102,6 +102,14 @@ def test_a_knock_that_ends_beyond_the_limits_is_said_to_do_so(ranked, no_knocks,
     assert named(xlim=(-3.0, -1.0)) == [True, True]
 
 
+def test_a_small_knock_is_written_as_a_power_of_ten(ranked, no_knocks, monkeypatch):
+    knock = Knock(2e-5, -1.0, 0.0, 0.0, -5e-7, 0)
+    monkeypatch.setattr("sweeps.attractor.integrity._Motions.worst", lambda *_: knock)
+    figure = draw_integrity(ranked, at={"clearance": 0.6}, panels=["basins"])
+    text = next(text for text in legend_texts(figure) if "least knock" in text)
+    assert r"$-5\times10^{-7}$ at $\omega t=2\times10^{-5}$" in text
+
+
 def test_in_grey_the_number_of_a_knock_covers_neither_a_mark_nor_a_name(ranked, with_layout):
     page = Page(width=3.4, grey=True)
     figure = draw_integrity(ranked, at={"clearance": 0.6}, panels=["basins"], page=page)
