@@ -16,11 +16,9 @@ from vibroimpact.inputs import refusal
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
     from sweeps.opened.opened_sweep import OpenedSweep
-    from sweeps.plotting.page import Page
+    from sweeps.plotting.page import Ends, Page
 
 _NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
-#: The ends of a piece of an axis, or of the ordinate.
-AxisPiece = tuple[float, float]
 
 
 def zoom_command(
@@ -87,7 +85,7 @@ def zoom_command(
 
 def _pieces_and_limits(
     texts: Sequence[str], coordinate: str | None
-) -> tuple[dict[str, AxisPiece], str | None, AxisPiece | None]:
+) -> tuple[dict[str, Ends], str | None, Ends | None]:
     """Read the pieces of axes; return also the coordinate that is drawn, and its limits if any."""
     from sweeps.opened.coordinates import ORDINATES
 
@@ -139,7 +137,7 @@ def _check_picture(
         raise Refused(f"the piece has no {coordinate} to draw: {problem}")
 
 
-def _outside(sweep: OpenedSweep, pieces: Mapping[str, AxisPiece]) -> Iterator[str]:
+def _outside(sweep: OpenedSweep, pieces: Mapping[str, Ends]) -> Iterator[str]:
     """Say which pieces go beyond the values of the sweep."""
     for name, piece in pieces.items():
         low, high = piece
@@ -159,7 +157,7 @@ def _refuse_replaced(overrides: Sequence[str], axes: Iterable[str]) -> None:
             raise Refused(f"--set {text} is not allowed; the piece chooses {key}")
 
 
-def zoomed(config: SweepConfig, pieces: Mapping[str, AxisPiece]) -> SweepConfig:
+def zoomed(config: SweepConfig, pieces: Mapping[str, Ends]) -> SweepConfig:
     """Return the same sweep over pieces (low, high) of its axes, with as many points along each.
 
     A range keeps its linear or logarithmic spacing; a list becomes a linear range. The number of
@@ -190,7 +188,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, AxisPiece]) -> SweepConfig:
     return load_config(data)
 
 
-def _piece(text: str) -> tuple[str, AxisPiece]:
+def _piece(text: str) -> tuple[str, Ends]:
     """Read a name with its limits."""
     name, equals, ends = text.partition("=")
     piece = common.interval(ends)
@@ -199,7 +197,7 @@ def _piece(text: str) -> tuple[str, AxisPiece]:
     return name.strip(), piece
 
 
-def _named_after(file: Path, axes: dict[str, AxisPiece], overrides: Sequence[str]) -> str:
+def _named_after(file: Path, axes: dict[str, Ends], overrides: Sequence[str]) -> str:
     """Name a file after its pieces and overrides, in place of those that its name already has."""
     from sweeps.config.sweep import dotted_keys
 

@@ -7,10 +7,7 @@ from pathlib import Path
 
 
 def scenes(ending: str = ".yaml") -> Mapping[str, str]:
-    """Return the text of every scene by its name; with ``.csv``, the tables that belong to scenes.
-
-    The files are those of ``configs/``, which a wheel contains as ``sweeps/scenes``.
-    """
+    """Return the text of every scene by its name; with ``.csv``, the tables that scenes have."""
     from importlib.resources import files
 
     folder = files("sweeps") / "scenes"

@@ -107,10 +107,7 @@ def block_size(
 
 
 def _chain(sweep: Sweep, at_impacts: float = 0.0) -> tuple[int, int, int]:
-    """Return points and memory [bytes] of a chain, and how many a thread computes side by side.
-
-    A chain has all values of a followed axis, or else is one point.
-    """
+    """Return points and memory [bytes] of a chain, and how many a thread computes side by side."""
     spec = sweep.spec
     points = len(sweep.grid.axes[spec.followed]) if spec.followed else 1
     of_point = bytes_per_point(spec, max(at_impacts, _AT_IMPACTS)) * max(1, len(spec.directions))

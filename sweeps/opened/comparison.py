@@ -146,11 +146,7 @@ def _distances(
 def comparison_report(
     first: xr.Dataset, second: xr.Dataset, names: tuple[str, str], rtol: float, atol: float
 ) -> tuple[str, bool]:
-    """Write what differs in two opened sweeps, of these names; also return whether anything does.
-
-    If their configurations differ, each key has a line, and unless a tolerance is given, one line
-    says what follows. Raises Refused as `differences` does.
-    """
+    """Write what differs in two opened sweeps of these names; return also whether anything does."""
     results = list(differences(first, second, rtol, atol))
     mine, theirs = (str(data.attrs["configuration"]) for data in (first, second))
     keys = differing_keys(mine, theirs)

@@ -12,7 +12,7 @@ import xarray as xr
 from sweeps.errors import Refused
 from sweeps.grid import Grid, block_points
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.store.variables import DIRECTION, VARIABLES, Variable
+from sweeps.store.variables import DIRECTION, TRAJECTORIES, VARIABLES, Variable
 from sweeps.text import shown_count
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.stages import RunSpec
@@ -107,8 +107,6 @@ def in_parts(dataset: xr.Dataset, size: int) -> Iterator[tuple[xr.Dataset, slice
         yield dataset.isel(dict(zip(sizes, block, strict=True))), slice(start, stop)
 
 
-#: The variables of a recorded trajectory.
-RECORDED = ("trajectory_t", "trajectory_x", "trajectory_v")
 #: Most forcing periods of a motion that are kept: more than a picture has columns of pixels.
 MOST_DRAWN = 1000
 
@@ -177,7 +175,7 @@ def recorded_motion(
     sweep: OpenedSweep, at: Selection | None, most: int = MOST_DRAWN
 ) -> PointMotion:
     """Return at most so many periods of the trajectory of a point; refuse a point without one."""
-    (point, rows), spec = recorded(sweep, RECORDED, at), sweep.spec
+    (point, rows), spec = recorded(sweep, TRAJECTORIES, at), sweep.spec
     return PointMotion.of(point.oscillator, spec, np.array(rows), spec.periods, most, _begun(point))
 
 

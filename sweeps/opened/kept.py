@@ -30,9 +30,8 @@ def with_cache(
 ) -> Callable[..., xr.Dataset]:
     """Return `branches` or another function of a sweep as one that keeps and reuses what it finds.
 
-    What was found is used again if all that the sweep says of its motions, the code of the physics
-    and of ``_ROOMS``, and the request are the same. `say` is told that, or why what was found is
-    not kept.
+    A result is used again if the motions of the sweep, the code that decides and the request are
+    the same. `say` is told that, or why what was found is not kept.
     """
 
     @takes_sweep({})

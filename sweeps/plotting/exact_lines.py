@@ -52,12 +52,14 @@ def parts_of(branches: xr.Dataset, coordinate: str) -> Iterator[Part]:
     from sweeps.bifurcation.exact_branches import wide_branches
 
     (axis,), wide = branches.coords, wide_branches(branches)
+    values = branches[coordinate].values
+    values = values % (2.0 * np.pi) if coordinate == "impact_phase" else values
     for number, is_wide in enumerate(wide.tolist()):
         of_branch = (branches["branch"].values == number) & (branches["kind"].values == "")
         branch = branches.isel(point=of_branch)
-        x, y, stable = (branch[name].values for name in (axis, coordinate, "stable"))
+        x, stable, y = branch[axis].values, branch["stable"].values, values[of_branch]
         m, q = (int(branch[name].values[0]) for name in ("m", "q"))
-        y = _within_a_turn(y[:, np.isfinite(y).any(axis=0)], coordinate)
+        y = y[:, np.isfinite(y).any(axis=0)]
         if not y.shape[1]:  # the free oscillation has no impact
             continue
         # A special point ends the pieces on both sides, and belongs to the stable one.
@@ -69,8 +71,7 @@ def parts_of(branches: xr.Dataset, coordinate: str) -> Iterator[Part]:
     for kind in MARKERS:
         here = (branches["kind"].values == kind) & wide[branches["branch"].values]
         if here.any():
-            y = _within_a_turn(branches[coordinate].values[here], coordinate)
-            yield Part(kind, branches[axis].values[here], y)
+            yield Part(kind, branches[axis].values[here], values[here])
 
 
 def without_idle(branches: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, int]:
@@ -100,11 +101,6 @@ def without_idle(branches: xr.Dataset, line: OpenedSweep) -> tuple[xr.Dataset, i
     kept = branches.isel(point=is_goal[numbers])
     _, renumbered = np.unique(kept["branch"].values, return_inverse=True)
     return kept.assign(branch=("point", renumbered)), int(count - is_goal.sum())
-
-
-def _within_a_turn(values: np.ndarray, coordinate: str) -> np.ndarray:
-    """Return values of a coordinate, with phases reduced to 0 to 2 pi."""
-    return values % (2.0 * np.pi) if coordinate == "impact_phase" else values
 
 
 def _breaks(branch: xr.Dataset, coordinate: str) -> list[int]:

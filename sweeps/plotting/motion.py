@@ -24,7 +24,7 @@ from sweeps.plotting.looks import Cells
 from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
 from sweeps.plotting.style import BOTH_COLOUR, Look, data_colour, dot_colour, ink
-from sweeps.store.variables import DIRECTION
+from sweeps.store.variables import DIRECTION, TRAJECTORIES
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Label, Regime, has_result
 
@@ -201,7 +201,7 @@ def trajectory(
         draw_stop(over_time.axhline, clearance)
         draw_stop(phase_plane.axvline, clearance, labels.as_variable("clearance", sweep))
     over_time.margins(x=0.01)
-    time, x, v = (labels.as_variable(name, sweep) for name in coordinates.RECORDED)
+    time, x, v = (labels.as_variable(name, sweep) for name in TRAJECTORIES)
     time.attrs["symbol"] = "t-t_0"
     for panel, across, up in ((over_time, None, x), (velocity, time, v), (phase_plane, x, v)):
         labels.label_axis(panel.yaxis, up)
@@ -228,7 +228,7 @@ def _motion_at(
     most: int = coordinates.MOST_DRAWN,
 ) -> coordinates.PointMotion:
     """Return the motion at one point, recorded or computed; at most so many of its periods."""
-    if periods is None and all(name in sweep for name in coordinates.RECORDED):
+    if periods is None and all(name in sweep for name in TRAJECTORIES):
         return coordinates.recorded_motion(sweep, at, most)
     if periods is None:
         periods = coordinates.periods_shown(motion_class.m if motion_class else 0)

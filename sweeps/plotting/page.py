@@ -277,10 +277,7 @@ def styled(
 def _arguments_in_si(
     sweep: OpenedSweep, options: Mapping[str, Any]
 ) -> tuple[OpenedSweep, dict[str, Any]]:
-    """Return the arguments of a picture in SI units; those of a caller in Python are the model's.
-
-    `options` may have the arguments of `sweeps.plotting.plot`.
-    """
+    """Return the arguments of a picture in SI units; those of a Python caller are the model's."""
     si = in_si(sweep)
     if si is sweep:
         return sweep, dict(options)
