@@ -16,7 +16,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +51,7 @@ CALLS = (
     "openat", "write", "read", "pread64", "ftruncate", "fsync", "rename", "unlink", "flock",
     "close", "lseek", "futex", "mmap", "munmap", "newfstatat",
 )  # fmt: skip
-#: Longest time for a run to react to a signal on a busy machine [s].
+#: Longest time for a run to reach a moment or to react to a signal on a busy machine [s].
 PATIENCE = 300.0
 
 _FORKS = """
@@ -88,6 +88,15 @@ def environment() -> dict[str, str]:
 def hear() -> None:
     """Let a new process receive Ctrl-C, even if this one runs in the background of a shell."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def wait_until(condition: Callable[[], object], what: str) -> object:
+    """Wait until a condition holds, and return what it returned; fail if that never comes."""
+    end = time.monotonic() + PATIENCE
+    while not (held := condition()):
+        assert time.monotonic() < end, f"waited {PATIENCE:g} s for {what}"
+        time.sleep(0.02)
+    return held
 
 
 def command(changes: list[str], output: str = "out.h5") -> list[str]:
@@ -203,8 +212,8 @@ def at_call(forks: Forks, number: int, draw: random.Random) -> None:
     folder, changes = forks.emptied(), draw.choice(KINDS)
     call, which = draw.choice(CALLS), draw.choice((1, 2, 3, 5, 8, 13, 21, 34, 55, 89))
     pid = forks.start(*command(changes), stopped=True)
-    while not re.search(r"^State:\tT", Path(f"/proc/{pid}/status").read_text(), re.M):
-        time.sleep(0.001)
+    state = Path(f"/proc/{pid}/status")
+    wait_until(lambda: re.search(r"^State:\tT", state.read_text(), re.M), "a run that is stopped")
     inject = f"inject={call}:signal={number}:when={which}"
     options = ["-f", "-o", "trace.txt", "-e", f"trace={call}", "-e", inject]
     trace = [shutil.which("strace"), *options, "-p", str(pid)]

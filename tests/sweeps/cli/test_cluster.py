@@ -29,7 +29,7 @@ from sweeps.engine.cluster import check_address
 from tests.helpers.clusters import CLUSTERED as CONFIG  # noqa: F401 - the folder of each test has it
 from tests.helpers.clusters import assert_same_bits, refused_run
 from tests.helpers.commands import call
-from tests.helpers.interruptions import hear
+from tests.helpers.interruptions import hear, wait_until
 from tests.helpers.places import ROOT
 
 pytestmark = [pytest.mark.cluster, pytest.mark.slow]
@@ -169,9 +169,7 @@ def test_an_interrupt_ends_the_processes_in_the_middle_of_a_long_block():
     undamped = ["--set", "oscillator.h=0", "--set", "oscillator.R=1"]  # it does not come back
     endless = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2", *undamped]
     process = command("--dask", "local:1", "--quiet", *endless)
-    deadline = time.monotonic() + 300
-    while not Path("out.h5.parts/schema.h5").exists() and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_until(Path("out.h5.parts/schema.h5").exists, "a run that computes")
     time.sleep(0.5)
     os.killpg(process.pid, signal.SIGINT)
     _, stderr = process.communicate(timeout=300)

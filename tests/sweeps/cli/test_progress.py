@@ -14,6 +14,7 @@ from sweeps import load_config, text
 from sweeps.explorer.live_page import LivePage
 from sweeps.explorer.view import View
 from tests.helpers.commands import call
+from tests.helpers.interruptions import wait_until
 
 WORKING = {
     "sweeps.attractor.partition.attractors": ("attractors", "starts.h5"),
@@ -89,10 +90,7 @@ def test_a_terminal_shows_work_that_reports_nothing(impatient, monkeypatch):
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
     with text.progress_shown("measuring"):
-        until = time.monotonic() + 300
-        while "measuring" not in screen.getvalue():
-            assert time.monotonic() < until
-            time.sleep(0.01)
+        wait_until(lambda: "measuring" in screen.getvalue(), "the name of the work")
 
 
 @pytest.mark.parametrize("name", ["a[b]c", "[bold]", "a :car: b"])
@@ -101,10 +99,7 @@ def test_a_terminal_and_a_log_show_a_name_as_it_is(impatient, monkeypatch, name)
         monkeypatch.setattr(sys, "stderr", screen)
         monkeypatch.setenv("TERM", "xterm")
         with text.progress_shown(name):
-            until = time.monotonic() + 300
-            while name not in screen.getvalue():
-                assert time.monotonic() < until
-                time.sleep(0.01)
+            wait_until(lambda screen=screen: name in screen.getvalue(), "the name of the work")
 
 
 def test_quiet_work_leaves_the_streams_alone(impatient, monkeypatch):

@@ -17,6 +17,7 @@ from sweeps.errors import Refused
 from sweeps.interrupts import Cancelled
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import SMALL, accepted, call, refused
+from tests.helpers.interruptions import wait_until
 from tests.helpers.places import ROOT
 
 CONFIG = SMALL
@@ -232,8 +233,8 @@ def test_a_signal_ends_the_wait_for_a_configuration_in_a_pipe():
         try:
             writer = os.open("pipe.yaml", os.O_WRONLY)  # waits until the command opens it
             # A signal just before the system call `read` does not end it.
-            while psutil.Process(run.pid).status() != psutil.STATUS_SLEEPING:
-                time.sleep(0.1)
+            status, asleep = psutil.Process(run.pid).status, psutil.STATUS_SLEEPING
+            wait_until(lambda: status() == asleep, "a command that waits")
             time.sleep(0.5)
             run.send_signal(signal.SIGTERM)
             _, stderr = run.communicate(timeout=300)

@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +18,7 @@ import yaml
 from sweeps import load_config, run_sweep
 from sweeps.config import scenes
 from tests.helpers.commands import accepted
-from tests.helpers.interruptions import KINDS, SWEEP, hear, share_written
+from tests.helpers.interruptions import KINDS, SWEEP, hear, share_written, wait_until
 from tests.helpers.places import CONFIGS, ROOT
 from tests.helpers.sweep_files import data, run_in
 from vibroimpact.jit.cache import root
@@ -53,8 +52,7 @@ def sweep(tmp_path, monkeypatch):
 def test_a_run_that_is_killed_goes_on_and_every_command_works(sweep):
     run = ("run", "sweep.yaml", "--quiet", *SETTINGS, "--threads", "1")
     with process("--one-block", *run) as killed:
-        while not share_written(Path("sweep.h5")) and killed.poll() is None:
-            time.sleep(0.02)
+        wait_until(lambda: share_written(Path("sweep.h5")) or killed.poll(), "the first block")
         killed.kill()
     assert 0.0 < share_written(Path("sweep.h5")) < 1.0
     few = ("--set", "oscillator.omega.num=50", "-o", "few.h5")

@@ -25,6 +25,7 @@ from tests.helpers.clusters import CLUSTERED as CONFIG
 from tests.helpers.clusters import WORKERS, assert_same_bits, refused_run
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
+from tests.helpers.interruptions import wait_until
 from tests.helpers.places import ROOT
 from tests.helpers.sweep_files import data
 from vibroimpact.jit import NUMERICS
@@ -90,10 +91,8 @@ def test_a_cluster_ends_what_one_machine_began(client, stop_after, begins_here):
 def test_an_interrupt_takes_the_tasks_off_the_cluster(client, stop_after):
     with stop_after(2, size=20), pytest.raises(KeyboardInterrupt):
         run_sweep(load(CONFIG), "out.h5", client=client)
-    deadline = time.monotonic() + 300
-    while any(client.processing().values()) or any(client.has_what().values()):
-        assert time.monotonic() < deadline, (client.processing(), client.has_what())
-        time.sleep(0.05)
+    held = client.processing, client.has_what
+    wait_until(lambda: not any(any(tasks().values()) for tasks in held), "workers without tasks")
 
 
 def test_a_long_axis_travels_without_a_warning(client):

@@ -3,7 +3,6 @@
 import itertools
 import math
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from sweeps.interrupts import this_thread
 from sweeps.store.writer import SweepWriter
 from tests.helpers.commands import call
 from tests.helpers.configurations import load
+from tests.helpers.interruptions import wait_until
 from tests.helpers.oscillators import bifurcation
 from tests.helpers.places import CONFIGS
 from tests.helpers.sweep_files import data, run_and_read
@@ -323,9 +323,7 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
         def told(points):
             begun.release()
             if next(numbers) >= 6:  # until the run is abandoned
-                deadline = time.monotonic() + 300
-                while not this_thread.flag[0] and time.monotonic() < deadline:
-                    time.sleep(0.01)
+                wait_until(lambda: this_thread.flag[0], "the end of the run")
 
         return compute_block(sweep, block, threads, told)
 

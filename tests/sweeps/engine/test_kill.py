@@ -34,6 +34,7 @@ from tests.helpers.interruptions import (
     prepare,
     share_written,
     signalled,
+    wait_until,
 )
 from vibroimpact.jit.cache import cache_folder
 from vibroimpact.jit.way import WAY
@@ -68,9 +69,7 @@ def ended(process):
 
 def test_a_signal_ends_a_run_in_the_middle_of_a_long_block(forks):
     pid = forks.start("run", "sweep.yaml", "-o", "long one.h5", *LONG, folder=Path.cwd())
-    deadline = time.monotonic() + 300
-    while not Path("long one.h5.parts/schema.h5").exists() and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_until(Path("long one.h5.parts/schema.h5").exists, "a run that computes")
     time.sleep(0.2)
     os.kill(pid, signal.SIGHUP)
     code, stderr = forks.ended()
@@ -94,11 +93,7 @@ def test_an_interrupted_run_goes_on_with_the_command_it_names(forks):
     settings = [part for change in changes for part in ("--set", change)]
     arguments = ["run", "sweep.yaml", *settings, "--threads", "1"]
     pid = forks.start(*arguments, folder=Path.cwd())
-    deadline = time.monotonic() + 300
-    done = 0.0
-    while not done and time.monotonic() < deadline:
-        time.sleep(0.02)
-        done = share_written(Path("sweep.h5"))
+    done = wait_until(lambda: share_written(Path("sweep.h5")), "the first block")
     assert call("info", "sweep.h5").exit_code == 0  # while it is being written
     os.kill(pid, signal.SIGINT)
     code, stderr = forks.ended()
@@ -182,9 +177,7 @@ def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path, forks):
     cache = tmp_path / "compiled"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
     process = run("-o", "out.h5", "--quiet")
-    deadline = time.monotonic() + 300
-    while not Path("out.h5.lock").exists() and time.monotonic() < deadline:
-        time.sleep(0.01)
+    wait_until(Path("out.h5.lock").exists, "a run that begins")
     time.sleep(1.0)  # compilation takes ten
     process.send_signal(signal.SIGTERM)
     assert ended(process) == (1, "vibroimpact: error: interrupted; nothing is kept\n")

@@ -15,6 +15,7 @@ import pytest
 
 from sweeps.engine import sweep_run
 from sweeps.text import progress_shown
+from tests.helpers.interruptions import wait_until
 from vibroimpact.jit import COMPILING
 from vibroimpact.jit.watching import tell
 from vibroimpact.kernel.integrate import Length, run_points
@@ -141,6 +142,7 @@ def test_the_other_process_compiles_what_a_run_needs():
 
 
 SHARED = """
+import gc
 from contextlib import suppress
 from numba.core.event import RecordingListener, install_listener
 from numba.core.registry import cpu_target
@@ -153,6 +155,7 @@ def without_machine_code(function, *arguments):
 def lowered():
     return [event.data["qualname"] for _, event in passes.buffer
             if event.is_start and event.data["name"] == "native_lowering"]
+gc.disable()  # a quarter of the time
 threads.compiled, passes = without_machine_code, RecordingListener()
 cpu_target.target_context.refresh()
 with install_listener("numba:run_pass", passes):
@@ -201,9 +204,9 @@ def test_the_other_process_ends_when_the_first_one_is_killed(tmp_path):
     command = [sys.executable, "-c", PARENT]
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as parent:
         beside = psutil.Process(int(parent.stdout.readline()))
-        while not list(tmp_path.rglob("find_all_exact-*.lock")):
-            assert beside.is_running()
-            time.sleep(0.05)
+        lock = "find_all_exact-*.lock"
+        wait_until(lambda: [*tmp_path.rglob(lock)] or not beside.is_running(), "a compilation")
+        assert beside.is_running()
         parent.send_signal(signal.SIGKILL)
     beside.wait(600)
     assert not list(tmp_path.rglob("find_all_exact-*"))

@@ -238,8 +238,8 @@ def test_a_diagram_of_earlier_values_is_dimmed_and_says_what_it_awaits(before_ch
     assert window.model("diagram waits", shown) == ""  # the diagram is that of the fields
     window.model("R slider", "{m.value = 0.6}")
     window.tab.get_by_text("computing: exact branches, compiled at the first use").wait_for()
-    while "first use" not in window.model("diagram waits", shown):
-        window.tab.wait_for_timeout(50)
+    waits = "Bokeh.documents[0].get_model_by_name('diagram waits')"
+    window.tab.wait_for_function(f"{waits}.visible && {waits}.text.includes('first use')")
     text = window.model("diagram waits", shown)
     assert text.startswith("this is the previous picture;\nwaiting for exact branches,")
     compiled.set()
@@ -320,25 +320,6 @@ def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
     window.tab.get_by_text("map of classes").click()
     code = "{const {el} = Bokeh.index.find_one(m); return el.clientHeight - el.scrollHeight}"
     window.settle(lambda: window.model("map legend", code) == 0)  # all of it is visible
-
-
-def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(browser, explorer):
-    # Not the shared window: a map keeps the pixels of the largest size that it had.
-    window = Window(browser, explorer, size=(690, 400))
-    code = "{const box = Bokeh.index.find_one(m)?.el.getBoundingClientRect();"
-    code += "return box?.height > 0 && [box.top, box.bottom]}"
-
-    def is_below_the_legend():
-        text, legend = (window.model(name, code) for name in ("motion: text", "basins legend"))
-        return text and legend and legend[1] <= text[0] and text[1] < 400.0
-
-    few = {**window.page.home.record, "transient": 10, "periods": 4}
-    window.show(replace(window.page.home, record=few))
-    window.click(0.2, 0.5)
-    window.tab.get_by_text("basins", exact=True).click()
-    window.settle(is_below_the_legend)
-    assert window.problems == []
-    window.tab.close()
 
 
 def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_path):

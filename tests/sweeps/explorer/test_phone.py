@@ -1,4 +1,4 @@
-"""The live picture in a real browser on a phone, by keys alone, and with the mass that moves."""
+"""The live picture in a real browser: small pages, keys alone, and the mass that moves."""
 
 import numpy as np
 import pytest
@@ -63,6 +63,20 @@ def test_the_plot_has_the_width_of_a_phone_and_the_controls_are_below(window):
         window.tab.get_by_text(text, exact=True).first.click()
         window.settle(lambda name=name: window.box(name)["width"] > 330)
         assert window.tab.evaluate(fits)
+
+
+def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(window):
+    window.tab.set_viewport_size({"width": 690, "height": 400})
+    code = "{const box = Bokeh.index.find_one(m)?.el.getBoundingClientRect();"
+    code += "return box?.height > 0 && [box.top, box.bottom]}"
+
+    def is_below_the_legend():
+        text, legend = (window.model(name, code) for name in ("motion: text", "basins legend"))
+        return text and legend and legend[1] <= text[0] and text[1] < 400.0
+
+    show_motion(window)
+    window.tab.get_by_text("basins", exact=True).click()
+    window.settle(is_below_the_legend)
 
 
 def test_the_tab_key_comes_to_tabs_plot_and_controls_and_each_says_what_it_is(window):

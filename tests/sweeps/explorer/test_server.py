@@ -28,6 +28,7 @@ from tornado.websocket import websocket_connect
 import sweeps
 from sweeps import Refused, load_config
 from sweeps.explorer import server
+from tests.helpers.interruptions import wait_until
 from tests.helpers.places import CONFIGS
 
 
@@ -51,14 +52,6 @@ def started(*options, **variables):
         finally:
             process.kill()
             streams["stderr"].close()
-
-
-def within(seconds, condition):
-    """Wait until a condition holds; return whether it came to hold in time."""
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.1)
-    return condition()
 
 
 def answer(address, path, **headers):
@@ -108,7 +101,7 @@ def test_too_many_pages_at_once_are_refused_until_others_are_closed(monkeypatch)
         assert refusals == {server._FULL % 2}
         assert len(explorer.pages) == 2
         now[0] = 8000.0
-        assert within(300, lambda: not explorer.pages)  # none of their browsers came back
+        wait_until(lambda: not explorer.pages, "the end of pages whose browser is gone")
         assert answer(explorer.address, path)[0] == 200
         assert len(explorer.pages) == 1
     finally:
@@ -233,9 +226,7 @@ def test_a_process_hides_its_address_and_goes_on_after_others_took_its_descripto
     opened = Path("opened")
     with started(BROWSER=f"{sys.executable} browser.py %s &") as (process, address):
         parts = urlsplit(address)
-        while not opened.exists():
-            assert process.poll() is None
-            time.sleep(0.02)
+        wait_until(lambda: opened.exists() or process.poll() is not None, "the browser")
         seen = [" ".join(p.info["cmdline"] or ()) for p in psutil.process_iter(["cmdline"])]
         given = opened.read_text()
         opened.unlink()
