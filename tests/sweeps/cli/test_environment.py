@@ -35,13 +35,14 @@ def test_closed_streams(small_file):
     """No file is opened under their numbers, and what is told on them is not missed."""
     code = (
         "import os, sys; from sweeps.cli.common import prepare_streams; prepare_streams()\n"
-        "number = os.open('small.h5', os.O_RDONLY); sys.stderr.write('lost')\n"
+        "number = os.open('small.h5', os.O_RDONLY); sys.stdout.write('lost')\n"
+        "sys.stderr.write('lost')\n"
         "sys.exit(number < 3 or not all(os.fstat(i) for i in range(3)))"
     )
-    call = {"shell": True, "check": True, "env": environment(), "timeout": 300}
+    how = {"shell": True, "check": True, "env": environment(), "timeout": 300}
     for closed in ("2>&-", ">&-", ">&- 2>&- <&-"):
-        subprocess.run(f'{sys.executable} -c "{code}" {closed}', **call)
-    subprocess.run(f"{sys.executable} -m sweeps.cli plot small.h5 -o out.png {closed}", **call)
+        subprocess.run(f'{sys.executable} -c "{code}" {closed}', **how)
+    subprocess.run(f"{sys.executable} -m sweeps.cli plot small.h5 -o out.png {closed}", **how)
     assert Path("out.png").read_bytes().startswith(b"\x89PNG")
 
 
