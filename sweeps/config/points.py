@@ -251,7 +251,7 @@ def _checked(name: str, column: np.ndarray, known: Mapping[str, Parameter]) -> n
     parameter = known.get(name)
     if parameter is None:
         wrong = np.array([not numeric and not _is_plain(cell) for cell in column], bool)
-        allowed = "a number, or a Unicode text without NUL"
+        allowed = "a number, or a Unicode text without NUL and carriage return"
     else:
         wrong, allowed = ~parameter.accepts(values), parameter.allowed
     if wrong.any():
@@ -271,7 +271,7 @@ def _checked(name: str, column: np.ndarray, known: Mapping[str, Parameter]) -> n
 def _is_plain(cell: Any) -> bool:
     """Whether a cell is a number or a text that a file can hold."""
     if isinstance(cell, str):
-        return "\0" not in cell and not re.search("[\ud800-\udfff]", cell)
+        return not re.search("[\0\r\ud800-\udfff]", cell)
     if isinstance(cell, bool | np.timedelta64):  # integers, too
         return False
     return isinstance(cell, int | float | np.integer | np.floating) and bool(cell == cell)

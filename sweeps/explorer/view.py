@@ -20,6 +20,7 @@ from sweeps.config.groups import OscillatorConfig, RecordConfig
 from sweeps.config.loading import load_config
 from sweeps.config.rig import Nomenclature
 from sweeps.config.sweep import SweepConfig
+from sweeps.config.values import as_number
 from sweeps.errors import ConfigError
 from sweeps.opened.coordinates import COORDINATES
 from sweeps.opened.motions import oscillator_of
@@ -299,10 +300,9 @@ class View:
 def _typed_number(name: str, text: str, parameter: Parameter) -> float:
     """Return the value of a parameter from the text of a field or of an address."""
     try:
-        return float(text)
-    except ValueError:
-        allowed = f"{parameter.allowed}, with a point: 0.05"
-        raise ConfigError(f"{name} = {text} is not a number; expected: {allowed}") from None
+        return as_number(text)
+    except ValueError as error:
+        raise ConfigError(f"{name} = {text} {error}; expected: {parameter.allowed}") from None
 
 
 def window_bounds(

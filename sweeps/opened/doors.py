@@ -11,6 +11,7 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -21,7 +22,7 @@ from sweeps.config.rig import MASS, QUANTITIES, Nomenclature
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.opened.opened_sweep import OpenedSweep
-from sweeps.store.variables import COLUMN_NAMES, DIRECTION, VARIABLES, attributes_of
+from sweeps.store.variables import COLUMN_NAMES, DIRECTION, FLAGS, VARIABLES, attributes_of
 from sweeps.store.xarray_engine import open_sweep
 from sweeps.text import listed
 from vibroimpact.inputs import TEXT, Allowed, input_text, integer, is_number, number, of_python
@@ -139,27 +140,32 @@ def _opened(dataset: object) -> OpenedSweep:
         raise Refused(f"the Dataset has no attribute configuration; expected: {_EXPECTED}")
     if "status" not in dataset:
         raise Refused(f"the Dataset has no status; expected: {_EXPECTED}")
-    typed = {name: each.dtype for name, each in VARIABLES.items() if name in dataset}
-    floats = [name for name in typed if typed[name][0] == "i" and dataset[name].dtype.kind == "f"]
-    for problem in _problems(dataset, floats):
+    for problem in chain(_axis_problems(dataset), _result_problems(dataset)):
         raise Refused(f"the Dataset {problem}; expected: {_EXPECTED}")
-    for name in floats:  # `where` left out points with NaN
-        whole = dataset[name].fillna(VARIABLES[name].fill_value)
-        dataset = dataset.assign({name: whole.astype(typed[name])})
-    ordered = dataset.transpose(*dataset["status"].dims, ...)
+    whole = {name: each.astype(VARIABLES[name].dtype) for name, each in _integers(dataset)}
+    ordered = dataset.assign(whole).transpose(*dataset["status"].dims, ...)
     for called, variable in ordered.variables.items():  # pandas keeps no attributes
         variable.attrs = attributes_of(str(called), ordered.attrs) | variable.attrs
     return OpenedSweep(ordered)
 
 
-def _problems(dataset: xr.Dataset, floats: Sequence[str]) -> Iterator[str]:
-    """Yield what no sweep has, and what this Dataset lacks of one, with `floats` for integers."""
+def _integers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
+    """Yield each result of integers that is of another type, and flags; `where` left NaN there."""
+    for name, variable in VARIABLES.items():
+        if name in dataset and variable.dtype[0] == "i":
+            if name in FLAGS or dataset[name].dtype != variable.dtype:
+                yield name, dataset[name].fillna(variable.fill_value)
+
+
+def _axis_problems(dataset: xr.Dataset) -> Iterator[str]:
+    """Yield what no sweep has in its axes and parameters, and what this Dataset lacks there."""
     dims, held = [str(name) for name in dataset["status"].dims], dataset.coords
+    for name, size in dataset.sizes.items():
+        if not size and name != "sample":  # of which no point may have any
+            yield f"has no value of {name}"
     for name in (*dims, *PARAMETERS):
         if name not in (*PARAMETERS, DIRECTION, TABLE):
             yield f"has the axis {name}, which no sweep has"
-        if not dataset.sizes.get(name, 1):
-            yield f"has no value of {name}"
         if name not in held:
             yield f"has no coordinate {name}"
         if held[name].dims not in ([(name,)] if name in dims else [(), (TABLE,)]):
@@ -168,14 +174,21 @@ def _problems(dataset: xr.Dataset, floats: Sequence[str]) -> Iterator[str]:
         values, parameter = held[name].values, PARAMETERS.get(name)
         if parameter and (values.dtype.kind not in "fiu" or not parameter.accepts(values).all()):
             yield f"has a value of {name} that is not {parameter.allowed}"
+
+
+def _result_problems(dataset: xr.Dataset) -> Iterator[str]:
+    """Yield what no sweep has in its results."""
+    dims = (*map(str, dataset["status"].dims),)
     for name, variable in VARIABLES.items():
         expected = {*dims, *([variable.dimension] if variable.dimension else [])}
         if name in dataset and set(dataset[name].dims) != expected:
             yield f"has {name} without its dimensions {', '.join(sorted(expected))}"
         if name in dataset and dataset[name].dtype.kind not in "fiu":
             yield f"has no numbers in {name}"
-        if name in floats and (dataset[name].fillna(0.0) % 1.0 != 0.0).any():
-            yield f"has numbers in {name} that are no integers"
+    for name, whole in _integers(dataset):
+        fits = whole.isin([*FLAGS[name]]) if name in FLAGS else whole % 1.0 == 0.0
+        if not (fits & (abs(whole) < 2.0**53)).all():
+            yield f"has numbers in {name} that are no integers of a sweep"
 
 
 # A rig in SI units

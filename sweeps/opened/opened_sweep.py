@@ -95,7 +95,7 @@ class OpenedSweep:
     def columns(self) -> dict[str, np.ndarray]:
         """The columns of a sweep over a table; empty for a grid."""
         names = str(self.attrs.get(COLUMN_NAMES, "")).split()
-        return {name: np.atleast_1d(self.data[name].values) for name in names}
+        return {name: np.atleast_1d(self.data[name].values) for name in names if name in self}
 
     @property
     def oscillator(self) -> Oscillator:

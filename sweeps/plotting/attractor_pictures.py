@@ -227,11 +227,10 @@ def _shared_handles(places: Sequence[tuple[Axes, Basins]], looks: Looks) -> list
 
 def attractors_in(cut: OpenedSweep, sweep: OpenedSweep, grey: bool) -> tuple[xr.Dataset, Looks]:
     """Return the attractors in a cut, numbered as in the file, and the looks of the file."""
-    fixed = {*sweep.grid} - {*cut.grid}
-    starts, others = fixed & set(START_AXES), fixed - set(START_AXES)
-    places = sweep.places({name: cut[name].item() for name in starts})
-    file_result = attractors(sweep.isel(places))
-    return file_result.sel({name: cut[name].item() for name in others}), Looks.of(file_result, grey)
+    places = sweep.places({name: cut[name].item() for name in {*sweep.grid} - {*cut.grid}})
+    starts = {name: places.pop(name) for name in places.keys() & {*START_AXES}}
+    file_result = attractors(sweep.isel(starts))
+    return file_result.isel(places), Looks.of(file_result, grey)
 
 
 @functools.partial(styled, marks=True)

@@ -63,7 +63,7 @@ def description(attributes: Mapping[str, Any], command: str) -> tuple[str, str, 
     text += f"\ncommand: {printable(command)}" if command else ""
     text += f"\nconfiguration:\n{attributes['configuration']}"
     program = f"vibroimpact {__version__}, matplotlib {mpl.__version__}"
-    return attributes.get("name", ""), program, text
+    return str(attributes.get("name", "")), program, text
 
 
 def refuse_replacing(data: str | Path, output: Path, what: str = "picture") -> None:

@@ -78,6 +78,9 @@ NO_SWEEP = {
     "averaged numbers": lambda ds: ds.assign(period=ds["period"] * 0.4),
     "words": lambda ds: ds.assign(status=ds["status"].astype(str)),
     "masks": lambda ds: ds.assign(status=ds["status"] > 0),
+    "no sections": lambda ds: ds.isel(section=slice(0, 0)),
+    "another outcome": lambda ds: ds.assign(status=ds["status"] + 99),
+    "infinite integers": lambda ds: ds.assign(period=ds["period"] * np.inf),
     "results in words": lambda ds: ds.assign(poincare_x=ds["poincare_x"].astype(str)),
 }
 
@@ -270,6 +273,44 @@ def test_a_dataset_that_xarray_has_rearranged_is_the_same_sweep(opened):
         plotting.bifurcation(data, axes="omega").axes[0].lines for data in (ds, turned)
     )
     np.testing.assert_array_equal(line.get_xydata(), same.get_xydata())
+
+
+#: What other programs and calculations make of a Dataset.
+SAME = {
+    "attributes lost": lambda ds: ds.drop_attrs().assign_attrs(ds.attrs),
+    "other types": lambda ds: ds.assign({n: v.astype("u8") for n, v in ds.items() if n != "status"
+                                         and v.dtype.kind == "i" and (v >= 0).all()}),
+    "an axis anew": lambda ds: ds.assign_coords(omega=ds["omega"].values),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change", SAME)
+def test_attributes_and_types_of_integers_are_those_of_a_file(opened, change):
+    ds = opened["map"]
+    other = SAME[change](ds)
+    before = other.copy()
+    for draw in (plotting.parameter_map, plotting.section):
+        figure, same = draw(ds), draw(other)
+        assert [(ax.get_xlabel(), ax.get_ylabel()) for ax in same.axes] == [
+            (ax.get_xlabel(), ax.get_ylabel()) for ax in figure.axes
+        ]
+    assert other.identical(before)
+
+
+def test_the_attractors_of_an_axis_that_repeats_values_are_drawn(opened):
+    twice = xr.concat([opened["map"], opened["map"]], "R")
+    figures = [plotting.attractor_diagram(ds, axes="omega") for ds in (opened["map"], twice)]
+    (points, *_), (same, *_) = (figure.axes[0].lines for figure in figures)
+    np.testing.assert_array_equal(points.get_xydata(), same.get_xydata())
+
+
+def test_a_column_of_a_table_may_be_left_out():
+    table = {"omega": [2.3, 2.5, 2.4], "R": [0.7, 0.8, 0.75], "part": ["a", "b", "c"]}
+    path = sweeps.run_sweep({"oscillator": {"h": 0.1, "f": 1.0}, "points": table}, "table.h5")
+    with open_sweep(path) as ds:
+        plotting.table_panels(ds.drop_vars("part"))
+        with pytest.raises(Refused, match="has no coordinate R"):
+            plotting.table_panels(ds.drop_vars("R"))
 
 
 def test_points_that_were_left_out_are_pending(opened):

@@ -208,6 +208,10 @@ def test_several_are_refused_before_any_is_run_or_drawn():
     assert "missing.h5 does not exist" in refused("plot", "other.h5", "missing.h5")
     assert "-o a.png is not allowed here" in refused("plot", "other.h5", "other.h5", "-o", "a.png")
     assert "other.h5 and other.h5 would both write" in refused("plot", "other.h5", "other.h5")
+    Path("link.h5").symlink_to("small.h5")
+    Path("linked.yaml").write_text(f"{SMALL}output: link.h5\n")
+    both = refused("run", "sweep.yaml", "linked.yaml", "--overwrite")
+    assert "sweep.yaml and linked.yaml would both write link.h5" in both
     assert "other.h5: h is not a swept axis" in refused("plot", "other.h5", "--axis", "h")
 
 

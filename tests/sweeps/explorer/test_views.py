@@ -135,6 +135,7 @@ def test_a_view_returns_from_its_address(view, axis):
     [
         ("R=1.5", "^R = 1.5 is not allowed; expected: a number from 0 to 1$"),
         ("omega=fast", "^omega = fast is not a number; expected: a finite number > 0"),
+        ("omega=1_0", "^omega = 1_0 is not a number; expected: a finite number > 0"),
         ("R=", "^R =  is not a number; expected: a number from 0 to 1"),
         ("x0=1", "lies beyond the stop"),
         ("xlim=3:2", "the window xlim = .* is empty or too narrow"),
