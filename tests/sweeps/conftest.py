@@ -14,6 +14,7 @@ from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
+from matplotlib.text import Text
 
 from sweeps import open_sweep
 from sweeps.attractor.integrity import Knock
@@ -56,10 +57,12 @@ def cheap_pictures():
     """Paint a quarter of the usual pixels, and leave out the layout, a third of the time.
 
     All pictures have one parser of formulas, which keeps all that it has read, not 50, and measure
-    a text once, not once for each picture. `with_layout` lays them out.
+    a text once, not once for each picture. Where a title breaks, its words are measured, and not
+    each of its beginnings, of which every one has formulas. `with_layout` lays pictures out.
     """
     renderer_at = cache(partial(RendererAgg, 1, 1))
     measuring = matplotlib.text._get_text_metrics_function
+    width_of_line = Text._get_rendered_text_width
 
     @cache
     def measured(text, font, ismath, dpi):
@@ -68,8 +71,16 @@ def cheap_pictures():
     def of_renderer(renderer):
         return measured if type(renderer) is RendererAgg else measuring(renderer)
 
+    def width(self, text):
+        words = text.split(" ")
+        if any(word.count("$") % 2 for word in words):
+            return width_of_line(self, text)
+        widths = [width_of_line(self, word) for word in (*words, "n n", "nn")]
+        return sum(widths[:-2]) + (len(words) - 1) * (widths[-2] - widths[-1])
+
     with pytest.MonkeyPatch.context() as patch, mpl.rc_context({"savefig.dpi": 150}):
         patch.setattr(matplotlib.text, "_get_text_metrics_function", of_renderer)
+        patch.setattr(Text, "_get_rendered_text_width", width)
         parse = MathTextParser._parse_cached.__wrapped__
         patch.setattr(MathTextParser, "_parse_cached", cache(parse))
         patch.setattr(backend_agg, "MathTextParser", cache(MathTextParser))

@@ -202,11 +202,10 @@ def outcome(call, *arguments, **options):
 
 
 @pytest.mark.parametrize(("call", "shape", "argument"), NAMES_ALONE)
-def test_a_name_alone_means_that_name(folder, call, shape, argument):
+def test_a_name_alone_means_that_name(files, call, shape, argument):
     """And not the names of its letters."""
     ((option, name),) = argument.items()
-    record = RECORD.replace("4}", "4, diagnostics: [period]}")
-    with open_sweep(run_sweep(load(SHAPES[shape] + record), "a.h5")) as dataset:
+    with open_sweep(files / f"{shape}.h5") as dataset:
         alone = outcome(call, dataset, **argument)
         assert alone == outcome(call, dataset, **{option: [name]})
         if option == "kinds":
@@ -282,6 +281,8 @@ SHAPES = {
     "oscillator: {h: 0.1, R: 0.8, f: 1.0}\n",
     "table of starts": "points: {x0: [-1, -1, -2], v0: [0, 1, 2]}\n" + FIXED_OSCILLATOR,
 }
+PERIODIC = RECORD.replace("4}", "4, diagnostics: [period]}")
+FILES = {shape: SHAPES[shape] + PERIODIC for _, shape, _ in NAMES_ALONE}
 
 
 @pytest.mark.slow
