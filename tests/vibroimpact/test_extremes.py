@@ -180,7 +180,8 @@ def test_a_free_motion_is_watched_until_nothing_can_widen_its_reach(h):
 def near_free_oscillations(count, seed):
     """Return motions that start by 1e-5 to 1e-17 of the amplitude off the free oscillation.
 
-    Where the stop is as near, some meet it; where it is nearer, all do.
+    Where the stop is as near, some meet it; where it is nearer, all do. Every fourth starts where
+    it is just near, and soon is not, since x and v exchange their distances.
     """
     points, rng = exact_points(count, seed), np.random.default_rng(seed)
     points["h"] = rng.choice([0.003, 0.03, 0.3, 3.0], count)
@@ -189,9 +190,10 @@ def near_free_oscillations(count, seed):
     response = -points["f"] / (p**2 - omega**2 + 2j * h * omega)
     off = 10.0 ** rng.uniform(-17.0, -5.0, count) * rng.choice([1.0, -1.0], count) * abs(response)
     of_x, of_v = rng.choice([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], count).T
+    off[::4], of_x[::4], of_v[::4] = 0.99 * 2.0**-27 * abs(response)[::4], 1.0, 1.0
     room = np.resize([1.0 + 1e-9, 1.0 + 1e-6, 1.0001, 1.0003, 3.0, 0.9], count)
     points["clearance"] = abs(response) * room
-    points["x0"] = np.minimum(response.imag + off * of_x, points["clearance"])
+    points["x0"] = np.minimum(response.imag + off * of_x * omega / p, points["clearance"])
     points["v0"] = omega * (response.real + off * of_v)
     return points
 
