@@ -178,8 +178,8 @@ def nearer_section(flow, orbit, y, w, size):
 
 
 @jit
-def put_cycle(found, sections, sums, scheme, memory, pt):
-    """Write the class of a motion that came back to the same bits, if it needs no proof.
+def judge_cycle(found, sections, sums, scheme, memory, pt):
+    """Judge a motion that came back to the same bits by its record alone; return whether that does.
 
     Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
     """
@@ -229,27 +229,32 @@ def is_neutral(pt, kind):
 
 @jit
 def judge_exact_repetition(flow, scheme, memory, sections, sums, m, off, size, found):
-    """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back."""
+    """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back.
+
+    It came back to the same bits if it is `off` by nothing.
+    """
     pt, kind = flow.pt, kind_of(sums)
+    neutral = is_neutral(pt, kind)
     y, w = section_state(pt, sections, sections.shape[0] - 1)
     J, smooth = (0.0, 0.0, 0.0, 0.0), False  # as after a rest
     if not sums.cycle_rests:
         J, smooth = derivative_over(flow, sections, m)
-    if smooth and not greatest_multiplier(J)[0] <= _CLEARLY_UNSTABLE:
+    if smooth:
+        stable = greatest_multiplier(J)[0] <= _CLEARLY_UNSTABLE
+    else:
+        if is_coarse(sections, pt) and not is_replayed(flow, y, w, m, size):
+            return
+        stable = neutral or rests_alike_exactly(pt, scheme, m, sums, memory)
+    if not stable:
         found.evidence = _UNSTABLE
         return
-    if not smooth and is_coarse(sections, pt) and not is_replayed(flow, y, w, m, size):
-        return
-    neutral = is_neutral(pt, kind)
-    if not smooth and not neutral and not rests_alike_exactly(pt, scheme, m, sums, memory):
-        found.evidence = _UNSTABLE
-        return
-    if smooth and kind == _RESTS and judge(flow, y, w, m, size, found):
+    released = smooth and kind == _RESTS
+    if released and judge(flow, y, w, m, size, found):
         return
     if off == 0.0:
         q = sums.cycle_impacts * m // sums.cycle
         put_repetition(found, sections, m, off, math.nan, q)
-        if smooth and kind == _RESTS:
+        if released:
             found.evidence = _RELEASED
     elif neutral or not smooth:
         q = replay(flow, y, w, m, True)[2]
@@ -278,7 +283,7 @@ def find_exact(pt, sections, sums, scheme, memory, found):
     steady = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
     bounded = pt.h > 0.0 and steady[2] < pt.clearance
     free = bounded and excess(pt, x, v, steady) < 0.0
-    if not free and put_cycle(found, sections, sums, scheme, memory, pt):
+    if not free and judge_cycle(found, sections, sums, scheme, memory, pt):
         return
     size = size_of(sections, pt, False)
     if free:

@@ -184,9 +184,9 @@ def rest_after(pt, scheme, m, scratch, exactly):
     """
     (method, grid), events = scheme, scratch.events
     if exactly:
-        prepared, state = prepare_exact(0, grid, pt, scratch), (0.0, 0.0, True)
+        prepared, state = prepare_exact(grid, pt, scratch), (0.0, 0.0, True)
     else:
-        prepared, state = prepare(method, grid, pt, scratch), (pt.clearance, 0.0, True)
+        prepared, state = prepare(method, grid, pt), (pt.clearance, 0.0, True)
     release = -asin(pt.p * pt.p * pt.clearance / pt.f) - grid.table[THETA, 0]
     first, begun = int(release % (2.0 * math.pi) / grid.phase_step), 0.0
     for k in range(m * grid.size + 2):

@@ -49,7 +49,7 @@ class Passage(NamedTuple):
 @specialised
 def flow_of(pt, grid, scratch, passed):
     """Return the ``Flow`` of a point."""
-    eq, propagators = prepare_exact(0, grid, pt, scratch)
+    eq, propagators = prepare_exact(grid, pt, scratch)
     return Flow(pt, eq, propagators, grid, scratch, passed)
 
 

@@ -3,6 +3,10 @@
 All lanes take a step as if there were no stop; the results go to their second rows. Lanes that may
 have met the stop are listed, and their flights are followed side by side, in columns. A flight for
 which this proves nothing goes through ``exact_step`` alone, as that of a single orbit does.
+
+`carrying` says whether tangent vectors are carried now, and `watching` whether the reach of any
+lane is watched. Either is None in a loop that is compiled without exponents or without extremes, so
+that the code behind ``is not None`` is left out of it.
 """
 
 from __future__ import annotations
@@ -287,11 +291,7 @@ def list_awake(workspace, size, grid, n, watching):
 
 @jit
 def take_exact_steps(batch, grid, carrying, watching):
-    """Take all lanes over the steps of `grid`.
-
-    `carrying` says whether tangent vectors are carried now, and is None without exponents;
-    `watching` says whether the reach of any lane is watched, and is None without extremes.
-    """
+    """Take all lanes over the steps of `grid`."""
     workspace, _, size = batch
     lanes = workspace.lanes
     for n in range(grid.size):

@@ -53,16 +53,18 @@ from vibroimpact.kernel.workspace import (
     whole_vectors,
 )
 from vibroimpact.step.impact import FreeEnd, Impact
-from vibroimpact.step.propagator import remainder_bound
-from vibroimpact.step.scheme import COS, SIN
-from vibroimpact.step.turning_points import (
+from vibroimpact.step.propagator import (
     Steady,
-    goes_one_way,
     is_near,
-    reach_with,
+    remainder_bound,
     stays_within,
     steady_of,
     turns_near,
+)
+from vibroimpact.step.scheme import COS, SIN
+from vibroimpact.step.turning_points import (
+    goes_one_way,
+    reach_with,
     widen_by_flight,
     widen_by_impact,
     widen_near,

@@ -55,16 +55,17 @@ SUMS = np.dtype(
 
 #: The least and the greatest displacement of a record.
 EXTREMES = "x_min", "x_max"
-#: Significant digits that the motion of a certified point keeps at the sections.
+#: Significant digits that the motion of a certified point keeps at the sections: half of all.
 _FEWEST_DIGITS = 8
-#: Share of the time, for rounding, by which a mass may be held less than all the time.
+#: The share of time at rest of a mass that is always held may be less than 1 by so much: each of up
+#: to 1e6 steps, and the length of the record, is rounded.
 _HELD = 1e-9
 #: Rounding of omega / (2 p), for parameters that come from a computation.
 _ROUNDING_OF_RATIO = 1e-12
 #: A motion grows if its speed does so at least at this share of the rate of the resonance. One that
 #: is not in step with the force has less, or falls again.
 _SHARE = 0.5
-#: Fewest sections in a third of a record that is judged.
+#: Fewest sections in a third of a record that is judged: the extremes of fewer rise by chance.
 _FEWEST = 10
 
 _UNRESOLVED, _NON_FINITE = int(Status.UNRESOLVED), int(Status.NON_FINITE)
@@ -273,24 +274,27 @@ def loses_digits(points: np.ndarray, x: np.ndarray, rest_fraction: np.ndarray) -
     """Whether motions have fewer than ``_FEWEST_DIGITS`` at their sections `x`, (n, periods).
 
     There x - clearance is rounded, which is coarse for a small motion if the stop is far from the
-    rest position. The size of a motion is its greatest distance from the rest position or, if it is
-    less, from the stop; or, if it is larger, f / (omega^2 + 2 h omega + p^2), which no free
-    oscillation is below. A force that exceeds a preload by a small share e of f lifts the mass from
-    a rest by 9/2 e^2 f / omega^2; one that is less only delays its landing. Without a force a
-    motion ends at rest, and only its distance from the stop counts. A mass that is held all the
-    time, or without a force at every section, keeps its digits. None has any where omega^2, of
-    which the steps are made, overflows or is subnormal.
+    rest position. The size of a motion is the larger one of
+
+    - its greatest distance from the rest position or, if it is less, from the stop; without a
+      force, from the stop, since it ends at rest;
+    - f / (omega^2 + 2 h omega + p^2), which no free oscillation is below. A force that exceeds a
+      preload by a small share e of f lifts the mass from a rest by 9/2 e^2 f / omega^2; one that is
+      less only delays its landing.
+
+    A mass that is held all the time, or without a force at every section, keeps its digits. None
+    has any where omega^2, of which the steps are made, overflows or is subnormal.
     """
     h, omega, f, p, stop = (points[name] for name in ("h", "omega", "f", "p", "clearance"))
     with np.errstate(all="ignore"):  # extreme values, whose size is then 0, inf or NaN
-        rounding = 0.5 * np.spacing(np.abs(stop)) * 10.0**_FEWEST_DIGITS
+        least = 0.5 * np.spacing(np.abs(stop)) * 10.0**_FEWEST_DIGITS  # the size that keeps digits
         lift = np.minimum(np.abs(f + p * p * np.minimum(stop, 0.0)), f)
         share = np.minimum(4.5 * lift / np.maximum(f, SMALLEST_NORMAL), 1.0)
         square = omega * omega
         forced = lift * share / (square + 2.0 * h * omega + p * p)
-    lost: np.ndarray = (rounding > forced) & (rest_fraction < 1.0 - _HELD)
+    lost: np.ndarray = (forced < least) & (rest_fraction < 1.0 - _HELD)
     rows = np.flatnonzero(lost)
     size = np.abs(x[rows] - stop[rows, None])
     size = np.where(f[rows, None] > 0.0, np.minimum(size, np.abs(x[rows])), size).max(axis=1)
-    lost[rows] = (rounding[rows] > size) & ((f[rows] > 0.0) | (size > 0.0))
+    lost[rows] = (size < least[rows]) & ((f[rows] > 0.0) | (size > 0.0))
     return lost | (square < SMALLEST_NORMAL) | (square == math.inf)

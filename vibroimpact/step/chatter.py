@@ -3,12 +3,14 @@
 - A rebound that returns within half a step: its series is divided by the root at its start,
   Halley's method finds the next root, and the Bernstein coefficients of ``propagator.py`` prove
   that no root lies between.
-- A short bounce: the reversion of its series, and one iteration of Newton's method.
+- A short bounce: the reversion of its series (Abramowitz and Stegun, 3.6.25), and one iteration of
+  Newton's method.
 
 **Chatter.** Let a be the acceleration that presses the mass at rest, epsilon = v / a after a
 rebound at speed v, and beta = a' / a = -f omega cos(omega t) / a. Expand one flight and one impact
-in epsilon: the flight takes 2 epsilon (1 - 2/3 (beta + h) epsilon), and the next epsilon is
-R epsilon (1 - 4/3 (beta + h) epsilon). The sum over all flights is, with eta = epsilon / (1 - R),
+in epsilon: the flight takes 2 epsilon (1 - 2/3 (beta + h) epsilon), and the next epsilon is R
+epsilon (1 - 4/3 (beta + h) epsilon). The first terms are the geometric series of Budd and Dux
+(1994); the sum over all flights is, with eta = epsilon / (1 - R),
 
     time to rest = 2 eta - 4/3 (beta + h) eta^2 + O(eta^3).
 

@@ -12,6 +12,7 @@ from vibroimpact.jit import ALL_THREADS, claim, compiled, is_set, jit, on_thread
 from vibroimpact.oscillator import with_one_force
 from vibroimpact.status import Status
 from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME, new_scratch
+from vibroimpact.step.propagator import is_near, steady_of, turns_near
 from vibroimpact.step.scheme import EXACT, THETA, Scheme
 from vibroimpact.step.stepper import (
     first_section,
@@ -22,7 +23,7 @@ from vibroimpact.step.stepper import (
     watch_exact_grid_step,
     watch_grid_step,
 )
-from vibroimpact.step.turning_points import is_near, reach_of_x, steady_of, turns_near, widen_near
+from vibroimpact.step.turning_points import reach_of_x, widen_near
 
 # Kinds of row besides the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
@@ -84,8 +85,8 @@ def _put_first(log, t, pt, rule, state, first, led):
     return _put(log, 0, REST if state[2] else _STATE, t, x, v)
 
 
-#: Periods, first section of each point, every and most rows, as in ``TraceJob``.
-Extent = tuple[int, np.ndarray, int, int]
+#: Which rows are logged: periods, first section of each point, every and most rows of a job.
+Excerpt = tuple[int, np.ndarray, int, int]
 
 
 class TraceJob(NamedTuple):
@@ -111,7 +112,7 @@ class TraceJob(NamedTuple):
 
 
 @specialised
-def _trace(job, i, prepare, take, exactly):
+def _trace(job, i, exactly):
     """Run a point as the kernel's lanes do, and log its motion; return its rows and its status."""
     pt, log = job.points[i], job.logs[:, job.starts[i] : job.starts[i + 1]]
     first, every, periods = job.first[i], job.every, job.periods
@@ -121,11 +122,12 @@ def _trace(job, i, prepare, take, exactly):
     size, T = grid.size, grid.phase_step / pt.omega
     t = (2.0 * math.pi * first + grid.table[THETA, 0]) / pt.omega
     rows = _put_first(log, t, pt, rule, state, first, led)
-    prepared, start, reach = prepare(method, grid, pt, scratch), state, (state[0], state[0])
-    near = False
+    start, reach, near = state, (state[0], state[0]), False
     if exactly:
-        steady = steady_of(pt, grid)
+        prepared, steady = prepare_exact(grid, pt, scratch), steady_of(pt, grid)
         forms = turns_near(prepared[0], steady, grid.phase_step)
+    else:
+        prepared = prepare(method, grid, pt)
     for k in range(periods):
         if is_set(job.interrupt):
             return 0, _PENDING
@@ -136,9 +138,14 @@ def _trace(job, i, prepare, take, exactly):
         for n in range(size):
             if rows > job.most_rows:
                 return 0, _PENDING
-            state, n_events, outcome, wider = take(
-                method, prepared, state, grid, n, pt, scratch, reach
-            )
+            if exactly:
+                state, n_events, outcome, wider = watch_exact_grid_step(
+                    prepared, state, grid, n, pt, scratch, reach
+                )
+            else:
+                state, n_events, outcome, wider = watch_grid_step(
+                    method, prepared, state, grid, n, pt, scratch, reach
+                )
             reach = reach if near else wider
             status = max(status, outcome)
             x, v = from_state(rule, state, pt)
@@ -158,15 +165,14 @@ def _trace(job, i, prepare, take, exactly):
 
 
 @specialised
-def _trace_points(job, prepare, take, exactly):
+def _trace_points(job, exactly):
     """Log point after point until the threads have taken all of them.
 
-    `prepare` and `take` are the functions of the rule, and `exactly` says whether it is ``exact``,
-    so that what other rules need is not compiled.
+    `exactly` says whether the rule is ``exact``, so that what other rules need is not compiled.
     """
     i = claim(job.claimed)
     while i < job.points.size:  # terminates: the counter only rises
-        rows, status = _trace(job, i, prepare, take, exactly)
+        rows, status = _trace(job, i, exactly)
         job.outcomes[i, 0], job.outcomes[i, 1] = rows, status
         i = claim(job.claimed)
 
@@ -174,19 +180,19 @@ def _trace_points(job, prepare, take, exactly):
 @jit
 def _trace_exact(job):
     """Log points with the rule ``exact``."""
-    _trace_points(job, prepare_exact, watch_exact_grid_step, True)
+    _trace_points(job, True)
 
 
 @jit
 def _trace_steps(job):
     """Log points with a rule of time stepping."""
-    _trace_points(job, prepare, watch_grid_step, False)
+    _trace_points(job, False)
 
 
 def _logged(
     points: np.ndarray,
     scheme: Scheme,
-    extent: Extent,
+    excerpt: Excerpt,
     threads: int,
     interrupt: np.ndarray | None,
     columns: int,
@@ -194,12 +200,12 @@ def _logged(
 ) -> tuple[list[np.ndarray], TraceJob]:
     """Log motions; return their logs, of shape (columns, rows) each, and the job that logged them.
 
-    `extent` holds `periods`, `first`, `every` and `most_rows` of the job. There is room for so many
-    `events` of each motion at first, by default for four in a period; an event takes two rows.
+    There is room for so many `events` of each motion at first, by default for four in a period; an
+    event takes two rows.
     """
     n, run = points.size, _trace_exact if scheme.method[0] == EXACT else _trace_steps
     interrupt = np.zeros(1, np.int64) if interrupt is None else interrupt
-    periods, _, every, _ = extent
+    periods, _, every, _ = excerpt
     rows = np.full(n, 4 * periods) if events is None else np.ceil(events).astype(np.int64)
     rows = 2 * rows + periods * scheme.grid.size // every + 1
     room = np.zeros(n, np.int64)
@@ -210,7 +216,7 @@ def _logged(
         logs = np.empty((columns, starts[-1]))  # memory that is not written is not taken
         outcomes, claimed = np.zeros((n, 2), np.int64), np.zeros(1, np.int64)
         reach = np.empty((n, 2))
-        job = TraceJob(points, scheme, *extent, logs, starts, outcomes, reach, claimed, interrupt)
+        job = TraceJob(points, scheme, *excerpt, logs, starts, outcomes, reach, claimed, interrupt)
         on_threads(threads, interrupt, compiled(run, job), job)
         rows = job.outcomes[:, 0]
     return [job.logs[:, starts[i] : starts[i] + rows[i]] for i in range(n)], job
@@ -237,8 +243,8 @@ def trace(
     """
     if periods * (scheme.grid.size // every) > most_rows:
         return np.empty((0, 4)), Status.PENDING
-    extent = (periods, np.array([first]), every, most_rows)
-    (log,), job = _logged(points, scheme, extent, 1, interrupt, 4)
+    excerpt = (periods, np.array([first]), every, most_rows)
+    (log,), job = _logged(points, scheme, excerpt, 1, interrupt, 4)
     log, status = log.T, job.outcomes[0, 1]
     if reach is not None:
         reach[:] = job.reach[0]
@@ -269,9 +275,9 @@ def trajectories(
     of its own length, which is 0 for an interrupted point.
     """
     n = points.size
-    extent = (periods, np.full(n, first), every, _NO_LIMIT)
+    excerpt = (periods, np.full(n, first), every, _NO_LIMIT)
     threads = min(ALL_THREADS if threads is None else threads, n)
-    logs, _ = _logged(points, scheme, extent, threads, interrupt, 3, events)
+    logs, _ = _logged(points, scheme, excerpt, threads, interrupt, 3, events)
     found = {name: np.empty(n, object) for name in TRAJECTORY}
     for i, log in enumerate(logs):
         for name, samples in zip(TRAJECTORY, log, strict=True):

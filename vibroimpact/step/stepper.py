@@ -39,14 +39,14 @@ _CERTIFIED, _COMPUTED = int(Status.CERTIFIED), int(Status.COMPUTED)
 
 
 @jit
-def prepare(method, grid, pt, _):
+def prepare(method, grid, pt):
     """Return the rows of the affine map of a point for the steps of a grid."""
     m = affine_map(method[1], grid.phase_step / pt.omega, pt)
     return m[:4], m[4:]
 
 
 @jit
-def prepare_exact(_, grid, pt, scratch):
+def prepare_exact(grid, pt, scratch):
     """Return the coefficients of a point, and its propagator for the steps of a grid."""
     eq = coefficients_of(pt)
     return eq, propagator_of(eq, grid.phase_step, scratch.coefficients)
@@ -153,7 +153,7 @@ def watch_grid_step(method, rows, state, grid, n, pt, scratch, reach):
 
 
 @jit
-def take_exact_grid_step(_, prepared, state, grid, n, pt, scratch):
+def take_exact_grid_step(prepared, state, grid, n, pt, scratch):
     """Take step `n` of a grid with the rule ``exact``; return the same as `take_grid_step`."""
     widest_vectors()  # it keeps LLVM from merging this function into each of its callers
     end, n_events, status, _ = take_exact_step(
@@ -170,12 +170,12 @@ def take_next_step(prepared, state, grid, n, pt, scratch):
     y, w, _, guard, _ = propagate(propagator, state[0], state[1], added, grid.phase_step)
     end = (y, w, False), 0, 0
     if not guard < 0.0:
-        end = take_exact_grid_step(0, prepared, state, grid, n, pt, scratch)
+        end = take_exact_grid_step(prepared, state, grid, n, pt, scratch)
     return end
 
 
 @jit
-def watch_exact_grid_step(_, prepared, state, grid, n, pt, scratch, reach):
+def watch_exact_grid_step(prepared, state, grid, n, pt, scratch, reach):
     """Take step `n` of a grid with the rule ``exact``; return the same as `watch_grid_step`."""
     return take_exact_step(prepared, state, grid, n, pt, scratch, reach, True)
 
@@ -186,7 +186,7 @@ def first_section(method, grid, pt, scratch, continued, exactly):
 
     `continued` says whether the start is a state that another run has reached.
     """
-    (rule, integrator), table = method, scratch.lead
+    rule, table = method[0], scratch.lead
     table[THETA, 1] = pt.phase
     table[SIN, 1], table[COS, 1] = sin_cos(pt.phase)
     x, v, resting = start(pt, table[SIN, 1])
@@ -200,19 +200,17 @@ def first_section(method, grid, pt, scratch, continued, exactly):
     if count > 0:
         lead = PhaseGrid(table, span / count, 1)
         if exactly:
-            prepared = prepare_exact(0, lead, pt, scratch)
+            prepared = prepare_exact(lead, pt, scratch)
         else:
-            prepared = prepare((rule, integrator), lead, pt, scratch)
+            prepared = prepare(method, lead, pt)
         for n in range(1, count + 1):
             for row in range(3):
                 table[row, 0] = table[row, 1]
             table[THETA, 1] = pt.phase + span * n / count
             table[SIN, 1], table[COS, 1] = sin_cos(table[THETA, 1])
             if exactly:
-                state, _, outcome = take_exact_grid_step(0, prepared, state, lead, 0, pt, scratch)
+                state, _, outcome = take_exact_grid_step(prepared, state, lead, 0, pt, scratch)
             else:
-                state, _, outcome = take_grid_step(
-                    (rule, integrator), prepared, state, lead, 0, pt, scratch
-                )
+                state, _, outcome = take_grid_step(method, prepared, state, lead, 0, pt, scratch)
             status = max(status, outcome)
     return state, status

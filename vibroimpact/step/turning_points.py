@@ -19,13 +19,8 @@ A single turn is found in three stages without branches, which serve the columns
 single orbit alike. The interpolant gives a guess. The flight is expanded about the nearer of its
 start and the end of the step, and Newton's method, with two further terms of the reversed series,
 is applied to the speed. There y is evaluated, less w^2 / (2 y''), which leaves an error of third
-order. Any other flight is cut into eighths until this proves something of its pieces.
-
-**Near the free oscillation** Y, with the amplitude A, a motion turns a second time. Let it be free,
-and let y - Y be d, which follows eq. (P) without force. In the norm hypot(d, d' omega / p) it does
-not grow. If |d'| and |d| p / omega are below 2^-27 A at a section, the motion then turns where Y
-does, at a height that differs from that of Y + d there by d'^2 / (2 A), less than half a unit in
-the last place. So both turns of a period are linear forms of d at its section.
+order. Any other flight is cut into eighths until this proves something of its pieces. Near the free
+oscillation nothing is searched, see ``propagator.py``.
 
 **Time stepping.** The cubic Hermite interpolant takes the place of the flight, from one state of
 the method to the next. A turn of this cubic beyond the stop counts as a turn at the stop; a state
@@ -35,13 +30,12 @@ beyond the stop counts as it is.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from vibroimpact.jit import fma, inlined, jit, select
 from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME, pressing
-from vibroimpact.step.elementary import asin, sin_cos
+from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.impact import (
     FREE,
     NOTHING,
@@ -54,8 +48,7 @@ from vibroimpact.step.impact import (
     newton_step,
 )
 from vibroimpact.step.polynomial import expand, turn_between, value_and_slope
-from vibroimpact.step.propagator import impulse, steady_response
-from vibroimpact.step.scheme import COS, SIN, THETA
+from vibroimpact.step.scheme import THETA
 
 #: The reach of a motion that is not recorded: nothing widens it.
 EVERYTHING = -math.inf, math.inf
@@ -66,22 +59,6 @@ _LAST_CHANGE = 1e-6
 # Pieces narrower than this share of a step turn by rounding only.
 _NARROWEST = 2.0**-17
 _MOST_PIECES = 2**19
-# Of a motion near the free oscillation, w differs by less than this share of the amplitude.
-_NEAR = 2.0**-27
-# Rounding of a step, as a share of a displacement.
-_ROUNDING = 2.0**-52
-
-
-class Steady(NamedTuple):
-    """The free oscillation of a point."""
-
-    y: float  #: Its state at the section.
-    w: float
-    low: float  #: Its least and greatest y.
-    high: float
-    rounding: float  #: By so much a motion may differ from it by rounding.
-    ratio: float  #: omega / p
-    limit: float  #: By how much w may differ from it in a motion near it.
 
 
 @inlined
@@ -97,59 +74,6 @@ def reach_of_x(reach, first, last, clearance, exactly):
     if exactly:
         low, high = low + clearance, high + clearance
     return min(low, min(first, last)), max(high, max(first, last))
-
-
-@jit
-def steady_of(pt, grid):
-    """Return the ``Steady`` of a point for the sections of a grid."""
-    x, v, amplitude = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
-    ratio, clearance, limit = pt.omega / pt.p, pt.clearance, _NEAR * amplitude
-    # Each step may be wrong by a rounding error, which is damped from then on.
-    rounding = _ROUNDING * grid.size * (1.0 + 0.2 * pt.omega / pt.h) * (amplitude + abs(clearance))
-    if not amplitude + 2.0 * ratio * limit + rounding < clearance:
-        limit = 0.0
-    low, high = -amplitude - clearance, amplitude - clearance
-    return Steady(x - clearance, v / pt.omega, low, high, rounding, ratio, limit)
-
-
-@inlined
-def is_near(steady, y, w):
-    """Whether a motion from a state at a section is near its free oscillation."""
-    near = abs(w - steady.w) < steady.limit
-    return near & (abs(y - steady.y) < steady.ratio * steady.limit)
-
-
-@inlined
-def stays_within(steady, y, w, reach):
-    """Whether a motion from a state at a section never widens its reach again.
-
-    In the norm hypot(y, omega w / p) a motion comes ever nearer to the free oscillation, as long as
-    it is free; and it is free if its reach includes the free oscillation and this distance.
-    """
-    room = min(steady.low - reach[0], reach[1] - steady.high) - steady.rounding
-    return room > abs(y - steady.y) + steady.ratio * abs(w - steady.w)
-
-
-@jit
-def _response_after(eq, phase, phase_step):
-    """Return the factors of y and w in the y that follows from them after a `phase`."""
-    doublings = 0
-    while phase > phase_step:
-        phase, doublings = 0.5 * phase, doublings + 1
-    y, w = impulse(eq.of_w, eq.of_y, phase)
-    for _ in range(doublings):
-        y, w = y * fma(-eq.of_w, y, 2.0 * w), fma(eq.of_y * y, y, w * w)
-    return fma(-eq.of_w, y, w), y
-
-
-@jit
-def turns_near(eq, steady, phase_step):
-    """Return the linear forms of the lowest and the highest point of motions near ``Steady``."""
-    share = (2.0 * steady.y - steady.high - steady.low) / (steady.high - steady.low)
-    angle, rises = asin(min(max(share, -1.0), 1.0)), steady.w >= 0.0
-    turn = 0.5 * math.pi - (angle if rises else -angle)
-    lowest = _response_after(eq, turn + math.pi if rises else turn, phase_step)
-    return lowest, _response_after(eq, turn if rises else turn + math.pi, phase_step)
 
 
 @inlined
