@@ -201,7 +201,8 @@ def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Pat
         )
     first: dict[str, Path] = {}
     for source, target in zip(sources, targets, strict=True):
-        writer = first.setdefault(os.path.realpath(target), source)
+        place = os.path.realpath(str(target).replace("\0", ""))  # which no file has: refused later
+        writer = first.setdefault(place, source)
         if writer is not source:
             raise Refused(f"{writer} and {source} would both write {target}; give them one by one")
     return targets
