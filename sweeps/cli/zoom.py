@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,9 @@ def zoom_command(
         whole = run.config_in(sweep, file, overrides)
         _check_picture(sweep, whole, page, coordinate, exact)
         outside = list(_outside(sweep, axes))
+        if whole.start == sweep.config.start:
+            start = whole.start.model_copy(update=_state_before(sweep, axes))
+            whole = whole.model_copy(update={"start": start})
     path = output or (
         file.with_name(_named_after(file, axes, overrides))
         if whole.output == file
@@ -155,6 +159,21 @@ def _refuse_replaced(overrides: Sequence[str], axes: Iterable[str]) -> None:
         key = text.partition("=")[0].strip()
         if key.partition(".")[2] in replaced:
             raise Refused(f"--set {text} is not allowed; the piece chooses {key}")
+
+
+def _state_before(sweep: OpenedSweep, pieces: Mapping[str, Ends]) -> dict[str, float]:
+    """Return the state before a piece of the only axis, followed one way; empty if none fits."""
+    if len(sweep.spec.directions) != 1 or sweep.axes != tuple(pieces):
+        return {}
+    ((axis, (low, high)),) = pieces.items()
+    goes_up, values = sweep.spec.directions == ("up",), sweep[axis].values.tolist()
+    before = [value for value in values if (value <= low if goes_up else value >= high)]
+    if not before:
+        return {}
+    place = {axis: values.index(max(before) if goes_up else min(before)), "section": -1}
+    x, v = (float(sweep[name][place]) for name in ("poincare_x", "poincare_v"))
+    passes = axis == sweep.nomenclature.name("clearance") and x > low
+    return {"x0": x, "v0": v, "phase": sweep.spec.phase} if isfinite(x) and not passes else {}
 
 
 def zoomed(config: SweepConfig, pieces: Mapping[str, Ends]) -> SweepConfig:

@@ -178,3 +178,30 @@ def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(small_fil
     said = call("zoom", "small-omega-2-2.5.h5", "omega=2.1234567:2.1234568")
     assert said.stdout.splitlines()[-1] == "small-omega-2.1234567-2.1234568.png"
     assert "omega = 2.1234567 .. 2.1234568 [rad/time], 5 values" in said.stderr
+
+
+@pytest.mark.parametrize(
+    ("way", "oscillator", "low", "high", "impacts"),
+    [
+        ("up", "h: 0, R: 0.8, f: 1, omega: {start: 2.64, stop: 2.712, num: 10}", 2.7, 2.71, 2),
+        ("down", "mass: 2, damping: 0.2, stiffness: 2, force: 2, R: 0.8, gap: 1.5, "
+         "frequency: {start: 0.2, stop: 0.3, num: 20}", 0.22, 0.24, 0),
+    ],
+)  # fmt: skip
+def test_a_piece_of_a_followed_sweep_stays_on_its_motion(
+    tmp_path, monkeypatch, unpainted, way, oscillator, low, high, impacts
+):
+    """From rest another motion is reached there."""
+    monkeypatch.chdir(tmp_path)
+    group, axis = ("rig", "frequency") if "mass" in oscillator else ("oscillator", "omega")
+    Path("whole.yaml").write_text(
+        f"{group}: {{{oscillator}}}\nfollow: {{axis: {axis}, direction: {way}}}\n"
+        "record: {transient: 2000, periods: 8, phase: 1.0}\n"
+    )
+    accepted("run", "whole.yaml", "--quiet")
+    accepted("zoom", "whole.h5", f"{axis}={low}:{high}", "-o", "piece.h5")
+    rest = ("--set", "start.x0=-1e-9")
+    accepted("zoom", "whole.h5", f"{axis}={low}:{high}", "-o", "rest.h5", *rest)
+    with sweeps.open_sweep("piece.h5") as piece, sweeps.open_sweep("rest.h5") as from_rest:
+        assert (piece["period_impacts"] == impacts).all() and (piece["period"] > 0).all()
+        assert not (from_rest["period_impacts"] == impacts).any()
