@@ -188,7 +188,7 @@ def with_short_chords(
     order = np.argsort(place)
     return replace(
         path,
-        values=np.append(path.values, family.kept(X[count:]))[order],
+        values=np.append(path.values, family.within(X[count:]))[order],
         stable=np.append(path.stable, stable)[order],
         phases=np.append(path.phases, added.phases, axis=0)[order],
         speeds=np.append(path.speeds, added.speeds, axis=0)[order],

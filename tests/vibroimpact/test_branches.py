@@ -203,6 +203,19 @@ def test_a_branch_ends_at_the_edge_itself_and_has_an_orbit_there():
         assert orbit.speeds[0] == pytest.approx(one_impact_orbit(orbit.oscillator).v, abs=1e-13)
 
 
+@pytest.mark.parametrize(("axis", "low"), [("R", 0.5), ("h", 0.0)])
+def test_the_flip_at_an_edge_from_which_a_branch_begins_is_not_beyond_the_edge(axis, low):
+    """Rounding decides at the edge itself; beyond R = 1 there is no oscillator."""
+    for clearance in np.linspace(-0.12, 0.08, 12).tolist():
+        osc = Oscillator(h=0.002, R=1.0, omega=2.6, f=1.0, clearance=clearance)
+        for point in branch(one_impact_orbit(osc), "omega", 2.0, 3.4).special:
+            if point.kind == "flip":
+                edge = getattr(point.orbit.oscillator, axis)
+                found = branch(point.orbit, axis, low, edge)
+                values = [*found.values, *(point.value for point in found.special)]
+                assert low <= min(values) and max(values) == edge
+
+
 def test_a_flip_in_the_last_step_before_the_flip_of_half_the_orbit_is_found():
     """Beyond it the orbits 12/6 are stable up to the end, in a window of 5e-5."""
     osc = Oscillator(0.0, 0.8002196823396778, 5.60921, 1.0, clearance=-0.016302439511443775)

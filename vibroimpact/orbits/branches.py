@@ -258,7 +258,7 @@ def as_branch(path: Path) -> Branch:
     """Return a path as a branch or a curve."""
     family = path.family
     X, stable = (np.array(column) for column in zip(*path.points, strict=True))
-    values = family.kept(X) if family.kind else family.kept(X)[:, 0]
+    values = family.within(X) if family.kind else family.within(X)[:, 0]
     return Branch(
         family.kind, family.names, family.m, family.q, values, stable, *family.impacts(X),
         path.special, family.osc,

@@ -163,9 +163,18 @@ class OrbitFamily:
                 values[..., j][np.abs(values[..., j] - edge) <= parameter.slack] = edge
         return values
 
+    def within(self, X: np.ndarray) -> np.ndarray:
+        """Return the free parameters at points of a path, which by rounding may be beyond an edge.
+
+        For example at a bifurcation at the edge.
+        """
+        edges = np.reshape([(axis.low, axis.high) for axis in self.parameters], (-1, 2))
+        values: np.ndarray = self.kept(X).clip(*edges.T)
+        return values
+
     def oscillator(self, X: np.ndarray) -> Oscillator:
         """Return the oscillator at a point; its parameters stay in their ranges."""
-        return replace(self.osc, **dict(zip(self.names, self.kept(X).tolist(), strict=True)))
+        return replace(self.osc, **dict(zip(self.names, self.within(X).tolist(), strict=True)))
 
     def impacts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return phases and speeds at points; a speed that is zero to rounding becomes zero."""
@@ -177,16 +186,16 @@ class OrbitFamily:
         """Return the orbit at a point, which may be a bifurcation of a branch."""
         return orbit_of(self.oscillator(X), self.m, *self.impacts(X), self.kind or kind)
 
-    def related(self, z: np.ndarray, m: int, kind: str = "", graze: int = 0) -> OrbitFamily:
+    def related(self, z: np.ndarray, m: int, kind: str = "") -> OrbitFamily:
         """Return the family of other orbits of the same oscillators: those near impacts z."""
         speeds = self.units.out_of("length/time", z[:, 1])
-        return OrbitFamily(
-            PeriodicOrbit(self.osc, m, z[:, 0], speeds), self.parameters, kind, graze
-        )
+        return OrbitFamily(PeriodicOrbit(self.osc, m, z[:, 0], speeds), self.parameters, kind)
 
     def orbits(self, X: np.ndarray) -> Orbits:
         """Return the orbits at points, shape (n, 2 q + k), with impacts numbered as there."""
-        return Orbits.along(self.osc, self.names, self.kept(X), self.m, *self.impacts(X), self.kind)
+        return Orbits.along(
+            self.osc, self.names, self.within(X), self.m, *self.impacts(X), self.kind
+        )
 
     def corrected(
         self,

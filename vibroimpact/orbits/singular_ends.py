@@ -236,7 +236,7 @@ def _limit(
     """
     last, kept = value(points[-1]), [len(points) - 1]
     best, least = last, math.inf
-    if not place(points[-1]) < below:
+    if not 0.0 < place(points[-1]) < below:
         return best, least
     places = np.array([place(X) for X in points])
     for i in range(len(places) - 2, -1, -1):
@@ -259,12 +259,10 @@ def _at_zero(places: np.ndarray) -> np.ndarray:
     return weights
 
 
-def half_of(
-    family: OrbitFamily, X: np.ndarray, kind: str = "", graze: int = 0
-) -> tuple[OrbitFamily, np.ndarray]:
+def half_of(family: OrbitFamily, X: np.ndarray, kind: str = "") -> tuple[OrbitFamily, np.ndarray]:
     """Return the family of orbits of half the period, and the mean of the halves of a point."""
     mean = mean_of_halves(family, X)
-    return family.related(impact_rows(mean, family.q // 2), family.m // 2, kind, graze), mean
+    return family.related(impact_rows(mean, family.q // 2), family.m // 2, kind), mean
 
 
 def mean_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
