@@ -171,12 +171,14 @@ def periods_shown(m: int) -> int:
     return max(2 * m, 4)
 
 
-def recorded_motion(
-    sweep: OpenedSweep, at: Selection | None, most: int = MOST_DRAWN
-) -> PointMotion:
-    """Return at most so many periods of the trajectory of a point; refuse a point without one."""
-    (point, rows), spec = recorded(sweep, TRAJECTORIES, at), sweep.spec
-    return PointMotion.of(point.oscillator, spec, np.array(rows), spec.periods, most, _begun(point))
+def motion_of(point: OpenedSweep, periods: int | None, most: int = MOST_DRAWN) -> PointMotion:
+    """Return the recorded motion of a point or, over some periods, the one after its record."""
+    names = TRAJECTORIES if periods is None else ("poincare_x", "poincare_v")
+    _, columns = recorded(point, names, None)
+    oscillator, spec, begun = point.oscillator, point.spec, _begun(point)
+    if periods is None:
+        return PointMotion.of(oscillator, spec, np.array(columns), spec.periods, most, begun)
+    return continued(oscillator, spec, columns, periods, begun, most)
 
 
 def _begun(point: OpenedSweep) -> float:
@@ -193,14 +195,6 @@ def _begun(point: OpenedSweep) -> float:
         if values[np.argmin(np.abs(values - float(point[spec.followed])))] != first:
             return spec.phase
     return float(point["phase"])
-
-
-def continued_motion(
-    sweep: OpenedSweep, at: Selection | None, periods: int, most: int = MOST_DRAWN
-) -> PointMotion:
-    """Compute the motion that follows the last recorded state at the section of a point."""
-    point, states = recorded(sweep, ("poincare_x", "poincare_v"), at)
-    return continued(point.oscillator, sweep.spec, states, periods, _begun(point), most)
 
 
 def continued(

@@ -190,7 +190,7 @@ def trajectory(
     if color is None:
         points = sweep.cut(at)
         motion_class = class_at(points)
-        motions = [_motion_at(sweep, at, periods, motion_class)]
+        motions = [_motion_of(points, periods, motion_class)]
         _draw_curves(panels, motions[0])
         _mark_impacts(panels, motions[0])
     else:
@@ -220,19 +220,16 @@ def trajectory(
     return finish(over_time, page, points, handles, title, record)
 
 
-def _motion_at(
-    sweep: OpenedSweep,
-    at: Selection | None,
+def _motion_of(
+    point: OpenedSweep,
     periods: int | None,
     motion_class: Label | None,
     most: int = coordinates.MOST_DRAWN,
 ) -> coordinates.PointMotion:
     """Return the motion at one point, recorded or computed; at most so many of its periods."""
-    if periods is None and all(name in sweep for name in TRAJECTORIES):
-        return coordinates.recorded_motion(sweep, at, most)
-    if periods is None:
+    if periods is None and not all(name in point for name in TRAJECTORIES):
         periods = coordinates.periods_shown(motion_class.m if motion_class else 0)
-    return coordinates.continued_motion(sweep, at, periods, most)
+    return coordinates.motion_of(point, periods, most)
 
 
 def _draw_coloured(
@@ -251,7 +248,7 @@ def _draw_coloured(
     classes, dashes = _classes(points.isel(at_each)), paint.dashes()
     for index, motion_class in zip(with_result, classes, strict=True):
         point = points.isel(dict(zip(dims, index.tolist(), strict=True)))
-        motions.append(_motion_at(point, None, periods, motion_class, most))
+        motions.append(_motion_of(point, periods, motion_class, most))
         look = colours[tuple(index)], dashes[tuple(index)]
         _draw_curves(panels, motions[-1], *look, motion_class.m if motion_class else 0)
     return motions

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from sweeps import attractors, knocks, open_sweep, plotting
 from sweeps.errors import ConfigError, Refused
 from sweeps.explorer.view import View
-from sweeps.opened.coordinates import continued_motion
+from sweeps.opened.coordinates import motion_of
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.api import default_kind
 from tests.helpers import naive
@@ -180,7 +180,7 @@ def test_the_times_of_a_followed_sweep(tmp_path):
             first = value == (2.6 if way == "up" else 2.7)
             t = dataset.sel(at)["trajectory_t"].values
             turn = 2.0 * math.pi / value
-            motion = continued_motion(OpenedSweep(dataset), at, 4)
+            motion = motion_of(OpenedSweep(dataset).cut(at), 4)
             after = motion.rows[0, 0] + motion.turns * turn
             assert after == pytest.approx(np.nanmax(t), rel=1e-12)
             since = 11.0 - 0.5 / (2.0 * math.pi) if first else 10.0
