@@ -11,7 +11,7 @@ import xarray as xr
 
 from sweeps.errors import Refused
 from sweeps.grid import Grid, block_points
-from sweeps.opened.opened_sweep import OpenedSweep, Selection
+from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.store.variables import DIRECTION, TRAJECTORIES, VARIABLES, Variable
 from sweeps.text import shown_count
 from vibroimpact.oscillator import Oscillator
@@ -27,16 +27,13 @@ _STATES_READ = 500_000
 _Values = TypeVar("_Values", xr.DataArray, np.ndarray)
 
 
-def recorded(
-    sweep: OpenedSweep, names: tuple[str, ...], at: Selection | None
-) -> tuple[OpenedSweep, list[np.ndarray]]:
+def recorded(point: OpenedSweep, names: tuple[str, ...]) -> list[np.ndarray]:
     """Read variables at one point, without padding; refuse a point that has no values."""
-    point = sweep.cut(at)
     columns = np.array([point[name].values for name in names])
     columns = columns[:, np.isfinite(columns).all(axis=0)]
     if not columns.size:
         refuse_unrecorded(point["status"].item(), names[0])
-    return point, list(columns)
+    return list(columns)
 
 
 def refuse_unrecorded(status: int, name: str) -> NoReturn:
@@ -174,8 +171,8 @@ def periods_shown(m: int) -> int:
 def motion_of(point: OpenedSweep, periods: int | None, most: int = MOST_DRAWN) -> PointMotion:
     """Return the recorded motion of a point or, over some periods, the one after its record."""
     names = TRAJECTORIES if periods is None else ("poincare_x", "poincare_v")
-    _, columns = recorded(point, names, None)
-    oscillator, spec, begun = point.oscillator, point.spec, _begun(point)
+    columns, begun = recorded(point, names), _begun(point)
+    oscillator, spec = point.oscillator, point.spec
     if periods is None:
         return PointMotion.of(oscillator, spec, np.array(columns), spec.periods, most, begun)
     return continued(oscillator, spec, columns, periods, begun, most)

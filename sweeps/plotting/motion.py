@@ -45,7 +45,8 @@ def _draw_records(
     sweep.check(*names)
     paint, rgba, handles = None, None, list[Artist]()
     if color is None:
-        points, columns = coordinates.recorded(sweep, names, at)
+        points = sweep.cut(at)
+        columns = coordinates.recorded(points, names)
     else:
         points, paint = coloured_points(sweep, at, color, page.grey)
         by_point = np.array([points[name].transpose(*points.grid, ...) for name in names])
