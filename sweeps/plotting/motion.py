@@ -330,15 +330,10 @@ def _draw_curves(
 def _mark_impacts(panels: Sequence[Axes], motion: coordinates.PointMotion) -> None:
     """Mark the impacts of the motion, and its samples beyond the stop."""
     rows = motion.rows
+    beyond = rows[:, rows[1] > motion.oscillator.clearance]
     marks = (
         (motion.impacts, data_colour(1), "o", 0.0, "impacts"),
-        (
-            rows[:, rows[1] > motion.oscillator.clearance],
-            ink(),
-            "x",
-            0.6,
-            "samples beyond the stop",
-        ),
+        (beyond, ink(), "x", 0.6, "samples beyond the stop"),
     )
     for (t, x, v), colour, marker, edge, text in marks:
         if not t.size:

@@ -8,7 +8,6 @@ from sweeps import ConfigError
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, bifurcation, diagram, impacts, pixels, section, trajectory
 from sweeps.plotting.contents import select_line
-from sweeps.plotting.style import VERMILION
 from sweeps.store.variables import VARIABLES
 from tests.helpers.written_files import FIXED, OMEGA, SAMPLES, R, picture_results
 from vibroimpact.oscillator import PARAMETERS
@@ -234,7 +233,7 @@ def test_a_trajectory_has_the_papers_three_panels(random_sweep):
     for label, (across, up) in zip(labels, [(t, x), (t, v), (x, v)], strict=True):
         panel = by_label[label]
         np.testing.assert_array_equal(panel.lines[0].get_xydata(), np.column_stack([across, up]))
-        marked = [line for line in panel.lines if line.get_color() == VERMILION]
+        marked = [line for line in panel.lines if line.get_marker() == "x"]
         assert sorted(map(tuple, marked[0].get_xydata())) == pairs(across[beyond], up[beyond])
     assert by_label[labels[2]].get_title() == "deepest penetration 1.0e+01"
 
