@@ -144,13 +144,6 @@ def test_a_truth_value_is_true_or_false(flag, value):
     assert ("lyapunov" in integrate(OSC.at(), **short, lyapunov=np.True_)) is True
 
 
-@pytest.mark.parametrize("flag", ["overwrite", "resume", "progress"])
-@pytest.mark.parametrize("value", ["False", 1, None])
-def test_a_truth_value_of_a_run_is_true_or_false(flag, value):
-    with pytest.raises(Refused, match=rf"^{flag} = .* expected: True or False$"):
-        sweeps.run_sweep("missing.yaml", **{flag: value})
-
-
 def test_numbers_without_dimensions_are_numbers():
     of_arrays = Oscillator(h=np.array(0.1), R=xr.DataArray(0.8), omega=np.float64(2.3), f=1)
     assert of_arrays == OSC and type(of_arrays.h) is float

@@ -188,6 +188,8 @@ def test_an_interrupt_ends_the_processes_in_the_middle_of_a_long_block():
     [
         (["local:0", "local:x", "local:1000000"], "local:N with an integer N from 1 to "),
         (["", "nonsense", "tcp://host", "tcp://host:65536", "http://host:1"], "tcp://HOST:PORT "),
+        (["local:" + "1" * 5000], "local:N with an integer N from 1 to "),
+        (["tcp://host:" + "1" * 5000], "tcp://HOST:PORT "),
         (["host:8786"], "did you mean tcp://host:8786?"),
     ],
 )
@@ -195,19 +197,13 @@ def test_an_address_that_is_none_is_refused_without_dask(monkeypatch, addresses,
     monkeypatch.setitem(sys.modules, "distributed", None)
     for address in addresses:
         message = refused_run("--dask", address)
-        assert message.startswith(f"vibroimpact: error: --dask {address}: the address ")
-        assert " is not allowed; expected: " in message and told in message
+        assert message.startswith(f"vibroimpact: error: --dask {address[:40]}")
+        assert " is not allowed; expected: " in message and told in message and len(message) < 600
 
 
 @pytest.mark.parametrize("address", ["local:1", "tcp://10.0.0.1:8786", "tls://[::1]:8786"])
 def test_an_address(address):
     check_address(address)
-
-
-@pytest.mark.parametrize("address", ["local:" + "1" * 5000, "tcp://host:" + "1" * 5000])
-def test_an_address_with_more_digits_than_python_reads_is_refused_in_few_words(address):
-    message = refused_run("--dask", address)
-    assert "is not allowed; expected: " in message and len(message) < 600
 
 
 def test_the_missing_extra_is_named(monkeypatch):

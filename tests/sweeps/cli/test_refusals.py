@@ -40,12 +40,6 @@ def test_an_output_folder_that_does_not_exist_and_a_disk_that_is_too_small(monke
     assert re.search(r"the sweep takes about \d+\.?\d* kB .* has only 1 kB left", told)
 
 
-@pytest.mark.parametrize("threads", [0, -1, 100_000])
-def test_threads_that_numba_does_not_have(threads):
-    message = refused("run", "sweep.yaml", "--threads", threads)
-    assert f"--threads {threads} " in message and "an integer from 1 to " in message
-
-
 @pytest.mark.parametrize("place", [".", "..", "/", "", "loop", "fifo.h5", "old.h5"])
 def test_what_is_no_file_of_a_sweep(small_file, place):
     """A folder, a link to itself, a FIFO without a writer, a file with the name of its blocks."""
@@ -60,11 +54,6 @@ def test_what_is_no_file_of_a_sweep(small_file, place):
         assert said.get(place, "is a directory, not a regular file") in message, (command, message)
     run = refused("run", place, "-o", "new.h5")
     assert "fifo.h5 is no file of a sweep" in run if place == "fifo.h5" else "Errno" not in run
-
-
-def test_a_text_is_no_file_of_a_sweep():
-    Path("text.h5").write_text("hello")
-    assert "text.h5 is no file of a sweep" in refused("run", "text.h5", "-o", "new.h5")
 
 
 @pytest.mark.parametrize(

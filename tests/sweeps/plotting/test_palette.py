@@ -83,20 +83,6 @@ PICTURES = {
 }
 
 
-def test_the_simulation_keeps_white_and_knows_red():
-    for vision in VISIONS.values():
-        np.testing.assert_allclose(seen(["white"], vision), [[100.0, 0.0, 0.0]], atol=0.05)
-    red = seen(["red"], VISIONS["normal"])  # as tables of colours give it
-    np.testing.assert_allclose(red, [[53.24, 80.09, 67.20]], atol=0.05)
-
-
-def test_the_difference_is_that_of_its_authors():
-    """Three pairs of their table: blues, hues on both sides of 0, and a mean hue beyond 0."""
-    first = [[50.0, 2.6772, -79.7751], [50.0, 2.49, -0.001], [50.0, 2.5, 0.0]]
-    second = [[50.0, 0.0, -82.7485], [50.0, -2.49, 0.0011], [61.0, -5.0, 29.0]]
-    np.testing.assert_allclose(difference(first, second), [2.0425, 7.2195, 22.8977], atol=6e-5)
-
-
 @pytest.mark.parametrize("vision", VISIONS)
 @pytest.mark.parametrize("picture", PICTURES)
 def test_every_pair_of_colours_of_a_picture_is_told_apart(picture, vision):

@@ -389,8 +389,6 @@ def test_a_panel_of_another_figure_is_drawn_into(dataset):
     assert not figure.legends and right.get_legend() is not None
     three = Figure().subplots(3)
     assert plotting.trajectory(dataset, ax=three) is three[0].figure
-    with pytest.raises(Refused, match="leave out ax or below"):
-        plotting.bifurcation(dataset, ax=left, below=["lyapunov"])
 
 
 @pytest.mark.parametrize("layout", [None, "tight", "constrained"])
