@@ -217,10 +217,13 @@ def accuracy_speed(
 
     from sweeps.bench import accuracy as bench
     from sweeps.bench import accuracy_results as results
+    from sweeps.opened.tables import refuse_points
 
     plan = bench.QUICK if quick else bench.FULL
     if config is not None:
-        plan = bench.plan_for_sweep(cli_run.read_config(config), plan)
+        read = cli_run.read_config(config)
+        refuse_points(read.columns, csv)
+        plan = bench.plan_for_sweep(read, plan)
         (scene,) = plan.scenes
         points = shown_count(len(scene.points), "point")
         common.say(f"{points} of the {scene.name}, each after one forcing period\n")

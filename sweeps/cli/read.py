@@ -70,8 +70,7 @@ def _show_attractors(
 
     cuts = common.selection_of(at)
     with common.opened_in_si(file) as sweep, common.named(file):
-        if csv is not None:
-            refuse_points(sweep, csv)
+        refuse_points((sweep.of or sweep).columns, csv)
         part = text.cut(sweep, cuts)
         with progress_shown(work):
             result = find(part)

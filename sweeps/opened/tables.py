@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from itertools import chain, repeat
 from pathlib import Path
@@ -72,15 +72,15 @@ _PART = 200_000
 ROWS: Mapping[str, str | None] = {"points": None, "sections": "section", "impacts": "impact"}
 
 
-def refuse_points(sweep: OpenedSweep, path: Path) -> None:
-    """Refuse to replace the table that a sweep was made from: it has only columns of the sweep."""
-    if not sweep.columns or not path.is_file():
+def refuse_points(columns: Collection[str], path: Path | None) -> None:
+    """Refuse to replace the table that a sweep was made from: it has no other columns."""
+    if not columns or path is None or not path.is_file():
         return
     names = set[str]()
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         with suppress(ValueError):  # of no table of points
             names = {*header_of(file)}
-    if names and names <= set(map(str, sweep.data.coords)):
+    if names and names <= {*columns}:
         raise Refused(
             f"{path} is a table of points like that of the sweep, and is not replaced; give the "
             "new table another name"
@@ -107,7 +107,7 @@ def write_rows(sweep: OpenedSweep, path: Path, rows: str = "points") -> int:
     values; what was not recorded has no row. All digits are kept, so that reading the file gives
     the same numbers; NaN is an empty field. The file is replaced only when the table is complete.
     """
-    refuse_points(sweep, path)
+    refuse_points((sweep.of or sweep).columns, path)
     data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
     size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
     parts = (_frame(sweep.over(part), ROWS[rows]) for part, _ in in_parts(data, size))

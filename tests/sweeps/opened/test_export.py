@@ -149,6 +149,8 @@ def test_the_table_of_points_is_not_replaced():
         ["export", "out.h5", "-o", "table.csv"],
         ["export", "out.h5", "-o", "table.csv", "--rows", "sections"],
         ["attractors", "out.h5", "--csv", "table.csv"],
+        ["bench", "accuracy-speed", "sweep.yaml", "--csv", "table.csv"],
+        ["bench", "accuracy-speed", "out.h5", "--csv", "table.csv"],
     ):
         assert "table.csv is a table of points like that of the sweep" in refused(*words)
     assert Path("table.csv").read_text() == text
