@@ -10,7 +10,9 @@ as well.
 
 from __future__ import annotations
 
+import _thread
 import signal
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -25,6 +27,8 @@ SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU", 
 #: Those that the system has.
 SIGNALS = [signal.Signals[name] for name in SIGNAL_NAMES if hasattr(signal, name)]
 _came = False
+#: Time after which an exception that was swallowed is raised again [s].
+_MOMENT = 0.01
 
 
 class _ThisThread(threading.local):
@@ -78,20 +82,31 @@ def ignore() -> None:
 def raised_at_once() -> Iterator[None]:
     """Raise `Cancelled` in the block as soon as a signal arrives, not only at the next `check`.
 
-    This is for work that writes nothing valuable, or that waits for others.
+    This is for work that writes nothing valuable, or that waits for others. In a callback of a
+    library, which swallows the exception, it is raised a moment later.
     """
     noted = [number for number in SIGNALS if signal.getsignal(number) is _set]
     if threading.current_thread() is not threading.main_thread():
         noted = []
+    report = sys.unraisablehook
+
+    def swallowed(about: Any) -> None:
+        if about.exc_type is Cancelled:
+            threading.Timer(_MOMENT, _thread.interrupt_main, noted[:1]).start()
+        else:
+            report(about)
+
     try:
+        sys.unraisablehook = swallowed
         for number in noted:
             signal.signal(number, _raise)
         check()
         yield
-        check()  # a library may have swallowed the exception
+        check()
     finally:
         for number in noted:
             signal.signal(number, _set)
+        sys.unraisablehook = report
 
 
 @contextmanager

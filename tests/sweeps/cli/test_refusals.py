@@ -244,18 +244,38 @@ def listening(monkeypatch):
         signal.signal(number, handler)
 
 
+class Callback:
+    """Exceptions in it are swallowed, as in LLVM's."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def __del__(self):
+        os.kill(os.getpid(), self.number)
+        time.sleep(0.1)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_command_that_waits_for_others_is_interrupted_in_a_callback_too(
+    small_file, monkeypatch, capfd, listening, number
+):
+    def contents(sweep):
+        Callback(number)
+        wait_until(lambda: False, "the interrupt")
+
+    monkeypatch.setattr("sweeps.opened.tables.contents", contents)
+    result = call("info", "small.h5")
+    assert (result.exit_code, result.stderr) == (1, "vibroimpact: error: interrupted\n")
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd, listening, number):
-    class Callback:  # exceptions in it are swallowed, as in LLVM's
-        def __del__(self):
-            os.kill(os.getpid(), number)
-            time.sleep(0.1)
-
     written = []
 
     def write(self, block, results):
         written.append(block)
-        Callback()
+        Callback(number)
 
     monkeypatch.setattr(SweepWriter, "write", write)
     monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 2)
