@@ -143,6 +143,7 @@ def _spread(panel: Axes, x: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, 
     """
     values, place = np.unique(x, return_inverse=True)
     marked = np.bincount(place.ravel(), where.ravel()) > 0.0
+    panel.get_xlim()  # matplotlib delays the limits
     across = panel.transData.transform(np.stack([values, values], axis=1))[:, 0]
     places = np.floor(across * 72.0 / figure_of(panel).dpi)
     columns, column = np.unique(places, return_inverse=True)
