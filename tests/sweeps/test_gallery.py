@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.colors import same_color
 from numpy.testing import assert_allclose
-from scipy.optimize import brentq
 
-from sweeps import attractors, bifurcations, curves, integrity, load_config, open_sweep, run_sweep
+from sweeps import attractors, curves, integrity, load_config, open_sweep, run_sweep
 from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import KINDS
@@ -323,16 +322,3 @@ def test_shaker(scene):
                                        R=0.7, frequency=15.0)), "omega", 80.0, 160.0,
     ).special if end.kind == "graze"]  # fmt: skip
     assert_allclose(grazes, [2.0 * np.pi * 18.7548527643], rtol=1e-11)
-
-
-def test_feigenbaum(scene):
-    """The first flip in closed form; the next two as the multipliers of the orbits give them."""
-    found = bifurcations(scene("feigenbaum"))
-    flips = found[found["kind"] == "flip"]
-    loss = ((1.0 - 0.8) / (1.0 + 0.8)) ** 2
-    first = brentq(lambda w: np.cos(np.pi / w) ** 2 * (w * w - loss) - 1.0, 2.6, 2.7, xtol=1e-15)
-    values = [first, 2.71598725144, 2.72911791816, 2.73136381617]
-    assert_allclose(flips["value"], values, rtol=1e-11)
-    assert flips["orbit"].tolist() == ["1/1", "2/2", "4/4", "8/8"]
-    before, after = np.diff(flips["value"])[:2]
-    assert before / after == pytest.approx(4.77, abs=5e-3)

@@ -48,21 +48,6 @@ def bifurcations(path):
         return list(find_bifurcations(OpenedSweep(dataset), keep=KEEP).itertuples())
 
 
-@pytest.mark.parametrize(
-    ("oscillator", "value"),
-    [
-        ("h: 0.05, R: 0.8, f: 1, omega: [2.65, 2.6, 2.7, 2.625, 2.675]", 2.65888454668484),
-        ("h: 0.1, R: 0.5, f: 1, omega: {start: 2.65, stop: 2.75, num: 5}", 2.69176208595193),
-        ("h: 0.5, R: 1, f: 1, omega: {start: 2.6, stop: 2.7, num: 4}", 2.63675987555693),
-    ],
-)
-def test_flips_are_at_their_certified_values(sweep, oscillator, value):
-    (flip,) = bifurcations(sweep(oscillator))
-    assert (flip.kind, str(flip.before), str(flip.after)) == ("flip", "1/1", "2/2")
-    assert flip.value == pytest.approx(value, rel=1e-12)
-    assert 0.0 < flip.high - flip.low < 0.04
-
-
 def test_a_flip_beyond_the_branches_stands_beside_no_line_that_denies_it(sweep):
     """Each flip is found from its own orbit; branches are followed only of few periods."""
     path = sweep("h: 0.02, omega: 2.8, f: 1, R: {start: 0.5617, stop: 0.5623, num: 4}")
@@ -130,8 +115,8 @@ def test_without_a_value_there_is_no_orbit(sweep):
 
 
 def test_the_table_in_python_is_the_one_that_is_listed(sweep):
-    """With a certified flip, on one of two lines over R."""
-    path = sweep("h: 0.05, R: [0.2, 0.8], f: 1, omega: {start: 2.6, stop: 2.67, num: 4}")
+    """With a certified flip, on one of two lines over R; the axis is in any order."""
+    path = sweep("h: 0.05, R: [0.2, 0.8], f: 1, omega: [2.65, 2.6, 2.7, 2.625, 2.675]")
     with open_sweep(path) as dataset:
         found = sweeps.bifurcations(dataset)
         omega = dataset["omega"].values.tolist()

@@ -120,6 +120,7 @@ NEWMARK = {
     "method": {"integrator": "newmark", "impact": "reduced-step", "steps_per_period": 120},
 }
 MEASURING = matplotlib.text._get_text_metrics_function  # without what other pictures measured
+WIDTH = matplotlib.text.Text._get_rendered_text_width  # of a line, not of its words
 LOOSE = "$h=0.05$, $R=0.8$, costs 5$"  # an odd number of signs: all are drawn as such
 
 
@@ -152,6 +153,7 @@ def parsed(monkeypatch):
     monkeypatch.setattr(Parser, "parse", counted)
     monkeypatch.setattr(backend_agg, "MathTextParser", MathTextParser)  # not that of all tests
     monkeypatch.setattr(matplotlib.text, "_get_text_metrics_function", MEASURING)
+    monkeypatch.setattr(matplotlib.text.Text, "_get_rendered_text_width", WIDTH)
     return parsed
 
 
