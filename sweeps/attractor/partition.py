@@ -208,7 +208,8 @@ def attractors(
     ):
         data[name] = (status.dims, values.reshape(status.shape), {"long_name": meaning})
     data["attractors"] = index.parameters, counted, {"long_name": "distinct attractors found"}
-    return xr.Dataset(data, dict(status.coords))
+    taken = {*data, "coexisting", SETS}  # a column of a table may have one of these names
+    return xr.Dataset(data, status.drop_vars(taken, errors="ignore").coords)
 
 
 def _by_rank(

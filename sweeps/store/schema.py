@@ -153,7 +153,7 @@ class Schema:
 def refuse_columns(names: Iterable[str]) -> None:
     """Refuse columns of a table whose names the file needs itself."""
     for name in names:
-        if name in (TABLE, DIRECTION, _BLOCKS, *RECORDS, *VARIABLES):
+        if name in (TABLE, DIRECTION, _BLOCKS, *RECORDS, *VARIABLES, "lyapunov_1", "lyapunov_2"):
             problem = "has the name of a result; expected: another name"
             raise StoreError(f"points: the column {name} {problem}")
 

@@ -300,6 +300,19 @@ def test_a_column_of_a_table_may_be_left_out():
             plotting.table_panels(ds.drop_vars("R"))
 
 
+def test_a_column_of_a_table_may_be_called_like_a_result_of_attractors():
+    starts = {"omega": [2.6, 2.6], "x0": [0.0, -1.0]}
+    numbers = {key: [7, 8] for key in ("m", "number", "attractor", "coexisting", "set")}
+    record = {"transient": 50, "periods": 32, "diagnostics": ["period"]}
+    scene = {"oscillator": {"h": 0.1, "R": 0.8, "f": 1.0}, "record": record}
+    plain, named = (
+        sweeps.attractors(sweeps.run_sweep(scene | {"points": points}, f"{len(points)}.h5"))
+        for points in (starts, starts | numbers)
+    )
+    for name, values in plain.data_vars.items():
+        np.testing.assert_array_equal(named[name], values)
+
+
 def test_points_that_were_left_out_are_pending(opened):
     ds = opened["map"]
     left = ds.where(ds["omega"] > 2.65)

@@ -263,7 +263,7 @@ def test_what_needs_an_axis_is_refused():
         load_config("sweep.yaml", ["follow.axis=omega"])
 
 
-@pytest.mark.parametrize("name", ["status", "blocks", "point", "section"])
+@pytest.mark.parametrize("name", ["status", "blocks", "point", "section", "lyapunov_2"])
 def test_a_column_with_the_name_of_a_result_is_refused(name):
     write_csv({"R": [0.5], "omega": [2.0], name: [1]})
     for options in ([], ["--dry-run"]):
