@@ -123,7 +123,7 @@ def shown_bytes(size: float) -> str:
     while size >= 999.5 and len(units) > 1:
         size /= 1000.0
         del units[0]
-    return f"{_three_digits(size)} {units[0]}"
+    return f"{three_digits(size)} {units[0]}"
 
 
 def shown_duration(seconds: float) -> str:
@@ -133,10 +133,10 @@ def shown_duration(seconds: float) -> str:
     for limit, unit, size in ((90, "s", 1), (5400, "min", 60), (172800, "h", 3600)):
         if seconds < limit:
             return f"{seconds / size:.3g} {unit}"
-    return f"{_three_digits(seconds / 86400)} days"
+    return f"{three_digits(seconds / 86400)} days"
 
 
-def _three_digits(value: float) -> str:
+def three_digits(value: float) -> str:
     """Write three digits of a number, and all of its integer part: 1,234, not 1.23e+03."""
     return f"{value:.3g}" if value < 999.5 else f"{value:,.0f}"
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from sweeps.text import table
+from sweeps.text import table, three_digits
 from vibroimpact import Oscillator, integrate
 from vibroimpact.jit import ALL_THREADS, NUMERICS, WAY, fma, jit, widest_vectors
 from vibroimpact.kernel.integrate import Effort, Length, effort
@@ -149,7 +149,7 @@ def speed_text(record: Mapping[str, Any]) -> str:
     for name, speed in speeds.items():
         rates = list(speed["periods"].values())
         ratio = [f"{rates[-1] / rates[0]:.2f}" for _ in speed_up]
-        millions = [f"{rate / 1e6:.3g}" for rate in (*rates, speed["computed"], speed["impacts"])]
+        millions = [three_digits(r / 1e6) for r in (*rates, speed["computed"], speed["impacts"])]
         millions[len(rates) : len(rates)] = ratio
         alone = "" if math.isnan(speed["alone"]) else f"{speed['alone']:.2%}"
         rows.append([name, f"{speed['steps']}", *millions, alone, f"{speed['share']:.1%}"])

@@ -24,7 +24,7 @@ from sweeps.explorer.live_diagram import Branches, Diagram
 from sweeps.explorer.live_maps import Map
 from sweeps.explorer.live_motion import MotionPanel
 from sweeps.explorer.view import BASINS_TAB, DIAGRAM_TAB, MAP_TAB, View, write_yaml
-from sweeps.text import command, shown_count
+from sweeps.text import command, shown_count, three_digits
 
 _ENDED = (
     "<b>vibroimpact explore has ended</b>, or the connection to it is lost: what is shown stays as "
@@ -294,7 +294,7 @@ class LivePage:
         size, number = config.sweep.size, points * (config.sweep.known_periods or 0)
         of = "" if points == size else f"{points:,} of "
         periods = f", {shown_count(number, 'forcing period')}" if number else ""
-        rate = f": {1e-6 * number / computing:.3g} million periods/s" if number else ""
+        rate = f": {three_digits(1e-6 * number / computing)} million periods/s" if number else ""
         self._rate = self.controls.status.text = (
             f"{of}{shown_count(size, 'point')}{periods} in {1e3 * computing:.0f} ms{rate}; "
             f"picture after {1e3 * seconds:.0f} ms"

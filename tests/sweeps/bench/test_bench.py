@@ -119,6 +119,8 @@ def test_the_command_shows_the_speeds_and_writes_them_as_json_and_is_a_gate(monk
     one_core = RECORD["works"]["plain"] | {"periods": {1: 30e6}}
     assert "speed-up" in done.stdout
     assert "speed-up" not in speed.speed_text(RECORD | {"works": {"plain": one_core}})
+    many = RECORD["works"]["plain"] | {"periods": {1: 30e6, 64: 1.912e9}}
+    assert "     30       1,912  " in speed.speed_text(RECORD | {"works": {"plain": many}})
 
 
 # Known of the three cases: impacts per period, their speeds, and the order to the letter, which
