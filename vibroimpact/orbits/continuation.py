@@ -244,7 +244,10 @@ def _edge(
     family, axis = step.family, reason.at
     inside, beyond = family.values(X)[axis], family.values(Y)[axis]
     share = (reason.where - inside) / (beyond - inside)
-    edge = family.at(X + share * (Y - X), reason.where, axis)
+    guess, plane = X + share * (Y - X), np.zeros((1, X.size))
+    free(guess, family.q)[axis] = reason.where / family.spans[axis]
+    free(plane, family.q)[0, axis] = 1.0
+    edge = family.corrected(guess, plane)
     if edge is None or not is_orbit(family, family.point(edge, step.begin.tangent)):
         return None
     return edge if step.place(X) <= step.place(edge) <= step.place(Y) else None

@@ -152,15 +152,15 @@ class OrbitFamily:
         return unknowns(z, values / self.spans)
 
     def values(self, X: np.ndarray) -> np.ndarray:
-        """Return the free parameters at a point."""
+        """Return the free parameters at points."""
         return free(X, self.q) * self.spans
 
     def kept(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at points; a value within rounding of an edge becomes it."""
-        values = free(X, self.q) * self.spans
-        for j, parameter in enumerate(self.parameters):
-            for edge in (parameter.low, parameter.high):
-                values[..., j][np.abs(values[..., j] - edge) <= parameter.slack] = edge
+        values = self.values(X)
+        for j, axis in enumerate(self.parameters):
+            for edge in (axis.low, axis.high):
+                values[..., j][np.abs(values[..., j] - edge) <= axis.slack] = edge
         return values
 
     def within(self, X: np.ndarray) -> np.ndarray:
@@ -230,13 +230,6 @@ class OrbitFamily:
         system = self.system._replace(condition=CONDITIONS[kind], graze=graze)
         return self.corrected(X, np.empty((0, X.size)), system=system)
 
-    def at(self, X: np.ndarray, value: float, parameter: int = 0) -> np.ndarray | None:
-        """Return the point near X at a value of a parameter; None if none is found."""
-        X, plane = X.copy(), np.zeros((1, X.size))
-        free(X, self.q)[parameter] = value / self.spans[parameter]
-        free(plane, self.q)[0, parameter] = 1.0
-        return self.corrected(X, plane)
-
     def tangent(self, X: np.ndarray, along: np.ndarray | None = None) -> np.ndarray:
         """Return the direction of the family; with `along`, that which goes the same way."""
         tangent = calls.tangent(self.system, X)
@@ -300,13 +293,11 @@ class OrbitFamily:
 
     def inadmissible(self, X: np.ndarray) -> tuple[Inadmissible | None, float]:
         """Return why a point is inadmissible, and the greatest local maximum near the stop."""
-        for j, (axis, value) in enumerate(
-            zip(self.parameters, self.values(X).tolist(), strict=True)
-        ):
-            if not axis.holds(value):
-                return Inadmissible(
-                    "edge", j, axis.low if value < axis.low else axis.high
-                ), math.nan
+        values = self.values(X).tolist()
+        for j, axis in enumerate(self.parameters):
+            if not axis.holds(values[j]):
+                edge = axis.low if values[j] < axis.low else axis.high
+                return Inadmissible("edge", j, edge), math.nan
         slowest = int(np.argmin(speeds(X, self.q)))
         if speeds(X, self.q)[slowest] < 0.0:
             return Inadmissible("speed", slowest), math.nan
