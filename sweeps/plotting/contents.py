@@ -170,15 +170,21 @@ def refuse_without_branches(coordinate: str) -> None:
         raise Refused(f"exact branches have no {coordinate}; {choice}")
 
 
-def refuse_other_orbits(
+def fitting_orbits(
     exact: xr.Dataset, noun: str, axes: Sequence[str], needed: set[str]
-) -> None:
-    """Refuse exact branches or curves that are over other axes, or of which a part is missing."""
+) -> xr.Dataset:
+    """Return exact branches or curves, of which `where` may have left out points.
+
+    Refuses those that are over other axes, or of which a part is missing.
+    """
     if {*exact.coords} != {*axes}:
         over = listed(map(str, exact.coords))
         raise Refused(f"the exact {noun} are over {over}, not {listed(axes)}")
     if missing := sorted(needed - {*exact, *exact.attrs}):
         raise Refused(f"the exact {noun} have no {listed(missing)}: find them again")
+    exact = exact.dropna("point", subset=["m"])
+    typed = {"branch": int, "curve": int, "m": int, "q": int, "stable": bool}
+    return exact.assign({name: exact[name].astype(typed[name]) for name in typed.keys() & {*exact}})
 
 
 def refuse_empty(line: OpenedSweep, coordinate: str) -> NoReturn:

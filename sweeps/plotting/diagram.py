@@ -88,7 +88,10 @@ def bifurcation(
     line, axis, coordinate = contents.select_line(sweep, axes, at, coordinate)
     if tint is not None:
         line = line.each_direction[0]
-    _check_branches(exact, axis, coordinate)
+    if exact is not None:
+        contents.refuse_without_branches(coordinate)
+        noun = "branches" if "branch" in exact else "curves, which a map shows,"
+        exact = contents.fitting_orbits(exact, noun, [axis], _OF_BRANCHES | {coordinate})
     points = read_overlay(overlay, sweep, [[axis], [coordinate, *names]])
     paint = None if tint is None else paint_of(line, tint, dots=True, grey=page.grey)
     rgba = None if paint is None else paint.colours()
@@ -134,15 +137,6 @@ def bifurcation(
 
 #: What a diagram needs of exact branches, besides the coordinate.
 _OF_BRANCHES = {"branch", "m", "q", "stable", "impact_phase", "range"}
-
-
-def _check_branches(exact: xr.Dataset | None, axis: str, coordinate: str) -> None:
-    """Refuse exact branches that a diagram of a coordinate over an axis cannot show."""
-    if exact is None:
-        return
-    contents.refuse_without_branches(coordinate)
-    noun = "branches" if "branch" in exact else "curves, which a map shows,"
-    contents.refuse_other_orbits(exact, noun, [axis], _OF_BRANCHES | {coordinate})
 
 
 def _with_numbers(

@@ -58,10 +58,10 @@ def parts_of(branches: xr.Dataset, coordinate: str) -> Iterator[Part]:
         of_branch = (branches["branch"].values == number) & (branches["kind"].values == "")
         branch = branches.isel(point=of_branch)
         x, stable, y = branch[axis].values, branch["stable"].values, values[of_branch]
-        m, q = (int(branch[name].values[0]) for name in ("m", "q"))
         y = y[:, np.isfinite(y).any(axis=0)]
-        if not y.shape[1]:  # the free oscillation has no impact
+        if not y.shape[1]:  # the free oscillation has no impact, a left-out branch no point
             continue
+        m, q = (int(branch[name].values[0]) for name in ("m", "q"))
         # A special point ends the pieces on both sides, and belongs to the stable one.
         states = zip(stable[1:] | stable[:-1], _breaks(branch, coordinate), strict=True)
         for start, stop, (steady, run) in runs(states):

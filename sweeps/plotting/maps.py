@@ -18,7 +18,7 @@ from matplotlib.path import Path
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas, labels
 from sweeps.plotting.colours import paint_of
-from sweeps.plotting.contents import Wanted, refuse_other_orbits, with_number
+from sweeps.plotting.contents import Wanted, fitting_orbits, with_number
 from sweeps.plotting.exact_lines import draw_curves
 from sweeps.plotting.legend import COMMON
 from sweeps.plotting.looks import OTHERS, Cells, class_numbers, failed_cells
@@ -74,7 +74,7 @@ def parameter_map(
     """
     abscissa, ordinate = chosen = sweep.map_axes(axes, at)
     if exact is not None:
-        refuse_other_orbits(exact, "curves", chosen, {"curve", "m", "q", "special"})
+        exact = fitting_orbits(exact, "curves", chosen, {"curve", "m", "q", "special"})
     sweep, name = with_number(sweep, shown_quantity(sweep, quantity))
     points = read_overlay(overlay, sweep, [[abscissa], [ordinate]], name)
     cut = sweep.cut(at, free=chosen).sortby(chosen).transpose(ordinate, abscissa)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 import sweeps
 from sweeps import Refused, open_sweep, plotting
@@ -149,6 +150,23 @@ def test_what_exact_orbits_and_attractors_lack_is_named(opened):
     for name in ("m", "q", "section_x", "section_v"):
         with pytest.raises(Refused, match=r"found = .*expected: the result of sweeps\.attractors"):
             sweeps.knocks(starts, sweeps.attractors(starts).drop_vars(name))
+
+
+def test_a_part_of_exact_orbits_is_drawn(opened):
+    """`where` makes floats of integers, and without ``drop`` leaves points without values."""
+    over_map = opened["map"]
+    for draw, orbits in (
+        (plotting.bifurcation, sweeps.branches(over_map, "omega")),
+        (plotting.parameter_map, sweeps.curves(over_map)),
+    ):
+        chosen = orbits["m"] == 1
+        parts = [orbits.isel(point=chosen.values), orbits.where(chosen)]
+        parts.append(orbits.where(chosen, drop=True))
+        drawn = [
+            [[*map(str, line.get_xdata())] for line in draw(over_map, exact=part).findobj(Line2D)]
+            for part in parts
+        ]
+        assert chosen.any() and drawn[0] == drawn[1] == drawn[2]
 
 
 AT = ("R=0.8", 3, ["R"], {"R": None}, {"R": [0.7]}, {"R": "0.7"}, {3: 0.7}, {"R": np.nan})
