@@ -27,8 +27,6 @@ SIGNAL_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU", 
 #: Those that the system has.
 SIGNALS = [signal.Signals[name] for name in SIGNAL_NAMES if hasattr(signal, name)]
 _came = False
-#: Time after which an exception that was swallowed is raised again [s].
-_MOMENT = 0.01
 
 
 class _ThisThread(threading.local):
@@ -85,14 +83,13 @@ def raised_at_once() -> Iterator[None]:
     This is for work that writes nothing valuable, or that waits for others. In a callback of a
     library, which swallows the exception, it is raised a moment later.
     """
-    noted = [number for number in SIGNALS if signal.getsignal(number) is _set]
-    if threading.current_thread() is not threading.main_thread():
-        noted = []
+    is_main = threading.current_thread() is threading.main_thread()
+    noted = [number for number in SIGNALS if is_main and signal.getsignal(number) is _set]
     report = sys.unraisablehook
 
     def swallowed(about: Any) -> None:
         if about.exc_type is Cancelled:
-            threading.Timer(_MOMENT, _thread.interrupt_main, noted[:1]).start()
+            threading.Timer(0.01, _thread.interrupt_main, noted[:1]).start()
         else:
             report(about)
 
