@@ -126,6 +126,8 @@ def _leave_marks_free(panel: Axes, raster: np.ndarray) -> None:
     texts = [text for text in panel.texts if text.get_text()]
     for part in filter(None, [panel.get_legend(), *texts]):
         box = part.get_window_extent()
+        if isinstance(part, Text) and part.get_bbox_patch() is not None:
+            box = box.padded(0.5 * box.height)  # a circle around a digit is within this
         corners = panel.transAxes.inverted().transform(box.get_points())
         low, high = np.clip(corners[:, ::-1], 0.0, 1.0) * raster.shape
         raster[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])] = -1

@@ -12,11 +12,13 @@ from sweeps.attractor.integrity import Knock
 from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting import integrity as draw_integrity
+from sweeps.plotting.canvas import Picture
+from sweeps.plotting.names import name_regions
 from sweeps.plotting.style import CLASSES, DOT_COLOURS
 from tests.helpers.equal_points import legend_texts
 from tests.helpers.sweep_files import run_in
 from tests.sweeps.attractor.test_integrity import CONFIG as STARTS
-from vibroimpact.status import Status
+from vibroimpact.status import Evidence, Status
 
 pytestmark = pytest.mark.slow
 
@@ -40,6 +42,7 @@ def test_starts_without_a_result_are_refused(ranked, panels):
 def test_a_profile_of_no_attractor_is_refused(random_sweep):
     starts = {"omega": [1.0, 2.0], "x0": [-2, -1, 0], "v0": [-1, 0, 1]}
     unbounded = {"status": np.full(18, Status.UNBOUNDED, np.int8), "period": np.zeros(18, int)}
+    unbounded |= {"class_evidence": np.full(18, Evidence.NONE, np.int8)}
     dataset = random_sweep(starts, phase=0.0, diagnostics=("period",), **unbounded)
     with pytest.raises(Refused, match="there is nothing to draw: no start reaches an attractor"):
         draw_integrity(dataset, panels=["fraction"])
@@ -136,3 +139,17 @@ def test_names_of_basins_stay_clear_of_discs_and_knocks(ranked, with_layout):
         lines += [Path(panel.transData.transform(knock)) for knock in knocks]
         assert names and len(lines) == 4
         assert not any(line.intersects_bbox(box, filled=False) for line in lines for box in names)
+
+
+def test_a_name_stays_clear_of_the_circle_around_a_number(with_layout):
+    figure = Picture(Page(width=3.4, height=1.2))
+    panel = figure.add_subplot(xlim=(0, 1), ylim=(0, 1))
+    circle = {"boxstyle": "circle,pad=0.15"}
+    number = panel.text(0.5, 0.5, "1", size="x-small", ha="center", va="center", bbox=circle)
+    strip = np.array([0.0, 0.44, 0.56, 1.0])
+    (name,) = name_regions(
+        panel, [np.arange(2), strip], np.array([[2], [1], [2]]), {1: "rest, 1 period"}
+    )
+    figure.draw_without_rendering()
+    box = number.get_bbox_patch().get_window_extent()
+    assert not box.overlaps(Text.get_window_extent(name))
