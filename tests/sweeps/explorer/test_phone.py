@@ -67,6 +67,7 @@ def test_the_plot_has_the_width_of_a_phone_and_the_controls_are_below(window):
 
 def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(window):
     window.tab.set_viewport_size({"width": 690, "height": 400})
+    window.settle(lambda: window.box()["width"] > 450)
     code = "{const box = Bokeh.index.find_one(m)?.el.getBoundingClientRect();"
     code += "return box?.height > 0 && [box.top, box.bottom]}"
 
