@@ -104,12 +104,21 @@ def content(path: Path) -> Content | None:
     return Content.HDF5 if hdf5 else Content.OTHER
 
 
+def _without_waiting(path: str, flags: int) -> int:
+    """Open a file, but do not wait for the writer of a FIFO."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
 def open_regular(path: Path) -> io.BufferedReader:
     """Open a regular file for reading; refuse anything else, such as a FIFO, which would block."""
     try:
         mode = os.stat(path).st_mode
         if stat.S_ISREG(mode):
-            return path.open("rb")
+            file = open(path, "rb", opener=_without_waiting)
+            mode = os.fstat(file.fileno()).st_mode  # another file may have the name by now
+            if stat.S_ISREG(mode):
+                return file
+            file.close()
     except (FileNotFoundError, NotADirectoryError):
         raise
     except (OSError, ValueError) as error:  # too long a name, a null byte

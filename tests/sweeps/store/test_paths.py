@@ -20,7 +20,7 @@ from filelock import FileLock, Timeout
 from matplotlib.backend_bases import FigureCanvasBase
 
 from sweeps.errors import StoreError
-from sweeps.store.paths import FORMAT, FORMAT_VERSION, check_output, check_room
+from sweeps.store.paths import FORMAT, FORMAT_VERSION, check_output, check_room, open_regular
 from sweeps.store.writer import sweep_writer
 from sweeps.store.xarray_engine import open_sweep
 from tests.helpers.commands import call
@@ -61,6 +61,20 @@ def hdf5_of_another_program(path):
     with h5py.File(path, "w") as file:
         file["precious"] = range(5)
         file.attrs["format"] = "another"
+
+
+def test_a_fifo_that_takes_the_name_of_a_file_is_not_waited_for(monkeypatch):
+    """Between the look at the file and its opening."""
+    Path("a.h5").touch()
+    before = os.stat("a.h5")
+    os.remove("a.h5")
+    os.mkfifo("a.h5")
+    writer = os.open("a.h5", os.O_RDWR)
+    for close in (lambda: os.close(writer), lambda: None):  # the second time nobody writes
+        with monkeypatch.context() as patch, pytest.raises(StoreError, match="is a FIFO"):
+            patch.setattr(os, "stat", lambda path: before)
+            open_regular(Path("a.h5"))
+        close()
 
 
 SCHEMA = "out.h5.parts/schema.h5"
