@@ -40,7 +40,7 @@ def name_regions(
     """
     canvas.lay_out(panel)
     raster, texts = _as_seen(panel, edges, classes), list[Text]()
-    _leave_marks_free(panel, raster)
+    free = _free_of_marks(panel)
 
     def box(name: str) -> tuple[int, int]:
         """Return the height and the width of a name."""
@@ -49,7 +49,7 @@ def name_regions(
         text.remove()
         return size
 
-    for name, row, column, upright in placed_names(raster, names, box):
+    for name, row, column, upright in placed_names(raster, names, box, free):
         text = _new_text(panel, name, clip_on=True)
         if upright:
             text.set(rotation=90.0, va="center")  # at center_baseline it would be below its place
@@ -80,11 +80,15 @@ def _new_text(panel: Axes, name: str, **look: Any) -> Text:
 
 
 def placed_names(
-    classes: np.ndarray, names: Mapping[int, str], box: Callable[[str], tuple[int, int]]
+    classes: np.ndarray,
+    names: Mapping[int, str],
+    box: Callable[[str], tuple[int, int]],
+    free: np.ndarray | bool = True,
 ) -> Iterator[tuple[str, int, int, bool]]:
     """Yield a name for every region with room for it, its row and column, and if it is upright.
 
-    `classes` are those of pixels; `box` returns the height and the width of a name in pixels.
+    `classes` are those of pixels; `box` returns the height and the width of a name in pixels; a
+    name covers only pixels that are `free`.
     """
     number, sizes = _regions(classes)
     count = 0
@@ -96,7 +100,8 @@ def placed_names(
         if name is None:
             continue
         top, left = rows.min(), columns.min()
-        shape = number[top : rows.max() + 1, left : columns.max() + 1] == region
+        inside = (number == region) & free
+        shape = inside[top : rows.max() + 1, left : columns.max() + 1]
         height, width = box(name)
         level = _widest(shape, height, width)
         place = level or _widest(shape, width, height)
@@ -121,26 +126,28 @@ def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> n
     return seen
 
 
-def _leave_marks_free(panel: Axes, raster: np.ndarray) -> None:
-    """Set the pixels of legend, texts, markers, discs, arrows, which a name would hide, to -1."""
+def _free_of_marks(panel: Axes) -> np.ndarray:
+    """Return the pixels of a panel without legend, texts, markers, discs and arrows."""
+    free = np.ones(_shape_of(panel), bool)
     texts = [text for text in panel.texts if text.get_text()]
     for part in filter(None, [panel.get_legend(), *texts]):
         box = part.get_window_extent()
         if isinstance(part, Text) and part.get_bbox_patch() is not None:
             box = box.padded(0.5 * box.height)  # a circle around a digit is within this
         corners = panel.transAxes.inverted().transform(box.get_points())
-        low, high = np.clip(corners[:, ::-1], 0.0, 1.0) * raster.shape
-        raster[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])] = -1
+        low, high = np.clip(corners[:, ::-1], 0.0, 1.0) * free.shape
+        free[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])] = False
     marks = [np.asarray(line.get_xydata()) for line in panel.lines if line.get_marker() == "o"]
     lines = [panel.transData.inverted().transform(disc.get_verts()) for disc in panel.patches]
     arrows = (text for text in panel.texts if isinstance(text, Annotation) and text.arrowprops)
     lines += [np.array([arrow.xyann, arrow.xy]) for arrow in arrows]
-    marks += [np.asarray(Path(line).interpolated(max(raster.shape)).vertices) for line in lines]
+    marks += [np.asarray(Path(line).interpolated(max(free.shape)).vertices) for line in lines]
     for points in marks:
-        places = canvas.in_panel(panel, points)[:, ::-1] * raster.shape
+        places = canvas.in_panel(panel, points)[:, ::-1] * free.shape
         for row, column in places[np.isfinite(places).all(axis=1)].astype(int).tolist():
             near = (slice(max(0, at - _MARK), max(0, at + _MARK + 1)) for at in (row, column))
-            raster[tuple(near)] = -1
+            free[tuple(near)] = False
+    return free
 
 
 def _regions(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import same_color, to_hex
+from matplotlib.patches import Circle
 from matplotlib.path import Path
 from matplotlib.text import Text
 
@@ -153,3 +154,10 @@ def test_a_name_stays_clear_of_the_circle_around_a_number(with_layout):
     figure.draw_without_rendering()
     box = number.get_bbox_patch().get_window_extent()
     assert not box.overlaps(Text.get_window_extent(name))
+
+
+def test_a_region_that_a_disc_divides_has_one_name(with_layout):
+    panel = Picture(Page(width=3.4, height=3.4)).add_subplot(xlim=(0, 1), ylim=(0, 1))
+    panel.add_patch(Circle((0.5, 0.5), 0.3, fill=False))
+    (name,) = name_regions(panel, [np.arange(2), np.arange(2)], np.array([[1]]), {1: "1/1"})
+    assert not Path(panel.patches[0].get_verts()).intersects_bbox(name.get_window_extent(), False)
