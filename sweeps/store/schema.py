@@ -165,21 +165,22 @@ def write_schema(
     file.attrs.update(schema.attributes)
     columns = str(schema.attributes.get(COLUMN_NAMES, "")).split()
     file.attrs[_COORDINATES] = " ".join([*schema.fixed, *columns])
+    made: dict[str, h5py.Dataset] = {}
     for name, (dimensions, values) in schema.coordinates().items():
         dtype = h5py.string_dtype() if np.asarray(values).dtype == object else None
-        dataset = file.create_dataset(name, data=values, dtype=dtype)
+        dataset = made[name] = file.create_dataset(name, data=values, dtype=dtype)
         dataset.attrs.update(attributes_of(name, schema.attributes, schema.column_units))
         if dimensions == (name,):
             dataset.make_scale(name)
         elif dimensions:
-            dataset.dims[0].attach_scale(file[dimensions[0]])
+            dataset.dims[0].attach_scale(made[dimensions[0]])
     for name in schema.variables:
         sizes, dtype = schema.sizes(name), VARIABLES[name].dtype
         storage = _storage(schema, name, compressed)
         dataset = file.create_dataset(name, tuple(sizes.values()), dtype, **storage)
         dataset.attrs.update(attributes_of(name, schema.attributes))
-        for index, dimension in enumerate(sizes):
-            dataset.dims[index].attach_scale(file[dimension])
+        for dimension, axis in zip(dataset.dims, sizes, strict=True):
+            dimension.attach_scale(made[axis])
     if with_blocks:
         bounds = [[(cut.start, cut.stop) for cut in block] for block in schema.blocks]
         file[_BLOCKS] = np.array(bounds, np.int64).reshape(len(bounds), len(schema.axes), 2)
