@@ -57,8 +57,8 @@ def cheap_pictures():
     """Paint a quarter of the usual pixels, and leave out the layout, a third of the time.
 
     All pictures have one parser of formulas, which keeps all that it has read, not 50, and measure
-    a text once, not once for each picture. Where a title breaks, its words are measured, and not
-    each of its beginnings, of which every one has formulas. `with_layout` lays pictures out.
+    a text once, not once for each picture. Of the beginnings of a title, which all have formulas,
+    only those that are about as long as a line are measured. `with_layout` lays pictures out.
     """
     renderer_at = cache(partial(RendererAgg, 1, 1))
     measuring = matplotlib.text._get_text_metrics_function
@@ -73,10 +73,11 @@ def cheap_pictures():
 
     def width(self, text):
         words = text.split(" ")
-        if any(word.count("$") % 2 for word in words):
-            return width_of_line(self, text)
         widths = [width_of_line(self, word) for word in (*words, "n n", "nn")]
-        return sum(widths[:-2]) + (len(words) - 1) * (widths[-2] - widths[-1])
+        whole = sum(widths[:-2]) + (len(words) - 1) * (widths[-2] - widths[-1])
+        near = abs(whole - self._get_wrap_line_width()) < 2 * len(words)  # each is rounded
+        in_formula = any(word.count("$") % 2 for word in words)
+        return width_of_line(self, text) if near or in_formula else whole
 
     with pytest.MonkeyPatch.context() as patch, mpl.rc_context({"savefig.dpi": 150}):
         patch.setattr(matplotlib.text, "_get_text_metrics_function", of_renderer)

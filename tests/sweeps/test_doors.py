@@ -152,6 +152,16 @@ def test_what_exact_orbits_and_attractors_lack_is_named(opened):
             sweeps.knocks(starts, sweeps.attractors(starts).drop_vars(name))
 
 
+@pytest.mark.campaign
+@pytest.mark.parametrize("door", [door for door in DOORS if door not in _OTHER_FILES])
+def test_any_variable_may_be_left_out(opened, door):
+    """Also one of those that the function takes only where it has them."""
+    whole = opened[DOORS[door][1]]
+    for name in {*whole.data_vars} - {"status"}:
+        text = _refusal(door, whole.drop_vars(name))
+        assert not text or f"no {name}" in text, text
+
+
 def test_a_part_of_exact_orbits_is_drawn(opened):
     """`where` makes floats of integers, and without ``drop`` leaves points without values."""
     over_map = opened["map"]
@@ -227,6 +237,7 @@ def test_an_argument_that_a_function_lacks_is_named(opened, door):
 
 
 RUN = [
+    *(("threads", {"threads": n}) for n in (0, "2", 1.5, True, 10**6)),
     *(("client", {"client": client}) for client in (3, "tcp://127.0.0.1:8786")),
     *((name, {name: value}) for name in ("overwrite", "resume", "progress") for value in ("no", 1)),
     *(("output", {"output": output}) for output in (3, b"a.h5", ["a.h5"])),
@@ -250,6 +261,7 @@ OTHERS = [
     *(("folder", lambda x=x: sweeps.explore(SCENE, folder=x)) for x in (3, "missing")),
     *(("width", lambda x=x: Page(width=x)) for x in ("3.4in", 0, -1, 0.5, 100, np.nan, True)),
     *(("height", lambda x=x: Page(height=x)) for x in ("2in", 0.5)),
+    *(("dpi", lambda x=x: Page(dpi=x)) for x in (0, "300", 1.5)),
     *(("title", lambda x=x: Page(title=x)) for x in (3, ["a"])),
     *(("xlim", lambda x=x: Page(xlim=x)) for x in ("2:3", (3, 2), (1,), 3, (1, np.nan), "23")),
     *(("ylim", lambda x=x: Page(ylim=x)) for x in ((1, 1), ("1", "2"))),

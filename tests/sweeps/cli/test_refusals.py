@@ -96,6 +96,8 @@ def test_a_cut_off_the_grid_is_told(small_file, unpainted):
         ("run sweep.yaml --set", "option '--set' requires an argument; vibroimpact run --help"),
         ("run sweep.yaml --quite", "no option --quite (did you mean --quiet?); vibroimpact run"),
         ("run a --threads x", "--threads x is not allowed; expected: an integer from 1 to"),
+        ("run a --threads 0", "--threads 0 is not allowed; expected: an integer from 1 to"),
+        ("run a --threads 99999", "--threads 99999 is not allowed; expected: an integer from 1 to"),
         ("plot a.h5 --dpi 5", "--dpi 5 is not allowed; expected: an integer >= 10"),
         ("explore --port 65536", "--port 65536 is not allowed; expected: an integer from 0 to 6"),
         ("plot a.h5 --exact --classes 1/" + "1" * 5000, "expected: periods/impacts of one class"),
