@@ -134,6 +134,12 @@ def test_a_device_is_no_configuration():
         load_config("/dev/zero")
 
 
+@pytest.mark.parametrize("where", ["/dev/zero", "/", "a\0b", "x" * 300])
+def test_what_is_no_file_of_a_sweep_is_refused(where):
+    with pytest.raises(StoreError):
+        open_sweep(where)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("start", [b"", b"\x89HDF\r\n\x1a\n", b"CDF\x01"])
 def test_any_bytes_are_no_file_of_a_sweep(tmp_path, start):
