@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.patches import Ellipse
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation, Text
@@ -138,7 +139,8 @@ def _free_of_marks(panel: Axes) -> np.ndarray:
         low, high = np.clip(corners[:, ::-1], 0.0, 1.0) * free.shape
         free[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])] = False
     marks = [np.asarray(line.get_xydata()) for line in panel.lines if line.get_marker() == "o"]
-    lines = [panel.transData.inverted().transform(disc.get_verts()) for disc in panel.patches]
+    discs = [patch.get_verts() for patch in panel.patches if isinstance(patch, Ellipse)]
+    lines = [panel.transData.inverted().transform(disc) for disc in discs]
     arrows = (text for text in panel.texts if isinstance(text, Annotation) and text.arrowprops)
     lines += [np.array([arrow.xyann, arrow.xy]) for arrow in arrows]
     marks += [np.asarray(Path(line).interpolated(max(free.shape)).vertices) for line in lines]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import same_color, to_hex
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, PathPatch
 from matplotlib.path import Path
 from matplotlib.text import Text
 
@@ -161,3 +161,10 @@ def test_a_region_that_a_disc_divides_has_one_name(with_layout):
     panel.add_patch(Circle((0.5, 0.5), 0.3, fill=False))
     (name,) = name_regions(panel, [np.arange(2), np.arange(2)], np.array([[1]]), {1: "1/1"})
     assert not Path(panel.patches[0].get_verts()).intersects_bbox(name.get_window_extent(), False)
+
+
+def test_a_hatch_does_not_move_a_name(with_layout):
+    panel = Picture(Page(width=3.4, height=1.2)).add_subplot(xlim=(0, 1), ylim=(0, 1))
+    panel.add_artist(PathPatch(Path([[0, 0], [0.5, 0], [0.5, 1], [0, 1]]), hatch="//"))
+    (name,) = name_regions(panel, [np.arange(2), np.arange(2)], np.array([[1]]), {1: "1/1"})
+    np.testing.assert_allclose(name.get_position(), 0.5, atol=0.02)
