@@ -172,8 +172,9 @@ def _state_before(sweep: OpenedSweep, pieces: Mapping[str, Ends]) -> dict[str, f
         return {}
     place = {axis: values.index(max(before) if goes_up else min(before)), "section": -1}
     x, v = (float(sweep[name][place]) for name in ("poincare_x", "poincare_v"))
-    passes = axis == sweep.nomenclature.name("clearance") and x > low
-    return {"x0": x, "v0": v, "phase": sweep.spec.phase} if isfinite(x) and not passes else {}
+    stop = sweep.nomenclature.name("clearance")
+    least = low if axis == stop else sweep[stop].item()  # a start must not be beyond the stop
+    return {"x0": min(x, least), "v0": v, "phase": sweep.spec.phase} if isfinite(x) else {}
 
 
 def zoomed(config: SweepConfig, pieces: Mapping[str, Ends]) -> SweepConfig:

@@ -205,3 +205,26 @@ def test_a_piece_of_a_followed_sweep_stays_on_its_motion(
     with sweeps.open_sweep("piece.h5") as piece, sweeps.open_sweep("rest.h5") as from_rest:
         assert (piece["period_impacts"] == impacts).all() and (piece["period"] > 0).all()
         assert not (from_rest["period_impacts"] == impacts).any()
+
+
+@pytest.mark.parametrize(
+    ("axis", "piece", "stop"),
+    [("omega: {start: 0.26, stop: 0.3, num: 9}, clearance: 0.1", "omega=0.27:0.28", 0.1),
+     ("omega: 2.6, clearance: {start: 0, stop: 1, num: 11}", "clearance=-3:-2.5", -3.0)],
+)  # fmt: skip
+def test_a_piece_begins_at_the_stop_if_the_state_there_is_beyond_it(
+    tmp_path, monkeypatch, unpainted, axis, piece, stop
+):
+    """As `plain` leaves a state beyond it, and another piece of clearances has another stop."""
+    monkeypatch.chdir(tmp_path)
+    name = piece.partition("=")[0]
+    Path("whole.yaml").write_text(
+        f"oscillator: {{h: 0.05, R: 0.8, f: 1, {axis}}}\n"
+        f"follow: {{axis: {name}, direction: {'up' if stop > 0 else 'down'}}}\n"
+        "method: {impact: plain, steps_per_period: 12}\n"
+        "record: {transient: 50, periods: 8, phase: 0.3}\n"
+    )
+    accepted("run", "whole.yaml", "--quiet")
+    accepted("zoom", "whole.h5", piece, "-o", "piece.h5")
+    with sweeps.open_sweep("piece.h5") as opened:
+        assert opened["x0"] == stop and opened["v0"] != 0.0
