@@ -160,8 +160,8 @@ def _integers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
 def _axis_problems(dataset: xr.Dataset) -> Iterator[str]:
     """Yield what no sweep has in its axes and parameters, and what this Dataset lacks there."""
     dims, held = [str(name) for name in dataset["status"].dims], dataset.coords
-    for name, size in dataset.sizes.items():
-        if not size and name != "sample":  # of which no point may have any
+    for name in (*dims, "section", "impact", "exponent"):  # no point may have a sample
+        if not dataset.sizes.get(name, 1):
             yield f"has no value of {name}"
     for name in (*dims, *PARAMETERS):
         if name not in (*PARAMETERS, DIRECTION, TABLE):

@@ -298,6 +298,7 @@ SAME = {
     "other types": lambda ds: ds.assign({n: v.astype("u8") for n, v in ds.items() if n != "status"
                                          and v.dtype.kind == "i" and (v >= 0).all()}),
     "an axis anew": lambda ds: ds.assign_coords(omega=ds["omega"].values),
+    "something empty": lambda ds: ds.assign(own=("trial", [])),
 }  # fmt: skip
 
 
