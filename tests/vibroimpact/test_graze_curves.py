@@ -56,6 +56,18 @@ def test_a_branch_ends_at_the_touch_and_not_where_its_flight_turns_below_the_sto
     assert [end.kind for end in curve.special] == ["edge", "edge"]
 
 
+def test_a_branch_ends_at_a_touch_within_its_flight():
+    """From a slow rebound Newton's method may lead to before its launch."""
+    osc = Oscillator(h=0.2265, R=0.58, omega=4.93, f=1.0, clearance=-0.25717)
+    start = branch(one_impact_orbit(osc), "R", 0.0, 1.0).special[0]
+    orbit = branch(start.orbit, "R", 0.0, start.value).special[0].orbit
+    there, times = orbit.oscillator, np.append(orbit.phases, orbit.phases[0] + TAU) / osc.omega
+    for i, v in enumerate(orbit.speeds):
+        x, arrival = ClosedForm(there, times[i], there.clearance, -there.R * v)(times[i + 1])
+        assert x - there.clearance == pytest.approx(0.0, abs=1e-12)
+        assert arrival == pytest.approx(orbit.speeds[(i + 1) % 3], abs=1e-12)
+
+
 def test_grazes_end_without_restitution_where_their_impacts_meet():
     """The mass leaves there without speed and acceleration, and returns after one period."""
     osc = Oscillator(h=0.65, R=0.24, omega=1.19, f=1.0, clearance=0.22)

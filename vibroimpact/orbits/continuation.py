@@ -390,9 +390,8 @@ def _with_touch(
     This impact is at the highest point of the flight that crosses the stop.
     """
     at, z = reason.at, impact_rows(X, family.q)
-    near = calls.turning_point(family.system, X, at, reason.where)
-    turns = [near, *calls.turning_points(family.system, X, at).tolist()]
-    highest = max(turns, key=lambda turn: turn[1])
-    phase, _ = near if near[1] > highest[1] - GRAZES else highest  # the same, to other roundings
+    turns = calls.turning_points(family.system, X, at, reason.where)
+    least = turns[:, 1].max() - GRAZES
+    phase = turns[np.argmax(turns[:, 1] > least), 0]  # the nearest, if it is as high
     z = np.insert(z, at + 1, (phase, 0.0), axis=0)
     return family.related(z, family.m), unknowns(z, free(X, family.q))
