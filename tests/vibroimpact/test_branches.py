@@ -216,6 +216,16 @@ def test_the_flip_at_an_edge_from_which_a_branch_begins_is_not_beyond_the_edge(a
                 assert low <= min(values) and max(values) == edge
 
 
+def test_a_fold_just_beyond_the_edge_at_which_a_branch_begins_is_not_of_it():
+    """The orbits with one more impact begin at the graze on its other side, and soon fold."""
+    osc = Oscillator(h=0.0143, R=0.5, omega=1.824, f=1.0, clearance=0.01377)
+    graze = branch(one_impact_orbit(osc), "R", 0.0, 1.0).special[0]
+    fold = branch(graze.orbit, "R", 0.0, 1.0).special[1]
+    found = branch(graze.orbit, "R", 0.0, graze.value)
+    assert 0.0 < fold.value - graze.value < 2e-7 and found.values.max() == graze.value
+    assert [point.kind for point in found.special] == ["graze", "graze"]
+
+
 def test_a_flip_in_the_last_step_before_the_flip_of_half_the_orbit_is_found():
     """Beyond it the orbits 12/6 are stable up to the end, in a window of 5e-5."""
     osc = Oscillator(0.0, 0.8002196823396778, 5.60921, 1.0, clearance=-0.016302439511443775)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.continuation import GRAZES, continue_branch, ending, is_orbit
+from vibroimpact.orbits.continuation import ENDS, GRAZES, continue_branch, ending, is_orbit
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
 from vibroimpact.orbits.normal_form import cubic_coefficient
@@ -119,7 +119,10 @@ def _bifurcations(step: ArclengthStep, end: float) -> Iterator[tuple[str, np.nda
         # Newton's method may also find the bifurcation of a step beside this one.
         if X is None or not -_AT_END <= step.place(X) <= min(1.0 + _AT_END, end):
             X = step.root(partial(family.test, test), a, b)
-        if X is not None and not (kind == "fold" and _is_twice_its_half(family, X)):
+        if X is None or (kind == "fold" and _is_twice_its_half(family, X)):
+            continue
+        # From a graze at an edge a branch may fold just beyond the edge.
+        if (np.abs(family.values(X) - family.within(X)) < ENDS * family.spans).all():
             yield kind, X
 
 
