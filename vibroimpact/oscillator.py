@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from typing import Any, Self
 
 import numpy as np
@@ -240,7 +240,7 @@ class Oscillator:
         Raises
         ------
         TypeError, ValueError
-            If `mass` is not a number > 0, or if a quantity of the rig overflows or vanishes.
+            If `mass` is not a number > 0, or if a quantity of the rig overflows or underflows.
 
         Examples
         --------
@@ -258,7 +258,10 @@ class Oscillator:
             "force": mass * self.f,
             "base": self.a,
         }
-        self.from_rig(**rig)  # refuses such quantities
+        again = self.from_rig(**rig)  # refuses a quantity that overflows
+        if not all(map(math.isclose, astuple(again), astuple(self))):
+            allowed = "a mass whose rig does not underflow"
+            raise ValueError(refusal(f"mass [kg] = {mass!r}", allowed))
         return rig
 
     @property

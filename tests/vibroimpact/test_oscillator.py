@@ -127,6 +127,9 @@ def test_a_rig_and_back():
     for name, value in {"p": 1e200, "h": 1e308}.items():
         with pytest.raises(ValueError, match=r"^(stiffness|damping) \[.* = inf .*; expected: a "):
             Oscillator(**GOOD | {name: value, "omega": 1.0}).to_rig(mass=2.0)
+    for name in ("h", "f"):
+        with pytest.raises(ValueError, match=r"^mass \[kg\] = 1e-200 is not allowed"):
+            Oscillator(**GOOD | {name: 1e-200}).to_rig(mass=1e-200)
 
 
 @pytest.mark.parametrize(
