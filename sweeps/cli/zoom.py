@@ -163,7 +163,7 @@ def _refuse_replaced(overrides: Sequence[str], axes: Iterable[str]) -> None:
 
 def _state_before(sweep: OpenedSweep, pieces: Mapping[str, Ends]) -> dict[str, float]:
     """Return the state before a piece of the only axis, followed one way; empty if none fits."""
-    if len(sweep.spec.directions) != 1 or sweep.axes != tuple(pieces):
+    if len(pieces) != 1 or len(sweep.spec.directions) != 1 or sweep.axes != tuple(pieces):
         return {}
     ((axis, (low, high)),) = pieces.items()
     goes_up, values = sweep.spec.directions == ("up",), sweep[axis].values.tolist()

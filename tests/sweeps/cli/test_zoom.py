@@ -226,5 +226,29 @@ def test_a_piece_begins_at_the_stop_if_the_state_there_is_beyond_it(
     )
     accepted("run", "whole.yaml", "--quiet")
     accepted("zoom", "whole.h5", piece, "-o", "piece.h5")
+    low, high = map(float, piece.partition("=")[2].split(":"))
+    before = {name: low if stop > 0 else high}
+    with sweeps.open_sweep("piece.h5") as opened, sweeps.open_sweep("whole.h5") as whole:
+        nearest = whole["poincare_v"].sel(before, method="pad" if stop > 0 else "backfill")
+        assert opened["x0"] == stop and opened["v0"] == nearest[-1] != 0.0
+
+
+@pytest.mark.parametrize(
+    ("axes", "pieces"),
+    [("f: 1, omega: {start: 2.3, stop: 2.5, num: 3}", ["omega=2.2:2.4"]),
+     ("f: 1, omega: {start: 2.3, stop: 2.5, num: 3}, R: [0.7, 0.8]", ["omega=2.4:2.5", "R=0.7:1"]),
+     ("omega: 2.5, f: [1, 1.7e+308]", ["f=1.7e308:1.75e308"])],
+)  # fmt: skip
+def test_a_piece_before_which_no_point_has_a_state_begins_from_the_start(
+    tmp_path, monkeypatch, unpainted, axes, pieces
+):
+    monkeypatch.chdir(tmp_path)
+    Path("whole.yaml").write_text(
+        f"oscillator: {{h: 0, {'' if 'R' in axes else 'R: 0.8, '}{axes}}}\n"
+        f"follow: {{axis: {pieces[0].partition('=')[0]}, direction: up}}\n"
+        "start: {x0: -1}\nrecord: {transient: 5, periods: 4}\n"
+    )
+    call("run", "whole.yaml", "--quiet")
+    call("zoom", "whole.h5", *pieces, "-o", "piece.h5")  # there is no picture of f = 1.75e308
     with sweeps.open_sweep("piece.h5") as opened:
-        assert opened["x0"] == stop and opened["v0"] != 0.0
+        assert opened["x0"] == -1.0
