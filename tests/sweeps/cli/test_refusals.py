@@ -56,6 +56,11 @@ def test_what_is_no_file_of_a_sweep(small_file, place):
     assert "fifo.h5 is no file of a sweep" in run if place == "fifo.h5" else "Errno" not in run
 
 
+def test_a_text_is_no_file_of_a_sweep():
+    Path("text.h5").write_text("hello")
+    assert "text.h5 is no file of a sweep" in refused("run", "text.h5", "-o", "new.h5")
+
+
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
