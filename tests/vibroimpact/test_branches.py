@@ -226,6 +226,13 @@ def test_a_fold_just_beyond_the_edge_at_which_a_branch_begins_is_not_of_it():
     assert [point.kind for point in found.special] == ["graze", "graze"]
 
 
+def test_a_graze_at_an_edge_is_still_a_graze():
+    osc = Oscillator(h=0.0, R=0.488, omega=1.355, f=1.0)
+    graze = branch(one_impact_orbit(osc), "omega", 0.8, 2.0).special[0]
+    found = branch(graze.orbit, "omega", 0.8, graze.value)
+    assert [point.kind for point in found.special] == ["edge", "graze"]
+
+
 def test_a_flip_in_the_last_step_before_the_flip_of_half_the_orbit_is_found():
     """Beyond it the orbits 12/6 are stable up to the end, in a window of 5e-5."""
     osc = Oscillator(0.0, 0.8002196823396778, 5.60921, 1.0, clearance=-0.016302439511443775)
