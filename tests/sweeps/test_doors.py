@@ -173,6 +173,8 @@ def test_a_part_of_exact_orbits_is_drawn(opened):
         chosen = orbits["m"] == 1
         parts = [orbits.isel(point=chosen.values), orbits.where(chosen)]
         parts.append(orbits.where(chosen, drop=True))
+        if "stable" in orbits:
+            parts[-1]["stable"] = parts[-1]["stable"].astype(float)  # as other programs have it
         drawn = [
             [[*map(str, line.get_xdata())] for line in draw(over_map, exact=part).findobj(Line2D)]
             for part in parts

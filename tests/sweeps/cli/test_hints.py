@@ -96,6 +96,9 @@ def test_a_configuration_in_place_of_its_file_names_the_command_or_the_file():
     assert "directory" in refused("info", ".")
     Path("other.yaml").write_text("no: configuration\n")
     assert refused("info", "other.yaml").endswith("other.yaml is not an HDF5 file\n")
+    Path("rig.yaml").rename("small.yaml")
+    os.truncate("small.h5", 10_000)  # a damaged file needs no hint at itself
+    assert "small.yaml" not in refused("info", "small.h5")
 
 
 @pytest.mark.parametrize(

@@ -276,6 +276,19 @@ def test_a_command_that_waits_for_others_is_interrupted_in_a_callback_too(
     assert capfd.readouterr().err == ""
 
 
+def test_other_exceptions_in_a_callback_are_reported_as_before(monkeypatch):
+    class Wrong:
+        def __del__(self):
+            raise KeyError
+
+    reported = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda about: reported.append(about.exc_type))
+    report = sys.unraisablehook
+    with interrupts.raised_at_once():
+        Wrong()
+    assert reported == [KeyError] and sys.unraisablehook is report
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd, listening, number):
     written = []

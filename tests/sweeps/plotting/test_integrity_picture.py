@@ -168,3 +168,10 @@ def test_a_hatch_does_not_move_a_name(with_layout):
     panel.add_artist(PathPatch(Path([[0, 0], [0.5, 0], [0.5, 1], [0, 1]]), hatch="//"))
     (name,) = name_regions(panel, [np.arange(2), np.arange(2)], np.array([[1]]), {1: "1/1"})
     np.testing.assert_allclose(name.get_position(), 0.5, atol=0.02)
+
+
+def test_a_name_stays_clear_of_an_arrow(with_layout):
+    panel = Picture(Page(width=3.4, height=3.4)).add_subplot(xlim=(0, 1), ylim=(0, 1))
+    panel.annotate("", (0.9, 0.5), (0.1, 0.5), arrowprops={"arrowstyle": "->"})
+    (name,) = name_regions(panel, [np.arange(2), np.arange(2)], np.array([[1]]), {1: "1/1"})
+    assert abs(name.get_position()[1] - 0.5) > 0.02

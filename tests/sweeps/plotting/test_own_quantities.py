@@ -131,6 +131,7 @@ def test_numbers_from_another_program_without_attributes_are_drawn(dataset, reco
     bare = recorded.drop_attrs().assign_attrs(recorded.attrs)
     for draw in (
         lambda sweep: bifurcation(sweep, at={"R": 0.8}, below="impulse"),
+        lambda sweep: bifurcation(sweep, at={"R": 0.8}, below=sweep["impulse"]),
         lambda sweep: trajectory(sweep, at={"R": 0.8, "omega": 2.2}),
         lambda sweep: parameter_map(sweep, quantity="mean_force"),
     ):
