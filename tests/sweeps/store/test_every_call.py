@@ -5,6 +5,7 @@ has the faults at chosen moments. Here are the faults at some calls; at all of t
 ``pytest -m campaign tests/sweeps/store/test_every_call.py``.
 """
 
+import builtins
 import errno
 import io
 import os
@@ -48,7 +49,7 @@ def at_every(step):
 def watched(names, hook):
     """Go through ``hook(name, arguments)``, a generator, around every call of the system.
 
-    `names` are functions of `os`; ``io.open`` is watched, too. The part before the yield may raise
+    `names` are functions of `os`; ``open`` is watched, too. The part before the yield may raise
     an error in place of the call.
     """
     hooked = []
@@ -77,7 +78,8 @@ def watched(names, hook):
         return call
 
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((io, "open"), *((os, name) for name in names.split())):
+        opens = [(module, "open") for module in (io, builtins)]
+        for module, name in (*opens, *((os, name) for name in names.split())):
             patch.setattr(module, name, around(name, getattr(module, name)))
         yield
 

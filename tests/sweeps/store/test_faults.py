@@ -6,6 +6,7 @@ old sweep and the files of other programs stay, and the run that goes on ends wi
 ``pytest -m campaign tests/sweeps/store/test_faults.py``.
 """
 
+import builtins
 import errno
 import io
 import os
@@ -373,7 +374,8 @@ def failing_disk(name, at):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(io, "open", failing)
+        for module in (io, builtins):
+            patch.setattr(module, "open", failing)
         yield
 
 
