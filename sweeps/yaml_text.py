@@ -21,6 +21,8 @@ _IN_WORDS = {
     "'\\t'": "there is a tab; indent with spaces",
     "mapping values": "a key cannot stand here; before it, a colon or the space after one is "
     "missing, or a text with a colon needs quotes",
+    "<block mapping start>": "this key does not go on with what is before it; keys of the same "
+    "mapping need the same indentation",
     "escape": "in double quotes a backslash begins an escape; use single quotes",
 }
 

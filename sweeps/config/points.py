@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 import re
+import stat
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
@@ -18,6 +20,7 @@ from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.rig import RIG_PARAMETERS, RigConfig, model_name
 from sweeps.config.values import ConflictError, Elsewhere, null
 from sweeps.grid import table_values
+from sweeps.interrupts import without_waiting
 from sweeps.text import missing_text, near_misses, printable, shortened, shown_count, suggestion
 from vibroimpact.inputs import number_meant
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -58,6 +61,8 @@ def read_columns(source: Any, folder: Path, check_names: NamesCheck) -> np.ndarr
         raise ValueError(missing_text(Path(error.filename))) from None
     except OSError as error:
         reason = f"cannot be read ({error.strerror})"
+    except UnicodeDecodeError:
+        reason = "the text is not in UTF-8; expected: a table saved as CSV UTF-8"
     except ValueError as error:
         reason = str(error)
     raise ValueError(reason if path is None else f"{path}: {reason}")
@@ -113,9 +118,9 @@ def _read_csv(
     path: Path, check_names: NamesCheck
 ) -> tuple[dict[str, np.ndarray], Mapping[str, Parameter]]:
     """Return the columns of a CSV file, and what those may hold that must be numbers."""
-    if path.exists() and not path.is_file():  # a device may never end, and a FIFO never begin
-        raise ValueError("is not a regular file; expected: a CSV file")
-    with path.open(encoding="utf-8-sig", newline="") as file:
+    with open(path, encoding="utf-8-sig", newline="", opener=without_waiting) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise ValueError("is not a regular file; expected: a CSV file")
         names = header_of(file)
         known = check_names(names)
         rows = [*_rows(file, names)]

@@ -15,6 +15,7 @@ from enum import Enum
 from pathlib import Path
 
 from sweeps.errors import StoreError
+from sweeps.interrupts import without_waiting
 from sweeps.store.replacing import (
     TRAILER,
     UnreadableError,
@@ -104,17 +105,12 @@ def content(path: Path) -> Content | None:
     return Content.HDF5 if hdf5 else Content.OTHER
 
 
-def _without_waiting(path: str, flags: int) -> int:
-    """Open a file, but do not wait for the writer of a FIFO."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-
 def open_regular(path: Path) -> io.BufferedReader:
     """Open a regular file for reading; refuse anything else, such as a FIFO, which would block."""
     try:
         mode = os.stat(path).st_mode
         if stat.S_ISREG(mode):
-            file = open(path, "rb", opener=_without_waiting)
+            file = open(path, "rb", opener=without_waiting)
             mode = os.fstat(file.fileno()).st_mode  # another file may have the name by now
             if stat.S_ISREG(mode):
                 return file

@@ -191,7 +191,7 @@ def of_this_form(path: Path) -> Iterator[None]:
     """Refuse a file whose checksums are right, but not its form, as another program can make it."""
     try:
         yield
-    except StoreError:
+    except (StoreError, MemoryError):
         raise
     except Exception as error:  # h5py, NumPy and xarray have many
         raise StoreError(

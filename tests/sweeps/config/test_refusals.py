@@ -197,6 +197,8 @@ def test_start_beyond_the_stop(x0, clearance):
     [
         ("a: [1, 2\nb: 3\n", ["line 2, column 2", "not valid YAML"]),
         ("a:\n\t- b\n", ["line 2, column 1", "not valid YAML"]),
+        (" a: 1\nb: 2\n", ["line 2, column 1", "need the same indentation"]),
+        ("a:\n  b: 1\n c: 2\n", ["line 3, column 2", "need the same indentation"]),
         ("a: 1\n---\nb: 2\n", ["line 2, column 1", "not valid YAML: expected a single document"]),
         ("a: !!python/object:os.system x\n", ["line 1, column 4", "tags are not allowed"]),
         ("a: &x [1]\nb: *x\n", ["line 2, column 4", "aliases"]),

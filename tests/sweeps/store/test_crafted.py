@@ -15,6 +15,7 @@ import pytest
 from sweeps import open_sweep
 from sweeps.errors import StoreError, SweepError
 from sweeps.store import parts
+from sweeps.store import schema as schema_file
 from sweeps.store.complete_file import _add_table
 from sweeps.store.replacing import TRAILER
 from sweeps.store.variables import VARIABLES
@@ -308,7 +309,7 @@ def test_a_table_with_a_parameter_out_of_its_range_is_refused(value):
         open_sweep("table.h5")
 
 
-def test_a_block_for_which_the_memory_is_lacking_is_not_damaged(monkeypatch):
+def test_what_the_memory_has_no_room_for_is_not_damaged(monkeypatch):
     def lacking(*_):
         raise MemoryError
 
@@ -317,3 +318,6 @@ def test_a_block_for_which_the_memory_is_lacking_is_not_damaged(monkeypatch):
         patch.setattr(parts.zipfile.ZipFile, "read", lacking)
         open_sweep("out.h5")
     assert fill_blocks("out.h5", resume=True) == 0
+    with monkeypatch.context() as patch, pytest.raises(MemoryError):
+        patch.setattr(schema_file, "_values", lacking)
+        open_sweep("out.h5")
