@@ -87,10 +87,9 @@ def shown_by(cell, names):
 
 
 @pytest.mark.slow
-def test_the_notebook_shows_a_bar_and_every_figure_once(tmp_path, monkeypatch, capsys):
+def test_the_notebook_shows_a_bar_and_every_figure_once(monkeypatch, capsys):
     scene = (CONFIGS / "quickstart.yaml").read_text()
-    (tmp_path / "quickstart.yaml").write_text(scene.replace("stop: 3.5", "stop: 2.81"))
-    monkeypatch.chdir(tmp_path)
+    Path("quickstart.yaml").write_text(scene.replace("stop: 3.5", "stop: 2.81"))
     monkeypatch.setattr(plt, "show", lambda: None)
     notebook = json.loads((CONFIGS / "pictures.ipynb").read_text(encoding="utf-8"))
     code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]

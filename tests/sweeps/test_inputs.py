@@ -51,7 +51,7 @@ def test_words_that_are_equally_near_are_all_named_unless_they_are_many():
 @pytest.mark.parametrize(
     ("shown", "value", "text"),
     [
-        (shown_bytes, 12, "12 B"), (shown_bytes, 999_499, "999 kB"), (shown_bytes, 999_999, "1 MB"),
+        (shown_bytes, 12, "12 B"), (shown_bytes, 999_499, "999 kB"), (shown_bytes, 999_500, "1 MB"),
         (shown_bytes, 5e15, "5,000 TB"), (shown_duration, 86400.0 * 999.7, "1,000 days"),
         (shown_duration, 86400.0 * 12345.6, "12,346 days"), (shown_duration, 172_800, "2 days"),
     ],

@@ -6,13 +6,14 @@ import re
 import pytest
 import yaml
 
-from sweeps import bifurcations, branches, curves, open_sweep, plotting, run_sweep
+from sweeps import bifurcations, branches, curves, open_sweep, plotting
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.contents import number_at
 from sweeps.plotting.style import EVIDENCE, REGIMES, STATUS_COLOURS
 from tests.helpers import gallery
 from tests.helpers.commands import accepted
 from tests.helpers.places import CONFIGS
+from tests.helpers.sweep_files import swept
 from tests.sweeps.test_gallery import script
 from vibroimpact.status import Evidence, Status
 
@@ -152,10 +153,9 @@ def test_words_are_kept_of_every_picture_as_it_is():
 @pytest.mark.parametrize(
     ("diagnostics", "word"), [(["period"], "unknown"), (["period", "lyapunov"], "chaotic")]
 )
-def test_motions_without_a_class_have_the_words_of_the_reports(tmp_path, diagnostics, word):
+def test_motions_without_a_class_have_the_words_of_the_reports(diagnostics, word):
     """At h = 0, R = 0.8, omega = 2.8 the motion is chaotic, which only exponents show."""
     points = {"omega": [2.8, 2.8], "f": [1.0, 1.0], "matrix": ["A", "B"]}
     record = {"transient": 200, "periods": 100, "impacts": 0, "diagnostics": diagnostics}
     scene = {"points": points, "oscillator": {"h": 0.0, "R": 0.8}, "record": record}
-    with open_sweep(run_sweep(scene, tmp_path / "joints.h5", progress=False)) as dataset:
-        assert script("tolerances_picture").classes(dataset) == {word: 2}
+    assert script("tolerances_picture").classes(swept(scene)) == {word: 2}

@@ -5,13 +5,14 @@ import itertools
 import numpy as np
 import pytest
 
-from sweeps import attractors, open_sweep, run_sweep
+from sweeps import attractors
 from sweeps.attractor.integrity import _Motions
 from sweeps.attractor.partition import same_motions
 from sweeps.errors import Refused
 from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, distances
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.motions import cycle, given_sections, partition
+from tests.helpers.sweep_files import swept
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
 
@@ -61,13 +62,12 @@ def test_the_tolerance_is_relative_to_the_greatest_coordinate(apart, count):
     assert attractors(given_sections(points, 1), tolerance=1e-2)["attractors"].item() == 1
 
 
-def test_the_motions_of_a_ball_on_a_table_are_told_apart(tmp_path):
+def test_the_motions_of_a_ball_on_a_table_are_told_apart():
     """The stop is at -1e8: relative to x all motions would be the same."""
     starts = [-4.0, -6.0, -2.0, -8.0, -3.0, -1.0, -5.0, -7.0]
     ball = {"h": 0.0, "R": 0.8, "omega": 1.0, "f": 1.0, "p": 1e-4, "clearance": -1e8}
     record = {"transient": 1000, "periods": 100, "diagnostics": ["period"]}
-    sweep = {"oscillator": ball, "start": {"x0": -1e8, "v0": starts}, "record": record}
-    ds = open_sweep(run_sweep(sweep, tmp_path / "ball.h5"))
+    ds = swept({"oscillator": ball, "start": {"x0": -1e8, "v0": starts}, "record": record})
     classes = list(zip(ds["period"].values, ds["period_impacts"].values, strict=True))
     assert len(set(classes)) == 4
     expected = [sorted(set(classes)).index(each) for each in classes]

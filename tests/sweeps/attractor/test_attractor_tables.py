@@ -12,6 +12,7 @@ from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import attractor_diagram, basins, plot
 from tests.helpers.commands import accepted, call
+from tests.helpers.equal_points import legend_texts
 from tests.helpers.motions import cycle, given_sections, partition
 from vibroimpact.status import Status
 
@@ -83,20 +84,18 @@ def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
     drawn = mesh.get_array()
     own = attractors(dataset)["attractor"].transpose("v0", "x0").values
     assert partition(drawn) == partition(own)
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
     share = 100.0 * attractors(dataset)["fraction"].values
     first, second = f"2/3: 0.703, 1.114, 2.254; {share[0]:.1f} %", f"1/1: 1.423; {share[1]:.1f} %"
-    assert labels == [first, second, "attractors at the section"]
+    assert legend_texts(figure) == [first, second, "attractors at the section"]
 
 
 @pytest.mark.slow
-def test_basins_of_a_file_that_is_not_complete(computed_starts, tmp_path):
+def test_basins_of_a_file_that_is_not_complete(computed_starts):
     dataset = computed_starts().load().copy(deep=True)
     dataset["status"][0, 0], dataset["status"][1, 1] = Status.PENDING, Status.UNRESOLVED
-    figure = basins(dataset)
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    labels = legend_texts(basins(dataset))
     assert "unresolved" in labels and "not computed yet (1 of 81)" in labels
-    plot(dataset, tmp_path / "a.svg")
+    plot(dataset, "a.svg")
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from sweeps import attractors, open_sweep, run_sweep
+from sweeps import attractors, open_sweep
 from sweeps.attractor.attractor_table import attractor_rows
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import call
 from tests.helpers.motions import partition
-from tests.helpers.sweep_files import run_in
+from tests.helpers.sweep_files import run_in, swept
 from vibroimpact import Oscillator, one_impact_orbit
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Status
@@ -24,9 +24,7 @@ def test_the_rest_position_is_the_attractor_where_there_is_no_force():
     """The free oscillation, 1/0, shrinks to this state with the force."""
     record = {"transient": 50, "periods": 32, "diagnostics": ["period"]}
     oscillator = {"h": 0.1, "R": 0.8, "omega": 2.6, "f": [0.0, 0.1], "clearance": 0.3}
-    config = {"oscillator": oscillator, "start": {"x0": -0.4}, "record": record}
-    run_sweep(config, "force.h5")
-    dataset = open_sweep("force.h5")
+    dataset = swept({"oscillator": oscillator, "start": {"x0": -0.4}, "record": record})
     assert dataset["orbit_distance"].values[0] > 1e-6  # 50 periods reduce 0.4 to 2e-6 only
     found = attractors(dataset)
     np.testing.assert_array_equal(found["m"].values, [[1], [1]])
@@ -223,17 +221,16 @@ def long_run_shares(dataset):
     return [kinds.count(kind) / 400.0 for kind in set(kinds)]
 
 
-def test_a_motion_that_fails_while_it_is_followed_has_no_attractor(tmp_path):
+def test_a_motion_that_fails_while_it_is_followed_has_no_attractor():
     """Without damping Euler overflows after 1,500 periods, in the middle of the extension."""
-    config = """
+    dataset = swept("""
 oscillator: {h: 0, R: 1, omega: 1.3, f: 1.0}
 start: {x0: [-1, -1.001]}
 method: {integrator: euler, impact: plain, steps_per_period: 20, allow_unstable: true}
 record: {transient: 100, periods: 500}
-"""
-    with open_sweep(run_in(tmp_path, config)) as dataset:
-        assert (dataset["status"] == Status.COMPUTED).all() and (dataset["period"] == 0).all()
-        found = attractors(dataset, extensions=1)
+""")
+    assert (dataset["status"] == Status.COMPUTED).all() and (dataset["period"] == 0).all()
+    found = attractors(dataset, extensions=1)
     assert found["followed"].all() and (found["attractor"] == -1).all()
 
 

@@ -202,11 +202,10 @@ def test_along_a_start_the_basin_changes(sweep):
     assert changes and {change.kind for change in changes} == {"basin"}
 
 
-def test_the_command_that_is_named_narrows_a_change_without_a_value(tmp_path, monkeypatch):
+def test_the_command_that_is_named_narrows_a_change_without_a_value(folder):
     """A motion that rests leaves the stop: no branch of orbits ends there."""
-    monkeypatch.chdir(tmp_path)
     path = run_in(
-        tmp_path,
+        folder,
         "oscillator: {h: 0, R: 0, omega: 1, f: [3.2, 3.3, 3.4], p: 1e-4, clearance: -1e8}\n"
         "start: {x0: -1e8}\nrecord: {transient: 20, periods: 10}\n",
     ).rename("a ball.h5")

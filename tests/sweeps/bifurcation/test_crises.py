@@ -1,6 +1,7 @@
 """Crises of chaotic attractors, against long runs on both sides."""
 
 import itertools
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -29,6 +30,7 @@ SEEN = [
 def path(tmp_path_factory):
     """Return a function that runs a sweep over a range of R."""
 
+    @cache
     def run(start, stop, num):
         scene = {
             "oscillator": {

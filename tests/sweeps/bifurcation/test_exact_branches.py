@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 import sweeps
-from sweeps import bifurcations, branches, open_sweep
+from sweeps import bifurcations, branches
 from sweeps.errors import Refused
 from sweeps.opened.motions import orbit_of_motion
 from sweeps.opened.opened_sweep import OpenedSweep
@@ -15,7 +15,8 @@ from sweeps.plotting import bifurcation, plot
 from sweeps.plotting.exact_lines import parts_of
 from sweeps.plotting.page import Page
 from tests.helpers import naive
-from tests.helpers.sweep_files import run_in
+from tests.helpers.equal_points import legend_texts
+from tests.helpers.sweep_files import run_in, swept
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator
 
@@ -27,42 +28,25 @@ oscillator: {h: 0.05, R: [0.5, 0.8], omega: {start: 2.4, stop: 3.5, num: 45}, f:
 method: {integrator: exact, impact: exact}
 record: {transient: 300, periods: 40, phase: 1.0, impacts: 20}
 """
+FILES = {"later": CONFIG.replace("[0.5, 0.8]", "0.8").replace("phase: 1.0", "phase: 1.3")}
 FLIPS = {1: 2.65888454668484, 2: 3.33809052026845}
 
 
-def computed(folder, *overrides):
-    name = f"{len(list(folder.iterdir()))}.h5"
-    return open_sweep(run_in(folder, CONFIG, *overrides, name=name))
-
-
 @pytest.fixture(scope="module")
-def exact(tmp_path_factory):
-    with computed(tmp_path_factory.mktemp("exact")) as dataset:
-        yield dataset
-
-
-@pytest.fixture(scope="module")
-def found(exact):
+def found(dataset):
     """Return the first branches at R = 0.8."""
-    return branches(exact, at={"R": 0.8}, most=16)
+    return branches(dataset, at={"R": 0.8}, most=16)
 
 
 @pytest.fixture(scope="module")
-def later(tmp_path_factory):
+def later(loaded):
     """Return branches whose impact passes the section within the range, and their file."""
-    folder = tmp_path_factory.mktemp("later")
-    with computed(folder, "record.phase=1.3", "oscillator.R=0.8") as dataset:
-        yield branches(dataset, classes=[(1, 1), (2, 2)], most=8), dataset
+    return branches(loaded["later"], classes=[(1, 1), (2, 2)], most=8), loaded["later"]
 
 
-@pytest.fixture(scope="module")
-def line(exact):
-    """Return the points at R = 0.8."""
-    return exact.sel(R=0.8)
-
-
-def test_settled_points_are_on_the_exact_orbits_to_rounding(line):
+def test_settled_points_are_on_the_exact_orbits_to_rounding(dataset):
     """Their impacts, found by Newton's method for the equations of the flights."""
+    line = dataset.sel(R=0.8)
     motions, compared = OpenedSweep(line).motions, set()
     for i in np.flatnonzero((motions["q"] > 0) & (line["orbit_distance"].values < 1e-13)).tolist():
         orbit = orbit_of_motion(motions[i], 1.0)
@@ -75,13 +59,12 @@ def test_settled_points_are_on_the_exact_orbits_to_rounding(line):
     assert {(1, 1), (2, 1), (2, 2)} <= compared
 
 
-def test_any_parameter_of_the_oscillator_can_be_the_axis(exact, tmp_path):
-    with computed(tmp_path, "oscillator.R=[0.6, 0.7, 0.8]", "oscillator.omega=2.5") as dataset:
-        one = branches(dataset, "R")
-        assert one["R"].size > 3
-        for R, v in zip(one["R"].values, one["impact_v"].values[:, 0], strict=True):
-            expected = one_impact_orbit(Oscillator(h=0.05, R=R, omega=2.5, f=1.0)).v
-            assert v == pytest.approx(expected, abs=1e-13)
+def test_any_parameter_of_the_oscillator_can_be_the_axis():
+    one = branches(swept(CONFIG, "oscillator.R=[0.6, 0.7, 0.8]", "oscillator.omega=2.5"), "R")
+    assert one["R"].size > 3
+    for R, v in zip(one["R"].values, one["impact_v"].values[:, 0], strict=True):
+        expected = one_impact_orbit(Oscillator(h=0.05, R=R, omega=2.5, f=1.0)).v
+        assert v == pytest.approx(expected, abs=1e-13)
 
 
 def curves(figure, dashed):
@@ -91,8 +74,8 @@ def curves(figure, dashed):
     return np.concatenate([line.get_xydata() for line in chosen])
 
 
-def test_the_diagram_shows_them_solid_where_stable(exact, found):
-    figure = bifurcation(exact, at={"R": 0.8}, coordinate="impact_phase", exact=found)
+def test_the_diagram_shows_them_solid_where_stable(dataset, found):
+    figure = bifurcation(dataset, at={"R": 0.8}, coordinate="impact_phase", exact=found)
     x = curves(figure, dashed=False)[:, 0]
     assert x.min() == 2.4 and x.max() == 3.5
     x = curves(figure, dashed=True)[:, 0]
@@ -100,16 +83,14 @@ def test_the_diagram_shows_them_solid_where_stable(exact, found):
     marks = {line.get_label(): line for line in figure.axes[0].lines if line.get_marker() == "o"}
     for flip in FLIPS.values():
         assert np.abs(marks["flip"].get_xdata() - flip).min() < 1e-12
-    (legend,) = figure.legends
-    texts = [text.get_text() for text in legend.get_texts()]
-    assert {"exact orbits, stable", "exact orbits, unstable"} <= set(texts)
+    assert {"exact orbits, stable", "exact orbits, unstable"} <= {*legend_texts(figure)}
 
 
-def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact, found):
+def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(dataset, found):
     """Where the points alone would leave the unstable branch out; and of a part of the axis."""
-    plain = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v").axes[0]
-    half = branches(exact, "omega", {"R": 0.5}, classes=[(1, 1)], most=4)
-    with_all = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v", exact=half)
+    plain = bifurcation(dataset, at={"R": 0.5}, coordinate="impact_v").axes[0]
+    half = branches(dataset, "omega", {"R": 0.5}, classes=[(1, 1)], most=4)
+    with_all = bifurcation(dataset, at={"R": 0.5}, coordinate="impact_v", exact=half)
     low, high = with_all.axes[0].get_ylim()
     y = np.concatenate([curves(with_all, dashed)[:, 1] for dashed in (False, True)])
     assert low <= y.min() and y.max() <= high
@@ -117,9 +98,8 @@ def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact
 
     def named(**limits):
         page = Page(**limits)
-        figure = bifurcation(exact, at={"R": 0.8}, exact=found, page=page)
-        texts = figure.legends[0].get_texts() if figure.legends else []
-        return [text.get_text() for text in texts if not text.get_text().startswith("on its way")]
+        figure = bifurcation(dataset, at={"R": 0.8}, exact=found, page=page)
+        return [text for text in legend_texts(figure) if not text.startswith("on its way")]
 
     assert {"exact orbits, stable", "exact orbits, unstable", "flip"} <= {*named()}
     assert named(xlim=(2.4, 2.6)) == ["exact orbits, stable"]
@@ -138,9 +118,9 @@ def test_a_line_breaks_where_the_phase_begins_anew(later):
         assert np.abs(np.diff(line.get_ydata(), axis=0)).max() < 0.5
 
 
-def test_a_sweep_without_any_impact_has_the_free_oscillation_as_its_branch(tmp_path):
+def test_a_sweep_without_any_impact_has_the_free_oscillation_as_its_branch():
     """Its amplitude is that of the steady response; no impact is compared with it."""
-    dataset = computed(tmp_path, "oscillator.R=0.5", "oscillator.clearance=2.0", "oscillator.h=0.3")
+    dataset = swept(CONFIG, "oscillator.R=0.5", "oscillator.clearance=2.0", "oscillator.h=0.3")
     assert not dataset["impacts_per_period"].any()
     found = branches(dataset, "omega")
     assert (found["m"] == 1).all() and (found["q"] == 0).all()
@@ -160,20 +140,20 @@ def classes_of(found):
     return list(zip(found["m"].values[first], found["q"].values[first], strict=True))
 
 
-def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(exact):
-    cut = OpenedSweep(exact).cut({"R": 0.8}, free=["omega"]).data.load()
+def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(dataset):
+    cut = OpenedSweep(dataset).cut({"R": 0.8}, free=["omega"]).data.load()
     m, q = cut["period"].values, cut["period_impacts"].values
     known = (m > 0) & (cut["rest_fraction"].values == 0.0)
     points = Counter(zip(m[known].tolist(), q[known].tolist(), strict=True))
     (first, _), (second, _), *others = points.most_common()
-    found = branches(exact, "omega", {"R": 0.8}, most=2)
+    found = branches(dataset, "omega", {"R": 0.8}, most=2)
     assert classes_of(found) == [first, second]
     said = next(line for line in found.attrs["summary"].split("\n") if "beyond the first 2" in line)
     for (periods, impacts), count in others:
         if periods <= 8:
             assert f"{periods}/{impacts} ({count} point" in said
     assert re.search(r"not followed: .*beyond the first 2 \(\d+\)", found.attrs["summary"])
-    chosen = branches(exact, "omega", {"R": 0.8}, classes=[(2, 2), (1, 1), (3, 5)], most=4)
+    chosen = branches(dataset, "omega", {"R": 0.8}, classes=[(2, 2), (1, 1), (3, 5)], most=4)
     assert {*classes_of(chosen)} == {(1, 1), (2, 2)}
     assert "no orbit of 3/5 is found" in chosen.attrs["summary"]
 
@@ -248,17 +228,17 @@ def test_the_last_rows_of_a_branch_are_as_stable_as_their_multipliers_say(found)
     assert stable[ends].any() and not stable[ends].all()
 
 
-def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
-    with computed(tmp_path, "start.x0=[-1.0, -0.5]", "oscillator.omega=2.5") as dataset:
-        with pytest.raises(Refused, match="the exact orbits do not depend on x0"):
-            branches(dataset, "x0")
-        with pytest.raises(Refused, match="do not depend on x0; draw the map without"):
-            sweeps.curves(dataset, ["R", "x0"])
+def test_what_has_no_exact_orbit_is_refused(dataset, found):
+    starts = swept(CONFIG, "start.x0=[-1.0, -0.5]", "oscillator.omega=2.5")
+    with pytest.raises(Refused, match="the exact orbits do not depend on x0"):
+        branches(starts, "x0")
+    with pytest.raises(Refused, match="do not depend on x0; draw the map without"):
+        sweeps.curves(starts, ["R", "x0"])
     with pytest.raises(Refused, match="the exact branches are over omega, not R"):
-        plot(exact, tmp_path / "a.png", axes=["R"], exact=found)
+        plot(dataset, "a.png", axes=["R"], exact=found)
 
 
-def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact, found):
+def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(dataset, found):
     """Also those that begin at bifurcations of other classes."""
 
     def bifurcations(dataset, mq):
@@ -268,7 +248,7 @@ def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact,
         return {*dataset["omega"].values[special].tolist()}
 
     classes = [(2, 3), (4, 3)]
-    chosen = branches(exact, at={"R": 0.8}, classes=classes)
+    chosen = branches(dataset, at={"R": 0.8}, classes=classes)
     assert {*classes_of(chosen)} == {*classes}
     for mq in classes:
         assert bifurcations(found, mq) <= bifurcations(chosen, mq)

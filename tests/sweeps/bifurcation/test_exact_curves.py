@@ -14,7 +14,8 @@ from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, parameter_map
 from tests.helpers.commands import accepted, refused
-from tests.helpers.sweep_files import run_in
+from tests.helpers.equal_points import legend_texts
+from tests.helpers.sweep_files import run_in, swept
 from vibroimpact.orbits.branches import Branch, SpecialPoint
 from vibroimpact.orbits.continuation import MOST_POINTS
 from vibroimpact.orbits.one_impact import one_impact_orbits
@@ -210,11 +211,11 @@ def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
             (part,) = strong_lines(parameter_map(dataset, exact=found, page=page))
             assert (part.get_data() == np.array([omega, R])).all()
         assert not strong_lines(thin) and thin.axes[0].lines
-        assert "1 further curve" in legend_of(thin)
+        assert "1 further curve" in legend_texts(thin)
         monkeypatch.setattr("sweeps.plotting.exact_lines._CURVES_IN_FULL", 0)
         assert len(strong_lines(parameter_map(dataset, exact=found))) == 1
         left_out = parameter_map(elsewhere, exact=found)
-        assert not left_out.axes[0].lines and "1 further curve not shown" in legend_of(left_out)
+        assert not left_out.axes[0].lines and "1 further curve not shown" in legend_texts(left_out)
 
 
 def test_a_curve_that_bounds_a_motion_on_a_part_is_drawn_whole(path, monkeypatch, unpainted):
@@ -234,25 +235,18 @@ def test_a_curve_that_bounds_a_motion_on_a_part_is_drawn_whole(path, monkeypatch
     assert np.isclose(thin.get_ydata().min(), strong.get_ydata().max(), atol=0.02)
 
 
-def legend_of(figure):
-    return [text.get_text() for text in figure.legends[0].get_texts()]
-
-
-def test_the_kinds_of_the_curves_can_be_chosen(tmp_path, unpainted):
+def test_the_kinds_of_the_curves_can_be_chosen(unpainted):
     oscillator = "h: 0.05, f: 1.0, R: [0.7, 0.75, 0.8], clearance: 1.5, "
     oscillator += "omega: {start: 1.2, stop: 1.8, num: 9}"
-    config = f"oscillator: {{{oscillator}}}\nrecord: {{transient: 300, periods: 16}}\n"
-    run_in(tmp_path, config)
-    with open_sweep(tmp_path / "out.h5") as dataset:
-        kinds = set(curves(dataset)["kind"].values.tolist())
-        assert "graze" in kinds
-        chosen = curves(dataset, kinds=["graze"])
-        assert set(chosen["kind"].values.tolist()) == {"graze"}
-        with pytest.raises(Refused, match=r"kind 'flp' .did you mean flip.*choose from"):
-            curves(dataset, kinds=["flp"])
-    drawn = accepted("plot", "out.h5", "--exact", "--kinds", "graze", "--dpi", "60")
+    dataset = swept(f"oscillator: {{{oscillator}}}\nrecord: {{transient: 300, periods: 16}}\n")
+    assert "graze" in curves(dataset)["kind"].values
+    chosen = curves(dataset, kinds=["graze"])
+    assert {*chosen["kind"].values.tolist()} == {"graze"}
+    with pytest.raises(Refused, match=r"kind 'flp' .did you mean flip.*choose from"):
+        curves(dataset, kinds=["flp"])
+    drawn = accepted("plot", "swept.h5", "--exact", "--kinds", "graze", "--dpi", "60")
     assert "of grazes" in drawn and "of folds" not in drawn
-    told = refused("plot", "out.h5", "--kind", "bifurcation", "--exact", "--kinds", "graze")
+    told = refused("plot", "swept.h5", "--kind", "bifurcation", "--exact", "--kinds", "graze")
     assert "--kinds chooses curves over a map, and a diagram shows branches" in told
 
 

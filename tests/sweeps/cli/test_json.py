@@ -22,11 +22,11 @@ SWEEP = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 8}, f: 1.0}
 record: {transient: 200, periods: 16, impacts: 4, diagnostics: [period]}
 """
-STARTS = """\
+FILES = {"starts": """\
 rig: {mass: 2, stiffness: 2, damping: 0.4, force: 2, gap: 0.6, R: 0.8, frequency: 0.41}
 start: {x0: {start: -3, stop: 0.5, num: 6}, v0: {start: -3, stop: 3, num: 6}}
 record: {transient: 100, periods: 32, diagnostics: [period]}
-"""
+"""}  # fmt: skip
 
 
 def strict(text):
@@ -34,11 +34,6 @@ def strict(text):
         raise AssertionError(f"{word} is no JSON")
 
     return json.loads(text, parse_constant=refuse)
-
-
-@pytest.fixture(scope="module")
-def starts(tmp_path_factory):
-    return run_in(tmp_path_factory.mktemp("starts"), STARTS)
 
 
 def test_info(path):
@@ -68,8 +63,8 @@ def test_info_of_bifurcations(path, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["attractors", "integrity"])
-def test_attractors(command, starts, tmp_path):
-    done = call(command, starts, "--json", "--csv", tmp_path / "a.csv")
+def test_attractors(command, files, tmp_path):
+    done = call(command, files / "starts.h5", "--json", "--csv", tmp_path / "a.csv")
     assert done.exit_code == 0, done.stderr
     rows = pd.read_csv(tmp_path / "a.csv").to_dict("records")
     found = strict(done.stdout)["attractors"]

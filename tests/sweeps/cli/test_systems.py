@@ -23,6 +23,7 @@ from tests.helpers.places import CONFIGS, ROOT
 from tests.helpers.sweep_files import data, run_in
 from vibroimpact.jit.cache import root
 
+CONFIG = SWEEP
 SCRIPT = ROOT / "tests/helpers/without_posix.py"
 SETTINGS = [word for setting in KINDS[1] for word in ("--set", setting)]
 
@@ -43,13 +44,8 @@ def process(*words):
             started.kill()
 
 
-@pytest.fixture
-def sweep(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("sweep.yaml").write_text(SWEEP)
-
-
-def test_a_run_that_is_killed_goes_on_and_every_command_works(sweep):
+@pytest.mark.cluster
+def test_a_run_that_is_killed_goes_on_and_every_command_works():
     run = ("run", "sweep.yaml", "--quiet", *SETTINGS, "--threads", "1")
     with process("--one-block", *run) as killed:
         wait_until(lambda: share_written(Path("sweep.h5")) or killed.poll() is not None, "a block")
@@ -60,11 +56,12 @@ def test_a_run_that_is_killed_goes_on_and_every_command_works(sweep):
         [*run, "--resume"],
         ["run", "sweep.yaml", "--quiet", *few],
         ["run", "sweep.yaml", "--quiet", *few, "--overwrite"],
-        ["plot", "sweep.h5"],
+        ["plot", "sweep.h5", "--dpi", "40"],
         ["info", "sweep.h5"],
         ["zoom", "few.h5", "omega=2.5:2.6", "-o", "zoom.h5"],
         ["export", "sweep.h5", "-o", "sweep.csv"],
         ["export", "sweep.h5", "-o", "sweep.csv"],
+        ["run", "few.h5", "--quiet", "--dask", "local:1", "-o", "cluster.h5"],
     ]
     words = [word for command in commands for word in ("--", *command)][1:]
     with process(*words) as done:
@@ -72,19 +69,11 @@ def test_a_run_that_is_killed_goes_on_and_every_command_works(sweep):
         assert done.returncode == 0
     assert Path("sweep.png").stat().st_size and Path("zoom.png").stat().st_size
     config = load_config("sweep.yaml", KINDS[1])
-    xr.testing.assert_identical(data(Path("sweep.h5")), data(run_sweep(config, "whole.h5")))
+    xr.testing.assert_identical(data("sweep.h5"), data(run_sweep(config, "whole.h5")))
+    xr.testing.assert_identical(data("cluster.h5"), data("few.h5"))
 
 
-@pytest.mark.cluster
-def test_a_cluster_of_this_machine_works(sweep):
-    with process("run", "sweep.yaml", "--quiet", "--dask", "local:1") as done:
-        done.communicate()
-        assert done.returncode == 0
-    whole = run_sweep(load_config("sweep.yaml"), "whole.h5")
-    xr.testing.assert_identical(data(Path("sweep.h5")), data(whole))
-
-
-def test_the_live_picture_starts_and_ends(sweep):
+def test_the_live_picture_starts_and_ends():
     with process("explore", "sweep.yaml", "--no-browser") as page:
         with urllib.request.urlopen(page.stdout.readline().strip()) as answer:
             assert answer.status == 200

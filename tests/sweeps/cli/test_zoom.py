@@ -21,7 +21,7 @@ def test_zoom_computes_and_draws_a_piece(small_file, unpainted):
     printed = accepted("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
     assert printed.splitlines()[-1] == "small-omega-2.25-2.5.png"
     assert Path("small-omega-2.25-2.5.png").read_bytes() == b"painted"
-    said = call("zoom", "small.h5", "omega=2:9", "--dask", "local:1", "--quiet", "--exact")
+    said = call("zoom", "small.h5", "omega=2:9", "--quiet", "--exact")
     assert (said.exit_code, said.output) == (0, "") and Path("small-omega-2-9.png").exists()
     accepted("zoom", "small.h5", "clearance=0.1:0.2", "omega=2:3", "-o", "two.h5")
     whole, piece, two = map(sweeps.open_sweep, ("small.h5", "small-omega-2.25-2.5.h5", "two.h5"))
@@ -117,7 +117,6 @@ def test_a_zoom_takes_overrides_as_a_run_does(small_file, unpainted):
 
 
 def test_every_zoom_has_a_name_of_its_own(small_file):
-
     def named(file, *overrides):
         chosen = [word for text in overrides for word in ("--set", text)]
         plan = accepted("zoom", file, "omega=2:2.5", *chosen, "--dry-run").splitlines()[-1]
@@ -189,10 +188,9 @@ def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(small_fil
     ],
 )  # fmt: skip
 def test_a_piece_of_a_followed_sweep_stays_on_its_motion(
-    tmp_path, monkeypatch, unpainted, way, oscillator, low, high, impacts
+    unpainted, way, oscillator, low, high, impacts
 ):
     """From rest another motion is reached there."""
-    monkeypatch.chdir(tmp_path)
     group, axis = ("rig", "frequency") if "mass" in oscillator else ("oscillator", "omega")
     Path("whole.yaml").write_text(
         f"{group}: {{{oscillator}}}\nfollow: {{axis: {axis}, direction: {way}}}\n"
@@ -212,11 +210,8 @@ def test_a_piece_of_a_followed_sweep_stays_on_its_motion(
     [("omega: {start: 0.26, stop: 0.3, num: 9}, clearance: 0.1", "omega=0.27:0.28", 0.1),
      ("omega: 2.6, clearance: {start: 0, stop: 1, num: 11}", "clearance=-3:-2.5", -3.0)],
 )  # fmt: skip
-def test_a_piece_begins_at_the_stop_if_the_state_there_is_beyond_it(
-    tmp_path, monkeypatch, unpainted, axis, piece, stop
-):
+def test_a_piece_begins_at_the_stop_if_the_state_there_is_beyond_it(unpainted, axis, piece, stop):
     """As `plain` leaves a state beyond it, and another piece of clearances has another stop."""
-    monkeypatch.chdir(tmp_path)
     name = piece.partition("=")[0]
     Path("whole.yaml").write_text(
         f"oscillator: {{h: 0.05, R: 0.8, f: 1, {axis}}}\n"
@@ -239,10 +234,7 @@ def test_a_piece_begins_at_the_stop_if_the_state_there_is_beyond_it(
      ("f: 1, omega: {start: 2.3, stop: 2.5, num: 3}, R: [0.7, 0.8]", ["omega=2.4:2.5", "R=0.7:1"]),
      ("omega: 2.5, f: [1, 1.7e+308]", ["f=1.7e308:1.75e308"])],
 )  # fmt: skip
-def test_a_piece_before_which_no_point_has_a_state_begins_from_the_start(
-    tmp_path, monkeypatch, unpainted, axes, pieces
-):
-    monkeypatch.chdir(tmp_path)
+def test_a_piece_before_which_no_point_has_a_state_begins_from_the_start(unpainted, axes, pieces):
     Path("whole.yaml").write_text(
         f"oscillator: {{h: 0, {'' if 'R' in axes else 'R: 0.8, '}{axes}}}\n"
         f"follow: {{axis: {pieces[0].partition('=')[0]}, direction: up}}\n"

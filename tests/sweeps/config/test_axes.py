@@ -9,10 +9,11 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from sweeps import load_config, open_sweep, run_sweep
+from sweeps import load_config
 from sweeps.config.values import Range
 from sweeps.errors import ConfigError
 from tests.helpers.configurations import load, oscillator_yaml, refusal
+from tests.helpers.sweep_files import swept
 
 AXES = [
     pd.Series([2.5, 2.6]), pd.Index([2.5, 2.6]), xr.DataArray([2.5, 2.6], dims="omega"),
@@ -53,11 +54,11 @@ def test_values_of_a_range_are_found_by_the_numbers_typed():
     R = {"start": 0.1, "stop": 1, "num": 10}
     oscillator = {"h": 0.1, "R": R, "omega": [2.6, 2.4, 2.9, 2.5], "f": 1.0}
     record = {"transient": 5, "periods": 2}
-    with open_sweep(run_sweep({"oscillator": oscillator, "record": record}, "out.h5")) as ds:
-        for value in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0):
-            assert ds.sel(R=value)["R"] == value
-        assert ds.sel(omega=2.88, method="nearest")["omega"] == 2.9
-        assert ds["omega"].values.tolist() == [2.4, 2.5, 2.6, 2.9]
+    ds = swept({"oscillator": oscillator, "record": record})
+    for value in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0):
+        assert ds.sel(R=value)["R"] == value
+    assert ds.sel(omega=2.88, method="nearest")["omega"] == 2.9
+    assert ds["omega"].values.tolist() == [2.4, 2.5, 2.6, 2.9]
 
 
 @pytest.mark.parametrize("unit", ["seconds", "days", "microseconds"])

@@ -282,7 +282,7 @@ def test_a_block_is_worth_sending(client):
     assert computer.block_limits(0.01, size)["least"] == size
 
 
-def test_the_command_says_where_it_computes(client):
+def test_the_command_says_where_it_computes(client, unpainted):
     address = client.scheduler.address
     plan = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address, "--dry-run")
     assert plan.exit_code == 0
@@ -291,6 +291,7 @@ def test_the_command_says_where_it_computes(client):
     assert result.exit_code == 0, result.stderr
     assert "on 2 workers" in result.stderr
     assert_same_bits("out.h5")
+    assert "on 2 workers" in call("zoom", "out.h5", "omega=2.5:2.6", "--dask", address).stderr
 
 
 def test_the_address_of_a_worker_is_none_of_a_scheduler(client):

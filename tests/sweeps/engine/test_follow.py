@@ -98,27 +98,20 @@ def test_a_chain_is_what_calls_by_hand_give(axis, phase):
                     np.testing.assert_array_equal(given, expected[0], err_msg=name)
 
 
-@pytest.fixture(scope="module")
-def followed(tmp_path_factory):
-    """Return the data of the sweep in both directions."""
-    path = tmp_path_factory.mktemp("followed") / "sweep.yaml"
-    return run_and_read(load(CONFIG, path=path), path.with_name("out.h5"))
-
-
 @pytest.mark.parametrize("way", ["up", "down"])
-def test_one_direction_has_no_dimension_and_is_that_of_both(followed, way):
-    both = followed.sel(direction=way, drop=True)
+def test_one_direction_has_no_dimension_and_is_that_of_both(dataset, way):
+    both = dataset.sel(direction=way, drop=True).drop_attrs(deep=False)
     one = run_and_read(configured(f"follow.direction={way}"))
     assert "direction" not in one.coords
     xr.testing.assert_identical(one, both.assign_attrs(one.attrs))
 
 
-def test_the_first_point_of_a_chain_starts_as_every_point(followed):
+def test_the_first_point_of_a_chain_starts_as_every_point(dataset):
     alone = run_and_read(configured("follow=null"))
     for way, first in (("up", 0.6), ("down", 2.7)):
-        chain = followed.sel(direction=way, omega=first, drop=True)
+        chain = dataset.sel(direction=way, omega=first, drop=True)
         xr.testing.assert_equal(chain, alone.sel(omega=first, drop=True))
-        later = followed["poincare_x"].sel(direction=way, omega=2.4)
+        later = dataset["poincare_x"].sel(direction=way, omega=2.4)
         assert (later != alone["poincare_x"].sel(omega=2.4)).any()
 
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sweeps import open_sweep
 from sweeps.engine.executors import compute
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.configurations import load, refusal
-from tests.helpers.sweep_files import run_in
+from tests.helpers.sweep_files import swept
 from vibroimpact import Oscillator, integrate
 from vibroimpact.destination.repetition import TOLERANCE
 from vibroimpact.points.computation import compute_points
@@ -46,25 +45,24 @@ def test_a_run_with_the_transient_that_was_found_has_the_same_bits(dataset):
             np.testing.assert_array_equal(run[name][0], point[name].values)
 
 
-def test_a_transient_of_another_rule_ends_where_the_record_repeats(tmp_path):
+def test_a_transient_of_another_rule_ends_where_the_record_repeats():
     method = "method={integrator: newmark, impact: reduced-step}"
-    with open_sweep(run_in(tmp_path, CONFIG, method, "oscillator.omega.num=8")) as dataset:
-        periodic = dataset["period"].values > 0
-        assert periodic.any()
-        assert (dataset["orbit_distance"].values[periodic] <= TOLERANCE).all()
-        assert (dataset["transient"].values[periodic] < 3000).any()
+    dataset = swept(CONFIG, method, "oscillator.omega.num=8")
+    periodic = dataset["period"].values > 0
+    assert periodic.any()
+    assert (dataset["orbit_distance"].values[periodic] <= TOLERANCE).all()
+    assert (dataset["transient"].values[periodic] < 3000).any()
 
 
-def test_a_motion_that_fails_is_not_continued(tmp_path):
+def test_a_motion_that_fails_is_not_continued():
     """Euler overflows at omega = 0.3, in a few periods; there is no result to wait for."""
-    text = """
+    dataset = swept("""
 oscillator: {h: 0.1, R: 0.8, omega: [3, 0.3], f: 1.0}
 method: {integrator: euler, impact: plain, steps_per_period: 25, allow_unstable: true}
 record: {transient: auto, longest: 3000, periods: 4}
-"""
-    with open_sweep(run_in(tmp_path, text)) as dataset:
-        assert dataset["status"].values.tolist() == [Status.COMPUTED, Status.NON_FINITE]
-        assert dataset["transient"].values[1] < 200
+""")
+    assert dataset["status"].values.tolist() == [Status.COMPUTED, Status.NON_FINITE]
+    assert dataset["transient"].values[1] < 200
 
 
 def test_a_motion_that_fails_in_a_stage_has_no_result():

@@ -13,7 +13,6 @@ from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted, call, refused
 from tests.helpers.configurations import linear_values, load
 from tests.helpers.rigs import DAMPING, FORCE, GAP, JOINT, MASS, STIFFNESS, R, columns_of, rows_of
-from tests.helpers.sweep_files import run_in
 
 pytestmark = pytest.mark.slow
 
@@ -34,14 +33,12 @@ def graze():
     return math.sqrt((b + math.sqrt(b * b - 4.0 * MASS**2 * c)) / (2.0 * MASS**2)) / (2.0 * math.pi)
 
 
-@pytest.fixture(scope="module")
-def joint_run(tmp_path_factory):
-    return run_in(tmp_path_factory.mktemp("joint"), JOINT, name="joint.h5")
+FILES = {"joint": JOINT}
 
 
 @pytest.fixture
-def joint(folder, joint_run):
-    return Path(shutil.copy(joint_run, "joint.h5"))
+def joint(folder, files):
+    return Path(shutil.copy(files / "joint.h5", folder))
 
 
 def test_a_sweep_in_si_units_has_the_axes_of_the_rig_and_is_still_read_late(joint):

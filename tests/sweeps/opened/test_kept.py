@@ -18,27 +18,22 @@ from sweeps.opened import kept as module
 from sweeps.opened.kept import with_cache
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.commands import accepted
-from tests.helpers.sweep_files import run_in
+from tests.helpers.sweep_files import run_in, swept
 from vibroimpact.jit.cache import write
 
 pytestmark = pytest.mark.slow
 
 FOUND = "what was found before is used again"
 
-SCENE = """
+SWEEP = """
 oscillator: {h: 0.1, R: [0.7, 0.75, 0.8], omega: {start: 2.6, stop: 2.7, num: 9}, f: 1.0}
 record: {transient: 200, periods: 16}
 """
 
 
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    return run_in(tmp_path_factory.mktemp("scene"), SCENE)
-
-
 @pytest.fixture
-def path(folder, scene):
-    return Path(shutil.copy(scene, folder))
+def path(folder, path):
+    return Path(shutil.copy(path, folder))
 
 
 @pytest.fixture(autouse=True)
@@ -103,7 +98,7 @@ def test_nothing_is_used_again_after_a_change_of_the_data_or_of_the_code(path, m
         changed[:] = [room]
         asked(path, find, "omega")
         assert find.calls == calls
-    run_in(path.parent, SCENE.replace("h: 0.1", "h: 0.11"), overwrite=True)
+    run_in(path.parent, SWEEP.replace("h: 0.1", "h: 0.11"), overwrite=True)
     found, _ = asked(path, find, "omega")
     assert find.calls == 8
     expected = branches(path, "omega")
@@ -150,7 +145,7 @@ def test_the_oldest_results_go_first(path, cache, monkeypatch):
 def test_what_is_found_for_an_opened_file_is_not_taken_for_that_of_its_successor(path):
     with open_sweep(path) as before:
         before.load()
-        run_in(path.parent, SCENE.replace("h: 0.1", "h: 0.11"), overwrite=True)
+        run_in(path.parent, SWEEP.replace("h: 0.1", "h: 0.11"), overwrite=True)
         with_cache(branches, print)(before, "omega", classes=[(np.int64(1), np.int64(1))])
     found, _ = asked(path, branches, "omega", classes=[(1, 1)])
     xr.testing.assert_identical(found, branches(path, "omega", classes=[(1, 1)]))
@@ -226,7 +221,7 @@ def test_nothing_is_written_or_read_beside_the_file(path):
 
 def test_an_incomplete_sweep_keeps_nothing(tmp_path, stop_after):
     with stop_after(1, size=9), pytest.raises(KeyboardInterrupt):
-        run_in(tmp_path, SCENE)
+        run_in(tmp_path, SWEEP)
     _, said = asked(tmp_path / "out.h5", branches, "omega")
     assert said == ["what was found is not kept: the sweep is not complete"]
 
@@ -260,21 +255,21 @@ def test_knocks_are_computed_once_for_all_pictures_and_tables(tmp_path, no_knock
     assert accepted(*table) == first + "what was found before is used again\n"
 
 
-def test_knocks_are_not_taken_for_those_of_others(tmp_path, monkeypatch):
+def test_knocks_are_not_taken_for_those_of_others(monkeypatch):
     sought = []  # the attractors whose knocks were computed
     monkeypatch.setattr(
         _Motions, "worst", lambda _, home, limit: sought.append(home) or Knock(harmful=1.0 + home)
     )
-    with open_sweep(run_in(tmp_path, BASINS)) as starts:
-        find, found = with_cache(knocks), attractors(starts)
-        both = find(starts, found)
-        xr.testing.assert_identical(find(starts, found), both)
-        assert sought == [0, 1]
-        alone = find(starts, found, [1])
-        assert sought == [0, 1, 1]
-        assert np.isnan(alone["knock_harmful"][0]) and alone["knock_harmful"][1] < np.inf
-        other = found.assign(number=1 - found["number"])
-        xr.testing.assert_identical(find(starts, other), knocks(starts, other))
+    find, starts = with_cache(knocks), swept(BASINS)
+    found = attractors(starts)
+    both = find(starts, found)
+    xr.testing.assert_identical(find(starts, found), both)
+    assert sought == [0, 1]
+    alone = find(starts, found, [1])
+    assert sought == [0, 1, 1]
+    assert np.isnan(alone["knock_harmful"][0]) and alone["knock_harmful"][1] < np.inf
+    other = found.assign(number=1 - found["number"])
+    xr.testing.assert_identical(find(starts, other), knocks(starts, other))
 
 
 def test_changes_of_class_are_explained_once_and_the_list_stays_the_same(path, monkeypatch):

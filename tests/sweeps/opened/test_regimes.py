@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import bifurcations, open_sweep, run_sweep
+from sweeps import bifurcations
 from sweeps.bifurcation.bifurcation_report import cascades
 from sweeps.bifurcation.bifurcation_table import Change, changes_of_class
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers import naive
 from tests.helpers.commands import accepted
+from tests.helpers.sweep_files import swept
 from vibroimpact.points.regimes import Label, Regime
 from vibroimpact.status import Evidence, Status
 
@@ -49,17 +50,15 @@ def test_the_exponent_decides_by_the_growth_that_a_torus_allows():
 
 
 @pytest.mark.parametrize("periods", [1, 3, 10])
-def test_a_short_record_shows_no_chaos(tmp_path, periods):
+def test_a_short_record_shows_no_chaos(periods):
     """Tangent vectors of stable motions on their way grow as fast in so few periods."""
     scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": {"start": 2.6, "stop": 2.9, "num": 61}}}
     scene["record"] = {"transient": 30, "periods": periods, "diagnostics": ["period", "lyapunov"]}
     scene["oscillator"]["f"] = 1.0
-    path = run_sweep(scene, tmp_path / "short.h5")
-    with open_sweep(path) as dataset:
-        assert Regime.CHAOTIC not in OpenedSweep(dataset).regimes
+    assert Regime.CHAOTIC not in OpenedSweep(swept(scene)).regimes
     said = "; Lyapunov exponents of 32 or more periods tell which are chaotic"
-    assert accepted("info", path, "--bifurcations").count(said) == 1
-    assert accepted("info", path).count(said) == 1
+    assert accepted("info", "swept.h5", "--bifurcations").count(said) == 1
+    assert accepted("info", "swept.h5").count(said) == 1
 
 
 def test_without_an_exponent_nothing_is_said_of_what_does_not_repeat():
@@ -83,13 +82,6 @@ def test_the_shape_is_that_of_the_grid_in_any_order():
 PRELOADED = {"h": 0.0, "R": 0.5, "omega": [0.5, 3.9, 4.5], "f": 1.0, "clearance": -0.2}
 
 
-def rests(path, transient=100, **method):
-    """Return an opened sweep of preloaded motions that start on the stop."""
-    scene = {"oscillator": PRELOADED, "start": {"x0": -0.2}, "method": method}
-    scene["record"] = {"transient": transient, "periods": 40}
-    return open_sweep(run_sweep(scene, path))
-
-
 def slow_period(omega):
     """Return after how many periods a slow solver, by many small steps, is where it was."""
     osc = naive.oscillator(0.0, 0.5, omega, clearance=-0.2)
@@ -99,32 +91,32 @@ def slow_period(omega):
 
 
 @pytest.mark.slow
-def test_a_rest_is_named_after_its_periods(tmp_path):
-    with rests(tmp_path / "exact.h5") as exact:
-        periods = [slow_period(omega) for omega in PRELOADED["omega"]]
-        assert periods == [1, 3, 6]
-        expected = ["rest, 1 period", "rest, 3 periods", "rest, 6 periods"]
-        assert [*map(str, OpenedSweep(exact).labels)] == expected
-        found = bifurcations(exact)
-        listed = found[["before", "after"]].values.tolist()
-        assert [expected[:2], expected[1:]] == listed
-    with rests(tmp_path / "steps.h5", integrator="rk4", impact="cubic") as steps:
-        assert [*map(str, OpenedSweep(steps).labels)] == expected
+def test_a_rest_is_named_after_its_periods():
+    """The motions start on the stop."""
+    assert [slow_period(omega) for omega in PRELOADED["omega"]] == [1, 3, 6]
+    expected = ["rest, 1 period", "rest, 3 periods", "rest, 6 periods"]
+    record = {"transient": 100, "periods": 40}
+    scene = {"oscillator": PRELOADED, "start": {"x0": -0.2}, "record": record}
+    exact = swept(scene)
+    assert [*map(str, OpenedSweep(exact).labels)] == expected
+    listed = bifurcations(exact)[["before", "after"]].values.tolist()
+    assert [expected[:2], expected[1:]] == listed
+    steps = swept({**scene, "method": {"integrator": "rk4", "impact": "cubic"}})
+    assert [*map(str, OpenedSweep(steps).labels)] == expected
 
 
 @pytest.mark.parametrize("impact", ["cubic", "reduced-step"])
-def test_a_rest_before_the_motion_repeats_is_not_in_its_name(tmp_path, impact):
+def test_a_rest_before_the_motion_repeats_is_not_in_its_name(impact):
     """The mass starts on the stop, which presses until the force releases it, and never rests."""
-    scene = {
+    dataset = swept({
         "oscillator": {"h": 0.1, "R": 0.6, "omega": [1.6, 2.0, 2.4], "f": 1.0, "clearance": -0.2},
         "start": {"x0": -0.2},
         "method": {"integrator": "rk4", "impact": impact},
         "record": {"transient": 0, "periods": 200},
-    }
-    with open_sweep(run_sweep(scene, tmp_path / "a.h5")) as dataset:
-        assert (dataset["rest_fraction"] > 0.0).all()
-        assert (dataset["class_evidence"] == Evidence.RELEASED).all()
-        assert [*map(str, OpenedSweep(dataset).labels)] == ["1/1"] * 3
+    })  # fmt: skip
+    assert (dataset["rest_fraction"] > 0.0).all()
+    assert (dataset["class_evidence"] == Evidence.RELEASED).all()
+    assert [*map(str, OpenedSweep(dataset).labels)] == ["1/1"] * 3
 
 
 ONE, TWO, FOUR, EIGHT = (Label(Regime.PERIODIC, m, m) for m in (1, 2, 4, 8))

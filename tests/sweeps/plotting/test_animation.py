@@ -7,11 +7,11 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
-from sweeps import Refused, open_sweep, plotting, run_sweep
+from sweeps import Refused, plotting
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, animate, animation, plot
 from tests.helpers.commands import accepted, refused
-from tests.helpers.sweep_files import run_in
+from tests.helpers.sweep_files import swept
 from vibroimpact import Oscillator, simulate
 
 #: A motion 1/1, chaos, a motion 2/1 and one that rests in every period.
@@ -205,9 +205,7 @@ def test_a_motion_is_shown_over_two_repetitions_with_its_class():
     for diagnostics, shown, periods in ((["period"], "class 3/2, $t_0=", 6), ([], "$t_0=", 4)):
         oscillator = {"h": 0.05, "R": 0.5, "omega": 5.18, "f": 1.0}
         record = {"transient": 300, "periods": 40, "diagnostics": diagnostics}
-        run_sweep({"oscillator": oscillator, "record": record}, "motion.h5", overwrite=True)
-        with open_sweep("motion.h5") as dataset:
-            figure = plotting.trajectory(dataset)
+        figure = plotting.trajectory(swept({"oscillator": oscillator, "record": record}))
         t = figure.axes[0].lines[0].get_xdata()
         assert t[-1] == pytest.approx(periods * 2.0 * np.pi / 5.18)
         assert f", {shown}" in figure.get_suptitle()
@@ -220,11 +218,11 @@ record: {transient: 0, periods: 3000, trajectory: {every: 7}}
 
 
 @pytest.mark.slow
-def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it(tmp_path):
+def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it():
     """No more samples than pixels, however long the record; here one period of three."""
-    with open_sweep(run_in(tmp_path, LONG)) as dataset:
-        figures = [plotting.trajectory(dataset, periods=periods) for periods in (None, 3000)]
-        sampling = 7 / OpenedSweep(dataset).config.method.steps_per_period
+    dataset = swept(LONG)
+    figures = [plotting.trajectory(dataset, periods=periods) for periods in (None, 3000)]
+    sampling = 7 / OpenedSweep(dataset).config.method.steps_per_period
     for figure, step in zip(figures, (sampling, 0.0), strict=True):  # as recorded, and computed
         t, x = figure.axes[0].lines[0].get_xdata(), figure.axes[0].lines[0].get_ydata()
         assert len(t) < 1000 * 250

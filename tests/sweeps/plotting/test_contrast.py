@@ -10,7 +10,6 @@ from cycler import cycler
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
-from sweeps import open_sweep, run_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import (
     Page,
@@ -27,6 +26,7 @@ from sweeps.plotting.exact_lines import without_gaps
 from sweeps.plotting.looks import look_of
 from sweeps.plotting.style import CLASSES
 from tests.helpers.equal_points import equal_points, legend_texts
+from tests.helpers.sweep_files import swept
 from vibroimpact.points.regimes import Regime
 from vibroimpact.status import Evidence
 
@@ -132,20 +132,14 @@ def test_short_runs_do_not_alternate_along_a_branch():
     assert kept[-90:].all() and not kept[:70].any()
 
 
-@pytest.fixture
-def orbit_both_ways(tmp_path):
-    scene = {
+def test_dashes_do_not_close_over_several_periods():
+    """In the phase plane, a dashed orbit is drawn once."""
+    orbit = swept({
         "oscillator": {"h": 0.1, "R": 0.8, "omega": [2.2, 2.3], "f": 1.0},
         "follow": {"axis": "omega", "direction": "both"},
         "record": {"transient": 60, "periods": 8, "diagnostics": ["period"]},
-    }
-    with open_sweep(run_sweep(scene, tmp_path / "out.h5", progress=False)) as dataset:
-        yield dataset.isel(omega=[0])
-
-
-def test_dashes_do_not_close_over_several_periods(orbit_both_ways):
-    """In the phase plane, a dashed orbit is drawn once."""
-    figure = trajectory(orbit_both_ways, color="direction", periods=4, page=Page(grey=True))
+    }).isel(omega=[0])  # fmt: skip
+    figure = trajectory(orbit, color="direction", periods=4, page=Page(grey=True))
     over_time, phase_plane, velocity = figure.axes
     dashed = [line for line in phase_plane.lines if line.get_linestyle() == "--"]
     dashed = [line for line in dashed if len(line.get_xdata()) > 2]

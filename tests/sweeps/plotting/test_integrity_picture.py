@@ -8,7 +8,6 @@ from matplotlib.patches import Circle, PathPatch
 from matplotlib.path import Path
 from matplotlib.text import Text
 
-from sweeps import open_sweep
 from sweeps.attractor.integrity import Knock
 from sweeps.errors import Refused
 from sweeps.plotting import Page
@@ -17,25 +16,22 @@ from sweeps.plotting.canvas import Picture
 from sweeps.plotting.names import name_regions
 from sweeps.plotting.style import CLASSES, DOT_COLOURS
 from tests.helpers.equal_points import legend_texts
-from tests.helpers.sweep_files import run_in
-from tests.sweeps.attractor.test_integrity import CONFIG as STARTS
 from vibroimpact.status import Evidence, Status
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def ranked(tmp_path_factory):
-    """Return a file, opened, in which 2/1 is before 1/0 at 0.4, and behind it at 0.6."""
-    few = "start={x0: {start: -3, stop: 0, num: 16}, v0: {start: -3, stop: 3, num: 21}}"
-    line = "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: [0, 0.4, 0.6]}"
-    with open_sweep(run_in(tmp_path_factory.mktemp("ranked"), STARTS, line, few)) as dataset:
-        yield dataset
+#: 2/1 is before 1/0 at 0.4, and behind it at 0.6.
+SWEEP = """
+oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: [0, 0.4, 0.6]}
+start: {x0: {start: -3, stop: 0, num: 16}, v0: {start: -3, stop: 3, num: 21}}
+record: {transient: 200, periods: 8, impacts: 4}
+"""
 
 
 @pytest.mark.parametrize("panels", [[], ["fraction"], ["basins"]])
-def test_starts_without_a_result_are_refused(ranked, panels):
-    pending = ranked.assign(status=xr.full_like(ranked["status"], Status.PENDING))
+def test_starts_without_a_result_are_refused(dataset, panels):
+    pending = dataset.assign(status=xr.full_like(dataset["status"], Status.PENDING))
     with pytest.raises(Refused, match=r"no point has a result: not computed yet \(1,008\)"):
         draw_integrity(pending, panels=panels)
 
@@ -49,8 +45,8 @@ def test_a_profile_of_no_attractor_is_refused(random_sweep):
         draw_integrity(dataset, panels=["fraction"])
 
 
-def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
-    figure = draw_integrity(ranked, at={"clearance": 0.6})
+def test_measures_stay_in_their_panels_and_all_marks_are_named(dataset):
+    figure = draw_integrity(dataset, at={"clearance": 0.6})
     *profile, panel = figure.axes
     for measures in profile:
         low, high = measures.get_ylim()
@@ -77,25 +73,25 @@ def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
         ({"ylim": (0.7, 1.1)}, {"1/1", "2/1"}),
     ],
 )
-def test_the_legend_of_a_profile_names_what_is_within_the_limits(ranked, limits, classes):
+def test_the_legend_of_a_profile_names_what_is_within_the_limits(dataset, limits, classes):
     page = Page(grey=True, **limits)
-    figure = draw_integrity(ranked, panels=["fraction"], page=page)
+    figure = draw_integrity(dataset, panels=["fraction"], page=page)
     assert {*legend_texts(figure)} == classes
 
 
-def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(ranked, no_knocks, monkeypatch):
+def test_discs_and_knocks_are_those_of_the_attractors_with_a_look(dataset, no_knocks, monkeypatch):
     monkeypatch.setattr("sweeps.plotting.style.CLASSES", {(2, 1): CLASSES[2, 1]})
     monkeypatch.setattr("sweeps.plotting.style.FURTHER", ())
-    figure = draw_integrity(ranked, at={"clearance": 0.6})
+    figure = draw_integrity(dataset, at={"clearance": 0.6})
     assert no_knocks == [0] and len(figure.axes[-1].patches) == 1
     assert "no disc and no knock for 1 other attractor" in legend_texts(figure)
 
 
 @pytest.mark.parametrize("grey", [False, True])
-def test_a_knock_that_ends_beyond_the_limits_is_said_to_do_so(ranked, no_knocks, monkeypatch, grey):
+def test_a_knock_that_ends_beyond_the_limits_is_said_so(dataset, no_knocks, monkeypatch, grey):
     def named(**limits):
         options = {"panels": ["basins"], "page": Page(grey=grey, **limits)}
-        figure = draw_integrity(ranked, at={"clearance": 0.6}, **options)
+        figure = draw_integrity(dataset, at={"clearance": 0.6}, **options)
         knocks = (text for text in legend_texts(figure) if "least knock" in text)
         return ["beyond the limits" in text for text in knocks]
 
@@ -106,17 +102,17 @@ def test_a_knock_that_ends_beyond_the_limits_is_said_to_do_so(ranked, no_knocks,
     assert named(xlim=(-3.0, -1.0)) == [True, True]
 
 
-def test_a_small_knock_is_written_as_a_power_of_ten(ranked, no_knocks, monkeypatch):
+def test_a_small_knock_is_written_as_a_power_of_ten(dataset, no_knocks, monkeypatch):
     knock = Knock(2e-5, -1.0, 0.0, 0.0, -5e-7, 0)
     monkeypatch.setattr("sweeps.attractor.integrity._Motions.worst", lambda *_: knock)
-    figure = draw_integrity(ranked, at={"clearance": 0.6}, panels=["basins"])
+    figure = draw_integrity(dataset, at={"clearance": 0.6}, panels=["basins"])
     text = next(text for text in legend_texts(figure) if "least knock" in text)
     assert r"$-5\times10^{-7}$ at $\omega t=2\times10^{-5}$" in text
 
 
-def test_in_grey_the_number_of_a_knock_covers_neither_a_mark_nor_a_name(ranked, with_layout):
+def test_in_grey_the_number_of_a_knock_covers_neither_a_mark_nor_a_name(dataset, with_layout):
     page = Page(width=3.4, grey=True)
-    figure = draw_integrity(ranked, at={"clearance": 0.6}, panels=["basins"], page=page)
+    figure = draw_integrity(dataset, at={"clearance": 0.6}, panels=["basins"], page=page)
     figure.draw_without_rendering()
     (panel,) = figure.axes
     boxes = {text: Text.get_window_extent(text) for text in panel.texts if text.get_text()}
@@ -128,10 +124,10 @@ def test_in_grey_the_number_of_a_knock_covers_neither_a_mark_nor_a_name(ranked, 
         assert not any(boxes[number].overlaps(boxes[text]) for text in boxes.keys() - {number})
 
 
-def test_names_of_basins_stay_clear_of_discs_and_knocks(ranked, with_layout):
+def test_names_of_basins_stay_clear_of_discs_and_knocks(dataset, with_layout):
     for height in (2.6, 3.0, 4.0):
         page = Page(width=3.4, height=height)
-        figure = draw_integrity(ranked, at={"clearance": 0.6}, panels=["basins"], page=page)
+        figure = draw_integrity(dataset, at={"clearance": 0.6}, panels=["basins"], page=page)
         figure.draw_without_rendering()
         (panel,) = figure.axes
         names = [Text.get_window_extent(text) for text in panel.texts if "/" in text.get_text()]

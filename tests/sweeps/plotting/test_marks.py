@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from PIL import Image
 
-from sweeps import branches, open_sweep, run_sweep
+from sweeps import branches
 from sweeps.plotting import (
     KINDS,
     Page,
@@ -152,14 +152,17 @@ def test_only_motions_name_directions(dataset):
     assert legend_texts(apart)[:2] == [UP, DOWN] and "both" not in legend_texts(apart)
 
 
-@pytest.fixture(scope="module")
-def failed(tmp_path_factory):
-    """Return a table of seven rows, of which the last four overflow."""
-    force, omega = [1.0] * 3 + [1e308] * 4, np.linspace(2.3, 2.9, 7)
-    rows = {"f": force, "omega": omega, "R": [0.7, 0.8, 0.7, 0.8, 0.7, 0.8, 0.7]}
-    scene = {"oscillator": {"h": 0.1}, "points": rows, "record": {"transient": 20}}
-    with open_sweep(run_sweep(scene, tmp_path_factory.mktemp("failed") / "out.h5")) as opened:
-        yield opened.load()
+#: Seven rows, of which the last four overflow, and three.
+FILES = {
+    "failed": """
+oscillator: {h: 0.1}
+points: {omega: [2.3, 2.4, 2.5, 2.6, 2.7, 2.8, 2.9], R: [0.7, 0.8, 0.7, 0.8, 0.7, 0.8, 0.7],
+         f: [1, 1, 1, 1.0e+308, 1.0e+308, 1.0e+308, 1.0e+308]}
+record: {transient: 20}
+""",
+    "table": "oscillator: {h: 0.1, f: 1.0}\nrecord: {transient: 20}\n"
+    "points: {R: [0.8, 0.7, 0.75], omega: [2.4, 2.6, 2.9]}\n",
+}
 
 
 @pytest.mark.parametrize(
@@ -174,12 +177,14 @@ def failed(tmp_path_factory):
         (["omega", "R"], (2.25, 2.55), ["1/1", "non-finite (4 of 7)"]),
     ],
 )
-def test_a_table_counts_the_points_that_failed(failed, axes, xlim, names):
-    assert legend_texts(table_panels(failed, axes=axes, page=Page(xlim=xlim))) == names
+def test_a_table_counts_the_points_that_failed(loaded, axes, xlim, names):
+    figure = table_panels(loaded["failed"], axes=axes, page=Page(xlim=xlim))
+    assert legend_texts(figure) == names
 
 
-def test_the_panels_of_a_table_keep_the_limits(failed):
-    figure = table_panels(failed, axes=["omega", "R"], page=Page(xlim=(2.2, 3), ylim=(0, 2)))
+def test_the_panels_of_a_table_keep_the_limits(loaded):
+    page = Page(xlim=(2.2, 3), ylim=(0, 2))
+    figure = table_panels(loaded["failed"], axes=["omega", "R"], page=page)
     assert [panel.get_ylim() for panel in figure.axes] == [(0, 2), (0, 2)]
     assert figure.axes[0].get_xlim() == (2.2, 3)
 
@@ -267,15 +272,12 @@ def test_classes_differ_by_their_markers_and_motions_by_their_dashes(dataset):
     assert up.get_linestyle() != down.get_linestyle()
 
 
-def test_a_map_and_a_table_of_numbers_are_grey(tmp_path):
+def test_a_map_and_a_table_of_numbers_are_grey(loaded):
     dataset = equal_points(lyapunov={(0, 1): 0.5, (1, 2): -np.inf}, rest_fraction={(1, 2): 0.1})
     for name in ("lyapunov", "impulse", "status"):
         assert colourful(KINDS["map"].draw(dataset, quantity=name, page=PAGE)) < 0.01, name
-    rows = {"R": [0.8, 0.7, 0.75], "omega": [2.4, 2.6, 2.9]}
-    scene = {"oscillator": {"h": 0.1, "f": 1.0}, "points": rows, "record": {"transient": 20}}
-    with open_sweep(run_sweep(scene, tmp_path / "table.h5")) as table:
-        for color in (None, "impulse"):
-            assert colourful(KINDS["table"].draw(table, color=color, page=PAGE)) < 0.01
+    for color in (None, "impulse"):
+        assert colourful(KINDS["table"].draw(loaded["table"], color=color, page=PAGE)) < 0.01
 
 
 @pytest.mark.parametrize("dark", [False, True])

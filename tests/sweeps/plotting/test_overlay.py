@@ -17,7 +17,7 @@ from sweeps.plotting import KINDS, Page, bifurcation, parameter_map, plot, table
 from sweeps.plotting.labels import tick_in_decades
 from tests.helpers.commands import SMALL, accepted, refused
 from tests.helpers.equal_points import equal_points, legend_texts
-from tests.helpers.sweep_files import run_in
+from tests.helpers.sweep_files import swept
 from tests.helpers.written_files import R
 
 RIG = """\
@@ -224,10 +224,9 @@ def test_a_label_that_cannot_be_drawn_is_refused(files, rig, table):
     assert "ylabel = 'a $x_$'" in refused(*given, "--ylabel", "a $x_$")
 
 
-def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(tmp_path, with_layout):
-    text = RIG.replace("[period]", "[period, extremes]")
-    with open_sweep(run_in(tmp_path, text)) as dataset:
-        figure = bifurcation(dataset, below=["peak_to_peak", "impulse"], page=Page(width=3.4))
+def test_a_panel_below_has_the_prefix_of_its_ticks_and_an_unbroken_unit(with_layout):
+    dataset = swept(RIG, "record.diagnostics=[period, extremes]")
+    figure = bifurcation(dataset, below=["peak_to_peak", "impulse"], page=Page(width=3.4))
     figure.draw_without_rendering()
     _, travel, impulse = figure.axes
     assert travel.get_title(loc="left").endswith("[mm]")

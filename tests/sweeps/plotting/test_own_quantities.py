@@ -5,7 +5,6 @@ import pytest
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.text import Text
 
-from sweeps import open_sweep
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import (
@@ -20,7 +19,7 @@ from sweeps.plotting import (
     trajectory,
 )
 from sweeps.plotting.looks import period_cells
-from tests.helpers.sweep_files import run_in
+from tests.helpers.sweep_files import swept
 from vibroimpact import Status
 
 SWEEP = """
@@ -29,14 +28,15 @@ record: {transient: 200, periods: 8, impacts: 4, diagnostics: [period, lyapunov]
 """
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    """Return the sweep with 500 samples of each period, in mm and s."""
-    text = SWEEP.replace("impacts: 4", "trajectory: {every: 1}, impacts: 4")
-    text = text.replace("lyapunov", "extremes") + "method: {steps_per_period: 500}\n"
-    text += "units: {length: mm, time: s}\n"
-    with open_sweep(run_in(tmp_path_factory.mktemp("recorded"), text)) as opened:
-        yield opened.load()
+#: The sweep with 500 samples of each period, in mm and s.
+RECORDED = SWEEP.replace("impacts: 4", "trajectory: {every: 1}, impacts: 4")
+RECORDED = RECORDED.replace("lyapunov", "extremes") + "method: {steps_per_period: 500}\n"
+FILES = {"recorded": RECORDED + "units: {length: mm, time: s}\n"}
+
+
+@pytest.fixture
+def recorded(loaded):
+    return loaded["recorded"]
 
 
 def own(dataset, **about):
@@ -86,11 +86,10 @@ def test_the_mean_force_is_what_holds_the_spring(recorded):
     np.testing.assert_array_equal(below.get_ydata(), drawn[1])
 
 
-def test_the_mean_force_has_no_value_where_the_mass_rests(tmp_path):
-    resting = SWEEP.replace("[0.6, 0.8]", "[0.1, 0.8]").replace("start: 2.2", "start: 0.5")
-    with open_sweep(run_in(tmp_path, resting)) as points:
-        rests = (points["rest_fraction"] > 0.0).values
-        figure = parameter_map(points, quantity="mean_force")
+def test_the_mean_force_has_no_value_where_the_mass_rests():
+    points = swept(SWEEP, "oscillator.R=[0.1, 0.8]", "oscillator.omega.start=0.5")
+    rests = (points["rest_fraction"] > 0.0).values
+    figure = parameter_map(points, quantity="mean_force")
     assert 0 < rests.sum() < rests.size
     np.testing.assert_array_equal(figure.axes[0].collections[0].get_array().mask, rests)
     assert "rest" in legend(figure)
@@ -294,14 +293,13 @@ def test_a_dense_diagram_keeps_the_colours(dataset, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_points_of_a_table_are_coloured(tmp_path):
+def test_the_points_of_a_table_are_coloured():
     table = "points: {omega: [2.4, 2.5, 2.6], part: [1.0, 2.0, 3.0]}\n"
-    run_in(tmp_path, table + "oscillator: {h: 0.1, R: 0.8, f: 1.0}\n")
-    with open_sweep(tmp_path / "out.h5") as points:
-        square = (points["omega"] ** 2).rename("square").drop_attrs()
-        figure = table_panels(points, quantity="impulse", color="part", axes=[square])
-        assert [panel.get_xlabel() for panel in figure.axes] == ["square", "part"]
-        plot(points, tmp_path / "a.png", color=points["impulse"], quantity=points["omega"])
+    points = swept(table + "oscillator: {h: 0.1, R: 0.8, f: 1.0}\n")
+    square = (points["omega"] ** 2).rename("square").drop_attrs()
+    figure = table_panels(points, quantity="impulse", color="part", axes=[square])
+    assert [panel.get_xlabel() for panel in figure.axes] == ["square", "part"]
+    plot(points, "a.png", color=points["impulse"], quantity=points["omega"])
 
 
 def test_the_peak_to_peak_displacement_is_what_the_samples_nearly_reach(recorded):

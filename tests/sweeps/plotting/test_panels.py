@@ -10,11 +10,12 @@ import yaml
 from matplotlib.figure import Figure
 from numpy.testing import assert_array_equal
 
-from sweeps import open_sweep, plotting, run_sweep
+from sweeps import plotting
 from sweeps.errors import Refused
 from sweeps.plotting import Page, attractor_diagram, basins, integrity, table_panels
 from tests.helpers.commands import accepted, refused
 from tests.helpers.equal_points import legend_texts
+from tests.helpers.sweep_files import swept
 from tests.sweeps.config.test_points import FIXED, GRIDS, RECORD, shuffled, write_csv
 
 STARTS = {"x0": {"start": -3, "stop": 0, "num": 6}, "v0": {"start": -2, "stop": 2, "num": 6}}
@@ -22,17 +23,13 @@ SWEEP = {"oscillator": {"h": 0.05, "R": 0.8, "omega": [2.6, 2.65, 2.7], "f": 1.0
 SWEEP |= {"start": STARTS, "record": {"transient": 200}}
 
 
-@pytest.fixture(scope="module")
-def table_file(tmp_path_factory):
-    rows = {"R": [0.8, 0.7, 0.75], "omega": [2.4, 2.6, 2.9], "f": [1.0, 1.1, 1.2]}
-    scene = {"oscillator": {"h": 0.1}, "points": rows, "record": {"transient": 20}}
-    return run_sweep(scene, tmp_path_factory.mktemp("table") / "out.h5")
+ROWS = {"R": [0.8, 0.7, 0.75], "omega": [2.4, 2.6, 2.9], "f": [1.0, 1.1, 1.2]}
+FILES = {"table": {"oscillator": {"h": 0.1}, "points": ROWS, "record": {"transient": 20}}}
 
 
-@pytest.fixture(scope="module")
-def table(table_file):
-    with open_sweep(table_file) as opened:
-        yield opened.load()
+@pytest.fixture
+def table(loaded):
+    return loaded["table"]
 
 
 def titles(figure):
@@ -84,13 +81,14 @@ def test_a_table_has_the_panels_in_the_order_typed(table):
     assert "further" not in "".join(legend_texts(figure))
 
 
-def test_other_panels_are_refused_with_the_nearest_name(path, table_file):
+def test_other_panels_are_refused_with_the_nearest_name(path, files):
     wrong = refused("plot", path, "--kind", "integrity", "--panels", "basins,fractoin")
     assert "there is no panel fractoin (did you mean fraction?)" in wrong
     assert "integrity_factor" in wrong and "basins" in wrong
-    said = refused("plot", table_file, "--panels", "h")
+    table = files / "table.h5"
+    said = refused("plot", table, "--panels", "h")
     assert "there is no panel h; choose from: R, omega, f" in said
-    assert "the panel R is asked for twice" in refused("plot", table_file, "--panels", "R, R")
+    assert "the panel R is asked for twice" in refused("plot", table, "--panels", "R, R")
     said = refused("plot", path, "--kind", "basins", "--panels", "basins")
     assert "panels can be chosen for integrity or table only" in said
 
@@ -107,12 +105,11 @@ def test_too_many_panels_are_refused_by_default_and_drawn_at_a_height(table):
 
 
 @pytest.mark.parametrize(("width", "panels"), [(3.4, 6), (7.0, 8)])
-def test_a_table_fits_a_page_and_counts_the_columns_left_out(tmp_path, width, panels):
+def test_a_table_fits_a_page_and_counts_the_columns_left_out(width, panels):
     names = ["h", "R", "omega", "p", "f", "clearance", "x0", "v0"]
-    points = {name: np.linspace(0.4, 0.5, 5) for name in names}
-    scene = {"points": points, "record": {"transient": 5, "periods": 4, "diagnostics": ["period"]}}
-    with open_sweep(run_sweep(scene, tmp_path / "out.h5")) as dataset:
-        figure = table_panels(dataset, page=Page(width=width))
+    points = {name: np.linspace(0.4, 0.5, 5).tolist() for name in names}
+    record = {"transient": 5, "periods": 4, "diagnostics": ["period"]}
+    figure = table_panels(swept({"points": points, "record": record}), page=Page(width=width))
     assert figure.get_figheight() <= 9.0
     assert len([panel for panel in figure.axes if panel.get_xlabel()]) == panels
     assert ("2 further columns" in legend_texts(figure)) == (panels < 8)
@@ -190,19 +187,19 @@ def test_the_picture_of_a_table_has_a_panel_for_each_column_that_varies():
     columns, _ = shuffled(GRIDS["plain"])
     weight = np.arange(columns["R"].size) * 0.5
     points = {**columns, "x0": np.zeros(weight.size), "weight": weight}
-    run_sweep({"points": points, **yaml.safe_load(f"{FIXED}\n{RECORD}")}, "out.h5")
-    with open_sweep("out.h5") as dataset:
-        figure = plotting.table_panels(dataset, quantity="impulse")
-        assert len(figure.axes) == 3  # x0 does not vary
-        for panel, name in zip(figure.axes, ("R", "omega", "weight"), strict=True):
-            (drawn,) = panel.collections
-            assert_array_equal(drawn.get_offsets()[:, 0], dataset[name])
-            assert_array_equal(drawn.get_offsets()[:, 1], dataset["impulse"])
-            assert len(np.unique(drawn.get_facecolors(), axis=0)) > 2  # classes
-        (panel,) = plotting.table_panels(dataset, axes=["impulse"], quantity="lyapunov").axes
-        assert_array_equal(panel.collections[0].get_offsets()[:, 0], dataset["impulse"])
-        with pytest.raises(Refused, match="point cannot be fixed here"):
-            plotting.table_panels(dataset, at={"point": 3.0})
-        plotting.plot(dataset, "out.svg")
-        svg = Path("out.svg").read_text()
-        assert "transient: " in svg and "points:" not in svg  # a million rows would take minutes
+    points = {name: values.tolist() for name, values in points.items()}
+    dataset = swept({"points": points, **yaml.safe_load(f"{FIXED}\n{RECORD}")})
+    figure = plotting.table_panels(dataset, quantity="impulse")
+    assert len(figure.axes) == 3  # x0 does not vary
+    for panel, name in zip(figure.axes, ("R", "omega", "weight"), strict=True):
+        (drawn,) = panel.collections
+        assert_array_equal(drawn.get_offsets()[:, 0], dataset[name])
+        assert_array_equal(drawn.get_offsets()[:, 1], dataset["impulse"])
+        assert len(np.unique(drawn.get_facecolors(), axis=0)) > 2  # classes
+    (panel,) = plotting.table_panels(dataset, axes=["impulse"], quantity="lyapunov").axes
+    assert_array_equal(panel.collections[0].get_offsets()[:, 0], dataset["impulse"])
+    with pytest.raises(Refused, match="point cannot be fixed here"):
+        plotting.table_panels(dataset, at={"point": 3.0})
+    plotting.plot(dataset, "out.svg")
+    svg = Path("out.svg").read_text()
+    assert "transient: " in svg and "points:" not in svg  # a million rows would take minutes

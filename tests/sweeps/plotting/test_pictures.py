@@ -12,14 +12,14 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 from PIL import Image
 
-from sweeps import branches, open_sweep, plotting, run_sweep
+from sweeps import branches, plotting
 from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting.saving import save, save_chart
 from sweeps.plotting.style import user_style
 from tests.helpers.commands import call
 from tests.helpers.equal_points import legend_texts
-from tests.helpers.sweep_files import run_in
+from tests.helpers.sweep_files import swept
 from tests.sweeps.plotting.test_overlay import RIG
 from vibroimpact import Oscillator, one_impact_orbit, simulate
 
@@ -46,6 +46,12 @@ FILES = {"map": MAP, "starts": STARTS, "table": TABLE, "rig": RIG}
 @pytest.fixture
 def dataset(loaded):
     return loaded["map"]
+
+
+@pytest.fixture(scope="module")
+def one_impact(loaded):
+    """Return the exact branches of 1/1 at R = 0.8."""
+    return branches(loaded["map"], "omega", {"R": 0.8}, classes=[(1, 1)])
 
 
 @pytest.fixture
@@ -166,9 +172,8 @@ def test_the_dots_of_attractors_of_many_starts_are_visible():
     oscillator = {"h": 0.02, "R": 0.8, "omega": axis, "f": 1.0}
     record = {"transient": 100, "periods": 32}
     start = {"v0": [0.0, 0.5]}
-    run_sweep({"oscillator": oscillator, "start": start, "record": record}, "starts.h5")
-    with open_sweep("starts.h5") as dataset:
-        panel = plotting.attractor_diagram(dataset).axes[0]
+    dataset = swept({"oscillator": oscillator, "start": start, "record": record})
+    panel = plotting.attractor_diagram(dataset).axes[0]
     sizes = [line.get_markersize() for line in panel.lines if len(line.get_xdata())]
     assert len(sizes) > 2 and min(sizes) > 72.0 / 100.0
 
@@ -177,9 +182,8 @@ def test_the_impacts_of_attractors_are_drawn_beside_one_without_impacts():
     """It has no dot, and is in the legend."""
     oscillator = {"h": 0.1, "R": 0.8, "omega": [2.5, 2.6], "f": 1.0, "clearance": 0.6}
     start = {"x0": {"start": -2, "stop": 0.5, "num": 4}, "v0": [-1.0, 1.0]}
-    run_sweep({"oscillator": oscillator, "start": start}, "free.h5")
-    with open_sweep("free.h5") as dataset:
-        figure = plotting.attractor_diagram(dataset, coordinate="impact_v")
+    dataset = swept({"oscillator": oscillator, "start": start})
+    figure = plotting.attractor_diagram(dataset, coordinate="impact_v")
     (dots,) = [line for line in figure.axes[0].lines if len(line.get_xdata())]
     assert {*dots.get_xdata().tolist()} == {2.5, 2.6}
     assert legend_texts(figure) == ["1/0, no impact", "2/1"]
@@ -191,27 +195,27 @@ record: {transient: 20, periods: 10, diagnostics: [period]}
 """
 
 
-def test_impacts_that_were_not_kept_are_said(tmp_path):
+def test_impacts_that_were_not_kept_are_said():
     """122 impacts in a period at omega = 0.2, as `simulate` counts them; 64 are kept."""
-    path = run_in(tmp_path, SLOW)
+    dataset = swept(SLOW)
     turn = 2.0 * np.pi / 0.2
     motion = simulate(Oscillator(h=0.05, R=0.9, omega=0.2, f=1.0), periods=30)
     most = f"{int((motion.impact_t > 20 * turn).sum()):,}"
-    with open_sweep(path) as dataset:
-        for figure, said, part in (
-            (plotting.bifurcation(dataset, coordinate="impact_v"), f"up to {most}", True),
-            (plotting.bifurcation(dataset, coordinate="poincare_x"), "", False),
-            (plotting.impacts(dataset, at={"omega": 0.2}), most, False),
-            (plotting.impacts(dataset, at={"omega": 2.3}), "", False),
-            (plotting.impacts(dataset, color="period"), f"up to {most}", False),
-            (plotting.section(dataset), "", False),
-        ):
-            title = figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
-            assert title.endswith(f"last 64 of {said} impacts" if said else "record 10 periods")
-            assert ("only part of a repetition (1 of 3)" in legend_texts(figure)) == part
+    for figure, said, part in (
+        (plotting.bifurcation(dataset, coordinate="impact_v"), f"up to {most}", True),
+        (plotting.bifurcation(dataset, coordinate="poincare_x"), "", False),
+        (plotting.impacts(dataset, at={"omega": 0.2}), most, False),
+        (plotting.impacts(dataset, at={"omega": 2.3}), "", False),
+        (plotting.impacts(dataset, color="period"), f"up to {most}", False),
+        (plotting.section(dataset), "", False),
+    ):
+        title = figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
+        assert title.endswith(f"last 64 of {said} impacts" if said else "record 10 periods")
+        assert ("only part of a repetition (1 of 3)" in legend_texts(figure)) == part
     said = "; the file has only the last 64 of up to {} impacts of a point"
     for rows, text in (("impacts", said.format(most)), ("sections", "")):
-        assert call("export", path, "-o", "a.csv", "--rows", rows).stdout.endswith(f" rows{text}\n")
+        told = call("export", "swept.h5", "-o", "a.csv", "--rows", rows).stdout
+        assert told.endswith(f" rows{text}\n")
 
 
 def test_width_title_and_limits_by_the_command(draw):
@@ -243,16 +247,16 @@ def test_the_ordinate_fits_what_is_within_the_limits_of_the_abscissa(dataset, mo
     assert fixed.axes[0].get_ylim() == (-9.0, 9.0)
 
 
-def test_the_ordinate_fits_the_part_of_a_motion_and_of_branches_in_view(dataset):
+def test_the_ordinate_fits_the_part_of_a_motion_and_of_branches_in_view(dataset, one_impact):
     page = Page(xlim=(0.3, 0.6))
     panel = plotting.trajectory(dataset, at={"omega": 2.3}, page=page).axes[0]
     t, x = panel.lines[0].get_xydata().T
     part = x[(t >= 0.3) & (t <= 0.6)]
     assert panel.get_ylim() == pytest.approx((part.min(), part.max()), abs=0.1 * np.ptp(part))
     page = Page(xlim=(2.25, 2.35))
-    at, exact = {"R": 0.8}, branches(dataset, "omega", {"R": 0.8}, classes=[(1, 1)])
-    low, high = plotting.bifurcation(dataset, at=at, exact=exact, page=page).axes[0].get_ylim()
-    least, most = plotting.bifurcation(dataset, at=at, exact=exact).axes[0].get_ylim()
+    options = {"at": {"R": 0.8}, "exact": one_impact}
+    low, high = plotting.bifurcation(dataset, page=page, **options).axes[0].get_ylim()
+    least, most = plotting.bifurcation(dataset, **options).axes[0].get_ylim()
     assert high - low < 0.9 * (most - least)
 
 
@@ -294,14 +298,13 @@ def test_limits_between_the_branches_of_a_density_are_refused(dataset, monkeypat
 
 
 @pytest.mark.parametrize("most", [10, 10**9])
-def test_what_lies_between_values_of_an_axis_is_drawn(dataset, monkeypatch, most):
+def test_what_lies_between_values_of_an_axis_is_drawn(dataset, one_impact, monkeypatch, most):
     """The cell of a map, an exact branch, a measured point, the column of a density."""
     monkeypatch.setattr("sweeps.plotting.diagram.DENSITY_FROM", most)
     page, at = Page(xlim=(2.31, 2.39)), {"R": 0.8}
-    exact = branches(dataset, "omega", at, classes=[(1, 1)])
     measured = {"omega": [2.35], "poincare_x": [-0.5]}
     plotting.parameter_map(dataset, page=page)
-    for options in [{"exact": exact}, {"overlay": measured}, *([{}] if most == 10 else [])]:
+    for options in [{"exact": one_impact}, {"overlay": measured}, *([{}] if most == 10 else [])]:
         figure = plotting.bifurcation(dataset, at=at, page=page, **options)
         assert figure.axes[0].get_xlim() == page.xlim
 
@@ -373,8 +376,7 @@ def test_settings_of_the_user_are_kept(dataset, tmp_path, with_layout):
     assert mpl.rcParams["font.size"] == mpl.rcParamsDefault["font.size"]
 
 
-def test_a_setting_that_the_user_names_is_kept_where_it_is_matplotlibs_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_setting_that_the_user_names_is_kept_where_it_is_matplotlibs_own():
     assert user_style()["font.size"] == 9.0
     Path("matplotlibrc").write_text("font.size: 10\n")
     assert "font.size" not in user_style() and "pdf.fonttype" in user_style()

@@ -225,10 +225,9 @@ def test_entries_of_one_width_are_beside_each_other_in_a_legend_within_the_figur
     dataset["period_impacts"].values[1, 6] = 7
     figure = parameter_map(dataset, page=Page(width=3.4))
     figure.draw_without_rendering()
-    (one,) = figure.legends
-    texts = [text.get_text() for text in one.get_texts()]
-    assert {"rest, 1 period", "other m/q"} <= set(texts)
-    assert [len(text) for text in texts] == sorted(map(len, texts))
+    (one,), texts = figure.legends, legend_texts(figure)
+    assert {"rest, 1 period", "other m/q"} <= {*texts}
+    assert [*map(len, texts)] == sorted(map(len, texts))
     box = one.get_window_extent()
     assert figure.bbox.x0 < box.x0 and box.x1 < figure.bbox.x1
     assert len({round(text.get_window_extent().x0) for text in one.get_texts()}) >= 3
