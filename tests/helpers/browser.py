@@ -23,6 +23,12 @@ _OPTIONS = (
     "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
     "--disable-component-update --disable-sync"
 ).split()
+#: What a page shows: a cascade, at once.
+SCENE = {
+    "name": "scene",
+    "oscillator": {"h": 0.05, "R": 0.8, "omega": {"start": 2.4, "stop": 3.5, "num": 50}, "f": 1.0},
+    "record": {"transient": 60, "periods": 4, "impacts": 8},
+}
 #: A limit that is only exceeded if the page hangs [s].
 PATIENCE = 300.0
 #: Variable that turns a missing browser into a failure instead of a skip.

@@ -125,7 +125,7 @@ def test_what_a_dataset_lacks_is_named_until_it_has_it(loaded, door):
     has = {"status"}
     while text := _refusal(door, whole[[*has]]):
         named = re.search(
-            r"the file has no (\w+): (take its .*Dataset, or )?run the sweep again( with)?", text
+            r"has no (\w+).*?(its whole Dataset, or )?run the sweep again( with)?", text
         )
         assert named and bool(named[2]) != bool(named[3]), text
         assert named[1] not in has

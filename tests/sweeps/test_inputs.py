@@ -12,7 +12,7 @@ import sweeps
 from sweeps.cli import common
 from sweeps.errors import Refused
 from sweeps.plotting import Page
-from sweeps.text import shown_bytes, shown_duration
+from sweeps.text import shown_bytes, shown_duration, shown_range
 from tests.helpers.configurations import refusal
 from vibroimpact import (
     Oscillator,
@@ -54,9 +54,12 @@ def test_words_that_are_equally_near_are_all_named_unless_they_are_many():
         (shown_bytes, 12, "12 B"), (shown_bytes, 999_499, "999 kB"), (shown_bytes, 999_500, "1 MB"),
         (shown_bytes, 5e15, "5,000 TB"), (shown_duration, 86400.0 * 999.7, "1,000 days"),
         (shown_duration, 86400.0 * 12345.6, "12,346 days"), (shown_duration, 172_800, "2 days"),
+        (shown_range, (1.000012345, 1.000022345), "1.0000123 .. 1.0000223"),
     ],
 )  # fmt: skip
-def test_sizes_and_times_are_written_without_powers_of_ten(shown, value, text):
+def test_sizes_and_times_have_no_powers_of_ten_and_ranges_the_digits_that_tell_them(
+    shown, value, text
+):
     assert shown(value) == text
 
 

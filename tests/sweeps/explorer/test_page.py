@@ -15,7 +15,7 @@ from sweeps import load_config, open_sweep
 from sweeps.explorer.live_diagram import density, fitted, numbers, ordinates
 from sweeps.explorer.view import BASINS_TAB
 from sweeps.plotting.style import CLASSES
-from tests.helpers.browser import Window, chromium
+from tests.helpers.browser import SCENE, Window, chromium
 from tests.helpers.commands import accepted
 from tests.helpers.places import CONFIGS
 from vibroimpact import Oscillator, one_impact_orbit
@@ -31,15 +31,8 @@ def browser():
 
 @pytest.fixture(scope="module")
 def explorer(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("explore")
-    config = folder / "scene.yaml"
-    config.write_text(
-        "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 50}, f: 1.0}\n"
-        "record: {transient: 60, periods: 4, impacts: 8}\n"
-    )
-    explorer = sweeps.explore(load_config(config), folder=folder)
-    yield explorer
-    explorer.close()
+    with closing(sweeps.explore(SCENE, folder=tmp_path_factory.mktemp("explore"))) as explorer:
+        yield explorer
 
 
 @pytest.fixture(scope="module")

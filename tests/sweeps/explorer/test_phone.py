@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import sweeps
-from sweeps import load_config
-from tests.helpers.browser import Window, chromium
+from tests.helpers.browser import SCENE, Window, chromium
 
 pytestmark = pytest.mark.slow
 #: The element that has the focus: its role or tag, its name, and whether it is open or pressed.
@@ -23,9 +22,7 @@ START = "document.body.tabIndex = -1; document.body.focus(); document.body.blur(
 @pytest.fixture(scope="module")
 def phone():
     """A window as wide as a phone."""
-    oscillator = {"h": 0.05, "R": 0.8, "omega": {"start": 2.4, "stop": 3.5, "num": 50}, "f": 1.0}
-    record = {"transient": 60, "periods": 4, "impacts": 8}
-    explorer = sweeps.explore(load_config({"oscillator": oscillator, "record": record}))
+    explorer = sweeps.explore(SCENE)
     with chromium() as browser:
         window = Window(browser, explorer, size=(390, 844))
         yield window
