@@ -266,7 +266,8 @@ def test_a_graze_of_any_natural_vibration_has_no_curve():
 def test_a_curve_of_grazes_ends_at_the_edge_where_two_impacts_meet():
     """At R = 0 the impact comes when the force begins to pull, and the graze comes with it.
 
-    So the flight from there, with no speed, is back at the stop after one period.
+    So the flight from there, with no speed, is back at the stop after one period. The equations are
+    singular there, but the curve also begins there.
     """
     h, clearance = 0.1, 0.2
     release = -math.asin(clearance)
@@ -279,11 +280,13 @@ def test_a_curve_of_grazes_ends_at_the_edge_where_two_impacts_meet():
         return math.exp(-h * T) * free + response.imag - clearance
 
     start = periodic_orbit(Oscillator(h=h, R=0.5, omega=1.3, f=1.0, clearance=clearance), -0.3, 0.0)
-    found = bifurcation_curve(start, "graze", ("R", 0.0, 1.0), ("omega", 0.65, 2.21))
-    assert [point.kind for point in found.special] == ["edge", "edge"]
-    end = found.special[0]
-    assert end.value[0] == 0.0
-    assert end.value[1] == pytest.approx(brentq(misses, 1.6, 1.8, xtol=1e-15), abs=1e-8)
+    ranges = ("R", 0.0, 1.0), ("omega", 0.65, 2.21)
+    found, expected = bifurcation_curve(start, "graze", *ranges), brentq(misses, 1.6, 1.8)
+    for curve in (found, bifurcation_curve(found.special[0].orbit, "graze", *ranges)):
+        assert [point.kind for point in curve.special] == ["edge", "edge"]
+        end, other = curve.special
+        assert end.value == pytest.approx([0.0, expected], abs=1e-8) and end.value[0] == 0.0
+        assert other.value == pytest.approx(found.special[1].value, abs=1e-11)
 
 
 def test_the_meeting_of_fold_and_flip_is_found_from_all_along_a_curve_that_ends_nearby():
