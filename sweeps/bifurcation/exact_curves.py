@@ -26,10 +26,9 @@ from sweeps.opened.motions import first_special_point, orbit_of_motion
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.text import choice_of, listed, near_misses, shown_count, suggestion
 from vibroimpact.orbits.branches import Branch
-from vibroimpact.orbits.continuation import lost_text
 from vibroimpact.orbits.curves import CURVE_KINDS, bifurcation_curve
 from vibroimpact.orbits.periodic import OrbitError
-from vibroimpact.orbits.special_points import SpecialPoint
+from vibroimpact.orbits.special_points import SpecialPoint, lost_text
 from vibroimpact.points.regimes import Regime
 
 if TYPE_CHECKING:

@@ -88,22 +88,9 @@ def _redirected(family: OrbitFamily, start: Point) -> Point:
     """Return the start with the direction beside it: its own is rounding where it is singular."""
     X, along = start.X, start.tangent
     Y = family.corrected(X + _FIRST * along, along[None, :])
-    return start if Y is None else family.point(X, family.tangent(Y, along))
-
-
-def lost_text(points: int, impacts: np.ndarray) -> str:
-    """Return why a path of this many points is lost at an orbit with these speeds.
-
-    The speed 0, of the impact that grazes all along a curve of grazes, says nothing.
-    """
-    text = "Newton's method fails or takes too long"
-    if points >= MOST_POINTS:
-        text = f"not at its end after {MOST_POINTS:,} points"
-    moving = impacts[impacts != 0.0]
-    if moving.size == 0:
-        return text
-    slowest, fastest = float(moving.min()), float(moving.max())
-    return f"{text}; the slowest impact has {slowest / fastest:.0e} of the speed of the fastest"
+    if Y is None or not speeds(Y, family.q).any():  # nothing moves without a force
+        return start
+    return family.point(X, family.tangent(Y, along))
 
 
 def _step(

@@ -17,7 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibroimpact.orbits import calls
-from vibroimpact.orbits.continuation import ENDS, GRAZES, continue_branch, ending, is_orbit
+from vibroimpact.orbits.continuation import (
+    ENDS,
+    GRAZES,
+    MOST_POINTS,
+    continue_branch,
+    ending,
+    is_orbit,
+)
 from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
 from vibroimpact.orbits.hidden_roots import HEADING, may_have_more_roots
 from vibroimpact.orbits.normal_form import cubic_coefficient
@@ -74,6 +81,21 @@ class SpecialPoint(NamedTuple):
     kind: str
     value: Any
     orbit: PeriodicOrbit
+
+
+def lost_text(points: int, impacts: np.ndarray) -> str:
+    """Return why a path of this many points is lost at an orbit with these speeds.
+
+    The speed 0, of the impact that grazes all along a curve of grazes, says nothing.
+    """
+    text = "Newton's method fails or takes too long"
+    if points >= MOST_POINTS:
+        text = f"not at its end after {MOST_POINTS:,} points"
+    moving = impacts[impacts != 0.0]
+    if moving.size == 0:
+        return text
+    slowest, fastest = float(moving.min()), float(moving.max())
+    return f"{text}; the slowest impact has {slowest / fastest:.0e} of the speed of the fastest"
 
 
 def special_points(
