@@ -88,7 +88,7 @@ def _redirected(family: OrbitFamily, start: Point) -> Point:
     """Return the start with the direction beside it: its own is rounding where it is singular."""
     X, along = start.X, start.tangent
     Y = family.corrected(X + _FIRST * along, along[None, :])
-    if Y is None or not speeds(Y, family.q).any():  # nothing moves without a force
+    if Y is None or not calls.parameters(family.system, X).f > 0.0:  # then any phase will do
         return start
     return family.point(X, family.tangent(Y, along))
 
