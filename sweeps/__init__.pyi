@@ -1,6 +1,6 @@
 from . import plotting as plotting
 from .attractor.integrity import integrity as integrity
-from .attractor.integrity import knocks as knocks
+from .attractor.knocks import knocks as knocks
 from .attractor.partition import attractors as attractors
 from .bifurcation.bifurcation_table import bifurcations as bifurcations
 from .bifurcation.exact_branches import branches as branches

@@ -72,7 +72,7 @@ def pytest_collection_finish():
 def few_knocks():
     """Try a tenth of the usual knocks; sweeps/attractor/test_integrity.py tests their number."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sweeps.attractor.integrity._MOMENTS", 12)
-        patch.setattr("sweeps.attractor.integrity._SIZES", 64)
-        patch.setattr("sweeps.attractor.integrity._CLOSER", 2)
+        patch.setattr("sweeps.attractor.knocks._MOMENTS", 12)
+        patch.setattr("sweeps.attractor.knocks._SIZES", 64)
+        patch.setattr("sweeps.attractor.knocks._CLOSER", 2)
         yield

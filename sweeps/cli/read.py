@@ -41,7 +41,8 @@ def integrity_command(
     json: bool = common.JSON,
 ) -> None:
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
-    from sweeps.attractor.integrity import integrity, knocks
+    from sweeps.attractor.integrity import integrity
+    from sweeps.attractor.knocks import knocks
     from sweeps.opened.kept import with_cache
 
     notes = list[str]()
@@ -70,7 +71,7 @@ def _show_attractors(
 
     cuts = common.selection_of(at)
     with common.opened_in_si(file) as sweep, common.named(file):
-        refuse_points((sweep.of or sweep).columns, csv)
+        refuse_points(sweep.columns, csv)
         part = text.cut(sweep, cuts)
         with progress_shown(work):
             result = find(part)

@@ -17,7 +17,8 @@ from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
 from sweeps.attractor.attractor_table import AttractorRow, attractor_rows, classes_text
-from sweeps.attractor.integrity import knocks, refuse_unfit, with_measures
+from sweeps.attractor.integrity import refuse_unfit, with_measures
+from sweeps.attractor.knocks import knocks
 from sweeps.config.groups import STARTS
 from sweeps.errors import Refused
 from sweeps.opened.kept import with_cache

@@ -17,7 +17,7 @@ from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
 
 from sweeps import open_sweep
-from sweeps.attractor.integrity import Knock
+from sweeps.attractor.knocks import Knock
 from sweeps.store.writer import SweepWriter
 from tests.helpers.clusters import WORKERS
 from tests.helpers.commands import SMALL
@@ -226,5 +226,5 @@ def no_knocks(monkeypatch, tmp_path):
         sought.append(home)
         return Knock()
 
-    monkeypatch.setattr("sweeps.attractor.integrity._Motions.worst", worst)
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors.worst", worst)
     return sought

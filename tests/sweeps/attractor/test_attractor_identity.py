@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sweeps import attractors
-from sweeps.attractor.integrity import _Motions
+from sweeps.attractor.knocks import _Attractors
 from sweeps.attractor.partition import same_motions
 from sweeps.errors import Refused
 from sweeps.opened.motions import ORBIT_TOLERANCE, Cycles, distances
@@ -151,7 +151,7 @@ def test_just_beyond_its_flip_an_attractor_is_the_orbit_of_twice_the_period(comp
     assert (dataset["period"] == 8).all() and (dataset["period_impacts"] == 6).all()
     found = attractors(dataset)
     assert (found["m"].values.tolist(), found["q"].values.tolist()) == ([8], [6])
-    motions = _Motions(OpenedSweep(dataset), found)
+    motions = _Attractors(OpenedSweep(dataset), found)
     states = np.repeat(motions.orbits[0].sections(0.0)[:1], 6, axis=0)
     states[:, 1] += [0.0, 1e-7, -1e-5, -7.2e-5, -1e-4, 1e-3]
     assert motions._reached(0.0, states)[0].tolist() == [0] * 6

@@ -7,7 +7,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from sweeps import Refused, attractors, integrity, knocks
-from sweeps.attractor.integrity import _CLOSER, _MOMENTS, _SIZES, measures_of
+from sweeps.attractor.integrity import measures_of
+from sweeps.attractor.knocks import _CLOSER, _MOMENTS, _SIZES
 from sweeps.plotting import integrity as draw_integrity
 from sweeps.plotting import plot
 from tests.helpers.commands import accepted, refused
@@ -134,9 +135,9 @@ def impacts_per_period(dataset, phase, x, velocities):
 @pytest.fixture
 def all_knocks(monkeypatch):
     """Try as many knocks as a user does; they were read before `few_knocks` has changed them."""
-    monkeypatch.setattr("sweeps.attractor.integrity._MOMENTS", _MOMENTS)
-    monkeypatch.setattr("sweeps.attractor.integrity._SIZES", _SIZES)
-    monkeypatch.setattr("sweeps.attractor.integrity._CLOSER", _CLOSER)
+    monkeypatch.setattr("sweeps.attractor.knocks._MOMENTS", _MOMENTS)
+    monkeypatch.setattr("sweeps.attractor.knocks._SIZES", _SIZES)
+    monkeypatch.setattr("sweeps.attractor.knocks._CLOSER", _CLOSER)
 
 
 def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(dataset, all_knocks):
@@ -187,7 +188,7 @@ def test_a_boundary_that_rounding_decides_is_fractal(dataset, all_knocks, monkey
         reached = np.where(np.abs(states[:, 1] - v) > 0.3, chance.integers(0, 2, count), 0)
         return reached, np.ones(count, bool)
 
-    monkeypatch.setattr("sweeps.attractor.integrity._Motions._reached", ends)
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._reached", ends)
     starts = dataset.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-4)
@@ -208,7 +209,7 @@ def test_an_island_of_the_promised_size_is_found(dataset, all_knocks, monkeypatc
         island = (np.abs(away - np.pi) <= 0.51 * width) & (np.abs(size - middle) <= height / 2)
         return np.where((size > 3.01) | island, 1, 0), np.ones(len(states), bool)
 
-    monkeypatch.setattr("sweeps.attractor.integrity._Motions._reached", ends)
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._reached", ends)
     starts = dataset.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[0]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(middle - height / 2)
@@ -224,7 +225,7 @@ def test_a_knock_is_tried_just_after_the_impact(dataset, monkeypatch):
         harmful = np.abs(states[:, 1] - v) > (0.5 if after else 3.01)
         return np.where(harmful, 0, 1), np.ones(len(states), bool)
 
-    monkeypatch.setattr("sweeps.attractor.integrity._Motions._reached", ends)
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors._reached", ends)
     starts = dataset.isel(omega=0)
     found = knocks(starts, attractors(starts).isel(coexisting=[1]))
     assert abs(found["knock_harmful"].item()) == pytest.approx(0.5)

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from sweeps import attractors, branches, curves, knocks, open_sweep
-from sweeps.attractor.integrity import Knock, _Motions
+from sweeps.attractor.knocks import Knock, _Attractors
 from sweeps.bifurcation import bifurcation_table
 from sweeps.bifurcation.bifurcation_table import find_bifurcations
 from sweeps.opened import kept as module
@@ -258,7 +258,9 @@ def test_knocks_are_computed_once_for_all_pictures_and_tables(tmp_path, no_knock
 def test_knocks_are_not_taken_for_those_of_others(monkeypatch):
     sought = []  # the attractors whose knocks were computed
     monkeypatch.setattr(
-        _Motions, "worst", lambda _, home, limit: sought.append(home) or Knock(harmful=1.0 + home)
+        _Attractors,
+        "worst",
+        lambda _, home, limit: sought.append(home) or Knock(harmful=1.0 + home),
     )
     find, starts = with_cache(knocks), swept(BASINS)
     found = attractors(starts)

@@ -8,7 +8,7 @@ from matplotlib.patches import Circle, PathPatch
 from matplotlib.path import Path
 from matplotlib.text import Text
 
-from sweeps.attractor.integrity import Knock
+from sweeps.attractor.knocks import Knock
 from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting import integrity as draw_integrity
@@ -96,7 +96,7 @@ def test_a_knock_that_ends_beyond_the_limits_is_said_so(dataset, no_knocks, monk
         return ["beyond the limits" in text for text in knocks]
 
     knock = Knock(0.0, -1.0, 0.0, 0.5, 1.0, 0)
-    worst = "sweeps.attractor.integrity._Motions.worst"
+    worst = "sweeps.attractor.knocks._Attractors.worst"
     monkeypatch.setattr(worst, lambda motions, home, limit: knock._replace(x=-1.0 - home))
     assert named() == [False, True]  # at x = -0.38 and 0.40, where no start is
     assert named(xlim=(-3.0, -1.0)) == [True, True]
@@ -104,7 +104,7 @@ def test_a_knock_that_ends_beyond_the_limits_is_said_so(dataset, no_knocks, monk
 
 def test_a_small_knock_is_written_as_a_power_of_ten(dataset, no_knocks, monkeypatch):
     knock = Knock(2e-5, -1.0, 0.0, 0.0, -5e-7, 0)
-    monkeypatch.setattr("sweeps.attractor.integrity._Motions.worst", lambda *_: knock)
+    monkeypatch.setattr("sweeps.attractor.knocks._Attractors.worst", lambda *_: knock)
     figure = draw_integrity(dataset, at={"clearance": 0.6}, panels=["basins"])
     text = next(text for text in legend_texts(figure) if "least knock" in text)
     assert r"$-5\times10^{-7}$ at $\omega t=2\times10^{-5}$" in text
