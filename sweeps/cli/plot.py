@@ -201,7 +201,7 @@ def plot_command(
             check_picture(figure, *read, animated=True)
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with common.named(file):
-                part = dataset if kind == "basins" else dataset.several(lists)
+                part = dataset if kind == "basins" else dataset.at_values(lists)
                 draw_picture(part, figure, kind, cuts, page, csv, **options)
                 for name, value in ((axis, number) for axis in lists for number in lists[axis]):
                     common.say_moved(dataset, {name: value}, "drawn")

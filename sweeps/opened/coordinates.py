@@ -169,7 +169,13 @@ def periods_shown(m: int) -> int:
 
 
 def motion_of(point: OpenedSweep, periods: int | None, most: int = MOST_DRAWN) -> PointMotion:
-    """Return the recorded motion of a point or, over some periods, the one after its record."""
+    """Return the recorded motion of a point or, over some periods, the one after its record.
+
+    Of a point without a recorded trajectory, the periods are as many as show its motion.
+    """
+    if periods is None and not all(name in point for name in TRAJECTORIES):
+        (label,) = point.labels
+        periods = periods_shown(label.m if label else 0)
     names = TRAJECTORIES if periods is None else ("poincare_x", "poincare_v")
     columns, begun = recorded(point, names), _begun(point)
     oscillator, spec = point.oscillator, point.spec

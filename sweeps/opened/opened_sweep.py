@@ -51,7 +51,9 @@ class OpenedSweep:
     """A sweep that was opened, or a cut through one. What is computed of it is computed once."""
 
     data: xr.Dataset
-    of: OpenedSweep | None = None  # the sweep of which this is a cut, or that it shows in SI units
+    source: OpenedSweep | None = (
+        None  # the sweep of which this is a cut, or that it shows in SI units
+    )
     in_rig: bool = False  # whether the axes, names and units are those of a rig
 
     def __getitem__(self, name: str) -> xr.DataArray:
@@ -107,8 +109,8 @@ class OpenedSweep:
     @cached_property
     def config(self) -> SweepConfig:
         """The configuration; ConfigError if it is not valid, since another version wrote it."""
-        if self.of is not None:
-            return self.of.config
+        if self.source is not None:
+            return self.source.config
         text, table = self.attrs["configuration"], self.columns
         return parse_config(text, *_SOURCE, table=table) if table else _parsed(text)
 
@@ -172,8 +174,11 @@ class OpenedSweep:
 
     @property
     def labels(self) -> list[Label | None]:
-        """The class at every point of a line with ``period``; None if it is not known."""
-        return labels_of(self.regimes, *self.values(("period", "period_impacts", "R")).values())
+        """The class at every point, in C order; None if it is not known, or without ``period``."""
+        if "period" not in self:
+            return [None] * self["status"].size
+        results = self.values(("period", "period_impacts", "R"))
+        return labels_of(*map(np.ravel, (self.regimes, *results.values())))
 
     @property
     def shows_part(self) -> np.ndarray:
@@ -210,21 +215,21 @@ class OpenedSweep:
 
     # Cuts
 
-    def over(self, data: xr.Dataset) -> Self:
-        """Return a part of the data of this sweep, in another order or not, as an opened sweep."""
-        return replace(self, data=data, of=self)
+    def with_data(self, data: xr.Dataset) -> Self:
+        """Return this sweep with other data: a part of them, another order, further variables."""
+        return replace(self, data=data, source=self)
 
     def isel(self, places: Mapping[Any, Any]) -> Self:
         """Return the points at these places of dimensions."""
-        return self.over(self.data.isel(places))
+        return self.with_data(self.data.isel(places))
 
     def sortby(self, axes: str | list[str]) -> Self:
         """Return the points with increasing values along axes."""
-        return self.over(self.data.sortby(axes))
+        return self.with_data(self.data.sortby(axes))
 
     def transpose(self, *dims: str) -> Self:
         """Return the sweep with its dimensions in this order."""
-        return self.over(self.data.transpose(*dims, ...))
+        return self.with_data(self.data.transpose(*dims, ...))
 
     @property
     def each_direction(self) -> list[Self]:
@@ -278,7 +283,7 @@ class OpenedSweep:
         """Return the points at the grid values nearest to `at`, with all dimensions."""
         return self.isel({name: slice(i, i + 1) for name, i in self.places(at).items()})
 
-    def several(self, at: Mapping[str, Sequence[float]]) -> Self:
+    def at_values(self, at: Mapping[str, Sequence[float]]) -> Self:
         """Return the points at the grid values nearest to several values of axes."""
         chosen = dict[str, list[int]]()
         for name, values in at.items():

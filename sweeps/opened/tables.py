@@ -46,16 +46,15 @@ def branch_table(branches: xr.Dataset, coordinate: str = "poincare_x") -> pd.Dat
     for i, multiplier in enumerate(branches["multipliers"].values.T, 1):
         columns[f"multiplier_{i}_real"] = multiplier.real
         columns[f"multiplier_{i}_imag"] = multiplier.imag
-    counts = columns["m" if dimension == "section" else "q"]
-    orbit = np.repeat(np.arange(len(counts)), counts)
-    place = np.arange(len(orbit)) - np.repeat(np.cumsum(counts) - counts, counts)
-    frame = pd.DataFrame(columns).iloc[orbit].reset_index(drop=True)
+    orbits = pd.DataFrame(columns)
+    frame = orbits.loc[orbits.index.repeat(orbits["m" if dimension == "section" else "q"])]
+    place = frame.groupby(level=0).cumcount()
     frame[dimension] = place + 1
     for name, about in COORDINATES.items():
         if about.dimension == dimension:
-            values = branches[name].values[orbit, place]
+            values = branches[name].values[frame.index, place]
             frame[name] = values % (2.0 * np.pi) if name == "impact_phase" else values
-    return frame
+    return frame.reset_index(drop=True)
 
 
 def curve_table(curves: xr.Dataset) -> pd.DataFrame:
@@ -107,10 +106,10 @@ def write_rows(sweep: OpenedSweep, path: Path, rows: str = "points") -> int:
     values; what was not recorded has no row. All digits are kept, so that reading the file gives
     the same numbers; NaN is an empty field. The file is replaced only when the table is complete.
     """
-    refuse_points((sweep.of or sweep).columns, path)
+    refuse_points(sweep.columns, path)
     data = _scalars(sweep) if ROWS[rows] is None else _records(sweep, rows)
     size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
-    parts = (_frame(sweep.over(part), ROWS[rows]) for part, _ in in_parts(data, size))
+    parts = (_frame(sweep.with_data(part), ROWS[rows]) for part, _ in in_parts(data, size))
     return write_csv(path, parts)
 
 

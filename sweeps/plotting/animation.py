@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import subprocess
 import tempfile
-from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,7 @@ from sweeps.opened.coordinates import periods_shown
 from sweeps.opened.doors import AnySweep
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import canvas
-from sweeps.plotting.motion import NARROW, class_at, trajectory
+from sweeps.plotting.motion import NARROW, trajectory
 from sweeps.plotting.page import FPS, PAGE, Page, styled
 from sweeps.plotting.style import data_colour, ground, ink
 from sweeps.store.replacing import writing
@@ -38,7 +37,9 @@ _SLOWEST, _FASTEST, _IN_ALL = 2.0, 0.6, 20.0
 #: Pixels per inch unless the page has its own, and most pixels of all frames of a file.
 _DPI, _MOST_PIXELS = 130, 500_000_000
 #: Heights of the mass, of the shortest spring and of the stop, as shares of the range of x.
-_MASS, _SPRING, _STOP = 0.16, 0.16, 0.06
+_MASS, _SHORTEST, _STOP = 0.16, 0.16, 0.06
+#: Abscissas of the corners of the spring.
+_SPRING = (0.5, 0.5, *4 * (0.35, 0.65), 0.5, 0.5)
 
 
 def animate(
@@ -88,7 +89,6 @@ def animate(
     5
     """
     film = _film(sweep, at=at, periods=periods, fps=fps, page=page)
-    assert isinstance(film, _Film)
     return _Animation(film, film.show_frame, len(film.times), interval=1000.0 / fps)
 
 
@@ -99,10 +99,6 @@ class _Animation(FuncAnimation):
         """Return it as HTML with a player."""
         with mpl.rc_context({"animation.embed_limit": math.inf}):
             return super().to_jshtml(*arguments, **options)
-
-    def to_html5_video(self, embed_limit: float | None = math.inf) -> str:
-        """Return it as HTML with a video."""
-        return super().to_html5_video(embed_limit)
 
 
 class _Film(canvas.Picture):
@@ -124,13 +120,59 @@ class _Film(canvas.Picture):
         self.mass.sharey(self.over_time)
         self.mass.set_axis_off()
         self.phase_plane.locator_params(axis="x", nbins=5)
-        self.times, self.moving = np.zeros(0), list[Artist]()
-        self.change: Callable[[float], object] = lambda time: None
         self._still: tuple[RendererBase | None, Any] = None, None
 
+    def take(self, count: int, clearance: float, page: Page) -> None:
+        """Let the motion that the panels show move, in so many frames after the first."""
+        upper, lower = self.over_time, self.phase_plane
+        self._grown = [
+            (
+                over_time,
+                phases,
+                np.vstack([*np.transpose(over_time.get_xydata()), phases.get_ydata()]),
+            )
+            for over_time, phases in zip(upper.lines, lower.lines, strict=True)
+            if over_time.get_transform() == upper.transData  # that of the stop is another
+        ]
+        self._motion = self._grown[0][2]
+        look: dict[str, Any] = {"color": ink(), "marker": "o", "markersize": 4.5, "zorder": 4.0}
+        self._heads = [panel.plot([], [], **look)[0] for panel in (upper, lower)]
+        upper.autoscale(False)
+        lower.autoscale(False)
+        curves = [line for over_time, phases, _ in self._grown for line in (over_time, phases)]
+        self.moving: list[Artist] = [*self._draw_mass(clearance, page), *curves, *self._heads]
+        self.times = _frame_times(self._motion[0], count)
+
+    def _draw_mass(self, clearance: float, page: Page) -> list[Artist]:
+        """Draw the stop, the mass and its spring; return what moves."""
+        panel, (low, high) = self.mass, self.over_time.get_ylim()
+        size = high - low
+        if page.ylim is None:
+            low, high = low - (_MASS + _SHORTEST) * size, high + 0.5 * _STOP * size
+            panel.set_ylim(low, high)
+        panel.set_xlim(0.0, 1.0)
+        panel.hlines([clearance, low], [0.0, 0.2], [1.0, 0.8], ink(), linewidths=[1.2, 2.4])
+        stop = Rectangle((0.0, clearance), 1.0, _STOP * size, hatch="//////", linewidth=0.0)
+        panel.add_patch(stop).set(facecolor=ground(), edgecolor=ink())
+        self._block = Rectangle((0.2, 0.0), 0.6, _MASS * size, facecolor=data_colour(), ec="none")
+        panel.add_patch(self._block)
+        (self._spring,) = panel.plot(_SPRING, len(_SPRING) * [low], color=ink(), linewidth=0.8)
+        return [self._block, self._spring]
+
     def show_frame(self, frame: int) -> list[Artist]:
-        """Change what moves to a frame."""
-        self.change(float(self.times[frame]))
+        """Show the motion up to the time of a frame; return what moves."""
+        time = float(self.times[frame])
+        now = _state_at(self._motion, time)
+        for over_time, phases, rows in self._grown:
+            past = rows[:, : rows[0].searchsorted(time, "right")]
+            past = np.column_stack([past, now]) if rows is self._motion else past
+            over_time.set_data(past[:2])
+            phases.set_data(past[1:])
+        for head, place in zip(self._heads, (now[:2], now[1:]), strict=True):
+            head.set_data(place[:, None])
+        self._block.set_y(now[1] - self._block.get_height())
+        ends = self.mass.get_ylim()[0], self._block.get_y()
+        self._spring.set_ydata(np.linspace(*ends, len(_SPRING)))
         return self.moving
 
     def draw(self, renderer: RendererBase) -> None:
@@ -158,11 +200,12 @@ def _film(
     periods: int | None = None,
     fps: int = FPS,
     page: Page = PAGE,
-) -> Figure:
+) -> _Film:
     """Draw the whole motion of a point, and make a film of it that ends with this picture."""
     point = sweep.cut(at)
     if periods is None:
-        m = label.m if (label := class_at(point)) else 0
+        (label,) = point.labels
+        m = label.m if label else 0
         periods = min(periods_shown(m), _MOST_PERIODS) if m else _UNKNOWN
     if periods > _MOST_PERIODS:
         expected = f"expected: at most {_MOST_PERIODS}"
@@ -181,33 +224,7 @@ def _film(
     if page.xlabel is None:
         over_time.set_xlabel(velocity.get_xlabel(), wrap=True)
     phase_plane.title.set(ha="right", x=1.0)  # the panel is narrow
-    grown = [
-        (upper, lower, np.vstack([*np.transpose(upper.get_xydata()), lower.get_ydata()]))
-        for upper, lower in zip(over_time.lines, phase_plane.lines, strict=True)
-        if upper.get_transform() == over_time.transData  # that of the stop is another
-    ]
-    (curve, _, motion), *_ = grown
-    look: dict[str, Any] = {"color": ink(), "marker": "o", "markersize": 4.5, "zorder": 4.0}
-    heads = [panel.plot([], [], **look)[0] for panel in (over_time, phase_plane)]
-    over_time.autoscale(False)
-    phase_plane.autoscale(False)
-    mass, move = _draw_mass(film, float(point["clearance"]), page)
-
-    def change(time: float) -> None:
-        """Show the motion up to a time."""
-        now = _state_at(motion, time)
-        for upper, lower, rows in grown:
-            past = rows[:, : rows[0].searchsorted(time, "right")]
-            past = np.column_stack([past, now]) if upper is curve else past
-            upper.set_data(past[:2])
-            lower.set_data(past[1:])
-        heads[0].set_data(now[:2, None])
-        heads[1].set_data(now[1:, None])
-        move(now[1])
-
-    film.change = change
-    film.moving = [*mass, *(line for upper, lower, _ in grown for line in (upper, lower)), *heads]
-    film.times = _frame_times(motion[0], count)
+    film.take(count, float(point["clearance"]), page)
     film.draw_without_rendering()  # lays it out
     with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
         film.set_layout_engine(None)
@@ -234,32 +251,6 @@ def _state_at(motion: np.ndarray, time: float) -> np.ndarray:
     return state
 
 
-def _draw_mass(
-    film: _Film, clearance: float, page: Page
-) -> tuple[list[Artist], Callable[[float], None]]:
-    """Draw the stop, the mass and its spring; return what moves, and a function that moves it."""
-    panel, (low, high) = film.mass, film.over_time.get_ylim()
-    size = high - low
-    if page.ylim is None:
-        low, high = low - (_MASS + _SPRING) * size, high + 0.5 * _STOP * size
-        panel.set_ylim(low, high)
-    panel.set_xlim(0.0, 1.0)
-    panel.hlines([clearance, low], [0.0, 0.2], [1.0, 0.8], ink(), linewidths=[1.2, 2.4])
-    stop = Rectangle((0.0, clearance), 1.0, _STOP * size, hatch="//////", linewidth=0.0)
-    panel.add_patch(stop).set(facecolor=ground(), edgecolor=ink())
-    mass = Rectangle((0.2, 0.0), 0.6, _MASS * size, facecolor=data_colour(), edgecolor="none")
-    panel.add_patch(mass)
-    across = [0.5, 0.5, *[0.35, 0.65] * 4, 0.5, 0.5]
-    (spring,) = panel.plot(across, across, color=ink(), linewidth=0.8)
-
-    def move(x: float) -> None:
-        """Move the mass, whose upper side is at x."""
-        mass.set_y(x - mass.get_height())
-        spring.set_ydata(np.linspace(low, mass.get_y(), len(across)))
-
-    return [mass, spring], move
-
-
 def save_animation(
     sweep: OpenedSweep,
     output: Path,
@@ -269,7 +260,6 @@ def save_animation(
 ) -> None:
     """Write the animation of a motion to a .gif or .mp4 file, either whole or not at all."""
     film = _film(sweep, fps=fps, **options)
-    assert isinstance(film, _Film)
     write = _mp4 if output.suffix.lower() == ".mp4" else _gif
     content = write(film, fps, description)
     with writing(output, "picture") as draft:

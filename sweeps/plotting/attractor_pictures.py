@@ -41,6 +41,7 @@ from sweeps.plotting.maps import draw_cells, entries_of, name_and_bound, view_of
 from sweeps.plotting.marks import edge_of, mark_some, mark_status, marker_size, widen_if_constant
 from sweeps.plotting.names import name_lines
 from sweeps.plotting.page import PAGE, Page, styled
+from sweeps.plotting.pixels import in_view
 from sweeps.plotting.style import PARTIAL, Look, ground, ink
 from sweeps.store.variables import DIRECTION
 from sweeps.text import choice_of, fewest_digits, listed, shown_count
@@ -130,7 +131,7 @@ class Basins(NamedTuple):
         look: dict[str, Any] = {"color": ink(), "markeredgecolor": ground(), "markersize": 4.0}
         places = np.concatenate(states)
         panel.plot(*places.T, "o", scalex=False, scaley=False, **look)
-        if not canvas.in_view(panel, *places.T).any():
+        if not in_view(panel, *places.T).any():
             return []
         return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
 
@@ -176,7 +177,7 @@ def _basins_beside(
             f"{name} = {', '.join(map(fewest_digits, values))}: {shown_count(len(values), 'value')}"
             f" beside each other; expected: at most {_MOST_BESIDE}"
         )
-    line = sweep.several({name: values}).cut(at, free=[name, *plane])
+    line = sweep.at_values({name: values}).cut(at, free=[name, *plane])
     across = min(len(values), 3, max(1, int(canvas.width_of(page) / _LEAST_WIDTH)))
     row = _LABELS + _SHAPE * canvas.width_of(page) / across
     row /= mpl.rcParams["figure.figsize"][1]

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Container, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import matplotlib as mpl
 import numpy as np
@@ -28,7 +28,8 @@ from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.legend import SHARE, WIDTH, fit_legend, in_two_lines, legend_within
-from sweeps.plotting.page import Page, points_in
+from sweeps.plotting.page import Page
+from sweeps.plotting.pixels import figure_of, in_view, points_in
 from sweeps.plotting.style import user_style
 from sweeps.text import choice_of, listed, near_misses, shortened, suggestion, told_apart
 
@@ -235,11 +236,8 @@ def panel_grid(
     `height` is that of a row in units of the usual height. The panels share the ordinate.
     """
     down = math.ceil(count / across)
-    grid = (
-        Picture(page, height * down)
-        .subplots(down, across, squeeze=False, sharex=sharex, sharey=True)
-        .ravel()
-    )
+    figure = Picture(page, height * down)
+    grid = figure.subplots(down, across, squeeze=False, sharex=sharex, sharey=True).ravel()
     for unused in grid[count:]:
         unused.remove()
     return list(grid[:count])
@@ -254,25 +252,6 @@ def chosen_panels(asked: Sequence[str], there: Sequence[str]) -> list[str]:
         if asked.count(name) > 1:
             raise Refused(f"the panel {name} is asked for twice; expected: once")
     return [*(asked or there)]
-
-
-def figure_of(part: Artist) -> Figure:
-    """Return the top-level figure of a panel or a text, also if it is in a subfigure."""
-    figure = part.get_figure(root=True)
-    assert figure is not None
-    return figure
-
-
-def in_panel(panel: Axes, points: np.ndarray) -> np.ndarray:
-    """Return points of a panel, shape (n, 2), as shares of its width and height."""
-    shares: np.ndarray = panel.transAxes.inverted().transform(panel.transData.transform(points))
-    return shares
-
-
-def in_view(panel: Axes, x: Any, y: Any) -> np.ndarray:
-    """Return which points are within the limits of a panel, or at them; False for NaN."""
-    (left, right), (low, high) = panel.get_xbound(), panel.get_ybound()
-    return np.asarray((left <= x) & (x <= right) & (low <= y) & (y <= high))
 
 
 def is_seen(artist: Artist) -> bool:

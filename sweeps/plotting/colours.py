@@ -17,10 +17,10 @@ from matplotlib.lines import Line2D
 
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
-from sweeps.plotting import canvas, contents, labels, style
+from sweeps.plotting import contents, labels, style
 from sweeps.plotting.looks import Cells, period_cells
 from sweeps.plotting.marks import mark_some
-from sweeps.plotting.pixels import widened
+from sweeps.plotting.pixels import figure_of, widened
 from sweeps.store.variables import DIRECTION
 from vibroimpact.points.regimes import Regime, has_result
 from vibroimpact.status import Status
@@ -121,7 +121,7 @@ class Paint(NamedTuple):
         if self.values.count() == 0:
             return
         low, high = self.norm.vmin or 0.0, self.norm.vmax or 0.0
-        figure, lowest = canvas.figure_of(panels[0]), panels[-1]
+        figure, lowest = figure_of(panels[0]), panels[-1]
         pad = 0.02
         if not isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
             labels_box = lowest.xaxis.get_tightbbox()  # nothing else keeps the bar clear of them
@@ -259,7 +259,7 @@ def _special_cells(
     words = (_ZERO.get(name, ""), Regime.REST.word, r"rest, $\lambda_1 = -\infty$", "no value")
     plain = map(
         style.Look.plain,
-        (style.PALE if dots else style.WHITE, style.REST_COLOUR, "#F0E442", style.NO_VALUE),
+        (style.PALE if dots else style.WHITE, style.REST_COLOUR, style.YELLOW, style.NO_VALUE),
     )
     looks = style.GREY_SPECIAL if grey else plain
     return list(map(Cells, words, looks, (zero, rests, infinite, none)))

@@ -92,7 +92,7 @@ def with_number(
         raise Refused(f"{problem}; {choice_of(available)}")
     if name not in sweep:
         _, computed = _FOLLOWING[name]
-        sweep = sweep.over(sweep.data.assign({name: computed(sweep)}))
+        sweep = sweep.with_data(sweep.data.assign({name: computed(sweep)}))
     return sweep, name
 
 
@@ -116,7 +116,7 @@ def _with_values(sweep: OpenedSweep, values: xr.DataArray) -> tuple[OpenedSweep,
         return sweep, name
     while name in sweep:
         name += "'"
-    return sweep.over(sweep.data.assign({name: plain})), name
+    return sweep.with_data(sweep.data.assign({name: plain})), name
 
 
 def number_at(cut: OpenedSweep, name: str) -> xr.DataArray:
@@ -152,7 +152,7 @@ def with_coordinate(sweep: OpenedSweep, coordinate: str | None) -> tuple[OpenedS
     if coordinate in ORDINATES and coordinate not in COORDINATES:
         sweep, name = with_number(sweep, coordinate)
         values = sweep[name].expand_dims(ORDINATES[name].dimension, axis=-1)
-        return sweep.over(sweep.data.assign({name: values})), name
+        return sweep.with_data(sweep.data.assign({name: values})), name
     if coordinate not in sweep:
         meant = suggestion(near_misses(coordinate, available))
         if coordinate in COORDINATES:

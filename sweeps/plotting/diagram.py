@@ -21,7 +21,7 @@ from sweeps.plotting.colours import Paint, legend_entries, paint_of
 from sweeps.plotting.exact_lines import draw_branches, name_branches, without_gaps, without_idle
 from sweeps.plotting.marks import agreeing, draw_jumps, draw_points, mark_status, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
-from sweeps.plotting.pixels import cell_edges, draw_density, value_ranges
+from sweeps.plotting.pixels import cell_edges, draw_density, in_view, value_ranges
 from sweeps.plotting.table_points import draw_overlay, read_overlay
 from sweeps.store.variables import DIRECTION, FLAGS
 from vibroimpact.points.regimes import NO_CLASS, has_result
@@ -266,7 +266,7 @@ class _Motions:
         paint.mark(panel, x, y)
         # Panels below have other ordinates, a density has more, and points may have none.
         is_unknown = np.isnan(y) | bool(lower) | self.dense
-        seen = canvas.in_view(panel, x, np.where(is_unknown, panel.get_ylim()[0], y))
+        seen = in_view(panel, x, np.where(is_unknown, panel.get_ylim()[0], y))
         return paint.within(np.asarray(seen.any(axis=1)))
 
     def name_directions(self, panel: Axes) -> None:

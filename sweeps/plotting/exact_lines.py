@@ -16,7 +16,7 @@ from matplotlib.transforms import Bbox
 
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import canvas
-from sweeps.plotting.pixels import runs
+from sweeps.plotting.pixels import figure_of, in_panel, runs
 from sweeps.plotting.style import CLASSES, STABLE, UNSTABLE, VERMILION, ground, ink
 from sweeps.text import shown_count
 from vibroimpact.points.regimes import Regime
@@ -279,16 +279,16 @@ def draw_curves(
 
 def _is_in_view(panel: Axes, line: np.ndarray) -> bool:
     """Whether any part of a line is within the limits of a panel."""
-    return Path(canvas.in_panel(panel, line)).intersects_bbox(Bbox.unit(), filled=False)
+    return Path(in_panel(panel, line)).intersects_bbox(Bbox.unit(), filled=False)
 
 
 def _share_of(panel: Axes, lines: Sequence[np.ndarray], width: float) -> float:
     """Return the share of a panel that lines of a width [pt] cover within its limits."""
     box = panel.get_window_extent()
-    size, point = np.array([box.width, box.height]), canvas.figure_of(panel).dpi / 72.0
+    size, point = np.array([box.width, box.height]), figure_of(panel).dpi / 72.0
     length = 0.0
     for line in lines:
-        shares = Path(canvas.in_panel(panel, line))
+        shares = Path(in_panel(panel, line))
         places = np.asarray(shares.interpolated(_PER_CELL * _GAP).vertices, float)
         middles = 0.5 * (places[1:] + places[:-1])
         inside = ((middles >= 0.0) & (middles <= 1.0)).all(axis=1)
@@ -304,8 +304,8 @@ def _mark_special(
     special = _on_axes(marked, cut)
     if not len(special) or not strong:
         return {}
-    lines = canvas.in_panel(panel, np.concatenate([piece.points for piece in strong]))
-    away = [np.abs(lines - place).max(axis=1).min() for place in canvas.in_panel(panel, special)]
+    lines = in_panel(panel, np.concatenate([piece.points for piece in strong]))
+    away = [np.abs(lines - place).max(axis=1).min() for place in in_panel(panel, special)]
     near = special[np.array(away) < 0.01]
     if not len(near):
         return {}

@@ -15,9 +15,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
-from sweeps.plotting.canvas import figure_of, in_panel, in_view
 from sweeps.plotting.labels import equation, refuse_too_large, set_ends, status_name
-from sweeps.plotting.pixels import runs, widened
+from sweeps.plotting.pixels import figure_of, in_panel, in_view, runs, widened
 from sweeps.plotting.style import MARKS, STATUS_COLOURS, data_colour, dot_colour, ground, ink
 
 #: Height of the middle of the strip of marks, as a share of the panel.

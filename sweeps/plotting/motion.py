@@ -17,12 +17,13 @@ from sweeps.errors import Refused
 from sweeps.opened import coordinates
 from sweeps.opened.opened_sweep import OpenedSweep, Selection
 from sweeps.plotting import labels
-from sweeps.plotting.canvas import Picture, finish, in_view, new_panel, width_of
+from sweeps.plotting.canvas import Picture, finish, new_panel, width_of
 from sweeps.plotting.colours import Paint, coloured_points, legend_entries
 from sweeps.plotting.contents import Wanted
 from sweeps.plotting.looks import Cells
 from sweeps.plotting.marks import draw_points, draw_stop, in_both, widen_if_constant
 from sweeps.plotting.page import PAGE, Page, styled
+from sweeps.plotting.pixels import in_view
 from sweeps.plotting.style import BOTH_COLOUR, Look, data_colour, dot_colour, ink
 from sweeps.store.variables import DIRECTION, TRAJECTORIES
 from sweeps.text import shown_count
@@ -190,8 +191,8 @@ def trajectory(
     paint, motion_class = None, None
     if color is None:
         points = sweep.cut(at)
-        motion_class = class_at(points)
-        motions = [_motion_of(points, periods, motion_class)]
+        (motion_class,) = points.labels
+        motions = [coordinates.motion_of(points, periods)]
         _draw_curves(panels, motions[0])
         _mark_impacts(panels, motions[0])
     else:
@@ -221,18 +222,6 @@ def trajectory(
     return finish(over_time, page, points, handles, title, record)
 
 
-def _motion_of(
-    point: OpenedSweep,
-    periods: int | None,
-    motion_class: Label | None,
-    most: int = coordinates.MOST_DRAWN,
-) -> coordinates.PointMotion:
-    """Return the motion at one point, recorded or computed; at most so many of its periods."""
-    if periods is None and not all(name in point for name in TRAJECTORIES):
-        periods = coordinates.periods_shown(motion_class.m if motion_class else 0)
-    return coordinates.motion_of(point, periods, most)
-
-
 def _draw_coloured(
     panels: Sequence[Axes], points: OpenedSweep, paint: Paint, periods: int | None
 ) -> list[coordinates.PointMotion]:
@@ -246,10 +235,10 @@ def _draw_coloured(
     most = coordinates.MOST_DRAWN // len(with_result)
     dims, colours, motions = points.grid, paint.colours(), []
     at_each = dict(zip(dims, [("motion", place) for place in with_result.T], strict=True))
-    classes, dashes = _classes(points.isel(at_each)), paint.dashes()
+    classes, dashes = points.isel(at_each).labels, paint.dashes()
     for index, motion_class in zip(with_result, classes, strict=True):
         point = points.isel(dict(zip(dims, index.tolist(), strict=True)))
-        motions.append(_motion_of(point, periods, motion_class, most))
+        motions.append(coordinates.motion_of(point, periods, most))
         look = colours[tuple(index)], dashes[tuple(index)]
         _draw_curves(panels, motions[-1], *look, motion_class.m if motion_class else 0)
     return motions
@@ -280,16 +269,6 @@ def _text_of_motions(
     part = sum(min(motion.periods, most) for motion in motions)
     record += f", {part:,} of {periods:,} periods" if part != periods else ""
     return start, f"after {after}", record
-
-
-def _classes(line: OpenedSweep) -> list[Label | None]:
-    """Return the class of each motion; None where the file does not know it."""
-    return line.labels if "period" in line else [None] * line["status"].size
-
-
-def class_at(point: OpenedSweep) -> Label | None:
-    """Return the class of the motion at a point; None where the file does not know it."""
-    return _classes(point.over(point.data.expand_dims("motion")))[0]
 
 
 def _new_panels(page: Page) -> list[Axes]:

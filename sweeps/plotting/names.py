@@ -15,6 +15,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation, Text
 
 from sweeps.plotting import canvas
+from sweeps.plotting.pixels import figure_of, in_panel
 from sweeps.plotting.style import ground, ink
 
 #: Pixels per inch at which the room for a name is measured, and its least share of a name's box,
@@ -61,7 +62,7 @@ def name_regions(
 
 def _shape_of(panel: Axes) -> tuple[int, int]:
     """Return the numbers of rows and columns of the pixels at which the room is measured."""
-    box, scale = panel.get_window_extent(), _PER_INCH / canvas.figure_of(panel).dpi
+    box, scale = panel.get_window_extent(), _PER_INCH / figure_of(panel).dpi
     return max(2, round(box.height * scale)), max(2, round(box.width * scale))
 
 
@@ -129,26 +130,28 @@ def _as_seen(panel: Axes, edges: Sequence[np.ndarray], classes: np.ndarray) -> n
 
 def _free_of_marks(panel: Axes) -> np.ndarray:
     """Return the pixels of a panel without legend, texts, markers, discs and arrows."""
-    free = np.ones(_shape_of(panel), bool)
+    from scipy.ndimage import maximum_filter
+
+    shape, to_data = _shape_of(panel), panel.transData.inverted()
+    marks = [np.asarray(line.get_xydata()) for line in panel.lines if line.get_marker() == "o"]
+    discs = (patch for patch in panel.patches if isinstance(patch, Ellipse))
+    lines = [to_data.transform(disc.get_verts()) for disc in discs]
+    arrows = (text for text in panel.texts if isinstance(text, Annotation) and text.arrowprops)
+    lines += [np.array([arrow.xyann, arrow.xy]) for arrow in arrows]
+    marked = np.zeros(shape, bool)
+    for points in marks:
+        marked |= _pixels(panel, points, shape)
+    for points in lines:
+        marked |= _pixels(panel, points, shape, joined=True)
+    free: np.ndarray = ~maximum_filter(marked, 2 * _MARK + 1)
     texts = [text for text in panel.texts if text.get_text()]
     for part in filter(None, [panel.get_legend(), *texts]):
         box = part.get_window_extent()
         if isinstance(part, Text) and part.get_bbox_patch() is not None:
             box = box.padded(0.5 * box.height)  # a circle around a digit is within this
         corners = panel.transAxes.inverted().transform(box.get_points())
-        low, high = np.clip(corners[:, ::-1], 0.0, 1.0) * free.shape
+        low, high = np.clip(corners[:, ::-1], 0.0, 1.0) * shape
         free[int(low[0]) : math.ceil(high[0]), int(low[1]) : math.ceil(high[1])] = False
-    marks = [np.asarray(line.get_xydata()) for line in panel.lines if line.get_marker() == "o"]
-    discs = [patch.get_verts() for patch in panel.patches if isinstance(patch, Ellipse)]
-    lines = [panel.transData.inverted().transform(disc) for disc in discs]
-    arrows = (text for text in panel.texts if isinstance(text, Annotation) and text.arrowprops)
-    lines += [np.array([arrow.xyann, arrow.xy]) for arrow in arrows]
-    marks += [np.asarray(Path(line).interpolated(max(free.shape)).vertices) for line in lines]
-    for points in marks:
-        places = canvas.in_panel(panel, points)[:, ::-1] * free.shape
-        for row, column in places[np.isfinite(places).all(axis=1)].astype(int).tolist():
-            near = (slice(max(0, at - _MARK), max(0, at + _MARK + 1)) for at in (row, column))
-            free[tuple(near)] = False
     return free
 
 
@@ -168,7 +171,7 @@ def _regions(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _box_of(text: Text) -> tuple[int, int]:
     """Return the height and the width of a text with the space around it [px]."""
-    box, scale = text.get_window_extent(), _PER_INCH / canvas.figure_of(text).dpi
+    box, scale = text.get_window_extent(), _PER_INCH / figure_of(text).dpi
     height, width = (2 * _MARGIN + math.ceil(scale * side) for side in (box.height, box.width))
     return height, width
 
@@ -250,7 +253,7 @@ def _pixels(
 ) -> np.ndarray:
     """Return the pixels of a panel, from the bottom, in which there are points, or their joints."""
     seen = np.zeros(shape, bool)
-    places = canvas.in_panel(panel, points)[:, ::-1] * shape
+    places = in_panel(panel, points)[:, ::-1] * shape
     if joined and len(places) > 1:
         places = np.asarray(Path(places).interpolated(max(shape)).vertices)
     places = np.floor(places[np.isfinite(places).all(axis=1)]).astype(int)

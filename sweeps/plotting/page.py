@@ -13,13 +13,12 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 
 from sweeps.config.rig import Nomenclature
@@ -27,7 +26,7 @@ from sweeps.errors import Refused
 from sweeps.opened.doors import in_si, orbits_on_axes, takes_sweep
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting.labels import LARGEST, in_own_unit, set_ends
-from sweeps.plotting.pixels import widened
+from sweeps.plotting.pixels import points_in, widened
 from sweeps.plotting.style import grey_style, user_style
 from sweeps.text import told_apart
 from vibroimpact.inputs import FLAG, TEXT, Allowed, integer, is_number, number
@@ -35,6 +34,8 @@ from vibroimpact.step.scheme import MOST_RECORDED
 
 #: The least and the greatest value of an axis.
 Ends = tuple[float, float]
+#: The figure that a picture function returns.
+Drawn = TypeVar("Drawn", bound=Figure)
 
 
 @dataclass(frozen=True)
@@ -129,15 +130,6 @@ class Page:
             bottom, top = widened(float(values.min()), float(values.max()))
             margin = mpl.rcParams["axes.ymargin"] * (top - bottom) if bottom < top else 0.05
             set_ends(panel.yaxis, bottom - margin, top + margin)
-
-
-def points_in(panel: Axes) -> np.ndarray:
-    """Return the points of the lines and the dots of a panel, shape (n, 2)."""
-    data = panel.transData  # an `axhline` has another transform
-    points = [line.get_xydata() for line in panel.lines if line.get_transform() == data]
-    dots = (each for each in panel.collections if isinstance(each, PathCollection))
-    points += [np.ma.filled(each.get_offsets(), np.nan) for each in dots]
-    return np.concatenate([np.empty((0, 2)), *points])
 
 
 #: Least and greatest width and height of a picture [inch].
@@ -247,8 +239,8 @@ PICTURE_ARGUMENTS: Mapping[str, Allowed] = {
 
 
 def styled(
-    draw: Callable[..., Figure], panels: Collection[int] = (1,), marks: bool = False
-) -> Callable[..., Figure]:
+    draw: Callable[..., Drawn], panels: Collection[int] = (1,), marks: bool = False
+) -> Callable[..., Drawn]:
     """Decorate a picture function: check its arguments, draw in the common style, document it.
 
     The first parameter of the function must be the dataset; `ax` has one of these numbers of
@@ -261,7 +253,7 @@ def styled(
 
     @takes_sweep({**PICTURE_ARGUMENTS, "ax": of_panels})
     @functools.wraps(draw)
-    def _in_style(sweep: OpenedSweep, **options: Any) -> Figure:
+    def _in_style(sweep: OpenedSweep, **options: Any) -> Drawn:
         """Draw with the names of a rig, and in the common style unless `ax` has its own."""
         page = options.get("page", PAGE)
         if not (page.marks or marks):
@@ -331,7 +323,7 @@ def _style(of_user: bool, grey: bool) -> Iterator[None]:
         yield
 
 
-def _documented(draw: Callable[..., Figure]) -> str:
+def _documented(draw: Callable[..., Drawn]) -> str:
     """Return the docstring of a picture with the common parameters, results and errors."""
     own, options = inspect.getdoc(draw) or "", inspect.signature(draw).parameters
     written, mark, example = own.partition("\n\nExamples\n--------")

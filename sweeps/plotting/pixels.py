@@ -1,4 +1,4 @@
-"""Cells and pixels, and the density of very many points, also of two directions."""
+"""Points in view, cells, pixels, density of many points."""
 
 from __future__ import annotations
 
@@ -7,14 +7,45 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PathCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
 
 from sweeps.opened.coordinates import ORDINATES, in_parts, recorded_coordinate
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import style
 from vibroimpact.points.regimes import has_result
+
+
+def figure_of(part: Artist) -> Figure:
+    """Return the top-level figure of a panel or a text, also if it is in a subfigure."""
+    figure = part.get_figure(root=True)
+    assert figure is not None
+    return figure
+
+
+def in_panel(panel: Axes, points: np.ndarray) -> np.ndarray:
+    """Return points of a panel, shape (n, 2), as shares of its width and height."""
+    shares: np.ndarray = panel.transAxes.inverted().transform(panel.transData.transform(points))
+    return shares
+
+
+def in_view(panel: Axes, x: Any, y: Any) -> np.ndarray:
+    """Return which points are within the limits of a panel, or at them; False for NaN."""
+    (left, right), (low, high) = panel.get_xbound(), panel.get_ybound()
+    return np.asarray((left <= x) & (x <= right) & (low <= y) & (y <= high))
+
+
+def points_in(panel: Axes) -> np.ndarray:
+    """Return the points of the lines and the dots of a panel, shape (n, 2)."""
+    data = panel.transData  # an `axhline` has another transform
+    points = [line.get_xydata() for line in panel.lines if line.get_transform() == data]
+    dots = (each for each in panel.collections if isinstance(each, PathCollection))
+    points += [np.ma.filled(each.get_offsets(), np.nan) for each in dots]
+    return np.concatenate([np.empty((0, 2)), *points])
 
 
 def runs(values: Iterable[Any]) -> Iterator[tuple[int, int, Any]]:
@@ -127,8 +158,7 @@ def draw_density(
     it, or that both have. If the colours of the points are given, shape (n, 4), a pixel has that of
     a point in it.
     """
-    figure = panel.get_figure(root=True)
-    assert figure is not None
+    figure = figure_of(panel)
     ramps = _ramps(colours if len(ways) > 1 else ())
     if tint is None:
         bar = figure.colorbar(
@@ -140,7 +170,7 @@ def draw_density(
     shape = len(edges[0]) - 1, len(edges[1]) - 1
     if tint is not None:
         owner = np.full(shape, -1)
-        for number, pixel in _in_view(ways[0], coordinate, values, *edges):
+        for number, pixel in _pixels_in_view(ways[0], coordinate, values, *edges):
             owner.reshape(-1)[pixel] = number
         image = np.append(tint, np.zeros((1, 4)), axis=0)[owner]
         panel.pcolormesh(*edges, image.swapaxes(0, 1), rasterized=True)
@@ -148,7 +178,7 @@ def draw_density(
     shares = []
     for way in ways:
         counts = np.zeros(shape)
-        for _, pixel in _in_view(way, coordinate, values, *edges):
+        for _, pixel in _pixels_in_view(way, coordinate, values, *edges):
             counts += np.bincount(pixel, minlength=counts.size).reshape(counts.shape)
         shares.append(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1))
     if len(shares) == 2:
@@ -168,15 +198,15 @@ def _edges_of_pixels(
     columns, rows = (round(size * scale) for size in (box.width, box.height))
     log = panel.get_xscale() == "log"
     left, right = sorted(panel.get_xlim())
-    in_view = np.sort(values[(values >= left) & (values <= right)])
-    in_view = in_view if len(in_view) > 1 else np.sort(values)
-    x_edges = cell_edges(in_view, log)
-    if len(in_view) > columns:
-        x_edges = (np.geomspace if log else np.linspace)(in_view[0], in_view[-1], columns + 1)
+    seen = np.sort(values[(values >= left) & (values <= right)])
+    seen = seen if len(seen) > 1 else np.sort(values)
+    x_edges = cell_edges(seen, log)
+    if len(seen) > columns:
+        x_edges = (np.geomspace if log else np.linspace)(seen[0], seen[-1], columns + 1)
     return x_edges, np.linspace(low, high, rows + 1)
 
 
-def _in_view(
+def _pixels_in_view(
     line: OpenedSweep, coordinate: str, values: np.ndarray, x_edges: np.ndarray, y_edges: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the points of a line in a panel in parts: their number, the number of their pixel."""

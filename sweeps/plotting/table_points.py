@@ -28,6 +28,7 @@ from sweeps.plotting.colours import has_scale, legend_entries, paint_of
 from sweeps.plotting.contents import Wanted, number_at, refuse_without_result, with_number
 from sweeps.plotting.marks import mark_status, marker_size
 from sweeps.plotting.page import PAGE, Page, styled
+from sweeps.plotting.pixels import in_view
 from sweeps.plotting.style import ground, ink
 from sweeps.text import (
     fewest_digits,
@@ -169,7 +170,7 @@ def draw_overlay(
         y = overlay.values(ordinate, panel.yaxis, page_there.ylabel)
         if scale is None:
             _make_room(panel, x, y, page_there)
-        seen = canvas.in_view(panel, x, y)
+        seen = in_view(panel, x, y)
         inside |= seen
         size = marker_size(x, y, *_SIZES)
         for text, marker in markers.items():
@@ -310,7 +311,7 @@ def table_panels(
     seen = np.zeros(y.shape, bool)
     for panel, _, x in places:
         paint.mark(panel, x.values[:, None], y.values[:, None])
-        seen |= canvas.in_view(panel, x.values, y.values) | np.isnan(y.values)
+        seen |= in_view(panel, x.values, y.values) | np.isnan(y.values)
     paint = paint.within(seen)
     measured = draw_overlay(points, [(each, name, ordinate) for each, name, _ in places], page)
     handles, title = legend_entries(paint, grid, grid[-1].get_legend_handles_labels()[0])

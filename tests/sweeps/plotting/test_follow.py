@@ -120,7 +120,7 @@ def test_a_colour_shows_the_motions_of_one_direction(dataset, way):
     at = {} if way == "up" else {"direction": way}
     one = dataset.sel(omega=[1.5], method="nearest").isel(h=0)
     x = one["poincare_x"].sel(direction=way).values.ravel()
-    some = OpenedSweep(dataset).several({"omega": [1.4, 1.5]})
+    some = OpenedSweep(dataset).at_values({"omega": [1.4, 1.5]})
     states = section(some, at={"h": 0.05} | at, color="omega")
     (drawn,) = states.axes[0].collections
     places = drawn.get_offsets()[:, 0]

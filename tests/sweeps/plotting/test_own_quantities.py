@@ -215,7 +215,7 @@ def test_sections_of_all_points_or_of_those_left_have_the_colours(dataset):
 
 def test_a_few_values_of_an_axis_are_named_in_the_legend(dataset):
     """The colours of the file: each section has that of its value."""
-    sweep = OpenedSweep(dataset).several({"omega": [3.4, 2.2]})
+    sweep = OpenedSweep(dataset).at_values({"omega": [3.4, 2.2]})
     figure = section(sweep, color="omega", at={"R": 0.8})
     shown = legend(figure)
     assert list(shown) == [r"$\omega=2.2$", r"$\omega=3.4$"]
