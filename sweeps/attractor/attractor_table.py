@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Most impact speeds that are written out; of more, only the slowest and the fastest are.
 _MOST_SPEEDS = 4
+#: Most classes of one attractor that are listed.
+_MOST_CLASSES = 3
 #: The distances among the measures, with the flags that the edge of the window decided them.
 _EDGES = {"integrity_factor": "factor_at_edge", "local_integrity": "local_at_edge"}
 
@@ -258,10 +260,9 @@ def _over_parameters(
     return [*lines, f"{shown_count(starts, 'start')} {where}"]
 
 
-def classes_text(appearances: Sequence[AttractorRow], most: int = 3) -> str:
+def classes_text(appearances: Sequence[AttractorRow]) -> str:
     """List the classes of one attractor along the axes: 1/1, 2/2 or rest, 1, 3 periods."""
     if appearances[0].regime is Regime.REST:
         return rest_of(sorted(row.m for row in appearances))
     names = {row.name: None for row in sorted(appearances, key=lambda row: (row.m, row.q))}
-    more = ", ..." if len(names) > most else ""
-    return ", ".join(list(names)[:most]) + more
+    return ", ".join(list(names)[:_MOST_CLASSES]) + ", ..." * (len(names) > _MOST_CLASSES)

@@ -26,6 +26,7 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from sweeps.attractor.tracking import (
@@ -104,9 +105,7 @@ def _sets(points: np.ndarray) -> tuple[tuple[int, ...], tuple[str, ...], np.ndar
         raise Refused(
             f"attractors need several starts, and no rows of the table differ in {listed(STARTS)}"
         )
-    order = np.argsort(of_row, kind="stable")
-    start = np.empty(len(rows), np.int64)
-    start[order] = np.arange(len(rows)) - np.searchsorted(of_row[order], of_row[order])
+    start = pd.Series(of_row).groupby(of_row).cumcount().to_numpy()
     several = len(different) > 1
     return (len(different),) * several, (SETS,) * several, of_row, start
 

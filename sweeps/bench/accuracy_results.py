@@ -30,7 +30,7 @@ from sweeps.bench.accuracy import (
     STATE,
     Method,
 )
-from sweeps.plotting.style import BLUE, ORANGE, VERMILION
+from sweeps.plotting.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, YELLOW
 from sweeps.text import table
 from vibroimpact.step.integrators import INTEGRATORS
 
@@ -165,18 +165,17 @@ PANELS = (
     ("section state: chatter and rest", CHATTER_SCENE.name, ORBIT_ERRORS[0]),
     ("section state: near grazing", GRAZING.name, ORBIT_ERRORS[0]),
 )
-# Colours of Okabe and Ito. Each rule has a colour, each integrator a marker.
-_GREEN, _PURPLE, _SKY, _YELLOW = "#009E73", "#CC79A7", "#56B4E9", "#F0E442"
-RULES = {"plain": VERMILION, "reduced-step": BLUE, "cubic": _GREEN, "exact": "black"}
+# Each rule has a colour, each integrator a marker.
+RULES = {"plain": VERMILION, "reduced-step": BLUE, "cubic": GREEN, "exact": "black"}
 MARKER_OF_INTEGRATOR = dict(zip(INTEGRATORS, "x+^sDov<>PXp", strict=False))
-PEER_COLOURS = {"SciPy RK45": ORANGE, "SciPy DOP853": _PURPLE, "heyoka": _SKY}
+PEER_COLOURS = {"SciPy RK45": ORANGE, "SciPy DOP853": PURPLE, "heyoka": SKY}
 # The methods whose order is written next to their line.
 _LABELLED = (
     *(Method("exact", rule) for rule in ("plain", "reduced-step", "cubic")),
     Method("verlet", "cubic"),
     Method("euler", "cubic"),
 )
-_BAND: dict[str, Any] = {"color": _YELLOW, "linewidth": 6.0, "alpha": 0.6}
+_BAND: dict[str, Any] = {"color": YELLOW, "linewidth": 6.0, "alpha": 0.6}
 
 
 def accuracy_picture(measured: pd.DataFrame) -> Figure:

@@ -190,32 +190,27 @@ class _Prefixed(ticker.Formatter):
     def __init__(
         self, axis: Axis, variable: xr.DataArray, written: ticker.Formatter, text: Text
     ) -> None:
-        self._of, self._variable, self._written, self._text = axis, variable, written, text
+        self._of, self.variable, self._written, self._text = axis, variable, written, text
         self._prefix, self._factor = "", 1.0
         self._kept: tuple[str, float] | None = None
         written.create_dummy_axis()
-
-    @property
-    def units(self) -> list[str]:
-        """The units that the ticks can have."""
-        return [*units_of(self._variable)]
 
     def keep(self, unit: str, written: str | None) -> float:
         """Keep a unit for the ticks, by default of a label or of the limits; return its factor."""
         size = np.abs(self._of.get_view_interval()).max()
         asked = f"[{unit.replace('u', _MICRO)}]" if unit else written
-        self._kept = prefix_of(self._variable, size, asked)
+        self._kept = prefix_of(self.variable, size, asked)
         return self._kept[1]
 
     def set_locs(self, locs: Any) -> None:
         """Choose the prefix for the limits of the axis."""
         ends = np.array(self._of.get_view_interval())
-        text, old = self._text.get_text(), label(self._variable, self._prefix)
+        text, old = self._text.get_text(), label(self.variable, self._prefix)
         written = None if text == old else text
-        chosen = prefix_of(self._variable, np.abs(ends).max(), written)
+        chosen = prefix_of(self.variable, np.abs(ends).max(), written)
         self._prefix, self._factor = self._kept or chosen
         if written is None:
-            self._text.set_text(label(self._variable, self._prefix))
+            self._text.set_text(label(self.variable, self._prefix))
         assert self._written.axis is not None
         self._written.axis.set_view_interval(*ends / self._factor)
         self._written.set_locs((np.asarray(locs) / self._factor).tolist())
@@ -234,7 +229,7 @@ def in_own_unit(
 ) -> tuple[float, float]:
     """Return limits in the unit of the variable; given in a unit, by default that of the ticks."""
     formatter = axis.get_major_formatter()
-    known = formatter.units if isinstance(formatter, _Prefixed) else []
+    known = [*units_of(formatter.variable)] if isinstance(formatter, _Prefixed) else []
     if unit and unit not in known:
         typed = f"{name} = {limits[0]:g}:{limits[1]:g} in {unit}"
         allowed = f"{' or '.join(known) or 'no unit'}{suggestion(near_misses(unit, known))}"

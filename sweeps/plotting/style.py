@@ -21,6 +21,7 @@ from vibroimpact.status import Evidence, Status
 
 # From Okabe and Ito's palette.
 BLUE, VERMILION, ORANGE = "#0072B2", "#D55E00", "#E69F00"
+GREEN, PURPLE, SKY, YELLOW = "#009E73", "#CC79A7", "#56B4E9", "#F0E442"
 DARK_ORANGE = "#BF7A00"  # for dots and lines
 WHITE, BLACK = "#FFFFFF", "#000000"
 
@@ -73,7 +74,7 @@ REST_COLOUR = VERMILION
 #: Colours of the marks in a diagram: motions whose kept impacts are less than a repetition, and
 #: motions that are not on their orbit yet; those in grey.
 PARTIAL, APPROACHING = "only part of a repetition", ON_ITS_WAY
-MARKS = {PARTIAL: ("#009E73", "#8C8C8C"), APPROACHING: ("#8A2BE2", "#000000")}
+MARKS = {PARTIAL: (GREEN, "#8C8C8C"), APPROACHING: ("#8A2BE2", "#000000")}
 
 #: The hatch of motions with rest in maps says after how many periods they repeat, 0: not known.
 RESTS = {1: "", 2: "////", 3: "....", 4: "\\\\\\\\", 6: "xxxx", 0: "----"}
@@ -134,13 +135,13 @@ FURTHER = tuple(key for key in _ROWS if isinstance(key, str))
 #: The colours of dots and lines on paper, by that of the cells.
 DOT_COLOURS = {colour: dots for colour, dots, _ in _ROWS.values()} | {
     STATUS_COLOURS[Status.PENDING]: "#8C8596",
-    "#56B4E9": "#169ED8",  # evidence and outcomes
-    "#F0E442": "#85754C",
+    SKY: "#169ED8",  # evidence and outcomes
+    YELLOW: "#85754C",
     ORANGE: "#B08C5A",
 }
 #: Colours of the outcomes with a result in a map of ``status``.
 RESULT_COLOURS = {
-    Status.COMPUTED: "#56B4E9",
+    Status.COMPUTED: SKY,
     Status.CERTIFIED: BLUE,
     Status.CUT_SHORT: ORANGE,
     Status.UNBOUNDED: REST_COLOUR,
@@ -149,10 +150,10 @@ RESULT_COLOURS = {
 #: Colours of the evidence for a class.
 EVIDENCE = {
     Evidence.REPEATS: BLUE,
-    Evidence.FREE: "#56B4E9",
-    Evidence.CAPTURED: "#009E73",
-    Evidence.FALLING: "#F0E442",
-    Evidence.RELEASED: "#CC79A7",
+    Evidence.FREE: SKY,
+    Evidence.CAPTURED: GREEN,
+    Evidence.FALLING: YELLOW,
+    Evidence.RELEASED: PURPLE,
     Evidence.NONE: "#000000",
     Evidence.UNSTABLE: "#4B0082",
     Evidence.UNREACHED: REST_COLOUR,
@@ -191,9 +192,7 @@ STYLE: dict[Any, Any] = {
     "legend.handletextpad": 0.5,
     "legend.columnspacing": 1.0,
     "axes.formatter.offset_threshold": 5,  # number of leading digits that all labels share
-    "axes.prop_cycle": cycler(
-        color=[BLUE, DARK_ORANGE, "#009E73", VERMILION, "#56B4E9", "#CC79A7"]
-    ),
+    "axes.prop_cycle": cycler(color=[BLUE, DARK_ORANGE, GREEN, VERMILION, SKY, PURPLE]),
     "image.cmap": "cividis",
     "hatch.linewidth": 0.7,
     "agg.path.chunksize": 10000,
