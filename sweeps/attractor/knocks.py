@@ -120,10 +120,10 @@ def knocks(
         axes = listed(starts.grid) or "none"
         raise Refused(f"a knock needs x0 and v0 as the only axes, others fixed; there are {axes}")
     found = attractors(starts) if found is None else found
-    motions, limit = _Attractors(starts, found), float(np.ptp(starts["v0"].values))
-    sought = motions.orbits.keys() & (motions.orbits if numbers is None else numbers)
+    at_point, limit = _Attractors(starts, found), float(np.ptp(starts["v0"].values))
+    sought = at_point.orbits.keys() & (at_point.orbits if numbers is None else numbers)
     rows = [
-        motions.worst(number, limit) if number in sought else Knock(harmful=math.nan)
+        at_point.worst(number, limit) if number in sought else Knock(harmful=math.nan)
         for number in found["number"].values.tolist()
     ]
     columns = zip(*rows, strict=True)
@@ -171,7 +171,7 @@ class _Attractors:
             rest = rests(results)
             certified[rows] &= results["status"] == Status.CERTIFIED
             x, v, m, q = (results[name] for name in _OF_ORBIT)
-            known = self._near(x, v, lambda orbit: (m == orbit.m) & (q == orbit.q))
+            known = self._orbits_near(x, v, lambda orbit: (m == orbit.m) & (q == orbit.q))
             number[rows] = np.where(rest, self._of_regime.get(Regime.REST, -1), known)
             endless[rows] = without_class(results["class_evidence"], results["status"]) & ~rest
             return endless[rows]
@@ -179,12 +179,12 @@ class _Attractors:
         last, _ = in_stages(points, np.cumsum(_STAGES), self._phase, run, goes_on)
         # Without a class a motion is taken for chaos, unless it lingers beside an orbit that has
         # just flipped, and therefore beside the orbit of twice the period.
-        lingers = self._near(last["x0"], last["v0"], lambda orbit: endless)
+        lingers = self._orbits_near(last["x0"], last["v0"], lambda orbit: endless)
         number = np.where(lingers < 0, number, lingers)
         number[endless & (number < 0)] = self._of_regime.get(Regime.CHAOTIC, -1)
         return number, certified
 
-    def _near(
+    def _orbits_near(
         self, x: np.ndarray, v: np.ndarray, fits: Callable[[PeriodicOrbit], np.ndarray]
     ) -> np.ndarray:
         """Return the attractors whose orbits are near section states and fit them, -1 for none."""
@@ -199,7 +199,7 @@ class _Attractors:
             number[rows[apart.min(axis=1) <= 1.0]] = attractor
         return number
 
-    def _first(self, home: int, phase: float, states: np.ndarray, ways: np.ndarray) -> Knock:
+    def _try(self, home: int, phase: float, states: np.ndarray, ways: np.ndarray) -> Knock:
         """Return the knock of the first harmful size, or one of infinite size if none is harmful.
 
         `states`, shape (n, 2), are the motion at this phase in successive forcing periods. Each row
@@ -220,30 +220,30 @@ class _Attractors:
         known &= certified[turn, way, size - 1 : size + 1].all()
         return Knock(phase + math.tau * turn, x, v, low, high, to, bool(known), bool(fractal))
 
-    def _least(self, home: int, phase: float, sizes: np.ndarray) -> Knock:
+    def _scan(self, home: int, phase: float, sizes: np.ndarray) -> Knock:
         """Return the least harmful knock at a phase, out of sizes that increase from 0."""
         phase %= math.tau
         states = self.orbits[home].sections(phase)
-        return self._first(home, phase, states, np.stack([sizes, -sizes]))
+        return self._try(home, phase, states, np.stack([sizes, -sizes]))
 
-    def _divided(self, home: int, knock: Knock, share: float) -> Knock:
+    def _narrow(self, home: int, knock: Knock, share: float) -> Knock:
         """Divide the interval of a knock until its length is at most this share of the knock."""
         while abs(knock.harmful - knock.harmless) > share * _knock_size(knock) < math.inf:
             sizes = np.linspace(knock.harmless, knock.harmful, 17)
             state = np.array([[knock.x, knock.v]])
-            first = self._first(home, knock.phase, state, sizes[None])
+            first = self._try(home, knock.phase, state, sizes[None])
             if math.isinf(first.harmful):
                 break
             knock = first._replace(fractal=first.fractal or knock.fractal)
         return knock
 
-    def _at(self, home: int, phase: float, near: float, zoom: float = 1.0) -> Knock:
+    def _search(self, home: int, phase: float, near: float, zoom: float = 1.0) -> Knock:
         """Return the least harmful knock at a phase, to 1e-7 of it, or one of infinite size.
 
         It is sought near the size `near`, the more closely the larger the `zoom`.
         """
         sizes = near * np.array([0.0, *(1.0 + _NEAR_SIZES / zoom)])
-        return self._divided(home, self._least(home, phase, sizes), 1e-7)
+        return self._narrow(home, self._scan(home, phase, sizes), 1e-7)
 
     def worst(self, home: int, limit: float) -> Knock:
         """Return the least harmful knock up to a limit, over all moments."""
@@ -254,18 +254,18 @@ class _Attractors:
             before = limit
             for phase in moments:
                 sizes = limit * np.arange(_SIZES + 1) / _SIZES
-                limit = min(limit, _knock_size(self._least(home, phase, sizes)))
-        everywhere = [self._at(home, phase, limit) for phase in moments]
+                limit = min(limit, _knock_size(self._scan(home, phase, sizes)))
+        everywhere = [self._search(home, phase, limit) for phase in moments]
         sizes = np.array([_knock_size(knock) for knock in everywhere])
         lowest = np.isfinite(sizes) & (sizes <= np.minimum(np.roll(sizes, 1), np.roll(sizes, -1)))
         best = Knock()
         for knock in (everywhere[i] for i in np.flatnonzero(lowest)):
             for zoom in 2.0 ** np.arange(_CLOSER):
-                near = knock.phase + width / zoom**2 * np.linspace(-1.0, 1.0, 9)
-                tried = (self._at(home, phase, _knock_size(knock), zoom) for phase in near.tolist())
+                near = (knock.phase + width / zoom**2 * np.linspace(-1.0, 1.0, 9)).tolist()
+                tried = (self._search(home, phase, _knock_size(knock), zoom) for phase in near)
                 knock = min(knock, *tried, key=_knock_size)
             best = min(best, knock, key=_knock_size)
-        best = self._divided(home, best, 1e-9)
+        best = self._narrow(home, best, 1e-9)
         return best._replace(fractal=best.fractal or any(knock.fractal for knock in everywhere))
 
 
