@@ -148,12 +148,13 @@ def test_time_stepping_turns_where_its_cubics_do(rule, integrator):
     assert (beyond > 3) == (rule == "plain")
 
 
-def test_a_step_across_the_stop_is_seen_although_the_bounds_of_its_cubic_are_before_it():
-    """A fast mass: only the end of the step, from which the rule puts it back, is beyond."""
+@pytest.mark.parametrize(("integrator", "n", "transient"), [("rk4", 60, 0), ("verlet", 4, 1)])
+def test_a_state_across_the_stop_is_seen(integrator, n, transient):
+    """Also a fast step from before the stop to beyond it, and the state where the record begins."""
     points = random_points(1000, 1)
     points["f"] *= 1000.0
-    method = {"impact": "plain", "integrator": "rk4", "steps_per_period": 60}
-    out = integrate(points, transient=0, periods=2, extremes=True, **method)
+    method = {"impact": "plain", "integrator": integrator, "steps_per_period": n}
+    out = integrate(points, transient=transient, periods=2, extremes=True, **method)
     beyond = out["max_penetration"] > 0.0
     greatest = (points["clearance"] + out["max_penetration"])[beyond]
     assert beyond.sum() > 500

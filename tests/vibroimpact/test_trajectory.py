@@ -80,6 +80,13 @@ def test_a_trajectory_holds_every_step_and_both_sides_of_every_impact(rule, inte
     assert (tr.x[0], tr.v[0], tr.t[0]) == (-0.5, 0.4, 0.0)
 
 
+def test_a_rest_does_not_begin_before_the_impact_that_ends_in_it():
+    """Their times are rounded in different ways."""
+    osc = oscillator(0.01, 0.0, 0.20626966398533597)
+    tr = simulate(osc, 2, steps_per_period=1027, x0=-0.1, v0=1.0, phase=1.0)
+    assert (np.diff(tr.t) >= 0.0).all()
+
+
 @RULES
 def test_an_approach_on_the_stop_at_the_start_is_an_impact_at_once(truth, rule):
     orbit = truth["v0_p1"]

@@ -147,7 +147,7 @@ def begin_record(workspace, job, i, x):
     if reach.size > 0:
         reach[workspace.rows[i], 0] = reach[workspace.rows[i], 1] = x
     begin_sums(workspace.sums[i])
-    lanes[SLEPT + i], lanes[GREATEST + i] = 0.0, pt.clearance
+    lanes[SLEPT + i], lanes[GREATEST + i] = 0.0, max(x, pt.clearance)
     # A rest leaves no tangent vector, unless it ends now.
     rests = lanes[LEVEL + i] == AT_REST and pt.omega * time_to_release(theta, pt) > RELEASE_MARGIN
     put_tangent(lanes, TANGENT + i, 2 * ROW, (0.0 if rests else 1.0, 0.0))

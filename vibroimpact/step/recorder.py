@@ -55,9 +55,10 @@ def _put_events(log, n, events, n_events, t, t_T, T, pt):
 
     Return the number of rows, and whether the last is the state after an impact at the end `t_T`.
     """
-    at_end = False
+    at, at_end = t, False
     for k in range(n_events):
-        at = t_T if events[k, TIME] == T else t + events[k, TIME]
+        # Rounded in different ways, no event may come before another, or after the step.
+        at = t_T if events[k, TIME] == T else min(max(t + events[k, TIME], at), t_T)
         kind = events[k, KIND]
         v = events[k, SPEED] if kind == IMPACT else 0.0
         n = _put(log, n, kind, at, events[k, DISPLACEMENT], v)
