@@ -64,7 +64,7 @@ from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.contact import Scratch
 from vibroimpact.step.propagator import from_dimensionless, steady_response
-from vibroimpact.step.scheme import COS, SIN
+from vibroimpact.step.scheme import COS, SIN, Scheme
 
 #: Where the motion of a point goes. Without a class, m and q are 0 and the other numbers NaN,
 #: except that ``UNREACHED`` has those of the stable orbit near by.
@@ -102,6 +102,16 @@ class Memory(NamedTuple):
     passed: np.ndarray  #: That of a ``Flow``.
     tried: np.ndarray  #: Receives the ``near_repetitions`` of a record, shape (MOST_REPETITIONS,).
     beside: np.ndarray  #: Receives a point beside another, shape (1,).
+
+
+class Motion(NamedTuple):
+    """The motion of one point: its record, and what it takes to follow it further."""
+
+    pt: np.void
+    sections: np.ndarray  #: x and v, shape (periods, 2).
+    sums: np.void  #: Of dtype ``SUMS``.
+    scheme: Scheme
+    memory: Memory
 
 
 @inlined
@@ -178,11 +188,12 @@ def nearer_section(flow, orbit, y, w, size):
 
 
 @jit
-def judge_cycle(found, sections, sums, scheme, memory, pt):
+def judge_cycle(motion, found):
     """Judge a motion that came back to the same bits by its record alone; return whether that does.
 
     Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
     """
+    pt, sections, sums, scheme, memory = motion
     m = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt)
     rests = kind_of(sums) == _RESTS
     sure = sums.cycle_rests if rests else not stayed(sections, pt)
@@ -228,12 +239,13 @@ def is_neutral(pt, kind):
 
 
 @jit
-def judge_exact_repetition(flow, scheme, memory, sections, sums, m, off, size, found):
+def judge_exact_repetition(flow, motion, m, off, size, found):
     """Judge a motion that repeats exactly after m periods: it is neutral, rests, or came back.
 
     It came back to the same bits if it is `off` by nothing.
     """
-    pt, kind = flow.pt, kind_of(sums)
+    pt, sections, sums, scheme, memory = motion
+    kind = kind_of(sums)
     neutral = is_neutral(pt, kind)
     y, w = section_state(pt, sections, sections.shape[0] - 1)
     J, smooth = (0.0, 0.0, 0.0, 0.0), False  # as after a rest
@@ -275,15 +287,16 @@ def judge_repetition(flow, sections, kind, m, size, found):
 
 
 @jit
-def find_exact(pt, sections, sums, scheme, memory, found):
+def find_exact(motion, found):
     """Find the destination of one motion with exact impacts."""
+    pt, sections, sums, scheme, memory = motion
     kind, grid = kind_of(sums), scheme.grid
     last = sections.shape[0] - 1
     x, v = sections[last, 0], sections[last, 1]
     steady = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
     bounded = pt.h > 0.0 and steady[2] < pt.clearance
     free = bounded and excess(pt, x, v, steady) < 0.0
-    if not free and judge_cycle(found, sections, sums, scheme, memory, pt):
+    if not free and judge_cycle(motion, found):
         return
     size = size_of(sections, pt, False)
     if free:
@@ -307,7 +320,7 @@ def find_exact(pt, sections, sums, scheme, memory, found):
     units = size[0], size[1] / pt.omega
     neutral = is_neutral(pt, kind)
     if m > 0 and (off == 0.0 or kind == _RESTS or neutral):
-        judge_exact_repetition(flow, scheme, memory, sections, sums, m, off, units, found)
+        judge_exact_repetition(flow, motion, m, off, units, found)
     elif m > 0:
         judge_repetition(flow, sections, kind, m, units, found)
     elif not neutral:
@@ -318,8 +331,9 @@ def find_exact(pt, sections, sums, scheme, memory, found):
 
 
 @jit
-def find_repetition(pt, sections, sums, scheme, memory, found):
+def find_repetition(motion, found):
     """Find after how many periods a record repeats, which is all that other rules show."""
+    pt, sections, sums, scheme, memory = motion
     kind = kind_of(sums)
     cycle, impacts = sums.cycle, sums.cycle_impacts
     counted = cycle > 0

@@ -24,6 +24,7 @@ import numpy as np
 from vibroimpact.destination.find import (
     NO_DESTINATION,
     Memory,
+    Motion,
     find_exact,
     find_repetition,
     is_resolved,
@@ -146,10 +147,10 @@ def find_all(search, memory, find):
     row = claim(search.claimed)
     while row < search.points.size and not is_set(search.interrupt):
         if is_resolved(search.sums[row]):
-            find(
-                search.points[row], search.sections[row], search.sums[row], search.scheme, memory,
-                search.found[row],
-            )  # fmt: skip
+            motion = Motion(
+                search.points[row], search.sections[row], search.sums[row], search.scheme, memory
+            )
+            find(motion, search.found[row])
         row = claim(search.claimed)
 
 
