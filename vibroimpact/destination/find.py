@@ -193,13 +193,13 @@ def judge_cycle(motion, found):
 
     Its multiplier is NaN: it is not computed, not even 0 after a rest or 1 without dissipation.
     """
-    pt, sections, sums, scheme, memory = motion
+    pt, sections, sums = motion.pt, motion.sections, motion.sums
     m = repetition_of_cycle(sections, sums.cycle, sums.cycle_impacts, pt)
     rests = kind_of(sums) == _RESTS
     sure = sums.cycle_rests if rests else not stayed(sections, pt)
     if m == 0 or not sure or is_coarse(sections, pt):
         return False
-    if rests and not rests_alike_exactly(pt, scheme, m, sums, memory):
+    if rests and not rests_alike_exactly(motion, m):
         found.evidence = _UNSTABLE
         return True
     put_repetition(found, sections, m, 0.0, math.nan, sums.cycle_impacts * m // sums.cycle)
@@ -244,7 +244,7 @@ def judge_exact_repetition(flow, motion, m, off, size, found):
 
     It came back to the same bits if it is `off` by nothing.
     """
-    pt, sections, sums, scheme, memory = motion
+    pt, sections, sums = motion.pt, motion.sections, motion.sums
     kind = kind_of(sums)
     neutral = is_neutral(pt, kind)
     y, w = section_state(pt, sections, sections.shape[0] - 1)
@@ -256,7 +256,7 @@ def judge_exact_repetition(flow, motion, m, off, size, found):
     else:
         if is_coarse(sections, pt) and not is_replayed(flow, y, w, m, size):
             return
-        stable = neutral or rests_alike_exactly(pt, scheme, m, sums, memory)
+        stable = neutral or rests_alike_exactly(motion, m)
     if not stable:
         found.evidence = _UNSTABLE
         return
@@ -333,7 +333,7 @@ def find_exact(motion, found):
 @jit
 def find_repetition(motion, found):
     """Find after how many periods a record repeats, which is all that other rules show."""
-    pt, sections, sums, scheme, memory = motion
+    pt, sections, sums = motion.pt, motion.sections, motion.sums
     kind = kind_of(sums)
     cycle, impacts = sums.cycle, sums.cycle_impacts
     counted = cycle > 0
@@ -348,7 +348,7 @@ def find_repetition(motion, found):
         return
     released = q >= 0 and kind == _RESTS and not sums.cycle_rests
     if kind == _RESTS and not released:
-        if not rests_alike(pt, scheme, m, sums, memory, False):
+        if not rests_alike(motion, m, False):
             found.evidence = _UNSTABLE
             return
     put_repetition(found, sections, m, off, math.nan, q)

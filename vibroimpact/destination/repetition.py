@@ -205,11 +205,12 @@ def rest_after(pt, scheme, m, scratch, exactly):
 
 
 @specialised
-def rests_alike(pt, scheme, m, sums, memory, exactly):
+def rests_alike(motion, m, exactly):
     """Whether motions beside one that rests again after m periods do so, too.
 
     The second is not asked if the first rests as long as the motion itself.
     """
+    pt, _, sums, scheme, memory = motion
     if is_held(pt):
         return True
     beside, rest = memory.beside[0], sums.cycle_rested * pt.omega * m / max(sums.cycle, 1)
@@ -224,6 +225,6 @@ def rests_alike(pt, scheme, m, sums, memory, exactly):
 
 
 @jit
-def rests_alike_exactly(pt, scheme, m, sums, memory):
+def rests_alike_exactly(motion, m):
     """Do what ``rests_alike`` does, with the rule ``exact``, where m is not small."""
-    return m <= _SURE or rests_alike(pt, scheme, m, sums, memory, True)
+    return m <= _SURE or rests_alike(motion, m, True)

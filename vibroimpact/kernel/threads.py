@@ -198,9 +198,9 @@ def compile_search(*, begin: bool = False) -> None:
     """
     points, sums, memory = np.zeros(1, POINT), np.empty(1, SUMS), _new_memory()
     scheme = Scheme((EXACT, EXACT), PhaseGrid(np.empty((3, 2)), 0.0, 1))
-    if begin:
-        translate(rests_alike_exactly, points[0], scheme, 1, sums[0], memory)
-        return
     sections, flag = np.empty((1, 1, 2)), np.zeros(1, np.int64)
+    if begin:
+        translate(rests_alike_exactly, Motion(points[0], sections[0], sums[0], scheme, memory), 1)
+        return
     found = np.full(1, NO_DESTINATION)
     compiled(find_all_exact, Search(points, sections, sums, scheme, found, flag, flag), memory)
