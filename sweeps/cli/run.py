@@ -213,8 +213,9 @@ def explore_command(
     explorer = open_page(config, port)
     try:
         if config.follow is not None:
-            reason = "each point is computed from its own start, with the method exact by default"
-            common.say(f"follow is left out here: {reason}", error=True)
+            common.say("follow is left out here: each point has its own start", error=True)
+        if config.record.transient == "auto":
+            common.say("transient: auto is left out here: all points have the default", error=True)
         common.say(f"{explorer.address}\nCtrl-C ends it.")
         with TemporaryDirectory(prefix="vibroimpact-") as private:
             if not no_browser and not _open_browser(_redirection(explorer.address, Path(private))):

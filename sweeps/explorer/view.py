@@ -169,8 +169,7 @@ class View:
         """Return this view with another ordinate of the map."""
         if name == self.axis:
             return self.with_axis(self.across)
-        window = self.around(name, (self.axis, self.xlim))
-        return replace(self, across=name, maplim=window)
+        return replace(self, across=name, maplim=self.around(name, (self.axis, self.xlim)))
 
     def around(self, name: str, other: tuple[str, Window]) -> Window:
         """Return a default window of a parameter, given the other axis of the map."""
@@ -269,18 +268,18 @@ class View:
 
     def checked(self) -> Self:
         """Return the view, with numbers for texts; ConfigError if it is not allowed."""
+        called = self.nomenclature.name
         for name in (self.axis, self.across):
             if name not in PARAMETERS:
-                expected = ", ".join(map(self.nomenclature.name, PARAMETERS))
+                expected = ", ".join(map(called, PARAMETERS))
                 raise ConfigError(f"{name} is not a parameter; expected: {expected}")
         if self.ordinate not in COORDINATES:
-            raise ConfigError(
-                f"{self.ordinate} is not an ordinate; expected: {', '.join(COORDINATES)}"
-            )
+            expected = ", ".join(COORDINATES)
+            raise ConfigError(f"{self.ordinate} is not an ordinate; expected: {expected}")
         if self.axis == self.across:
-            raise ConfigError(
-                f"{self.nomenclature.name(self.axis)} is asked for as both axes of the map"
-            )
+            raise ConfigError(f"{called(self.axis)} is asked for as both axes of the map")
+        if self.record["transient"] == "auto":
+            raise ConfigError("transient = auto is not for the live page; expected: an integer")
         for name in _WINDOWS:
             low, high = window = getattr(self, name) or (0.0, 1.0)
             least = _LEAST_WINDOW * max(abs(low), abs(high))
@@ -288,7 +287,7 @@ class View:
                 raise ConfigError(f"the window {name} = {window} is empty or too narrow")
         for name, value in self.values.items():
             if not (parameter := self.nomenclature.about(name)).accepts(value):
-                said = f"{self.nomenclature.name(name)} = {value:g} is not allowed"
+                said = f"{called(name)} = {value:g} is not allowed"
                 raise ConfigError(f"{said}; expected: {parameter.allowed}")
         self.point()
         if self.tab != DIAGRAM_TAB:
@@ -336,7 +335,7 @@ def _commands(view: View, name: str) -> str:
     options = f"--kind {('bifurcation', 'map', 'basins')[view.tab]}"
     if view.tab == DIAGRAM_TAB:
         limits = {"xlim": (view.xlim, view.axis), "ylim": (view.ylim, view.ordinate)}
-        options += f" --coordinate {view.ordinate}"
+        options += f" --coordinate {view.ordinate}" + " --exact" * view.exact
         for option, (ends, quantity) in limits.items():
             if ends is not None:
                 unit = as_variable(quantity, view.nomenclature).attrs["units"]

@@ -147,6 +147,7 @@ def test_a_view_returns_from_its_address(view, axis):
         ("axis=R&across=R", "^R is asked for as both axes of the map$"),
         ("ordinate=z", "z is not an ordinate"),
         ("transient=-1", "record.transient = -1 is not allowed"),
+        ("transient=auto", "^transient = auto is not for the live page; expected: an integer$"),
         ("section=7", "record.phase = 7 is not allowed"),
         ("phase=7", "^phase = 7 is not allowed; expected: a number >= 0 and < 2 pi"),
     ],
@@ -190,12 +191,14 @@ def test_a_late_picture_of_a_zoom_does_not_fit_all_points(view, tmp_path):
 def test_a_saved_configuration_names_its_own_commands(view, tmp_path, tab, name):
     """Whatever is on the axes, and whether the ordinate is fitted."""
     views = [replace(view, name=name, tab=tab), replace(view, name=name, tab=tab, ylim=(-1.0, 0.0))]
-    for number, seen in enumerate((*views, replace(views[1], ordinate="impact_v")), 1):
+    views.append(replace(views[1], ordinate="impact_v", exact=True))
+    for number, seen in enumerate(views, 1):
         path = write_yaml(seen, seen.diagram(20), tmp_path)
         assert path.name == f"{name}-view-{number}.yaml"
         run, plot = (shlex.split(line[1:]) for line in path.read_text().splitlines()[1:3])
         assert run == ["vibroimpact", "run", path.name]
         assert plot[:3] == ["vibroimpact", "plot", f"{path.stem}.h5"]
+        assert ("--exact" in plot) == (seen.exact and tab == DIAGRAM_TAB)
 
 
 @pytest.mark.slow
