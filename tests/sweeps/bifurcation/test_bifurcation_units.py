@@ -13,6 +13,7 @@ from sweeps.bifurcation.bifurcation_table import find_bifurcations
 from sweeps.opened.doors import in_si
 from sweeps.opened.opened_sweep import OpenedSweep
 from tests.helpers.other_units import in_units
+from tests.helpers.sweep_files import swept
 
 pytestmark = pytest.mark.slow
 
@@ -104,17 +105,16 @@ def test_branches_and_curves_are_the_same_in_all_units(tmp_path, over):
 
 
 @pytest.mark.parametrize(("axis", "seed"), [("h", 5), ("f", 2), ("p", 5)])
-def test_a_rig_has_the_bifurcations_of_its_model(tmp_path, axis, seed):
+def test_a_rig_has_the_bifurcations_of_its_model(axis, seed):
     """A row of the rig is that of the model with its three places converted."""
     random, given = np.random.default_rng(seed), one_axis(axis, seed)
     mass = random.uniform(0.2, 5.0)
     rig = {own: np.array(of(mass, np.array(given[name]))).tolist()
            for name, (own, of) in RIG.items()}  # fmt: skip
     record = {"transient": 20, "periods": 64, "diagnostics": ["period"]}
-    path = sweeps.run_sweep({"rig": {"mass": mass, **rig}, "record": record}, tmp_path / "rig.h5")
-    with sweeps.open_sweep(path) as dataset:
-        model = sweeps.bifurcations(dataset, axis, most=6)
-        found = sweeps.bifurcations(in_si(OpenedSweep(dataset)), RIG[axis][0], most=6)
+    dataset = swept({"rig": {"mass": mass, **rig}, "record": record})
+    model = sweeps.bifurcations(dataset, axis, most=6)
+    found = sweeps.bifurcations(in_si(OpenedSweep(dataset)), RIG[axis][0], most=6)
     model[PLACES] = RIG[axis][1](mass, model[PLACES])
     pd.testing.assert_frame_equal(found, model, check_exact=False, rtol=1e-12)
     assert set(found["low"]) | set(found["high"]) <= set(rig[RIG[axis][0]])
@@ -125,13 +125,13 @@ def in_place_of_branches(other):
     return lambda find: other if find is sweeps.branches else find
 
 
-def test_the_order_of_a_rig_is_that_of_its_model(tmp_path):
+def test_the_order_of_a_rig_is_that_of_its_model():
     """A change without a value is at the middle of its interval in p, not of that in N/m."""
     given = one_axis("p", 9) | {"p": [0.4, 1.2, 1.6]}
     rig = {own: np.array(of(0.5, np.array(given[name]))).tolist()
            for name, (own, of) in RIG.items()}  # fmt: skip
     record = {"transient": 100, "periods": 64, "diagnostics": ["period"]}
-    path = sweeps.run_sweep({"rig": {"mass": 0.5, **rig}, "record": record}, tmp_path / "rig.h5")
+    dataset = swept({"rig": {"mass": 0.5, **rig}, "record": record})
 
     def kinds(sweep, axis, place):
         """Return the kinds of the rows, with all bifurcations of the branches at a place."""
@@ -144,14 +144,13 @@ def test_the_order_of_a_rig_is_that_of_its_model(tmp_path):
         keep = in_place_of_branches(moved)
         return find_bifurcations(sweep, axis, keep=keep, most=2)["kind"].tolist()
 
-    with sweeps.open_sweep(path) as dataset:
-        for p, expected in ((0.79, ["fold", "basin"]), (0.85, ["basin", "fold"])):
-            assert kinds(OpenedSweep(dataset), "p", p)[:2] == expected  # the middle is 0.8
-            assert kinds(in_si(OpenedSweep(dataset)), "stiffness", 0.5 * p * p)[:2] == expected
+    for p, expected in ((0.79, ["fold", "basin"]), (0.85, ["basin", "fold"])):
+        assert kinds(OpenedSweep(dataset), "p", p)[:2] == expected  # the middle is 0.8
+        assert kinds(in_si(OpenedSweep(dataset)), "stiffness", 0.5 * p * p)[:2] == expected
 
 
 @pytest.mark.parametrize("end", [0, -1])
-def test_a_bifurcation_at_an_end_of_the_axis_lies_on_it(tmp_path, end):
+def test_a_bifurcation_at_an_end_of_the_axis_lies_on_it(end):
     """Where an exact value is beyond the axis by rounding."""
     omega = np.linspace(2.6, 2.7, 6)
     scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega.tolist(), "f": 1.0}}
@@ -162,8 +161,8 @@ def test_a_bifurcation_at_an_end_of_the_axis_lies_on_it(tmp_path, end):
         special = np.isin(found["kind"], ["flip", "fold", "graze"])
         return found.assign_coords(omega=found["omega"].where(~special, beyond))
 
-    with sweeps.open_sweep(sweeps.run_sweep(scene, tmp_path / "flip.h5")) as dataset:
-        found = find_bifurcations(OpenedSweep(dataset), keep=in_place_of_branches(moved), most=2)
+    sweep, keep = OpenedSweep(swept(scene)), in_place_of_branches(moved)
+    found = find_bifurcations(sweep, keep=keep, most=2)
     (row,) = found[found["value"] == omega[end]].itertuples()
     ends = omega[[0, 1]] if end == 0 else omega[[4, 5]]
     assert (row.kind, row.low, row.high) == ("flip", *ends)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import curves, load_config, open_sweep
+from sweeps import curves, load_config
 from sweeps.bifurcation import exact_curves
 from sweeps.bifurcation.exact_curves import middles_of_regions
 from sweeps.errors import Refused
@@ -51,16 +51,15 @@ def test_the_flips_of_the_map_are_on_the_closed_form(path):
     assert {"1/1", "2/2"} <= {text.get_text() for text in panel.texts}
 
 
-def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(path, monkeypatch):
+def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(dataset, monkeypatch):
     """As beside a flip, where motions settle slowly."""
     monkeypatch.setattr(exact_curves, "middles_of_regions", lambda _: iter(()))
-    with open_sweep(path) as dataset:
-        period = dataset["period"].copy()
-        for axis in ("omega", "R"):
-            moved = dataset["period"].shift({axis: 1}, fill_value=0)
-            period = period.where((dataset["period"] == moved) | (moved == 0), 0)
-        assert 0 < (period == 0).sum() < 0.2 * period.size
-        found = curves(dataset.assign(period=period))
+    period = dataset["period"].copy()
+    for axis in ("omega", "R"):
+        moved = dataset["period"].shift({axis: 1}, fill_value=0)
+        period = period.where((dataset["period"] == moved) | (moved == 0), 0)
+    assert 0 < (period == 0).sum() < 0.2 * period.size
+    found = curves(dataset.assign(period=period))
     assert found.attrs["changes"] == found.attrs["explained"] > 5
     flips = (found["kind"] == "flip") & (found["m"] == 1) & (found["q"] == 1)
     assert len({*found["curve"].values[flips]}) == 1
@@ -189,43 +188,41 @@ def strong_lines(figure):
     return [line for line in figure.axes[0].lines if line.get_path_effects()]
 
 
-def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
+def test_curves_that_bound_a_motion_of_the_map_stand_out(dataset, monkeypatch):
     """The flip of 1/1 between 1/1 and 2/2, on its closed form; elsewhere it is thin."""
-    with open_sweep(path) as dataset:
-        found = curves(dataset, classes=[(1, 1)])
-        figure = parameter_map(dataset, exact=found)
-        (line,) = strong_lines(figure)
-        omega, R = line.get_data()
-        assert np.ptp(R) > 0.35
-        assert_on_closed_form(omega, R, 1e-4)
-        elsewhere = dataset.copy()
-        elsewhere["period"] = 0 * dataset["period"] + 3  # another motion all over the map
-        thin = parameter_map(elsewhere, exact=found)
-        upright = parameter_map(dataset, axes=["R", "omega"], exact=found)
-        assert (strong_lines(upright)[0].get_data()[::-1] == np.array([omega, R])).all()
-        middle = len(omega) // 2
-        for share in (1e-2, 1e-4):  # of the axes: less than the distance of two points
-            away = [share * np.ptp(z) for z in (omega, R)]
-            ends = [(z[middle] - d, z[middle] + d) for z, d in zip((omega, R), away, strict=True)]
-            page = Page(xlim=ends[0], ylim=ends[1])
-            (part,) = strong_lines(parameter_map(dataset, exact=found, page=page))
-            assert (part.get_data() == np.array([omega, R])).all()
-        assert not strong_lines(thin) and thin.axes[0].lines
-        assert "1 further curve" in legend_texts(thin)
-        monkeypatch.setattr("sweeps.plotting.exact_lines._CURVES_IN_FULL", 0)
-        assert len(strong_lines(parameter_map(dataset, exact=found))) == 1
-        left_out = parameter_map(elsewhere, exact=found)
-        assert not left_out.axes[0].lines and "1 further curve not shown" in legend_texts(left_out)
+    found = curves(dataset, classes=[(1, 1)])
+    figure = parameter_map(dataset, exact=found)
+    (line,) = strong_lines(figure)
+    omega, R = line.get_data()
+    assert np.ptp(R) > 0.35
+    assert_on_closed_form(omega, R, 1e-4)
+    elsewhere = dataset.copy()
+    elsewhere["period"] = 0 * dataset["period"] + 3  # another motion all over the map
+    thin = parameter_map(elsewhere, exact=found)
+    upright = parameter_map(dataset, axes=["R", "omega"], exact=found)
+    assert (strong_lines(upright)[0].get_data()[::-1] == np.array([omega, R])).all()
+    middle = len(omega) // 2
+    for share in (1e-2, 1e-4):  # of the axes: less than the distance of two points
+        away = [share * np.ptp(z) for z in (omega, R)]
+        ends = [(z[middle] - d, z[middle] + d) for z, d in zip((omega, R), away, strict=True)]
+        page = Page(xlim=ends[0], ylim=ends[1])
+        (part,) = strong_lines(parameter_map(dataset, exact=found, page=page))
+        assert (part.get_data() == np.array([omega, R])).all()
+    assert not strong_lines(thin) and thin.axes[0].lines
+    assert "1 further curve" in legend_texts(thin)
+    monkeypatch.setattr("sweeps.plotting.exact_lines._CURVES_IN_FULL", 0)
+    assert len(strong_lines(parameter_map(dataset, exact=found))) == 1
+    left_out = parameter_map(elsewhere, exact=found)
+    assert not left_out.axes[0].lines and "1 further curve not shown" in legend_texts(left_out)
 
 
-def test_a_curve_that_bounds_a_motion_on_a_part_is_drawn_whole(path, monkeypatch, unpainted):
+def test_a_curve_that_bounds_a_motion_on_a_part_is_drawn_whole(dataset, monkeypatch, unpainted):
     """Where starts lead to another orbit, the rest of the curve is thin, also among many curves."""
     monkeypatch.setattr("sweeps.plotting.exact_lines._CURVES_IN_FULL", 0)
-    with open_sweep(path) as dataset:
-        found = curves(dataset, classes=[(1, 1)])
-        half = dataset.copy()
-        half["period"] = dataset["period"].where(dataset["R"] < 0.7, 3)
-        figure = parameter_map(half, exact=found)
+    found = curves(dataset, classes=[(1, 1)])
+    half = dataset.copy()
+    half["period"] = dataset["period"].where(dataset["R"] < 0.7, 3)
+    figure = parameter_map(half, exact=found)
     (strong,) = strong_lines(figure)
     (thin,) = (line for line in figure.axes[0].lines if line not in strong_lines(figure))
     for line in (strong, thin):

@@ -116,6 +116,8 @@ def test_an_odd_environment_is_answered(monkeypatch):
     ("text", "told"),
     [
         ("[" * 100_000, "more than 16 levels"),
+        ("[" * 17 + "]" * 17, "more than 16 levels"),
+        ("[" * 16 + "]" * 16, "expected: a mapping"),
         ("".join("  " * i + "a:\n" for i in range(300)), "more than 16 levels"),
         ("#" * 300_000, "longer than 250,000 bytes"),
         (FULL.replace("x.h5", '"a\\0b.h5"'), "embedded null"),

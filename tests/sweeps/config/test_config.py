@@ -251,7 +251,7 @@ def test_overrides_replace_and_add_in_order():
         ("oscillator.h=[1,", ["not valid YAML"]),
         ("oscillator.h", ["expected key=value"]),
         ("oscillator.h=", ["oscillator.h = (nothing) is not a number"]),
-        ("oscillator.h=0,1", ["oscillator.h = 0,1 has a decimal comma", "decimal point, no comma"]),
+        ("oscillator.h=-0,1", ["oscillator.h = -0,1 has a decimal comma", "point, no comma"]),
         ("oscillator={h: 0,1, R: 1}", ["unknown key oscillator.1 (", "decimal point, no comma"]),
         ("record.trajectory={ever: 2}", ["record.trajectory.ever (did you mean every?)"]),
         ("oscillator={h: 1, h: 2}", ["h: 2}: oscillator.h is given twice, first in override"]),

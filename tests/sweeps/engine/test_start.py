@@ -2,12 +2,13 @@
 
 import math
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sweeps import attractors, knocks, open_sweep, plotting
+from sweeps import attractors, knocks, plotting
 from sweeps.errors import ConfigError, Refused
 from sweeps.explorer.view import View
 from sweeps.opened.coordinates import motion_of
@@ -17,7 +18,7 @@ from tests.helpers import naive
 from tests.helpers.commands import accepted, refused
 from tests.helpers.configurations import load
 from tests.helpers.kernel_cases import integrated
-from tests.helpers.sweep_files import data, run_and_read, run_in
+from tests.helpers.sweep_files import data, run_and_read, run_in, swept
 from vibroimpact import INTEGRATORS, Oscillator, integrate, simulate
 
 pytestmark = pytest.mark.slow
@@ -121,29 +122,28 @@ record: {transient: 100, periods: 16, phase: 1.1}
 """
 
 
-def test_basins_at_another_phase(tmp_path):
+def test_basins_at_another_phase():
     """Each start is classed as one period of its motion later, and a knock is that of phase 0."""
-    path = run_in(tmp_path, BASINS)
-    with open_sweep(path) as dataset:
-        period = dataset["period"].values
-        assert set(np.unique(period)) == {1, 2}
-        points = load(BASINS).sweep.grid.points((slice(None),) * 2)
-        later = integrate(points, transient=0, periods=1, phase=0.0)
-        points["x0"], points["v0"] = later["poincare_x"][:, 0], later["poincare_v"][:, 0]
-        points["phase"] = 0.0
-        ends = integrate(points, transient=100, periods=4)["poincare_x"]
-        twice = np.abs(ends[:, -1] - ends[:, -2]) > 1e-6
-        assert np.array_equal(twice.reshape(period.shape), period == 2)
-        figure = plotting.integrity(dataset)
-        texts = [text for panel in figure.axes for text in panel.texts]
-        arrows = [text for text in texts if hasattr(text, "arrowprops")]
-        assert len(arrows) == 2
-        for arrow in arrows:  # from a state of its orbit at the section
-            x, v = arrow.xyann
-            away = np.hypot(dataset["poincare_x"] - x, dataset["poincare_v"] - v)
-            assert float(away.min()) < 1e-3
-        here = knocks(dataset)
-    there = run_in(tmp_path, BASINS, "start.phase=0", "record.phase=0", name="there.h5")
+    dataset = swept(BASINS)
+    period = dataset["period"].values
+    assert set(np.unique(period)) == {1, 2}
+    points = load(BASINS).sweep.grid.points((slice(None),) * 2)
+    later = integrate(points, transient=0, periods=1, phase=0.0)
+    points["x0"], points["v0"] = later["poincare_x"][:, 0], later["poincare_v"][:, 0]
+    points["phase"] = 0.0
+    ends = integrate(points, transient=100, periods=4)["poincare_x"]
+    twice = np.abs(ends[:, -1] - ends[:, -2]) > 1e-6
+    assert np.array_equal(twice.reshape(period.shape), period == 2)
+    figure = plotting.integrity(dataset)
+    texts = [text for panel in figure.axes for text in panel.texts]
+    arrows = [text for text in texts if hasattr(text, "arrowprops")]
+    assert len(arrows) == 2
+    for arrow in arrows:  # from a state of its orbit at the section
+        x, v = arrow.xyann
+        away = np.hypot(dataset["poincare_x"] - x, dataset["poincare_v"] - v)
+        assert float(away.min()) < 1e-3
+    here = knocks(dataset)
+    there = swept(BASINS, "start.phase=0", "record.phase=0")
     assert attractors(there).sizes["coexisting"] == 2
     other = knocks(there)
     harmful = [np.sort(np.abs(table["knock_harmful"])) for table in (here, other)]
@@ -168,25 +168,24 @@ def test_the_phase_is_kept_and_shown(tmp_path):
     assert r"$\omega t_0=4$" in title and "phase 1 rad, transient 0" in title
 
 
-def test_the_times_of_a_followed_sweep(tmp_path):
+def test_the_times_of_a_followed_sweep():
     """Only the first point of a chain starts before the section, at the phase of the start."""
     omega, ways = [2.6, 2.7], ("up", "down")
     text = f"oscillator: {{h: 0.1, R: 0.8, omega: {omega}, f: 1.0}}"
     record = "record={transient: 10, periods: 5, phase: 0.5, trajectory: {every: 1}}"
-    path = run_in(tmp_path, text, "start.phase=1", record, "follow={axis: omega, direction: both}")
-    with open_sweep(path) as dataset:
-        for way, value in product(ways, omega):
-            at = {"direction": way, "omega": value}
-            first = value == (2.6 if way == "up" else 2.7)
-            t = dataset.sel(at)["trajectory_t"].values
-            turn = 2.0 * math.pi / value
-            motion = motion_of(OpenedSweep(dataset).cut(at), 4)
-            after = motion.rows[0, 0] + motion.turns * turn
-            assert after == pytest.approx(np.nanmax(t), rel=1e-12)
-            since = 11.0 - 0.5 / (2.0 * math.pi) if first else 10.0
-            for periods, more in ((None, 0), (4, 5)) if way == "up" and first else ((None, 0),):
-                title = plotting.trajectory(dataset, at=at, periods=periods).get_suptitle()
-                assert f"after {since + more:.6g} forcing periods" in title.replace("\n", " ")
+    dataset = swept(text, "start.phase=1", record, "follow={axis: omega, direction: both}")
+    for way, value in product(ways, omega):
+        at = {"direction": way, "omega": value}
+        first = value == (2.6 if way == "up" else 2.7)
+        t = dataset.sel(at)["trajectory_t"].values
+        turn = 2.0 * math.pi / value
+        motion = motion_of(OpenedSweep(dataset).cut(at), 4)
+        after = motion.rows[0, 0] + motion.turns * turn
+        assert after == pytest.approx(np.nanmax(t), rel=1e-12)
+        since = 11.0 - 0.5 / (2.0 * math.pi) if first else 10.0
+        for periods, more in ((None, 0), (4, 5)) if way == "up" and first else ((None, 0),):
+            title = plotting.trajectory(dataset, at=at, periods=periods).get_suptitle()
+            assert f"after {since + more:.6g} forcing periods" in title.replace("\n", " ")
 
 
 OVER_PHASE = """
@@ -199,11 +198,11 @@ record: {transient: 0, periods: 6, phase: 1.0, trajectory: {every: 1}}
 @pytest.mark.parametrize("method", ["{}", "{integrator: rk4, impact: cubic}"])
 def test_a_sweep_over_the_phase_is_a_sweep_of_every_phase(method):
     """To the last bit, with the times of each; the longer way has as many periods."""
-    swept = run_and_read(load(OVER_PHASE, f"method={method}"))
-    assert swept["status"].dims == ("v0", "phase") and swept["phase"].attrs["units"] == "rad"
-    for phase in swept["phase"].values.tolist():
+    over = run_and_read(load(OVER_PHASE, f"method={method}"))
+    assert over["status"].dims == ("v0", "phase") and over["phase"].attrs["units"] == "rad"
+    for phase in over["phase"].values.tolist():
         one = run_and_read(load(OVER_PHASE, f"method={method}", f"start.phase={phase!r}"))
-        here = swept.sel(phase=phase)
+        here = over.sel(phase=phase)
         for name in one.data_vars:
             assert_array_equal(here[name], one[name].reindex_like(here[name]), err_msg=name)
 
@@ -215,43 +214,39 @@ record: {transient: 200, periods: 16}
 """
 
 
-def test_basins_over_phase_and_velocity(tmp_path):
+def test_basins_over_phase_and_velocity():
     """Each start leads where the same start without the axis leads; the phase is the abscissa."""
-    path = run_in(tmp_path, BASINS_OVER_PHASE)
-    with open_sweep(path) as dataset:
-        found = attractors(dataset)
-        assert found["attractors"].item() == 2 and found["attractor"].dims == ("v0", "phase")
-        points = Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0, clearance=0.6).at(0.6).repeat(180)
-        points["v0"], points["phase"] = np.repeat(dataset["v0"], 15), np.tile(dataset["phase"], 12)
-        ends = integrate(points, transient=600, periods=2)["poincare_x"]
-        twice = np.abs(ends[:, 1] - ends[:, 0]) > 1e-6
-        assert 10 < twice.sum() < 170
-        assert_array_equal(dataset["period"].values.ravel(), 1 + twice)
-        assert default_kind(OpenedSweep(dataset)) == "basins"
-        panel = plotting.basins(dataset).axes[0]
-        assert "at the start" in panel.get_xlabel() and r"v_0" in panel.get_ylabel()
-        with pytest.raises(Refused, match="integrity needs x0 and v0 as axes"):
-            plotting.integrity(dataset)
-    accepted("export", path, "-o", tmp_path / "rows.csv")
-    head, *rows = (tmp_path / "rows.csv").read_text().splitlines()
+    dataset = swept(BASINS_OVER_PHASE)
+    found = attractors(dataset)
+    assert found["attractors"].item() == 2 and found["attractor"].dims == ("v0", "phase")
+    points = Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0, clearance=0.6).at(0.6).repeat(180)
+    points["v0"], points["phase"] = np.repeat(dataset["v0"], 15), np.tile(dataset["phase"], 12)
+    ends = integrate(points, transient=600, periods=2)["poincare_x"]
+    twice = np.abs(ends[:, 1] - ends[:, 0]) > 1e-6
+    assert 10 < twice.sum() < 170
+    assert_array_equal(dataset["period"].values.ravel(), 1 + twice)
+    assert default_kind(OpenedSweep(dataset)) == "basins"
+    panel = plotting.basins(dataset).axes[0]
+    assert "at the start" in panel.get_xlabel() and r"v_0" in panel.get_ylabel()
+    with pytest.raises(Refused, match="integrity needs x0 and v0 as axes"):
+        plotting.integrity(dataset)
+    accepted("export", "swept.h5", "-o", "rows.csv")
+    head, *rows = Path("rows.csv").read_text().splitlines()
     assert head.startswith("v0,phase,") and len(rows) == 180
-    assert "1/0" in (said := accepted("attractors", path)) and "2/1" in said
+    assert "1/0" in (said := accepted("attractors", "swept.h5")) and "2/1" in said
 
 
-def test_the_three_starts_as_axes(tmp_path, unpainted):
+def test_the_three_starts_as_axes(unpainted):
     """A plane of two is drawn at a value of the third, which must be said."""
     change = "start={x0: [-1, 0, 0.6], v0: [-1, 0, 1], phase: [0, 2, 4]}"
-    path = run_in(tmp_path, BASINS_OVER_PHASE, change)
+    path = run_in(Path(), BASINS_OVER_PHASE, change)
     assert "one of them must be fixed" in refused("plot", path, "--kind", "basins")
     for fixed in ("x0=0.6", "v0=1", "phase=2"):
-        picture = tmp_path / f"{fixed}.svg"
-        accepted("plot", path, "--at", fixed, "-o", picture)
-        assert picture.exists()
+        assert accepted("plot", path, "--at", fixed, "-o", "a.svg") == "a.svg\n"
     assert "fix phase at that of the section, 0" in refused("integrity", path)
-    zoomed = tmp_path / "zoomed.h5"
-    accepted("zoom", path, "phase=1:3", "-o", zoomed, "--set", "start.v0=1", "--set", "start.x0=0")
-    with open_sweep(zoomed) as dataset:
-        assert dataset["phase"].values.tolist() == [1.0, 2.0, 3.0]
+    point = ("--set", "start.v0=1", "--set", "start.x0=0")
+    accepted("zoom", path, "phase=1:3", "-o", "zoomed.h5", *point)
+    assert data("zoomed.h5")["phase"].values.tolist() == [1.0, 2.0, 3.0]
     chain = "follow={axis: phase, direction: up}"
     with pytest.raises(ConfigError, match="phase is a start, but only the first"):
         load(BASINS_OVER_PHASE, chain)

@@ -100,6 +100,8 @@ def test_the_windows_are_of_the_size_of_the_motion():
     assert view.x0lim[0] == pytest.approx(0.0005 - 0.003) and view.x0lim[1] == 0.0005
     assert view.v0lim == pytest.approx((-0.253, 0.253), abs=1e-3)
     assert view.with_axis("clearance").xlim == pytest.approx((0.0, 0.0025))
+    assert view.moved(clearance=2e-4).x0lim == pytest.approx((-0.0028, 2e-4))  # before the stop
+    assert replace(view, ylim=(0.0, 1e-3)).with_axis("R").ylim is None
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])

@@ -168,6 +168,7 @@ def test_very_many_points_become_a_density(random_sweep, monkeypatch, with_layou
     expected = counts / np.maximum(counts.sum(axis=0), 1.0)
     # A value on an edge of a cell may be rounded to either side.
     assert np.count_nonzero(np.abs(share - expected) > 1e-12) <= 20
+    np.testing.assert_allclose(share[:, -1], expected[:, -1], atol=1e-12)  # with the last value
     assert panel.get_ylim()[0] <= y[keep].min() and y[keep].max() <= panel.get_ylim()[1]
 
 

@@ -10,7 +10,7 @@ from matplotlib.backends import backend_agg
 from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 
-from sweeps import branches, load_config, open_sweep
+from sweeps import branches, load_config
 from sweeps.errors import Refused
 from sweeps.opened.opened_sweep import OpenedSweep
 from sweeps.plotting import Page, bifurcation, plot
@@ -19,7 +19,7 @@ from sweeps.plotting.exact_lines import _BRANCHES_IN_FULL, without_idle
 from sweeps.plotting.labels import method_text
 from tests.helpers.commands import call
 from tests.helpers.equal_points import equal_points, legend_texts
-from tests.helpers.sweep_files import run_in
+from tests.helpers.sweep_files import swept
 from tests.helpers.written_files import OMEGA
 
 pytestmark = pytest.mark.usefixtures("with_layout")
@@ -75,22 +75,21 @@ def test_the_bar_beside_a_density_ends_at_the_edge(width, monkeypatch):
 
 
 @pytest.mark.slow
-def test_branches_to_which_no_motion_goes_are_counted_and_drawn_on_request(folder):
-    run_in(folder, RICH)
-    with open_sweep("out.h5") as dataset:
-        found = branches(dataset)
-        chosen = branches(dataset, most=61)
-        kept, idle = without_idle(found, OpenedSweep(dataset))
-        figure = bifurcation(dataset, exact=found)
-        assert without_idle(chosen, OpenedSweep(dataset))[1] == 0
-        m, q = dataset["period"].values, dataset["period_impacts"].values
+def test_branches_to_which_no_motion_goes_are_counted_and_drawn_on_request():
+    dataset = swept(RICH)
+    found = branches(dataset)
+    chosen = branches(dataset, most=61)
+    kept, idle = without_idle(found, OpenedSweep(dataset))
+    figure = bifurcation(dataset, exact=found)
+    assert without_idle(chosen, OpenedSweep(dataset))[1] == 0
+    m, q = dataset["period"].values, dataset["period_impacts"].values
     count = found["branch"].values.max() + 1
     assert count > _BRANCHES_IN_FULL and 0 < idle < count
     np.testing.assert_array_equal(np.unique(kept["branch"].values), np.arange(count - idle))
     classes = {*zip(kept["m"].values.tolist(), kept["q"].values.tolist(), strict=True)}
     assert {(1, 1), (2, 2), (4, 4)} <= classes & {*zip(m.tolist(), q.tolist(), strict=True)}
     assert f"branches not drawn: {idle}" in legend_texts(figure)
-    told = call("plot", "out.h5", "--exact", "--dpi", "40").stdout
+    told = call("plot", "swept.h5", "--exact", "--dpi", "40").stdout
     assert f"branches not drawn, because no motion goes to them: {idle}; --most 61" in told
 
 

@@ -22,6 +22,7 @@ from sweeps.plotting import (
     section,
     table_panels,
 )
+from sweeps.plotting.marks import draw_jumps
 from sweeps.plotting.style import DIRECTION_LOOKS, grey_ramp
 from tests.helpers.commands import accepted
 from tests.helpers.equal_points import equal_points, legend_texts
@@ -127,6 +128,13 @@ def test_the_stop_is_named_where_it_is_seen():
 def test_a_jump_is_named_where_it_is_seen(dataset):
     whole, part = (bifurcation(dataset, page=Page(xlim=ends)) for ends in (None, (1.35, 1.6)))
     assert "jump" in legend_texts(whole) and "jump" not in legend_texts(part)
+
+
+@pytest.mark.parametrize(("step", "arrows"), [(0.03, 0), (0.05, 1)])
+def test_a_jump_is_an_arrow_unless_it_is_short(step, arrows):
+    panel, up = Figure().subplots(), np.array([[0.0], [step], [0.0], [1.0]])
+    draw_jumps(panel, np.arange(4.0), up, np.where(up < 1.0, 0.0, 1.0), ("red", "blue"))
+    assert len(panel.texts) == arrows
 
 
 UP, DOWN = r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"

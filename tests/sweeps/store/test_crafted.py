@@ -274,6 +274,12 @@ def damaged_blocks(content):
         BLOCK.write_bytes(content)
         rewritten(*case)
         yield name, BLOCK.read_bytes()
+    BLOCK.write_bytes(content)
+    with np.load(BLOCK) as file:
+        about = file["about"]
+    about["samples"] -= 1
+    rewritten({"about": about})
+    yield "fewer samples", BLOCK.read_bytes()
     number = content.index(block_results((slice(0, 1), slice(2, 4)))["poincare_v"].tobytes())
     yield "another number", content[:number] + b"\0" + content[number + 1 :]
     for length in np.linspace(0, len(content) - 1, 5).astype(int):
