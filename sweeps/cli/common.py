@@ -107,7 +107,7 @@ CUT_AT = option(
     "followed both ways; repeatable.",
     default=[],
 )
-CSV = new_file("--csv", ".csv", "table", "Write the table to a .csv file, too.")
+CSV = new_file("--csv", ".csv", "table", "Write the numbers to a .csv file, too.")
 JSON = flag("--json", "Write JSON, for other programs, instead of text.")
 
 #: The limits of an axis, in words.
@@ -218,13 +218,11 @@ def name_after(stem: str, words: Iterable[str], ending: str) -> str:
 
 def selection_of(texts: Sequence[str]) -> dict[str, float | str]:
     """Read the values of ``--at``, at most one for each axis."""
-    return several_of(texts, 1, "NAME=VALUE, for example omega=2.5")[0]
+    return several_of(texts, 1)[0]
 
 
 def several_of(
-    texts: Sequence[str],
-    most: float = math.inf,
-    expected: str = "NAME=VALUE,VALUE, as omega=2.5,2.7",
+    texts: Sequence[str], most: float = math.inf
 ) -> tuple[dict[str, float | str], dict[str, list[float]]]:
     """Read the values of ``--at``: of the axes with one value, and lists of those with several."""
     single, lists = dict[str, float | str](), dict[str, list[float]]()
@@ -232,7 +230,8 @@ def several_of(
         name, _, typed = map(str.strip, text.partition("="))
         numbers = [number_meant(value) for value in typed.split(",")]
         if name != "direction" and not (all(map(is_number, numbers)) and len(numbers) <= most):
-            raise Refused(refusal(f"--at {text}", expected))
+            example = "omega=2.5,2.7" if most > 1 else "omega=2.5"
+            raise Refused(refusal(f"--at {text}", f"NAME=VALUE without a unit, as {example}"))
         if name in single or name in lists:
             together = "; give its values in one list" * (most > 1)
             raise Refused(f"--at {text} is not allowed; {name} was given before{together}")

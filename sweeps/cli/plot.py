@@ -45,7 +45,7 @@ COORDINATE = common.option(
 DRAW_EXACT = common.flag(
     "--exact",
     "Draw the exact branches of periodic motions, stable and unstable, with their bifurcations; on "
-    "a map, draw bifurcation curves. --csv writes what is drawn.",
+    "a map, draw bifurcation curves.",
 )
 PAGE_WIDTH = common.option("LENGTH", "Width of the picture, e.g. 3.4in, 8.6cm or 86mm.")
 PAGE_TITLE = common.option("TEXT", "Title instead of the sweep's; may be empty.")

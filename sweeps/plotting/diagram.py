@@ -32,8 +32,8 @@ DENSITY_FROM = 2_000_000
 _RUNS = 50
 #: Height of a panel below the diagram, relative to the height of the diagram.
 _LOWER = 0.4
-#: Opacity of the larger Lyapunov exponent, as of other scalars, and of the second one.
-_EXPONENTS = 1.0, 0.45
+#: Size of the larger Lyapunov exponent, as of other scalars, and of the second one.
+_EXPONENTS = 1.0, 0.5
 #: Markers of the directions in grey.
 _MARKERS = [look.marker for look in style.DIRECTION_LOOKS[True]]
 
@@ -307,11 +307,11 @@ class _Motions:
         if not any(np.isfinite(y).any() for y in columns):
             raise Refused(f"there is nothing to draw: no point has a finite value of {name}")
         size = float(np.clip(250.0 / len(self.values), 0.8, 2.5))
-        for exponent, alpha in zip(range(columns[0].shape[1]), _EXPONENTS, strict=False):
-            self._mark(panel, [y[:, [exponent]] for y in columns], size=size, alpha=alpha)
+        for exponent, share in zip(range(columns[0].shape[1]), _EXPONENTS, strict=False):
+            self._mark(panel, [y[:, [exponent]] for y in columns], size=share * size)
         if name == "lyapunov":
             panel.axhline(0.0, color=style.ink(), linewidth=0.6, zorder=1)
             is_plain = len(self.ways) == 1 and self.rgba is None
             colour = style.data_colour() if is_plain else style.dot_colour(style.BOTH_COLOUR)
-            for text, alpha in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
-                panel.plot([], [], "o", color=colour, alpha=alpha, markersize=4, label=text)
+            for text, share in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
+                panel.plot([], [], "o", color=colour, markersize=4 * share, label=text)

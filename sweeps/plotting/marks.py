@@ -34,7 +34,6 @@ def draw_points(
     y: np.ndarray,
     colour: str | np.ndarray | None = None,
     size: float | None = None,
-    alpha: float | None = None,
     most: float = 3.5,
     marker: str = "o",
 ) -> None:
@@ -45,7 +44,7 @@ def draw_points(
     if not len(y):
         return
     size = marker_size(x, y, 0.5, most) if size is None else size
-    alpha = float(np.clip(1e5 / len(y), 0.15, 1.0)) if alpha is None else alpha
+    alpha = float(np.clip(1e5 / len(y), 0.15, 1.0))
     colour = data_colour() if colour is None else colour
     if isinstance(colour, str):
         (points,) = panel.plot(

@@ -141,6 +141,13 @@ def test_every_command_on_a_page_exists_with_its_options():
     assert checked > 40
 
 
+def test_the_help_of_a_command_names_only_its_own_options():
+    for name, command in get_command(app).commands.items():
+        helps = " ".join(getattr(parameter, "help", None) or "" for parameter in command.params)
+        options = {option for parameter in command.params for option in parameter.opts}
+        assert {*re.findall(r"(?<![\w-])--[a-z][\w-]*", helps)} <= options, name
+
+
 def test_the_gallery_shows_the_options_that_drew_its_pictures():
     text = (ROOT / "configs/README.md").read_text(encoding="utf-8")
     shown = dict(re.findall(r"^`([\w-]+)`(?:, `([^`]+)`)?", text, re.MULTILINE))

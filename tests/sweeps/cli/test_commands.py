@@ -128,7 +128,7 @@ def test_several_values_of_an_axis_in_one_picture(small_file, unpainted):
     [
         (["omega=2,3"], "expected: with --kind section or impacts or trajectory"),
         (["omega=2,3", "--kind", "map"], "--at omega=2,3 is not allowed here; expected: with"),
-        (["omega=2,x", "--kind", "section"], "expected: NAME=VALUE,VALUE, as omega=2.5,2.7"),
+        (["omega=2,3m", "--kind", "section"], "NAME=VALUE without a unit, as omega=2.5,2.7"),
         (["omega=2,9", "--kind", "section"], "omega = 9 is outside the sweep: 1.5 to 3"),
         (["omgea=2,3", "--kind", "section"], "did you mean omega?"),
         (["omega=2.2,2.3", "--kind", "section"], "omega = 2.2, 2.3: two of these have the same"),

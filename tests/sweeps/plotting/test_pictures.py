@@ -160,6 +160,10 @@ def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):
         drawn = exponents.lines[number].get_xydata()
         values = line["lyapunov"].isel(exponent=number).values
         np.testing.assert_array_equal(drawn, np.stack([line["omega"].values, values], axis=1))
+    first, second, _, *legend = exponents.lines  # told apart by size, however dense the dots are
+    assert [line.get_alpha() for line in (first, second, *legend)] == [1.0, 1.0, None, None]
+    sizes = [line.get_markersize() for line in (first, second, *legend)]
+    assert sizes[0] / sizes[1] == sizes[2] / sizes[3] == 2.0
     assert exponents.get_title("left") == r"Lyapunov exponent $\lambda$"
     assert diagram.get_xlim() == rest.get_xlim()
     assert not diagram.get_xlabel() and "omega" in rest.get_xlabel()
