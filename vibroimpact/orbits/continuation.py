@@ -71,7 +71,7 @@ def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep
     here, length, way = start, _FIRST, 0.0  # the start may be where paths cross
     for number in range(MOST_POINTS):
         step, way = _step(family, here, length, way)
-        if number == 0 and step.length == 0.0:
+        if family.kind and number == 0 and step.length == 0.0:
             step, way = _step(family, _redirected(family, start), length, way)
         if number > 3 and not step.last and _returns(step, start):
             step = replace(step, end=start, last=True, closed=True)
