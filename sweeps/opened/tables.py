@@ -127,12 +127,9 @@ def _records(sweep: OpenedSweep, rows: str) -> xr.Dataset:
 
 def _scalars(sweep: OpenedSweep) -> xr.Dataset:
     """Return the results with a single number per point, and each Lyapunov exponent."""
-    axes = set(sweep.grid)
     columns = {}
-    for name in VARIABLES:
-        if name not in sweep:
-            continue
-        if set(sweep[name].dims) == axes:
+    for name in filter(sweep.__contains__, VARIABLES):
+        if VARIABLES[name].dimension is None:
             columns[name] = sweep[name]
         elif VARIABLES[name].dimension == "exponent":
             for i in range(sweep.sizes["exponent"]):
